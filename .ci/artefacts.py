@@ -46,9 +46,7 @@ def expect(holds: bool, words: str) -> None:
 
 def tracked() -> set[str]:
     """The files of the repository, from its root."""
-    listed = subprocess.run(
-        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True, text=True
-    ).stdout
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True, text=True).stdout
     return {name for name in listed.split("\0") if name and (ROOT / name).is_file()}
 
 
@@ -65,9 +63,7 @@ def build(names: Iterable[str], dist: Path) -> None:
         for name in names:
             (Path(folder) / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, Path(folder) / name)
-        for installer in (
-            (["--installer", "uv"], []) if UV else ([],)
-        ):  # pip where uv does not reach the index
+        for installer in (["--installer", "uv"], []) if UV else ([],):  # pip where uv does not reach the index
             done = subprocess.run(
                 [sys.executable, "-m", "build", *installer, "--outdir", dist, folder],
                 env=os.environ | {"SOURCE_DATE_EPOCH": "1577836800"},  # the same files give the same bytes
@@ -84,23 +80,15 @@ def build(names: Iterable[str], dist: Path) -> None:
 
 def check_wheel(wheel: Path, names: set[str]) -> None:
     """It holds the packages' tracked files, the samples, and nothing else."""
-    code = {
-        n: n
-        for n in names
-        if n.startswith(("calib/", "inspector/")) and not n.startswith("inspector/pictures/")
-    }
+    code = {n: n for n in names if n.startswith(("calib/", "inspector/")) and not n.startswith("inspector/pictures/")}
     beside = f"{STEM}.data/data/share/{PROJECT['name']}/"
-    samples = {
-        beside + n: n for n in names if n.startswith(tuple(f"sample_data/{sample}/" for sample in SAMPLES))
-    }
+    samples = {beside + n: n for n in names if n.startswith(tuple(f"sample_data/{sample}/" for sample in SAMPLES))}
     sources = code | samples
     with zipfile.ZipFile(wheel) as archive:
         found = {name for name in archive.namelist() if not name.startswith(f"{STEM}.dist-info/")}
         lacking, unasked = sources.keys() - found, found - sources.keys()
         expect(not lacking, f"the wheel lacks {sorted(lacking)[:5]}")
-        expect(
-            not unasked, f"the wheel has {sorted(unasked)[:5]}, which are no tracked files of the packages"
-        )
+        expect(not unasked, f"the wheel has {sorted(unasked)[:5]}, which are no tracked files of the packages")
         other = [name for name in sorted(found) if archive.read(name) != (ROOT / sources[name]).read_bytes()]
     expect(not other, f"in the wheel are others than here: {other[:5]}")
     with zipfile.ZipFile(wheel) as archive:
@@ -112,9 +100,7 @@ def check_wheel(wheel: Path, names: set[str]) -> None:
     expect(said == told | {"License-Expression": PROJECT["license"]}, f"its metadata say {said}")
     expect(metadata["Description-Content-Type"] == "text/markdown", "README is no Markdown in the metadata")
     expect(str(metadata.get_payload()).startswith("# "), "README is not in the metadata")
-    expect(
-        set(metadata.get_all("Provides-Extra", [])) == set(PROJECT["optional-dependencies"]), "other extras"
-    )
+    expect(set(metadata.get_all("Provides-Extra", [])) == set(PROJECT["optional-dependencies"]), "other extras")
     expect("inspector = inspector.__main__:command" in points, "no entry point `inspector`")
     expect(licence == (ROOT / "LICENSE").read_text(encoding="utf-8"), "another licence")
 
@@ -168,9 +154,7 @@ def try_core(wheel: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         empty = Path(folder) / "empty"
         empty.mkdir()
-        environment = {
-            key: text for key, text in os.environ.items() if not key.startswith(("PYTHON", "INSPECTOR"))
-        }
+        environment = {key: text for key, text in os.environ.items() if not key.startswith(("PYTHON", "INSPECTOR"))}
 
         start = time.monotonic()
         programs, by = install(wheel, Path(folder) / "venv")
@@ -194,12 +178,8 @@ def try_core(wheel: Path) -> None:
         found = json.loads(answer("diagnose", "hidden_effect_b", "--json"))
         verdict_s = time.monotonic() - start
         truth = json.loads((ROOT / "tests/truth/hidden_effect_b.json").read_text(encoding="utf-8"))["effects"]
-        expect(
-            set(found["missing"]) == set(truth), f"it found {found['missing']}, the truth is {list(truth)}"
-        )
-        expect(
-            answer("--version").startswith(f"inspector {PROJECT['version']}, Python 3."), "another version"
-        )
+        expect(set(found["missing"]) == set(truth), f"it found {found['missing']}, the truth is {list(truth)}")
+        expect(answer("--version").startswith(f"inspector {PROJECT['version']}, Python 3."), "another version")
         listed = {line.split()[0] for line in answer("sample").splitlines()}
         expect(listed == set(SAMPLES), f"`inspector sample` lists {sorted(listed)}")
         refused = inspector("serve", "hidden_effect_b", "--port", "0")

@@ -130,10 +130,7 @@ def trials(singles: int, nulls: int, pairs: int, outside: int) -> list[Trial]:
     order = np.random.default_rng(0).permutation(len(PAIRS))
     out += [Trial("pair", PAIRS[order[k % len(PAIRS)]], 3.0, 1.0, k) for k in range(pairs)]
     out += [
-        Trial("outside", (e,), size, 1.0, k)
-        for size in OUTSIDE_SIZES
-        for e in OUTSIDE_EFFECTS
-        for k in range(outside)
+        Trial("outside", (e,), size, 1.0, k) for size in OUTSIDE_SIZES for e in OUTSIDE_EFFECTS for k in range(outside)
     ]
     return out
 
@@ -182,9 +179,7 @@ def tell_singles(rows: pd.DataFrame) -> None:
         ratio = (named["test_mm"] / named["best_test_mm"]).to_numpy()
         gain = (named["test_mm"] / named["geometry_test_mm"]).to_numpy()
         if len(ratio):
-            print(
-                f"     held-out error with the right name: {np.median(gain):.2f} of the geometric fit's (median);"
-            )
+            print(f"     held-out error with the right name: {np.median(gain):.2f} of the geometric fit's (median);")
             middle, high = np.quantile(ratio, [0.5, 0.95])
             print(f"     over the reachable one: median {middle:.3f}, 95 % below {high:.3f};")
             print(f"     within 5 % of it {share(ratio < 1.05)}")
@@ -219,9 +214,7 @@ def tell_nulls(rows: pd.DataFrame) -> None:
     for declared, of_sigma in rows.groupby("declared"):
         alarm = [bool(r.missing or r.ambiguous) for r in of_sigma.itertuples()]
         print(f"  declared sigma {declared:g} times the true one: a cause named or suggested {share(alarm)}")
-        print(
-            f"     not 'adequate' {share(of_sigma['verdict'] != 'adequate')};  {counted(of_sigma['verdict'])}"
-        )
+        print(f"     not 'adequate' {share(of_sigma['verdict'] != 'adequate')};  {counted(of_sigma['verdict'])}")
 
 
 def tell_pairs(rows: pd.DataFrame) -> None:
@@ -229,9 +222,7 @@ def tell_pairs(rows: pd.DataFrame) -> None:
     exact = [set(r.missing) == set(r.effects) for r in rows.itertuples()]
     wrong = [bool(set(r.missing) - set(r.effects)) for r in rows.itertuples()]
     certain = rows[rows["verdict"] == "named"]
-    print(
-        f"two hidden effects, each visible {rows['size'].iloc[0]:g} sigma: exactly the right set {share(exact)}"
-    )
+    print(f"two hidden effects, each visible {rows['size'].iloc[0]:g} sigma: exactly the right set {share(exact)}")
     print(f"  any wrong name claimed {share(wrong)};  verdicts: {counted(rows['verdict'])}")
     print(
         f"  where the verdict is 'named': right {share(set(r.missing) == set(r.effects) for r in certain.itertuples())}"
@@ -264,9 +255,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run what is asked for and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--singles", type=int, default=3, help="datasets for each family and size")
-    parser.add_argument(
-        "--nulls", type=int, default=25, help="datasets with nothing hidden, each declared sigma"
-    )
+    parser.add_argument("--nulls", type=int, default=25, help="datasets with nothing hidden, each declared sigma")
     parser.add_argument("--pairs", type=int, default=30, help="datasets with two effects of 3 sigma")
     parser.add_argument("--outside", type=int, default=4, help="datasets for each cause and size")
     parser.add_argument("--second-engine", action="store_true", help="the classes of second_engine.py alone")

@@ -99,9 +99,7 @@ def jacobian(truth: Truth, q: Array) -> Array:
         high, low = (replace(truth, robot=truth.robot.with_table(table + s * step)) for s in (1.0, -1.0))
         ways.append((size, (high, low)))
     for axis in np.eye(3):
-        turns = [
-            transform(Rotation.from_rotvec(s * STEP_RAD * axis).as_matrix(), np.zeros(3)) for s in (1, -1)
-        ]
+        turns = [transform(Rotation.from_rotvec(s * STEP_RAD * axis).as_matrix(), np.zeros(3)) for s in (1, -1)]
         shifts = [transform(np.eye(3), s * STEP_MM * axis) for s in (1, -1)]
         for size, (more, less) in ((STEP_RAD, turns), (STEP_MM, shifts)):
             ways.append((size, tuple(replace(truth, scanners={"": mount @ way}) for way in (more, less))))  # type: ignore[arg-type]
@@ -116,9 +114,7 @@ def jacobian(truth: Truth, q: Array) -> Array:
 def bound_mm(truth: Truth, train: Array, test: Array, noise_mm: float, *, prior: bool) -> float:
     """Rms 3D error of the predicted points at the test poses, of the best estimate."""
     tolerance = np.array([TOLERANCE_MM, TOLERANCE_RAD, TOLERANCE_MM, TOLERANCE_RAD, TOLERANCE_RAD])
-    scale = np.concatenate(
-        [np.tile(tolerance, len(truth.robot.table)), np.tile([TOLERANCE_RAD, 1.0, 1.0], 3)]
-    )
+    scale = np.concatenate([np.tile(tolerance, len(truth.robot.table)), np.tile([TOLERANCE_RAD, 1.0, 1.0], 3)])
     links = truth.robot.table.size
     seen = jacobian(truth, train).reshape(-1, len(scale)) * scale / noise_mm
     asked = jacobian(truth, test).reshape(-1, len(scale)) * scale
@@ -182,9 +178,7 @@ def report(name: str, outcomes: list[Outcome]) -> None:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--arms", type=int, default=1000)
     parser.add_argument("--poses", type=int, default=64)
     parser.add_argument("--noise-mm", type=float, default=0.05)
@@ -198,9 +192,7 @@ def main() -> None:
             outcomes.append(one(rng, 5 + k % 3, options.poses, options.noise_mm))
         except CalibError as error:
             failed.append(f"arm {k}: {error}")
-    print(
-        f"{options.arms} arms, {options.poses - 13} poses to fit and 13 to test, {options.noise_mm:g} mm noise"
-    )
+    print(f"{options.arms} arms, {options.poses - 13} poses to fit and 13 to test, {options.noise_mm:g} mm noise")
     print(
         "              converged steps most  nominal mm held-out     bound  of sums  of each   no prior  worst  s\n"
         "                        medians       (median)  (median)  (median)  error over bound"

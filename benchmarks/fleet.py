@@ -53,9 +53,7 @@ def make_fleet(folder: Path, datasets: int, poses: int) -> None:
             builtin_robot("rb5"), rng=np.random.default_rng(k), poses=poses, scans=True, name=f"set{k}",
             effects=["transmission_error"] if k == BAD else [],
         )  # fmt: skip
-        write_simulation(
-            simulation, folder / "sets" / f"set{k}", truth_path=folder / "truth" / f"set{k}.json"
-        )
+        write_simulation(simulation, folder / "sets" / f"set{k}", truth_path=folder / "truth" / f"set{k}.json")
     sets = [load_dataset(folder / "sets" / f"set{k}") for k in range(SETS)]
     batch = range(datasets // 4, datasets // 4 + max(2, datasets // 10))
     for i in range(datasets):
@@ -118,9 +116,7 @@ def main() -> None:
     parser.add_argument("--poses", type=int, default=16)
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2, 1, 2])
     parser.add_argument("--kill", action="store_true", help="end a worker with SIGKILL in a further run")
-    parser.add_argument(
-        "--folder", type=Path, help="where to make the datasets (default: a temporary folder)"
-    )
+    parser.add_argument("--folder", type=Path, help="where to make the datasets (default: a temporary folder)")
     parser.add_argument("--run", type=int, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.run:

@@ -48,9 +48,7 @@ from calib.simulation.truth.equilibrium import Truth, scanner_T_target
 INSTRUMENTS = {"0.05 mm, 0.1 mrad": (0.05, 1e-4), "0.003 mm, 0.04 mrad": (0.003, 4e-5)}
 
 
-def measured(
-    robot: str, poses: int, noise_mm: float, sigma_rad: float, seed: int
-) -> tuple[Dataset, Truth, NDArray]:
+def measured(robot: str, poses: int, noise_mm: float, sigma_rad: float, seed: int) -> tuple[Dataset, Truth, NDArray]:
     """An arm's full poses, all for training, its truth, and how the jig sits on the true tool (3, 3)."""
     made = simulate_dataset(
         builtin_robot(robot), rng=np.random.default_rng([seed, poses]), poses=poses,
@@ -73,9 +71,7 @@ def held_out(dataset: Dataset, truth: Truth, seat: NDArray, kind: str, seed: int
     result = calibrate(dataset, FitOptions(kind))
     model, x, observed = result.model, result.fit.x, Observations.of(dataset)
     placed = PoseResiduals(model, observed).frames_and_seat(x)
-    frames = (
-        PositionResiduals(model, observed).scanner_frames(x) if kind == "position" else placed.scanner_T_base
-    )
+    frames = PositionResiduals(model, observed).scanner_frames(x) if kind == "position" else placed.scanner_T_base
     (scanner_T_base,) = frames.values()
     q = random_q(dataset.robot, 200, np.random.default_rng([seed, 77]))
     true = scanner_T_target(truth, q) @ make_transform(seat, np.zeros(3))
@@ -99,9 +95,7 @@ def bounds(
 
     def columns(q: NDArray) -> NDArray:
         """(N, 6, P + 9) by the arm's parameters, a motion of the scanner and the seat."""
-        place_mm, attitude, by_x = model.linearise_pose(
-            np.zeros(len(model.scales)), conditions_at(dataset.poses, q)
-        )
+        place_mm, attitude, by_x = model.linearise_pose(np.zeros(len(model.scales)), conditions_at(dataset.poses, q))
         more = np.zeros((len(q), 6, 9))
         more[:, :3, :3] = more[:, 3:, 3:6] = np.eye(3)
         more[:, :3, 3:6] = -skew(place_mm)
@@ -115,9 +109,7 @@ def bounds(
     _, s, vt = np.linalg.svd(told * size)
     s = np.concatenate([s, np.zeros(len(size) - len(s))])
     root = size[:, None] * vt.T / np.hypot(s, 1.0)  # covariance = root root^T
-    spread = np.sum(
-        (columns(random_q(dataset.robot, 200, np.random.default_rng([seed, 77]))) @ root) ** 2, axis=2
-    )
+    spread = np.sum((columns(random_q(dataset.robot, 200, np.random.default_rng([seed, 77]))) @ root) ** 2, axis=2)
     place, turn = spread[:, :3].sum(axis=1), spread[:, 3:].sum(axis=1)
     return float(np.sqrt(place.mean())), float(np.sqrt(turn.mean())) if kind == "pose" else float("nan")
 

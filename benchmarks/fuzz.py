@@ -99,11 +99,7 @@ def attempt(case: Case, seed: int, folder: Path, peer: bool) -> tuple[str, str]:
         try:
             load_scan(path)
         except CalibError as error:
-            return (
-                ("loaded", f"wrong: {read} points where ours says {error}")
-                if read
-                else ("error", "none read")
-            )
+            return ("loaded", f"wrong: {read} points where ours says {error}") if read else ("error", "none read")
         return ("loaded", "") if read else ("error", "none read")
     scan = load_scan(path)
     if len(scan.points_mm) < MIN_POINTS:
@@ -160,18 +156,14 @@ class Tally:
         names = [name for name in (*WRITERS, *TABLES) if any((name, o) in self.outcomes for o in OUTCOMES)]
         rows = [f"{'file':16}" + "".join(f"{outcome:>11}" for outcome in OUTCOMES)]
         rows += [f"{n:16}" + "".join(f"{self.outcomes[n, o]:11}" for o in OUTCOMES) for n in names]
-        rows.append(
-            f"{'all':16}" + "".join(f"{sum(self.outcomes[n, o] for n in names):11}" for o in OUTCOMES)
-        )
+        rows.append(f"{'all':16}" + "".join(f"{sum(self.outcomes[n, o] for n in names):11}" for o in OUTCOMES))
         seconds, case = self.slowest_s
         rows.append(f"slowest {seconds:.1f} s {case}; most memory of a process {self.most_mb:.0f} MB")
         rows.append(f"wrong: {len(self.wrong)}")
         return rows + [f"  {line}" for line in self.wrong[:20]] + self.bad[:40]
 
 
-def drive(
-    waiting: Iterator[Case], lock: threading.Lock, tally: Tally, seed: int, limit_s: float, peer: bool
-) -> None:
+def drive(waiting: Iterator[Case], lock: threading.Lock, tally: Tally, seed: int, limit_s: float, peer: bool) -> None:
     """One process after the other, given one case after the other."""
     context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as folder:
@@ -222,9 +214,7 @@ def main() -> None:
     if arguments.peer:
         waiting = (case for case in waiting if case[1].endswith((".ply", ".pcd", ".xyz")))
     threads = [
-        threading.Thread(
-            target=drive, args=(waiting, lock, tally, arguments.seed, arguments.seconds, arguments.peer)
-        )
+        threading.Thread(target=drive, args=(waiting, lock, tally, arguments.seed, arguments.seconds, arguments.peer))
         for _ in range(arguments.processes)
     ]
     for thread in threads:

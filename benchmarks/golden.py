@@ -45,12 +45,8 @@ def by_kernel(name: str, kernel: str) -> golden.Entries:
 
 def main() -> int:
     """Compare, renew, or measure."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "names", nargs="*", metavar="NAME", help=f"of {', '.join(golden.NAMES)}; default: all"
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(golden.NAMES)}; default: all")
     parser.add_argument("--renew", action="store_true", help="write what differs")
     parser.add_argument("--kernels", action="store_true", help="how much other processors' sums change")
     parser.add_argument("--print", action="store_true", help=argparse.SUPPRESS)

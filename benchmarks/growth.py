@@ -41,9 +41,7 @@ def tell_growth(counts: Sequence[int]) -> None:
             conditions=True,
             poses=round(count * 80 / 64),
         ).dataset
-        spent = (
-            pd.DataFrame([seconds_of(dataset) for _ in range(5 if count < 1000 else 1)]).median().to_dict()
-        )
+        spent = pd.DataFrame([seconds_of(dataset) for _ in range(5 if count < 1000 else 1)]).median().to_dict()
         told = [f"{name} {value:.3f}{growth(name, count, spent, before)}" for name, value in spent.items()]
         memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # of the process so far
         poses = np.sum(~dataset.poses.is_test)
@@ -51,9 +49,7 @@ def tell_growth(counts: Sequence[int]) -> None:
         before = (count, spent)
 
 
-def growth(
-    name: str, count: int, spent: Mapping[str, float], before: tuple[int, Mapping[str, float]] | None
-) -> str:
+def growth(name: str, count: int, spent: Mapping[str, float], before: tuple[int, Mapping[str, float]] | None) -> str:
     """The power p of time ~ poses^p from one count to the next."""
     if before is None:
         return ""

@@ -36,9 +36,7 @@ def rows(name: str) -> list[dict[str, str]]:
 
 def figure_15(dataset: Dataset) -> None:
     """Distance errors before and after, training and test."""
-    print(
-        "Distance error to the reference pose, mm (Jang 2025, figure 15; the paper's arm is real, ours simulated)"
-    )
+    print("Distance error to the reference pose, mm (Jang 2025, figure 15; the paper's arm is real, ours simulated)")
     print(f"{'':18} {'before':>9} {'after':>9} {'fall':>8}   {'paper: before':>13} {'after':>9} {'fall':>8}")
     results = {kind: calibrate(dataset, FitOptions(kind)) for kind in ("distance", "position")}
     for kind, result in results.items():
@@ -52,30 +50,20 @@ def figure_15(dataset: Dataset) -> None:
                 f"  {label:16} {a:9.4f} {b:9.4f} {100 * (1 - b / a):7.2f}%   {float(row['before_mm']):13.4f} "
                 f"{float(row['after_mm']):9.4f} {float(row['reduction_percent']):7.2f}%"
             )
-    by_iteration = " ".join(
-        f"{step.train_distance_rmse_mm:.4f}" for step in results["distance"].iteration_errors
-    )
-    print(
-        f"training RMSE of the distances by iteration (paper: settles at 0.0989 by the 4th): {by_iteration}"
-    )
+    by_iteration = " ".join(f"{step.train_distance_rmse_mm:.4f}" for step in results["distance"].iteration_errors)
+    print(f"training RMSE of the distances by iteration (paper: settles at 0.0989 by the 4th): {by_iteration}")
 
 
 def table_1(dataset: Dataset) -> None:
     """Ten corners of a standing arm: deviation by axis, and the mean's distance from where the apex really is."""
     truth = json.loads((ROOT / "tests" / "truth" / f"{dataset.name}.json").read_text())["apex_mm"]
-    print(
-        "\nRepeats, mm (Jang 2025, Table 1; error: the mean from the paper's reference row, ours from the truth)"
-    )
-    print(
-        f"{'point':6} {'sigma x':>8} {'y':>8} {'z':>8} {'error':>8}   {'paper: x':>9} {'y':>8} {'z':>8} {'error':>8}"
-    )
+    print("\nRepeats, mm (Jang 2025, Table 1; error: the mean from the paper's reference row, ours from the truth)")
+    print(f"{'point':6} {'sigma x':>8} {'y':>8} {'z':>8} {'error':>8}   {'paper: x':>9} {'y':>8} {'z':>8} {'error':>8}")
     paper = rows("jang_table1_repeats.csv")
     assert dataset.points is not None
     for name in ("P1", "P2", "P3", "P4"):
         of = [k for k, i in enumerate(dataset.points.pose) if dataset.poses.ids[i].startswith(name)]
-        ours = repeats_of(
-            name, dataset.points.xyz_mm[of], truth[dataset.poses.ids[dataset.points.pose[of[0]]]]
-        )
+        ours = repeats_of(name, dataset.points.xyz_mm[of], truth[dataset.poses.ids[dataset.points.pose[of[0]]]])
         xyz = {r["cycle"]: [float(r[f"{a}_mm"]) for a in "xyz"] for r in paper if r["point"] == name}
         reference = xyz.pop("reference")
         theirs = repeats_of(name, list(xyz.values()), reference)

@@ -69,9 +69,7 @@ def main() -> None:
             found = diagnose(arm(seed, ((cause, 3.0),)))
             before, after = held_out_mm(found.steps[0].calibration), held_out_mm(found.calibration)
             taken += found.learned is not None
-            worse += found.learned is not None and held_out_mm(found.learned.after) > held_out_mm(
-                found.learned.before
-            )
+            worse += found.learned is not None and held_out_mm(found.learned.after) > held_out_mm(found.learned.before)
             ratios.append((before / floors[seed], after / floors[seed]))
         middle = np.median(ratios, axis=0)
         at_most = np.mean(np.array(ratios)[:, 1] <= 1.3)

@@ -55,13 +55,9 @@ def make_dataset(folder: Path, scans: int, points: int) -> None:
     scenes = [make_scene(np.random.default_rng(seed), round(points / SEEN)).scan for seed in range(SCENES)]
     for i in range(scans):
         angle = 0.1 * (i // SCENES)  # about the line of sight: what a turned scanner would have seen
-        turn = np.array(
-            [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0.0, 0.0, 1.0]]
-        )
+        turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0.0, 0.0, 1.0]])
         write_scan(folder / "scans" / f"p{i}.ply", Scan(f"p{i}", scenes[i % SCENES].points_mm @ turn.T))
-        lines.append(
-            ",".join([f"p{i}", "train" if i else "reference", *(f"{10 * k + i}" for k in range(len(joints)))])
-        )
+        lines.append(",".join([f"p{i}", "train" if i else "reference", *(f"{10 * k + i}" for k in range(len(joints)))]))
     (folder / "poses.csv").write_text("\n".join(lines) + "\n")
 
 

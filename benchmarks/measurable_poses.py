@@ -36,9 +36,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--places", type=int, default=25, help="drawn places of the scanner, each arm")
     places = parser.parse_args().places
-    print(
-        f"{'arm':<8} {CANDIDATES} poses  order 60: before  after   measurable  hidden   refused  too strict"
-    )
+    print(f"{'arm':<8} {CANDIDATES} poses  order 60: before  after   measurable  hidden   refused  too strict")
     for name, robot in ARMS.items():
         rng = np.random.default_rng(5)
         cell = workcell_of_robot(robot, surroundings=Surroundings(-400.0, BOXES))

@@ -31,17 +31,13 @@ from calib.simulation.simulate import simulate_dataset
 def line(seed: int, mount: str, effects: list[str], model: ScanModel) -> str:
     """One arm, its scans, its corners and its diagnosis."""
     robot = replace(builtin_robot(("rb5", "panda")[seed % 2]), carries_scanner=mount == "flange")
-    made = simulate_dataset(
-        robot, rng=np.random.default_rng(seed), scans=True, effects=effects, scan_model=model
-    )
+    made = simulate_dataset(robot, rng=np.random.default_rng(seed), scans=True, effects=effects, scan_model=model)
     scanner = made.dataset.scanner
     options = CornerOptions(refinement=RefinementOptions(told=told_noise(scanner)))
     searches: dict[str, CornerSearch] = {}
     for pose, pose_id in enumerate(made.dataset.poses.ids):
         scan = made.scan(pose).scan
-        searches[pose_id] = find_corner(
-            scan, made.dataset.jig, scan_sigma_mm=scanner.scan_sigma_mm, options=options
-        )
+        searches[pose_id] = find_corner(scan, made.dataset.jig, scan_sigma_mm=scanner.scan_sigma_mm, options=options)
     true_mm = dict(zip(made.dataset.poses.ids, made.apex_mm, strict=True))
     squared = [
         float((c.xyz_mm - true_mm[p]) @ np.linalg.solve(c.covariance_mm2, c.xyz_mm - true_mm[p]))
@@ -59,9 +55,7 @@ def line(seed: int, mount: str, effects: list[str], model: ScanModel) -> str:
 
 def main() -> None:
     """Print a line an arm."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--arms", type=int, default=3, help="of each mount")
     parser.add_argument("--effect", default="joint_compliance")
     parser.add_argument("--white", action="store_true", help="each point has an error for itself")

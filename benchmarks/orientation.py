@@ -87,10 +87,7 @@ def lines(names: list[str], points: list[int], scans: int) -> Iterator[str]:
                 if corner is None:
                     continue
                 truth = true_rotation(seen, jig)
-                errors = [
-                    Rotation.from_matrix(truth @ o.scanner_R_jig.T).as_rotvec()
-                    for o in candidates(corner, jig)
-                ]
+                errors = [Rotation.from_matrix(truth @ o.scanner_R_jig.T).as_rotvec() for o in candidates(corner, jig)]
                 best = int(np.argmin([np.linalg.norm(error) for error in errors]))
                 error, found = errors[best], candidates(corner, jig)[best]
                 bounds.append(np.sqrt(np.trace(bound_covariance(seen))))

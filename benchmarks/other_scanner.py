@@ -112,9 +112,7 @@ def row(name: str, outcomes: list[Outcome]) -> str:
     ratios = np.array([o.error_mm / o.made.bound_mm for o in found])
     squares = np.array([o.mahalanobis2 for o in found])
     seconds = [o.cpu_s for o in outcomes]
-    rms, middle, mean = (
-        (np.sqrt(np.mean(ratios**2)), np.median(ratios), squares.mean()) if found else (np.nan,) * 3
-    )
+    rms, middle, mean = (np.sqrt(np.mean(ratios**2)), np.median(ratios), squares.mean()) if found else (np.nan,) * 3
     return (
         f"{name:22}{np.median([len(o.made.label) for o in outcomes]):9.0f}{len(outcomes):7}{len(fair):6}{len(found):7}"
         f"{len(fair) - len(found):8}{sum(o.wrong for o in outcomes):7}{rms:11.2f}{middle:8.2f}{mean:10.2f}"

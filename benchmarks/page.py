@@ -186,9 +186,7 @@ def write_scans(folder: Path, points: int, count: int) -> None:
     for name, apex_mm in zip(dataset.poses.scan_names, dataset.points.xyz_mm, strict=True):
         look = Rotation.align_vectors([apex_mm / np.linalg.norm(apex_mm)], [[0.0, 0.0, 1.0]])[0]
         turn = Rotation.from_rotvec([*rng.uniform(-0.3, 0.3, 2), rng.uniform(-np.pi, np.pi)])
-        edges = (
-            (look * turn * upright).as_matrix().T
-        )  # rows: the unit edges that leave the apex, away from us
+        edges = (look * turn * upright).as_matrix().T  # rows: the unit edges that leave the apex, away from us
         face = rng.integers(0, 3, points)
         across = rng.uniform(0.0, edge_mm, (points, 2))
         folded = across.sum(axis=1) > edge_mm
@@ -200,9 +198,7 @@ def write_scans(folder: Path, points: int, count: int) -> None:
 
 def main() -> None:
     """All that is asked for, in this order: points, then each size of scan."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--dataset", type=Path, default=ROOT / "sample_data" / "hidden_effect_b")
     parser.add_argument("--scans", type=int, nargs="*", default=[200_000, 1_000_000])

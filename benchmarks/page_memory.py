@@ -41,9 +41,7 @@ def main() -> None:
     """Print the memory after each part, and the growth after the first."""
     from tests.support.wire_client import WireClient
 
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--dataset", type=Path, default=ROOT / "sample_data" / "hidden_effect_b")
     parser.add_argument("--count", type=int, default=2000)

@@ -43,9 +43,7 @@ def table_7_or_8(arm: str, cases: tuple[str, ...], file: str) -> None:
     with (REFERENCE / file).open() as stream:
         paper = list(csv.DictReader(stream))
     columns = [c for c in paper[0] if c != "iteration"]
-    print(
-        f"\n{arm}: RMSE in mm, exact positions. Paper (its column for the case) against ours, {SEEDS} random arms"
-    )
+    print(f"\n{arm}: RMSE in mm, exact positions. Paper (its column for the case) against ours, {SEEDS} random arms")
     head = ("paper, best", "at iteration", "ours, median", "ours, worst", "iterations")
     print(f"{'eliminated':42} {head[0]:>16} {head[1]:>12} {head[2]:>13} {head[3]:>12} {head[4]:>10}")
     for case, column in zip(cases, columns, strict=True):

@@ -128,9 +128,7 @@ def robotkinecal(problem, variant):  # type: ignore[no-untyped-def]
 
     def rmse():  # type: ignore[no-untyped-def]
         predicted = predict(q)
-        return np.sqrt(
-            np.mean(np.sum((in_base(problem["points"], predicted, setup) - predicted) ** 2, axis=1))
-        )
+        return np.sqrt(np.mean(np.sum((in_base(problem["points"], predicted, setup) - predicted) ** 2, axis=1)))
 
     if len(setup) == 0:
         calibration.set_observations(list(q), list(points))
@@ -160,9 +158,7 @@ def main() -> None:
     peer, variant = sys.argv[1].split(":")
     with np.load(sys.argv[2]) as file:
         problem = dict(file)
-    predict, seconds, parameters, note = {"pybotics": pybotics, "robotkinecal": robotkinecal}[peer](
-        problem, variant
-    )
+    predict, seconds, parameters, note = {"pybotics": pybotics, "robotkinecal": robotkinecal}[peer](problem, variant)
     np.savez(
         sys.argv[3],
         train=predict(problem["q"]),

@@ -156,8 +156,7 @@ def ours(problem: Problem) -> dict[str, Answer]:
         assert fit.converged, fit.reason
         place = PositionResiduals(of, observed).scanner_frames(fit.x)[""]
         train, test = (
-            frames.apply(place, of.predict(fit.x, poses_of(q, ["test"] * len(q))))
-            for q in (problem.q, problem.q_test)
+            frames.apply(place, of.predict(fit.x, poses_of(q, ["test"] * len(q)))) for q in (problem.q, problem.q_test)
         )
         note = f"{len(fit.iterations) - 1} iterations: {fit.reason}"
         out[name] = Answer(train, test, min(seconds_of(run) for _ in range(3)), len(fit.x) + 6, note)
@@ -299,9 +298,7 @@ def placed_rmse(base_mm: Array, measured_mm: Array, setup: Array) -> float:
 
 def main() -> None:
     """Find or make the environments, then the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cache", type=Path, help="where the peers' environments are, or are made")
     parser.add_argument("--pybotics", type=Path, help="an interpreter that has pybotics")
     parser.add_argument("--robotkinecal", type=Path, help="an interpreter that has robotkinecal")

@@ -72,9 +72,7 @@ def engine_robot(arm: ArmTable) -> Robot:
     """An arm of the tests' second engine, as its maker's table has it, without a tool."""
     joints = tuple(
         Joint(*row, name=f"J{j + 1}", type="prismatic" if slides else "revolute", min=low, max=high)
-        for j, (row, slides, low, high) in enumerate(
-            zip(arm.rows, arm.slides, arm.low, arm.high, strict=False)
-        )
+        for j, (row, slides, low, high) in enumerate(zip(arm.rows, arm.slides, arm.low, arm.high, strict=False))
     )
     return Robot(arm.name, joints)
 
@@ -116,9 +114,7 @@ def sets(arms: int, tolerances: Tolerances) -> None:
     """Planned sets beside random ones."""
     errors_of = f"{tolerances.length_mm} mm, {tolerances.angle_deg} deg"
     print(f"sets: held-out error, mm, median of {arms} arms with errors of {errors_of}")
-    print(
-        f"{'arm':8s} planned 20  random 20  random 27  Fedorov D 20  greedy D 20   planned 20 <= random 27 in"
-    )
+    print(f"{'arm':8s} planned 20  random 20  random 27  Fedorov D 20  greedy D 20   planned 20 <= random 27 in")
     for name, cell in cells().items():
         start = FromRobot(cell, NOISE_MM)
         plan = plan_poses(start, 20)

@@ -89,15 +89,11 @@ def upright(places: NDArray) -> NDArray:
     """The places turned and moved so that the smallest rectangle about them lies along the axes, its long side on x."""
     hull = places[ConvexHull(places).vertices]
     turns = np.radians(np.arange(0.0, 90.0, 0.25))
-    rotations = np.stack([np.cos(turns), -np.sin(turns), np.sin(turns), np.cos(turns)], axis=1).reshape(
-        -1, 2, 2
-    )
+    rotations = np.stack([np.cos(turns), -np.sin(turns), np.sin(turns), np.cos(turns)], axis=1).reshape(-1, 2, 2)
     turned = hull @ rotations
     best = int(np.argmin(np.ptp(turned, axis=1).prod(axis=1)))
     moved = places @ rotations[best] - (turned[best].max(axis=0) + turned[best].min(axis=0)) / 2
-    return (
-        moved if np.ptp(moved[:, 0]) > np.ptp(moved[:, 1]) else np.column_stack([moved[:, 1], -moved[:, 0]])
-    )
+    return moved if np.ptp(moved[:, 0]) > np.ptp(moved[:, 1]) else np.column_stack([moved[:, 1], -moved[:, 0]])
 
 
 def difference(
@@ -165,9 +161,7 @@ def sheet(folder: Path) -> None:
             differences.append([apart.std() / np.sqrt(2), *correlation(places, apart)])
     if differences:
         rms, *alike = np.nanmedian(differences, axis=0)
-        print(
-            f"{f'median of {len(differences)} pairs':34}{rms:8.3f}   " + " ".join(f"{c:6.2f}" for c in alike)
-        )
+        print(f"{f'median of {len(differences)} pairs':34}{rms:8.3f}   " + " ".join(f"{c:6.2f}" for c in alike))
 
 
 def largest_plane(points_mm: NDArray, within_mm: float) -> NDArray:
@@ -181,16 +175,13 @@ def largest_plane(points_mm: NDArray, within_mm: float) -> NDArray:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=["sheet", "planes"])
     parser.add_argument("paths", type=Path, nargs="+")
     parser.add_argument("--within-mm", type=float, default=10.0)
     arguments = parser.parse_args()
     print(
-        f"{'':34}{'rms mm':>8}   correlation at 1.5 to 3, then below "
-        + ", ".join(f"{d:g}" for d in LESS_THAN_MM[1:])
+        f"{'':34}{'rms mm':>8}   correlation at 1.5 to 3, then below " + ", ".join(f"{d:g}" for d in LESS_THAN_MM[1:])
     )
     for path in arguments.paths:
         if arguments.what == "sheet":

@@ -207,12 +207,8 @@ def compare(crops: list[tuple[NDArray, tuple[float, float, float]]], splits: int
             for name, pair in pairs.items():
                 if len(pair) == 2:
                     apart[name][i, k] = np.linalg.norm(pair[0] - pair[1]) / np.sqrt(2)
-    print(
-        f"{len(crops)} boxes, {splits} splits, {int(np.median([len(p) for p, _ in crops])) // 2} points a half"
-    )
-    print(
-        f"{'method':14}{'both found':>11}{'median mm':>11}{'RMS mm':>9}   ours / it where both found, median"
-    )
+    print(f"{len(crops)} boxes, {splits} splits, {int(np.median([len(p) for p, _ in crops])) // 2} points a half")
+    print(f"{'method':14}{'both found':>11}{'median mm':>11}{'RMS mm':>9}   ours / it where both found, median")
     for name, values in apart.items():
         got = values[np.isfinite(values)]
         both = np.isfinite(values) & np.isfinite(apart["this project"])
@@ -235,9 +231,7 @@ def spheres(folder: Path, splits: int) -> None:
     plain = np.array([plain_radius(points) for points in views])
     points_each = int(np.median([len(points) for points in views]))
     rms = [found.rms_mm for found in whole]
-    print(
-        f"{len(views)} views, {points_each} points each; rms about the sphere {min(rms):.3f} to {max(rms):.3f} mm"
-    )
+    print(f"{len(views)} views, {points_each} points each; rms about the sphere {min(rms):.3f} to {max(rms):.3f} mm")
     print(f"radius by views: {radii.mean():.3f} mm, standard deviation {radii.std(ddof=1):.3f} mm; ", end="")
     print(f"by plain least squares of all points {plain.std(ddof=1):.3f}")
     apart, told = [], []
@@ -281,17 +275,13 @@ def negatives(folders: list[Path], edges_mm: list[float], most: int) -> None:
             else:
                 found.append(path.stem)
         if paths:
-            print(
-                f"{folder.name}: {len(found)} corners in {len(paths)} scans {found}; {took(seconds)} a scan"
-            )
+            print(f"{folder.name}: {len(found)} corners in {len(paths)} scans {found}; {took(seconds)} a scan")
             print(f"  {counted_reasons(refused)}" if refused else "", flush=True)
 
 
 def main() -> None:
     """Run what is asked for."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=["boxes", "halves", "layers", "spheres", "negatives"])
     parser.add_argument("folder", type=Path, nargs="+")
     parser.add_argument("--boxes", type=int, default=12)

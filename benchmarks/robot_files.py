@@ -82,9 +82,7 @@ def by_pinocchio(arm: ArmPath, robot: Robot) -> Oracle:
         values = neutral.copy()
         for joint, value in zip(joints, q, strict=True):
             turns_on = joint.nq == 2  # a continuous joint is a point of the circle
-            values[joint.idx_q : joint.idx_q + joint.nq] = (
-                [np.cos(value), np.sin(value)] if turns_on else value
-            )
+            values[joint.idx_q : joint.idx_q + joint.nq] = [np.cos(value), np.sin(value)] if turns_on else value
         pinocchio.framesForwardKinematics(model, data, values)
         base, tip = (data.oMf[end].homogeneous for end in ends)
         place = invert(base) @ tip
@@ -137,9 +135,7 @@ def compare(path: Path, tip: str | None, oracle: str, vectors: int, worst: Worst
     worst.arms += 1
     worst.changed += calibrated_urdf(path, robot).content != path.read_bytes()
     answer = ORACLES[oracle](arm, robot)
-    q = np.random.default_rng(0).uniform(-2, 2, (vectors, robot.n_joints)) * np.where(
-        robot.is_revolute, 1, 300
-    )
+    q = np.random.default_rng(0).uniform(-2, 2, (vectors, robot.n_joints)) * np.where(robot.is_revolute, 1, 300)
     chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
     weighed = all(joint.mass_kg is not None for joint in robot.joints)
     torques = GravityLoads(robot, chain, None).joint_torques

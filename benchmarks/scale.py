@@ -46,10 +46,7 @@ def child(count: int, residual: str) -> None:
     truth = Truth.without_effects(off_by(robot, rng, mm=0.3, rad=np.radians(0.1)), anywhere(rng))
     q = random_q(robot, count + count // 5, rng)
     # In parts, so that making the data does not set the peak that is to be measured.
-    parts = [
-        measured(robot, truth, part, rng, noise_mm=NOISE_MM)
-        for part in np.array_split(q, max(1, len(q) // 5000))
-    ]
+    parts = [measured(robot, truth, part, rng, noise_mm=NOISE_MM) for part in np.array_split(q, max(1, len(q) // 5000))]
     dataset = joined(parts, count)
     start_mb = peak_mb()
     began = time.process_time()
@@ -99,9 +96,7 @@ def exponent(rows: list[dict], key: str) -> str:
 
 def main() -> None:
     """Run each count, print the table and the exponents."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--poses", type=int, nargs="+", default=[100, 1000, 10_000, 100_000])
     parser.add_argument("--limit-mb", type=float, default=1024.0)
     parser.add_argument("--residual", choices=("position", "distance", "pairs"), default="position")

@@ -91,9 +91,7 @@ def judged(row: pd.Series) -> pd.Series:
             "left_open": left_open and not exact,
             "wrong_claim": bool(claimed - right),
             "wrong_suspicion": bool(set(row["suspected"]) - right),
-            "falsely_satisfied": bool(hidden)
-            and satisfied
-            and not (claimed & right if outside else hidden <= claimed),
+            "falsely_satisfied": bool(hidden) and satisfied and not (claimed & right if outside else hidden <= claimed),
         }
     )
 

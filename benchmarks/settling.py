@@ -128,9 +128,7 @@ def run(arm: Arm, count: int, bare: bool, most_shots: int) -> dict[str, object] 
     rng = np.random.default_rng([arm.seed, 1])
     after = outcome(with_more(simulation, plan.poses, plan.shots, rng), effect)
     anywhere = purpose.start.poses_at(candidate_poses(purpose.start.cell, SURELY, rng=rng))
-    surely = outcome(
-        with_more(simulation, purpose.prepared(purpose.start, anywhere), most_shots, rng), effect
-    )
+    surely = outcome(with_more(simulation, purpose.prepared(purpose.start, anywhere), most_shots, rng), effect)
     return {
         "seed": arm.seed,
         "robot": simulation.dataset.robot.name,
@@ -156,9 +154,7 @@ def tell(rows: pd.DataFrame, arms: int, count: int) -> None:
             f"({100 * shares['right'] / max(len(some), 1):.0f} %), wrongly {shares['wrong']}, "
             f"still open {shares['open']}"
         )
-    print(
-        f"  forty random poses settle {int(can.sum())} rightly, {int((rows['by forty'] == 'wrong').sum())} wrongly"
-    )
+    print(f"  forty random poses settle {int(can.sum())} rightly, {int((rows['by forty'] == 'wrong').sum())} wrongly")
     print("  predicted probability -> share settled rightly:")
     edges = [0.0, 0.25, 0.5, 0.75, 0.9, 1.001]
     for low, high in pairwise(edges):
@@ -166,9 +162,7 @@ def tell(rows: pd.DataFrame, arms: int, count: int) -> None:
         if len(some):
             right = (some["after"] == "right").mean()
             mean = some["predicted"].mean()
-            print(
-                f"    {low:.2f} to {min(high, 1.0):.2f}: {len(some):3d} sets, mean {mean:.2f} -> {right:.2f}"
-            )
+            print(f"    {low:.2f} to {min(high, 1.0):.2f}: {len(some):3d} sets, mean {mean:.2f} -> {right:.2f}")
     print(f"    all: mean {rows['predicted'].mean():.2f} -> {(rows['after'] == 'right').mean():.2f}")
     print(
         f"  sets that hold the truth: {int(rows['holds truth'].sum())}; a plan took {rows['seconds'].median():.2f} s "

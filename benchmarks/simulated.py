@@ -64,8 +64,7 @@ def scara() -> Robot:
     """Two parallel turns, a slide and a turn: a 600 mm SCARA with a tool off its last axis."""
     rows = [(325.0, 0.0, 400.0, 0.0), (275.0, np.pi, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 50.0, 0.0)]
     joints = tuple(
-        Joint(*row, name=f"J{i + 1}", type="prismatic" if i == 2 else "revolute")
-        for i, row in enumerate(rows)
+        Joint(*row, name=f"J{i + 1}", type="prismatic" if i == 2 else "revolute") for i, row in enumerate(rows)
     )
     return Robot("SCARA", joints, Tool(a_mm=40.0, d_mm=80.0))
 
@@ -94,9 +93,7 @@ def heavy_arm(index: int, rng: np.random.Generator) -> tuple[str, Robot]:
 
 def off_by(robot: Robot, rng: np.random.Generator, *, mm: float, rad: float) -> Robot:
     """The arm as it was made: every entry of the table off by a normal error."""
-    return robot.with_table(
-        robot.table + rng.standard_normal(robot.table.shape) * np.array([mm, rad, mm, rad, rad])
-    )
+    return robot.with_table(robot.table + rng.standard_normal(robot.table.shape) * np.array([mm, rad, mm, rad, rad]))
 
 
 def anywhere(rng: np.random.Generator) -> Array:

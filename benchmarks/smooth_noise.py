@@ -53,9 +53,7 @@ REGISTRATION_MM = 0.03  # of each view of "fused, views off"
 Outcome = tuple[float, float, float]  # squared error in units of the covariance, error and sigma in mm
 
 
-def judged(
-    scan: Scan, jig: Jig, apex_mm: NDArray, scan_sigma_mm: float | None, told: ToldNoise
-) -> Outcome | None:
+def judged(scan: Scan, jig: Jig, apex_mm: NDArray, scan_sigma_mm: float | None, told: ToldNoise) -> Outcome | None:
     """One scan's corner held against the truth; None where there is none."""
     options = CornerOptions(refinement=RefinementOptions(told=told))
     corner = find_corner(scan, jig, scan_sigma_mm=scan_sigma_mm, options=options).corner
@@ -66,9 +64,7 @@ def judged(
     return squared, float(np.linalg.norm(error)), corner.sigma_mm()
 
 
-def of_scenes(
-    scans: int, points: int, told: ToldNoise = NOTHING_TOLD, **scene: float | str | bool
-) -> list[Outcome]:
+def of_scenes(scans: int, points: int, told: ToldNoise = NOTHING_TOLD, **scene: float | str | bool) -> list[Outcome]:
     """Corners of the ray caster's scans."""
     found = []
     for seed in range(FIRST_SEED, FIRST_SEED + scans):
@@ -90,9 +86,7 @@ def of_kind(name: str, scans: int, told: ToldNoise = NOTHING_TOLD) -> list[Outco
 def row(name: str, cells: list[list[Outcome]]) -> str:
     """One line: mean and median of each cell, then medians of error and sigma over all."""
     text = "".join(
-        f"{np.mean([o[0] for o in cell]):8.1f}{np.median([o[0] for o in cell]):6.1f}"
-        if cell
-        else f"{'-':>14}"
+        f"{np.mean([o[0] for o in cell]):8.1f}{np.median([o[0] for o in cell]):6.1f}" if cell else f"{'-':>14}"
         for cell in cells
     )
     every = [outcome for cell in cells for outcome in cell]
@@ -148,9 +142,7 @@ def faces(arguments: argparse.Namespace) -> Iterator[str]:
 def wall(arguments: argparse.Namespace) -> Iterator[str]:
     """A wall that is bent by itself, by so much over the view."""
     for bent_mm in (0.02, 0.05, 0.1, 0.3, 1.0):
-        yield row(
-            f"wall bent by {bent_mm} mm", [of_scenes(arguments.scans, arguments.points, wall_bent_mm=bent_mm)]
-        )
+        yield row(f"wall bent by {bent_mm} mm", [of_scenes(arguments.scans, arguments.points, wall_bent_mm=bent_mm)])
 
 
 def scanners(arguments: argparse.Namespace) -> Iterator[str]:

@@ -103,12 +103,8 @@ def run_part(part: str, count: int, options: argparse.Namespace) -> list[Result]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the parts and print the table; 1 where anything was wrong."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--only", action="append", choices=[*COUNTS], help="this part; may be given several times"
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", action="append", choices=[*COUNTS], help="this part; may be given several times")
     parser.add_argument("--scale", type=float, default=1.0, help="share of the cases")
     parser.add_argument("--out", type=Path, default=Path("build/soak"), help="where the results are kept")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes at a time")
@@ -119,9 +115,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     seed_file = options.out / "seed"
     if seed_file.exists() and int(seed_file.read_text()) != options.seed:
-        parser.error(
-            f"{options.out} holds results of seed {seed_file.read_text()}; name another --out or that seed"
-        )
+        parser.error(f"{options.out} holds results of seed {seed_file.read_text()}; name another --out or that seed")
     seed_file.write_text(str(options.seed))
     counts = counts_at(options.scale)
     found = {part: run_part(part, counts[part], options) for part in options.only or COUNTS}

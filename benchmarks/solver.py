@@ -60,9 +60,7 @@ def distance_rms_mm(model: Model, x: Array, dataset: Dataset) -> float:
     """RMS error of the distances to the first pose."""
     assert dataset.points is not None
     base_mm, seen_mm = model.predict(x, dataset.poses), dataset.points.xyz_mm
-    error = np.linalg.norm(base_mm[1:] - base_mm[0], axis=1) - np.linalg.norm(
-        seen_mm[1:] - seen_mm[0], axis=1
-    )
+    error = np.linalg.norm(base_mm[1:] - base_mm[0], axis=1) - np.linalg.norm(seen_mm[1:] - seen_mm[0], axis=1)
     return float(np.sqrt(np.mean(error**2)))
 
 
@@ -103,9 +101,7 @@ def exact(count: int) -> None:
                 if name == "distances"
                 else NOISE_MM * float(np.sqrt(3 * fit.iterations[-1].cost / fit.rows))
             )
-    print(
-        f"\nExact data, {count} random robots: RB5, Panda, random arms of 5, 6, 7 joints, {count // 5} each"
-    )
+    print(f"\nExact data, {count} random robots: RB5, Panda, random arms of 5, 6, 7 joints, {count // 5} each")
     head = "RMSE mm: median      99 %     worst   iterations: median  99 %  most  within 8"
     print(f"{'':26} {'converged':>11} {'diverged':>9}   {head}")
     for name, _ in cases:
@@ -127,12 +123,8 @@ def missing(count: int) -> None:
     """64 poses, 13 held out, 0.05 mm noise, joints of 1e-4 rad/Nm: ours by both residuals, the plain step beside."""
     for label, mm, rad in (("1 mm, 3 mrad (Park)", 1.0, 0.003), ("0.3 mm, 0.1 deg", 0.3, np.radians(0.1))):
         missing_with(count, label, mm, rad)
-    print(
-        "plain: x <- x - J^+ r, 20 times, mm and rad as they are, no damping, no prior; singular values below"
-    )
-    print(
-        "max(J.shape) eps s1 are taken for zero. Blew up: the cost rose above 100 times its start on the way."
-    )
+    print("plain: x <- x - J^+ r, 20 times, mm and rad as they are, no damping, no prior; singular values below")
+    print("max(J.shape) eps s1 are taken for zero. Blew up: the cost rose above 100 times its start on the way.")
 
 
 def missing_with(count: int, label: str, mm: float, rad: float) -> None:
@@ -160,9 +152,7 @@ def missing_with(count: int, label: str, mm: float, rad: float) -> None:
     print(
         f"\nJoints yield by 1e-4 rad/Nm, unknown to the model; link errors {label}; {NOISE_MM} mm noise; {count} robots"
     )
-    print(
-        f"nominal arm, held-out RMSE: median {np.median(nominal_mm):.2f} mm, largest {max(nominal_mm):.1f} mm"
-    )
+    print(f"nominal arm, held-out RMSE: median {np.median(nominal_mm):.2f} mm, largest {max(nominal_mm):.1f} mm")
     head = ("converged", "iterations", "blew up", "worse than nominal", "held-out RMSE over nominal")
     print(f"{'':30} {head[0]:>9} {head[1]:>11} {head[2]:>8} {head[3]:>19}   {head[4]}")
     print(f"{'':41}{'med / max':>10} {'':>8} {'training':>9} {'held-out':>9}      median      99 %     worst")
@@ -181,24 +171,16 @@ def missing_with(count: int, label: str, mm: float, rad: float) -> None:
 
 def sigmas(count: int) -> None:
     """Normalised errors of what the data know, the errors against the bound, and the predictions' against theirs."""
-    print(
-        f"\nHonest sigmas and the Cramer-Rao bound: {count} robots, 64 poses, free scanner, {NOISE_MM} mm noise"
-    )
-    print(
-        f"{'':34} {'not':>9} {'combinations':>13} {'variance of':>17} {'RMS error':>14} {'point error':>14}"
-    )
-    print(
-        f"{'':34} {'converged':>9} {'a robot':>13} {'normalised errors':>17} {'over bound':>14} {'over bound':>14}"
-    )
+    print(f"\nHonest sigmas and the Cramer-Rao bound: {count} robots, 64 poses, free scanner, {NOISE_MM} mm noise")
+    print(f"{'':34} {'not':>9} {'combinations':>13} {'variance of':>17} {'RMS error':>14} {'point error':>14}")
+    print(f"{'':34} {'converged':>9} {'a robot':>13} {'normalised errors':>17} {'over bound':>14} {'over bound':>14}")
     for label, prior, independent, straight in (
         ("prior off, independent parameters", False, True, True),
         ("the same, by their effect", False, True, False),
         ("prior off, all parameters", False, False, False),
         ("prior on, truths from the prior", True, False, False),
     ):
-        results = [
-            one_sigma(k, prior=prior, independent=independent, straight=straight) for k in range(count)
-        ]
+        results = [one_sigma(k, prior=prior, independent=independent, straight=straight) for k in range(count)]
         good = [r for r in results if r is not None]
         own = np.concatenate([r[0] for r in good])
         bound = np.concatenate([r[1] for r in good])
@@ -269,9 +251,7 @@ def observed_of(
 def pairs() -> None:
     """What Park's pairs find and miss, at 40 random poses of the nominal arm, as he takes them."""
     print("\nPark's pairwise redundancy against the truth, 40 random poses, positions in the base frame")
-    print(
-        f"{'':8} {'parameters':>10} {'pairs keep':>10} {'no influence':>12} {'rank':>5}   kept, yet redundant"
-    )
+    print(f"{'':8} {'parameters':>10} {'pairs keep':>10} {'no influence':>12} {'rank':>5}   kept, yet redundant")
     reports = []
     for robot in (park_arm("rb5"), park_arm("panda"), ur10(Tool(d_mm=100.0)), scara()):
         rng = np.random.default_rng(5)
@@ -289,18 +269,12 @@ def pairs() -> None:
 
 def main() -> None:
     """Run the parts that are named."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "parts", nargs="*", default=[], help="exact, missing, sigmas, pairs; all where none is named"
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", default=[], help="exact, missing, sigmas, pairs; all where none is named")
     parser.add_argument("--robots", type=int, default=100)
     arguments = parser.parse_args()
     for name in arguments.parts or ["exact", "missing", "sigmas", "pairs"]:
-        {"exact": exact, "missing": missing, "sigmas": sigmas, "pairs": lambda _: pairs()}[name](
-            arguments.robots
-        )
+        {"exact": exact, "missing": missing, "sigmas": sigmas, "pairs": lambda _: pairs()}[name](arguments.robots)
 
 
 if __name__ == "__main__":

@@ -108,9 +108,7 @@ def absent(scans: int) -> str:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scans", type=int, default=20)
     parser.add_argument("--absent", type=int, default=100)
     parser.add_argument("--second", type=int, default=10)
@@ -126,9 +124,7 @@ def main() -> None:
     for kind in KINDS if asked.second else ():
         for diameter_mm in (20.0, 60.0):
 
-            def second(
-                rng: np.random.Generator, kind: str = kind, diameter_mm: float = diameter_mm
-            ) -> BallScan:
+            def second(rng: np.random.Generator, kind: str = kind, diameter_mm: float = diameter_mm) -> BallScan:
                 return scan_of_ball(rng, plain_scanner(kind, rng, 30_000, diameter_mm), diameter_mm)
 
             told_mm = 0.3 if kind == "time of flight" else 0.03

@@ -87,8 +87,7 @@ def dropped_files(running: Any) -> dict[str, bytes]:
         folder = Path(made)
         Reader(folder).run(blocks[: last + 1])
         files = [
-            [file.name, base64.b64encode(file.read_bytes()).decode()]
-            for file in sorted((folder / "shop").iterdir())
+            [file.name, base64.b64encode(file.read_bytes()).decode()] for file in sorted((folder / "shop").iterdir())
         ]
         with (
             serving(folder / "measured", port=0, data=folder / "my_data") as app,
@@ -124,9 +123,7 @@ def opened(running: Any, folder: Path) -> Iterator[tuple[Any, Any]]:
 
 def settled(page: Any, left: int = 0) -> bytes:
     """A PNG of the page from `left` on, once it stands still, without its notices."""
-    page.add_style_tag(
-        content=".mantine-Notifications-root { display: none; }"
-    )  # such as that there is no GPU
+    page.add_style_tag(content=".mantine-Notifications-root { display: none; }")  # such as that there is no GPU
     time.sleep(SETTLED_S)
     picture: bytes = page.screenshot(clip={"x": left, "y": 0, "width": WIDTH - left, "height": HEIGHT})
     return picture

@@ -55,9 +55,7 @@ def changes_of(joints: int) -> Iterator[Change]:
     """Each joint's zero and the tool."""
     for j in range(1, joints + 1):
         yield Change(f"joint {j}, 0.02 deg", "joint_zero", j, lambda c, rng, j=j: slipped(c, rng, j))
-    yield Change(
-        "tool, 0.1 mm", "tool", None, lambda c, rng: c.with_tool_shifted(SHIFT_MM * unit(rng.normal(size=3)))
-    )
+    yield Change("tool, 0.1 mm", "tool", None, lambda c, rng: c.with_tool_shifted(SHIFT_MM * unit(rng.normal(size=3))))
 
 
 def slipped(cell: Cell, rng: np.random.Generator, joint: int) -> Cell:
@@ -121,9 +119,7 @@ def power(sigmas: float, alarm: float, freedom: int) -> float:
 
 def named(seen: Watched, change: Change) -> bool:
     """This and nothing else, without doubt."""
-    return seen.verdict == "changed" and [(c.what, c.joint) for c in seen.changes] == [
-        (change.what, change.joint)
-    ]
+    return seen.verdict == "changed" and [(c.what, c.joint) for c in seen.changes] == [(change.what, change.joint)]
 
 
 def in_doubt(seen: Watched, change: Change) -> bool:
@@ -188,9 +184,7 @@ def run(
                 print(f"  alarm, arm {seed}: {told(seen)}")
         for _ in range(moved):
             seen = checked(scanner_moved(cell, rng), checks())
-            wrong = any(
-                c.what not in ("scanner", "base", "noise") for c in seen.changes if "scanner" not in c.as_well
-            )
+            wrong = any(c.what not in ("scanner", "base", "noise") for c in seen.changes if "scanner" not in c.as_well)
             blamed, total_moved = blamed + wrong, total_moved + 1
             found_moved += any(c.what == "scanner" for c in seen.changes)
             if tell and wrong:
@@ -218,9 +212,7 @@ def run(
         f"{name}: {alarms} alarms of {total} unchanged cells; scanner moved: {blamed} of {total_moved} blamed on the "
         f"arm, {found_moved} found"
     )
-    print(
-        f"  {'':18} found (alone, shared)   named (shared)   named or among those said   sigmas: fixed, free"
-    )
+    print(f"  {'':18} found (alone, shared)   named (shared)   named or among those said   sigmas: fixed, free")
     for change in changes if each else ():
         c, b = counts[change.name], np.mean(bounds[change.name], axis=0)
         share = {k: 100.0 * c[k] / c["total"] for k in ("found", "named", "doubt")}
@@ -240,9 +232,7 @@ def main() -> None:
     parser.add_argument("--moved", type=int, default=17, help="moved scanners of each")
     parser.add_argument("--each", type=int, default=5, help="of each change, for each base fit")
     parser.add_argument("--robot", choices=ROBOTS, action="append")
-    parser.add_argument(
-        "--planned", action="store_true", help="check poses as `plan --for watch` chooses them"
-    )
+    parser.add_argument("--planned", action="store_true", help="check poses as `plan --for watch` chooses them")
     parser.add_argument("--shots", type=int, default=1, help="measurements of each check pose")
     parser.add_argument("--tell", action="store_true", help="print each wrong alarm")
     args = parser.parse_args()

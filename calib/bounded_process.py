@@ -99,9 +99,7 @@ def main() -> None:
         if len(text) > limits.answer_bytes:
             text = json.dumps({"failed": f"makes more than {limits.answer_bytes // 1024**2} MB"}).encode()
     except MemoryError:
-        text = json.dumps(
-            {"failed": f"needs more than {limits.memory_bytes // 1024**2} MB of memory"}
-        ).encode()
+        text = json.dumps({"failed": f"needs more than {limits.memory_bytes // 1024**2} MB of memory"}).encode()
     answer_to.write(text)
     answer_to.flush()
     os._exit(0)  # what is left to close may be refused by now

@@ -35,9 +35,7 @@ def invert(a_T_b: ArrayLike) -> Array:
 def apply(a_T_b: ArrayLike, points_b_mm: ArrayLike) -> Array:
     """Map points (..., 3) from frame b to frame a; the leading axes broadcast."""
     a_T_b = np.asarray(a_T_b, dtype=float)
-    return (
-        np.einsum("...ij,...j->...i", a_T_b[..., :3, :3], np.asarray(points_b_mm, float)) + a_T_b[..., :3, 3]
-    )
+    return np.einsum("...ij,...j->...i", a_T_b[..., :3, :3], np.asarray(points_b_mm, float)) + a_T_b[..., :3, 3]
 
 
 def rotation_from_rotvec(rotvec_rad: ArrayLike) -> Array:

@@ -97,9 +97,7 @@ class JsonFile:
         keys = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in place)
         raise self.error(f"{self.path}: {keys.removeprefix('.')}: found {found}; {remedy}")
 
-    def checked(
-        self, place: Place, value: Any, kind: type[T], dec_hook: Callable[[type, Any], Any] | None = None
-    ) -> T:
+    def checked(self, place: Place, value: Any, kind: type[T], dec_hook: Callable[[type, Any], Any] | None = None) -> T:
         """The value at this place of the file as one of this kind. Raises `error` where it is none."""
         try:
             return msgspec.convert(value, kind, dec_hook=dec_hook)

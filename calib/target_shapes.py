@@ -49,9 +49,7 @@ class PlaneSet:
 class Socket:
     """What a touch probe touches, a ball or a socket: its places lie on a sphere, whose centre is the target."""
 
-    diameter_mm: float | None = (
-        None  # of that sphere: the ball's and the probe's together, or their difference
-    )
+    diameter_mm: float | None = None  # of that sphere: the ball's and the probe's together, or their difference
     probe_sigma_mm: float = 0.005  # of one contact, along the surface's normal
 
 

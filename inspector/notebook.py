@@ -65,9 +65,7 @@ def _of_calibration(calibration: Calibration) -> str:
             [Figure(figures.convergence(calibration), "Error at each iteration.", height_px=280)],
         ),
     ]
-    return _view(
-        f"Calibration of {calibration.dataset.name}", [*calibration_head(calibration), drawn], sections
-    )
+    return _view(f"Calibration of {calibration.dataset.name}", [*calibration_head(calibration), drawn], sections)
 
 
 @html_with_figures.register
@@ -92,9 +90,7 @@ def _of_plan(plan: Plan) -> str:
 @html_with_figures.register
 def _of_watched(seen: Watched) -> str:
     """What changed, the control chart, and each joint and the tool."""
-    drawn = Figure(
-        figures.control_chart(seen), "The error at the check poses, against its limit.", height_px=260
-    )
+    drawn = Figure(figures.control_chart(seen), "The error at the check poses, against its limit.", height_px=260)
     return _view(f"Watch: {seen.name}", [*watched_head(seen), drawn], watched_sections([seen]))
 
 

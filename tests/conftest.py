@@ -14,9 +14,7 @@ for _variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
 
 from hypothesis import settings  # noqa: E402
 
-pytest.register_assert_rewrite(
-    "tests.support"
-)  # their assertions say what they compared, as those of test files do
+pytest.register_assert_rewrite("tests.support")  # their assertions say what they compared, as those of test files do
 
 # No deadline: a slow machine is not a wrong result. In CI the drawn inputs are the same on every run.
 settings.register_profile("project", deadline=None, print_blob=True, derandomize=bool(os.environ.get("CI")))

@@ -78,9 +78,7 @@ offered = {name: getattr(calib, name).__module__ for name in calib.__all__}
 assert set(calib.__all__) <= set(dir(calib)) and set(calib.__all__) == set(calib._HOME)
 print(json.dumps([quick, offered, dict(os.environ) == before]))
 """
-    said = subprocess.run(
-        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
-    )
+    said = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
     quick, offered, same = json.loads(said.stdout)
     assert quick == []
     assert same, "importing sets environment variables"

@@ -26,9 +26,7 @@ MACHINE_PATH = re.compile(r"(?<![\w.~-])/(?:work|root|home|Users|tmp)/\w|[A-Z]:\
 def tracked_files() -> list[Path]:
     """Files of the repository; where git cannot tell (not installed, an unpacked archive) every file that is kept."""
     try:
-        listing = subprocess.run(
-            ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True, text=True
-        ).stdout
+        listing = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True, text=True).stdout
     except (OSError, subprocess.CalledProcessError):
         ignored = re.compile(r"(^|/)(\.(?!ci/|gitignore)|__pycache__|build/|dist/)|\.egg-info/")
         names = (path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*") if path.is_file())
@@ -56,9 +54,9 @@ def imported_names(path: Path) -> set[str]:
 def imported_at_once(path: Path) -> set[str]:
     """Top-level packages that a file imports when it is loaded."""
     body = ast.parse(path.read_text(encoding="utf-8")).body
-    return {
-        alias.name.split(".")[0] for node in body if isinstance(node, ast.Import) for alias in node.names
-    } | {node.module.split(".")[0] for node in body if isinstance(node, ast.ImportFrom) and node.module}
+    return {alias.name.split(".")[0] for node in body if isinstance(node, ast.Import) for alias in node.names} | {
+        node.module.split(".")[0] for node in body if isinstance(node, ast.ImportFrom) and node.module
+    }
 
 
 # ---- imports --------------------------------------------------------------------------------------------------------
@@ -75,14 +73,10 @@ for name in ["calib", *(module.name for module in pkgutil.walk_packages(calib.__
     loaded[name] = [heavy for heavy in {HEAVY!r} if heavy in sys.modules]
 print(json.dumps(loaded))
 """
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     loaded = json.loads(done.stdout)
-    assert len(loaded) >= len(python_files("calib")), (
-        "the walk missed modules (a folder without __init__.py?)"
-    )
+    assert len(loaded) >= len(python_files("calib")), "the walk missed modules (a folder without __init__.py?)"
     assert {name: heavy for name, heavy in loaded.items() if heavy} == {}
 
 
@@ -154,9 +148,7 @@ def test_packages_import_only_what_pyproject_requires():
     extras = project["optional-dependencies"]
     allowed = modules_of(project["dependencies"]) | set(sys.stdlib_module_names) | {"calib", "inspector"}
     offered = {name for extra, lines in extras.items() if extra != "test" for name in modules_of(lines)}
-    page = modules_of(
-        extras["page"]
-    )  # of which the page's own files are built, loaded by commands that need them
+    page = modules_of(extras["page"])  # of which the page's own files are built, loaded by commands that need them
     foreign = {
         str(path.relative_to(ROOT)): sorted(found)
         for package in ("calib", "inspector")
@@ -179,9 +171,7 @@ def test_test_files_share_by_support_alone_and_their_folders_are_those_of_packag
             if isinstance(node, ast.ImportFrom) and ".test_" in f".{node.module}":
                 between.append(f"{path.relative_to(ROOT)} imports {node.module}")
     assert between == []
-    tested = {
-        path.parent.relative_to(ROOT / "tests") for path in python_files("tests") if "test_" in path.name
-    }
+    tested = {path.parent.relative_to(ROOT / "tests") for path in python_files("tests") if "test_" in path.name}
     tested -= {Path(name) for name in ("docs", "golden", "packaging")}  # of no package
     packages = {path.parent for top in ("calib", "inspector") for path in python_files(top)}
     mirrored = {path.relative_to(ROOT / "calib") for path in packages if path.is_relative_to(ROOT / "calib")}
@@ -210,9 +200,7 @@ def test_the_search_for_such_places_finds_them(text: str):
 
 
 def test_sample_data_stays_under_25_mb():
-    sizes = {
-        path: path.stat().st_size for path in tracked_files() if path.is_relative_to(ROOT / "sample_data")
-    }
+    sizes = {path: path.stat().st_size for path in tracked_files() if path.is_relative_to(ROOT / "sample_data")}
     assert sum(sizes.values()) < 25e6, sorted(sizes.items(), key=lambda item: -item[1])[:5]
 
 
@@ -221,10 +209,7 @@ def packaged_files() -> set[Path]:
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
     assert settings["packages"]["find"] == {"include": ["calib*", "inspector*"]}
     folders = [
-        folder
-        for top in ("calib", "inspector")
-        for folder in (ROOT / top, *(ROOT / top).rglob("*"))
-        if folder.is_dir()
+        folder for top in ("calib", "inspector") for folder in (ROOT / top, *(ROOT / top).rglob("*")) if folder.is_dir()
     ]
     return {
         file

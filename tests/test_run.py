@@ -85,9 +85,7 @@ class Sandbox:
         calls.write_text("")
         known = {"PATH": str(self.tools), "CALLS": str(calls), "CHROMIUM": "sh"}
         command = [str(self.project / "run"), *args]
-        done = subprocess.run(
-            command, cwd=self.folder, env=known | env, capture_output=True, text=True, check=False
-        )
+        done = subprocess.run(command, cwd=self.folder, env=known | env, capture_output=True, text=True, check=False)
         return done, calls.read_text().splitlines()
 
 
@@ -116,9 +114,7 @@ def test_is_plain_posix_sh():
 def test_accepts_the_pythons_that_pyproject_and_open3d_accept():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     text = (ROOT / "run").read_text()
-    oldest, newest = (
-        int(re.search(rf"^{name}=(\d+)", text, re.MULTILINE)[1]) for name in ("oldest", "newest")
-    )
+    oldest, newest = (int(re.search(rf"^{name}=(\d+)", text, re.MULTILINE)[1]) for name in ("oldest", "newest"))
     assert project["requires-python"] == f">=3.{oldest}"
     wheels = [line for line in project["optional-dependencies"]["scans"] if line.startswith("open3d")]
     assert wheels
@@ -187,9 +183,7 @@ def test_docs_are_built_with_what_they_need_and_a_fault_in_them_is_a_failure(san
     assert calls[-1] == "-m sphinx -q -W --keep-going -j auto -b html -d build/doctrees docs build/docs"
     assert done.stdout == f"{sandbox.project}/build/docs/index.html\n"
     _, calls = sandbox.run("docs", "--links", "-E")
-    assert calls == [
-        "-m sphinx -q -W --keep-going -j auto -b linkcheck -d build/doctrees -E docs build/links"
-    ]
+    assert calls == ["-m sphinx -q -W --keep-going -j auto -b linkcheck -d build/doctrees -E docs build/links"]
     done, _ = sandbox.run("docs", SPHINX_EXIT="1")
     assert (done.returncode, done.stdout) == (1, "")
     assert "faults" in done.stderr
@@ -213,9 +207,7 @@ def test_docs_are_built_with_what_they_need_and_a_fault_in_them_is_a_failure(san
 )
 def test_serve_without_a_path_shows_the_sample_data(sandbox: Sandbox, args: tuple[str, ...], expected: str):
     _, calls = sandbox.run("serve", *args)
-    assert inspector_call(calls) == expected.format(
-        project=sandbox.project, own=f"--data {sandbox.project}/my_data"
-    )
+    assert inspector_call(calls) == expected.format(project=sandbox.project, own=f"--data {sandbox.project}/my_data")
 
 
 def test_no_value_of_an_option_of_serve_is_taken_for_a_path(sandbox: Sandbox):
@@ -305,15 +297,11 @@ def test_locked_installs_the_lock_alone_and_each_way_keeps_its_stamp(sandbox: Sa
     _, calls = sandbox.run("check", "x", LOCKED="1")
     assert any("--require-hashes" in call for call in calls), "another lock is another environment"
     _, calls = sandbox.run("check", "x")
-    assert any(call.endswith("--editable .[scans,page]") for call in calls), (
-        "without LOCKED what pip would choose"
-    )
+    assert any(call.endswith("--editable .[scans,page]") for call in calls), "without LOCKED what pip would choose"
 
 
 def test_locked_without_a_lock_is_a_failed_installation(sandbox: Sandbox):
-    done, calls = sandbox.run(
-        "check", "x", LOCKED="1", PIP_EXIT="1", PIP_SAYS="ERROR: THESE PACKAGES DO NOT MATCH"
-    )
+    done, calls = sandbox.run("check", "x", LOCKED="1", PIP_EXIT="1", PIP_SAYS="ERROR: THESE PACKAGES DO NOT MATCH")
     assert done.returncode == 1
     assert "DO NOT MATCH" in done.stderr
     assert not any("--editable" in call for call in calls), "nothing is installed beside what failed"
@@ -443,9 +431,7 @@ def test_ci_runs_the_same_tests_then_tries_what_is_built(sandbox: Sandbox, faili
         "CHROMIUM": "sh",
         "PYTEST_EXIT": "5" if failing else "0",
     }
-    done = subprocess.run(
-        [sandbox.project / ".ci" / "run"], env=env, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([sandbox.project / ".ci" / "run"], env=env, capture_output=True, text=True, check=False)
     assert done.returncode == (5 if failing else 3)
     called = calls.read_text().splitlines()
     tests, after = (called[-1], []) if failing else (called[-3], called[-2:])

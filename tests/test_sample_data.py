@@ -35,9 +35,7 @@ MEASURED = {"ur10_ipa": (200, 300), "mukca_panda_2_clean": (434, 63)}  # real ar
 
 @pytest.fixture(scope="module")
 def maker() -> ModuleType:
-    spec = importlib.util.spec_from_file_location(
-        "make_sample_data", ROOT / "benchmarks" / "make_sample_data.py"
-    )
+    spec = importlib.util.spec_from_file_location("make_sample_data", ROOT / "benchmarks" / "make_sample_data.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -80,9 +78,7 @@ def test_dataset_loads_without_a_warning(name: str) -> None:
     assert dataset.name == name
     assert dataset.warnings == ()
     assert dataset.points is None
-    np.testing.assert_array_equal(
-        dataset.robot.table, builtin_robot("rb5").table
-    )  # the nominal arm, no error let slip
+    np.testing.assert_array_equal(dataset.robot.table, builtin_robot("rb5").table)  # the nominal arm, no error let slip
     scanner = dataset.scanner
     assert (scanner.scan_sigma_mm, scanner.correlated_sigma_mm, scanner.correlation_length_mm) == (
         0.03,
@@ -128,15 +124,11 @@ def test_every_scan_is_a_plain_float_cloud_of_its_size(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
-def test_seed_gives_the_same_poses_and_truth(
-    name: str, made: dict[str, Simulation], maker: ModuleType
-) -> None:
+def test_seed_gives_the_same_poses_and_truth(name: str, made: dict[str, Simulation], maker: ModuleType) -> None:
     simulation, stored = made[name], truth(name)
     np.testing.assert_allclose(simulation.dataset.poses.q, load_dataset(SAMPLES / name).poses.q, atol=1e-9)
     assert stored["effects"].keys() == {"joint_compliance"}
-    np.testing.assert_allclose(
-        stored["effects"]["joint_compliance"]["c_rad_per_nm"], maker.COMPLIANCE_RAD_PER_NM
-    )
+    np.testing.assert_allclose(stored["effects"]["joint_compliance"]["c_rad_per_nm"], maker.COMPLIANCE_RAD_PER_NM)
     for pose_id, apex_mm in zip(simulation.dataset.poses.ids, simulation.apex_mm, strict=True):
         np.testing.assert_allclose(stored["apex_mm"][pose_id], apex_mm, atol=1e-6)
 
@@ -165,9 +157,7 @@ def test_every_scan_shows_three_faces(name: str, made: dict[str, Simulation]) ->
 def test_hidden_sag_is_far_above_the_noise(made: dict[str, Simulation]) -> None:
     simulation = made["rb5_jang"]
     rigid = simulation.truth.with_effects()
-    sag_mm = np.linalg.norm(
-        simulation.apex_mm - scanner_T_target(rigid, simulation.dataset.poses.q)[:, :3, 3], axis=1
-    )
+    sag_mm = np.linalg.norm(simulation.apex_mm - scanner_T_target(rigid, simulation.dataset.poses.q)[:, :3, 3], axis=1)
     assert np.sqrt(np.mean(sag_mm**2)) == pytest.approx(0.50, abs=0.01)  # what README.md says
 
 
@@ -262,9 +252,7 @@ def test_a_real_arm_has_its_licence_its_source_and_no_warning(name: str) -> None
 @pytest.mark.parametrize(
     ("name", "nominal_mm", "at_most_mm"), [("ur10_ipa", 1.097, 0.44), ("mukca_panda_2_clean", 10.16, 0.235)]
 )
-def test_a_real_arm_falls_to_what_independent_fits_reach(
-    name: str, nominal_mm: float, at_most_mm: float
-) -> None:
+def test_a_real_arm_falls_to_what_independent_fits_reach(name: str, nominal_mm: float, at_most_mm: float) -> None:
     """On held-out poses, by link errors alone; the other fits of the same data have 0.43 and 0.235 mm."""
     result = calibrate(load_dataset(SAMPLES / name))
     assert result.before.test is not None

@@ -146,8 +146,7 @@ def test_what_is_said_to_mean_the_same_holds_the_same_cells(soaking: None) -> No
     def cells(content: bytes) -> set[tuple[tuple[str, str], ...]]:
         rows = csv.DictReader(content.decode("utf-8-sig").splitlines(), skipinitialspace=True)
         return {
-            tuple(sorted((k, v if k in ("pose", "role") else str(float(v))) for k, v in row.items()))
-            for row in rows
+            tuple(sorted((k, v if k in ("pose", "role") else str(float(v))) for k, v in row.items())) for row in rows
         }
 
     rng = np.random.default_rng(0)
@@ -190,9 +189,7 @@ def test_growing_memory_is_told_per_thousand_operations(soaking: None) -> None:
     from soaking.record import Result
     from soaking.tell import slope_mb, table
 
-    pages = [
-        Result(k, "page", mb=200.0 + 0.5 * k, figures={"server": 7.0}) for k in range(50)
-    ]  # 5 MB in 1,000
+    pages = [Result(k, "page", mb=200.0 + 0.5 * k, figures={"server": 7.0}) for k in range(50)]  # 5 MB in 1,000
     assert slope_mb(pages) == pytest.approx(5.0)
     assert not table({"page": pages})[1]
     assert table({"page": [Result(k, "page", mb=200.0, figures={"server": 7.0}) for k in range(50)]})[1]

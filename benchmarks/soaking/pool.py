@@ -99,9 +99,7 @@ class _Slot:
             result: Result = self.pipe.recv()
         except (EOFError, OSError):
             self.process.join(10)
-            result = Result(
-                self.number, "?", trouble="died", said=f"the process ended: {self.process.exitcode}"
-            )
+            result = Result(self.number, "?", trouble="died", said=f"the process ended: {self.process.exitcode}")
             self._start()
         self.done += 1
         self.number = None
@@ -111,9 +109,7 @@ class _Slot:
         assert self.number is not None
         self.process.kill()
         self.process.join(10)
-        result = Result(
-            self.number, "?", trouble="hang", said=f"no answer in {self.work.limit_s:g} s", seconds=-1
-        )
+        result = Result(self.number, "?", trouble="hang", said=f"no answer in {self.work.limit_s:g} s", seconds=-1)
         self._start()
         self.number = None
         return result

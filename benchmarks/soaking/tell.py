@@ -40,9 +40,7 @@ def table(found: Mapping[str, Sequence[Result]]) -> tuple[list[str], bool]:
         )
         if troubles:
             lines.append(f"{'':12} {', '.join(f'{name} {n}' for name, n in troubles.most_common())}")
-        more, fine = {"arms": _arms, "page": _page, "files": _files, "clients": _clients}.get(part, _plain)(
-            results
-        )
+        more, fine = {"arms": _arms, "page": _page, "files": _files, "clients": _clients}.get(part, _plain)(results)
         lines += [f"{'':12} {line}" for line in more]
         good = good and fine
     bad = [trouble_line(part, r) for part, results in found.items() for r in results if r.trouble]
@@ -104,8 +102,6 @@ def slope_mb(results: Sequence[Result]) -> float:
 
 def _page(results: Sequence[Result]) -> tuple[list[str], bool]:
     slope = slope_mb(results)
-    lines = [
-        f"memory after the first fifth: {slope:+.2f} MB per 1,000 operations (goal: below {MOST_SLOPE_MB:g})"
-    ]
+    lines = [f"memory after the first fifth: {slope:+.2f} MB per 1,000 operations (goal: below {MOST_SLOPE_MB:g})"]
     flat = slope < MOST_SLOPE_MB or len(results) < 10
     return lines, flat and not any(r.trouble for r in results)

@@ -69,9 +69,7 @@ def calibrate(
     held = (*options.held, *held_behind_tool_point(robot, observed))
     model = Model(robot, (*geometry, *effects), prior_sigmas=prior_sigmas or {}).hold(held)
     if len(observed.points) < 3:
-        raise FitError(
-            f"dataset {dataset.name}: {len(observed.points)} training points; a fit needs many more"
-        )
+        raise FitError(f"dataset {dataset.name}: {len(observed.points)} training points; a fit needs many more")
     if residual == "pose":
         require_orientations(dataset, observed)
     residuals = make_residuals(residual, model, with_nominal_scanner_frames(observed, robot))
@@ -160,9 +158,7 @@ def counted_by_stands(dataset: Dataset, residual: str) -> Dataset:
     return averaged if len(used) >= needed else dataset
 
 
-def _require_equations(
-    dataset: Dataset, observed: Observations, kind: str, equations: int, rank: int
-) -> None:
+def _require_equations(dataset: Dataset, observed: Observations, kind: str, equations: int, rank: int) -> None:
     """Raise FitError where poses give no more equations than there are unknown directions, with the number needed."""
     if equations > rank:
         return

@@ -108,9 +108,7 @@ def evaluate(model: Model, x: Array, dataset: Dataset) -> Evaluation:
     return evaluate_all(model, [x], dataset)[0]
 
 
-def evaluate_all(
-    model: Model, xs: Sequence[Array], dataset: Dataset, outliers: Sequence[str] = ()
-) -> list[Evaluation]:
+def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset, outliers: Sequence[str] = ()) -> list[Evaluation]:
     """The errors of the model at each of several x (P,), at all points of the dataset.
 
     `outliers`: ids of training poses that a robust fit left out, their stands with them; no frame is fitted to them.

@@ -149,6 +149,4 @@ def _whitened(calibration: Calibration, observed: Observations, noise_mm: float)
             missed = (missed.ravel() - basis @ (basis.T @ missed.ravel())).reshape(-1, 3)
         error[rows], root[rows] = missed, columns
     stacked = root.reshape(3 * count, -1) @ parameters_root
-    return _Rows(
-        error.ravel(), np.concatenate([stacked, *own], axis=1), np.repeat(observed.points.pose, 3), spent
-    )
+    return _Rows(error.ravel(), np.concatenate([stacked, *own], axis=1), np.repeat(observed.points.pose, 3), spent)

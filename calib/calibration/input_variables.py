@@ -36,8 +36,6 @@ def inputs_at(robot: Robot, poses: Poses, state: RobotState) -> dict[str, Array]
     for name, of in further_inputs(poses).items():
         column = poses.extra[of]
         inputs[name] = (
-            column.to_numpy(dtype=float)
-            if column.dtype.kind in "fiub"
-            else column.factorize()[0].astype(float)
+            column.to_numpy(dtype=float) if column.dtype.kind in "fiub" else column.factorize()[0].astype(float)
         )
     return {name: v for name, v in inputs.items() if len(np.unique(v)) > 1}

@@ -37,13 +37,9 @@ class PoseErrors:
     error_mm: Array  # (N, 3) predicted minus measured, scanner frame, mean over a pose's points
     place_mm: Array  # (N, 3) where the point was measured, base frame as the model places it
     noise: NoiseLevel  # what one coordinate may be off by noise alone
-    apparent_joint_error: (
-        Array  # (N, n) rad or mm: the motion of each joint alone that would best explain the error
-    )
+    apparent_joint_error: Array  # (N, n) rad or mm: the motion of each joint alone that would best explain the error
     inputs: dict[str, Array]  # what the error may depend on, (N,) each: `calib.calibration.input_variables`
-    apparent_joint_noise: (
-        Array  # (N, n) sigma of `apparent_joint_error` by noise alone; nan where no motion shows
-    )
+    apparent_joint_noise: Array  # (N, n) sigma of `apparent_joint_error` by noise alone; nan where no motion shows
 
     @property
     def noise_mm(self) -> float:
@@ -74,8 +70,7 @@ class PoseErrors:
         columns |= {f"error_{axis}_mm": self.error_mm[:, k] for k, axis in enumerate("xyz")}
         columns["error_mm"] = self.error_length_mm
         columns |= {
-            f"apparent_{j + 1}": self.apparent_joint_error[:, j]
-            for j in range(self.apparent_joint_error.shape[1])
+            f"apparent_{j + 1}": self.apparent_joint_error[:, j] for j in range(self.apparent_joint_error.shape[1])
         }
         columns |= {f"base_{axis}_mm": self.place_mm[:, k] for k, axis in enumerate("xyz")}
         return pd.DataFrame(columns | self.inputs)

@@ -54,9 +54,7 @@ def _inputs(pose_errors: PoseErrors, poses: Poses, is_revolute: BoolArray) -> di
     for name, values in pose_errors.inputs.items():
         quantity, joint = joint_input(name) or ("", 0)
         if name in columns:
-            out[columns[name]] = poses.extra[
-                columns[name]
-            ].to_numpy()  # words as words, not as numbers for them
+            out[columns[name]] = poses.extra[columns[name]].to_numpy()  # words as words, not as numbers for them
         elif quantity == "q":
             turns = bool(is_revolute[joint])
             out[f"{name}_{'deg' if turns else 'mm'}"] = np.degrees(values) if turns else values

@@ -47,9 +47,7 @@ class Calibration(Documented, Viewed):
     before: Evaluation
     after: Evaluation
     outliers: tuple[str, ...] = ()  # ids of poses that a robust fit left out
-    averaged: Dataset | None = (
-        None  # one point for each stand and target, where that is not the dataset itself
-    )
+    averaged: Dataset | None = None  # one point for each stand and target, where that is not the dataset itself
 
     @cached_property
     def fitted_dataset(self) -> Dataset:
@@ -88,8 +86,7 @@ class Calibration(Documented, Viewed):
         if self.residual != "pose":
             return None
         before, after = (
-            evaluate_orientations(self.model, x, self.dataset)
-            for x in (self.model.delivered(self.fit.x), self.fit.x)
+            evaluate_orientations(self.model, x, self.dataset) for x in (self.model.delivered(self.fit.x), self.fit.x)
         )
         return before, after
 
@@ -142,9 +139,7 @@ class Calibration(Documented, Viewed):
         if self.worse_than_nominal:
             out.append(self.worse_than_nominal)
         if self.outliers:
-            out.append(
-                f"{outlier_words(self)}, and did not count in the fit; outliers are often physics, look at them"
-            )
+            out.append(f"{outlier_words(self)}, and did not count in the fit; outliers are often physics, look at them")
         return tuple(out)
 
     @property
@@ -173,9 +168,7 @@ class Calibration(Documented, Viewed):
             return
         way_out = "find out why before you use it, or force it"
         if not self.fit.converged:
-            raise FitError(
-                f"dataset {self.dataset.name}: the fit did not converge ({self.fit.reason}); {way_out}"
-            )
+            raise FitError(f"dataset {self.dataset.name}: the fit did not converge ({self.fit.reason}); {way_out}")
         before, after = self.before.test, self.after.test
         if before is not None and after is not None and after.rmse_mm >= before.rmse_mm:
             raise FitError(
@@ -248,9 +241,7 @@ def figures_line(before: Figures, after: Figures) -> str:
 def is_declared(dataset: Dataset) -> bool:
     """Whether a dataset says how noisy its points are."""
     points = dataset.points
-    return dataset.scanner.point_sigma_mm is not None or (
-        points is not None and points.covariance_mm2 is not None
-    )
+    return dataset.scanner.point_sigma_mm is not None or (points is not None and points.covariance_mm2 is not None)
 
 
 def declared_sigma_mm(dataset: Dataset) -> float:

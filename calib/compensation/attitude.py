@@ -25,9 +25,7 @@ class FitKnowledge:
     """What a fit knows beside its parameters."""
 
     covariance: Array  # (P, P) of the model's free parameters
-    held: frozenset[str] = (
-        frozenset()
-    )  # that the user knows; others are held for want of points that tell them
+    held: frozenset[str] = frozenset()  # that the user knows; others are held for want of points that tell them
     full_poses: bool = False  # whether orientations were measured and fitted
     trained: TrainedRange | None = None
 

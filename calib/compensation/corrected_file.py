@@ -30,8 +30,7 @@ def corrected_points(path: Path, correction: Correction, ids: Sequence[str]) -> 
     require_point_list(path, correction.robot.is_revolute.tolist())
     commanded = correction.robot.commands_of(correction.q)
     reasons = (
-        "" if reached else reason
-        for reached, reason in zip(correction.reached, correction.reasons, strict=True)
+        "" if reached else reason for reached, reason in zip(correction.reached, correction.reasons, strict=True)
     )
     listed = [JointTarget(*one) for one in zip(ids, commanded, reasons, strict=True)]
     heading = (

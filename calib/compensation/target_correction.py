@@ -65,21 +65,15 @@ class Correction:
     what: str  # "position" or "pose"
     q_nominal: Array  # (N, n) rad, mm for prismatic joints
     q: Array  # (N, n) corrected; where `reached` is false, the nearest that limits allow
-    reached: (
-        BoolArray  # (N,) to 1e-9 mm; attitudes that count to 1e-12 rad, near singular ones to their sigma
-    )
+    reached: BoolArray  # (N,) to 1e-9 mm; attitudes that count to 1e-12 rad, near singular ones to their sigma
     position_error_mm: Array  # (N,) with q
     orientation_error_rad: Array  # (N,) with q; nan where only the position counts
     uncorrected_mm: Array  # (N,) position error with q_nominal
     reasons: tuple[str, ...]  # (N,) why a target is not reached, as text; "" where it is
     uncorrected_rad: Array  # (N,) turn of the tool with q_nominal, as far as the calibrated arm says
-    changed: tuple[
-        str, ...
-    ] = ()  # effects that changed the arm as it was measured: it is taken as it was in the end
+    changed: tuple[str, ...] = ()  # effects that changed the arm as it was measured: it is taken as it was in the end
     attitude_sigma_rad: Array | None = None  # (N,) how well the fit knows the tool's attitude, if it was said
-    is_outside: BoolArray | None = (
-        None  # (N,) a joint is beyond the ranges that were trained, if those were said
-    )
+    is_outside: BoolArray | None = None  # (N,) a joint is beyond the ranges that were trained, if those were said
     outside_words: str = ""
 
     @property
@@ -98,9 +92,7 @@ class Correction:
         """How well the tool's attitude is known, and what is claimed of it; "" where nobody said."""
         if self.attitude_sigma_rad is None or not len(self.q):
             return ""
-        known, turn = (
-            1e3 * float(np.sqrt(np.mean(a**2))) for a in (self.attitude_sigma_rad, self.uncorrected_rad)
-        )
+        known, turn = (1e3 * float(np.sqrt(np.mean(a**2))) for a in (self.attitude_sigma_rad, self.uncorrected_rad))
         told = f"the fit knows the tool's attitude to {known:.2g} mrad (sigma), "
         told += f"a correction turns it by {turn:.2g} mrad"
         if self.what == "pose":
@@ -123,9 +115,7 @@ class Correction:
         ]
         lines += filter(None, [self.attitude_words, self.outside_words])
         if self.changed:
-            lines.append(
-                f"the arm is taken as it is after the last measured pose ({', '.join(self.changed)})"
-            )
+            lines.append(f"the arm is taken as it is after the last measured pose ({', '.join(self.changed)})")
         missed = np.flatnonzero(~self.reached)
         names = ids or [f"target {i + 1}" for i in range(len(self.q))]
         lines += [f"{names[i]}: {self.reasons[i]}" for i in missed[:20]]
@@ -219,9 +209,7 @@ def corrected_joints(
         uncorrected_mm=uncorrected_mm,
         uncorrected_rad=uncorrected_rad,
         reasons=tuple(reasons),
-        changed=tuple(
-            dict.fromkeys(family_name(e) for e in model.added_effects if getattr(e, "changes_arm", False))
-        ),
+        changed=tuple(dict.fromkeys(family_name(e) for e in model.added_effects if getattr(e, "changes_arm", False))),
         attitude_sigma_rad=sigma_rad,
         is_outside=None if trained is None else trained.outside(nominal, q0),
         outside_words="" if trained is None else trained.words(nominal, q0, names),
@@ -268,17 +256,13 @@ def _with_known_attitude(
 def _reached(problem: ToolProblem, q: Array) -> BoolArray:
     error_mm, turn_rad = problem.errors(q)
     reached = error_mm <= POSITION_TOLERANCE_MM
-    return np.asarray(
-        reached & (turn_rad <= ORIENTATION_TOLERANCE_RAD) if problem.with_orientation else reached
-    )
+    return np.asarray(reached & (turn_rad <= ORIENTATION_TOLERANCE_RAD) if problem.with_orientation else reached)
 
 
 def _box(nominal: Robot, model: Model, x: Array, q0: Array) -> tuple[Array, Array]:
     """From where to where joints may go: inside their limits, and no further than a correction of this arm can be."""
     off = np.abs(model.calibrated_robot(x).table - nominal.table)[:-1]
-    zero = np.where(
-        nominal.is_revolute, off[:, PARAMETER_KINDS.index("theta")], off[:, PARAMETER_KINDS.index("d")]
-    )
+    zero = np.where(nominal.is_revolute, off[:, PARAMETER_KINDS.index("theta")], off[:, PARAMETER_KINDS.index("d")])
     change = np.maximum(np.where(nominal.is_revolute, MAX_CHANGE_RAD, MAX_CHANGE_MM), _ZEROS * zero)
     limits = _limits(nominal)
     return np.clip(q0 - change, *limits), np.clip(q0 + change, *limits)
@@ -335,9 +319,7 @@ def _model(calibrated: Robot | Model, x: ArrayLike | None) -> tuple[Model, Array
 
 def _check(nominal: Robot, model: Model, q: Array, conditions: Poses | None) -> None:
     if q.ndim != 2 or q.shape[1] != nominal.n_joints:
-        raise FitError(
-            f"joint vectors for {nominal.name} have shape (N, {nominal.n_joints}), found {q.shape}"
-        )
+        raise FitError(f"joint vectors for {nominal.name} have shape (N, {nominal.n_joints}), found {q.shape}")
     bad = np.flatnonzero(~np.all(np.isfinite(q), axis=1))
     if len(bad):
         raise FitError(f"joint vector {bad[0] + 1} of {len(q)} is not finite; correct or remove it")
@@ -359,14 +341,10 @@ def _limits(robot: Robot) -> tuple[Array, Array]:
 def plain_poses(q: Array) -> Poses:
     """Poses at joint vectors q (N, n) of which nothing else is known."""
     n = len(q)
-    return Poses(
-        tuple(map(str, range(n))), np.full(n, "train"), q, np.full(n, ""), ("",) * n
-    ).measured_later()
+    return Poses(tuple(map(str, range(n))), np.full(n, "train"), q, np.full(n, ""), ("",) * n).measured_later()
 
 
-def _reason(
-    robot: Robot, q: Array, q_nominal: Array, box: tuple[Array, Array], missed: str, singular: bool
-) -> str:
+def _reason(robot: Robot, q: Array, q_nominal: Array, box: tuple[Array, Array], missed: str, singular: bool) -> str:
     """Why a target is not reached, as text; `box` has its own lower and upper bounds (n,)."""
     held = []
     for k in np.flatnonzero((q <= box[0]) | (q >= box[1])):
@@ -376,9 +354,7 @@ def _reason(
         if q[k] in (joint.min, joint.max):
             held.append(f"{name} stands at its limit of {scale * q[k]:.6g} {unit}")
         else:
-            held.append(
-                f"{name} would have to change by more than {scale * abs(q[k] - q_nominal[k]):.4g} {unit}"
-            )
+            held.append(f"{name} would have to change by more than {scale * abs(q[k] - q_nominal[k]):.4g} {unit}")
     if singular:
         held.append("the posture is near singular")
     return f"missed by {missed}: {', '.join(held) or 'out of reach'}"

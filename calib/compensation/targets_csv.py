@@ -46,9 +46,7 @@ def load_targets(path: Path, robot: Robot) -> Targets:
     if path.is_dir():
         raise DatasetError(f"{path}: is a folder; name a table of joint targets")
     if not path.exists():
-        raise DatasetError(
-            f"{path}: no such file; a table with the columns {', '.join(joint_columns(robot))}"
-        )
+        raise DatasetError(f"{path}: no such file; a table with the columns {', '.join(joint_columns(robot))}")
     file = TableFile.load(path, pipe=True)
     columns = found_joint_columns(file, robot)
     file.require(columns)

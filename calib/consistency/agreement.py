@@ -26,9 +26,7 @@ class Sample:
 
     q: Array  # (N, n) rad, mm
     points_mm: Array  # (N, 3)
-    group: IndexArray = field(
-        default_factory=lambda: np.zeros(0, dtype=np.int64)
-    )  # (N,) the place; (0,): one for all
+    group: IndexArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # (N,) the place; (0,): one for all
 
     @property
     def groups(self) -> tuple[IndexArray, ...]:

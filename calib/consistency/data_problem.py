@@ -113,9 +113,7 @@ class Suspicions:
 
     problem: DataProblem | None
     open: tuple[Hypothesis, ...] = ()
-    likeliest: DataProblem | None = (
-        None  # of those that are open, where it says clearly more than the data as they are
-    )
+    likeliest: DataProblem | None = None  # of those that are open, where it says clearly more than the data as they are
 
 
 def is_quiet(now: Calibration) -> bool:
@@ -198,9 +196,7 @@ class Beside:
     fit: Callable[[Dataset], Calibration]
 
 
-def weighed(
-    now: Calibration, open_hypotheses: Sequence[Hypothesis], models: Sequence[Beside]
-) -> DataProblem | None:
+def weighed(now: Calibration, open_hypotheses: Sequence[Hypothesis], models: Sequence[Beside]) -> DataProblem | None:
     """An open hypothesis that says clearly more than the effects which were found to explain the data as they are.
 
     It makes one of them superfluous, or takes away most of what they leave.
@@ -271,18 +267,14 @@ def error_mm(errors: Evaluation) -> float:
 
 
 def _is_judged(fitted: Calibration) -> bool:
-    return bool(
-        np.isfinite(fitted.fit.noise) and fitted.fit.noise > 0.0 and fitted.fit.degrees_of_freedom > _FREEDOM
-    )
+    return bool(np.isfinite(fitted.fit.noise) and fitted.fit.noise > 0.0 and fitted.fit.degrees_of_freedom > _FREEDOM)
 
 
 def _is_bent(now: Calibration) -> bool:
     """Whether a fit has changed a length or an angle of a link, the tool's apart, as no manufacture does."""
     z = np.abs(now.fit.x / now.model.scales)
     names = [p.name for p in now.fit.parameters]
-    own = np.array(
-        [name in now.model.geometry_names and not name.endswith("TCP") for name in names], dtype=bool
-    )
+    own = np.array([name in now.model.geometry_names and not name.endswith("TCP") for name in names], dtype=bool)
     return bool(own.any() and z[own].max() > _BENT)
 
 
@@ -380,9 +372,7 @@ class _Tried:
         return self.beyond_effects and gain > MIN_GAIN and now > LEAST_FACTOR * then
 
     def _is_open(self, hypothesis: Hypothesis) -> bool:
-        return (
-            _turns_joints(hypothesis) and self.fits[hypothesis].fit.noise < _NEAR_ENOUGH * self.now.fit.noise
-        )
+        return _turns_joints(hypothesis) and self.fits[hypothesis].fit.noise < _NEAR_ENOUGH * self.now.fit.noise
 
 
 def _turns_joints(hypothesis: Hypothesis) -> bool:

@@ -60,9 +60,7 @@ class Hypothesis:
         """The dataset as it would be with this mended."""
         poses, points, robot = dataset.poses, dataset.points, self.robot or dataset.robot
         if robot is not dataset.robot:
-            robot = replace(
-                robot, targets=dataset.robot.targets, carries_scanner=dataset.robot.carries_scanner
-            )
+            robot = replace(robot, targets=dataset.robot.targets, carries_scanner=dataset.robot.carries_scanner)
         if self.rows:
             poses, points = _reordered(poses, points, np.array(self.rows))
         poses = self._poses(poses, robot.is_revolute)
@@ -134,9 +132,7 @@ def of_reading(reading: JointReading, names: Sequence[str]) -> Hypothesis:
         asked = [names[k] for k in moved]
         given = [names[reading.order[k]] for k in moved]
         backwards = reading.order == tuple(reversed(range(len(names))))
-        found.append(
-            "the joints stand backwards" if backwards else f"the columns {_and(asked)} have changed places"
-        )
+        found.append("the joints stand backwards" if backwards else f"the columns {_and(asked)} have changed places")
         then.append("the columns put back")
         mend.append(f"take {', '.join(f'{b} for {a}' for a, b in zip(asked, given, strict=True))}")
     for k in zeros:
@@ -292,11 +288,8 @@ def known_tables() -> tuple[tuple[str, Robot], ...]:
     """Arms whose tables come with the package, by name."""
     names: dict[tuple[float, ...], list[str]] = {}
     for model, lengths in MODELS.items():
-        names.setdefault(lengths, []).append(
-            f"{model.removesuffix('e').upper()}{'e' if model.endswith('e') else ''}"
-        )
+        names.setdefault(lengths, []).append(f"{model.removesuffix('e').upper()}{'e' if model.endswith('e') else ''}")
     universal = [
-        (" or ".join(named), robot_of(chain_of_standard(nominal_rows(named[0]), named[0])))
-        for named in names.values()
+        (" or ".join(named), robot_of(chain_of_standard(nominal_rows(named[0]), named[0]))) for named in names.values()
     ]
     return (*universal, *((builtin_robot(name).name, builtin_robot(name)) for name in BUILTIN_ROBOTS))

@@ -41,9 +41,7 @@ class JointReading:
         """Those whose values it changes, counted from 1."""
         return tuple(
             k + 1
-            for k, (column, sign, offset) in enumerate(
-                zip(self.order, self.signs, self.offsets_rad, strict=True)
-            )
+            for k, (column, sign, offset) in enumerate(zip(self.order, self.signs, self.offsets_rad, strict=True))
             if column != k or sign < 0 or offset != 0.0
         )
 

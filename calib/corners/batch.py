@@ -89,9 +89,7 @@ def find_corners(
     paths = [dataset.scan_path(i) for i in wanted]
     scans = [path for path in paths if path is not None]
     if len(scans) < len(ids) or not scans:
-        raise DatasetError(
-            f"dataset {dataset.name!r} has no scans to find corners in; name them with scans = ..."
-        )
+        raise DatasetError(f"dataset {dataset.name!r} has no scans to find corners in; name them with scans = ...")
     search = search or partial(
         search_file,
         jig=dataset.jig,

@@ -48,9 +48,7 @@ class Corner:
     xyz_mm: Array  # (3,)
     covariance_mm2: Array  # (3, 3)
     faces: tuple[Face, Face, Face]
-    plane_covariance: (
-        Array  # (9, 9) of the faces' (h, s_1, s_2) in turn; a correlated scanner error is shared by faces
-    )
+    plane_covariance: Array  # (9, 9) of the faces' (h, s_1, s_2) in turn; a correlated scanner error is shared by faces
     quality: CornerQuality
     outline: Outline  # of the faces in this order
 

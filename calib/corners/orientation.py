@@ -34,9 +34,7 @@ class Orientation:
     covariance_rad2: Array  # (3, 3) of the small turn w in the scanner's frame: true = exp(w) scanner_R_jig
     cross_mm_rad: Array  # (3, 3) covariance of the apex's error (rows, mm) with that turn (columns)
     order: tuple[int, int, int]  # which of the corner's faces are the jig's faces 1, 2, 3
-    misfit: (
-        float  # squared, of the angles found between the faces and the jig's: 3 on average for free planes
-    )
+    misfit: float  # squared, of the angles found between the faces and the jig's: 3 on average for free planes
 
     def quaternion(self) -> Array:
         """(4,) w, x, y, z of scanner_R_jig, w >= 0."""

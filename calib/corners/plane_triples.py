@@ -40,12 +40,8 @@ class SelectionTolerances:
     # most as a triangle, so no box passes the first. A jig in plain view reaches 1.0 and 0.92; the second face may be
     # half hidden.
     least_scores: tuple[float, float, float] = (0.85, 0.4, 0.04)
-    least_of_box: float = (
-        0.6  # in place of the first where whole rectangles are compared: it may stand among others
-    )
-    most_wrong: float = (
-        0.2  # share of a face that may be wrong; the edges of a scanned face are never quite sharp
-    )
+    least_of_box: float = 0.6  # in place of the first where whole rectangles are compared: it may stand among others
+    most_wrong: float = 0.2  # share of a face that may be wrong; the edges of a scanned face are never quite sharp
     min_votes: int = 6
 
 
@@ -286,8 +282,6 @@ class Planes:
         seen = np.flatnonzero((heights < -2 * self.tolerances.height_mm) & (heights + at.offset_mm < 0))
         behind, share = behind[seen], at.offset_mm / (heights[seen] + at.offset_mm)
         others = (other for other in faces if other is not at)
-        through = self.sign * np.stack(
-            [(o.heights.take(behind) + o.offset_mm) * share - o.offset_mm for o in others]
-        )
+        through = self.sign * np.stack([(o.heights.take(behind) + o.offset_mm) * share - o.offset_mm for o in others])
         over = np.flatnonzero(np.all(np.abs(through / self.jig.longest_mm - 0.5) < 0.6, axis=0))
         return through.take(over, axis=1).T

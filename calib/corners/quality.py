@@ -18,9 +18,7 @@ MOST_INCIDENCE_DEG = 84.0
 _DEEP = 0.035  # of the edge: points of which nine in ten lie nearer to an edge than this are not a face's
 _ROUGHEST = 10.0  # times the scatter of the other faces; a face seen at 84 deg scatters some 6 times as much
 _ROUGH = 1 / 3000  # of the edge: a scatter below this is not compared
-_MOST_TILT_DEG = (
-    3.0  # standard deviation of a face's direction; a depth camera's of a box are known to 1 to 2
-)
+_MOST_TILT_DEG = 3.0  # standard deviation of a face's direction; a depth camera's of a box are known to 1 to 2
 HIGH_INCIDENCE_DEG = 75.0
 FEW_POINTS = 50
 LOW_COVERAGE = 0.4
@@ -51,13 +49,9 @@ class CornerQuality:
     faces: tuple[FaceQuality, FaceQuality, FaceQuality]
     angles_deg: tuple[float, float, float]  # as measured, between faces 1-2, 2-3, 3-1
     angle_sigmas_deg: tuple[float, float, float]
-    angle_errors_deg: tuple[
-        float, float, float
-    ]  # measured less the jig's, under the labelling that fits best
+    angle_errors_deg: tuple[float, float, float]  # measured less the jig's, under the labelling that fits best
     condition: float  # of the three normals: 1 where perpendicular; the worst amplification over the best
-    amplification: (
-        float  # sigma of the apex over that of the planes at their middles: how far it is extrapolated
-    )
+    amplification: float  # sigma of the apex over that of the planes at their middles: how far it is extrapolated
     smooth_error_mm: float  # standard deviation of the correlated part of the scanner's error
     smooth_length_mm: float  # its correlation length
     smooth_factor: float  # sigma of the apex over what white noise alone would make it
@@ -77,9 +71,7 @@ class CornerQuality:
                     f"faces stay below {HIGH_INCIDENCE_DEG:.0f} deg"
                 )
             if face.points < FEW_POINTS:
-                said.append(
-                    f"face {number} has {face.points} points only; scan finer or clear the view to it"
-                )
+                said.append(f"face {number} has {face.points} points only; scan finer or clear the view to it")
             if face.coverage < LOW_COVERAGE:
                 said.append(f"only {face.coverage:.0%} of face {number} is seen; clear the view to it")
             if face.rms_over_scan_sigma is not None and face.rms_over_scan_sigma > HIGH_RMS:
@@ -87,9 +79,7 @@ class CornerQuality:
                     f"face {number} scatters {face.rms_mm:.3g} mm, {face.rms_over_scan_sigma:.1f} times scan_sigma_mm; "
                     "clean the face, check the exposure, or correct scan_sigma_mm"
                 )
-        for pair, error, sigma in zip(
-            ("1-2", "2-3", "3-1"), self.angle_errors_deg, self.angle_sigmas_deg, strict=True
-        ):
+        for pair, error, sigma in zip(("1-2", "2-3", "3-1"), self.angle_errors_deg, self.angle_sigmas_deg, strict=True):
             if abs(error) > max(OUT_OF_SQUARE_SIGMA * sigma, 0.02):
                 said.append(
                     f"faces {pair} meet {error:+.3f} deg off the jig's angle ({abs(error) / sigma:.0f} sigma); "
@@ -100,10 +90,7 @@ class CornerQuality:
                 f"the apex is {self.amplification:.1f} times less certain than the planes at their middles; "
                 "more of the faces near the apex has to be seen"
             )
-        if (
-            self.smooth_factor > HIGH_SMOOTH_SHARE
-            and self.smooth_error_mm > _MORE_THAN_TOLD * self.smooth_told_mm
-        ):
+        if self.smooth_factor > HIGH_SMOOTH_SHARE and self.smooth_error_mm > _MORE_THAN_TOLD * self.smooth_told_mm:
             said.append(
                 f"the scanner's error is smooth over {self.smooth_length_mm:.0f} mm ({self.smooth_error_mm:.3f} mm), "
                 f"which makes the apex {self.smooth_factor:.1f} times less certain; {self._further()}"
@@ -124,9 +111,7 @@ class CornerQuality:
 
     def summary(self) -> str:
         """One line of figures."""
-        faces = "; ".join(
-            f"{f.points} points at {f.incidence_deg:.0f} deg, {f.coverage:.0%} seen" for f in self.faces
-        )
+        faces = "; ".join(f"{f.points} points at {f.incidence_deg:.0f} deg, {f.coverage:.0%} seen" for f in self.faces)
         angles = ", ".join(f"{a:.3f}" for a in self.angles_deg)
         return f"faces: {faces}; angles {angles} deg; amplification {self.amplification:.1f}"
 

@@ -147,9 +147,7 @@ def _fit_faces(
     while turn < _ROUNDS:
         if turn == _ROUNDS - _LAST_ROUNDS:  # from here on all points that may be a face's, and no others
             over_planes = (local @ normals.T - offsets).T
-            at_plane = [
-                np.flatnonzero(np.abs(h) <= 2 * band) for h, band in zip(over_planes, bands, strict=True)
-            ]
+            at_plane = [np.flatnonzero(np.abs(h) <= 2 * band) for h, band in zip(over_planes, bands, strict=True)]
             members = [(local.take(on, axis=0), near[on]) for on in at_plane]
         heights = [points @ normals.T - offsets for points, _ in members]
         if turn == _ROUNDS - 1 and options.edge_margin_mm is None:
@@ -158,12 +156,8 @@ def _fit_faces(
         margins_mm = np.maximum(margins_mm, _MARGIN_SIGMA * bands.max() / _BAND_SIGMA)
         planes = []
         for face, (points, indices) in enumerate(members):
-            on = _points_of_face(
-                points, heights[face], face, bands[face], margins_mm[face], jig, outline, options
-            )
-            planes.append(
-                fit_plane_robustly(points.take(on, axis=0), indices[on], normals[face], offsets[face])
-            )
+            on = _points_of_face(points, heights[face], face, bands[face], margins_mm[face], jig, outline, options)
+            planes.append(fit_plane_robustly(points.take(on, axis=0), indices[on], normals[face], offsets[face]))
         moved = [
             abs(p.offset_mm - d) + jig.longest_mm * np.linalg.norm(p.normal - n)
             for p, n, d in zip(planes, normals, offsets, strict=True)

@@ -62,18 +62,14 @@ class CornerSearch:
     voxel_points_mm: Array  # (V, 3) the points that the sample sets were drawn from
     voxel_normals: Array  # (V, 3) toward the scanner
     sets: SampleSets
-    groups: tuple[
-        PlaneGroup, ...
-    ]  # the one with the most sets first; a voted third face is the last, without sets
+    groups: tuple[PlaneGroup, ...]  # the one with the most sets first; a voted third face is the last, without sets
     chosen: tuple[int, ...]  # indices of the three chosen groups, () where none were
     corner: Corner | None
     failure: str  # "" or the reason, with numbers and a way out
     seconds: float
     unreadable: bool = False  # the scan's file could not be read at all
     count: PointCount | None = None  # of the scan's file, where it was read from one
-    search_passes: int = (
-        1  # through the scan, a coarse one, then finer ones with other neighbours or more sample sets
-    )
+    search_passes: int = 1  # through the scan, a coarse one, then finer ones with other neighbours or more sample sets
 
     def filter_counts(self) -> dict[str, int]:
         """How many sets were drawn, rejected by each filter, and passed."""
@@ -266,9 +262,7 @@ def _thinned(points_mm: Array, jig: Jig, voxels: int) -> IndexArray:
         )
     extent, edge = extent_of(points_mm), jig.shortest_mm
     if extent < edge / 10:
-        raise CornerError(
-            f"the scan spans {extent:.3g} mm only, the jig has {jig.edge_words()}; scan the pose again"
-        )
+        raise CornerError(f"the scan spans {extent:.3g} mm only, the jig has {jig.edge_words()}; scan the pose again")
     if extent > MOST_EDGES * jig.longest_mm:
         raise CornerError(
             f"the scan spans {extent:.4g} mm, {extent / jig.longest_mm:.0f} times the jig's edge of "

@@ -63,6 +63,4 @@ def failure_with_unit(failure: str, points_mm: Array, jig: Jig, is_found: Callab
     if not tried:
         return failure
     units = " or ".join(tried)
-    return (
-        f"{failure}; it spans {extent:.3g} mm, and taken for {units} it shows no jig either: check its unit"
-    )
+    return f"{failure}; it spans {extent:.3g} mm, and taken for {units} it shows no jig either: check its unit"

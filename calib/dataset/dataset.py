@@ -39,12 +39,8 @@ class Scanner:
     field_mm: tuple[float, float, float] | None = None  # width and height at that distance, and depth
     distance_mm: float | None = None  # from the scanner to the middle of its field; known where the field is
     max_incidence_deg: float | None = None  # the steepest face that it measures
-    correlated_sigma_mm: float | None = (
-        None  # of a scan point's error that its neighbours share, along the ray
-    )
-    correlation_length_mm: float | None = (
-        None  # l of its correlation exp(-r^2 / 2 l^2); known where its size is
-    )
+    correlated_sigma_mm: float | None = None  # of a scan point's error that its neighbours share, along the ray
+    correlation_length_mm: float | None = None  # l of its correlation exp(-r^2 / 2 l^2); known where its size is
     registration_sigma_mm: float | None = None  # by which surfaces joined of several views are off, each axis
 
 
@@ -82,9 +78,7 @@ class Poses:
     def __post_init__(self) -> None:
         if len(self.order) != len(self.ids):
             rows = (
-                np.arange(len(self.ids), dtype=float)
-                if self.time_s is None
-                else np.argsort(self.time_s, kind="stable")
+                np.arange(len(self.ids), dtype=float) if self.time_s is None else np.argsort(self.time_s, kind="stable")
             )
             object.__setattr__(self, "order", np.argsort(rows).astype(float))
         if len(self.came_from) != len(self.ids):
@@ -156,9 +150,7 @@ class Orientations:
     scanner_R_jig: Array  # (M, 3, 3)
     covariance_rad2: Array | None = None  # (M, 3, 3)
     cross_mm_rad: Array | None = None  # (M, 3, 3) of the point's error (rows) with the turn (columns)
-    labelled_by: str = (
-        ""  # how the jig's faces were labelled, as a phrase; "" where points.csv has orientations
-    )
+    labelled_by: str = ""  # how the jig's faces were labelled, as a phrase; "" where points.csv has orientations
     unlabelled_reason: str = ""  # why the faces have no labels at some poses, and what would help
 
     @property
@@ -188,9 +180,7 @@ class Points:
     target: NDArray[np.str_]  # (M,) "jig", or the name of one of the robot's further targets
     covariance_mm2: Array | None = None  # (M, 3, 3)
     orientations: Orientations | None = None  # full poses, where the instrument tells more than points
-    counts_as: Array | None = (
-        None  # (M,) how many measurements each counts as, where points are means of several
-    )
+    counts_as: Array | None = None  # (M,) how many measurements each counts as, where points are means of several
 
     def __len__(self) -> int:
         return len(self.pose)

@@ -40,8 +40,7 @@ def find_repeats(dataset: Dataset) -> tuple[Repeats, ...]:
     if points is None:
         return ()
     return tuple(
-        repeats_of(poses.ids[points.pose[rows[0]]], points.xyz_mm[rows])
-        for rows in _repeated_rows(dataset, points)
+        repeats_of(poses.ids[points.pose[rows[0]]], points.xyz_mm[rows]) for rows in _repeated_rows(dataset, points)
     )
 
 

@@ -101,9 +101,7 @@ def _visits_differ(dataset: Dataset, stand: IndexArray, visit: IndexArray) -> bo
     mean_mm = _sums(points.xyz_mm, of_visit.reshape(-1), len(keys)) / shots[:, None]
     of_place = of_place.reshape(-1)
     weight = _sums(sigma2, of_visit.reshape(-1), len(keys)) ** -1.0 * shots**2
-    centre_mm = (
-        _sums(weight[:, None] * mean_mm, of_place, len(place)) / _sums(weight, of_place, len(place))[:, None]
-    )
+    centre_mm = _sums(weight[:, None] * mean_mm, of_place, len(place)) / _sums(weight, of_place, len(place))[:, None]
     square = float(np.sum(weight * np.sum((mean_mm - centre_mm[of_place]) ** 2, axis=1)))
     return chi2_sf(square / SIGMA_DOUBT**2, freedom) < _TIME_MATTERS
 
@@ -188,9 +186,7 @@ def _means(values: Array, group: IndexArray, groups: int, used: BoolArray | None
     return _sums(values[used], group[used], groups) / count.reshape(-1, *[1] * (values.ndim - 1))
 
 
-def _mean_orientations(
-    given: Orientations | None, group: IndexArray, counts_as: Array
-) -> Orientations | None:
+def _mean_orientations(given: Orientations | None, group: IndexArray, counts_as: Array) -> Orientations | None:
     """The rotation nearest to the sum (chordal mean) of the shots whose orientation is known; counts_as  # (G,)"""
     if given is None:
         return None

@@ -13,9 +13,7 @@ from calib.user_tables.unit_names import MOST_CHARACTERS, plain, split_unit
 _JOINT = re.compile(
     r"^(?P<set>.*?)(?:q|j|joint|axis|a|theta|angle|position|pos|achse|gelenk|winkel|axe|eje|asse)(?P<number>\d+)$"
 )
-_POINT = re.compile(
-    r"^(?:measured|meas|point|position|pos|p|t|coord|laser|tracker|scanner|jig)?(?P<axis>[xyz])$"
-)
+_POINT = re.compile(r"^(?:measured|meas|point|position|pos|p|t|coord|laser|tracker|scanner|jig)?(?P<axis>[xyz])$")
 _OTHERS = {
     "pose": (
         "pose",

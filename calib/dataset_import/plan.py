@@ -81,9 +81,7 @@ def plan_import(given: Given) -> ImportPlan:
     """The plan. Nothing is raised for what is wrong with the user's files: it stands in `faults`."""
     work = Work(given.robots[0].robot.robot if given.robots else None, list(given.faults))
     table = _loaded(work, given.joints)
-    same = given.points is None or (
-        given.joints is not None and given.points.resolve() == given.joints.resolve()
-    )
+    same = given.points is None or (given.joints is not None and given.points.resolve() == given.joints.resolve())
     other = None if same else _loaded(work, given.points)
     tables = [each for each in (table, other) if each is not None]
     for column in given.mapping:
@@ -94,9 +92,7 @@ def plan_import(given: Given) -> ImportPlan:
     if not given.robots and not given.faults:
         work.fault("no robot is chosen: give a URDF, a robot.toml or another form, or choose a built-in one")
     if given.joints is None:
-        work.fault(
-            "no table of joint values was found: a CSV with a column a joint, q1, q2 ..., or the joints' names"
-        )
+        work.fault("no table of joint values was found: a CSV with a column a joint, q1, q2 ..., or the joints' names")
     if table is None:
         return _plan(work, given, {}, None)
     wants_points = same and not given.scans
@@ -153,9 +149,7 @@ def _with_numbers(
     sheet, off, unit = None, 1.0, "mm"
     if seen is not None and near is not None:
         unit, how, off = points_unit(work, other or table, of_points, near, q)
-        of_points = _with_units(
-            of_points, list("xyz"), [unit] * 3, "the arm's tool spreads so" if how else ""
-        )
+        of_points = _with_units(of_points, list("xyz"), [unit] * 3, "the arm's tool spreads so" if how else "")
         columns[(other or table).path] = (other or table, of_points)
         setups = table.text(meant.columns["setup"].name) if "setup" in meant.columns else []
         place = of_one_place(near, row_of, (other or table, of_points), setups)
@@ -174,9 +168,7 @@ def _with_numbers(
     poses_csv = poses_text(work, table, columns[table.path][1], ids, q, given.scans, measured)
     if work.faults:
         return _plan(work, given, columns, None, len(table), robot_file)
-    points_csv = (
-        None if seen is None else points_text(other or table, of_points, [ids[i] for i in row_of], seen)
-    )
+    points_csv = None if seen is None else points_text(other or table, of_points, [ids[i] for i in row_of], seen)
     content = Content(work.robot, poses_csv, points_csv, given.scans, f"imported from {table.path.name}")
     fault = fault_of(content)
     if fault is not None:
@@ -208,14 +200,10 @@ def _plan(
     poses: int = 0,
     robot: RobotFile | None = None,
 ) -> ImportPlan:
-    columns = [
-        planned for table, meant in tables.values() for planned in _planned(table, meant, given.mapping)
-    ]
+    columns = [planned for table, meant in tables.values() for planned in _planned(table, meant, given.mapping)]
     if robot is None and given.robots:
         robot = given.robots[0].robot
-    return ImportPlan(
-        robot, tuple(columns), tuple(work.said), tuple(work.doubts), tuple(work.faults), content, poses
-    )
+    return ImportPlan(robot, tuple(columns), tuple(work.said), tuple(work.doubts), tuple(work.faults), content, poses)
 
 
 def _planned(table: UserTable, meant: Recognised, mapping: Mapping[str, Meaning]) -> list[PlannedColumn]:
@@ -226,9 +214,7 @@ def _planned(table: UserTable, meant: Recognised, mapping: Mapping[str, Meaning]
         column = by_name.get(name)
         if column is None:
             ignored = name in mapping and mapping[name].name == "ignore"
-            out.append(
-                PlannedColumn(table.path, name, examples, None, "left out, as told" if ignored else "")
-            )
+            out.append(PlannedColumn(table.path, name, examples, None, "left out, as told" if ignored else ""))
             continue
         meaning = Meaning(column.meaning, column.unit, column.sign, column.offset)
         out.append(PlannedColumn(table.path, name, examples, meaning, column.why))

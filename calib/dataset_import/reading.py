@@ -57,9 +57,7 @@ def recognised(
                 if len(table.columns) == len(first + wanted + extra):
                     meanings = first + wanted + extra
                     by_place = dict(zip(table.columns, meanings, strict=True))
-                    work.said.append(
-                        f"{table.path}: has no header; its columns are taken for {', '.join(meanings)}"
-                    )
+                    work.said.append(f"{table.path}: has no header; its columns are taken for {', '.join(meanings)}")
     found = recognise(table.columns, robot, mapping, by_place)
     for words in found.faults:
         work.fault(f"{table.path}: line 1: {words}")
@@ -112,9 +110,7 @@ def point_values(work: Work, table: UserTable, meant: Recognised, *, needed: boo
     blank = np.array([[not cell for cell in table.text(meant.columns[axis].name)] for axis in "xyz"]).T
     for i in np.flatnonzero(blank.any(axis=1) & ~blank.all(axis=1)):
         named = " and ".join(meant.columns["xyz"[k]].name for k in np.flatnonzero(blank[i]))
-        work.fault(
-            f"{table.path}: line {table.lines[i]}: {named} is empty; fill it in, or leave all three empty"
-        )
+        work.fault(f"{table.path}: line {table.lines[i]}: {named} is empty; fill it in, or leave all three empty")
     return points
 
 
@@ -122,9 +118,7 @@ def _numbers(work: Work, table: UserTable, name: str) -> Array:
     """A column's numbers; NaN, and a fault, where there is none or one that no arm has in any unit."""
     values = table.numbers(name, work.fault)
     for i in np.flatnonzero(np.abs(values) > _MOST):
-        work.fault(
-            f"{table.path}: line {table.lines[i]}, column {name}: found {values[i]:g}, which is far too large"
-        )
+        work.fault(f"{table.path}: line {table.lines[i]}, column {name}: found {values[i]:g}, which is far too large")
     return np.where(np.abs(values) > _MOST, np.nan, values)
 
 
@@ -145,9 +139,7 @@ def pose_ids(work: Work, table: UserTable, meant: Recognised) -> list[str]:
     first: dict[str, int] = {}
     for i, name in enumerate(ids):
         if not name:
-            work.fault(
-                f"{table.path}: line {table.lines[i]}, column {meant.columns['pose'].name}: the cell is empty"
-            )
+            work.fault(f"{table.path}: line {table.lines[i]}, column {meant.columns['pose'].name}: the cell is empty")
         elif first.setdefault(name, i) != i:
             line = table.lines[first[name]]
             where = f"{table.path}: line {table.lines[i]}: pose {name!r} stands in line {line} too"
@@ -175,9 +167,7 @@ def rows_of_points(
             row = known.get(name, known.get(_number_of(name)))
             if row is None:
                 line = other.lines[i]
-                work.fault(
-                    f"{other.path}: line {line}, column {column}: pose {name[:40]!r} is not in {table.path}"
-                )
+                work.fault(f"{other.path}: line {line}, column {column}: pose {name[:40]!r} is not in {table.path}")
             out.append(-1 if row is None else row)
         return out
     if len(other) != len(table):
@@ -186,9 +176,7 @@ def rows_of_points(
             "column pose to both"
         )
         return [-1] * len(other)
-    work.said.append(
-        f"{other.path}: no column tells the pose; its rows are taken for those of {table.path}, in order"
-    )
+    work.said.append(f"{other.path}: no column tells the pose; its rows are taken for those of {table.path}, in order")
     return list(range(len(table)))
 
 
@@ -209,9 +197,7 @@ def beside(q_file: Array, seen: Array, row_of: Sequence[int]) -> Array:
     return out
 
 
-def points_unit(
-    work: Work, table: UserTable, meant: Recognised, near: Array, q: Array
-) -> tuple[str, str, float]:
+def points_unit(work: Work, table: UserTable, meant: Recognised, near: Array, q: Array) -> tuple[str, str, float]:
     """The points' unit, how it was found, and how many times their spread is off the arm's ("" and 1 by name).
 
     By their names, else by how far they are spread against the arm's. near: (N, 3) as in the file, q: (N, n) rad, mm.
@@ -242,9 +228,7 @@ def require_near_spread(work: Work, table: UserTable, meant: Recognised, unit: s
         )
 
 
-def of_one_place(
-    near: Array, row_of: Sequence[int], points: tuple[UserTable, Recognised], setups: list[str]
-) -> Array:
+def of_one_place(near: Array, row_of: Sequence[int], points: tuple[UserTable, Recognised], setups: list[str]) -> Array:
     """(N, 3) the points of the target and the placement that most of them are of; NaN elsewhere."""
     table, meant = points
     out = near.copy()

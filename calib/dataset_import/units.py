@@ -19,9 +19,7 @@ _CLEARLY = 0.5  # of the other unit's misfit
 _LIKELY = ("mm", "m", "in", "cm")
 
 
-def joint_units(
-    robot: Robot, values: Array, told: Sequence[str], points: Array | None
-) -> tuple[list[str], str]:
+def joint_units(robot: Robot, values: Array, told: Sequence[str], points: Array | None) -> tuple[list[str], str]:
     """The units of the joints' columns and how they were found; "" where names told all of them.
 
     values  # (N, n) as they stand in the file; points  # (N, 3) as they stand in the file, where each row has one
@@ -36,9 +34,7 @@ def joint_units(
         largest = float(np.nanmax(np.abs(values[:, turns])))
         how.append(f"angles are taken for {angle}, their largest being {largest:.4g}")
     if any(not unit and not turning for unit, turning in zip(told, turns, strict=True)):
-        how.append(
-            f"slides are taken for {length}, their largest being {float(np.nanmax(np.abs(slides))):.4g}"
-        )
+        how.append(f"slides are taken for {length}, their largest being {float(np.nanmax(np.abs(slides))):.4g}")
     return units, "; ".join(how)
 
 
@@ -80,8 +76,4 @@ def length_unit(robot: Robot, q: Array, points: Array) -> tuple[str, float]:
 
 
 def _spread(points: Array) -> float:
-    return (
-        float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
-        if len(points) > 1
-        else 0.0
-    )
+    return float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1)))) if len(points) > 1 else 0.0

@@ -53,17 +53,14 @@ def poses_text(
         work.said.append(f"{table.path}: other columns are kept as they are: {', '.join(rest)}")
     columns = [_condition(work, table, meant, m) for m in kept] + [table.text(name) for name in rest]
     body = [
-        [ids[i], roles[i], *map(repr, map(float, q[i])), *(column[i] for column in columns)]
-        for i in range(len(ids))
+        [ids[i], roles[i], *map(repr, map(float, q[i])), *(column[i] for column in columns)] for i in range(len(ids))
     ]
     header = ["pose", "role", *names, *kept, *rest]
     if scans and "scan" not in kept:
         header.append("scan")
         for i, row in enumerate(body):
             if measured is None and ids[i] not in scans:
-                work.fault(
-                    f"{table.path}: line {table.lines[i]}: no such scan as {ids[i][:40]!r} among those given"
-                )
+                work.fault(f"{table.path}: line {table.lines[i]}: no such scan as {ids[i][:40]!r} among those given")
             row.append(scans[ids[i]].name if ids[i] in scans else f"{ids[i]}.ply")
     return rows_csv([header, *body])
 
@@ -85,9 +82,7 @@ def _condition(work: Work, table: UserTable, meant: Recognised, meaning: str) ->
 
 def points_text(table: UserTable, meant: Recognised, poses: Sequence[str], xyz_mm: Array) -> str:
     """points.csv."""
-    further = [
-        m for m in meant.columns if m == "target" or (m[:1] in "qrs" and m[1:2] in "wxyz") or m[1:3] == "_r"
-    ]
+    further = [m for m in meant.columns if m == "target" or (m[:1] in "qrs" and m[1:2] in "wxyz") or m[1:3] == "_r"]
     columns = [table.text(meant.columns[m].name) for m in further]
     body = [
         [pose, *("" if np.isnan(v) else repr(float(v)) for v in place), *(column[i] for column in columns)]
@@ -132,9 +127,7 @@ def written(out: Path, content: Content) -> Dataset:
             write_dataset(replace(dataset, name=out.resolve().name, description=content.description), final)
             load_dataset(final)
         except CalibError as error:
-            raise DatasetError(
-                str(error).replace(str(draft), str(out)).replace(str(final), str(out))
-            ) from None
+            raise DatasetError(str(error).replace(str(draft), str(out)).replace(str(final), str(out))) from None
         if out.exists():
             out.rmdir()  # empty
         final.rename(out)

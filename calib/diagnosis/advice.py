@@ -86,15 +86,11 @@ def advice_on(move: Move, tests: ResidualTests, calibration: Calibration) -> Adv
         case DropEffect():
             return Advice(move, (residual_summary(tests, calibration), words.RemoveEffect(move.name)))
         case SearchAgain():
-            return Advice(
-                move, (residual_summary(tests, calibration), words.LeaveOut(move.poses, move.found.missing))
-            )
+            return Advice(move, (residual_summary(tests, calibration), words.LeaveOut(move.poses, move.found.missing)))
         case SearchWithNoise():
             noise = noise_told(move.found)
             assert noise is not None
-            return Advice(
-                move, (residual_summary(tests, calibration), words.WeighNoise(noise, move.found.missing))
-            )
+            return Advice(move, (residual_summary(tests, calibration), words.WeighNoise(noise, move.found.missing)))
         case AddCurves():
             curves = move.curves
             unsaid = tests.fault is not None and curves_say_more(curves, tests.fault)

@@ -49,9 +49,7 @@ def problem_beside_effects(
     return weighed(last.calibration, open_hypotheses, models)
 
 
-def _beside(
-    space: SearchSpace, kept: Sequence[SelectedEffect], without: SelectedEffect | None = None
-) -> Beside:
+def _beside(space: SearchSpace, kept: Sequence[SelectedEffect], without: SelectedEffect | None = None) -> Beside:
     return Beside(
         tuple(effect.name for effect in kept),
         "" if without is None else without.name,

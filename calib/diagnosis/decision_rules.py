@@ -27,18 +27,12 @@ from calib.screening.residual_tests import ResidualTests
 
 MAX_P_VALUE = 0.01  # that the Holm-corrected p of an effect has to be below
 MIN_LOG_EVIDENCE = 3.0
-MAX_SIGMAS_LEFT = (
-    1.4  # residual over noise beside an open set, up to which the effects named before it are claimed
-)
+MAX_SIGMAS_LEFT = 1.4  # residual over noise beside an open set, up to which the effects named before it are claimed
 TWIN_OVERLAP = 0.98  # share of what one explains that lies along what the other explains
-TWIN_SPAN = (
-    0.9995  # share of what the better one explains that the other could make; with less, data tell them apart
-)
+TWIN_SPAN = 0.9995  # share of what the better one explains that the other could make; with less, data tell them apart
 TWIN_LEAD = 8.0  # in log evidence, from which the worse one is no twin
 TWIN_LEFT = 1.15  # times as much as the better one leaves, from which the worse one is no twin
-CURVES_SHARE = (
-    1.1  # how many times the evidence of a cause of one place or pose curves need to take its place
-)
+CURVES_SHARE = 1.1  # how many times the evidence of a cause of one place or pose curves need to take its place
 MAX_WORSENING = 0.5  # standard errors by which a first effect may not raise the test poses' squared error
 MIN_GAIN = 1.0  # standard errors by which an effect has to lower the squared error of poses that no fit saw
 
@@ -111,9 +105,7 @@ def predicts_worse(before: Calibration, after: Calibration, *, scatter: float = 
     rows = before.after.is_test[before.after.pose]
     if rows.sum() < 3:
         return False
-    change = np.sum(after.after.error_mm[rows] ** 2, axis=1) - np.sum(
-        before.after.error_mm[rows] ** 2, axis=1
-    )
+    change = np.sum(after.after.error_mm[rows] ** 2, axis=1) - np.sum(before.after.error_mm[rows] ** 2, axis=1)
     if before.averaged is not None:  # shots of one standing pose change together
         stand = stands_of(before.dataset)[before.after.pose[rows]]
         change = mean_by_pose(change, np.unique(stand, return_inverse=True)[1], len(np.unique(stand)))

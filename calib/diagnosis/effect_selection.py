@@ -70,13 +70,9 @@ def candidate_of(screening: Screening | None, name: str) -> Candidate:
     """An effect as the screening proposes it. Raises CalibError where it is no candidate, or nothing of it shows."""
     ranked = {} if screening is None else {c.name: c for c in screening.candidates}
     if name not in ranked:
-        raise CalibError(
-            f"effect {name} is not among the candidates: {', '.join(ranked) or 'none is ranked yet'}"
-        )
+        raise CalibError(f"effect {name} is not among the candidates: {', '.join(ranked) or 'none is ranked yet'}")
     if not ranked[name].members:
-        raise CalibError(
-            f"effect {name}: no part of it shows in what is left over, so there is nothing to add"
-        )
+        raise CalibError(f"effect {name}: no part of it shows in what is left over, so there is nothing to add")
     return ranked[name]
 
 
@@ -110,9 +106,7 @@ def selected_curves(curves: LearnedCurves) -> SelectedEffect:
 def curves_to_add(calibration: Calibration) -> LearnedCurves:
     """Curves of the joints, learned from what a fit leaves over. Raises CalibError where there are none to learn."""
     if not calibration.options.prior:
-        raise CalibError(
-            f"effect {LEARNED}: its curves are nothing without their prior; leave out --no-prior"
-        )
+        raise CalibError(f"effect {LEARNED}: its curves are nothing without their prior; leave out --no-prior")
     curves = learned_curves(calibration)
     if curves is None:
         raise CalibError(
@@ -156,9 +150,7 @@ def recalled(
         raise CalibError(f"effect {name} has no parameter {unknown[0]!r} for this arm")
     wrong = [key for key, sigma in prior_sigmas.items() if not (np.isfinite(sigma) and sigma > 0.0)]
     if wrong:
-        raise CalibError(
-            f"effect {name}: the size of {wrong[0]} is {prior_sigmas[wrong[0]]}; a size is above 0"
-        )
+        raise CalibError(f"effect {name}: the size of {wrong[0]} is {prior_sigmas[wrong[0]]}; a size is above 0")
     inside = [(member, names) for member, names in named if names & set(prior_sigmas)]
     missing = sorted(set().union(*(names for _, names in inside)) - set(prior_sigmas))
     if missing or not inside:

@@ -74,23 +74,17 @@ class Findings:
     verdict: str  # of decision_rules.VERDICTS
     missing: tuple[str, ...]  # effects that are claimed, in the order added
     ambiguous_set: tuple[str, ...]  # effects that these data cannot tell apart, those of open sets first
-    steps: tuple[
-        FitStep, ...
-    ]  # the link errors, then one for each effect that was added; each with its screening
+    steps: tuple[FitStep, ...]  # the link errors, then one for each effect that was added; each with its screening
     residual_tests: ResidualTests  # what the last fit left over
     refused: Refusal | None = None  # an effect that would have been named, and why it was not
     held_out: HeldOutTest | None = None  # the test poses against what the last fit promised
-    left_to_curves: bool = (
-        False  # learned curves say more than the next effect, which is of one place or pose
-    )
+    left_to_curves: bool = False  # learned curves say more than the next effect, which is of one place or pose
     learned: Learned | None = None  # then its fit is the last step
     suspected: tuple[str, ...] = ()  # effects that were added and are not claimed, see `carries_its_names`
     open_sets: tuple[OpenSet, ...] = ()  # each with one effect in the model
     beaten: str = ""  # an effect that was added, and does not lead a slow wander of the instrument
     noise: ShownNoise | None = None  # where the noise has another shape than was declared
-    data_problem: DataProblem | None = (
-        None  # signs, order, units, rows or the table are wrong: nothing is named then
-    )
+    data_problem: DataProblem | None = None  # signs, order, units, rows or the table are wrong: nothing is named then
     split: Split | None = None  # the next poses by which the first of the open sets is told apart
 
     @property
@@ -107,9 +101,7 @@ class Findings:
     def is_clean(self) -> bool:
         """Whether noise alone is left, outliers apart, and an effect in the model stands for all that is open."""
         only_stood_for = bool(self.open_sets) and not self.suspected and not self.tied
-        return self.verdict in ("adequate", "named", "outliers") or (
-            self.verdict == "ambiguous" and only_stood_for
-        )
+        return self.verdict in ("adequate", "named", "outliers") or (self.verdict == "ambiguous" and only_stood_for)
 
     @property
     def tied(self) -> tuple[str, ...]:

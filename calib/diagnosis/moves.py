@@ -72,9 +72,7 @@ class Stop:
     implausible: bool = False  # points and poses do not belong together: no effect is their cause
     ambiguous: tuple[Candidate, ...] = ()  # effects that these data cannot tell apart
     refused: Refusal | None = None  # an effect that the training poses speak for, and something against
-    left_to_curves: bool = (
-        False  # learned curves say more than the best effect, which is of one place or pose
-    )
+    left_to_curves: bool = False  # learned curves say more than the best effect, which is of one place or pose
 
 
 Move = AddEffect | DropEffect | Stop

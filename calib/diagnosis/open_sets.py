@@ -43,9 +43,7 @@ def open_sets(space: SearchSpace, steps: Sequence[FitStep]) -> tuple[OpenSet, ..
     return tuple(out)
 
 
-def _twins_beside_all(
-    space: SearchSpace, last: FitStep, name: str, twins: tuple[str, ...]
-) -> tuple[str, ...]:
+def _twins_beside_all(space: SearchSpace, last: FitStep, name: str, twins: tuple[str, ...]) -> tuple[str, ...]:
     """The twins of an effect beside all others of the model; those of when it was added may have stood in for these."""
     others: list[SelectedEffect] = [effect for effect in last.selected if effect.name != name]
     if not twins or last.selected[-1].name == name or not others:
@@ -87,9 +85,7 @@ def _of_open_set(found: Findings, opened: OpenSet) -> Doubt:
     for candidate in _candidates(before.screening, (opened.effect, *opened.twins)):
         rival = Rival.of(candidate)
         if candidate.name == opened.effect:
-            rival = Rival(
-                rival.name, inside.members, inside.prior_sigmas, rival.log_evidence, rival.explained_share
-            )
+            rival = Rival(rival.name, inside.members, inside.prior_sigmas, rival.log_evidence, rival.explained_share)
         rivals.append(rival)
     return Doubt(found.calibration, tuple(rivals), opened.untested, opened.would_help)
 

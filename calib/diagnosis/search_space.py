@@ -63,9 +63,7 @@ class SearchSpace:
 
     def fit(self, selected: Sequence[SelectedEffect], start: Calibration | None) -> Calibration:
         """The given and the selected effects fitted together, going on from an earlier fit."""
-        return calibrate_with(
-            self.dataset, selected, self.options, effects=self.given, start=start or self.start
-        )
+        return calibrate_with(self.dataset, selected, self.options, effects=self.given, start=start or self.start)
 
     def screen(self, calibration: Calibration) -> Screening:
         """Every family that is not in a fit's model, tested against what that fit leaves over."""
@@ -119,9 +117,7 @@ def with_curves(space: SearchSpace, step: FitStep) -> FitStep:
     """The model with curves of the joints, learned from what it leaves over. Raises CalibError without any."""
     curves = curves_to_add(step.calibration)
     selected = (*step.selected, selected_curves(curves))
-    return step_after(
-        step, LEARNED, selected, space.fit(selected, step.calibration), lead=curves.log_evidence
-    )
+    return step_after(step, LEARNED, selected, space.fit(selected, step.calibration), lead=curves.log_evidence)
 
 
 def step_after(

@@ -19,9 +19,7 @@ class Search:
     stop: Stop
 
 
-def search_stepwise(
-    space: SearchSpace, tell: Tell, refused: str = "", first: FitStep | None = None
-) -> Search:
+def search_stepwise(space: SearchSpace, tell: Tell, refused: str = "", first: FitStep | None = None) -> Search:
     """Add one effect after the other while one is convincing, but not the `refused` one; take out superfluous ones.
 
     first: the fit to begin with, where it was made already.

@@ -35,9 +35,7 @@ def in_notebook() -> bool:
 
 
 @contextmanager
-def counted(
-    what: str, unit: str, *, asked: bool = True, then: OnProgress | None = None
-) -> Iterator[OnProgress | None]:
+def counted(what: str, unit: str, *, asked: bool = True, then: OnProgress | None = None) -> Iterator[OnProgress | None]:
     """A function to call after each part of the work: it moves a bar where that was asked for, and calls `then`.
 
     None where nobody wants to know.
@@ -81,9 +79,7 @@ def _notebook_bar(what: str) -> Iterator[OnProgress]:
             now = time.monotonic()
             if now - last >= _EVERY_S or done >= total:
                 last = now
-                shown(
-                    f"{what}: {done} of {total}, {name[:_LONGEST]}", f' value="{done}" max="{max(total, 1)}"'
-                )
+                shown(f"{what}: {done} of {total}, {name[:_LONGEST]}", f' value="{done}" max="{max(total, 1)}"')
 
         yield moves
 

@@ -58,9 +58,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
             }
             for c in identifiable_combinations(calibration)
         ],
-        "tool": asdict(
-            tool_rows(calibration.dataset, residual=calibration.residual, model=calibration.model)
-        ),
+        "tool": asdict(tool_rows(calibration.dataset, residual=calibration.residual, model=calibration.model)),
         "correlated": [asdict(pair) for pair in correlated_pairs(calibration)],
         "stands": stands_document(calibration),
         "outliers": calibration.outliers,
@@ -173,9 +171,7 @@ def correction_document(correction: Correction, ids: Sequence[str]) -> dict[str,
         "reached": int(correction.reached.sum()),
         "not_reached": [{"pose": pose, "why": why} for pose, why in missed],
         "largest_move_deg": correction.largest_move_deg,
-        "outside": None
-        if outside is None
-        else [pose for pose, is_out in zip(ids, outside, strict=True) if is_out],
+        "outside": None if outside is None else [pose for pose, is_out in zip(ids, outside, strict=True) if is_out],
         "attitude": correction.attitude_words or None,
         "as_after_last_pose": correction.changed,
         "q_units": ["rad" if turns else "mm" for turns in correction.robot.is_revolute],

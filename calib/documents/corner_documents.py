@@ -14,9 +14,7 @@ from calib.measurement.measured_points import failed_searches, label_faces
 from calib.targets.assignment import Assignment, told_apart
 
 
-def corners_document(
-    searches: Mapping[str, CornerSearch], labels: FaceLabels, named: Assignment
-) -> dict[str, Any]:
+def corners_document(searches: Mapping[str, CornerSearch], labels: FaceLabels, named: Assignment) -> dict[str, Any]:
     """What `corners --json` prints: the corners with their planes, the jig's orientations, and what failed and why.
 
     `targets` are all that have a name, where a dataset has others than one jig.
@@ -34,8 +32,7 @@ def corners_document(
         if corner is None:
             continue
         planes = [
-            {"normal": f.normal, "offset_mm": f.offset_mm, "points": f.points, "rms_mm": f.rms_mm}
-            for f in corner.faces
+            {"normal": f.normal, "offset_mm": f.offset_mm, "points": f.points, "rms_mm": f.rms_mm} for f in corner.faces
         ]
         found.append(
             {
@@ -51,8 +48,7 @@ def corners_document(
             }
         )
     failed = [
-        {"pose": pose_id, "reason": reason, **scan(pose_id)}
-        for pose_id, reason in failed_searches(searches).items()
+        {"pose": pose_id, "reason": reason, **scan(pose_id)} for pose_id, reason in failed_searches(searches).items()
     ]
     document = {"corners": found, "failed": failed, "orientations": labels.document()}
     return document | _targets_document(named)

@@ -41,9 +41,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
         else asdict(diagnosis.held_out) | {"kept": not diagnosis.held_out.is_broken},
         "steps": [_step(step) for step in diagnosis.steps],
         "candidates": [_candidate(candidate) for candidate in diagnosis.candidates],
-        "untestable": [
-            {"effect": u.name, "why": u.why, "would_help": u.would_help} for u in diagnosis.untestable
-        ],
+        "untestable": [{"effect": u.name, "why": u.why, "would_help": u.would_help} for u in diagnosis.untestable],
         "leftover": {
             "lack_of_fit_p": residual_tests.lack_of_fit_p,
             "noise_mm": residual_tests.noise_mm,
@@ -55,9 +53,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
             "masses_log_evidence": residual_tests.masses_evidence,
         },
         "simpler": None,  # was a dent or a slip, which are effects now
-        "measure_next": [
-            {"q": pose.q, "separation_mm": pose.separation_mm} for pose in diagnosis.discriminating_poses
-        ],
+        "measure_next": [{"q": pose.q, "separation_mm": pose.separation_mm} for pose in diagnosis.discriminating_poses],
         "explanation": diagnosis.summary(),
         "outside": diagnosis.calibration.outside,
         "learned": _learned(diagnosis.learned),

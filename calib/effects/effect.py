@@ -124,9 +124,8 @@ class CatalogueEffect(ABC):
     symbols: ClassVar[tuple[tuple[str, str], ...]]  # the equation's unknowns: name, unit
     needs: ClassVar[str]  # what a dataset must hold
     testable: ClassVar[bool] = True  # False where no dataset of this format can test it
-    changes_arm: ClassVar[bool] = (
-        False  # whether it is another before and after a pose; later poses are as the last one
-    )
+    # whether it is another before and after a pose; later poses are as the last one
+    changes_arm: ClassVar[bool] = False
     confirm: ClassVar[str] = ""  # a controlled change that shows this cause and leaves the others as they are
 
     @classmethod
@@ -168,9 +167,7 @@ def describe(effect: Effect | type[CatalogueEffect]) -> Description:
     """The texts on an effect's class."""
     name = effect.name if isinstance(effect, type) else family_name(effect)
     said = {text: getattr(effect, text, "") for text in ("equation", "needs", "confirm")}
-    texts = {
-        text: words for text, words in said.items() if isinstance(words, str)
-    }  # a user's may be anything
+    texts = {text: words for text, words in said.items() if isinstance(words, str)}  # a user's may be anything
     return Description(name, symbols=getattr(effect, "symbols", ()), **texts)
 
 
@@ -190,11 +187,7 @@ def meaning_of(effect: Effect, parameter: Parameter, value: float, state: RobotS
     Raises CalibError where an effect from outside this package fails to say it.
     """
     say = getattr(effect, "meaning")  # noqa: B009  no part of the contract
-    return (
-        checked_meaning(effect, parameter, value, state)
-        if is_users(effect)
-        else str(say(parameter, value, state))
-    )
+    return checked_meaning(effect, parameter, value, state) if is_users(effect) else str(say(parameter, value, state))
 
 
 def families_from(effects: Sequence[Effect]) -> tuple[Family, ...]:

@@ -161,9 +161,7 @@ class GravityLoads:
         own = np.cross(0.5e-3 * (end_mm - root_mm), weight_n)
         return self._bent(link, at_root, at_end, own)
 
-    def _bent(
-        self, link: int, at_root: Array, at_end: Array, own: Array | None = None
-    ) -> tuple[Array, Array]:
+    def _bent(self, link: int, at_root: Array, at_end: Array, own: Array | None = None) -> tuple[Array, Array]:
         """The turn and shift of a link's end by moments (N, 3) at its root and end, and that of its own weight."""
         base_T_frame = self.chain.base_T_frame
         root_mm, end = base_T_frame[:, link, :3, 3], base_T_frame[:, link + 1]

@@ -36,15 +36,11 @@ NATURAL_BOUNDS: Mapping[str, tuple[NaturalBound, ...]] = MappingProxyType(
             NaturalBound(5e-2, "rad kg/Nm", "that is 50 kg on the smallest strain wave gear (1 kNm/rad)"),
         ),
         "link_bending": (
-            NaturalBound(
-                5e-4, "rad/Nm", "half a metre of aluminium tube, 40 mm by 3 mm, bends by 1e-4 rad/Nm"
-            ),
+            NaturalBound(5e-4, "rad/Nm", "half a metre of aluminium tube, 40 mm by 3 mm, bends by 1e-4 rad/Nm"),
             NaturalBound(2.5e-2, "rad kg/Nm", "that is 50 kg on a link of 2 kNm/rad"),
         ),
         "link_torsion": (
-            NaturalBound(
-                1e-3, "rad/Nm", "half a metre of aluminium tube, 40 mm by 3 mm, twists by 2e-4 rad/Nm"
-            ),
+            NaturalBound(1e-3, "rad/Nm", "half a metre of aluminium tube, 40 mm by 3 mm, twists by 2e-4 rad/Nm"),
         ),
         "base_compliance": (
             NaturalBound(1e-4, "rad/Nm", "a light table gives way by 1e-4 rad/Nm, a bolted base far less"),
@@ -54,20 +50,14 @@ NATURAL_BOUNDS: Mapping[str, tuple[NaturalBound, ...]] = MappingProxyType(
         "nonlinear_stiffness": (
             NaturalBound(1e-4, "rad/Nm^2", "the smallest gears lose a tenth of their stiffness for each Nm"),
         ),
-        "bearing_clearance": (
-            NaturalBound(3e-3, "rad", "bearings of joints have less than 1e-3 rad of clearance"),
-        ),
+        "bearing_clearance": (NaturalBound(3e-3, "rad", "bearings of joints have less than 1e-3 rad of clearance"),),
         "gravity_backlash": (NaturalBound(9e-3, "rad", _PLAY),),
         "backlash": (NaturalBound(9e-3, "rad", _PLAY),),
         "transmission_error": (
-            NaturalBound(
-                3.5e-3, "rad", "robot gears are made to 3e-4 rad (one arc minute), simple ones to 3e-3"
-            ),
+            NaturalBound(3.5e-3, "rad", "robot gears are made to 3e-4 rad (one arc minute), simple ones to 3e-3"),
         ),
         "strain_wave": (
-            NaturalBound(
-                1e-3, "rad", "strain wave gears are made to 4e-4 rad (makers' tables: 1.5 arc minutes)"
-            ),
+            NaturalBound(1e-3, "rad", "strain wave gears are made to 4e-4 rad (makers' tables: 1.5 arc minutes)"),
         ),
         "high_harmonic": (NaturalBound(1e-3, "rad", "encoders interpolate to 1e-3 rad and better"),),
         "cable_drag": (NaturalBound(3.5e-3, "rad", "a drive gives way to a cable by 0.2 deg at the most"),),
@@ -94,14 +84,10 @@ NATURAL_BOUNDS: Mapping[str, tuple[NaturalBound, ...]] = MappingProxyType(
         "warm_up": (NaturalBound(2e-3, "1", "aluminium grows by 1.4e-3 for 60 K"),),
         "tool_sag": (NaturalBound(10.0, "mm", "a tool that is screwed on does not hang by so much"),),
         "scanner_distortion": (
-            NaturalBound(
-                10.0, "mm", "instruments that measure arms are off by less at the edge of their field"
-            ),
+            NaturalBound(10.0, "mm", "instruments that measure arms are off by less at the edge of their field"),
         ),
         "scanner_scale": (NaturalBound(5e-3, "1", "instruments are made to 1e-4 and better"),),
-        "incidence_bias": (
-            NaturalBound(3.0, "mm", "scanners are off by tenths of a millimetre at grazing incidence"),
-        ),
+        "incidence_bias": (NaturalBound(3.0, "mm", "scanners are off by tenths of a millimetre at grazing incidence"),),
         "scanner_drift": (),  # how far it goes depends on how long it was measured
     }
 )

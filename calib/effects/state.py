@@ -37,13 +37,9 @@ class RobotState:
     table: Array  # (1 or N, n + 1, 5) rows a, alpha, d, theta, beta
     base_rotvec_rad: Array  # (1 or N, 3) turn of the whole arm about the base's origin
     displacement_mm: Array  # (1 or N, 3) of what the flange carries, base frame, after everything else
-    target_offsets_mm: Mapping[str, Array] = field(
-        default_factory=dict
-    )  # further targets, in their link's frame, (3,)
+    target_offsets_mm: Mapping[str, Array] = field(default_factory=dict)  # further targets, in their link's frame, (3,)
     seen: Seen | None = None
-    target_rotvec_rad: Array = field(
-        default_factory=lambda: np.zeros((1, 3))
-    )  # its turn about itself, base frame
+    target_rotvec_rad: Array = field(default_factory=lambda: np.zeros((1, 3)))  # its turn about itself, base frame
     _loaded: list[RobotState] = field(default_factory=list, compare=False, repr=False)  # see `loaded`
 
     @classmethod
@@ -99,15 +95,11 @@ class RobotState:
 
     def turn_base(self, rotvec_rad: ArrayLike) -> RobotState:
         """Turn the whole arm about the base's origin: (3,) or (N, 3)."""
-        return replace(
-            self, base_rotvec_rad=self.base_rotvec_rad + np.atleast_2d(np.asarray(rotvec_rad, float))
-        )
+        return replace(self, base_rotvec_rad=self.base_rotvec_rad + np.atleast_2d(np.asarray(rotvec_rad, float)))
 
     def displace(self, displacement_mm: ArrayLike) -> RobotState:
         """Move the target in the base frame: (3,) or (N, 3)."""
-        return replace(
-            self, displacement_mm=self.displacement_mm + np.atleast_2d(np.asarray(displacement_mm, float))
-        )
+        return replace(self, displacement_mm=self.displacement_mm + np.atleast_2d(np.asarray(displacement_mm, float)))
 
     def displace_in_scanner(self, displacement_mm: ArrayLike) -> RobotState:
         """Move what the scanner reports, in its own frame: (N, 3). Nothing moves where nothing was measured."""

@@ -51,9 +51,7 @@ class DistanceResiduals:
 
     def residual(self, x: Array) -> Array:
         base_mm = self._predict(x)
-        return np.concatenate(
-            [rows.whiten(rows.lengths(base_mm) - rows.measured_mm) for rows in self._setups]
-        )
+        return np.concatenate([rows.whiten(rows.lengths(base_mm) - rows.measured_mm) for rows in self._setups])
 
     def _predict(self, x: Array) -> Array:
         return self.model.predict(x, self.observed.used_poses[0], seen=self.observed.seen())

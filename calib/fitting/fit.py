@@ -25,9 +25,7 @@ class Fit:
 
     parameters: tuple[Parameter, ...]
     x: Array  # (P,)
-    covariance: (
-        Array  # (P, P) posterior: by the noise that the residual shows, and the prior where one was used
-    )
+    covariance: Array  # (P, P) posterior: by the noise that the residual shows, and the prior where one was used
     undetermined: BoolArray  # (P,) neither data nor prior bound them; their covariance is meaningless
     iterations: tuple[Iteration, ...]
     converged: bool

@@ -52,9 +52,7 @@ class Model:
 
     @cached_property
     def _all_parameters(self) -> tuple[Parameter, ...]:
-        return tuple(
-            self._named(full_name(effect, p), p) for effect in self.effects for p in effect.parameters
-        )
+        return tuple(self._named(full_name(effect, p), p) for effect in self.effects for p in effect.parameters)
 
     def _named(self, name: str, parameter: Parameter) -> Parameter:
         return replace(parameter, name=name, scale=self.prior_sigmas.get(name, parameter.scale))
@@ -136,9 +134,7 @@ class Model:
         start = RobotState.nominal(self.robot, poses, seen)
         if self.loads_of is None:
             return start
-        if (
-            not self._loaded or self._loaded[0].poses is not poses
-        ):  # a fit asks for the same poses again and again
+        if not self._loaded or self._loaded[0].poses is not poses:  # a fit asks for the same poses again and again
             self._loaded[:] = [RobotState.nominal(self.loads_of, poses)]
         return start.with_loads_at(self._loaded[0])
 
@@ -173,9 +169,7 @@ class Model:
         points_mm, by_state = point_by_state(last, target)
         return points_mm, self._by_parameters(x, before, by_state)
 
-    def linearise_pose(
-        self, x: ArrayLike, poses: Poses, seen: Seen | None = None
-    ) -> tuple[Array, Array, Array]:
+    def linearise_pose(self, x: ArrayLike, poses: Poses, seen: Seen | None = None) -> tuple[Array, Array, Array]:
         """The jig's position (N, 3), the tool's orientation base_R_tool (N, 3, 3), and their derivative (N, 6, P).
 
         The last three rows are the small turn about the base's axes, rad: base_R_tool becomes exp(turn) base_R_tool.
@@ -226,9 +220,7 @@ def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array
     eye = np.broadcast_to(np.eye(3), (len(chain_mm), 3, 3))
     still = np.zeros_like(eye)  # a turn of the target about its own point moves no point
     offsets = [_by_offset(state, name) if name == target else still for name in state.target_offsets_mm]
-    return turned_mm + state.displacement_mm, np.concatenate(
-        [by_table, by_turn, eye, still, *offsets], axis=-1
-    )
+    return turned_mm + state.displacement_mm, np.concatenate([by_table, by_turn, eye, still, *offsets], axis=-1)
 
 
 def _by_offset(state: RobotState, target: str) -> Array:
@@ -260,9 +252,7 @@ def turn_by_state(state: RobotState) -> Array:
 
 def place_of_target(state: RobotState, target: str = "jig") -> Array:
     """A target's position (N, 3), mm in the base frame, or in the flange's where that carries the scanner."""
-    return (
-        room_target(state, target) if state.robot.carries_scanner else state.place(_target_mm(state, target))
-    )
+    return room_target(state, target) if state.robot.carries_scanner else state.place(_target_mm(state, target))
 
 
 def _target_mm(state: RobotState, target: str) -> Array:

@@ -36,9 +36,8 @@ class Observations:
     poses: Poses
     points: Points
     covariance_mm2: Array  # (M, 3, 3)
-    scanner_T_base: Mapping[str, Array] | None = (
-        None  # (4, 4) by setup, scanner_T_flange where the arm carries the scanner; None: not known yet
-    )
+    # (4, 4) by setup, scanner_T_flange where the arm carries the scanner; None: not known yet
+    scanner_T_base: Mapping[str, Array] | None = None
     turn_covariance_rad2: Array | None = None  # (M, 3, 3) of the orientations, where there are any
     carried_by: Robot | None = None  # the nominal arm that carries the scanner; None: it stands in the room
     noise_floor: float = 1.0  # the least that the noise can be, over what the covariances say
@@ -51,9 +50,7 @@ class Observations:
         the dataset knows the noise's shape; over the number of measurements that it counts as.
         """
         if dataset.points is None:
-            raise FitError(
-                f"dataset {dataset.name}: no measured points yet; find the corners of its scans first"
-            )
+            raise FitError(f"dataset {dataset.name}: no measured points yet; find the corners of its scans first")
         chosen = ~dataset.poses.is_test if keep is None else np.asarray(keep, dtype=bool)
         points = dataset.points.select(chosen[dataset.points.pose])
         bad = np.flatnonzero(~np.all(np.isfinite(points.xyz_mm), axis=1))
@@ -76,9 +73,7 @@ class Observations:
         if dataset.noise is not None and dataset.noise.reshapes_points:
             points, covariance = _reshaped(dataset.noise, points, covariance)
         arm = dataset.robot if dataset.robot.carries_scanner else None
-        observed = cls(
-            dataset.poses, points, covariance, turn_covariance_rad2=turns, carried_by=arm, noise_floor=floor
-        )
+        observed = cls(dataset.poses, points, covariance, turn_covariance_rad2=turns, carried_by=arm, noise_floor=floor)
         return observed if points.counts_as is None else weighted(observed, points.counts_as)
 
     def select(self, keep: BoolArray) -> Observations:
@@ -183,9 +178,7 @@ def with_scanner_frames(
     return replace(observed, scanner_T_base=placed)
 
 
-def with_nominal_scanner_frames(
-    observed: Observations, robot: Robot, chosen: BoolArray | None = None
-) -> Observations:
+def with_nominal_scanner_frames(observed: Observations, robot: Robot, chosen: BoolArray | None = None) -> Observations:
     """The observations with scanner frames (`with_scanner_frames`) fitted to the nominal robot without effects.
 
     Effects of the scanner depend on where it stands; every fit and every evaluation takes these frames for them.

@@ -128,9 +128,7 @@ class PoseResiduals:
     @cached_property
     def _rows(self) -> BoolArray:
         """(6 M,) the equations that exist: three a point, three more where its orientation is known."""
-        return np.repeat(self.has_orientation, 6) | np.tile(
-            [True] * 3 + [False] * 3, len(self.has_orientation)
-        )
+        return np.repeat(self.has_orientation, 6) | np.tile([True] * 3 + [False] * 3, len(self.has_orientation))
 
     @cached_property
     def degrees_spent(self) -> int:

@@ -75,9 +75,7 @@ class PositionResiduals:
         base_mm = predict_points(self.model, x, self.observed)
         out = np.empty_like(base_mm)
         for rows in self._setups:
-            error_mm = (
-                frames.apply(self._frame(base_mm, rows), base_mm[rows]) - self.observed.points.xyz_mm[rows]
-            )
+            error_mm = frames.apply(self._frame(base_mm, rows), base_mm[rows]) - self.observed.points.xyz_mm[rows]
             out[rows] = np.einsum("mij,mj->mi", self._whiten[rows], error_mm)
         return out.ravel()
 

@@ -119,18 +119,14 @@ def _p_values(
     information = np.maximum(square, 0.0) + (fit.noise**2 if prior and np.isfinite(fit.noise) else 0.0)
     known = information > 1e-12 * max(float(information[-1]), 1e-300)
     spread = np.where(known, 1.0 / np.sqrt(np.where(known, information, 1.0)), 0.0)
-    lever = unweighted[:, None] * np.column_stack(
-        [residuals.frame_directions(fit.x), jacobian @ turn * spread]
-    )
+    lever = unweighted[:, None] * np.column_stack([residuals.frame_directions(fit.x), jacobian @ turn * spread])
     error = unweighted * at.residual
     row_pose = np.repeat(np.unique(observed.points.pose, return_inverse=True)[1], rows)
     row_kept = np.repeat(kept, rows)
     order = np.argsort(row_pose, kind="stable")
     blocks = np.split(order, np.flatnonzero(np.diff(row_pose[order])) + 1)
     size = np.array([len(block) for block in blocks], dtype=float)
-    distance = np.array(
-        [_distance(error[block], lever[block], fitted=bool(row_kept[block[0]])) for block in blocks]
-    )
+    distance = np.array([_distance(error[block], lever[block], fitted=bool(row_kept[block[0]])) for block in blocks])
     median = np.array([chi2_ppf(0.5, freedom) for freedom in size])
     variance = max(float(np.median(distance / median)), _FLOOR)
     return np.array([f_sf(t / (d * variance), d, _TAIL) for t, d in zip(distance, size, strict=True)])
@@ -143,9 +139,7 @@ def _distance(error: Array, lever: Array, *, fitted: bool) -> float:
     return float(error @ np.linalg.solve(variance, error))
 
 
-def resistant_core(
-    make: Callable[[Observations], Residuals], observed: Observations, *, prior: bool
-) -> BoolArray:
+def resistant_core(make: Callable[[Observations], Residuals], observed: Observations, *, prior: bool) -> BoolArray:
     """(M,) the points of poses that a Tukey fit gives weight: hardly a wrong one, not all of the right ones."""
     residuals = make(observed)
     rows = rows_of_points(residuals, observed)

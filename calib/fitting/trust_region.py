@@ -33,13 +33,9 @@ _LOOSE = 0.05  # share of a parameter in null directions that makes it undetermi
 _NO_INFLUENCE = 1e-6  # sigmas by which a whole tolerance moves the residual, below which it has no influence
 _WEIGHINGS = 8  # of the prior against the noise, at the most
 _SLOW_WEIGHINGS = 25  # where each is settled before the next
-_SUSPECT = (
-    15.0  # tolerances that a parameter was moved by, from which a fit is looked for nearer to the nominal arm
-)
+_SUSPECT = 15.0  # tolerances that a parameter was moved by, from which a fit is looked for nearer to the nominal arm
 _OVERDETERMINED = 0.2  # share of the equations that have to be left over without the floor
-_ELSEWHERE = (
-    5.0  # tolerances, the most that a parameter moves by where the noise is taken as less than the floor
-)
+_ELSEWHERE = 5.0  # tolerances, the most that a parameter moves by where the noise is taken as less than the floor
 _CONVERGED = 3e-4  # a full step would move no parameter by more than this share of its sigma
 _MEMORY = 5  # full steps that are remembered
 _SLOW = 0.3  # of the full step before

@@ -51,9 +51,7 @@ def _walk(folder: Path) -> Iterator[tuple[str, str]]:
     seen: set[tuple[int, int]] = set()
     waiting = [Path()]
     while waiting:
-        below = waiting.pop(
-            0
-        )  # all of one level before the next: the shorter of two ways to a folder is kept
+        below = waiting.pop(0)  # all of one level before the next: the shorter of two ways to a folder is kept
         place = folder / below
         try:
             status = place.stat()

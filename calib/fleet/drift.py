@@ -73,9 +73,7 @@ def consecutive(rows: Iterable[Row]) -> list[tuple[Row, Row]]:
     Those without a serial number or a date are in none. A few check poses carry no fit and are held against the last
     calibration before them.
     """
-    dated = sorted(
-        (row for row in rows if row.serial and row.date), key=lambda row: (row.arm, row.date, row.path)
-    )
+    dated = sorted((row for row in rows if row.serial and row.date), key=lambda row: (row.arm, row.date, row.path))
     out = []
     for later in range(1, len(dated)):
         row = dated[later]

@@ -60,9 +60,7 @@ class KeptResults:
             try:
                 import fcntl
 
-                fcntl.flock(
-                    lock, fcntl.LOCK_EX | fcntl.LOCK_NB
-                )  # it ends with the process, however that ends
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # it ends with the process, however that ends
             except ImportError:  # a system without: then nobody keeps two runs apart
                 pass
             except OSError:

@@ -55,9 +55,7 @@ class Fleet(Documented):
     def summary(self) -> str:
         """The counts, what the fleet has in common, what changed, what is worst and what failed."""
         passed = sum(row.passed for row in self.rows)
-        told = ", ".join(
-            f"{count} {verdict or 'without a verdict'}" for verdict, count in self.verdicts.items()
-        )
+        told = ", ".join(f"{count} {verdict or 'without a verdict'}" for verdict, count in self.verdicts.items())
         lines = [
             f"{len(self.rows)} datasets of {self.arms} arms: {passed} pass the check; {told or 'none judged'}",
         ]

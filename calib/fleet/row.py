@@ -41,9 +41,7 @@ class Row:
     joints: int
     poses: int
     points: int
-    left_out: tuple[
-        str, ...
-    ] = ()  # ids of poses that count for nothing, as no corner was found or as they stand out
+    left_out: tuple[str, ...] = ()  # ids of poses that count for nothing, as no corner was found or as they stand out
     train: Rmse = field(default_factory=Rmse)
     test: Rmse = field(default_factory=Rmse)
     noise_ratio: float | None = None  # the last error over the declared noise

@@ -187,9 +187,7 @@ def _drifts(
         )  # fmt: skip
 
     pair_keys = [pair_key(keys[base.path], keys[later.path]) for base, later in pairs]
-    found = [
-        kept.drift(base.path, later.path, key) for (base, later), key in zip(pairs, pair_keys, strict=True)
-    ]
+    found = [kept.drift(base.path, later.path, key) for (base, later), key in zip(pairs, pair_keys, strict=True)]
     for last_attempt in (False, True):  # those whose worker was lost once more
         waiting = [k for k, drift in enumerate(found) if drift is None]
         for index, future in _done(compare, (task(pairs[k]) for k in waiting), workers):

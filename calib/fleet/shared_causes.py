@@ -168,14 +168,10 @@ def best_range(has: BoolArray) -> tuple[int, int, float]:
 
     p, first, last = best(np.flatnonzero(has))
     rng = np.random.default_rng(0)
-    as_good = sum(
-        best(np.sort(rng.permutation(n)[:cases]))[0] <= p * (1.0 + 1e-9) for _ in range(PERMUTATIONS)
-    )
+    as_good = sum(best(np.sort(rng.permutation(n)[:cases]))[0] <= p * (1.0 + 1e-9) for _ in range(PERMUTATIONS))
     return first, last, min((1 + as_good) / (1 + PERMUTATIONS), p * n * (n + 1) / 2)
 
 
 def natural(text: str) -> tuple[tuple[int, int, str], ...]:
     """A key by which "A-9" comes before "A-10"."""
-    return tuple(
-        (0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", text) if part
-    )
+    return tuple((0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", text) if part)

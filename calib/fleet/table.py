@@ -44,9 +44,7 @@ def fleet_frame(rows: Sequence[Row]) -> pd.DataFrame:
         columns[parameter] = [_of(each.get(parameter), "value") for each in sizes]
         columns[f"{parameter}.sigma"] = [_of(each.get(parameter), "sigma") for each in sizes]
         columns[f"{parameter}.moves_mm"] = [_of(each.get(parameter), "moves_mm") for each in sizes]
-    numbers = [
-        name for name in columns if name.endswith(("_mm", "noise_ratio", ".sigma")) or name in parameters
-    ]
+    numbers = [name for name in columns if name.endswith(("_mm", "noise_ratio", ".sigma")) or name in parameters]
     return pd.DataFrame(columns).astype(dict.fromkeys(numbers, float))
 
 

@@ -66,18 +66,14 @@ def columns_of(
         seat[:, 3:] = MM_PER_RADIAN * stands
         absorbed.append(seat)
         if of_target is not None:  # further targets have no orientation
-            jig = [
-                k for k, target in enumerate(targets) if target.name == "jig"
-            ]  # among them in the room alone
+            jig = [k for k, target in enumerate(targets) if target.name == "jig"]  # among them in the room alone
             for block in (columns, *absorbed):
                 block[~np.isin(of_target, [-1, *jig]), 3:] = 0.0
     moved = np.linalg.norm(columns, axis=(0, 1))
     columns = np.asarray(columns.reshape(-1, columns.shape[-1]), dtype=np.float64)
     if absorbed:
         height = len(columns) // len(q)  # 3 rows a position, 6 a full pose
-        basis = orthonormal(
-            np.concatenate([a[:, :height] for a in absorbed], axis=2).reshape(len(columns), -1)
-        )
+        basis = orthonormal(np.concatenate([a[:, :height] for a in absorbed], axis=2).reshape(len(columns), -1))
         columns = columns - basis @ (basis.T @ columns)
     return columns, moved
 
@@ -95,9 +91,7 @@ def _columns_of_targets(
         points_mm[rows] = (link[:, :3, :3] @ np.array(target.xyz_mm) + link[:, :3, 3])[rows]
         by_table[rows] = kinematics.link_point_jacobian(chain, points_mm, target.joint)[rows]
         by_place[rows, :, k] = link[rows, :3, :3]
-    return points_mm, np.concatenate(
-        [part.reshape(len(of_target), 3, -1) for part in (by_table, by_place)], axis=2
-    )
+    return points_mm, np.concatenate([part.reshape(len(of_target), 3, -1) for part in (by_table, by_place)], axis=2)
 
 
 def _columns_in_room(
@@ -108,9 +102,7 @@ def _columns_in_room(
     points_mm, by_table, by_place = kinematics.seen_from_flange(chain, places_mm)
     by_places = np.zeros((len(of_target), 3, len(targets), 3))
     by_places[np.arange(len(of_target)), :, of_target] = by_place
-    return points_mm, np.concatenate(
-        [part.reshape(len(of_target), 3, -1) for part in (by_table, by_places)], axis=2
-    )
+    return points_mm, np.concatenate([part.reshape(len(of_target), 3, -1) for part in (by_table, by_places)], axis=2)
 
 
 def _motion(points_mm: Array, rows: IndexArray) -> Array:
@@ -127,7 +119,5 @@ def _distance_columns(points_mm: Array, by_parameter: Array) -> Array:
     along = points_mm[1:] - points_mm[0]
     length = np.linalg.norm(along, axis=1)
     keep = length > 1e-6
-    columns = np.einsum(
-        "ki,kip->kp", along[keep] / length[keep, None], (by_parameter[1:] - by_parameter[0])[keep]
-    )
+    columns = np.einsum("ki,kip->kp", along[keep] / length[keep, None], (by_parameter[1:] - by_parameter[0])[keep])
     return np.asarray(columns)

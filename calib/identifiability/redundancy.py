@@ -39,9 +39,7 @@ class Redundancy(Documented, Viewed):
     mixed_groups: tuple[tuple[str, ...], ...]  # |r| = 1 among all parameters, where units differ
     rank: int  # of the Jacobian: how many parameters can be identified
     independent: tuple[str, ...]  # the first `rank` parameters with independent columns
-    combinations: tuple[
-        dict[str, float], ...
-    ]  # coefficients of corrections that cancel: three or more parameters
+    combinations: tuple[dict[str, float], ...]  # coefficients of corrections that cancel: three or more parameters
     measured_by: str = ""  # by which measurements, as text
     observed: str = "the measured point"  # what parameters without influence leave unchanged
 
@@ -131,9 +129,7 @@ def analyse(
         raise FitError("the Jacobian is not finite; check the robot's table and the joint angles")
     norm = np.linalg.norm(columns, axis=0)
     whole = norm if moved is None else np.asarray(moved, dtype=float)
-    largest = np.array(
-        [max((n for n, v in zip(whole, units, strict=True) if v == u), default=0.0) for u in units]
-    )
+    largest = np.array([max((n for n, v in zip(whole, units, strict=True) if v == u), default=0.0) for u in units])
     is_zero = norm <= _ZERO * np.maximum(largest, 1e-300)
     pearson = pearson_matrix(columns, is_zero)
     same_unit = np.array([[a == b for b in units] for a in units])
@@ -194,7 +190,5 @@ def _dependencies(
             # Corrections x with J x = 0, in lowest form: the smallest coefficient is 1, the first is positive.
             relation = {names[k]: -float(w * norm[j] / norm[k]) for k, w in used} | {names[j]: 1.0}
             unit_size = min(map(abs, relation.values())) * np.sign(next(iter(relation.values())))
-            relations[names[j]] = {
-                name: float(f"{value / unit_size:.9g}") for name, value in relation.items()
-            }
+            relations[names[j]] = {name: float(f"{value / unit_size:.9g}") for name, value in relation.items()}
     return tuple(names[k] for k in chosen), relations

@@ -69,9 +69,7 @@ def taken_up_by_scanner(dataset: Dataset) -> tuple[str, ...]:
     if not dataset.robot.carries_scanner:
         try:
             return redundancy(dataset, residual="distance").no_influence
-        except (
-            FitError
-        ):  # all training poses have the target in one place: no distance, and a frame takes up all
+        except FitError:  # all training poses have the target in one place: no distance, and a frame takes up all
             pass
     columns, moved, names, units = _at_training_poses(dataset, "position", frame_known=False)
     return analyse(columns, names, units, moved=moved).no_influence
@@ -97,9 +95,7 @@ class FreeFrameRank:
                 "arm and of the tool are taken up by the scanner's place, those at the base by the targets'."
             )
         if self.residual in _OBSERVED:
-            what, option = (
-                ("full poses", " --residual pose") if self.residual == "pose" else ("positions", "")
-            )
+            what, option = ("full poses", " --residual pose") if self.residual == "pose" else ("positions", "")
             return (
                 f"With the scanner's place unknown, as `calibrate{option}` has it, {what} tell {self.here} at these "
                 f"poses, and {best} at best (this arm at generic poses)."
@@ -217,9 +213,7 @@ def _further_targets(robot: Robot, measured: Collection[str], residual: str) -> 
     if robot.carries_scanner:
         known = {target.name: target for target in robot.targets if target.in_room}
         return tuple(known.get(name, Target(name, _SOMEWHERE_MM, in_room=True)) for name in sorted(measured))
-    return tuple(
-        t for t in robot.targets if t.name in measured and (residual != "distance" or t.name == "jig")
-    )
+    return tuple(t for t in robot.targets if t.name in measured and (residual != "distance" or t.name == "jig"))
 
 
 def _names_and_units(robot: Robot, targets: tuple[Target, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -29,9 +29,7 @@ class ToolRows:
     """The parameters of the tool row by what can be known of each, with the scanner's place known."""
 
     known: tuple[str, ...]  # each alone
-    sums: Mapping[
-        str, tuple[str, ...]
-    ]  # known only together with these: one of them at the nominal tells the other
+    sums: Mapping[str, tuple[str, ...]]  # known only together with these: one of them at the nominal tells the other
     unseen: tuple[str, ...]  # move nothing that is measured, and stay as robot.toml has them
     residual: str
     on_flange: bool = False  # the arm carries the scanner

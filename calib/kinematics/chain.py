@@ -51,9 +51,7 @@ class Chain:
         return self.base_T_frame[:, -1, :3, 3]
 
 
-def forward(
-    table: ArrayLike, q: ArrayLike, is_revolute: ArrayLike, base_T_first: ArrayLike | None = None
-) -> Chain:
+def forward(table: ArrayLike, q: ArrayLike, is_revolute: ArrayLike, base_T_first: ArrayLike | None = None) -> Chain:
     """All frames of an arm at N joint vectors, base frame: products of the links' transforms (Jang eq 3).
 
     Args:

@@ -118,9 +118,7 @@ class Robot:
     gravity_m_s2: Vector = (0.0, 0.0, -9.81)
     targets: tuple[Target, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
-    coupling: tuple[
-        tuple[float, ...], ...
-    ] = ()  # (n, n) joint values by commanded ones; (): they are the same
+    coupling: tuple[tuple[float, ...], ...] = ()  # (n, n) joint values by commanded ones; (): they are the same
     base: Base = field(default_factory=Base)
     carries_scanner: bool = False
     """Whether the scanner sits on the flange and measures targets in the room, not in the room measuring the tool."""
@@ -141,9 +139,7 @@ class Robot:
 
     @property
     def parameter_units(self) -> tuple[str, ...]:
-        return tuple(
-            "mm" if kind in LENGTH_KINDS else "rad" for _ in self.frame_names for kind in PARAMETER_KINDS
-        )
+        return tuple("mm" if kind in LENGTH_KINDS else "rad" for _ in self.frame_names for kind in PARAMETER_KINDS)
 
     @property
     def is_revolute(self) -> BoolArray:
@@ -183,9 +179,7 @@ class Robot:
         """The same robot with other link parameters (n + 1, 5)."""
         table = np.asarray(table, dtype=float)
         if table.shape != (self.n_joints + 1, len(PARAMETER_KINDS)):
-            raise ValueError(
-                f"a table for {self.n_joints} joints is {self.n_joints + 1} x 5, got {table.shape}"
-            )
+            raise ValueError(f"a table for {self.n_joints} joints is {self.n_joints + 1} x 5, got {table.shape}")
         rows = [dict(zip(_ROW_FIELDS, map(float, row), strict=True)) for row in table]
         joints = tuple(replace(joint, **row) for joint, row in zip(self.joints, rows[:-1], strict=True))  # type: ignore[arg-type]
         return replace(self, joints=joints, tool=replace(self.tool, **rows[-1]))  # type: ignore[arg-type]

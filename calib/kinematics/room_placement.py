@@ -124,9 +124,7 @@ class _Problem:
     scanner_R_jig: Array | None = None  # (M, 3, 3), nan where it is not known
 
     @classmethod
-    def of(
-        cls, base_T_flange: Array, scanner_mm: Array, setup: NDArray[np.str_], target: NDArray[np.str_]
-    ) -> _Problem:
+    def of(cls, base_T_flange: Array, scanner_mm: Array, setup: NDArray[np.str_], target: NDArray[np.str_]) -> _Problem:
         setups, targets = np.unique(setup), np.unique(target)
         centre_mm = base_T_flange[:, :3, 3].mean(axis=0)
         return cls(

@@ -26,9 +26,7 @@ Labellings = tuple[Orientation, Orientation, Orientation]  # one for each cyclic
 
 _MEASURE_MORE = "measure three poses or more there that lie apart, and not on one line"
 _MARK_IT = "or mark the jig (unequal face_angles_deg in dataset.toml)"
-_MOST_LOOSE_RAD = (
-    0.2  # rms misfit over rms spread of a setup's corners, beyond which no attitude is predicted
-)
+_MOST_LOOSE_RAD = 0.2  # rms misfit over rms spread of a setup's corners, beyond which no attitude is predicted
 _HYPOTHESES = 40
 
 
@@ -38,9 +36,7 @@ def _turn_deg(rotation: Array) -> Array:
     return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
-def predicted_attitudes(
-    dataset: Dataset, corners: Mapping[str, Corner]
-) -> tuple[dict[str, Array], dict[str, str]]:
+def predicted_attitudes(dataset: Dataset, corners: Mapping[str, Corner]) -> tuple[dict[str, Array], dict[str, str]]:
     """scanner_R_tool (3, 3) by pose id, from the nominal arm and the corners' positions; of the other poses, why not.
 
     Only of setups whose corners are spread enough to determine the scanner's frame.
@@ -70,9 +66,7 @@ def predicted_attitudes(
         ids = [dataset.poses.ids[pose] for pose in points.pose[rows]]
         spread = np.linalg.svd(base_mm[rows] - base_mm[rows].mean(axis=0), compute_uv=False)
         off_mm = np.linalg.norm(frames.apply(scanner_T_base, base_mm[rows]) - points.xyz_mm[rows])
-        rms_mm = [
-            float(value) / np.sqrt(len(rows)) for value in (off_mm, spread[1] if len(rows) > 1 else 0.0)
-        ]
+        rms_mm = [float(value) / np.sqrt(len(rows)) for value in (off_mm, spread[1] if len(rows) > 1 else 0.0)]
         if len(rows) < 3 or rms_mm[1] < 1.0:
             few = f"{len(rows)} corner{'' if len(rows) == 1 else 's'}"
             why |= dict.fromkeys(ids, f"{few} of its setup do not place the scanner; {_MEASURE_MORE}")
@@ -180,9 +174,7 @@ def label_by_angles(three: Mapping[str, Labellings]) -> FaceLabels | None:
     )
 
 
-def label_by_continuity(
-    three: Mapping[str, Labellings], why: Mapping[str, str], dataset: Dataset
-) -> FaceLabels:
+def label_by_continuity(three: Mapping[str, Labellings], why: Mapping[str, str], dataset: Dataset) -> FaceLabels:
     """Each pose labelled as the one before it, where it turned little; the first with face 1 along the scanner's x."""
     labelled: dict[str, Orientation] = {}
     off: dict[str, float] = {}

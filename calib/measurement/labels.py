@@ -25,24 +25,18 @@ class FaceLabels:
 
     by: str  # "robot", "angles" or "continuity"
     orientations: Mapping[str, Orientation]  # by pose id
-    off: Mapping[
-        str, float
-    ]  # by pose id: difference of the best labelling from what was expected; see `unit`
+    off: Mapping[str, float]  # by pose id: difference of the best labelling from what was expected; see `unit`
     margin: Mapping[str, float]  # by pose id: how much larger the next-best labelling's difference is
     unit: str  # of both: "deg", or "squared sigmas" where the jig's angles decide
     refused: Mapping[str, str]  # pose id -> why its faces cannot be labelled
-    found_angles_deg: tuple[float, float, float] | None = (
-        None  # used instead of the jig's, where those do not fit
-    )
+    found_angles_deg: tuple[float, float, float] | None = None  # used instead of the jig's, where those do not fit
     lack: str = ""  # of the first refused pose: why it has no labels, and what would help
 
     def summary(self) -> str:
         """One line: what the labels follow from, the least margin, and how many poses were refused."""
         needed = LEAST_MARGIN_DEG if self.unit == "deg" else LEAST_MISFIT_MARGIN
         least = (
-            f", margin {min(self.margin.values()):.4g} {self.unit} or more (needed: {needed:g})"
-            if self.margin
-            else ""
+            f", margin {min(self.margin.values()):.4g} {self.unit} or more (needed: {needed:g})" if self.margin else ""
         )
         first = next(iter(self.refused.items()), None)
         refused = f"; {len(self.refused)} refused, {first[0]}: {first[1]}" if first else ""

@@ -140,9 +140,7 @@ def _field(file: JsonFile, place: Place, value: Any, hint: Any, robot: Robot) ->
     return file.checked(place, value, hint, _decoded)
 
 
-def _users(
-    file: JsonFile, place: Place, document: Mapping[str, Any], user_effects: Sequence[Family]
-) -> Effect:
+def _users(file: JsonFile, place: Place, document: Mapping[str, Any], user_effects: Sequence[Family]) -> Effect:
     """The same member of the user's effects."""
     family = document["family"]
     members = [member for found in user_effects if found.name == family for member in found.members]

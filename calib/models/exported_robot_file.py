@@ -18,9 +18,7 @@ def exported_robot_file(table: ExportedTable, template: Path) -> CalibratedFile:
     """
     dataset = table.full.dataset
     names = ", ".join(table.left_out)
-    comment = (
-        f"origins calibrated by {PROGRAM} {version(PROGRAM)} with dataset {dataset.name}: {table.error_words}"
-    )
+    comment = f"origins calibrated by {PROGRAM} {version(PROGRAM)} with dataset {dataset.name}: {table.error_words}"
     notes = []
     if names:
         notes.append(f"no origin holds {names}; these are the origins that are best without: {table.words}")

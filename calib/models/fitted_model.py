@@ -99,9 +99,7 @@ class FittedModel:
         q = np.array(q, dtype=float)
         joints = self.model.robot.n_joints
         if q.ndim != 2 or q.shape[1] != joints:
-            raise FitError(
-                f"joint vectors for {self.model.robot.name} have shape (N, {joints}), found {q.shape}"
-            )
+            raise FitError(f"joint vectors for {self.model.robot.name} have shape (N, {joints}), found {q.shape}")
         targets = ("jig", *(known.name for known in self.model.robot.targets if not known.in_room))
         if target not in targets:
             raise FitError(f"no target named {target!r}; there are {', '.join(targets)}")
@@ -126,9 +124,7 @@ class FittedModel:
         self.require_conditions(conditions)
         robot = nominal or self.model.robot
         open_ended = np.where(np.isfinite(self.sigma), 0.0, self.model.scales**2)
-        covariance = self.covariance + np.diag(
-            open_ended
-        )  # what no point tells is known by its tolerance alone
+        covariance = self.covariance + np.diag(open_ended)  # what no point tells is known by its tolerance alone
         full_poses = self.options.residual == "pose"
         known = FitKnowledge(covariance, frozenset(self.options.held), full_poses, self.trained)
         return corrected_joints(
@@ -237,9 +233,7 @@ def _source(dataset: Dataset, outliers: tuple[str, ...]) -> Source:
     assert points is not None
     seen = np.unique(points.pose[~dataset.poses.is_test[points.pose]])
     files = {} if dataset.folder is None else fingerprint(dataset)
-    return Source(
-        dataset.name, files, tuple(dataset.poses.ids[i] for i in seen), program_version(), fitted.left_out
-    )
+    return Source(dataset.name, files, tuple(dataset.poses.ids[i] for i in seen), program_version(), fitted.left_out)
 
 
 def _has(poses: Poses, column: str) -> bool:

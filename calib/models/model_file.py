@@ -89,9 +89,7 @@ def model_text(fitted: FittedModel) -> str:
                 "sigma": sigma,
                 "prior_sigma": p.scale,
             }
-            for p, change, sigma in zip(
-                model.parameters, fitted.x.tolist(), fitted.sigma.tolist(), strict=True
-            )
+            for p, change, sigma in zip(model.parameters, fitted.x.tolist(), fitted.sigma.tolist(), strict=True)
         ],
         "scanner_T_base": {} if model.robot.carries_scanner else fitted.scanner_T_base,
         "scanner_T_flange": fitted.scanner_T_base if model.robot.carries_scanner else {},

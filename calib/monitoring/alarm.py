@@ -26,9 +26,7 @@ def weight(kind: Kind) -> float:
     return 1.0 if kind.what in USUAL else UNUSUAL_WEIGHT
 
 
-def chance_of_least(
-    bases: Sequence[Array], weights: Sequence[float], least: float, noise_freedom: float
-) -> float:
+def chance_of_least(bases: Sequence[Array], weights: Sequence[float], least: float, noise_freedom: float) -> float:
     """P(the least weighted p-value of all kinds is at most `least`) where nothing changed.
 
     bases: of each kind the orthonormal columns (R, K) of what it makes of whitened residuals (R,).

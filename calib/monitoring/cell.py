@@ -56,14 +56,10 @@ class Cell:
         observed = Observations.of(poses, np.ones(len(new.poses), dtype=bool))
         count = len(np.unique(observed.points.pose))
         if count < _FEWEST:
-            raise FitError(
-                f"dataset {new.name}: found {count} measured poses; a check takes {_FEWEST} or more"
-            )
+            raise FitError(f"dataset {new.name}: found {count} measured poses; a check takes {_FEWEST} or more")
         setups = np.unique(observed.setup)
         if len(setups) > 1:
-            raise FitError(
-                f"dataset {new.name}: found {len(setups)} placements of the scanner; watch each by itself"
-            )
+            raise FitError(f"dataset {new.name}: found {len(setups)} placements of the scanner; watch each by itself")
         known = not scanner_moved and str(setups[0]) in base.after.scanner_T_base
         observed = with_nominal_scanner_frames(observed, base.model.placed_robot)
         at_mm, by_x = linearise_points(base.model, base.fit.x, observed)
@@ -135,9 +131,7 @@ class Cell:
         size = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
         sigma = size / max(np.sqrt(test.gain), 1e-9)
         instead = () if arm else as_well([*self.fixed.tests(self.kinds), test], test)
-        return replace(
-            found, size=size, sigma=float(sigma), p_value=test.p_value, as_well=(*self.alike, *instead)
-        )
+        return replace(found, size=size, sigma=float(sigma), p_value=test.p_value, as_well=(*self.alike, *instead))
 
     def beside(self, kind: Kind, arm: list[Kind], *, scanner_moved: bool) -> Found:
         """Size and sigma of a change beside those that were found; the sigma is infinite where nothing shows it."""

@@ -16,9 +16,7 @@ ALARM = 0.005  # probability of an alarm where nothing changed, over all kinds
 NOISIER = 0.0005  # probability of telling more noise where there is none
 NAMED = 0.003  # of a change of the arm whatever the scanner did, over all kinds, where it explains everything alone
 NAMED_BESIDE = 0.0003  # the same where the scanner shows beside it
-ALONE = (
-    0.05  # p-value of the scanner beside a change of the arm, from which on that explains everything alone
-)
+ALONE = 0.05  # p-value of the scanner beside a change of the arm, from which on that explains everything alone
 AS_WELL = 6.0  # chi squared by which another change may explain less and still be said
 _ROUNDING = 1e-6  # share of a movement: what shows no more of it is not seen
 _EACH = 2.5  # chi squared that each number of a change has to explain
@@ -111,9 +109,7 @@ class ChangeTests:
     def _rest(self, given: list[Kind]) -> tuple[Array, Array]:
         basis = np.zeros((len(self.y), 0))
         if given:
-            u, s, _ = np.linalg.svd(
-                np.concatenate([self.rows(k) for k in given], axis=1), full_matrices=False
-            )
+            u, s, _ = np.linalg.svd(np.concatenate([self.rows(k) for k in given], axis=1), full_matrices=False)
             basis = u[:, s > 1e-9 * s[0]]
         return self.y - basis @ (basis.T @ self.y), basis
 
@@ -126,9 +122,7 @@ class ChangeTests:
             columns = self.rows(kind)
             length = np.linalg.norm(columns, axis=0)
             whole = usual * np.linalg.norm(kind.columns, axis=(0, 1))
-            columns = np.where(
-                length > _ROUNDING * whole, columns / np.maximum(length, 1e-300), 0.0
-            )  # mm beside rad
+            columns = np.where(length > _ROUNDING * whole, columns / np.maximum(length, 1e-300), 0.0)  # mm beside rad
             free = columns - basis @ (basis.T @ columns)
             u, s, _ = np.linalg.svd(free, full_matrices=False)
             seen = s > 1e-3

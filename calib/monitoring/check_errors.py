@@ -54,6 +54,4 @@ class CheckErrors:
 
     def visits(self, session: str) -> Visits:
         """The visits to the poses in the base frame, as ISO 9283's figures take them."""
-        return Visits(
-            session, self.pose_ids, self.poses.q[self.pose], self.target, self.off_mm @ self.scanner_R_base
-        )
+        return Visits(session, self.pose_ids, self.poses.q[self.pose], self.target, self.off_mm @ self.scanner_R_base)

@@ -61,9 +61,7 @@ def series(seen: Sequence[Watched]) -> pd.DataFrame:
         for found in w.usual:
             name, unit = usual_name(found).rsplit("_", 1)
             size, sigma = shown_size(found)
-            shown = (
-                (size, sigma) if np.isfinite(sigma) else (None, None)
-            )  # an empty cell: not seen by these poses
+            shown = (size, sigma) if np.isfinite(sigma) else (None, None)  # an empty cell: not seen by these poses
             row |= dict(zip((f"{name}_{unit}", f"{name}_sigma_{unit}"), shown, strict=True))
         rows.append(row)
     return pd.DataFrame(rows)
@@ -97,10 +95,6 @@ def repeat_lines(repeats: Sequence[PoseFigures]) -> list[str]:
         "dAP": [p.dap_mm for p in repeats],
         "dRP": [p.drp_mm for p in repeats],
     }
-    told = [
-        f"{name} {max(known):.3g} mm"
-        for name, v in worst.items()
-        if (known := [x for x in v if x is not None])
-    ]
+    told = [f"{name} {max(known):.3g} mm" for name, v in worst.items() if (known := [x for x in v if x is not None])]
     count = f"{len(repeats)} poses were visited again" if len(repeats) > 1 else "1 pose was visited again"
     return [f"{count}, at the most {', '.join(told)}. {CAVEAT}"]

@@ -96,9 +96,7 @@ def pose_figures(sessions: Sequence[Visits]) -> tuple[PoseFigures, ...]:
         for key, rows in rows_of.items():
             off_mm = visits.off_mm[rows]
             rp_mm = repeatability_mm(off_mm) if len(rows) > 1 else None
-            figures = SessionFigures(
-                visits.session, visits.pose_ids[rows[0]], len(rows), off_mm.mean(axis=0), rp_mm
-            )
+            figures = SessionFigures(visits.session, visits.pose_ids[rows[0]], len(rows), off_mm.mean(axis=0), rp_mm)
             found.setdefault(key, []).append(figures)
     several = (figures for figures in found.values() if len(figures) > 1 or figures[0].visits > 1)
     return tuple(PoseFigures(tuple(figures)) for figures in several)

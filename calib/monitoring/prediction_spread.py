@@ -47,10 +47,7 @@ class Spread:
         values = _without(values, self.blind)
         along = self.axes.T @ values
         shrink = 1.0 - self.noise / np.hypot(self.noise, self.sizes)
-        return (
-            np.asarray(values - self.axes @ (shrink.reshape(-1, *[1] * (along.ndim - 1)) * along))
-            / self.noise
-        )
+        return np.asarray(values - self.axes @ (shrink.reshape(-1, *[1] * (along.ndim - 1)) * along)) / self.noise
 
     def total_weight(self, blocks: Array) -> float:
         """The squared Frobenius norm of the inverse root times the block diagonal matrix of blocks (M, 3, 3)."""

@@ -55,9 +55,7 @@ class Watched(Documented, Viewed):
     changes: tuple[Found, ...]
     detectable: tuple[Detectable, ...]
     errors: CheckErrors
-    usual: tuple[
-        Found, ...
-    ]  # each joint's zero and the tool, as if that alone had changed, whether it did or not
+    usual: tuple[Found, ...]  # each joint's zero and the tool, as if that alone had changed, whether it did or not
     rmse_free_mm: float  # 3D, the scanner's place fitted anew
     expected_mm: float  # 3D, of what the earlier fit and its noise leave
     p_unchanged: float
@@ -96,11 +94,7 @@ class Watched(Documented, Viewed):
     def unseen_words(self) -> tuple[str, ...]:
         """What these poses could not have seen, and which of them the model is not confirmed at, a sentence each."""
         never = [_detectable_name(d) for d in self.unseen if d.size is None]
-        late = [
-            f"{_detectable_name(d)} below {size_words(d.size, d.unit)}"
-            for d in self.unseen
-            if d.size is not None
-        ]
+        late = [f"{_detectable_name(d)} below {size_words(d.size, d.unit)}" for d in self.unseen if d.size is not None]
         out = []
         if never:
             out.append(f"never seen by these poses, or taken for the scanner: {', '.join(never)}")
@@ -118,9 +112,7 @@ class Watched(Documented, Viewed):
 def _words(change: Found) -> str:
     if change.what == NOISE:
         return f"the noise is {change.size:.2g} times what it was"
-    scanner = (
-        "the scanner (or the base) moved" if BASE in change.as_well else "the scanner moved on the flange"
-    )
+    scanner = "the scanner (or the base) moved" if BASE in change.as_well else "the scanner moved on the flange"
     where = {"scanner": scanner, "tool": "the tool moved", "jig": "the jig (or the base) moved"}
     names = {
         "joint_zero": "the zero",
@@ -149,9 +141,7 @@ def watch(base: Calibration, new: Dataset, *, scanner_moved: bool = False) -> Wa
     if new.robot.is_revolute.tolist() != base.dataset.robot.is_revolute.tolist():
         raise FitError(f"dataset {new.name}: its robot has other joints than that of {base.dataset.name}")
     if new.robot.carries_scanner != base.dataset.robot.carries_scanner:
-        places = [
-            "on the flange" if of.robot.carries_scanner else "in the room" for of in (new, base.dataset)
-        ]
+        places = ["on the flange" if of.robot.carries_scanner else "in the room" for of in (new, base.dataset)]
         raise FitError(
             f"dataset {new.name}: its scanner is {places[0]}, that of {base.dataset.name} {places[1]}; check with the "
             "scanner where it was"
@@ -230,7 +220,6 @@ def _of_arm_and_scanner(cell: Cell) -> list[Found]:
     moved = cell.scanner_moved(arm)
     view = cell.free if moved is not None or not cell.scanner_known else cell.fixed
     found = [
-        replace(view.found(kind, arm), p_value=p, as_well=others)
-        for kind, (p, others) in zip(arm, said, strict=True)
+        replace(view.found(kind, arm), p_value=p, as_well=others) for kind, (p, others) in zip(arm, said, strict=True)
     ]
     return found if moved is None else [*found, moved]

@@ -34,9 +34,7 @@ class ClusterTolerances:
     """When a set belongs to a group."""
 
     parallel_rad: float  # process 1: largest angle between the normals
-    in_plane_rad: (
-        float  # process 2: how far from 90 deg the way from centre to centre may be, to both normals
-    )
+    in_plane_rad: float  # process 2: how far from 90 deg the way from centre to centre may be, to both normals
     height_mm: float  # process 3: largest height of a set's centre over the founder
     sigma_mm: float  # noise along the normal: the unit of the later rounds' tolerances
 
@@ -101,9 +99,7 @@ class _FreeSets:
         origin = np.median(centroids, axis=0) if len(order) else np.zeros(3)
         points = sets.points_mm[order] - origin
         second = np.matmul(points.transpose(0, 2, 1), points).reshape(-1, 9) / points.shape[1]
-        return _FreeSets(
-            order, centroids, sets.normals[order], np.hstack([centroids - origin, second]), origin
-        )
+        return _FreeSets(order, centroids, sets.normals[order], np.hstack([centroids - origin, second]), origin)
 
     def without(self, joins: IndexArray) -> _FreeSets:
         """Those that stay free."""

@@ -44,9 +44,7 @@ class SampleSets:
 class FilterTolerances:
     """What the three filters accept."""
 
-    distance_mm: tuple[
-        float, float
-    ]  # filter 1: least and largest distance of a point from the set's centroid
+    distance_mm: tuple[float, float]  # filter 1: least and largest distance of a point from the set's centroid
     point_normals_rad: float  # filter 2: largest angle between two points' own normals
     triangle_normals_rad: float  # filter 3: largest angle of a triangle's normal to the points' mean normal
 

@@ -99,9 +99,7 @@ def _of(question: Question, chosen: Sequence[int]) -> Array:
     return np.asarray(rows.T @ rows)
 
 
-def _by_worth(
-    questions: Sequence[Question], together: str, fixed: list[int], chosen: list[int]
-) -> IndexArray:
+def _by_worth(questions: Sequence[Question], together: str, fixed: list[int], chosen: list[int]) -> IndexArray:
     """The chosen in the order in which a greedy search among them alone would take them."""
     informations = [question.known + _of(question, fixed) for question in questions]
     search = _Search([replace(question, rows=question.rows[chosen]) for question in questions], together)

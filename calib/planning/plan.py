@@ -145,14 +145,10 @@ def _blocked_ways(start: Start, planned: Poses) -> tuple[str, ...]:
     if not len(blocked):
         return ()
     ways = ", ".join(f"{planned.ids[k]} to {planned.ids[k + 1]}" for k in blocked)
-    return (
-        f"moving all joints at once leads through floor, box, scanner or the arm itself: {ways}; go around",
-    )
+    return (f"moving all joints at once leads through floor, box, scanner or the arm itself: {ways}; go around",)
 
 
-def _members(
-    start: Start, offered: Poses, names: Sequence[str], user_effects: Sequence[Family]
-) -> tuple[Effect, ...]:
+def _members(start: Start, offered: Poses, names: Sequence[str], user_effects: Sequence[Family]) -> tuple[Effect, ...]:
     """The members of these families for the unknowns, those that the fit has already apart.
 
     Raises CalibError for a family that the planned poses cannot test either, or that is at a few of many places.
@@ -212,9 +208,7 @@ def _order(situation: Situation, chosen: IndexArray) -> IndexArray:
     start, poses = situation.start, situation.candidates.select(chosen)
     at = start.measured.q[np.argmax(start.measured.order)] if start.measured is not None else None
     kept = [values for values in (poses.temperature_c, poses.payload_kg) if values is not None]
-    groups = np.unique(np.column_stack([np.zeros(len(chosen)), *kept]), axis=0, return_inverse=True)[
-        1
-    ].ravel()
+    groups = np.unique(np.column_stack([np.zeros(len(chosen)), *kept]), axis=0, return_inverse=True)[1].ravel()
     out: list[int] = []
     for group in range(groups.max() + 1):
         rows = np.flatnonzero(groups == group)

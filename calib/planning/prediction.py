@@ -61,9 +61,7 @@ class Prediction:
         return f"{self.geometry_mm:.2g} mm (90 % of arms: {self.low_mm:.2g} to {self.high_mm:.2g})"
 
 
-def predicted(
-    region: Region, information: Array, degrees_of_freedom: float, rng: np.random.Generator
-) -> Prediction:
+def predicted(region: Region, information: Array, degrees_of_freedom: float, rng: np.random.Generator) -> Prediction:
     """The error of a fit with this information (K, K); its noise is known by so many degrees of freedom."""
     covariance = inverse(information)
     root = covariance_root(covariance)
@@ -92,9 +90,7 @@ def _squares(seen: Array) -> Array:
     return np.asarray(np.linalg.svd(seen, compute_uv=False) ** 2)
 
 
-def _of_weights(
-    weights: Array, noise_mm2: float, degrees_of_freedom: float, rng: np.random.Generator
-) -> Prediction:
+def _of_weights(weights: Array, noise_mm2: float, degrees_of_freedom: float, rng: np.random.Generator) -> Prediction:
     mean = float(weights.sum())
     drawn = rng.chisquare(1.0, (_DRAWS, len(weights))) @ weights
     if np.isfinite(degrees_of_freedom) and degrees_of_freedom > 2.0:

@@ -20,9 +20,7 @@ def reasons(situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
     whole = situation.information(chosen)
     p = len(situation.unknowns.scales)
     with_all = np.diag(inverse(whole))[:p]
-    names = [
-        name.rpartition(".")[0] or name for name in situation.unknowns.parameter_names
-    ]  # without the symbol
+    names = [name.rpartition(".")[0] or name for name in situation.unknowns.parameter_names]  # without the symbol
     out = []
     for candidate in chosen:
         rows = situation.rows[candidate]

@@ -96,9 +96,7 @@ class Unknowns:
             base_mm = self.model.predict(self.x, poses, target)
             seen[:, k] = np.einsum("nij,nj->ni", placed[:, :3, :3], base_mm) + placed[:, :3, 3]
         count = len(self.targets)
-        points = Points(
-            np.repeat(np.arange(len(poses)), count), seen.reshape(-1, 3), np.tile(self.targets, len(poses))
-        )
+        points = Points(np.repeat(np.arange(len(poses)), count), seen.reshape(-1, 3), np.tile(self.targets, len(poses)))
         covariance = np.broadcast_to(self.point_covariance_mm2, (len(points), 3, 3))
         if self.noise_shape is not None and self.noise_shape.reshapes_points:
             covariance = shaped_covariance(noise_factors(self.noise_shape, points.xyz_mm), covariance)

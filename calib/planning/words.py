@@ -31,11 +31,7 @@ def heading(plan: Plan) -> str:
     purpose = plan.purpose
     aim = "to watch the cell" if purpose.name == WATCH else f"for {purpose.name}"
     if isinstance(purpose, ForCalibration):
-        aim = (
-            "to know the parameters (D-optimal)"
-            if purpose.criterion == "D"
-            else f"to be right at {plan.region}"
-        )
+        aim = "to know the parameters (D-optimal)" if purpose.criterion == "D" else f"to be right at {plan.region}"
         aim += " (I-optimal)" if purpose.criterion == "I" else ""
     said = "" if count == 1 else "; rank 1 tells most, the last ranks can be left out first"
     return f"{count} pose{'' if count == 1 else 's'} for {name}, {aim}{said}"
@@ -53,9 +49,7 @@ def error_lines(plan: Plan) -> list[str]:
     out.append(f"by the number of new poses, mm: {', '.join(told)}")
     share = f"{100 * PAYS:.0f} %"
     if plan.enough is None:
-        out.append(
-            f"more poses pay: {STEP} more lower it by over {share}, up to {len(plan.curve_mm) - 1} new ones"
-        )
+        out.append(f"more poses pay: {STEP} more lower it by over {share}, up to {len(plan.curve_mm) - 1} new ones")
     else:
         out.append(f"from {plan.enough} new poses on, {STEP} more lower it by less than {share}")
     if plan.settles is not None:

@@ -67,9 +67,7 @@ def calibrated_urdf(
     elif not text.tip_written:
         notes.append(f"no fixed joint holds link {arm.tip}, so its place on the last joint stays as it was")
     if found.chain.tool_point_mm is not None:
-        notes.append(
-            f"link {TOOL_POINT_LINK} on {arm.tip} is the measured point, {_place(found.chain)} from it"
-        )
+        notes.append(f"link {TOOL_POINT_LINK} on {arm.tip} is the measured point, {_place(found.chain)} from it")
     return CalibratedFile(text.content, text.changed, tuple(notes))
 
 
@@ -88,9 +86,7 @@ def _not_in_yaml(origins: OriginYaml, chain: SerialChain, found: CalibratedChain
     notes = []
     if found.chain.tool_point_mm is not None:
         place = ", ".join(f"{value:.4g}" for value in found.chain.tool_point_mm)
-        notes.append(
-            f"the measured point is no part of a kinematics file: it is {place} mm from its last frame"
-        )
+        notes.append(f"the measured point is no part of a kinematics file: it is {place} mm from its last frame")
     if not found.tip_known:
         return ("the tool is no part of a kinematics file", *notes)
     if origins.flange is not None:

@@ -186,9 +186,7 @@ class _Model:
             if not path.is_file():
                 named_in.fail(element, f"{name[:60]!r} is no file", "name a mesh")
         except OSError as error:
-            named_in.fail(
-                element, f"names {name[:60]!r}: {error.strerror}", f"put it to {directory or 'its folder'}"
-            )
+            named_in.fail(element, f"names {name[:60]!r}: {error.strerror}", f"put it to {directory or 'its folder'}")
         if self._bytes > _MOST_BYTES or len(self.meshes) >= _MOST_FILES:
             named_in.fail(element, "too many or too large meshes", "a robot's have a few MB")
         key = f"mesh{len(self.meshes)}{path.suffix.lower()}"
@@ -205,6 +203,4 @@ def _below(root: Element) -> Iterator[Element]:
 
 
 def _is_height_field(element: Element) -> bool:
-    return element.tag == "geom" and (
-        element.attributes.get("type") == "hfield" or "hfield" in element.attributes
-    )
+    return element.tag == "geom" and (element.attributes.get("type") == "hfield" or "hfield" in element.attributes)

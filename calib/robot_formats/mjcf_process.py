@@ -53,9 +53,7 @@ def document_of(chain: SerialChain) -> dict[str, Any]:
     """A chain of MuJoCo's as JSON can have it; `mjcf.chain_from_document` makes the chain of it again."""
     return {
         "name": chain.name,
-        "joints": [
-            asdict(joint) | {"before_T_joint": joint.before_T_joint.tolist()} for joint in chain.joints
-        ],
+        "joints": [asdict(joint) | {"before_T_joint": joint.before_T_joint.tolist()} for joint in chain.joints],
         "last_T_tip": chain.last_T_tip.tolist(),
         "gravity_m_s2": chain.gravity_m_s2,
         "base": chain.base,
@@ -185,9 +183,9 @@ class _Arm:
                     "behind it"
                 )
         for k in range(self._m.neq):
-            if int(self._m.eq_type[k]) == int(self._mujoco.mjtEq.mjEQ_JOINT) and {
-                int(self._m.eq_obj1id[k])
-            } & set(numbers):
+            if int(self._m.eq_type[k]) == int(self._mujoco.mjtEq.mjEQ_JOINT) and {int(self._m.eq_obj1id[k])} & set(
+                numbers
+            ):
                 name = self._m.joint(int(self._m.eq_obj1id[k])).name
                 raise RobotFileError(
                     f"{self._path}: line {self._line(name)}: joint {name!r} follows another by <equality>; name a tip "

@@ -45,9 +45,7 @@ def read_origin_yaml(path: Path) -> OriginYaml:
         if any(key in block.children for key in KEYS):
             missing = [key for key in KEYS if key not in block.children]
             if missing:
-                file.fail(
-                    block.line, f"{name} has no {', '.join(missing)}", "a block has x y z roll pitch yaw"
-                )
+                file.fail(block.line, f"{name} has no {', '.join(missing)}", "a block has x y z roll pitch yaw")
             blocks[name] = block
     if not blocks:
         raise RobotFileError(
@@ -67,9 +65,7 @@ def chain_of_yaml(origins: OriginYaml) -> SerialChain:
     places = [_place(origins.file, name, block) for name, block in origins.blocks.items()]
     end = np.eye(4) if origins.flange is None else _place(origins.file, _FRANKA_FLANGE, origins.flange)
     joints = tuple(ChainJoint(name, place) for name, place in zip(origins.blocks, places, strict=True))
-    notes = [
-        "the joints turn about z of their blocks, as in the makers' descriptions; limits and masses are not in it"
-    ]
+    notes = ["the joints turn about z of their blocks, as in the makers' descriptions; limits and masses are not in it"]
     chain = SerialChain(origins.file.path.stem, joints, end)
     if set(origins.blocks) == set(_UR_LINKS):
         off_mm = _intrinsic_differs_mm(origins, chain)
@@ -134,9 +130,7 @@ def _number(file: YamlFile, name: str, key: str, node: YamlNode) -> float:
     except ValueError:
         value = math.nan
     if not abs(value) <= _MOST or "_" in text:
-        file.fail(
-            node.line, f"{key} of {name} is {node.text[:40]!r}", "a number in metres or radians is needed"
-        )
+        file.fail(node.line, f"{key} of {name} is {node.text[:40]!r}", "a number in metres or radians is needed")
     return value
 
 
@@ -149,7 +143,6 @@ def _intrinsic_differs_mm(origins: OriginYaml, chain: SerialChain) -> float:
         other.append(ChainJoint(joint.name, make_transform(turn, joint.before_T_joint[:3, 3])))
     q = np.random.default_rng(0).uniform(-np.pi, np.pi, (100, len(other)))
     tips = [
-        chain_frames(of, q)[:, -1, :3, 3]
-        for of in (chain, SerialChain(chain.name, tuple(other), chain.last_T_tip))
+        chain_frames(of, q)[:, -1, :3, 3] for of in (chain, SerialChain(chain.name, tuple(other), chain.last_T_tip))
     ]
     return float(np.linalg.norm(tips[0] - tips[1], axis=1).max())

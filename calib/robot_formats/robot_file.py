@@ -140,12 +140,8 @@ def conversion_error_mm(robot: Robot, chain: SerialChain) -> float:
 def _with_source(robot: Robot, chain: SerialChain, path: Path) -> RobotFile:
     for name in (robot.name, chain.base, chain.tip, *(joint.name for joint in robot.joints)):
         if name and not is_one_line(name):
-            raise RobotFileError(
-                f"{path}: holds the name {name[:60]!r}; a name has no hidden characters, rename it"
-            )
-    source = {"file": path.name} | {
-        key: name for key, name in (("base", chain.base), ("tip", chain.tip)) if name
-    }
+            raise RobotFileError(f"{path}: holds the name {name[:60]!r}; a name has no hidden characters, rename it")
+    source = {"file": path.name} | {key: name for key, name in (("base", chain.base), ("tip", chain.tip)) if name}
     robot = replace(robot, extra={SOURCE: source})
     refuse_beyond(robot, path)
     return RobotFile(robot, chain, chain.notes)

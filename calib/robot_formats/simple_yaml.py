@@ -17,9 +17,7 @@ from calib.robot_formats.urdf.safe_xml import read_bytes
 _MOST_BYTES = 1024 * 1024
 _MOST_DEPTH = 20
 _MOST_CHARACTERS = 1000  # of a line
-_LINE = re.compile(
-    r"""(?P<space>[ \t]*)(?P<key>"[^"]*"|'[^']*'|[^\s:#'"{}\[\]&*!|>-][^:#{}\[\]]*?)\s*:(?=\s|$)"""
-)
+_LINE = re.compile(r"""(?P<space>[ \t]*)(?P<key>"[^"]*"|'[^']*'|[^\s:#'"{}\[\]&*!|>-][^:#{}\[\]]*?)\s*:(?=\s|$)""")
 _PAIR = re.compile(r"""\s*(?P<key>"[^"]*"|'[^']*'|[^\s:,{}]+)\s*:\s*(?P<value>[^,{}]*)""")
 _COMMENT = re.compile(r"(^|\s)#.*$")
 
@@ -53,9 +51,7 @@ def read_yaml(path: Path) -> YamlFile:
         text = read_bytes(path, _MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         at_line = error.object[: error.start].count(b"\n") + 1
-        raise RobotFileError(
-            f"{path}: line {at_line}: is no UTF-8 text ({error.reason}); save it as UTF-8"
-        ) from None
+        raise RobotFileError(f"{path}: line {at_line}: is no UTF-8 text ({error.reason}); save it as UTF-8") from None
     root = YamlNode(1)
     file = YamlFile(path, text, root)
     open_: list[tuple[int, YamlNode]] = [(-1, root)]
@@ -93,9 +89,7 @@ def read_yaml(path: Path) -> YamlFile:
 def _value(file: YamlFile, line: int, text: str, start: int) -> YamlNode:
     """What stands behind `key:`."""
     if not text.startswith("{"):
-        if text[:1] in ("&", "*", "|", ">", "[") or (
-            text[:1] == "!" and not text.startswith(("!degrees", "!radians"))
-        ):
+        if text[:1] in ("&", "*", "|", ">", "[") or (text[:1] == "!" and not text.startswith(("!degrees", "!radians"))):
             file.fail(line, f"found {text[:40]!r}", "a number or a text is needed")
         return YamlNode(line, text, start)
     if not text.endswith("}") or text.count("{") > 1:

@@ -222,11 +222,7 @@ def _screws(table: _Table) -> SerialChain:
     if given:
         p_mm = np.column_stack([table.values(key, "length") for key in ("px", "py", "pz")])
     else:
-        unit = {
-            split_unit(name)[1]
-            for name in table.table.columns
-            if plain(split_unit(name)[0]) in ("vx", "vy", "vz")
-        }
+        unit = {split_unit(name)[1] for name in table.table.columns if plain(split_unit(name)[0]) in ("vx", "vy", "vz")}
         kind = "none" if unit == {""} else "length"
         v = np.column_stack([table.values(key, kind) for key in ("vx", "vy", "vz")])
         v_mm = v * (1000.0 if kind == "none" else 1.0)  # moments without a unit are those of metres
@@ -257,13 +253,9 @@ def _origins(table: _Table) -> SerialChain:
     ways = [make_transform(rotation_from_rpy(turn), place) for turn, place in zip(rpy, xyz_mm, strict=True)]
     axes = None
     if table.has("axisx", "axisy", "axisz"):
-        axes = np.column_stack([table.values(key, "none") for key in ("axisx", "axisy", "axisz")])[
-            table.joints
-        ]
+        axes = np.column_stack([table.values(key, "none") for key in ("axisx", "axisy", "axisz")])[table.joints]
         lengths = np.linalg.norm(axes, axis=1, keepdims=True)
         if lengths.min() < 1e-9:
             table.fail(table.joints[int(lengths.argmin())], "the axis has no direction")
         axes = axes / lengths
-    return table.chain(
-        [ways[i] for i in table.joints], np.eye(4) if table.tip is None else ways[table.tip], axes
-    )
+    return table.chain([ways[i] for i in table.joints], np.eye(4) if table.tip is None else ways[table.tip], axes)

@@ -88,9 +88,7 @@ def nominal_rows(model: str) -> Array:
 def chain_of_standard(rows: Array, name: str) -> SerialChain:
     """The chain of a standard table (6, 4): row i leads from axis i to axis i + 1."""
     ends = [_row(*row) for row in rows]
-    joints = [
-        ChainJoint(label, before) for label, before in zip(_NAMES, [np.eye(4), *ends[:-1]], strict=True)
-    ]
+    joints = [ChainJoint(label, before) for label, before in zip(_NAMES, [np.eye(4), *ends[:-1]], strict=True)]
     return SerialChain(name, tuple(joints), ends[-1])
 
 
@@ -119,9 +117,7 @@ def _deltas(path: Path) -> dict[str, list[float]]:
         match = _LINE.match(line)
         values = [_number(word) for word in match["values"].split(",")] if match else []
         if len(values) != 6 or any(value is None for value in values):
-            raise RobotFileError(
-                f"{path}: line {number}: {key}: found {line[:60]!r}; a list of six numbers is needed"
-            )
+            raise RobotFileError(f"{path}: line {number}: {key}: found {line[:60]!r}; a list of six numbers is needed")
         if key in found:
             raise RobotFileError(f"{path}: line {number}: {key} stands there twice; remove one")
         found[key] = [value for value in values if value is not None]

@@ -56,9 +56,7 @@ def load_scan(path: str | Path) -> Scan:
     file = scan_file(path)
     reader = READERS.get(file.suffix.lower())
     if reader is None:
-        raise ScanError(
-            f"{path}: '{path.suffix}' is not a kind of scan; a scan is one of {', '.join(READERS)}"
-        )
+        raise ScanError(f"{path}: '{path.suffix}' is not a kind of scan; a scan is one of {', '.join(READERS)}")
     try:
         points, normals = reader(path, _content(file))
     except OSError as error:
@@ -67,9 +65,7 @@ def load_scan(path: str | Path) -> Scan:
         raise ScanError(f"{path}: too large for this machine's memory; crop or thin the scan") from None
     usable = _with_value(points)
     if not usable.any():
-        raise ScanError(
-            f"{path}: no usable point, {len(points)} in the file, none with three finite coordinates"
-        )
+        raise ScanError(f"{path}: no usable point, {len(points)} in the file, none with three finite coordinates")
     return Scan(
         path.stem if file == path else path.name,
         np.ascontiguousarray(points[usable], dtype=np.float64),

@@ -100,9 +100,7 @@ def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
         if family.name in present:
             continue
         if family.why_not or not family.members:
-            untestable.append(
-                Untestable(family.name, family.why_not, family.would_help, family.never_testable)
-            )
+            untestable.append(Untestable(family.name, family.why_not, family.would_help, family.never_testable))
             continue
         columns = visible_columns(projected, family)
         if columns.narrowest == 0:
@@ -175,15 +173,9 @@ def _candidate(
 ) -> Candidate:
     family, groups = shown.family, shown.groups
     active = [i for i in np.flatnonzero(evidence.scales).tolist() if np.any(groups[i])]
-    columns = (
-        np.concatenate([groups[i] for i in active], axis=1)
-        if active
-        else np.zeros((len(projected.residual), 0))
-    )
+    columns = np.concatenate([groups[i] for i in active], axis=1) if active else np.zeros((len(projected.residual), 0))
     spread = (
-        np.concatenate([np.full(groups[i].shape[1], evidence.scales[i]) for i in active])
-        if active
-        else np.zeros(0)
+        np.concatenate([np.full(groups[i].shape[1], evidence.scales[i]) for i in active]) if active else np.zeros(0)
     )
     # (C^T C / sigma^2 + S^-2)^-1, by eigenvalues over S, which never is singular: exact data leave a sigma of rounding.
     shaped = columns * np.maximum(spread, 1e-9) / projected.sigma
@@ -192,15 +184,11 @@ def _candidate(
     values: list[Value] = []
     prior_sigmas: dict[str, float] = {}
     for i in active:
-        for parameter, coefficient in zip(
-            family.members[i].parameters, evidence.coefficients[i], strict=True
-        ):
+        for parameter, coefficient in zip(family.members[i].parameters, evidence.coefficients[i], strict=True):
             name = full_name(family.members[i], parameter)
             scale = parameter.scale
             values.append(
-                Value(
-                    name, float(coefficient) * scale, float(sigma[len(prior_sigmas)]) * scale, parameter.unit
-                )
+                Value(name, float(coefficient) * scale, float(sigma[len(prior_sigmas)]) * scale, parameter.unit)
             )
             prior_sigmas[name] = float(evidence.scales[i]) * scale
     total = float(projected.residual @ projected.residual)

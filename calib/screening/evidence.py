@@ -155,9 +155,7 @@ def _f_test(y: Array, rest: float, columns: Array, freedom: int) -> tuple[float,
     return f_sf(explained / rank / (unexplained / left), rank, left), rank
 
 
-def _gate(
-    y: Array, rest: float, triangle: Array, bounds: list[tuple[int, int]], freedom: int
-) -> tuple[float, int]:
+def _gate(y: Array, rest: float, triangle: Array, bounds: list[tuple[int, int]], freedom: int) -> tuple[float, int]:
     """The family's p: twice the smaller of its own and its best member's, the latter times the number of members."""
     whole, rank = _f_test(y, rest, triangle, freedom)
     if len(bounds) == 1:
@@ -189,9 +187,7 @@ def _beside(y: Array, columns: Array, triangle: Array, spread: Array) -> tuple[A
     others = spread > 0.0
     if not others.any():
         return y, columns, 0.0
-    root = np.linalg.cholesky(
-        np.eye(len(y)) + (triangle[:, others] * spread[others] ** 2) @ triangle[:, others].T
-    )
+    root = np.linalg.cholesky(np.eye(len(y)) + (triangle[:, others] * spread[others] ** 2) @ triangle[:, others].T)
     whitened = np.linalg.solve(root, np.column_stack([y, columns]))
     return whitened[:, 0], whitened[:, 1:], -float(np.sum(np.log(np.diag(root))))
 
@@ -204,9 +200,7 @@ def _best_scales(
     members = columns.T.reshape(-1, width, len(y))
     u, s, _ = np.linalg.svd(np.swapaxes(members, 1, 2), full_matrices=False)
     h2 = np.einsum("grk,r->gk", u, z)[:, None, :] ** 2
-    values = fixed + evidence_by_scale(
-        s[:, None, :] ** 2, h2, rest + float(z @ z), rest + float(y @ y), freedom
-    )
+    values = fixed + evidence_by_scale(s[:, None, :] ** 2, h2, rest + float(z @ z), rest + float(y @ y), freedom)
     best = np.argmax(values, axis=1)
     return np.take_along_axis(values, best[:, None], axis=1)[:, 0], SCALES[best]
 
@@ -269,9 +263,7 @@ def _choose_members(
             break
         value, best_scale, newest = max(tried)
         scales[newest] = best_scale
-        for member in map(
-            int, np.flatnonzero(scales)
-        ):  # once around: earlier scales were chosen without this one
+        for member in map(int, np.flatnonzero(scales)):  # once around: earlier scales were chosen without this one
             value, scales[member] = best(member)
     return scales, value - cost * int(np.count_nonzero(scales))
 

@@ -43,9 +43,7 @@ class VisibleColumns:
         if self.stacked is not None:
             one_sided = all(p.positive for p in self.family.members[0].parameters)
             most = self.family.most_members
-            columns = SparseColumns(
-                residual, self.stacked, freedom, one_sided, most, self.shapes, self.of_same
-            )
+            columns = SparseColumns(residual, self.stacked, freedom, one_sided, most, self.shapes, self.of_same)
             return evaluate_sparse(columns)
         positive = tuple(all(p.positive for p in member.parameters) for member in self.family.members)
         return evaluate_family(FamilyColumns(residual, self.groups, freedom, positive))
@@ -56,9 +54,7 @@ class VisibleColumns:
             return SparseColumns(np.zeros(len(signals)), self.stacked, 0).shares(signals)
         u, s, _ = np.linalg.svd(np.concatenate(self.groups, axis=1), full_matrices=False)
         span = u[:, s > 1e-6 * s[0]]
-        return np.asarray(
-            np.sum((span.T @ signals) ** 2, axis=0) / np.maximum(np.sum(signals**2, axis=0), 1e-300)
-        )
+        return np.asarray(np.sum((span.T @ signals) ** 2, axis=0) / np.maximum(np.sum(signals**2, axis=0), 1e-300))
 
 
 def visible_columns(projected: ProjectedResidual, family: Family) -> VisibleColumns:
@@ -135,9 +131,7 @@ class _Unit:
         return self.displacement.act(state, amounts)
 
 
-def _of_shapes(
-    projected: ProjectedResidual, members: Sequence[ShapedEffect]
-) -> tuple[Array, Array, IndexArray]:
+def _of_shapes(projected: ProjectedResidual, members: Sequence[ShapedEffect]) -> tuple[Array, Array, IndexArray]:
     """(R, G, K) as `member_columns` of each: the columns of each displacement times the members' shapes.
 
     Beside them the shapes (G, N), those of one member in a row, and the number of each one's displacement (G,).

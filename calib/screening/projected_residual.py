@@ -19,9 +19,7 @@ from calib.fitting.observations import Observations, with_scanner_frames
 from calib.fitting.position_residuals import PositionResiduals
 from calib.screening.nuisance import Nuisance, load_columns
 
-_KNOWN = (
-    0.1  # a direction counts as fitted where the data determine it a tenth as well as the prior, or better
-)
+_KNOWN = 0.1  # a direction counts as fitted where the data determine it a tenth as well as the prior, or better
 _KNOWN_OF_CURVES = 1.0  # with learned curves, which may have more parameters than there are equations
 
 

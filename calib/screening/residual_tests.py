@@ -64,9 +64,7 @@ class ResidualTests:
 
 
 @one_blas_thread()
-def run_residual_tests(
-    dataset: Dataset, projected: ProjectedResidual, *, draws: int = DRAWS
-) -> ResidualTests:
+def run_residual_tests(dataset: Dataset, projected: ProjectedResidual, *, draws: int = DRAWS) -> ResidualTests:
     """Outlying poses first; then order and faults, without the outliers; then the size of the whole residual."""
     noise = _noise_again(projected, draws)
     outliers = _outliers(projected, noise)

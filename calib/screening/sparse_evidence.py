@@ -41,9 +41,7 @@ class SparseColumns:
     freedom: int
     positive: bool = False  # whether coefficients are physical with this sign only
     most: int = 8  # members that may carry it
-    shapes: Array | None = (
-        None  # (G, N) how much of it there is at each pose, where members are shapes of one thing
-    )
+    shapes: Array | None = None  # (G, N) how much of it there is at each pose, where members are shapes of one thing
     of_same: IndexArray | None = None  # (G,) members with the same number are shapes of the same thing
     _distinct: dict[int, BoolArray] = field(default_factory=dict, init=False, compare=False, repr=False)
 

@@ -60,13 +60,9 @@ class LookGoals:
         chain = forward(self.robot.table, q, self.robot.is_revolute, self.robot.base_T_first)
         moved, axes = joint_jacobian(chain, self.robot.is_revolute)
         point_mm, direction = self._seen(chain, rows)
-        moved = moved + np.swapaxes(
-            np.cross(np.swapaxes(axes, 1, 2), (point_mm - chain.target_mm)[:, None]), 1, 2
-        )
+        moved = moved + np.swapaxes(np.cross(np.swapaxes(axes, 1, 2), (point_mm - chain.target_mm)[:, None]), 1, 2)
         turn = np.cross(direction, self.axis)
-        turn += np.where(direction @ self.axis < -0.99, 0.1, 0.0)[
-            :, None
-        ]  # the wrong way round: any turn leads on
+        turn += np.where(direction @ self.axis < -0.99, 0.1, 0.0)[:, None]  # the wrong way round: any turn leads on
         axes = axes - direction[:, :, None] * np.einsum("ki,kin->kn", direction, axes)[:, None]
         return (
             np.concatenate([self.apex_mm - point_mm, _LEVER_MM * turn], axis=1),
@@ -144,9 +140,7 @@ def looking_poses(
     return np.concatenate(found)[:count]
 
 
-def _looks(
-    robot: Robot, flange_T_scanner: Array, base_T_jig: Array, *, rng: np.random.Generator, jig: Jig
-) -> Array:
+def _looks(robot: Robot, flange_T_scanner: Array, base_T_jig: Array, *, rng: np.random.Generator, jig: Jig) -> Array:
     """(K, n) what comes of `_BATCH` random wishes and starts."""
     apex_mm = JANG_FIELD.draw(_BATCH, rng)  # scanner frame
     axis = tilted(apex_mm / np.linalg.norm(apex_mm, axis=1, keepdims=True), _MAX_TILT_DEG, rng)

@@ -43,9 +43,7 @@ class Simulation:
     def scan(self, pose: int) -> SimulatedScan:
         """Cast the scan of one pose: the same points every time."""
         if self.scan_model is None:
-            raise CalibError(
-                f"dataset {self.dataset.name}: simulated as points; ask for scans when simulating"
-            )
+            raise CalibError(f"dataset {self.dataset.name}: simulated as points; ask for scans when simulating")
         # Rounded to a raster over the field, so that repeated scans of a pose have the same window.
         apex_mm = self.apex_mm[pose, :2]
         in_room = self.truth.base_T_jig is not None
@@ -66,9 +64,7 @@ class Simulation:
         """What truth.json holds."""
         poses = self.dataset.poses
         cell = SimulatedCell(self.dataset.robot, self.truth.with_effects(), poses.q, Conditions.of(poses))
-        visible = {
-            effect.name: cell.visible_rms_mm(effect) for effect in self.truth.effects if not effect.is_absent
-        }
+        visible = {effect.name: cell.visible_rms_mm(effect) for effect in self.truth.effects if not effect.is_absent}
         document = truth_document(self.truth, self.dataset.robot) | {
             "visible_rms_mm": visible,
             "dataset": self.dataset.name,
@@ -118,15 +114,11 @@ def measure(
         scanner=_known_of_scanner(noise_mm, scan_model, orientation_sigma_rad),
         jig=jig,
     )
-    seeds = (
-        tuple(int(seed) for seed in rng.integers(2**63, size=len(poses))) if scan_model is not None else ()
-    )
+    seeds = tuple(int(seed) for seed in rng.integers(2**63, size=len(poses))) if scan_model is not None else ()
     return Simulation(dataset, truth, apex_mm, scanner_T_jig, scan_model, seeds)
 
 
-def _known_of_scanner(
-    noise_mm: float | None, model: ScanModel | None, orientation_sigma_rad: float | None
-) -> Scanner:
+def _known_of_scanner(noise_mm: float | None, model: ScanModel | None, orientation_sigma_rad: float | None) -> Scanner:
     """What dataset.toml tells of the scanner: the sizes of its errors and the reach of the smooth part."""
     scanner = Scanner(point_sigma_mm=noise_mm or None, orientation_sigma_rad=orientation_sigma_rad or None)
     if model is None:

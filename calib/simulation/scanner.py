@@ -56,9 +56,7 @@ class ScanModel:
 PLAIN_MODEL = ScanModel()
 """White noise only: what a bound can be computed for, and no scanner has."""
 
-STRUCTURED_LIGHT = ScanModel(
-    scan_sigma_mm=0.03, correlated_sigma_mm=0.06, correlation_length_mm=25.0, short_share=0.3
-)
+STRUCTURED_LIGHT = ScanModel(scan_sigma_mm=0.03, correlated_sigma_mm=0.06, correlation_length_mm=25.0, short_share=0.3)
 """A structured-light scanner's: white noise, and twice as much that is smooth.
 
 Shape: see `SHORT_WAVES`; the two views that were compared there have 0.035 mm of white noise and 0.02 to 0.05 mm of
@@ -75,9 +73,7 @@ class SimulatedScan:
     apex_mm: Array  # (3,) scanner frame
     normals: Array  # (3, 3) outward unit normals of faces 1, 2, 3, scanner frame
     label: NDArray[np.int8]  # (N,) 1, 2, 3: face; SCENE: anything else; FLYING: flying pixels and outliers
-    noise_sigma_mm: (
-        Array  # (N,) the range noise's standard deviation, along the ray; NaN where label is FLYING
-    )
+    noise_sigma_mm: Array  # (N,) the range noise's standard deviation, along the ray; NaN where label is FLYING
 
 
 def simulate_scan(
@@ -124,9 +120,7 @@ def simulate_scan(
         raise ScanError(
             f"{name}: the scanner does not see the jig at {np.round(apex_mm, 1).tolist()} mm; turn its faces here"
         )
-    view = scene.cast(
-        _window(apex_mm, model, window_offset_mm, max(8, round(float(np.sqrt(model.points / seen)))))
-    )
+    view = scene.cast(_window(apex_mm, model, window_offset_mm, max(8, round(float(np.sqrt(model.points / seen))))))
 
     cos_incidence = np.maximum(view.cos_incidence, 1e-3)
     noise_sigma_mm = model.scan_sigma_mm * (0.5 + 0.5 / cos_incidence**2)
@@ -215,9 +209,7 @@ class _Scene:
         return shaded | (np.einsum("...i,...i->...", view.normal, to_light_mm) <= 0)
 
 
-def _window(
-    apex_mm: Array, model: ScanModel, offset_mm: tuple[float, float], pixels: int
-) -> tuple[Array, float]:
+def _window(apex_mm: Array, model: ScanModel, offset_mm: tuple[float, float], pixels: int) -> tuple[Array, float]:
     """Unit ray directions (H, W, 3) of a square window around the apex, and the grid's pitch."""
     pitch = model.window_mm / apex_mm[2] / pixels
     steps = (np.arange(pixels) - 0.5 * (pixels - 1)) * pitch
@@ -238,9 +230,7 @@ def _depth_edges(view: _View) -> tuple[BoolArray, Array]:
     A jump is more than 4 mm and more than a surface at 80 degrees would rise within a pixel.
     """
     centre = view.range_mm
-    limit_mm = np.maximum(
-        4.0, np.tan(np.radians(80.0)) * view.pitch * np.where(np.isfinite(centre), centre, 0.0)
-    )
+    limit_mm = np.maximum(4.0, np.tan(np.radians(80.0)) * view.pitch * np.where(np.isfinite(centre), centre, 0.0))
     largest_mm, other_mm = np.zeros_like(centre), centre.copy()
     padded = np.pad(centre, 1, mode="edge")
     for dy, dx in ((0, 1), (2, 1), (1, 0), (1, 2)):

@@ -90,9 +90,7 @@ def simulate_dataset(
         CalibError: an unknown effect, too few poses, or a robot that lacks what the effect needs.
     """
     if poses < 2:
-        raise CalibError(
-            f"found {poses} poses, a dataset needs 2 or more: the reference and one to compare with"
-        )
+        raise CalibError(f"found {poses} poses, a dataset needs 2 or more: the reference and one to compare with")
     if not np.isfinite(noise_mm) or noise_mm < 0:
         raise CalibError(f"noise_mm is {noise_mm:g}; a standard deviation is 0 or more")
     check_effects(effects)

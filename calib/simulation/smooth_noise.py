@@ -24,9 +24,7 @@ _CELLS_A_LENGTH = 4.0
 _REACH = 4.0  # standard deviations of the filter
 
 
-def smooth_noise(
-    across_mm: Array, length_mm: float, short_share: float, *, rng: np.random.Generator
-) -> Array:
+def smooth_noise(across_mm: Array, length_mm: float, short_share: float, *, rng: np.random.Generator) -> Array:
     """A field of variance 1 at places across the view. across_mm  # (..., 2), returns (...)
 
     Its correlation is (1 - s) exp(-r^2 / 2 l^2) + s exp(-r^2 / 2 (0.15 l)^2) with l = length_mm, s = short_share.

@@ -82,9 +82,7 @@ def told_apart(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> Assign
         for pose_id, reasons in why.items():
             refused.setdefault(pose_id, {}).update(reasons)
         for pose_id, seen in places.items():
-            missing = [
-                n for n in names if n not in points.get(pose_id, {}) and n not in refused.get(pose_id, {})
-            ]
+            missing = [n for n in names if n not in points.get(pose_id, {}) and n not in refused.get(pose_id, {})]
             lack = f"{len(seen)} of {len(names)} such targets are in view; clear the view to all"
             if missing:
                 refused.setdefault(pose_id, {}).update(dict.fromkeys(missing, lack))
@@ -121,11 +119,7 @@ def _named(
             xyz = np.array([place.xyz_mm for place in of_pose])
             seen.append(_Seen(dataset.poses.ids[row], xyz, at, _ways(xyz, at)))
             named_here = known.get(seen[-1].pose_id, {})
-            sure += [
-                (expected_others[k, row], named_here[n].xyz_mm)
-                for k, n in enumerate(others)
-                if n in named_here
-            ]
+            sure += [(expected_others[k, row], named_here[n].xyz_mm) for k, n in enumerate(others) if n in named_here]
         frame = _best_frame(seen, sure)
         if frame is None:
             reason = f"{words}, and {len(seen)} poses are too few to tell them apart; measure more poses"
@@ -242,9 +236,7 @@ def _refuse_moved(
         apart = np.array([np.linalg.norm(points[i][a].xyz_mm - points[i][b].xyz_mm) for i in both])
         usual = float(np.median(apart))
         for i, distance in zip(both, apart, strict=True):
-            slack = _RIGID_MM + _RIGID_SIGMAS * float(
-                np.hypot(points[i][a].sigma_mm(), points[i][b].sigma_mm())
-            )
+            slack = _RIGID_MM + _RIGID_SIGMAS * float(np.hypot(points[i][a].sigma_mm(), points[i][b].sigma_mm()))
             pairs[i] = pairs.get(i, 0) + 1
             if abs(distance - usual) > slack:
                 text = f"{a} and {b} are {distance:.4g} mm apart, at the other poses {usual:.4g} mm"

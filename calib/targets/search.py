@@ -113,9 +113,7 @@ def find_targets_in(
             if finder is not None and (not own or isinstance(one.shape, OwnShape)):
                 places = _asked(finder, scan, one)
             elif isinstance(one.shape, OwnShape):
-                raise TargetError(
-                    "no finder of your own is given for this target; give one with --finder FILE.py"
-                )
+                raise TargetError("no finder of your own is given for this target; give one with --finder FILE.py")
             elif isinstance(one.shape, Jig):
                 first, places = find_jigs(scan, one, jigs)
                 corner_search = corner_search or first

@@ -132,9 +132,7 @@ class TomlTable:
         if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
             raise self.error(key, f"found {rows!r}", f"{size} rows of {size} numbers in [ ] are needed")
         numbers = [v for row in rows for v in row]
-        finite = all(
-            isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in numbers
-        )
+        finite = all(isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in numbers)
         if not finite or len(rows) != size or any(len(row) != size for row in rows):
             raise self.error(key, f"found {rows!r}", f"{size} rows of {size} finite numbers are needed")
         return tuple(tuple(map(float, row)) for row in rows)

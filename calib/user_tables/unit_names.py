@@ -11,9 +11,7 @@ UNITS = {
 }  # fmt: skip
 """Units as they are written, and as they are called here."""
 MOST_CHARACTERS = 200  # of a name that tells anything
-_UNIT = re.compile(
-    r"^(?P<name>.*?)(?:[\s_]*[\[(]\s*(?P<bracket>[^\])]+?)\s*[\])]|[\s_.]+(?P<end>[^\s_.\d]+))$"
-)
+_UNIT = re.compile(r"^(?P<name>.*?)(?:[\s_]*[\[(]\s*(?P<bracket>[^\])]+?)\s*[\])]|[\s_.]+(?P<end>[^\s_.\d]+))$")
 
 
 def split_unit(name: str) -> tuple[str, str]:

@@ -42,17 +42,13 @@ class UserTable:
         for i, cell in enumerate(self.text(column)):
             value = as_number(cell)
             if value is None:
-                fault(
-                    f"{self.path}: line {self.lines[i]}, column {column}: found {cell[:40]!r}; a number is needed"
-                )
+                fault(f"{self.path}: line {self.lines[i]}, column {column}: found {cell[:40]!r}; a number is needed")
             else:
                 out[i] = value
         return out
 
 
-def load_table(
-    path: Path, fault: Callable[[str], None] | None = None, *, any_encoding: bool = False
-) -> UserTable:
+def load_table(path: Path, fault: Callable[[str], None] | None = None, *, any_encoding: bool = False) -> UserTable:
     """Read a table. Raises DatasetError where it cannot be read as one.
 
     `any_encoding` takes what spreadsheets write beside UTF-8. With `fault`, what is wrong with names and rows is told
@@ -92,9 +88,7 @@ def parse_table(path: Path, text: str, fault: Callable[[str], None] | None = Non
         if any(c.strip() for c in row)
     ]
     if separator == ";":
-        numbered = [
-            (line, [c.replace(",", ".") if _is_comma_number(c) else c for c in row]) for line, row in numbered
-        ]
+        numbered = [(line, [c.replace(",", ".") if _is_comma_number(c) else c for c in row]) for line, row in numbered]
     line, names = numbered[0]
     has_header = not all(as_number(cell) is not None for cell in names if cell)
     body = numbered[1:] if has_header else numbered

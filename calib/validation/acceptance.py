@@ -90,9 +90,7 @@ class Check(Documented):
         lines = [f"{f.status}  {f.name}: {f.description}" for f in self.items]
         count = len(self.warnings)
         more = f", with {count} warning{'s' if count > 1 else ''}" if count else ""
-        return "\n".join(
-            [*lines, f"{self.dataset.name}: {'passed' if self.passed else 'NOT GOOD ENOUGH'}{more}"]
-        )
+        return "\n".join([*lines, f"{self.dataset.name}: {'passed' if self.passed else 'NOT GOOD ENOUGH'}{more}"])
 
 
 def check(
@@ -128,9 +126,7 @@ def check(
     groups = training_groups(dataset)
     needed = fewest_poses(dataset.robot, residual=options.residual, setups=len(np.unique(groups.setup)))
     if len(groups) < needed:
-        words = (
-            f"not tried: {len(groups)} different training poses are measured, a fit takes at least {needed}"
-        )
+        words = f"not tried: {len(groups)} different training poses are measured, a fit takes at least {needed}"
         items.append(CheckItem("fit", None if repeats else False, words))
     else:
         calibration = calibrate(dataset, options, effects=effects_named(dataset, effects, user_effects))
@@ -261,9 +257,7 @@ def _test_poses(calibration: Calibration, max_test_rmse_mm: float | None) -> lis
     if test is None or before is None:
         words = "no pose has the role test, so nothing says how good this is away from the training poses"
         return [CheckItem("test poses", False if asked else None, words, warning=not asked)]
-    words = (
-        f"RMSE {before.rmse_mm:.4g} -> {test.rmse_mm:.4g} mm, max {before.max_mm:.4g} -> {test.max_mm:.4g} mm"
-    )
+    words = f"RMSE {before.rmse_mm:.4g} -> {test.rmse_mm:.4g} mm, max {before.max_mm:.4g} -> {test.max_mm:.4g} mm"
     if max_test_rmse_mm is None:
         items = [CheckItem("test poses", test.rmse_mm < before.rmse_mm, words)]
     else:
@@ -278,9 +272,7 @@ def _promise(diagnosis: Diagnosis) -> list[CheckItem]:
     """Whether the test poses are off by no more than the model that the diagnosis ends with promises."""
     last, tests = diagnosis.calibration, diagnosis.residual_tests
     noise_mm, noise_from = tests.noise_mm, tests.noise_from
-    if (
-        last.sigma_mm > noise_mm
-    ):  # what is left beside the noise is told already, and the promise is by all of it
+    if last.sigma_mm > noise_mm:  # what is left beside the noise is told already, and the promise is by all of it
         noise_mm, noise_from = last.sigma_mm, "fit"
     test = held_out_test(last, noise_mm, noise_from)
     if test is None:
@@ -341,9 +333,7 @@ def _residual(calibration: Calibration) -> list[CheckItem]:
     if doubt:
         meaning = f": {doubt}"
     elif declared and noise > 1.5:
-        meaning = (
-            ": more than noise is left; something is missing from the model, or sigma was declared too small"
-        )
+        meaning = ": more than noise is left; something is missing from the model, or sigma was declared too small"
     elif declared and noise < MIN_SIGMA_RATIO and check_sigma(calibration).verdict == "below":
         meaning = ": clearly less than was declared; sigma was declared too large, and small effects are doubted for it"
     words = f"{calibration.sigma_mm:.4g} mm a coordinate{ratio_words}{meaning}"

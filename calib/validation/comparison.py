@@ -111,9 +111,7 @@ class Comparison(Documented, Viewed):
         for p in sorted(apart, key=lambda p: -abs(p.z)):
             (first, unit), (second, _) = (readable(v, p.unit) for v in p.values)
             (by, _), (sigma, _) = readable(p.difference, p.unit), readable(p.sigma, p.unit)
-            lines.append(
-                f"{p.name:12s} {first:12.6g} -> {second:12.6g} {unit:4s} by {by:+.3g} +- {sigma:.2g}"
-            )
+            lines.append(f"{p.name:12s} {first:12.6g} -> {second:12.6g} {unit:4s} by {by:+.3g} +- {sigma:.2g}")
         return "\n".join(lines)
 
 
@@ -146,9 +144,7 @@ def compare(one: Calibration, other: Calibration, names: tuple[str, str] | None 
     robots = (one.dataset.robot, other.dataset.robot)
     if robots[0].is_revolute.tolist() != robots[1].is_revolute.tolist():
         kinds = [f"{r.name} ({r.n_joints} joints)" for r in robots]
-        raise FitError(
-            f"{kinds[0]} and {kinds[1]} cannot be compared: their joints are not of the same kinds"
-        )
+        raise FitError(f"{kinds[0]} and {kinds[1]} cannot be compared: their joints are not of the same kinds")
     parameters, (changes, p_same, p_rest) = _parameters(one, other)
     rms_mm, largest_mm, pose = _shift(one, other)
     families = (one.model.family_names, other.model.family_names)
@@ -276,9 +272,7 @@ def _shift(one: Calibration, other: Calibration) -> tuple[float, float, str]:
     poses = [calibration.dataset.poses for calibration in (one, other)]
     q = np.concatenate([p.q for p in poses])
     ids = [i for p in poses for i in p.ids]
-    points = [
-        forward(c.robot.table, q, c.robot.is_revolute, c.robot.base_T_first).target_mm for c in (one, other)
-    ]
+    points = [forward(c.robot.table, q, c.robot.is_revolute, c.robot.base_T_first).target_mm for c in (one, other)]
     moved = frames.apply(frames.best_fit_transform(points[1], points[0]), points[1])
     apart_mm = np.linalg.norm(moved - points[0], axis=1)
     worst = int(np.argmax(apart_mm))

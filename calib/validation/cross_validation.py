@@ -26,9 +26,7 @@ from calib.fitting.fit import Fit
 from calib.options import DEFAULT_FOLDS, FitOptions
 from calib.validation.splits import deal_folds, split_dataset, training_groups
 
-SUSPICIOUS = (
-    1.5  # held-out over training error, in multiples of what noise explains, that calls the model in question
-)
+SUSPICIOUS = 1.5  # held-out over training error, in multiples of what noise explains, that calls the model in question
 
 
 @dataclass(frozen=True)
@@ -201,16 +199,12 @@ def cross_validate(
             train, test = fitted.after.train, fitted.after.test
             assert train is not None
             assert test is not None
-            done.append(
-                Fold(tuple(dataset.poses.ids[i] for i in held_out), train, test, fitted.fit.converged)
-            )
+            done.append(Fold(tuple(dataset.poses.ids[i] for i in held_out), train, test, fitted.fit.converged))
             if tell is not None:
                 tell(len(done), folds, f"fold {len(done)}")
     notes = tuple(f"setup {name!r} has too few poses to hold any out: all of them train" for name in small)
     notes += whole.fitted_dataset.notes[len(dataset.notes) :]
-    return CrossValidation(
-        dataset, options.residual, tuple(done), _pooled(before), _pooled(after), whole, notes
-    )
+    return CrossValidation(dataset, options.residual, tuple(done), _pooled(before), _pooled(after), whole, notes)
 
 
 def _held_out(evaluation: Evaluation, rows: IndexArray, poses: int) -> Evaluation:

@@ -39,11 +39,7 @@ class Remounting:
         if self.what == "tool":
             return f"a tool that sits {self.shift_mm:.2g} mm elsewhere {left}: it was changed or mounted anew"
         turn = f" and {np.degrees(self.turn_rad):.2g} deg" if self.turn_rad > 1e-4 else ""
-        moved = (
-            "the scanner was moved on the flange"
-            if self.on_flange
-            else "the scanner or the arm's foot was moved"
-        )
+        moved = "the scanner was moved on the flange" if self.on_flange else "the scanner or the arm's foot was moved"
         return f"a motion of all test points by {self.shift_mm:.2g} mm{turn} {left}: {moved}, as between two days"
 
 
@@ -90,9 +86,7 @@ def _of_tool(calibration: Calibration, rows: BoolArray) -> Remounting | None:
     error_mm = after.error_mm[rows].ravel()
     shift_mm = np.linalg.lstsq(columns, error_mm, rcond=None)[0]
     left_mm = (error_mm - columns @ shift_mm).reshape(-1, 3)
-    return Remounting(
-        "tool", float(np.linalg.norm(shift_mm)), 0.0, _rmse(after.error_mm[rows], 0), _rmse(left_mm, 3)
-    )
+    return Remounting("tool", float(np.linalg.norm(shift_mm)), 0.0, _rmse(after.error_mm[rows], 0), _rmse(left_mm, 3))
 
 
 def _points(calibration: Calibration) -> Observations:

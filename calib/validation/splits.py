@@ -49,9 +49,7 @@ def training_groups(dataset: Dataset) -> JointGroups:
     return JointGroups(groups, np.array([str(poses.setup[rows[0]]) for rows in groups], dtype=str))
 
 
-def deal_folds(
-    groups: JointGroups, folds: int, rng: np.random.Generator
-) -> tuple[list[IndexArray], list[str]]:
+def deal_folds(groups: JointGroups, folds: int, rng: np.random.Generator) -> tuple[list[IndexArray], list[str]]:
     """Deal the groups into folds, setup by setup, so that each fold has its share of every setup.
 
     Returns:
@@ -90,9 +88,7 @@ def split_dataset(dataset: Dataset, train: IndexArray, held_out: IndexArray) -> 
     assert dataset.points is not None
     rows = np.sort(np.concatenate([train, held_out]))
     poses = dataset.poses.select(rows)
-    role = np.where(
-        np.isin(rows, held_out), "test", np.where(poses.role == "reference", "reference", "train")
-    )
+    role = np.where(np.isin(rows, held_out), "test", np.where(poses.role == "reference", "reference", "train"))
     if not np.any(role == "reference"):
         role[np.flatnonzero(role == "train")[0]] = "reference"
     points = dataset.points.select(np.isin(dataset.points.pose, rows))

@@ -80,8 +80,7 @@ def parameters(calibration: Calibration) -> list[Block]:
     for row in calibration.to_frame().to_dict(orient="records"):
         unit = row["unit"]
         nominal, value, change, sigma = (
-            round(readable(row[key], unit)[0], _PLACES) + 0.0
-            for key in ("nominal", "value", "change", "sigma")
+            round(readable(row[key], unit)[0], _PLACES) + 0.0 for key in ("nominal", "value", "change", "sigma")
         )
         name = f"{row['name']}{'' if row['known'] else '*'}"
         shown = (f"{nominal:.6g}", f"{value:.6g}", f"{change:+.3g}", f"{sigma:.2g}")

@@ -48,13 +48,8 @@ def plan_sections(plan: Plan) -> list[Section]:
     shown = np.where(robot.is_revolute, np.degrees(robot.commands_of(poses.q)), robot.commands_of(poses.q))
     units = ["°" if turns else "mm" for turns in robot.is_revolute]
     columns = ("pose", "rank", *(f"q{k + 1}, {unit}" for k, unit in enumerate(units)), "tells most of")
-    rows = [
-        (name, plan.worth[k], *(f"{v:.1f}" for v in shown[k]), plan.why[k])
-        for k, name in enumerate(poses.ids)
-    ]
-    sections = [
-        Section("The poses, in the order of measuring", [Table(columns, rows, left=(0, len(columns) - 1))])
-    ]
+    rows = [(name, plan.worth[k], *(f"{v:.1f}" for v in shown[k]), plan.why[k]) for k, name in enumerate(poses.ids)]
+    sections = [Section("The poses, in the order of measuring", [Table(columns, rows, left=(0, len(columns) - 1))])]
     return [*sections, *([Section("What was assumed", [Bullets(plan.notes)])] if plan.notes else [])]
 
 

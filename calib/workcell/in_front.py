@@ -24,9 +24,7 @@ def in_front(robot: Robot) -> tuple[Array, Array]:
     reach_mm = float(
         np.linalg.norm(forward(robot.table, q, robot.is_revolute, robot.base_T_first).target_mm, axis=1).max()
     )
-    looking_back = np.array(
-        [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
-    )  # columns: scanner x, y, z in base
+    looking_back = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # columns: scanner x, y, z in base
     return np.array([0.47 * reach_mm, 0.0, 0.42 * reach_mm]), looking_back
 
 

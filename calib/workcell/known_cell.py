@@ -132,9 +132,7 @@ def workcell_of_dataset(
     jig = dataset.jig if dataset.shows_faces else None
     told = dataset.surroundings
     if len(measured.rows) < 3 and base_T_scanner is None:
-        field = (
-            None if dataset.scanner.field_mm is None else evident_field(dataset.scanner, np.zeros((0, 3)))[0]
-        )
+        field = None if dataset.scanner.field_mm is None else evident_field(dataset.scanner, np.zeros((0, 3)))[0]
         return workcell_of_robot(dataset.robot, jig=jig, field=field, surroundings=told)
     notes: list[str] = []
     if base_T_scanner is None:
@@ -150,9 +148,7 @@ def workcell_of_dataset(
     if jig is not None:
         tool_T_jig, jig, faces = _mounted(jig, tool_T_jig, measured.chain, base_T_scanner[:3, 3])
         notes += faces
-    meshes = {
-        i: mesh for i in range(dataset.robot.n_joints) if (mesh := load_link_mesh(dataset, i)) is not None
-    }
+    meshes = {i: mesh for i in range(dataset.robot.n_joints) if (mesh := load_link_mesh(dataset, i)) is not None}
     cell = Workcell(
         robot=dataset.robot,
         low=np.minimum(low, measured.q.min(axis=0)),
@@ -288,11 +284,7 @@ def _with_likely_floor(cell: Workcell, measured_q: Array) -> Workcell:
     floor = replace(cell, floor_z_mm=0.0)
     upright = down[2] < -0.9 and robot.joints[0].is_revolute and robot.base_T_first[2, 3] >= 0.0
     above = cell.base_T_scanner is None or cell.base_T_scanner[2, 3] > 0.0
-    if (
-        not upright
-        or not above
-        or (len(measured_q) and _refused(floor, measured_q, (FLOOR,)) > _MOST_REFUSED)
-    ):
+    if not upright or not above or (len(measured_q) and _refused(floor, measured_q, (FLOOR,)) > _MOST_REFUSED):
         return replace(cell, notes=(*cell.notes, "floor: not known; add [cell] floor_z_mm to dataset.toml"))
     return replace(
         floor, notes=(*cell.notes, "floor: the base's plane z = 0, assumed; [cell] floor_z_mm tells another")

@@ -164,9 +164,7 @@ def _at_scanner(at: _Standing) -> BoolArray | None:
     if at.eye_mm is None or at.cell.jig is None or not len(at.cell.bodies):
         return None
     start, end, radius = _moving(at)
-    return np.asarray(
-        np.any(between_segments(start, end, at.eye_mm, at.eye_mm) < radius + _SCANNER_RADIUS_MM, axis=1)
-    )
+    return np.asarray(np.any(between_segments(start, end, at.eye_mm, at.eye_mm) < radius + _SCANNER_RADIUS_MM, axis=1))
 
 
 def _moving(at: _Standing) -> tuple[Array, Array, Array]:

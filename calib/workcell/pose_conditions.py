@@ -41,9 +41,7 @@ def conditions_for(needs: Iterable[str], *, payload_kg: float = PAYLOAD_KG) -> W
     return WantedConditions(
         both_sides=any(APPROACH in text for text in said),
         payloads_kg=(0.0, payload_kg) if payload else (),
-        temperatures_c=(COLD_C, WARM_C)
-        if any(TEMPERATURE in text.replace(_WITHOUT_IT, "") for text in said)
-        else (),
+        temperatures_c=(COLD_C, WARM_C) if any(TEMPERATURE in text.replace(_WITHOUT_IT, "") for text in said) else (),
         helpful=(PAYLOAD,) if payload and not must else (),
     )
 

@@ -55,9 +55,7 @@ class BoxField:
 
     def contains(self, apex_mm: Array) -> BoolArray:
         """(N,) whether apexes (N, 3), scanner frame, lie in it."""
-        return np.asarray(
-            np.all((apex_mm >= np.array(self.low_mm)) & (apex_mm <= np.array(self.high_mm)), axis=1)
-        )
+        return np.asarray(np.all((apex_mm >= np.array(self.low_mm)) & (apex_mm <= np.array(self.high_mm)), axis=1))
 
 
 JANG_FIELD = ScanField()

@@ -40,9 +40,7 @@ def arm_picture(signature: Signature, standard: Standard) -> str:
     poses = standard.state.poses
     robot = standard.state.robot
     base_R_scanner = np.swapaxes(standard.scanner_T_base[:, :3, :3], 1, 2)
-    before, after = (
-        np.einsum("mij,mj->mi", base_R_scanner, v) for v in (signature.before_mm, signature.after_mm)
-    )
+    before, after = (np.einsum("mij,mj->mi", base_R_scanner, v) for v in (signature.before_mm, signature.after_mm))
     target_mm = standard.state.place(standard.state.chain.target_mm)
     pose, axes = _pose_and_view(before, target_mm)
     factor = _factor(signature, standard, pose, before)
@@ -53,9 +51,7 @@ def arm_picture(signature: Signature, standard: Standard) -> str:
     if moves != ARM:
         moved = plain
     there = moved.tip_mm if moves == ARM else plain.tip_mm + factor * before[pose]
-    seen = np.concatenate(
-        [plain.start_mm, plain.end_mm, moved.start_mm, moved.end_mm, there[None], np.zeros((1, 3))]
-    )
+    seen = np.concatenate([plain.start_mm, plain.end_mm, moved.start_mm, moved.end_mm, there[None], np.zeros((1, 3))])
     view = _fitted(seen, axes, 0.0, height)
     joint = getattr(signature.member, "joint", None)
     out = [_ground(view, seen)]
@@ -134,9 +130,7 @@ def _fitted(points_mm: Array, axes: Array, left: float, height: float) -> _View:
 def _arm(arm: ArmShape, view: _View, colour: str, opacity: float, joint: int | None = None) -> str:
     """Each solid as a stroke, those farther away first; the joint that carries the effect has a ring."""
     strokes = []
-    for start, end, radius, part, link in zip(
-        arm.start_mm, arm.end_mm, arm.radius_mm, arm.part, arm.link, strict=True
-    ):
+    for start, end, radius, part, link in zip(arm.start_mm, arm.end_mm, arm.radius_mm, arm.part, arm.link, strict=True):
         (x0, y0), (x1, y1) = view.px(np.stack([start, end]))
         depth = float(0.5 * (start + end) @ view.axes[2])
         is_joint = str(part) not in ("link", "tool")
@@ -167,9 +161,7 @@ def _sight(view: _View, at_mm: Array, scanner_T_base: Array) -> str:
     way /= max(float(np.linalg.norm(way)), 1e-9)
     x, y = view.px(at_mm)[0]
     free = [
-        ((view.left + PANEL - 34.0 if way[0] > 0 else view.left + 34.0) - x) / way[0]
-        if abs(way[0]) > 1e-6
-        else 1e9,
+        ((view.left + PANEL - 34.0 if way[0] > 0 else view.left + 34.0) - x) / way[0] if abs(way[0]) > 1e-6 else 1e9,
         ((52.0 if way[1] > 0 else view.height - 30.0) - y) / -way[1] if abs(way[1]) > 1e-6 else 1e9,
     ]
     length = float(np.clip(min([f for f in free if f > 0] or [40.0]), 30.0, 120.0))
@@ -201,7 +193,5 @@ def _field(target_mm: Array, before_mm: Array, after_mm: Array, axes: Array, hei
     left = WIDTH - PANEL + 6.0
     out.append(text(f"the target at {len(some)} poses", left, 14.0))
     out.append(text("moved by the effect", left, 31.0, extra=f' fill="{BEFORE}" font-weight="600"'))
-    out.append(
-        text("what a fit of the links leaves", left + 150.0, 31.0, extra=f' fill="{AFTER}" font-weight="600"')
-    )
+    out.append(text("what a fit of the links leaves", left + 150.0, 31.0, extra=f' fill="{AFTER}" font-weight="600"'))
     return "".join(out)

@@ -98,9 +98,7 @@ def small_picture(signature: Signature, standard: Standard) -> str:
     y = _channels(signature, standard)[1][shown]
     words = f"What is left of {signature.family}: {signature.channel.label} over {label}"
     width, height = 200.0, 84.0
-    body = (
-        f'<path d="M6 {number(height / 2)}H{number(width - 6)}" stroke="currentColor" stroke-opacity=".35"/>'
-    )
+    body = f'<path d="M6 {number(height / 2)}H{number(width - 6)}" stroke="currentColor" stroke-opacity=".35"/>'
     if np.any(y):
         x_axis = _Axis.of(u, 6.0, width - 6.0)
         y_axis = _Axis(-float(np.abs(y).max()) * 1.1, float(np.abs(y).max()) * 1.1, height - 4.0, 4.0)

@@ -176,9 +176,7 @@ class Standard:
         for axis, name in enumerate("xyz"):
             unit = np.broadcast_to(np.eye(3)[axis], self.directions[0].shape)
             yield Channel(f"along the scanner's {name}, mm", unit)
-        tool = (self.scanner_T_base[:, :3, :3] @ self.state.chain.base_T_flange[:, :3, :3][row]).swapaxes(
-            1, 2
-        )
+        tool = (self.scanner_T_base[:, :3, :3] @ self.state.chain.base_T_flange[:, :3, :3][row]).swapaxes(1, 2)
         for axis, name in enumerate("xyz"):
             yield Channel(f"along the flange's {name}, mm", tool[:, axis])
 
@@ -199,9 +197,7 @@ class Signature:
     @property
     def rms_mm(self) -> tuple[float, float]:
         """3D, before and after."""
-        before, after = (
-            float(np.sqrt(np.mean(np.sum(v**2, axis=1)))) for v in (self.before_mm, self.after_mm)
-        )
+        before, after = (float(np.sqrt(np.mean(np.sum(v**2, axis=1)))) for v in (self.before_mm, self.after_mm))
         return before, after
 
     @property

@@ -231,9 +231,7 @@ def _hash(paths: Sequence[Path], project: Path) -> str:
 
 def _on_start(app: Sphinx) -> None:
     source = Path(app.srcdir)
-    write_gallery(
-        source / "gallery", source / GENERATED, source.parent / "sample_data", app.config.gallery_order
-    )
+    write_gallery(source / "gallery", source / GENERATED, source.parent / "sample_data", app.config.gallery_order)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -16,9 +16,7 @@ from sphinx.util import logging
 logger = logging.getLogger(__name__)
 
 FETCHED = {  # attributes whose address a browser fetches by itself, by element
-    **dict.fromkeys(
-        ("script", "iframe", "embed", "track", "input", "use", "image", "feimage"), ("src", "href")
-    ),
+    **dict.fromkeys(("script", "iframe", "embed", "track", "input", "use", "image", "feimage"), ("src", "href")),
     **dict.fromkeys(("img", "source", "video", "audio"), ("src", "srcset", "poster")),
     "link": ("href",),
     "object": ("data",),

@@ -68,8 +68,7 @@ def escaped(text: str) -> str:
     """Words as they stand: what would be markup is escaped, but for `code` and **bold**."""
     parts = re.split(r"(``[^`]*``|`[^`]*`|\*\*[^*]+\*\*)", text)
     return "".join(
-        part if part.startswith(("`", "**")) else ESCAPED.sub(lambda found: "\\" + found[0], part)
-        for part in parts
+        part if part.startswith(("`", "**")) else ESCAPED.sub(lambda found: "\\" + found[0], part) for part in parts
     )
 
 
@@ -180,9 +179,7 @@ def as_restructured(app: Sphinx, what: str, name: str, thing: Any, options: Any,
             names = [full_error(one) for one in entry[1].split(", ")] if section == "Raises" else [entry[1]]
             out += [f"{FIELD[section].format(name=one)} {escaped(entry[2])}" for one in names]
         elif section and line.startswith("    "):
-            out.append(
-                f"    {escaped(line.strip())}" if out[-1] else f":{section.lower()}: {escaped(line.strip())}"
-            )
+            out.append(f"    {escaped(line.strip())}" if out[-1] else f":{section.lower()}: {escaped(line.strip())}")
         else:
             if line.strip():
                 section = ""

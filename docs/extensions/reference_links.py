@@ -58,15 +58,11 @@ def exists(name: str) -> bool:
     return False
 
 
-def resolve(
-    app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes.TextElement
-) -> nodes.Element | None:
+def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes.TextElement) -> nodes.Element | None:
     """A name that no page of ours explains: a link to the library's page, or the name alone where it exists."""
     if node.get("reftype") == NAMED:
         page = documented(env, node["reftarget"])
-        return (
-            make_refnode(app.builder, node["refdoc"], *page, content, node["reftarget"]) if page else content
-        )
+        return make_refnode(app.builder, node["refdoc"], *page, content, node["reftarget"]) if page else content
     if node.get("refdomain") != "py":
         return None
     name = node["reftarget"].removeprefix("builtins.").replace("._local.", ".").replace("._base.", ".")

@@ -53,7 +53,5 @@ figure = figure_of(
     margin=(50, 12, 44, 42),
     dark=False,
 )
-figure.update_layout(
-    title_text="The points of a scan by the face that they belong to, and the jig's edges", height=520
-)
+figure.update_layout(title_text="The points of a scan by the face that they belong to, and the jig's edges", height=520)
 figure.show()

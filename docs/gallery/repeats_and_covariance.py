@@ -44,7 +44,5 @@ figure = figure_of(
     margin=(50, 12, 44, 42),
     dark=False,
 )
-figure.update_layout(
-    title_text="Scatter of repeated corners and what their covariances say, by place and axis"
-)
+figure.update_layout(title_text="Scatter of repeated corners and what their covariances say, by place and axis")
 figure.show()

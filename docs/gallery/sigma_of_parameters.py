@@ -48,7 +48,5 @@ figure = figure_of(
     margin=(50, 12, 44, 42),
     dark=False,
 )  # fmt: skip
-figure.update_layout(
-    title_text="Errors of fitted parameters over their standard deviations, against a standard normal"
-)
+figure.update_layout(title_text="Errors of fitted parameters over their standard deviations, against a standard normal")
 figure.show()

@@ -65,21 +65,15 @@ class App(ModelRequests):
             start = next(name for name, folder in named.items() if folder == saved.folder)
         user_effects, scans = UserEffects(effects_file), ScanCache()
         scans_first = has_scans(folders[0])
-        panels = add_panels(
-            server.gui, self, tuple(named), scans_first=scans_first, takes_data=data is not None
-        )
+        panels = add_panels(server.gui, self, tuple(named), scans_first=scans_first, takes_data=data is not None)
         self.panels, self.state = panels, PageState(panels.headline.update)
-        self.stage = Stage(
-            server, self.state, scans, panels, on_click=self.select, on_joint=self.select_joint
-        )
+        self.stage = Stage(server, self.state, scans, panels, on_click=self.select, on_joint=self.select_joint)
         self.selection = Selection(self.state, panels, self.stage)
         self.model = ModelController(
             self.state, panels, user_effects, {} if saved is None else {start: saved.session},
             redraw=self._draw_model, recount=self._recount, draw_as=self.stage.draw_as,
         )  # fmt: skip
-        self.dataset = DatasetController(
-            named, self.state, scans, panels, self.stage, self.model, on_open=self._opened
-        )
+        self.dataset = DatasetController(named, self.state, scans, panels, self.stage, self.model, on_open=self._opened)
         self.side_by_side = SideBySideController(named, self.state, panels.side_by_side)
         self.planning = PlanController(self.state, self.stage.scene, panels.plan)
         self.watching = WatchController(named, self.state, panels.watch)

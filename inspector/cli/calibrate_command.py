@@ -53,9 +53,7 @@ def fitted(
     """The fits that were asked for: one, then one more for each --add."""
     user_effects = loaded_effects(options.effects_file, dataset)
     effects = effects_named(dataset, options.effect, user_effects)
-    return add_in_turn(
-        dataset, options.add, options.fit_options(), effects=effects, user_effects=user_effects
-    )
+    return add_in_turn(dataset, options.add, options.fit_options(), effects=effects, user_effects=user_effects)
 
 
 def run_calibrate(options: CalibrateOptions) -> int:
@@ -132,9 +130,7 @@ def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
     for out, option, suffixes in wanted:
         fitting = [path for path in options.template if path.suffix.lower() in suffixes]
         if (out is not None) != (len(fitting) == 1):
-            raise CalibError(
-                f"{option} FILE and one --template ROBOT{suffixes[0]}, your own of this arm, go together"
-            )
+            raise CalibError(f"{option} FILE and one --template ROBOT{suffixes[0]}, your own of this arm, go together")
         if out is not None:
             found[out] = fitting[0]
     for template in found.values():
@@ -190,9 +186,7 @@ def require_plausible(result: Calibration, force: bool) -> None:
     result.require_improvement(force=force)
     doubt = "" if force else implausibility_reason(result)
     if doubt:
-        raise CalibError(
-            f"dataset {result.dataset.name}: {doubt}; nothing was written, --force writes it anyway"
-        )
+        raise CalibError(f"dataset {result.dataset.name}: {doubt}; nothing was written, --force writes it anyway")
 
 
 def _as_session(options: CalibrateOptions, dataset: Dataset, steps: Sequence[FitStep]) -> Session:
@@ -214,6 +208,4 @@ def _as_session(options: CalibrateOptions, dataset: Dataset, steps: Sequence[Fit
 
 def _errors(calibration: Calibration) -> str:
     train, test = calibration.after.train, calibration.after.test
-    return ", ".join(
-        f"{name} RMSE {of.rmse_mm:.4g} mm" for name, of in (("train", train), ("test", test)) if of
-    )
+    return ", ".join(f"{name} RMSE {of.rmse_mm:.4g} mm" for name, of in (("train", train), ("test", test)) if of)

@@ -24,9 +24,7 @@ WATCH_FILES = (".html", ".svg", ".csv")
 
 def run_compare(options: CompareOptions) -> int:
     """What differs between two datasets' calibrations."""
-    datasets = [
-        measured(load(path), orientation=options.residual == "pose") for path in (options.path, options.other)
-    ]
+    datasets = [measured(load(path), orientation=options.residual == "pose") for path in (options.path, options.other)]
     one, other = (fitted(options, dataset)[-1].calibration for dataset in datasets)
     compared = compare(one, other)
     show(options, comparison_document(compared), compared.summary())
@@ -37,9 +35,7 @@ def run_watch(options: WatchOptions) -> int:
     """What changed since a calibration; 1 where anything did, so that a scheduled run can raise an alarm."""
     for out in options.out:
         if out.suffix.lower() not in WATCH_FILES:
-            raise CalibError(
-                f"{out}: found the suffix {out.suffix!r}; a watch is written as {' '.join(WATCH_FILES)}"
-            )
+            raise CalibError(f"{out}: found the suffix {out.suffix!r}; a watch is written as {' '.join(WATCH_FILES)}")
     dataset = load(options.path)
     check_outputs(dataset, options.out)
     base = fitted(options, measured(dataset))[-1].calibration
@@ -62,9 +58,5 @@ def _write(out: Path, base: str, seen: Sequence[Watched], repeats: Sequence[Pose
         return
     from inspector.report.watch_page import watch_html, watch_svg  # with plotly, which takes a while to load
 
-    page = (
-        watch_svg(seen)
-        if out.suffix.lower() == ".svg"
-        else watch_html(base, seen, repeats, now=datetime.now())
-    )
+    page = watch_svg(seen) if out.suffix.lower() == ".svg" else watch_html(base, seen, repeats, now=datetime.now())
     write_text_atomically(out, page)

@@ -149,9 +149,7 @@ def searched(dataset: Dataset) -> dict[str, CornerSearch]:
     searches = found_corners(dataset)
     require_corners(dataset, searches)
     for pose_id, reason in failed_searches(searches).items():
-        print(
-            visible(f"inspector: warning: {pose_id} has no corner and is left out: {reason}"), file=sys.stderr
-        )
+        print(visible(f"inspector: warning: {pose_id} has no corner and is left out: {reason}"), file=sys.stderr)
     for line in told_apart(dataset, searches).lines():
         print(visible(f"inspector: warning: {line}"), file=sys.stderr)
     return searches

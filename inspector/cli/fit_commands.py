@@ -48,19 +48,13 @@ def run_validate(options: ValidateOptions) -> int:
     """Cross-validate over poses, and measure the learning curve."""
     if options.model is not None:
         return validate_model(options, options.model)
-    dataset = measured(
-        load(options.path, options.leave_out, options.finder), orientation=options.residual == "pose"
-    )
+    dataset = measured(load(options.path, options.leave_out, options.finder), orientation=options.residual == "pose")
     asked = options.fit_options()
     effects = effects_named(dataset, options.effect, loaded_effects(options.effects_file, dataset))
     with progress("fits", "fit") as on_progress:
         folds = cross_validate(dataset, asked, folds=options.folds, effects=effects, on_progress=on_progress)
         curve = learning_curve(dataset, asked, effects=effects, on_progress=on_progress)
-    plan = (
-        []
-        if curve.flat_since is not None
-        else [f"next: inspector plan {options.path} chooses those that help most"]
-    )
+    plan = [] if curve.flat_since is not None else [f"next: inspector plan {options.path} chooses those that help most"]
     text = "\n".join([folds.summary(), "", curve.summary(), *plan, *without(dataset)])
     show(options, documents.validation_document(folds, curve), text)
     return 0
@@ -94,9 +88,7 @@ def run_report(options: ReportOptions) -> int:
     from inspector.report.report import is_report, report_html  # with plotly, which takes a while to load
 
     if options.out.exists() and not (options.force or is_report(options.out)):
-        raise CalibError(
-            f"{options.out}: exists and is no report; name another file, or --force to replace it"
-        )
+        raise CalibError(f"{options.out}: exists and is no report; name another file, or --force to replace it")
     dataset = load(options.path, options.leave_out, options.finder)
     check_outputs(dataset, [options.out], [options.effects_file])
     session = Session(dataset, searched(dataset) if dataset.points is None else {})
@@ -112,9 +104,7 @@ def run_report(options: ReportOptions) -> int:
     report = report_of(with_found(session, found))
     write_text_atomically(options.out, report_html(report, now=datetime.now()))
     document = documents.diagnosis_document(found) | {"report": str(options.out)}
-    verdict = verdict_text(
-        found.explanation.verdict, reasons="in the report", tied=listed(found.ambiguous_set, "or")
-    )
+    verdict = verdict_text(found.explanation.verdict, reasons="in the report", tied=listed(found.ambiguous_set, "or"))
     show(options, document, f"{options.out}: {verdict}")
     return 0
 
@@ -145,9 +135,7 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     if options.model_out is not None:
         save_model(result.calibration, options.model_out)
     if options.learned_out is not None and result.learned is not None:
-        write_text_atomically(
-            options.learned_out, effect_file_text(result.calibration, options.learned_out.name)
-        )
+        write_text_atomically(options.learned_out, effect_file_text(result.calibration, options.learned_out.name))
     elif options.learned_out is not None:
         note = "no curves were learned, so there is nothing to write"
         print(visible(f"inspector: warning: {options.learned_out}: {note}"), file=sys.stderr)

@@ -32,9 +32,7 @@ def run_fleet_command(options: FleetOptions) -> int:
     if out.exists() and not is_table(out):
         raise CalibError(f"{out}: exists and is no table of a fleet; name another file")
     if page.exists() and not is_report(page):
-        raise CalibError(
-            f"{page}: exists and is no page of ours; name another table, the page lies beside it"
-        )
+        raise CalibError(f"{page}: exists and is no page of ours; name another table, the page lies beside it")
     found = discover(options.path)
     asked = JudgeOptions(max_test_rmse_mm=options.max_test_rmse_mm, limit_s=options.timeout)
     try:

@@ -10,9 +10,7 @@ from calib.dataset.files.folder import dataset_files
 from calib.errors import DatasetError
 
 
-def check_outputs(
-    dataset: Dataset, outputs: Iterable[Path | None], inputs: Iterable[Path | None] = ()
-) -> None:
+def check_outputs(dataset: Dataset, outputs: Iterable[Path | None], inputs: Iterable[Path | None] = ()) -> None:
     """Raise DatasetError where an output is one of the dataset's files or of the other inputs, or is given twice.
 
     Before the work starts: a calibrated robot.toml in the nominal one's place would be taken for nominal the next time.

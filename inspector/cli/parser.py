@@ -108,9 +108,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="inspector",
         description="Calibrate a robot arm from scans of a three-faced jig, and see every step.",
     )
-    parser.add_argument(
-        "--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="which version this is"
-    )
+    parser.add_argument("--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="which version this is")
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     for subcommand in SUBCOMMANDS:
         sub = subparsers.add_parser(subcommand.name, help=subcommand.help, description=subcommand.help)

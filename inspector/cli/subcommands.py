@@ -78,9 +78,7 @@ def _redundancy(sub: ArgumentParser) -> None:
 
 
 def _diagnose(sub: ArgumentParser) -> None:
-    sub.add_argument(
-        "--max-steps", type=int, default=3, metavar="N", help="effects to add at the most (default 3)"
-    )
+    sub.add_argument("--max-steps", type=int, default=3, metavar="N", help="effects to add at the most (default 3)")
     add_learned_out(sub)
     add_model_out(sub)
     sub.add_argument("--force", action="store_true", help="write although the fit is no improvement")
@@ -96,9 +94,7 @@ def _report(sub: ArgumentParser) -> None:
 
 
 def _sample(sub: ArgumentParser) -> None:
-    sub.add_argument(
-        "name", nargs="?", metavar="NAME", help="the sample to write; without it they are listed"
-    )
+    sub.add_argument("name", nargs="?", metavar="NAME", help="the sample to write; without it they are listed")
     sub.add_argument("--out", type=Path, metavar="FOLDER", help="where to (default: a folder of its name)")
     add_json(sub)
 
@@ -106,9 +102,7 @@ def _sample(sub: ArgumentParser) -> None:
 def _simulate(sub: ArgumentParser) -> None:
     sub.add_argument("--robot", required=True, help=f"{', '.join(BUILTIN_ROBOTS)}, or a robot.toml")
     sub.add_argument("--poses", type=int, default=64, help="default 64")
-    sub.add_argument(
-        "--effect", action="append", default=[], metavar="NAME", help="may be given several times"
-    )
+    sub.add_argument("--effect", action="append", default=[], metavar="NAME", help="may be given several times")
     sub.add_argument("--scans", action="store_true", help="cast scans of the jig instead of points")
     noise = sub.add_mutually_exclusive_group()
     noise.add_argument(
@@ -133,24 +127,18 @@ def _simulate(sub: ArgumentParser) -> None:
         help="where the scanner is; on the flange it sees a jig that stands in the room (default room)",
     )
     sub.add_argument("--seed", type=int, default=0, help="default 0")
-    sub.add_argument(
-        "--noise-mm", type=float, default=0.05, help="of a measured point, each axis (default 0.05)"
-    )
+    sub.add_argument("--noise-mm", type=float, default=0.05, help="of a measured point, each axis (default 0.05)")
     add_json(sub)
 
 
 def _check(sub: ArgumentParser) -> None:
-    sub.add_argument(
-        "--max-test-rmse-mm", type=values.rmse_mm, metavar="X", help="what the test poses' error may be"
-    )
+    sub.add_argument("--max-test-rmse-mm", type=values.rmse_mm, metavar="X", help="what the test poses' error may be")
     add_fit(sub)
     add_json(sub)
 
 
 SUBCOMMANDS = (
-    Subcommand(
-        "serve", "dataset_commands.run_serve", options.ServeOptions, _serve, "the web app", path=DATASETS
-    ),
+    Subcommand("serve", "dataset_commands.run_serve", options.ServeOptions, _serve, "the web app", path=DATASETS),
     Subcommand(
         "corners",
         "dataset_commands.run_corners",

@@ -50,9 +50,7 @@ def scene_glb(calibration: Calibration, pose: int, arrows: float) -> bytes:
         scene.add_geometry(balls, node_name=f"measured {role}", geom_name=f"measured {role}")
     colour = MODEL_COLOURS["with effects" if calibration.model.family_names else "link errors"]
     end_mm = measured_mm + arrows * error_mm
-    scene.add_geometry(
-        _balls(measured_mm + error_mm, 0.6 * radius, colour), node_name=PREDICTED, geom_name=PREDICTED
-    )
+    scene.add_geometry(_balls(measured_mm + error_mm, 0.6 * radius, colour), node_name=PREDICTED, geom_name=PREDICTED)
     sticks = [_stick(a, b, 0.2 * radius) for a, b in zip(measured_mm, end_mm, strict=True)]
     sticks = [stick for stick in sticks if stick is not None]
     if sticks:
@@ -65,9 +63,7 @@ def scene_glb(calibration: Calibration, pose: int, arrows: float) -> bytes:
 def _arm(shape: ArmShape) -> dict[str, Any]:
     """The solids of each kind as one mesh."""
     solids: dict[str, list[Any]] = {}
-    for start, end, radius, part in zip(
-        shape.start_mm, shape.end_mm, shape.radius_mm, shape.part, strict=True
-    ):
+    for start, end, radius, part in zip(shape.start_mm, shape.end_mm, shape.radius_mm, shape.part, strict=True):
         stick = _stick(start, end, float(radius))
         if stick is not None:
             solids.setdefault(str(part), []).append(stick)

@@ -107,9 +107,7 @@ def _range(curve: FittedCurve) -> tuple[float, float]:
     return min(low, 0.0) - 1.8 * pad, max(high, 0.0) + pad  # the inputs are marked at the bottom
 
 
-def _traces(
-    curve: FittedCurve, xaxis: str, yaxis: str, rug: float, dark: bool, *, first: bool
-) -> list[dict[str, Any]]:
+def _traces(curve: FittedCurve, xaxis: str, yaxis: str, rug: float, dark: bool, *, first: bool) -> list[dict[str, Any]]:
     """rug: the error at which the measured inputs are marked."""
     colour = "#56B4E9" if dark else "#0072B2"
     band = "rgba(86,180,233,0.30)" if dark else "rgba(0,114,178,0.22)"

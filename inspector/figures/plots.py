@@ -119,9 +119,7 @@ def convergence(
         longest = max(longest, len(y))
         traces.append(
             _curve(role, list(range(len(y))), y)
-            | {
-                "hovertemplate": f"iteration %{{x}}<br>{ROLE_WORDS[role]} {what} RMSE %{{y:.4g}} mm<extra></extra>"
-            }
+            | {"hovertemplate": f"iteration %{{x}}<br>{ROLE_WORDS[role]} {what} RMSE %{{y:.4g}} mm<extra></extra>"}
         )
     return figure(
         traces,

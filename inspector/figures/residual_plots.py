@@ -56,9 +56,7 @@ def residual_against(
             }
         )  # fmt: skip
         grey = {"size": 11, "symbol": "square", "color": "rgba(138,143,152,0.45)"}
-        traces.append(
-            {"type": "scatter", "mode": "markers", "name": NOISE, "x": [None], "y": [None], "marker": grey}
-        )
+        traces.append({"type": "scatter", "mode": "markers", "name": NOISE, "x": [None], "y": [None], "marker": grey})
     for role, rows in _roles(is_test):
         traces.append(
             {
@@ -160,9 +158,7 @@ def place_views(
     return select(_two_views(traces, dark), selected)
 
 
-def places_by_role(
-    place_mm: ArrayLike, ids: Sequence[str], roles: Sequence[str], *, dark: bool = False
-) -> go.Figure:
+def places_by_role(place_mm: ArrayLike, ids: Sequence[str], roles: Sequence[str], *, dark: bool = False) -> go.Figure:
     """Places from above and from the side, each pose in the colour of its role. place_mm  # (N, 3) base frame"""
     place = np.asarray(place_mm, dtype=float)
     traces = [

@@ -116,16 +116,11 @@ def figure(
     }  # fmt: skip
 
     def axis(own: dict[str, Any]) -> dict[str, Any]:
-        near = (
-            {"standoff": own["standoff"]} if "standoff" in own else {}
-        )  # pixels from the numbers to the title
+        near = {"standoff": own["standoff"]} if "standoff" in own else {}  # pixels from the numbers to the title
         title = {"title": {"text": own["title"], **near}} if "title" in own else {}
         return {**axes, **{key: value for key, value in own.items() if key != "standoff"}, **title}
 
-    more = {
-        key: axis(value) if key.startswith(("xaxis", "yaxis")) else value
-        for key, value in (layout or {}).items()
-    }
+    more = {key: axis(value) if key.startswith(("xaxis", "yaxis")) else value for key, value in (layout or {}).items()}
     left, right, top, bottom = margin
     common = {
         "template": {"layout": {}},

@@ -30,9 +30,7 @@ def control_chart(seen: Sequence[Watched], *, dark: bool = False) -> go.Figure:
         ("limit where nothing changed (99.7 %)", limits, "dash"),
         ("likely where nothing changed", [w.errors.likely_mm for w in shown], "dot"),
     )
-    wide = (
-        [0.6, *x[1:-1], len(x) + 0.4] if len(x) > 1 else [0.6, 1.4]
-    )  # lines reach beyond the first and last
+    wide = [0.6, *x[1:-1], len(x) + 0.4] if len(x) > 1 else [0.6, 1.4]  # lines reach beyond the first and last
 
     def along(values: list[float]) -> list[float]:
         return values if len(x) > 1 else values * 2

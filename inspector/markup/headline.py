@@ -41,9 +41,7 @@ def headline_html(view: View | None, doing: Doing) -> str:
 
 def looks_html() -> str:
     """Where the 3D view may be looked at from, as buttons in its corner."""
-    return "".join(
-        f'<span class="look"{asking("look", side)} title="key {side[0]}">{side}</span>' for side in SIDES
-    )
+    return "".join(f'<span class="look"{asking("look", side)} title="key {side[0]}">{side}</span>' for side in SIDES)
 
 
 def _way(told: Headline, view: View) -> str:

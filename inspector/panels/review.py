@@ -86,9 +86,7 @@ class ReviewPanel:
                     self.layers[name] = gui.add_checkbox(label, name in VIEW_LAYERS[VIEWS[0]])
         with gui.add_folder("Display", expand_by_default=False):
             self.dark = gui.add_checkbox("Dark mode", False)
-            self.grey = gui.add_checkbox(
-                "Grey rejected", True, hint="plane groups that were not chosen are grey"
-            )
+            self.grey = gui.add_checkbox("Grey rejected", True, hint="plane groups that were not chosen are grey")
             self.size = gui.add_slider("Points, mm", min=0.2, max=4.0, step=0.1, initial_value=1.2)
             self.factor = gui.add_dropdown(
                 "Ellipsoids ×", tuple(str(f) for f in FACTORS), initial_value="1000",
@@ -102,9 +100,7 @@ class ReviewPanel:
         self.dataset.on_update(lambda e: a.open(str(e.target.value)) if by_page(e) else None)
         self.pose.on_update(lambda e: self._chosen(str(e.target.value)) if by_page(e) else None)
         self.walk.on_click(lambda e: a.step(1 if e.target.value == NEXT else -1))
-        self.view.on_click(
-            lambda e: a.show_view(one_of(VIEW_OF.get(e.target.value, e.target.value), VIEWS, VIEWS[0]))
-        )
+        self.view.on_click(lambda e: a.show_view(one_of(VIEW_OF.get(e.target.value, e.target.value), VIEWS, VIEWS[0])))
         self.leave_out.on_click(lambda _: a.leave_out(self._shown_pose, self.leave_out.label == LEAVE_OUT))
         self.keep.on_update(lambda e: a.keep_view(bool(e.target.value)) if by_page(e) else None)
         self.search.on_click(lambda _: a.search(self.search.label != "Stop the search"))
@@ -112,18 +108,12 @@ class ReviewPanel:
         self.grey.on_update(lambda e: a.grey_rejected(bool(e.target.value)) if by_page(e) else None)
         self.size.on_update(lambda e: a.point_size(clamped(e.target.value, 0.2, 4.0, 1.2)))
         self.factor.on_update(
-            lambda e: (
-                a.factor(float(one_of(e.target.value, [str(f) for f in FACTORS], "1000")))
-                if by_page(e)
-                else None
-            )
+            lambda e: a.factor(float(one_of(e.target.value, [str(f) for f in FACTORS], "1000"))) if by_page(e) else None
         )
         for name, box in self.layers.items():
             box.on_update(lambda e, name=name: a.layer(name, bool(e.target.value)) if by_page(e) else None)  # type: ignore[misc]
         gui.add_command("Next pose", hotkey="N", icon=viser.Icon.ARROW_RIGHT).on_trigger(lambda _: a.step(1))
-        gui.add_command("Previous pose", hotkey="P", icon=viser.Icon.ARROW_LEFT).on_trigger(
-            lambda _: a.step(-1)
-        )
+        gui.add_command("Previous pose", hotkey="P", icon=viser.Icon.ARROW_LEFT).on_trigger(lambda _: a.step(-1))
         for key, name in zip("1234567", VIEWS, strict=True):
             gui.add_command(f"Look at: {name}", hotkey=key, icon=viser.Icon.EYE).on_trigger(  # type: ignore[arg-type]
                 lambda _, name=name: a.show_view(name)  # type: ignore[misc]
@@ -168,27 +158,24 @@ class ReviewPanel:
         dataset = view.session.dataset
         poses = dataset.poses
         roles = [str(r) for r in poses.role]
-        self._about.content = (
-            elements.facts(
-                [
-                    # The list above has room for a short name only.
-                    *([("dataset", dataset.name)] if len(dataset.name) > elements.LONG_NAME else []),
-                    ("robot", dataset.robot.name),
-                    (
-                        "poses",
-                        " · ".join(f"{roles.count(r)} {w}" for r, w in ROLE_WORDS.items() if r in roles),
-                    ),
-                    *([("left out of these", len(view.session.uncounted))] if view.session.uncounted else []),
-                    *([("scanner placements", len(set(poses.setup)))] if len(set(poses.setup)) > 1 else []),
-                ]
-            )
-            + "".join(
-                [
-                    f'<span data-dataset="{elements.text(dataset.name)}"></span>',  # files of figures are called by it
-                    *(elements.alert(linked(w, self._names), colour="#E69F00") for w in dataset.warnings),
-                    *(elements.note(linked(n, self._names)) for n in dataset.notes),
-                ]
-            )
+        self._about.content = elements.facts(
+            [
+                # The list above has room for a short name only.
+                *([("dataset", dataset.name)] if len(dataset.name) > elements.LONG_NAME else []),
+                ("robot", dataset.robot.name),
+                (
+                    "poses",
+                    " · ".join(f"{roles.count(r)} {w}" for r, w in ROLE_WORDS.items() if r in roles),
+                ),
+                *([("left out of these", len(view.session.uncounted))] if view.session.uncounted else []),
+                *([("scanner placements", len(set(poses.setup)))] if len(set(poses.setup)) > 1 else []),
+            ]
+        ) + "".join(
+            [
+                f'<span data-dataset="{elements.text(dataset.name)}"></span>',  # files of figures are called by it
+                *(elements.alert(linked(w, self._names), colour="#E69F00") for w in dataset.warnings),
+                *(elements.note(linked(n, self._names)) for n in dataset.notes),
+            ]
         )
         self._changed.put(self.pose, self.pose.options[view.pose])
         self._status.content = self._pose_status(view) + elements.joint_style(view.joint)
@@ -247,9 +234,7 @@ class ReviewPanel:
     ) -> None:
         """How far the search through the scans has come; ids of poses that failed or have doubts; why all failed."""
         if total == 0:
-            self.progress_text.content = elements.note(
-                "Nothing to search: the points were measured (points.csv)."
-            )
+            self.progress_text.content = elements.note("Nothing to search: the points were measured (points.csv).")
             self.progress.visible = self.search.visible = False
             return
         failures = f", {len(failed)} failed ({few(failed)})" if failed else ""

@@ -144,9 +144,7 @@ class YourDataWindow:
             self._correct(plan)
         if self.name.value != offer.name:
             put(self.name, offer.name)
-        self._place.content = elements.note(
-            f"It will be written to {offer.place} and listed at the top left."
-        )
+        self._place.content = elements.note(f"It will be written to {offer.place} and listed at the top left.")
         self.open.disabled = not offer.is_ready
         self.open.label = OPEN
 

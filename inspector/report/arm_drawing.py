@@ -154,9 +154,7 @@ def _cylinder(start: Array, end: Array, radius: float, colour: str, view: _View)
     across = np.cross(axis, [1.0, 0.0, 0.0] if abs(axis[0]) < 0.9 else [0.0, 1.0, 0.0])
     across /= np.linalg.norm(across)
     angle = np.linspace(0.0, 2.0 * np.pi, _SECTORS + 1)
-    ring = np.outer(np.cos(angle), across) + np.outer(
-        np.sin(angle), np.cross(axis, across)
-    )  # (S + 1, 3) unit
+    ring = np.outer(np.cos(angle), across) + np.outer(np.sin(angle), np.cross(axis, across))  # (S + 1, 3) unit
     cuts = np.linspace(0.0, length, max(2, int(np.ceil(length / (2.5 * radius))) + 1))
     faces = []
     for near, far in pairwise(cuts):
@@ -193,9 +191,7 @@ def _face(corners_mm: Array, normal: Array, colour: str, view: _View) -> tuple[f
     fill = _shaded(colour, light)
     places = " ".join(f"{number(x)},{number(y)}" for x, y in view.px(corners_mm))
     # A line of the same colour closes the hairline that two faces leave between them.
-    return float(
-        (corners_mm @ view.axes[2]).mean()
-    ), f'<polygon points="{places}" fill="{fill}" stroke="{fill}"/>'
+    return float((corners_mm @ view.axes[2]).mean()), f'<polygon points="{places}" fill="{fill}" stroke="{fill}"/>'
 
 
 def _shaded(colour: str, light: float) -> str:
@@ -226,9 +222,7 @@ def _floor(picture: _Shown, view: _View) -> str:
 
 
 def _grid_mm(view: _View) -> float:
-    return next(
-        mm for mm in (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4) if mm * view.px_per_mm > 28.0
-    )
+    return next(mm for mm in (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4) if mm * view.px_per_mm > 28.0)
 
 
 def _arrows(picture: _Shown, view: _View, longer: float, colour: str) -> str:

@@ -111,9 +111,7 @@ def errors_table(report: Report, told: HeadlineFacts) -> Table:
     factor = 1e3 if told.unit == "µm" else 1.0
     rows = [(name, *(length_digits(factor * getattr(f, key)) for f in columns)) for name, key in _FIGURES]
     if told.noise_mm is not None:
-        rows.append(
-            (f"{told.noise.name}, RMS", *[""] * (len(columns) - 1), length_digits(factor * told.noise_mm))
-        )
+        rows.append((f"{told.noise.name}, RMS", *[""] * (len(columns) - 1), length_digits(factor * told.noise_mm)))
     points = numbers.count(columns[0].points, "point")
     of = f"test poses ({points} that no fit saw)" if told.of_test_poses else f"the fitted poses ({points})"
     headers = (f"3D error, {told.unit}", *(stage.name for stage in told.stages))
@@ -194,7 +192,5 @@ def _to_measure(report: Report, found: Diagnosis | None) -> list[str]:
         after = report.calibration.after
         order = np.argsort(-np.linalg.norm(after.error_mm, axis=1))
         worst = list(dict.fromkeys(report.dataset.poses.ids[i] for i in after.pose[order]))[:_AGAIN]
-        out.append(
-            f"To check the arm later, measure {numbers.listing(worst)} again: they are off the most today."
-        )
+        out.append(f"To check the arm later, measure {numbers.listing(worst)} again: they are off the most today.")
     return out

@@ -105,9 +105,7 @@ def _in_short(fleet: Fleet) -> tuple[str, str]:
     """What needs somebody, and its colour."""
     said = []
     if batches := [cause for cause in fleet.shared if cause.groups]:
-        said.append(
-            numbers.count(len(batches), "cause") + f" with arms in common, most of all {batches[0].words}"
-        )
+        said.append(numbers.count(len(batches), "cause") + f" with arms in common, most of all {batches[0].words}")
     if changed := {fleet.row(drift.later).arm for drift in fleet.drifted}:
         said.append(f"{numbers.count(len(changed), 'arm')} changed between two datasets")
     if odd := sum(row.verdict == "unexplained" for row in fleet.rows):
@@ -119,9 +117,7 @@ def _in_short(fleet: Fleet) -> tuple[str, str]:
 
 
 def _errors(fleet: Fleet) -> list[Block]:
-    rows = sorted(
-        (row for row in fleet.rows if row.error_mm is not None), key=lambda row: (row.error_mm, row.path)
-    )
+    rows = sorted((row for row in fleet.rows if row.error_mm is not None), key=lambda row: (row.error_mm, row.path))
     if not rows:
         return []
     stages = [row.train if row.test.final_mm is None else row.test for row in rows]
@@ -147,9 +143,7 @@ def _causes(fleet: Fleet) -> list[Block]:
         for cause in fleet.shared
     ]
     headers = ("cause", "robot", "arms", "moves the tool by", "what these arms have in common")
-    out.append(
-        Table(headers, rows, left=(0, 1, 4), caption="Claimed by the diagnosis; median of the arms, RMS")
-    )
+    out.append(Table(headers, rows, left=(0, 1, 4), caption="Claimed by the diagnosis; median of the arms, RMS"))
     for cause in fleet.shared:
         if cause.groups:
             out.append(Paragraph(f"{cause.where}: arms {numbers.listing(list(cause.arms))}.", soft=True))
@@ -174,11 +168,7 @@ def _drifts(fleet: Fleet, links: _Links) -> list[Block]:
     same = sum(drift.verdict == "unchanged" for drift in rest)
     out.append(Paragraph(f"{numbers.count(same, 'pair')} of datasets unchanged.", soft=True))
     if not_told:
-        out.append(
-            Bullets(
-                [f"{drift.base} and {drift.later} were not compared: {drift.words}" for drift in not_told]
-            )
-        )
+        out.append(Bullets([f"{drift.base} and {drift.later} were not compared: {drift.words}" for drift in not_told]))
     return out
 
 
@@ -187,9 +177,7 @@ def _drift_table(fleet: Fleet, drifts: Sequence[Drift], links: _Links, caption: 
     for drift in drifts:
         base, later = fleet.row(drift.base), fleet.row(drift.later)
         off = "–" if drift.rmse_mm is None else length_text(drift.rmse_mm)
-        rows.append(
-            (later.serial, later.robot, base.date, later.date, links.of(drift.later), off, drift.words)
-        )
+        rows.append((later.serial, later.robot, base.date, later.date, links.of(drift.later), off, drift.words))
     headers = ("arm", "robot", "from", "to", "dataset", "off by", "what changed")
     return Table(headers, rows, caption=caption, left=(0, 1, 2, 3, 4, 6))
 

@@ -119,10 +119,7 @@ def _history(report: Report) -> list[Block]:
     labels = [step.label for step in steps]
     train, test = [s.train_rmse_mm for s in steps], [s.test_rmse_mm for s in steps]
     drawn = error_history(labels, train, test, level.floor_mm, noise=level.name)
-    rows = [
-        (s.label, *(numbers.millimetres(v) for v in (s.train_rmse_mm, s.test_rmse_mm, s.sigma_mm)))
-        for s in steps
-    ]
+    rows = [(s.label, *(numbers.millimetres(v) for v in (s.train_rmse_mm, s.test_rmse_mm, s.sigma_mm))) for s in steps]
     errors = [
         (
             f"{numbers.role(role)} {name}",

@@ -161,9 +161,7 @@ def model_residual(report: Report, model: ModelResidual) -> list[Block]:
         )
         for t in inputs[:5]
     ]
-    caption = (
-        f"Model: {model.title}. Order against the inputs, the most first; p is corrected for all looked at"
-    )
+    caption = f"Model: {model.title}. Order against the inputs, the most first; p is corrected for all looked at"
     out: list[Block] = [Table(("input", "shows most in", "p"), rows, left=(0, 1), caption=caption)]
     structured = [t for t in inputs if t.p_value < _P] or inputs[:1]
     return [*out, *(_against(report, model, t) for t in structured[:SHOWN_INPUTS])]
@@ -251,9 +249,7 @@ def parameters(report: Report) -> list[Block]:
         ),
     ]
     if learned_members(report.calibration):
-        out.append(
-            Paragraph(f"The modes of {LEARNED} are told as curves, in the section of their own.", soft=True)
-        )
+        out.append(Paragraph(f"The modes of {LEARNED} are told as curves, in the section of their own.", soft=True))
     if report.table.words:
         out.append(Paragraph(f"What robot.toml can hold: {report.table.words}."))
     sums = identifiable_combinations(report.calibration)

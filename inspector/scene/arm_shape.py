@@ -64,9 +64,7 @@ class ArmShape:
         )
 
 
-def arm_shape(
-    model: Model, x: ArrayLike, poses: Poses, pose: int, flange_T_scanner: Array | None = None
-) -> ArmShape:
+def arm_shape(model: Model, x: ArrayLike, poses: Poses, pose: int, flange_T_scanner: Array | None = None) -> ArmShape:
     """The arm of the model at x (P,) at one of its poses, all effects on the arm itself in it.
 
     The frames are those of the model, so the arm stands where its prediction says; effects that only move what the

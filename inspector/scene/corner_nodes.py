@@ -43,13 +43,9 @@ def corner(
         )
     if covariance_mm2 is not None:
         colours = np.array([rgb(HIGHLIGHT)], dtype=np.uint8)
-        nodes.append(
-            _ellipsoids(api, f"{name}/ellipsoid", xyz_mm[None], covariance_mm2[None], factor, colours)
-        )
+        nodes.append(_ellipsoids(api, f"{name}/ellipsoid", xyz_mm[None], covariance_mm2[None], factor, colours))
     at = tuple(to_scene(xyz_mm).astype(float))
-    nodes.append(
-        api.add_label(f"{name}/label", text, position=at, font_screen_scale=0.85, anchor="bottom-left")
-    )
+    nodes.append(api.add_label(f"{name}/label", text, position=at, font_screen_scale=0.85, anchor="bottom-left"))
     return nodes
 
 
@@ -93,9 +89,7 @@ def corners(
 
     nodes.append(dots)
     if covariance_mm2 is not None:
-        nodes.append(
-            _ellipsoids(api, f"{name}/ellipsoids", xyz_mm, covariance_mm2, factor, colours, opacity=0.35)
-        )
+        nodes.append(_ellipsoids(api, f"{name}/ellipsoids", xyz_mm, covariance_mm2, factor, colours, opacity=0.35))
     return nodes
 
 

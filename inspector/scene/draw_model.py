@@ -115,9 +115,7 @@ def _predictions(version: Version, view: View) -> Predictions:
     return measured.xyz_mm[here], version.evaluation.error_mm[here], measured.pose[here]
 
 
-def _arrows(
-    drawn: Mapping[str, Predictions], tips: Mapping[str, Array]
-) -> tuple[Array, ByteArray, IndexArray]:
+def _arrows(drawn: Mapping[str, Predictions], tips: Mapping[str, Array]) -> tuple[Array, ByteArray, IndexArray]:
     """Arrows (K, 2, 3) that have a length, their colours (K, 3) and poses (K,)."""
     arrows, colours, poses = [], [], []
     for name, (start, error, pose) in drawn.items():
@@ -227,9 +225,7 @@ def draw_jig(scene: SceneView, view: View) -> None:
     """The jig's model where the corner was found."""
     corner = None if view.search is None else view.search.corner
     outline = np.zeros((0, 3, 3)) if corner is None else jig_outline(corner, view.session.dataset.jig)
-    scene.draw(
-        "jig", lambda api, name: model_nodes.jig(api, name, outline, (FACE_COLOURS * 2)[: len(outline)])
-    )
+    scene.draw("jig", lambda api, name: model_nodes.jig(api, name, outline, (FACE_COLOURS * 2)[: len(outline)]))
 
 
 def draw_distance(scene: SceneView, scan: Scan | None, distances_mm: Array | None) -> None:

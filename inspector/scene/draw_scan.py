@@ -59,9 +59,7 @@ def draw_corner(scene: SceneView, view: View) -> None:
         "corner",
         lambda api, name: [
             *corner_nodes.corner(api, name, xyz, covariance, view.factor, edges, text),
-            *corner_nodes.targets(
-                api, name, view.search.places if isinstance(view.search, ScanSearch) else ()
-            ),
+            *corner_nodes.targets(api, name, view.search.places if isinstance(view.search, ScanSearch) else ()),
         ],
     )
 
@@ -101,9 +99,7 @@ def draw_planes(scene: SceneView, view: View, visible: set[str]) -> None:
     left_out = sets.rejected_by > 0
     scene.draw(
         "rejected",
-        lambda api, name: plane_nodes.rejected(
-            api, name, sets.centroids_mm[left_out], sets.rejected_by[left_out]
-        ),
+        lambda api, name: plane_nodes.rejected(api, name, sets.centroids_mm[left_out], sets.rejected_by[left_out]),
     )
     scene.draw(
         "groups",
@@ -144,9 +140,7 @@ def draw_corners(scene: SceneView, view: View, on_click: Callable[[int], None]) 
     )
     selected = xyz[which.index(view.pose)] if view.pose in which else None
     scene.draw_halo(
-        lambda api, name: (
-            [] if selected is None else corner_nodes.halo(api, name, selected, corner_nodes.dot_mm(xyz))
-        )
+        lambda api, name: [] if selected is None else corner_nodes.halo(api, name, selected, corner_nodes.dot_mm(xyz))
     )
     return xyz
 

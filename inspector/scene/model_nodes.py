@@ -118,9 +118,7 @@ def arm(
     ]  # fmt: skip
 
 
-def joint_axis(
-    api: viser.SceneApi, name: str, shape: ArmShape, joint: int | None
-) -> list[viser.SceneNodeHandle]:
+def joint_axis(api: viser.SceneApi, name: str, shape: ArmShape, joint: int | None) -> list[viser.SceneNodeHandle]:
     """The axis of the selected joint, from 0, through the arm, and its name; nothing where none is selected."""
     at = np.flatnonzero((shape.link == joint) & np.isin(shape.part, ("revolute", "prismatic")))
     if joint is None or not len(at):
@@ -158,9 +156,7 @@ def pose_of(transform: Array) -> tuple[Array, Array]:
     return np.asarray(wxyz, dtype=float), to_scene(transform[:3, 3]).astype(np.float64)
 
 
-def link_mesh(
-    api: viser.SceneApi, name: str, mesh: LinkMesh, on_click: Callable[[], None]
-) -> viser.MeshHandle:
+def link_mesh(api: viser.SceneApi, name: str, mesh: LinkMesh, on_click: Callable[[], None]) -> viser.MeshHandle:
     """A link that has a mesh, in its own frame."""
     handle = api.add_mesh_simple(
         name, to_scene(mesh.vertices_mm), mesh.triangles.astype(np.uint32), color=rgb(ARM), side="double",
@@ -259,9 +255,7 @@ def residuals(
     ]  # fmt: skip
 
 
-def jig(
-    api: viser.SceneApi, name: str, triangles_mm: Array, colours: Sequence[str]
-) -> list[viser.SceneNodeHandle]:
+def jig(api: viser.SceneApi, name: str, triangles_mm: Array, colours: Sequence[str]) -> list[viser.SceneNodeHandle]:
     """The jig's model: a translucent triangle (3, 3) for each face, in the face's colour, with its outline."""
     nodes: list[viser.SceneNodeHandle] = [
         api.add_mesh_simple(

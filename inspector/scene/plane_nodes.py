@@ -45,9 +45,7 @@ def sets(
     return [lines]
 
 
-def rejected(
-    api: viser.SceneApi, name: str, centroids_mm: Array, filters: ByteArray
-) -> list[viser.SceneNodeHandle]:
+def rejected(api: viser.SceneApi, name: str, centroids_mm: Array, filters: ByteArray) -> list[viser.SceneNodeHandle]:
     """Rejected sets as points in the colour of their filter; centroids_mm (R, 3), filters (R,) 1, 2 or 3."""
     every = max(1, -(-len(centroids_mm) // DRAWN_REJECTED))
     kept, by = centroids_mm[::every], filters[::every]

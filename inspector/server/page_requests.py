@@ -57,11 +57,7 @@ class PageRequests:
             return _answer(http.HTTPStatus.OK, script(), "application/javascript", headers)
         if path != ASK:
             return None
-        if (
-            HEADER not in headers
-            or not own_host
-            or headers.get("Sec-Fetch-Site", "same-origin") != "same-origin"
-        ):
+        if HEADER not in headers or not own_host or headers.get("Sec-Fetch-Site", "same-origin") != "same-origin":
             return _answer(http.HTTPStatus.FORBIDDEN, b"Only the inspector's own page may ask.\n")
         asked = parse_qs(urlsplit(target).query, keep_blank_values=True)
         name, value = asked.get("name", [""])[0], asked.get("value", [""])[0]
@@ -106,9 +102,7 @@ def script() -> bytes:
     return b"\n".join(file.read_bytes() for file in files)
 
 
-def _answer(
-    status: http.HTTPStatus, body: bytes, kind: str = "text/plain", asked: Headers | None = None
-) -> Response:
+def _answer(status: http.HTTPStatus, body: bytes, kind: str = "text/plain", asked: Headers | None = None) -> Response:
     compressed = asked is not None and "gzip" in asked.get("Accept-Encoding", "")
     body = gzip.compress(body) if compressed else body
     return Response(status, status.phrase, _headers(f"{kind}; charset=utf-8", body, compressed), body)

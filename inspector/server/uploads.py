@@ -36,9 +36,7 @@ _STALLED_S = 60.0  # without a part; another transfer may then take its place
 class UploadLimits:
     """What pages may send."""
 
-    page_bytes: int = (
-        1_000_000_000  # of one page until it imports or gives up, as its files lie here: unpacked
-    )
+    page_bytes: int = 1_000_000_000  # of one page until it imports or gives up, as its files lie here: unpacked
     total_bytes: int = 2_000_000_000  # of all pages
     folder_bytes: int = 20_000_000_000  # of the folder, with the datasets that were imported
     free_bytes: int = 500_000_000  # that stay free on the disk

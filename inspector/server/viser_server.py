@@ -255,9 +255,7 @@ class InspectorServer(viser.ViserServer):
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refused: scans and robots stay on this machine."""
         del verbose
-        raise ServerError(
-            "public share links are switched off; forward the port instead (ssh -L 8080:localhost:8080)"
-        )
+        raise ServerError("public share links are switched off; forward the port instead (ssh -L 8080:localhost:8080)")
 
     def stop(self) -> None:
         with contextlib.redirect_stdout(io.StringIO()):  # viser announces its end on stdout

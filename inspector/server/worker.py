@@ -57,9 +57,7 @@ class Worker:
         with self._changed:
             if self._stopping:
                 return
-            if (
-                not self._thread.is_alive()
-            ):  # nothing is known that ends it; a page that never reacts would be worse
+            if not self._thread.is_alive():  # nothing is known that ends it; a page that never reacts would be worse
                 log.error("the worker's thread has died; another takes its place")
                 self._thread = self._started()
             self._waiting.pop(key, None)

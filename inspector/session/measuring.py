@@ -39,9 +39,7 @@ def with_search(session: Session, pose: int) -> Session:
     searches = {**session.searches, session.dataset.poses.ids[pose]: search}
     if session.dataset.points is not None:
         return replace(session, searches=searches)
-    return untested(
-        replace(session, searches=searches, face_labels=None, calibration=None, effects=(), steps=())
-    )
+    return untested(replace(session, searches=searches, face_labels=None, calibration=None, effects=(), steps=()))
 
 
 def with_face_labels(session: Session) -> Session:
@@ -71,9 +69,7 @@ def measured_kinds(session: Session) -> tuple[str, ...]:
     """The residuals that these data could have: full poses only of a jig that is scanned, or with orientations."""
     points = session.dataset.points
     scanned = points is None and session.dataset.shows_faces
-    full = scanned or (
-        points is not None and points.orientations is not None and bool(points.orientations.known.any())
-    )
+    full = scanned or (points is not None and points.orientations is not None and bool(points.orientations.known.any()))
     return RESIDUAL_KINDS if full else tuple(kind for kind in RESIDUAL_KINDS if kind != "pose")
 
 

@@ -35,9 +35,7 @@ class StepErrors:
     label: str  # what was changed: "nominal", "link errors", "+ backlash"
     train_rmse_mm: float  # 3D
     test_rmse_mm: float  # 3D; nan without test poses
-    sigma_mm: (
-        float  # of a residual's coordinate; nan without a degree of freedom left, and for the nominal robot
-    )
+    sigma_mm: float  # of a residual's coordinate; nan without a degree of freedom left, and for the nominal robot
 
 
 @dataclass(frozen=True)

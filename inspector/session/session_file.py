@@ -278,9 +278,7 @@ def _require_possible(file: JsonFile, place: Place, step: SavedStep) -> None:
         file.checked_values(sizes, effect.sizes, Size)
 
 
-def _models(
-    file: JsonFile, key: str, steps: Sequence[SavedStep], models: Sequence[Places]
-) -> tuple[SavedModel, ...]:
+def _models(file: JsonFile, key: str, steps: Sequence[SavedStep], models: Sequence[Places]) -> tuple[SavedModel, ...]:
     """The models that undo or redo leads to. Raises SessionFileError for a step that is not there."""
     for i, places in enumerate(models):
         wrong = next((place for place in places if not 0 <= place < len(steps)), None)

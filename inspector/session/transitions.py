@@ -134,9 +134,7 @@ def with_user_effects(session: Session, effects: tuple[Family, ...]) -> Session:
     for added in session.effects:
         try:
             again = added.name in ours
-            kept.append(
-                recalled(session.measured, added.name, added.prior_sigmas, effects) if again else added
-            )
+            kept.append(recalled(session.measured, added.name, added.prior_sigmas, effects) if again else added)
         except CalibError:  # it is gone, or has other parameters: the ranking offers it anew
             continue
     return _changed(session, tuple(kept), "own effects read again")

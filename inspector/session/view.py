@@ -62,9 +62,7 @@ class View:
     compared: frozenset[str] = frozenset()  # the versions whose predictions are shown
     colouring: str = BY_ROLE  # of the measured points
     joint: int | None = None  # the selected one, from 0
-    step: int | None = (
-        None  # of `session.steps`, before the last, that the version with effects is shown after
-    )
+    step: int | None = None  # of `session.steps`, before the last, that the version with effects is shown after
 
     @property
     def pose_id(self) -> str:
@@ -88,9 +86,7 @@ class View:
     @property
     def version(self) -> Version | None:
         """The version of the model whose arm and errors are shown."""
-        return next(
-            (v for v in self.versions if v.name == self.chosen), self.versions[-1] if self.versions else None
-        )
+        return next((v for v in self.versions if v.name == self.chosen), self.versions[-1] if self.versions else None)
 
     @property
     def calibration(self) -> Calibration | None:

@@ -134,12 +134,8 @@ def test_several_targets_on_the_tool_are_one_fit() -> None:
     # The flange's axes, by moving a zero tool along them.
     at = elementary_points(flange_as_tool, dataset.poses.q)
     second = at.copy()
-    z = elementary_points(
-        flange_as_tool.with_table(np.vstack([true.table[:-1], [[0, 0, 1, 0, 0]]])), dataset.poses.q
-    )
-    x = elementary_points(
-        flange_as_tool.with_table(np.vstack([true.table[:-1], [[1, 0, 0, 0, 0]]])), dataset.poses.q
-    )
+    z = elementary_points(flange_as_tool.with_table(np.vstack([true.table[:-1], [[0, 0, 1, 0, 0]]])), dataset.poses.q)
+    x = elementary_points(flange_as_tool.with_table(np.vstack([true.table[:-1], [[1, 0, 0, 0, 0]]])), dataset.poses.q)
     axes = np.stack([x - at, np.cross(z - at, x - at), z - at], axis=-1)
     second = at + axes @ offset
     points = Points(

@@ -68,9 +68,7 @@ def test_each_versions_arm_ends_where_it_predicts_the_point(fits: tuple[Calibrat
             arm = arm_of(version, pose)
             assert arm is not None
             measured = points.xyz_mm[points.pose == pose].mean(axis=0)
-            np.testing.assert_allclose(
-                arm.tip_mm, measured + version.pose_error_vectors_mm()[pose], atol=1e-9
-            )
+            np.testing.assert_allclose(arm.tip_mm, measured + version.pose_error_vectors_mm()[pose], atol=1e-9)
     base = frames.apply(links.after.scanner_T_base[""], np.zeros(3))
     first = arm_of(versions(links)[-1], 0)
     assert first is not None

@@ -97,9 +97,7 @@ def test_shape_of_the_targets_is_recovered_with_the_whole_arm_free() -> None:
     places = np.array([t.xyz_mm for t in fitted.robot.targets])
     true = np.array([t.xyz_mm for t in MIRRORS]) + offsets
     for i, j in ((0, 1), (0, 2), (1, 2)):
-        assert np.linalg.norm(places[i] - places[j]) == pytest.approx(
-            np.linalg.norm(true[i] - true[j]), abs=0.06
-        )
+        assert np.linalg.norm(places[i] - places[j]) == pytest.approx(np.linalg.norm(true[i] - true[j]), abs=0.06)
 
 
 @pytest.mark.slow
@@ -158,9 +156,7 @@ def test_a_target_on_an_earlier_link_is_fitted_there(tmp_path: Path) -> None:
     wrong = calibrate(replace(dataset, robot=at_last)).after.test
     assert wrong is not None
     assert wrong.rmse_mm > 10.0
-    check_gradient(
-        make_residuals("position", fitted.model, Observations.of(dataset)), np.random.default_rng(1)
-    )
+    check_gradient(make_residuals("position", fitted.model, Observations.of(dataset)), np.random.default_rng(1))
     assert fitted.robot.targets[0].joint == 4
 
 
@@ -239,9 +235,7 @@ def test_tolerance_of_a_target(tmp_path: Path) -> None:
 
 def test_a_wide_tolerance_lets_a_target_be_far_off() -> None:
     dataset, _, _ = mirror_dataset(10, jig=True, offset_mm=20.0)
-    wide = replace(
-        dataset, robot=replace(dataset.robot, targets=tuple(replace(t, tolerance_mm=20.0) for t in MIRRORS))
-    )
+    wide = replace(dataset, robot=replace(dataset.robot, targets=tuple(replace(t, tolerance_mm=20.0) for t in MIRRORS)))
     for fitted in (
         calibrate(wide),
         calibrate(dataset, FitOptions(tolerances={f"{t.name}.{a}": 20.0 for t in MIRRORS for a in "xyz"})),
@@ -261,8 +255,6 @@ def test_apparent_motion_of_a_joint_is_that_of_the_measured_targets() -> None:
     q = dataset.poses.q.copy()
     q[k, 4] += off_rad
     xyz = np.concatenate([elementary_points(with_tip(true, np.array(t.xyz_mm)), q) for t in far])
-    moved = replace(
-        dataset.with_points(replace(dataset.points, xyz_mm=xyz)), robot=replace(dataset.robot, targets=far)
-    )
+    moved = replace(dataset.with_points(replace(dataset.points, xyz_mm=xyz)), robot=replace(dataset.robot, targets=far))
     found = pose_errors_of(calibrate(moved, FitOptions(held=LAST_ROW)))
     assert found.apparent_joint_error[k, 4] == pytest.approx(off_rad, rel=0.02)

@@ -28,9 +28,7 @@ IDS = ("p01", "p-02", "3", "P01", "über\n; HALT")
 def correction() -> Correction:
     dataset = arm(1)
     result = calibrate(dataset)
-    found = corrected_joints(
-        dataset.robot, result.model, dataset.poses.q[:5], x=result.fit.x, what="position"
-    )
+    found = corrected_joints(dataset.robot, result.model, dataset.poses.q[:5], x=result.fit.x, what="position")
     reached, reasons = found.reached.copy(), list(found.reasons)
     assert reached.all()
     reached[3], reasons[3] = False, "joint 2 would stand\nbeyond its limit"
@@ -101,16 +99,12 @@ def test_no_target_is_called_what_a_language_keeps_for_itself(word: str, longest
 @pytest.mark.parametrize("suffix", LONGEST)
 def test_a_target_and_its_module_have_two_names(correction: Correction, suffix: str) -> None:
     text = corrected_points(Path(f"p01{suffix}"), correction, IDS)
-    names = re.findall(
-        r"(?m)^(?:DEFDAT|MODULE) (\w+)|^ *(?:DECL GLOBAL AXIS |CONST jointtarget )?(\w+) ?:?=", text
-    )
+    names = re.findall(r"(?m)^(?:DEFDAT|MODULE) (\w+)|^ *(?:DECL GLOBAL AXIS |CONST jointtarget )?(\w+) ?:?=", text)
     flat = [name.lower() for pair in names for name in pair if name]
     assert len(flat) == len(set(flat)) >= 4
 
 
-@pytest.mark.parametrize(
-    ("robot", "reason"), [("panda", "this arm has 7"), ("gantry", "this arm has 3 and 3 sliding")]
-)
+@pytest.mark.parametrize(("robot", "reason"), [("panda", "this arm has 7"), ("gantry", "this arm has 3 and 3 sliding")])
 def test_other_arms_are_refused(robot: str, reason: str) -> None:
     kinds = [False] * 3 + [True] * 3 if robot == "gantry" else builtin_robot(robot).is_revolute.tolist()
     with pytest.raises(CalibError, match=reason):

@@ -48,9 +48,7 @@ def tool_axes(robot: Robot, q: np.ndarray) -> np.ndarray:
     def with_end(row: list[float]) -> np.ndarray:
         # The tool frame ends with Ry(beta); its axes are drawn by a further link behind it.
         last = replace(robot.joints[-1], a_mm=a, alpha_rad=alpha, d_mm=d, theta_rad=theta, beta_rad=beta)
-        longer = Robot(
-            "longer", (*robot.joints, last), replace(robot.tool, **dict(zip(FIELDS, row, strict=True)))
-        )
+        longer = Robot("longer", (*robot.joints, last), replace(robot.tool, **dict(zip(FIELDS, row, strict=True))))
         return elementary_points(longer, np.c_[q, np.zeros(len(q))])
 
     ends = ([1000.0, 0, 0, 0, 0], [0.0, 0, 1000, 0, 0], [1000.0, 0, 0, np.pi / 2, 0])
@@ -131,8 +129,7 @@ def test_seven_joints_move_as_little_as_can_be() -> None:
         step = 1e-4
         derivative = np.array(
             [
-                (tool_axes(true, (q + step * e)[None]) - tool_axes(true, (q - step * e)[None]))[0]
-                / (2 * step)
+                (tool_axes(true, (q + step * e)[None]) - tool_axes(true, (q - step * e)[None]))[0] / (2 * step)
                 for e in np.eye(7)
             ]
         ).T
@@ -379,9 +376,7 @@ def test_the_command(capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: P
     assert document["targets"][1]["q"] is None
 
 
-def test_the_command_refuses_in_one_line(
-    capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: Path
-) -> None:
+def test_the_command_refuses_in_one_line(capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: Path) -> None:
     good = write_targets(tmp_path / "good.csv", np.full((1, 6), 0.5))
     short = write_targets(tmp_path / "short.csv", np.zeros((1, 5)))
     odd = tmp_path / "odd.csv"
@@ -429,9 +424,7 @@ class Damp:
 
 
 @pytest.mark.slow
-def test_a_column_that_the_arm_depends_on_has_to_be_there(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_a_column_that_the_arm_depends_on_has_to_be_there(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """Of a cause of the user's own and of the catalogue: without it the targets are for other conditions."""
     rng = np.random.default_rng(0)
     robot = jang_arm()

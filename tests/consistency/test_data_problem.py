@@ -56,9 +56,7 @@ ARMS = {
 TABLES = dict(known_tables())
 
 
-def simulated(
-    arm: str, seed: int = 0, *, poses: int = 40, effect: tuple[str, float] | None = None
-) -> Dataset:
+def simulated(arm: str, seed: int = 0, *, poses: int = 40, effect: tuple[str, float] | None = None) -> Dataset:
     return simulate_dataset(
         ARMS[arm],
         rng=np.random.default_rng(seed),
@@ -148,9 +146,7 @@ def test_turned_joints_are_told_or_left_open_with_all_that_makes_the_same_of_the
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("arm", "columns"), [("rb5", (2, 3)), ("rb5", (5, 6)), ("panda", (4, 5)), ("gantry", (1, 2))]
-)
+@pytest.mark.parametrize(("arm", "columns"), [("rb5", (2, 3)), ("rb5", (5, 6)), ("panda", (4, 5)), ("gantry", (1, 2))])
 def test_columns_that_changed_places_are_told(arm: str, columns: tuple[int, int]) -> None:
     given = simulated(arm)
     order = list(range(given.robot.n_joints))
@@ -189,9 +185,7 @@ def test_a_turned_joint_is_told_of_few_poses_in_a_narrow_range() -> None:
         replace(joint, min=np.radians(low), max=np.radians(high))
         for joint, (low, high) in zip(arm.joints, ranges, strict=True)
     ]
-    given = simulate_dataset(
-        replace(arm, joints=tuple(joints)), rng=np.random.default_rng(3), poses=22
-    ).dataset
+    given = simulate_dataset(replace(arm, joints=tuple(joints)), rng=np.random.default_rng(3), poses=22).dataset
     for joint in (1, 2, 3, 4, 5):
         found = problem_of(turned(given, joint))
         shown = {hypothesis.joints for hypothesis in (found.hypothesis, *found.rivals)}
@@ -200,9 +194,7 @@ def test_a_turned_joint_is_told_of_few_poses_in_a_narrow_range() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["hidden_effect_a", "hidden_effect_c"])
-def test_a_turned_last_joint_is_no_wobbling_axis(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_turned_last_joint_is_no_wobbling_axis(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data = load_dataset(ROOT / "sample_data" / name)
     folder = tmp_path / name
     write_dataset(turned(data, 6), folder)
@@ -240,9 +232,7 @@ def test_no_effect_is_taken_for_wrong_data() -> None:
 def test_hundreds_of_effects_are_never_taken_for_wrong_data() -> None:
     for seed in range(300):
         rng = np.random.default_rng(seed)
-        effect = (
-            str(rng.choice(sorted(set(SIMULATED_EFFECTS) - {"scanner_scale"}))) if seed % 3 else "axis_wobble"
-        )
+        effect = str(rng.choice(sorted(set(SIMULATED_EFFECTS) - {"scanner_scale"}))) if seed % 3 else "axis_wobble"
         size = float(np.exp(rng.uniform(np.log(0.5), np.log(15.0))))
         data = simulated("rb5", seed, poses=int(rng.choice([24, 40, 64])), effect=(effect, size))
         assert diagnose(data).data_problem is None, (seed, effect, size)

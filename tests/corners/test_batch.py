@@ -92,9 +92,7 @@ EXECUTORS = {
 def test_the_same_to_the_bit_on_any_executor(dataset: Any, alone: dict[str, CornerSearch], kind: str) -> None:
     steps: list[tuple[int, int, str]] = []
     with EXECUTORS[kind]() as executor:
-        found = find_corners(
-            dataset, executor=executor, in_flight=3, on_progress=lambda *step: steps.append(step)
-        )
+        found = find_corners(dataset, executor=executor, in_flight=3, on_progress=lambda *step: steps.append(step))
     assert list(found) == list(alone)
     for pose_id, search in found.items():
         assert bits(search) == bits(alone[pose_id])
@@ -167,12 +165,8 @@ class Counting(Executor):
 
 @pytest.mark.slow
 @settings(deadline=None, max_examples=40)
-@given(
-    count=st.integers(0, 30), in_flight=st.integers(1, 9), workers=st.integers(1, 4), seed=st.integers(0, 99)
-)
-def test_each_item_once_and_no_more_at_a_time_than_allowed(
-    count: int, in_flight: int, workers: int, seed: int
-) -> None:
+@given(count=st.integers(0, 30), in_flight=st.integers(1, 9), workers=st.integers(1, 4), seed=st.integers(0, 99))
+def test_each_item_once_and_no_more_at_a_time_than_allowed(count: int, in_flight: int, workers: int, seed: int) -> None:
     naps = np.random.default_rng(seed).uniform(0, 2e-3, count)
 
     def square(i: int) -> int:

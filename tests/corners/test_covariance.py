@@ -80,9 +80,7 @@ def free() -> list[Corner]:
 
 @pytest.mark.slow
 def test_white_noise_is_taken_for_white(free: list[Corner]) -> None:
-    assert (
-        2.1 < np.mean([squared(f) for f in free]) < 4.0
-    )  # ideal 3; the mean of 50 has a sigma of 0.35 itself
+    assert 2.1 < np.mean([squared(f) for f in free]) < 4.0  # ideal 3; the mean of 50 has a sigma of 0.35 itself
     assert np.median([f.quality.smooth_factor for f in free]) < 1.1
 
 
@@ -98,9 +96,7 @@ def test_the_covariance_holds_under_a_smooth_error(length_mm: float) -> None:
 
 @pytest.mark.slow
 def test_the_size_and_the_length_of_a_smooth_error_are_seen() -> None:
-    found = [
-        corner(np.random.default_rng(s), Jig(), smooth_mm=0.04, length_mm=8.0, points=1500) for s in range(6)
-    ]
+    found = [corner(np.random.default_rng(s), Jig(), smooth_mm=0.04, length_mm=8.0, points=1500) for s in range(6)]
     sizes = [f.quality.smooth_error_mm for f in found]
     lengths = [f.quality.smooth_length_mm for f in found]
     assert np.median(sizes) == pytest.approx(0.04, rel=0.4)
@@ -127,12 +123,10 @@ def test_a_certified_jig_gains_what_its_covariance_says(free: list[Corner]) -> N
     assert all(r.quality.rigid for r in rigid)
     assert not any(f.quality.rigid for f in free)
     gain = np.sqrt(
-        np.sum([np.sum((r.xyz_mm - APEX) ** 2) for r in rigid])
-        / np.sum([np.sum((f.xyz_mm - APEX) ** 2) for f in free])
+        np.sum([np.sum((r.xyz_mm - APEX) ** 2) for r in rigid]) / np.sum([np.sum((f.xyz_mm - APEX) ** 2) for f in free])
     )
     said = np.sqrt(
-        np.sum([np.trace(r.covariance_mm2) for r in rigid])
-        / np.sum([np.trace(f.covariance_mm2) for f in free])
+        np.sum([np.trace(r.covariance_mm2) for r in rigid]) / np.sum([np.trace(f.covariance_mm2) for f in free])
     )
     assert said < 0.8
     assert gain == pytest.approx(said, rel=0.2)
@@ -178,9 +172,7 @@ def test_the_joint_covariance_is_positive_and_its_blocks_are_the_faces() -> None
     found = corner(np.random.default_rng(5), Jig(), smooth_mm=0.03)
     assert np.linalg.eigvalsh(found.plane_covariance)[0] > 0
     for i, face in enumerate(found.faces):
-        np.testing.assert_array_equal(
-            face.covariance, found.plane_covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
-        )
+        np.testing.assert_array_equal(face.covariance, found.plane_covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3])
 
 
 def test_faces_of_hardly_known_direction_are_no_corner(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -210,9 +202,6 @@ def test_a_long_box_has_no_more_patches_than_its_covariance_needs(monkeypatch: p
 
     monkeypatch.setattr(correlated_noise, "evidence_of", counted)
     box = Jig(edge_mm=(42.0, 126.0, 204.0))
-    found = [
-        corner(np.random.default_rng(seed), box, smooth_mm=0.04, length_mm=20.0, points=3000)
-        for seed in range(6)
-    ]
+    found = [corner(np.random.default_rng(seed), box, smooth_mm=0.04, length_mm=20.0, points=3000) for seed in range(6)]
     assert 60 < max(patches) < 200
     assert 0.8 < np.mean([squared(c) for c in found]) < 7  # 3, give or take 1 for six

@@ -12,9 +12,7 @@ from calib.planes.clustering import PlaneGroup
 from calib.planes.normals import Neighbourhoods
 
 
-def test_of_thousands_of_perpendicular_triples_those_with_the_most_points_are_scored_the_jigs_among_them() -> (
-    None
-):
+def test_of_thousands_of_perpendicular_triples_those_with_the_most_points_are_scored_the_jigs_among_them() -> None:
     rng = np.random.default_rng(5)
     apex, jig, planes_a_way = np.array([10.0, -5.0, 700.0]), Jig(), 18
     share = rng.uniform(0, 1, (3, 500, 2))
@@ -30,9 +28,7 @@ def test_of_thousands_of_perpendicular_triples_those_with_the_most_points_are_sc
     near = np.zeros((len(points), 20), dtype=np.int64)
     flat, wide = np.full(len(points), 0.02), np.full(len(points), 6.0)
     around = Neighbourhoods(points, normals, flat, 0.01 * flat, near, wide)
-    heights = rng.permutation(
-        np.r_[0.0, rng.choice([-1, 1], planes_a_way - 1) * rng.uniform(5, 60, planes_a_way - 1)]
-    )
+    heights = rng.permutation(np.r_[0.0, rng.choice([-1, 1], planes_a_way - 1) * rng.uniform(5, 60, planes_a_way - 1)])
     groups = [
         PlaneGroup(np.arange(5), apex + h * normal, normal, float(normal @ apex + h))
         for h in heights

@@ -55,9 +55,7 @@ def test_covariance_is_what_shifted_planes_do_to_the_point() -> None:
     normals[0] = (normals[0] + 0.2 * normals[1]) / np.linalg.norm(normals[0] + 0.2 * normals[1])
     sigmas = np.array([0.1, 0.02, 0.3])
     moved = intersect(normals[None], rng.standard_normal((200_000, 3)) * sigmas)
-    np.testing.assert_allclose(
-        np.cov(moved.T), intersection_covariance(normals, np.diag(sigmas**2)), atol=0.0015
-    )
+    np.testing.assert_allclose(np.cov(moved.T), intersection_covariance(normals, np.diag(sigmas**2)), atol=0.0015)
 
 
 def filled(width: float, height: float, count: int = 3000) -> np.ndarray:
@@ -94,9 +92,7 @@ def test_a_hole_that_one_sees_through_costs_and_one_that_nothing_is_known_of_doe
     triangle = triangle[triangle.sum(axis=1) < 60]
     in_hole = triangle[:, 0] < 20
     whole = np.count_nonzero(in_hole) / len(triangle)
-    shares = outline_shares(
-        triangle[~in_hole], np.ones(np.sum(~in_hole), dtype=bool), triangle[in_hole], TRIANGLE
-    )
+    shares = outline_shares(triangle[~in_hole], np.ones(np.sum(~in_hole), dtype=bool), triangle[in_hole], TRIANGLE)
     assert shares == pytest.approx((1 - whole, 0, whole), abs=0.1)
     assert worth(triangle[~in_hole]) == pytest.approx(1 - whole, abs=0.1)
     assert worth(triangle, behind=triangle[::4]) > 0.9  # some stray points behind a surface that is there
@@ -157,9 +153,7 @@ def mahalanobis_squared(sigma_mm: float, waves_mm: float, stray: float, count: i
         height = sigma_mm * rng.standard_normal(len(points)) + waves_mm * waves
         height[rng.random(len(points)) < stray] += rng.uniform(0.2, 0.3)  # all on one side
         points = APEX + points + np.repeat(normals, 500, axis=0) * height[:, None]
-        corner = refine(
-            points, start(normals, rng), (0, 1, 2), JIG, JIG.outlines()[0], sigma_mm, RefinementOptions()
-        )
+        corner = refine(points, start(normals, rng), (0, 1, 2), JIG, JIG.outlines()[0], sigma_mm, RefinementOptions())
         error = corner.xyz_mm - APEX
         found.append(error @ np.linalg.solve(corner.covariance_mm2, error))
     return np.array(found)
@@ -194,6 +188,4 @@ def test_too_little_of_a_face_is_told(count: int, squeeze: float, said: str) -> 
     along = 0.4 * edges[0] + 0.3 * edges[1]
     points[800:] = squeeze * third + (1 - squeeze) * along * rng.uniform(0.4, 1, (len(third), 1))
     with pytest.raises(CornerError, match=said):
-        refine(
-            APEX + points, start(normals, rng), (0, 1, 2), JIG, JIG.outlines()[0], 0.01, RefinementOptions()
-        )
+        refine(APEX + points, start(normals, rng), (0, 1, 2), JIG, JIG.outlines()[0], 0.01, RefinementOptions())

@@ -22,9 +22,7 @@ OUTLINE = JIG.outlines()[0]
 def face_at(normal: np.ndarray, apex: np.ndarray, number: int) -> Face:
     """A face through the apex; how well it is known does not matter here."""
     axes = np.linalg.svd(normal[None])[2][1:]
-    return Face(
-        normal, float(normal @ apex), apex, 0, 0.0, np.zeros(0, dtype=np.uint8), number, axes, np.eye(3)
-    )
+    return Face(normal, float(normal @ apex), apex, 0, 0.0, np.zeros(0, dtype=np.uint8), number, axes, np.eye(3))
 
 
 def corner_at(motion: np.ndarray, order: tuple[int, ...] = (0, 1, 2)) -> Corner:

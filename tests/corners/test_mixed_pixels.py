@@ -24,9 +24,7 @@ OUTLINE = Outline(JIG.edges_mm)
 def _steep_scan(seed: int, **shape: float) -> MeshScan:
     """Structured light, smoothed over 3 x 3 pixels (shares 0.59, 0.09 and 0.013), 1 mm from pixel to pixel."""
     scanner = Scanner(points=12_000, field=150.0, heavy_tails=False, quantum=0.0, patches=0)
-    return scan_of(
-        JigShape(**shape), scanner, Scene(workshop=False, steepest_deg=78.0), np.random.default_rng(seed)
-    )
+    return scan_of(JigShape(**shape), scanner, Scene(workshop=False, steepest_deg=78.0), np.random.default_rng(seed))
 
 
 def _camera(kernel: NDArray, pitch_rad: float, rng: np.random.Generator, sigma_mm: float = 0.02) -> tuple:
@@ -40,11 +38,7 @@ def _camera(kernel: NDArray, pitch_rad: float, rng: np.random.Generator, sigma_m
     steps = np.arange(-60, 61) * pitch_rad
     x, y = np.meshgrid(ORIGIN[0] / ORIGIN[2] + steps, ORIGIN[1] / ORIGIN[2] + steps)
     inverse = np.stack([(n[0] * x + n[1] * y + n[2]) / d for n, d in zip(normals, offsets, strict=True)])
-    mixed = sum(
-        kernel[i, j] * np.roll(inverse.min(axis=0), (i - 1, j - 1), (0, 1))
-        for i in range(3)
-        for j in range(3)
-    )
+    mixed = sum(kernel[i, j] * np.roll(inverse.min(axis=0), (i - 1, j - 1), (0, 1)) for i in range(3) for j in range(3))
     face = inverse.argmin(axis=0)
     rays = np.stack([x, y, np.ones_like(x)], axis=-1)
     points = (rays / mixed[..., None])[1:-1, 1:-1]
@@ -62,9 +56,7 @@ def _true_planes(local: NDArray, normals: NDArray, face: NDArray, sigma_mm: floa
         on = np.flatnonzero(face == i)
         axes = np.linalg.svd(normal[None])[2][1:]
         planes.append(
-            PlaneFit(
-                normal, 0.0, local[on].mean(axis=0), axes, on, local[on], np.zeros(len(on)), 1.0, sigma_mm
-            )
+            PlaneFit(normal, 0.0, local[on].mean(axis=0), axes, on, local[on], np.zeros(len(on)), 1.0, sigma_mm)
         )
     return planes
 

@@ -58,18 +58,14 @@ def test_point_and_turn_err_together_as_the_cross_covariance_says():
             rng.normal(size=3) + np.array([0, 0, 700.0]),
         )
         error, faces = root @ rng.normal(size=9), []
-        for i in range(
-            3
-        ):  # the found plane is the true one, lower by h at its centre and tilted by the slopes
+        for i in range(3):  # the found plane is the true one, lower by h at its centre and tilted by the slopes
             axes = np.delete(true.T, i, axis=0)
             centre = apex - axes.T @ [20.0, 20.0]
             normal = true[:, i] + error[3 * i + 1 : 3 * i + 3] @ axes
             normal /= np.linalg.norm(normal)
             centre = centre - error[3 * i] * normal
             found_axes = axes - np.outer(axes @ normal, normal)
-            face = Face(
-                normal, float(normal @ centre), centre, 9, 0.02, np.zeros(0, int), i, found_axes, np.eye(3)
-            )
+            face = Face(normal, float(normal @ centre), centre, 9, 0.02, np.zeros(0, int), i, found_axes, np.eye(3))
             faces.append(face)
         found_apex = intersect(np.array([f.normal for f in faces]), np.array([f.offset_mm for f in faces]))
         quality = cast(CornerQuality, None)

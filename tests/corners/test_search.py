@@ -182,9 +182,7 @@ def test_stray_points_are_not_taken_for_a_face_that_is_missing() -> None:
 @pytest.mark.slow
 def test_a_face_that_is_not_seen_is_not_made_up() -> None:
     for seed in range(2):
-        scene = make_scene(
-            np.random.default_rng(seed), 40_000, rotation=grazing(np.random.default_rng(seed), 88.5)
-        )
+        scene = make_scene(np.random.default_rng(seed), 40_000, rotation=grazing(np.random.default_rng(seed), 88.5))
         found = find_corner(scene.scan, JIG)
         assert found.corner is None
         assert found.failure
@@ -331,9 +329,7 @@ def in_a_hall(size_mm: float) -> SceneScan:
         ("micrometres", 0.001, None),
     ],
 )
-def test_a_scan_in_another_unit_is_told_and_not_scaled(
-    unit: str, in_mm: float, hall_mm: float | None
-) -> None:
+def test_a_scan_in_another_unit_is_told_and_not_scaled(unit: str, in_mm: float, hall_mm: float | None) -> None:
     scene = make_scene(np.random.default_rng(1), 12_000) if hall_mm is None else in_a_hall(hall_mm)
     found = search(scene.scan.points_mm / in_mm)
     assert found.corner is None

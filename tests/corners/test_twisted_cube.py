@@ -36,9 +36,7 @@ def scan(seed: int, twist_deg: float) -> tuple[Scan, np.ndarray]:
     u, v = np.meshgrid(np.linspace(-0.14, 0.16, 130), np.linspace(-0.17, 0.13, 130))
     rays = np.stack([u.ravel(), v.ravel(), np.ones(u.size)], axis=1)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    hits = scene.cast_rays(open3d.core.Tensor(np.hstack([0 * rays, rays]).astype(np.float32)))[
-        "t_hit"
-    ].numpy()
+    hits = scene.cast_rays(open3d.core.Tensor(np.hstack([0 * rays, rays]).astype(np.float32)))["t_hit"].numpy()
     seen = np.isfinite(hits)
     points = rays[seen] * (hits[seen] + rng.normal(0, 0.03, np.count_nonzero(seen)))[:, None]
     corners = WIDTH_MM * (np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, 8).T - 0.5)

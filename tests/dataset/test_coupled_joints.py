@@ -35,15 +35,11 @@ def dataset() -> Dataset:
     return dataset_of(nominal, perturbed(nominal, rng), rng, poses=30, test=8)
 
 
-def test_files_hold_what_is_commanded_and_the_model_what_the_joints_do(
-    dataset: Dataset, tmp_path: Path
-) -> None:
+def test_files_hold_what_is_commanded_and_the_model_what_the_joints_do(dataset: Dataset, tmp_path: Path) -> None:
     write_dataset(replace(dataset, robot=coupled(dataset.robot)), tmp_path)
     commanded = np.radians(pd.read_csv(tmp_path / "poses.csv")[[f"q{k + 1}_deg" for k in range(6)]])
     np.testing.assert_allclose(commanded["q3_deg"], dataset.poses.q[:, 2] - dataset.poses.q[:, 1], atol=1e-12)
-    np.testing.assert_allclose(
-        commanded["q6_deg"], dataset.poses.q[:, 5] + 0.5 * dataset.poses.q[:, 4], atol=1e-12
-    )
+    np.testing.assert_allclose(commanded["q6_deg"], dataset.poses.q[:, 5] + 0.5 * dataset.poses.q[:, 4], atol=1e-12)
     back = load_dataset(tmp_path)
     np.testing.assert_allclose(back.poses.q, dataset.poses.q, atol=1e-12)
     one, other = calibrate(dataset).after.test, calibrate(back).after.test

@@ -74,13 +74,7 @@ def test_what_is_wrong_is_one_line(tmp_path: Path, content: str | bytes, said: s
 
 
 @settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    rows=st.lists(
-        st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=3), max_size=5
-    )
-)
+@given(rows=st.lists(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=3), max_size=5))
 def test_numbers_are_read_back_to_the_bit(tmp_path: Path, rows: list[list[float]]) -> None:
     text = "x,y,z\n" + "".join(",".join(map(repr, row)) + "\n" for row in rows)
-    np.testing.assert_array_equal(
-        table(tmp_path, text).numbers(["x", "y", "z"]), np.array(rows).reshape(-1, 3)
-    )
+    np.testing.assert_array_equal(table(tmp_path, text).numbers(["x", "y", "z"]), np.array(rows).reshape(-1, 3))

@@ -220,18 +220,14 @@ def test_what_would_be_no_single_line_or_no_place_is_refused(
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("column", "value"), [("time_s", "1.7e12"), ("temperature_c", "-300"), ("payload_kg", "1e9")]
-)
+@pytest.mark.parametrize(("column", "value"), [("time_s", "1.7e12"), ("temperature_c", "-300"), ("payload_kg", "1e9")])
 def test_a_condition_of_another_unit_is_refused(folder: Path, column: str, value: str) -> None:
     """Milliseconds since 1970; below absolute zero; and what no arm lifts made the diagnosis fail."""
     frame = pd.read_csv(folder / "poses.csv", dtype=str)
     frame[column] = "20"
     frame.loc[3, column] = value
     frame.to_csv(folder / "poses.csv", index=False)
-    with pytest.raises(
-        DatasetError, match=rf"line 5, column {column}: found .*, beyond .*; correct it; the unit"
-    ):
+    with pytest.raises(DatasetError, match=rf"line 5, column {column}: found .*, beyond .*; correct it; the unit"):
         load_dataset(folder)
 
 
@@ -265,9 +261,7 @@ def test_an_approach_is_minus_one_or_one(tmp_path: Path) -> None:
 def test_a_payload_is_not_negative(tmp_path: Path) -> None:
     write_dataset(full_dataset(), tmp_path)
     cell("poses.csv", 4, "payload_kg", "-0.5")(tmp_path)
-    with pytest.raises(
-        DatasetError, match=r"line 6, column payload_kg: found -0\.5, beyond 0 to 100000; correct"
-    ):
+    with pytest.raises(DatasetError, match=r"line 6, column payload_kg: found -0\.5, beyond 0 to 100000; correct"):
         load_dataset(tmp_path)
 
 
@@ -412,9 +406,7 @@ def test_full_poses_come_back_from_the_file(tmp_path: Path) -> None:
         ("qy", "north", "column qy: found 'north'; a number is needed"),
     ],
 )
-def test_a_bad_orientation_is_one_line_with_its_place(
-    tmp_path: Path, column: str, value: str, says: str
-) -> None:
+def test_a_bad_orientation_is_one_line_with_its_place(tmp_path: Path, column: str, value: str, says: str) -> None:
     write_dataset(with_orientations(full_dataset(5), 6), tmp_path)
     table = pd.read_csv(tmp_path / "points.csv", dtype=str)
     table.loc[4, column] = value

@@ -84,9 +84,7 @@ def test_odd_columns_make_no_error_in_learning_and_in_the_diagnosis() -> None:
     assert diagnose(dataset).verdict == diagnose(arm(4)).verdict
 
 
-@pytest.mark.parametrize(
-    "name", ["time_s", "temperature_c", "payload_kg", "humidity", "torque1_nm", "column q1"]
-)
+@pytest.mark.parametrize("name", ["time_s", "temperature_c", "payload_kg", "humidity", "torque1_nm", "column q1"])
 def test_a_model_with_a_curve_over_a_column_needs_that_column(name: str) -> None:
     dataset = with_columns(arm(3), "humidity", "torque1_nm", "q1")
     n = len(dataset.poses)

@@ -45,7 +45,5 @@ def test_a_target_on_the_arm_is_not_seen_from_the_flange(tmp_path: Path) -> None
     folder = _written(tmp_path / "d", targets=("jig", "smr2"))
     robot = folder / "robot.toml"
     robot.write_text(robot.read_text() + '\n[[targets]]\nname = "smr2"\nxyz_mm = [1.0, 2.0, 3.0]\n')
-    with pytest.raises(
-        DatasetError, match=r"line 3, column target: found 'smr2', which robot.toml has on the arm"
-    ):
+    with pytest.raises(DatasetError, match=r"line 3, column target: found 'smr2', which robot.toml has on the arm"):
         load_dataset(folder)

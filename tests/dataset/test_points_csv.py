@@ -44,9 +44,7 @@ def warnings_of(folder: Path, dataset: Dataset) -> Sequence[str]:
         (0.001, "look like micrometres, multiply them by 0.001"),
     ],
 )
-def test_another_unit_is_told_and_nothing_is_scaled(
-    tmp_path: Path, arm: str, in_mm: float, says: str
-) -> None:
+def test_another_unit_is_told_and_nothing_is_scaled(tmp_path: Path, arm: str, in_mm: float, says: str) -> None:
     dataset = measured(arm)
     assert dataset.points is not None
     turn = Rotation.from_rotvec([0.3, -2.0, 1.0]).as_matrix()
@@ -126,9 +124,7 @@ def test_places_that_many_poses_share_are_sockets_and_no_copies(tmp_path: Path) 
     half = len(xyz_mm) // 2
     xyz_mm[:half], xyz_mm[half:] = (0.0, 0.0, 0.0), (500.0, 0.0, 0.0)
     assert not [w for w in warnings_of(tmp_path, with_points(dataset, xyz_mm)) if "last digit" in w]
-    still = replace(
-        dataset, poses=replace(dataset.poses, q=np.repeat(dataset.poses.q[:1], len(xyz_mm), axis=0))
-    )
+    still = replace(dataset, poses=replace(dataset.poses, q=np.repeat(dataset.poses.q[:1], len(xyz_mm), axis=0)))
     assert "last digit" in " ".join(warnings_of(tmp_path, with_points(still, xyz_mm)))
 
 
@@ -176,7 +172,5 @@ def test_a_place_beyond_any_is_refused(tmp_path: Path) -> None:
     xyz = dataset.points.xyz_mm.copy()
     xyz[3, 1] = -1e200
     write_dataset(with_points(dataset, xyz), tmp_path)
-    with pytest.raises(
-        DatasetError, match=r"line 5, column y_mm: found -1e\+200 mm, beyond 1000 km; correct"
-    ):
+    with pytest.raises(DatasetError, match=r"line 5, column y_mm: found -1e\+200 mm, beyond 1000 km; correct"):
         load_dataset(tmp_path)

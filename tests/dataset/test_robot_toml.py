@@ -60,9 +60,7 @@ def test_a_size_that_is_no_number_is_beyond_every_bound(tmp_path: Path) -> None:
     """As a file of another form can make one, whose own numbers are finite."""
     robot = jang_arm()
     refuse_beyond(robot, tmp_path)
-    odd = robot.with_table(
-        np.where(np.arange(robot.table.size).reshape(robot.table.shape) == 7, np.nan, robot.table)
-    )
+    odd = robot.with_table(np.where(np.arange(robot.table.size).reshape(robot.table.shape) == 7, np.nan, robot.table))
     with pytest.raises(DatasetError, match=r"\[\[joints\]\] 2\.d_mm: found nan"):
         refuse_beyond(odd, tmp_path)
 
@@ -145,9 +143,7 @@ ROW = "[tool]\na_mm = 0.0\nalpha_deg = 0.0\nd_mm = 50.0\ntheta_deg = 0.0\n"
         (0.0, 0.0, 0.0),
     ],
 )
-def test_a_tool_given_as_a_point_is_there_at_every_pose(
-    tmp_path: Path, xyz_mm: tuple[float, float, float]
-) -> None:
+def test_a_tool_given_as_a_point_is_there_at_every_pose(tmp_path: Path, xyz_mm: tuple[float, float, float]) -> None:
     path = tmp_path / "robot.toml"
     path.write_text(GOOD)
     plain = load_robot(path)

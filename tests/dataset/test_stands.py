@@ -45,9 +45,7 @@ def test_mean_covariance_and_noise_of_shots() -> None:
     assert len(found.points) == 6
     assert found.poses.ids == dataset.poses.ids
     np.testing.assert_array_equal(found.points.pose, np.arange(6) * 5)
-    np.testing.assert_allclose(
-        found.points.xyz_mm, dataset.points.xyz_mm.reshape(6, 5, 3).mean(axis=1), atol=1e-10
-    )
+    np.testing.assert_allclose(found.points.xyz_mm, dataset.points.xyz_mm.reshape(6, 5, 3).mean(axis=1), atol=1e-10)
     covariance = Observations.of(found).covariance_mm2
     np.testing.assert_allclose(covariance, np.broadcast_to(0.05**2 / 5 * np.eye(3), covariance.shape))
     assert len(find_repeats(dataset)) == 6
@@ -132,9 +130,7 @@ def in_rounds(drift_mm: float) -> Dataset:
     """Eight places, visited in five rounds, while everything moves by `drift_mm` along x from round to round."""
     dataset = repeated(plain(8), 5, np.random.default_rng(2), noise_mm=0.05, rounds=True)
     assert dataset.points is not None
-    points = dataset.points.xyz_mm + drift_mm * np.repeat(np.arange(5), 8)[:, None] * np.array(
-        [1.0, 0.0, 0.0]
-    )
+    points = dataset.points.xyz_mm + drift_mm * np.repeat(np.arange(5), 8)[:, None] * np.array([1.0, 0.0, 0.0])
     timed = replace(dataset.poses, time_s=np.arange(40) * 30.0)
     return replace(dataset.with_points(replace(dataset.points, xyz_mm=points)), poses=timed)
 

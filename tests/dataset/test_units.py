@@ -197,9 +197,7 @@ def test_a_quaternion_is_read_by_its_columns_names_or_in_the_declared_order(
     assert dataset.points is not None
     assert given.orientations is not None
     assert dataset.points.orientations is not None
-    np.testing.assert_allclose(
-        dataset.points.orientations.scanner_R_jig, given.orientations.scanner_R_jig, atol=1e-12
-    )
+    np.testing.assert_allclose(dataset.points.orientations.scanner_R_jig, given.orientations.scanner_R_jig, atol=1e-12)
 
 
 @pytest.mark.parametrize(("header", "held"), [("wxyz", "xyzw"), ("xyzw", "wxyz")])

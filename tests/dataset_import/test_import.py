@@ -100,9 +100,7 @@ def test_columns_and_units_are_recognised_and_said(truth: Dataset, tmp_path: Pat
 
 def test_a_fit_runs_at_once(truth: Dataset, tmp_path: Path) -> None:
     header = [*Q, "x", "y", "z"]
-    made = import_dataset(
-        tmp_path / "cell", ROBOT, write(tmp_path / "log.csv", header, both(truth, RAD, 1e-3))
-    )
+    made = import_dataset(tmp_path / "cell", ROBOT, write(tmp_path / "log.csv", header, both(truth, RAD, 1e-3)))
     roles = made.dataset.poses.role.tolist()
     assert roles.count("reference") == 1
     assert roles.count("test") == 8
@@ -160,8 +158,7 @@ def test_other_columns_are_kept_and_roles_are_read(truth: Dataset, tmp_path: Pat
     rows = both(truth, RAD, 1.0)
     lines = [",".join([*Q, "x", "y", "z", "split", "hall humidity"])]
     lines += [
-        ",".join([*map(str, row), "validation" if i > 25 else "Training", str(40 + i)])
-        for i, row in enumerate(rows)
+        ",".join([*map(str, row), "validation" if i > 25 else "Training", str(40 + i)]) for i, row in enumerate(rows)
     ]
     path.write_text("\n".join(lines))
     made = import_dataset(tmp_path / "cell", ROBOT, path)
@@ -226,9 +223,7 @@ def test_what_is_not_clear_is_asked_for(truth: Dataset, tmp_path: Path) -> None:
     odd = write(tmp_path / "odd.csv", [*Q, "x", "y", "z"], rows * [1, 1, 1, 1, 1, 1, 5, 5, 5])
     assert "--map 'x=x_mm'" in refusal(tmp_path, lambda: import_dataset(tmp_path / "b", ROBOT, odd))
     wrong = write(tmp_path / "wrong.csv", ["q1_mm", *Q[1:], "x", "y", "z"], rows)
-    assert "mm is no unit of joint 1" in refusal(
-        tmp_path, lambda: import_dataset(tmp_path / "b", ROBOT, wrong)
-    )
+    assert "mm is no unit of joint 1" in refusal(tmp_path, lambda: import_dataset(tmp_path / "b", ROBOT, wrong))
     short = write(tmp_path / "short.csv", ["x", "y", "z"], rows[:5, 6:])
     long = write(tmp_path / "long.csv", Q, rows[:, :6])
     assert "has 5 rows" in refusal(tmp_path, lambda: import_dataset(tmp_path / "b", ROBOT, long, short))

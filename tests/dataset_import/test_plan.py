@@ -45,9 +45,7 @@ def table(path: Path, header: Sequence[str], rows: np.ndarray, decimal: str = ".
     return path
 
 
-def planned(
-    path: Path, q: np.ndarray, points: np.ndarray, mapping: dict[str, Meaning] | None = None
-) -> ImportPlan:
+def planned(path: Path, q: np.ndarray, points: np.ndarray, mapping: dict[str, Meaning] | None = None) -> ImportPlan:
     log = table(path / "log.csv", [*Q, "x", "y", "z"], np.hstack([q, points]))
     return plan_import(Given(ASKED, log, mapping=mapping or {}))
 
@@ -94,10 +92,7 @@ def test_what_the_user_told_is_not_overruled_but_doubted(truth: Dataset, tmp_pat
     plan = planned(tmp_path, q, points_of(truth), {"A3": Meaning("q3", "rad")})
     assert plan.faults == ()
     assert len(plan.doubts) == 1
-    assert (
-        "joint 3 turns the other way than robot.toml says: with A3 negated the error falls from"
-        in plan.doubts[0]
-    )
+    assert "joint 3 turns the other way than robot.toml says: with A3 negated the error falls from" in plan.doubts[0]
     assert write_plan(plan, tmp_path / "cell").dataset.poses.q == pytest.approx(q, abs=1e-7)
 
 
@@ -243,9 +238,7 @@ def test_all_faults_of_all_files_stand_in_one_list(truth: Dataset, tmp_path: Pat
     lines[5] = lines[5].replace(".", "x", 1)
     joints.write_text("\n".join(lines))
     points = table(tmp_path / "points.csv", ["x", "y", "w"], points_of(truth)[:30])
-    plan = plan_import(
-        Given((), joints, points, faults=("arm.urdf: several tips; choose one with --tip: a, b",))
-    )
+    plan = plan_import(Given((), joints, points, faults=("arm.urdf: several tips; choose one with --tip: a, b",)))
     assert plan.content is None
     said = "\n".join(plan.faults)
     for part in (

@@ -105,9 +105,7 @@ def test_each_result_of_the_residual_tests_has_its_words(
 def test_causes_that_are_alike_are_not_decided(hidden: tuple[Calibration, Screening, ResidualTests]) -> None:
     space = SearchSpace.of(hidden[0].dataset)
     best = hidden[1].candidates[0]
-    twin = replace(
-        best, family=replace(best.family, name="twin"), log_evidence=best.log_evidence - 1.0, overlaps={}
-    )
+    twin = replace(best, family=replace(best.family, name="twin"), log_evidence=best.log_evidence - 1.0, overlaps={})
     other = replace(twin, explained=np.where(np.arange(len(twin.explained)) % 3, twin.explained, 0.0))
     doubled = replace(best, overlaps={"twin": 1.0})
     step = replace(first_fit(space), screening=replace(hidden[1], candidates=(doubled, other)))

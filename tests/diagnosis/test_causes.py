@@ -32,9 +32,7 @@ def test_the_joints_the_size_and_the_pose_of_each_effect(found: Diagnosis) -> No
         assert cause.largest is not None
         moved_mm = np.linalg.norm(after.after.error_mm - before.after.error_mm, axis=1)
         assert cause.largest.size_mm == moved_mm.max()
-        assert (
-            found.calibration.dataset.poses.ids[after.after.pose[np.argmax(moved_mm)]] == cause.largest.pose
-        )
+        assert found.calibration.dataset.poses.ids[after.after.pose[np.argmax(moved_mm)]] == cause.largest.pose
     assert cause_of("backlash", first, first).joints == ()
 
 

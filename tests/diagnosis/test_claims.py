@@ -35,9 +35,7 @@ def with_unknown_cause(dataset: Dataset, size_mm: float = 0.3) -> Dataset:
     points = dataset.points
     assert points is not None
     along = size_mm * np.sin(3.0 * dataset.poses.q[points.pose, 1])
-    return dataset.with_points(
-        replace(points, xyz_mm=points.xyz_mm + along[:, None] * np.array([1.0, 0.0, 0.0]))
-    )
+    return dataset.with_points(replace(points, xyz_mm=points.xyz_mm + along[:, None] * np.array([1.0, 0.0, 0.0])))
 
 
 @pytest.mark.slow

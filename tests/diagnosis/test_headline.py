@@ -31,8 +31,7 @@ NAMES = ("as delivered", "with calibrated links", "with joint_compliance")
 
 def told(*errors_mm: float, noise_mm: float | None = 0.0062, of_test_poses: bool = True) -> Headline:
     stages = [
-        ErrorStage(name, mm, k - 1 if k else None)
-        for k, (name, mm) in enumerate(zip(NAMES, errors_mm, strict=False))
+        ErrorStage(name, mm, k - 1 if k else None) for k, (name, mm) in enumerate(zip(NAMES, errors_mm, strict=False))
     ]
     sigma_mm = np.nan if noise_mm is None else noise_mm / np.sqrt(3.0)
     return Headline(tuple(stages), NoiseLevel(sigma_mm, DECLARED, 1.0), of_test_poses)
@@ -107,9 +106,7 @@ def test_the_line_and_its_unit() -> None:
 
 def test_noise_is_said_only_where_the_test_error_agrees() -> None:
     assert headline_note(told(1.9, 0.72, 0.0065)).endswith("What is left is no more than noise.")
-    assert headline_note(told(1.9, 0.72, 0.03954)).endswith(
-        "What is left is 6.4 times what noise alone would leave."
-    )
+    assert headline_note(told(1.9, 0.72, 0.03954)).endswith("What is left is 6.4 times what noise alone would leave.")
     assert headline_note(told(1.9, 0.744)).endswith("What is left is 120 times what noise alone would leave.")
     assert told(1.0, NOISE_AGREES * 0.0062).reached_noise
     assert not told(1.0, 1.01 * NOISE_AGREES * 0.0062).reached_noise

@@ -84,9 +84,7 @@ def test_an_exact_twin_stays_in_the_set_whatever_its_prior(twins: Dataset) -> No
 
 @pytest.mark.slow
 def test_an_effect_beside_twins_is_found_and_claimed() -> None:
-    found = diagnose(
-        with_turning_error(simulated(("thermal_growth", 4.0), masses=True, seed=4, tool_mm=150.0), 1.5e-3)
-    )
+    found = diagnose(with_turning_error(simulated(("thermal_growth", 4.0), masses=True, seed=4, tool_mm=150.0), 1.5e-3))
     assert (found.verdict, found.missing) == ("ambiguous", ("thermal_growth",))
     assert set(found.ambiguous_set) == {"transmission_error", "axis_wobble"}
 

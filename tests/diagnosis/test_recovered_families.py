@@ -83,9 +83,7 @@ def test_each_is_ranked_first_and_fitted_to_the_noise(name: str, arm: str) -> No
     assert after.after.test is not None
     # The mean: no fit can tell whether a test pose beside a step was measured before it.
     assert after.after.test.mean_mm < 0.6 * before.after.test.mean_mm
-    fitted = {
-        p.name: (x, s) for p, x, s in zip(after.fit.parameters, after.fit.x, after.fit.sigma, strict=True)
-    }
+    fitted = {p.name: (x, s) for p, x, s in zip(after.fit.parameters, after.fit.x, after.fit.sigma, strict=True)}
     (true,) = simulation.truth.effects
     for begin, value in TRUTHS.get(name, lambda _: {})(true).items():
         found = [of for full, of in fitted.items() if full.startswith(begin)]
@@ -101,9 +99,7 @@ def slipped() -> tuple[Dataset, Calibration]:
     return dataset, add_in_turn(dataset, ["joint_step"])[-1].calibration
 
 
-def test_a_slip_is_saved_with_its_pose_and_read_again(
-    slipped: tuple[Dataset, Calibration], tmp_path: Path
-) -> None:
+def test_a_slip_is_saved_with_its_pose_and_read_again(slipped: tuple[Dataset, Calibration], tmp_path: Path) -> None:
     dataset, fitted = slipped
     save_model(fitted, tmp_path / "model.json")
     again = load_model(tmp_path / "model.json")

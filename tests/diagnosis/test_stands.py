@@ -83,9 +83,7 @@ def test_rows_of_one_pose_count_once() -> None:
     shots = repeated(unmodelled(3, rough_rad=5e-4), SHOTS, np.random.default_rng(3), noise_mm=SIGMA_MM)
     means = by_hand(shots)
     assert shots.points is not None
-    rows = replace(
-        means, points=replace(shots.points, pose=np.repeat(np.arange(26), SHOTS)), scanner=shots.scanner
-    )
+    rows = replace(means, points=replace(shots.points, pose=np.repeat(np.arange(26), SHOTS)), scanner=shots.scanner)
     ours, theirs = calibrate(rows), calibrate(means)
     np.testing.assert_allclose(ours.fit.sigma, theirs.fit.sigma, rtol=1e-6)
     assert ours.fit.rows == theirs.fit.rows == 60
@@ -138,9 +136,7 @@ def test_held_out_poses_are_held_out_with_all_their_shots() -> None:
     assert ours.held_out.points == 100
     for one, other in zip(ours.folds, theirs.folds, strict=True):
         assert len(one.poses) == SHOTS * len(other.poses)
-        assert {int(pose[1:]) // SHOTS for pose in one.poses} == {
-            int(pose[1:]) // SHOTS for pose in other.poses
-        }
+        assert {int(pose[1:]) // SHOTS for pose in one.poses} == {int(pose[1:]) // SHOTS for pose in other.poses}
     of_shots = 3.0 * SIGMA_MM**2 * (1.0 - 1.0 / SHOTS)  # scatter about their means
     assert ours.held_out.rmse_mm**2 == pytest.approx(theirs.held_out.rmse_mm**2 + of_shots, rel=0.05)
     assert "100 points were measured at 20 standing poses" in " ".join(ours.notes)
@@ -148,16 +144,12 @@ def test_held_out_poses_are_held_out_with_all_their_shots() -> None:
 
 @pytest.mark.parametrize("residual", ["distance", "pairs"])
 def test_other_residuals(residual: str) -> None:
-    shots = repeated(
-        unmodelled(6, rough_rad=5e-4, poses=40), SHOTS, np.random.default_rng(6), noise_mm=SIGMA_MM
-    )
+    shots = repeated(unmodelled(6, rough_rad=5e-4, poses=40), SHOTS, np.random.default_rng(6), noise_mm=SIGMA_MM)
     options = FitOptions(residual=residual)
     ours, theirs = calibrate(shots, options), calibrate(by_hand(shots), options)
     np.testing.assert_allclose(ours.fit.sigma, theirs.fit.sigma, rtol=1e-5)
 
 
 def test_too_few_stands_for_a_fit_stay_as_they_are() -> None:
-    shots = repeated(
-        unmodelled(8, rough_rad=0.0, poses=4, test=0), 10, np.random.default_rng(8), noise_mm=SIGMA_MM
-    )
+    shots = repeated(unmodelled(8, rough_rad=0.0, poses=4, test=0), 10, np.random.default_rng(8), noise_mm=SIGMA_MM)
     assert calibrate(shots).averaged is None

@@ -193,11 +193,7 @@ def test_a_users_own_effect_is_tested_named_and_fitted(tmp_path: Path) -> None:
     q = dataset.poses.q[dataset.points.pose]
     frame = project_residual(calibrate(dataset)).residuals.scanner_frames(np.zeros(35))[""]
     column = dataset.robot.parameter_names.index("theta3")
-    moved = (
-        target_jacobian(dataset.robot, q)[..., column]
-        * (5e-4 * np.sin(2.5 * q[:, 2]))[:, None]
-        @ frame[:3, :3].T
-    )
+    moved = target_jacobian(dataset.robot, q)[..., column] * (5e-4 * np.sin(2.5 * q[:, 2]))[:, None] @ frame[:3, :3].T
     hidden = dataset.with_points(replace(dataset.points, xyz_mm=dataset.points.xyz_mm + moved))
     path = tmp_path / "mine.py"
     path.write_text(OWN_FILE)
@@ -205,9 +201,7 @@ def test_a_users_own_effect_is_tested_named_and_fitted(tmp_path: Path) -> None:
     assert [family.name for family in user_effects] == ["belt_error"]
     result = diagnose(hidden, user_effects=user_effects)
     assert result.missing == ("belt_error",), result.summary()
-    fitted = {
-        p.name: x for p, x in zip(result.calibration.fit.parameters, result.calibration.fit.x, strict=True)
-    }
+    fitted = {p.name: x for p, x in zip(result.calibration.fit.parameters, result.calibration.fit.x, strict=True)}
     assert fitted["belt_error.J3.sin_rad"] == pytest.approx(5e-4, rel=0.15)
     # From Python, in a tuple.
     assert check_effects((EncoderEccentricity(1),), nominal_state(hidden))[0].name == "encoder_eccentricity"
@@ -263,9 +257,7 @@ def test_an_effect_that_fails_only_later_is_still_one_line(tmp_path: Path) -> No
     ):
         assert old in OWN_FILE
         path.write_text(OWN_FILE.replace(old, new))
-        user_effects = load_effects(
-            path, nominal_state(dataset)
-        )  # tried at zero and at one step: all is well there
+        user_effects = load_effects(path, nominal_state(dataset))  # tried at zero and at one step: all is well there
         with pytest.raises(CalibError, match=says) as caught:
             diagnose(dataset, user_effects=user_effects)
         assert "\n" not in str(caught.value)

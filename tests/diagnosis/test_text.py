@@ -32,9 +32,7 @@ def test_faults_count_joints_from_one_and_tell_what_shows_at_the_tool() -> None:
 
 def test_poses_are_told_in_degrees_and_millimetres() -> None:
     pose = DiscriminatingPose(np.array([np.pi / 2, 120.0]), 0.123)
-    assert poses_text([pose, pose], np.array([True, False])) == (
-        "(90, 120): 0.12 mm apart; (90, 120): 0.12 mm apart"
-    )
+    assert poses_text([pose, pose], np.array([True, False])) == ("(90, 120): 0.12 mm apart; (90, 120): 0.12 mm apart")
 
 
 @pytest.mark.parametrize(
@@ -159,19 +157,14 @@ STEP = conclusions.Cause("joint_step", (5,), "joint 5 is off by -0.23° from pos
         ),
     ],
 )
-def test_joint_size_and_pose_stand_in_the_first_sentence(
-    verdict: conclusions.VerdictSentence, begins: str
-) -> None:
+def test_joint_size_and_pose_stand_in_the_first_sentence(verdict: conclusions.VerdictSentence, begins: str) -> None:
     assert verdict_text(verdict).startswith(begins)
 
 
 def test_noise_is_not_said_of_test_poses_that_are_off_by_more() -> None:
     held_out = conclusions.HeldOutError(0.0395, 6.36)
     said = verdict_text(conclusions.Named(("a",), None, held_out=held_out))
-    assert (
-        "nothing else shows at the training poses; the test poses are off by 40 µm, 6.4 times the noise"
-        in said
-    )
+    assert "nothing else shows at the training poses; the test poses are off by 40 µm, 6.4 times the noise" in said
     left = conclusions.ResidualSummary(None, (), False, (), held_out)
     assert (
         advice_text((left,))
@@ -215,15 +208,9 @@ def test_an_effect_is_told_with_its_lead_its_test_error_and_its_surest_parameter
     assert said.endswith(", and 2 more. Note: unknown masses.")
     ratio = (facts.FittedValue("joint_coupling.J6.k_of_J5", 1e-3, 1e-4, "1", "0.001° for each degree"),)
     assert "k_of_J5 = 0.001 +- 0.0001 (0.001° for" in reason_text(replace(found, values=ratio))
-    alone = reason_text(
-        replace(found, lead=2.2)
-    )  # what explains something else is no rival, and no lead is asked for
-    assert (
-        "leads the next, tool_sag, by 2 in log evidence, which would explain something else. With it" in alone
-    )
-    assert "by 2 in log evidence (more than 3 is asked for)" in reason_text(
-        replace(found, lead=2.2, standing="open")
-    )
+    alone = reason_text(replace(found, lead=2.2))  # what explains something else is no rival, and no lead is asked for
+    assert "leads the next, tool_sag, by 2 in log evidence, which would explain something else. With it" in alone
+    assert "by 2 in log evidence (more than 3 is asked for)" in reason_text(replace(found, lead=2.2, standing="open"))
 
 
 def test_the_verdict_comes_last_and_paragraphs_are_apart() -> None:
@@ -231,9 +218,7 @@ def test_the_verdict_comes_last_and_paragraphs_are_apart() -> None:
     order = facts.ResidualOrder(("q2", "time_s"), 1e-3, Channel(joint=1))
     paragraph = (size, order, facts.FaultSuspected(SWAY), facts.PosesStandOut(("p1", "p2")))
     reasons = ((facts.EffectRefused("backlash", "test poses"),), paragraph)
-    first, second, last = explanation_text(facts.Explanation(reasons, conclusions.Named(("a",), None))).split(
-        "\n\n"
-    )
+    first, second, last = explanation_text(facts.Explanation(reasons, conclusions.Named(("a",), None))).split("\n\n")
     assert first.startswith("backlash explains the training poses well")
     assert second.startswith(
         "What is left is 0.06 mm a coordinate; the noise is 0.05 mm, by repeated measurements. It has order against "

@@ -55,9 +55,9 @@ def test_a_cell_shows_each_part_and_keeps_nothing(cell: Cell, capsys: pytest.Cap
     seen: list[tuple[int, int, str]] = []
     dataset = calib.load_dataset(SAMPLES / "hidden_effect_a")
     cross_validate(dataset, folds=3, progress=True, on_progress=lambda *said: seen.append(said))
-    assert [
-        f'value="{done}" max="3"' in html for done, html in zip((1, 2, 3), cell.shown[1:], strict=False)
-    ] == [True] * 3
+    assert [f'value="{done}" max="3"' in html for done, html in zip((1, 2, 3), cell.shown[1:], strict=False)] == [
+        True
+    ] * 3
     assert "fits: 2 of 3, fold 2" in cell.shown[2]
     assert (cell.shown[0], cell.shown[-1]) == ("", "")
     assert seen == [(1, 3, "fold 1"), (2, 3, "fold 2"), (3, 3, "fold 3")]

@@ -17,9 +17,7 @@ ROOT = Path(__file__).parents[2]
 def is_written_by_hand(page: Path) -> bool:
     """Not one that the build makes; see .gitignore."""
     folders = page.relative_to(ROOT / "docs").parts[:-1]
-    return "generated" not in folders and (
-        page.name == "index.md" or not {"notebooks", "effects"} & set(folders)
-    )
+    return "generated" not in folders and (page.name == "index.md" or not {"notebooks", "effects"} & set(folders))
 
 
 PAGES = [ROOT / "README.md", *sorted(filter(is_written_by_hand, (ROOT / "docs").rglob("*.md")))]

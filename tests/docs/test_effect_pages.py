@@ -44,9 +44,7 @@ def standard(effects: ModuleType):
 
 
 @pytest.mark.parametrize("kind", CATALOGUE, ids=lambda kind: kind.name)
-def test_every_effect_has_a_page_with_two_pictures_that_are_told_in_words(
-    kind: type[CatalogueEffect], pages: Path
-):
+def test_every_effect_has_a_page_with_two_pictures_that_are_told_in_words(kind: type[CatalogueEffect], pages: Path):
     page = (pages / f"{kind.name}.md").read_text(encoding="utf-8")
     assert page.startswith(f"# {kind.name}\n")
     words = re.findall(r'<svg [^>]*role="img" aria-label="([^"]+)"', page)

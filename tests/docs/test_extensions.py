@@ -52,9 +52,7 @@ class Points:
     """Points."""
 
     xyz_mm: list  # (M, 3), *scanner* frame
-    covariance: list = (
-        None  # (M, 3, 3)
-    )
+    covariance: list = None  # (M, 3, 3)
     # (K, 3) told before it,
     # in two lines
     normals: list
@@ -75,9 +73,7 @@ def test_every_name_of_the_public_face_is_in_the_reference():
     import calib
 
     text = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "api").glob("*.md"))
-    missing = [
-        name for name in calib.__all__ if not any(f".. auto{kind}:: {name}\n" in text for kind in KINDS)
-    ]
+    missing = [name for name in calib.__all__ if not any(f".. auto{kind}:: {name}\n" in text for kind in KINDS)]
     assert missing == []
 
 
@@ -139,9 +135,7 @@ def test_a_script_that_fails_stops_the_build_and_says_where(tmp_path: Path, old:
     gallery = import_module("gallery")
     before = Path.cwd()
     with pytest.raises(ExtensionError) as caught:
-        gallery.run_script(
-            gallery.read_script(script_of(tmp_path, SCRIPT.replace(old, new))), ROOT / "sample_data"
-        )
+        gallery.run_script(gallery.read_script(script_of(tmp_path, SCRIPT.replace(old, new))), ROOT / "sample_data")
     assert says in str(caught.value)
     assert Path.cwd() == before
 
@@ -155,8 +149,5 @@ def test_a_name_in_a_signature_leads_to_what_it_names():
     select, simulate = Points.select, simulate_dataset
     assert full_names("ArrayLike | None", select) == "ArrayLike | None"
     assert full_names("Array", select) == "Array"
-    assert (
-        full_names("Mapping[str, Robot]", select)
-        == "collections.abc.Mapping[str, calib.kinematics.robot.Robot]"
-    )
+    assert full_names("Mapping[str, Robot]", select) == "collections.abc.Mapping[str, calib.kinematics.robot.Robot]"
     assert full_names("Sequence[Wanted]", simulate).endswith("Sequence[calib.simulation.simulate.Wanted]")

@@ -47,9 +47,7 @@ def test_it_has_ten_cells_and_is_stored_without_outputs() -> None:
 
 
 @pytest.mark.slow
-def test_every_cell_runs_without_a_warning_and_the_error_falls(
-    shell: InteractiveShell, tmp_path: Path
-) -> None:
+def test_every_cell_runs_without_a_warning_and_the_error_falls(shell: InteractiveShell, tmp_path: Path) -> None:
     for cell in cells("code"):
         with warnings.catch_warnings(), capture_output() as said:
             warnings.simplefilter("error")

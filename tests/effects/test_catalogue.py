@@ -36,9 +36,7 @@ DATASET = rich_dataset()
 UNHEATED = replace(DATASET, poses=replace(DATASET.poses, temperature_c=None))
 
 
-MEMBERS = [
-    member for family in (*effects_for(DATASET), family_of(UNHEATED, "warm_up")) for member in some_of(family)
-]
+MEMBERS = [member for family in (*effects_for(DATASET), family_of(UNHEATED, "warm_up")) for member in some_of(family)]
 
 
 def test_the_catalogue_is_what_is_described_and_all_of_it_runs_here() -> None:
@@ -196,9 +194,7 @@ def test_families_without_their_data_say_why_and_what_would_help() -> None:
     bare = dataset_of(DATASET.robot, DATASET.robot, np.random.default_rng(0), poses=12)
     massless = replace(
         bare,
-        robot=replace(
-            bare.robot, joints=tuple(replace(j, mass_kg=None, gear_ratio=None) for j in bare.robot.joints)
-        ),
+        robot=replace(bare.robot, joints=tuple(replace(j, mass_kg=None, gear_ratio=None) for j in bare.robot.joints)),
     )
     silent = {f.name for f in effects_for(massless) if f.why_not}
     assert silent == {

@@ -73,17 +73,13 @@ def hidden() -> Dataset:
     base_to_scanner = project_residual(calibrate(dataset)).residuals.scanner_frames(np.zeros(35))[""][:3, :3]
     column = dataset.robot.parameter_names.index("theta3")
     moved = target_jacobian(dataset.robot, q)[..., column] * (5e-4 * np.sin(23 * q[:, 2]))[:, None]
-    return dataset.with_points(
-        replace(dataset.points, xyz_mm=dataset.points.xyz_mm + moved @ base_to_scanner.T)
-    )
+    return dataset.with_points(replace(dataset.points, xyz_mm=dataset.points.xyz_mm + moved @ base_to_scanner.T))
 
 
 @pytest.mark.usefixtures("listed")
 def test_the_command_lists_a_class_that_is_in_the_catalogue(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["effects"]) == 0
-    line = (
-        "twenty_third_harmonic: theta_j += A sin(23 q_j)  [A rad]; needs joint angles over a 23rd of a turn"
-    )
+    line = "twenty_third_harmonic: theta_j += A sin(23 q_j)  [A rad]; needs joint angles over a 23rd of a turn"
     assert line in capsys.readouterr().out.splitlines()
     assert main(["effects", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["effects"][-1] == {

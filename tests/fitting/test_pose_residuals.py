@@ -147,9 +147,7 @@ def test_attitudes_of_the_fitted_arm_are_the_true_ones_up_to_base_and_seat() -> 
     dataset = made.dataset
     model = geometric_model(dataset.robot)
     q = np.random.default_rng(7).uniform(-2.0, 2.0, (30, 7))
-    poses = replace(
-        dataset.poses.select(np.zeros(30, dtype=np.int64)), q=q, ids=tuple(f"n{i}" for i in range(30))
-    )
+    poses = replace(dataset.poses.select(np.zeros(30, dtype=np.int64)), q=q, ids=tuple(f"n{i}" for i in range(30)))
     true = base_T_target(made.truth, q)[:, :3, :3]
     off = {}
     for kind in ("position", "pose"):

@@ -23,16 +23,12 @@ from tests.support.fit_cases import check_gradient, with_point_covariances
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-@pytest.mark.parametrize(
-    "kind", [kind for kind in RESIDUAL_KINDS if kind != "pose"]
-)  # see test_pose_residuals
+@pytest.mark.parametrize("kind", [kind for kind in RESIDUAL_KINDS if kind != "pose"])  # see test_pose_residuals
 def test_the_jacobian_is_the_derivative_of_the_cost(kind: str) -> None:
     """Elimination changes the residual's own derivative, yet the cost's gradient 2 J^T r has to be exact."""
     rng = np.random.default_rng(1)
     robot = jang_arm()
-    dataset = with_point_covariances(
-        dataset_of(robot, perturbed(robot, rng), rng, poses=20, noise_mm=0.05), rng
-    )
+    dataset = with_point_covariances(dataset_of(robot, perturbed(robot, rng), rng, poses=20, noise_mm=0.05), rng)
     check_gradient(make_residuals(kind, geometric_model(robot), Observations.of(dataset)), rng)
 
 
@@ -40,9 +36,7 @@ def test_pairs_are_all_distances_with_the_covariance_they_have() -> None:
     """The normal matrix and the right-hand side against generalised least squares on every distance by itself."""
     rng = np.random.default_rng(2)
     robot = jang_arm()
-    dataset = with_point_covariances(
-        dataset_of(robot, perturbed(robot, rng, mm=1e-4, rad=1e-7), rng, poses=9), rng
-    )
+    dataset = with_point_covariances(dataset_of(robot, perturbed(robot, rng, mm=1e-4, rad=1e-7), rng, poses=9), rng)
     observed = Observations.of(dataset)
     residuals = make_residuals("pairs", geometric_model(robot), observed)
     x = np.zeros(len(residuals.parameters))
@@ -78,10 +72,7 @@ def test_pairs_and_positions_are_one_fit_whatever_the_frame(seed: int) -> None:
     dataset = dataset_of(
         robot, perturbed(robot, rng), rng, poses=40, noise_mm=0.05, base_T_scanner=random_transform(rng)
     )
-    fits = [
-        solve(make_residuals(k, geometric_model(robot), Observations.of(dataset)))
-        for k in ("pairs", "position")
-    ]
+    fits = [solve(make_residuals(k, geometric_model(robot), Observations.of(dataset))) for k in ("pairs", "position")]
     np.testing.assert_allclose(fits[0].x, fits[1].x, atol=1e-9)
 
 
@@ -93,9 +84,7 @@ def test_a_frame_ten_metres_away_costs_no_accuracy() -> None:
     for offset_mm in (0.0, 1e4):
         base_T_scanner = np.eye(4)
         base_T_scanner[:3, 3] = offset_mm
-        dataset = dataset_of(
-            robot, true, np.random.default_rng(6), noise_mm=0.05, base_T_scanner=base_T_scanner
-        )
+        dataset = dataset_of(robot, true, np.random.default_rng(6), noise_mm=0.05, base_T_scanner=base_T_scanner)
         costs.append(solve(make_residuals("position", geometric_model(robot), Observations.of(dataset))).x)
     np.testing.assert_allclose(costs[1], costs[0], atol=1e-6)
 

@@ -188,9 +188,7 @@ def test_the_command_takes_robust_poses_and_names_those_that_do_not_count(
 
 def measured_arm(seed: int, poses: int, effects: Sequence[str] = (), robot: str = "panda") -> Dataset:
     """A simulated arm with so many poses to fit and 40 to test; effects are not in the model that is fitted."""
-    made = simulate_dataset(
-        builtin_robot(robot), rng=np.random.default_rng(seed), poses=poses + 40, effects=effects
-    )
+    made = simulate_dataset(builtin_robot(robot), rng=np.random.default_rng(seed), poses=poses + 40, effects=effects)
     role = np.array(["reference"] + ["train"] * (poses - 1) + ["test"] * 40)
     return replace(made.dataset, poses=replace(made.dataset.poses, role=role))
 
@@ -218,9 +216,7 @@ SLOW = pytest.mark.slow
     [(25, [7]), pytest.param(25, [0, 8, 19], marks=SLOW), pytest.param(64, [3, 30], marks=SLOW)],
 )
 @pytest.mark.parametrize("off_mm", [pytest.param(5.0, marks=SLOW), 50.0, pytest.param(500.0, marks=SLOW)])
-def test_wrong_points_leave_no_trace(
-    poses: int, wrong: list[int], off_mm: float, effects: tuple[str, ...]
-) -> None:
+def test_wrong_points_leave_no_trace(poses: int, wrong: list[int], off_mm: float, effects: tuple[str, ...]) -> None:
     """24 good poses of seven joints and one that is 50 mm off: the fit, and the test error, are those of the 24."""
     dataset = measured_arm(len(wrong) + poses, poses, effects)
     found = calibrate(moved(dataset, wrong, off_mm), FitOptions(robust=True))
@@ -279,9 +275,7 @@ def test_heavy_tails_cost_nothing_and_gross_errors_among_them_go() -> None:
     assert robustly.after.test is not None
     assert plainly.after.test is not None
     assert robustly.after.test.rmse_mm < 1.02 * plainly.after.test.rmse_mm
-    assert ids(dataset, [9, 40]) <= set(
-        calibrate(moved(dataset, [9, 40], 20.0), FitOptions(robust=True)).outliers
-    )
+    assert ids(dataset, [9, 40]) <= set(calibrate(moved(dataset, [9, 40], 20.0), FitOptions(robust=True)).outliers)
 
 
 def test_a_pose_that_an_effect_explains_comes_back_with_it() -> None:

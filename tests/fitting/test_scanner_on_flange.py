@@ -72,9 +72,7 @@ def test_several_mounts_and_targets_share_one_arm() -> None:
     dataset = flange_dataset_of(
         nominal, perturbed(nominal, rng), rng, poses=99, test=20, targets=("jig", "west"), setups=("A", "B", "C")
     )  # fmt: skip
-    role = np.where(
-        (dataset.poses.setup == "C") & (dataset.poses.role == "train"), "test", dataset.poses.role
-    )
+    role = np.where((dataset.poses.setup == "C") & (dataset.poses.role == "train"), "test", dataset.poses.role)
     dataset = replace(dataset, poses=replace(dataset.poses, role=role))
     result = calibrate(dataset)
     assert result.after.test.rmse_mm < 1e-7
@@ -126,9 +124,7 @@ def test_distances_are_refused(kind: str) -> None:
         lambda: calibrate(dataset, FitOptions(residual=kind)),
         lambda: redundancy(dataset, residual=kind),
     ):
-        with pytest.raises(
-            FitError, match="a jig that stands still, and distances between poses are not the arm's"
-        ):
+        with pytest.raises(FitError, match="a jig that stands still, and distances between poses are not the arm's"):
             asked()
 
 
@@ -142,10 +138,7 @@ def test_what_the_poses_leave_open_is_said() -> None:
     rng = np.random.default_rng(9)
     scara = _turning(random_arm(rng, 4), ["revolute"] * 2 + ["prismatic", "revolute"], [0.0] * 4)
     result = calibrate(flange_dataset_of(scara, scara, rng, poses=40, noise_mm=0.01))
-    assert (
-        "the flange turns about little but one direction (0.00, 0.00, 1.00 in the base frame)"
-        in result.warnings[0]
-    )
+    assert "the flange turns about little but one direction (0.00, 0.00, 1.00 in the base frame)" in result.warnings[0]
     gantry = _turning(random_arm(rng, 3), ["prismatic"] * 3, [0.5 * np.pi] * 3)
     result = calibrate(flange_dataset_of(gantry, gantry, rng, poses=40, noise_mm=0.01))
     assert "the flange hardly turns" in result.warnings[0]

@@ -49,9 +49,7 @@ def park_fit(robot: Robot, eliminated: str, seed: int) -> tuple[Robot, Robot, Fi
     return true, model.calibrated_robot(fit.x), fit
 
 
-@pytest.mark.parametrize(
-    ("arm", "eliminated"), [("rb5", c) for c in RB5_CASES] + [("panda", c) for c in PANDA_CASES]
-)
+@pytest.mark.parametrize(("arm", "eliminated"), [("rb5", c) for c in RB5_CASES] + [("panda", c) for c in PANDA_CASES])
 @pytest.mark.parametrize("seed", range(3))
 def test_parks_set_up_is_met_to_rounding_in_eight_iterations(arm: str, eliminated: str, seed: int) -> None:
     _, found, fit = park_fit(park_arm(arm), eliminated, seed)
@@ -133,10 +131,7 @@ def test_where_the_scanner_stands_changes_nothing(seed: int, kind: str) -> None:
     robot = jang_arm()
     here = dataset_of(robot, perturbed(robot, rng), rng, noise_mm=0.05)
     there = shortened(here, random_transform(rng))
-    fits = [
-        solve(make_residuals(kind, geometric_model(robot), Observations.of(dataset)))
-        for dataset in (here, there)
-    ]
+    fits = [solve(make_residuals(kind, geometric_model(robot), Observations.of(dataset))) for dataset in (here, there)]
     assert fits[1].iterations[0].cost == pytest.approx(fits[0].iterations[0].cost, rel=1e-8)
     assert fits[1].iterations[-1].cost == pytest.approx(fits[0].iterations[-1].cost, rel=1e-5)
     off = np.abs(fits[1].x - fits[0].x) / fits[0].sigma

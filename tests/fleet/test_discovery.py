@@ -54,9 +54,7 @@ def test_a_folder_that_cannot_be_listed_is_told_and_the_others_are_found(
     monkeypatch.setattr(discovery.os, "scandir", refusing)
     found = discover(tmp_path)
     assert found.datasets == ("a",)
-    assert [(f.path, f.reason) for f in found.failures] == [
-        ("locked", "cannot be looked into (Permission denied)")
-    ]
+    assert [(f.path, f.reason) for f in found.failures] == [("locked", "cannot be looked into (Permission denied)")]
     with pytest.raises(DatasetError, match="Permission denied"):
         discover(tmp_path / "locked")
 

@@ -80,9 +80,7 @@ def test_every_dataset_has_a_row_and_one_that_cannot_be_read_costs_only_itself(f
 @pytest.mark.parametrize("file", ["dataset.toml", "robot.toml"])
 def test_a_dataset_that_would_fill_the_memory_costs_only_itself(folder: Path, file: str) -> None:
     bomb = write_cell(folder / "bomb", 9) / file
-    bomb.write_text(
-        bomb.read_text() + "a" + ".a" * 20_000 + " = 1\n"
-    )  # 40 kB, of which a parser makes 1.5 GB
+    bomb.write_text(bomb.read_text() + "a" + ".a" * 20_000 + " = 1\n")  # 40 kB, of which a parser makes 1.5 GB
     fleet = run(folder)
     assert [row.path for row in fleet.rows] == ["a", "b", "deep/er/c"]
     assert [failure.path for failure in fleet.failures] == ["bomb", "broken"]
@@ -223,9 +221,7 @@ def test_what_works_on_this_machine_has_no_port_and_one_thread_a_process() -> No
 def dask() -> Iterator[Any]:
     """A cluster that runs already."""
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
-    ) as made:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None) as made:
         yield made
 
 
@@ -256,8 +252,6 @@ def test_the_kept_file_says_what_it_is(folder: Path) -> None:
 
 
 def test_a_row_tells_its_verdict_in_one_sentence() -> None:
-    row = Row(
-        "a", "a", "", "", "", {}, "RB5", 6, 50, 50, words="unexplained: 1.13 mm at p9. It is told above."
-    )
+    row = Row("a", "a", "", "", "", {}, "RB5", 6, 50, 50, words="unexplained: 1.13 mm at p9. It is told above.")
     assert row.headline == "unexplained: 1.13 mm at p9."
     assert replace(row, words="adequate").headline == "adequate"

@@ -62,9 +62,7 @@ def test_a_model_of_robot_is_held_against_the_others() -> None:
     rows = [row(f"a{k}", joint=2 if k < 8 else None, serial=f"A{k}", robot="RB5") for k in range(12)]
     rows += [row(f"b{k}", joint=2 if k < 1 else None, serial=f"B{k}", robot="UR10") for k in range(20)]
     across = [cause for cause in shared_causes(rows) if not cause.robot]
-    assert [(c.groups[0].what, c.groups[0].value, c.groups[0].inside) for c in across] == [
-        ("robot", "RB5", (8, 12))
-    ]
+    assert [(c.groups[0].what, c.groups[0].value, c.groups[0].inside) for c in across] == [("robot", "RB5", (8, 12))]
 
 
 def test_an_arm_counts_once_by_its_last_dataset_and_minor_joints_do_not_count() -> None:

@@ -108,9 +108,7 @@ def test_every_parameter_is_either_independent_or_dropped_for_a_reason() -> None
 def test_combinations_come_in_lowest_form() -> None:
     relations = {frozenset(c): c for c in analysed(park_arm("panda")).combinations}
     # 82.5 mm between the axes of joints 3 and 4 (Park, Table 2): turning by x and lifting by 82.5 x cancel.
-    assert relations[frozenset(("theta3", "beta3", "d4"))] == pytest.approx(
-        {"theta3": 1, "beta3": -1, "d4": 82.5}
-    )
+    assert relations[frozenset(("theta3", "beta3", "d4"))] == pytest.approx({"theta3": 1, "beta3": -1, "d4": 82.5})
     assert relations[frozenset(("a6", "theta6", "d7"))] == pytest.approx({"a6": 107, "theta6": -1, "d7": -88})
 
 
@@ -127,9 +125,7 @@ def test_what_is_kept_carries_all_the_information() -> None:
             assert np.linalg.matrix_rank(chosen, tol=1e-9) == found.rank
 
 
-@pytest.mark.parametrize(
-    ("robot", "rank"), [(park_arm("rb5"), 18), (park_arm("panda"), 22), (jang_arm(), 19)]
-)
+@pytest.mark.parametrize(("robot", "rank"), [(park_arm("rb5"), 18), (park_arm("panda"), 22), (jang_arm(), 19)])
 def test_what_distances_can_tell(robot: Robot, rank: int) -> None:
     assert structural_rank(robot) == rank
 
@@ -141,9 +137,7 @@ def test_pearson_is_symmetric_bounded_and_blind_to_scale() -> None:
     np.testing.assert_allclose(r, r.T)
     np.testing.assert_allclose(r, np.corrcoef(columns.T), atol=1e-12)
     scale = np.array([1, -1, 1e-6, 1e6, -3, 2.0])
-    np.testing.assert_allclose(
-        pearson_matrix(columns * scale), r * np.sign(np.outer(scale, scale)), atol=1e-9
-    )
+    np.testing.assert_allclose(pearson_matrix(columns * scale), r * np.sign(np.outer(scale, scale)), atol=1e-9)
 
 
 def test_words_name_the_sum_with_its_sign() -> None:

@@ -66,9 +66,7 @@ def measured(robot: Robot, poses: int = 60, setups: int = 1) -> Dataset:
         orientations=Orientations(base_T_jig[:, :3, :3]),
     )
     scanner = Scanner(0.05, orientation_sigma_rad=1e-4)
-    return Dataset(
-        "exact", robot, Poses(ids, role, q, setup, tuple(f"{i}.ply" for i in ids)), points, scanner=scanner
-    )
+    return Dataset("exact", robot, Poses(ids, role, q, setup, tuple(f"{i}.ply" for i in ids)), points, scanner=scanner)
 
 
 def rank_of_the_fit(dataset: Dataset, kind: str) -> int:

@@ -45,9 +45,7 @@ def test_roll_pitch_yaw_turn_about_fixed_axes_and_come_back(pitch: float) -> Non
     rng = np.random.default_rng(4)
     for roll, yaw in rng.uniform(-np.pi, np.pi, (50, 2)):
         rotation = rotation_from_rpy([roll, pitch, yaw])
-        assert rotation == pytest.approx(
-            Rotation.from_euler("xyz", [roll, pitch, yaw]).as_matrix(), abs=1e-15
-        )
+        assert rotation == pytest.approx(Rotation.from_euler("xyz", [roll, pitch, yaw]).as_matrix(), abs=1e-15)
         assert rotation_from_rpy(rpy_from_rotation(rotation)) == pytest.approx(rotation, abs=1e-15)
 
 
@@ -57,10 +55,7 @@ def test_every_frame_starts_from_the_base() -> None:
     frames = forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame
     without = forward(plain.table, q, plain.is_revolute).base_T_frame
     assert frames == pytest.approx(BASE.transform @ without, abs=1e-10)
-    assert (
-        forward(plain.table, q, plain.is_revolute, plain.base_T_first).base_T_frame.tolist()
-        == without.tolist()
-    )
+    assert forward(plain.table, q, plain.is_revolute, plain.base_T_first).base_T_frame.tolist() == without.tolist()
     truth = Arm.commanded_to(robot, q).base_T_frame
     assert np.stack(truth, axis=1) == pytest.approx(frames, abs=1e-10)
 
@@ -110,9 +105,7 @@ def test_an_unknown_key_of_the_base_is_named(tmp_path: Path) -> None:
 def test_a_fit_does_not_depend_on_where_the_base_frame_is() -> None:
     found = []
     for robot in (builtin_robot("rb5"), on_base()):
-        dataset = simulate_dataset(
-            builtin_robot("rb5"), rng=np.random.default_rng(3), poses=20, noise_mm=0.02
-        ).dataset
+        dataset = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(3), poses=20, noise_mm=0.02).dataset
         found.append(calibrate(replace(dataset, robot=robot)))
     plain, moved = found
     assert moved.after.train is not None

@@ -78,6 +78,4 @@ def test_another_engine_puts_the_tool_at_the_same_place(name: str) -> None:
     for q in rng.uniform(-np.pi, np.pi, (10, arm.n_joints)):
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
-        np.testing.assert_allclose(
-            data.body("tip").xpos, kinematics.target_points(arm, q[None])[0], atol=1e-9
-        )
+        np.testing.assert_allclose(data.body("tip").xpos, kinematics.target_points(arm, q[None])[0], atol=1e-9)

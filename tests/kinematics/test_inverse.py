@@ -75,10 +75,6 @@ def test_the_joints_jacobian_is_the_derivative(prismatic: int | None) -> None:
     for j in range(5):
         off = step * np.eye(5)[j]
         before, after = (forward(robot.table, q + s * off, robot.is_revolute) for s in (-1.0, 1.0))
-        np.testing.assert_allclose(
-            moved[:, :, j], (after.target_mm - before.target_mm) / (2.0 * step), atol=1e-5
-        )
+        np.testing.assert_allclose(moved[:, :, j], (after.target_mm - before.target_mm) / (2.0 * step), atol=1e-5)
         turn = after.base_T_frame[:, -1, :3, :3] @ np.swapaxes(before.base_T_frame[:, -1, :3, :3], 1, 2)
-        np.testing.assert_allclose(
-            turned[:, :, j], frames.rotvec_from_rotation(turn) / (2.0 * step), atol=1e-7
-        )
+        np.testing.assert_allclose(turned[:, :, j], frames.rotvec_from_rotation(turn) / (2.0 * step), atol=1e-7)

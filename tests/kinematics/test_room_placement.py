@@ -26,10 +26,7 @@ def _seen(
     flange[:, :3, :3] = turns.as_matrix()
     flange[:, :3, 3] = rng.normal(size=(count, 3)) * 600.0 * [1.0, 1.0, not flat]
     base_T_scanner = flange @ mounted[setup]
-    points = (
-        np.linalg.inv(base_T_scanner)
-        @ np.concatenate([places[target], np.ones((count, 1))], axis=1)[..., None]
-    )
+    points = np.linalg.inv(base_T_scanner) @ np.concatenate([places[target], np.ones((count, 1))], axis=1)[..., None]
     points = points[:, :3, 0]
     names = np.array(["A", "B", "C"])[setup], np.array(["jig", "west"])[target]
     truth = RoomPlacement(

@@ -27,8 +27,6 @@ def test_the_jig_stands_in_the_room_alike_at_all_poses() -> None:
     }
     predicted, why = predicted_attitudes(replace(dataset, points=None), corners)
     assert why == {}
-    stands = np.stack(
-        [predicted[i].T @ points.orientations.scanner_R_jig[k] for k, i in enumerate(dataset.poses.ids)]
-    )
+    stands = np.stack([predicted[i].T @ points.orientations.scanner_R_jig[k] for k, i in enumerate(dataset.poses.ids)])
     off_rad = frames.rotvec_from_rotation(np.swapaxes(stands[:1], 1, 2) @ stands)
     np.testing.assert_allclose(off_rad, 0.0, atol=1e-6)

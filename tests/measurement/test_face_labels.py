@@ -198,9 +198,7 @@ def test_a_robot_that_is_wrong_at_many_poses_names_none(simulation):
     assert result.by == "continuity"
     assert len(result.orientations) < 10
     assert all("of the last joint above all" in reason for reason in result.refused.values())
-    marked, corners, true = labelled(
-        simulation, np.random.default_rng(7), UNEVEN
-    )  # such a jig needs no robot
+    marked, corners, true = labelled(simulation, np.random.default_rng(7), UNEVEN)  # such a jig needs no robot
     by_angles = label_corners(replace(marked, poses=replace(marked.poses, q=q)), corners)
     assert by_angles.by == "angles"
     for i, found in enumerate(by_angles.orientations.values()):

@@ -150,11 +150,7 @@ def test_every_effect_of_this_program_can_be_saved() -> None:
     for package in (calib.effects, calib.effects.catalogue, calib.screening.curves):
         for info in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
             for value in vars(import_module(info.name)).values():
-                if (
-                    isinstance(value, type)
-                    and is_dataclass(value)
-                    and {"apply", "parameters"} <= set(dir(value))
-                ):
+                if isinstance(value, type) and is_dataclass(value) and {"apply", "parameters"} <= set(dir(value)):
                     found.add(value)
     assert found == {kind for _, kind in MEMBER_KINDS}
 
@@ -163,9 +159,7 @@ def test_learned_curves_are_saved_by_their_fields_too() -> None:
     file, robot = JsonFile(Path("m.json"), "model file", "", ModelFileError), builtin_robot("rb5")
     rng = np.random.default_rng(1)
     curve = CurveModes("q3", np.array([1, 4, 9]), rng.normal(size=(6, 2)), start=0.3, low=-2.0)
-    formula = FormulaModes(
-        "q2+q3", (FormulaTerm("harmonic", order=7), FormulaTerm("bump", place=0.1, width=0.2))
-    )
+    formula = FormulaModes("q2+q3", (FormulaTerm("harmonic", order=7), FormulaTerm("bump", place=0.1, width=0.2)))
     poses = plain_poses(rng.uniform(-2.0, 2.0, size=(9, 6)))
     state = RobotState.nominal(robot, poses)
     for modes, sigmas in ((curve, (1e-4, 2e-4)), (formula, (1e-4, 1e-4, 2e-4))):
@@ -232,9 +226,7 @@ def test_effects_of_the_users_come_from_the_users_file(dataset: Dataset, tmp_pat
     result = calib.calibrate(dataset, effects=members[1:3])
     save_model(result, path)
     loaded = load_model(path, own)
-    np.testing.assert_array_equal(
-        loaded.predict(dataset.poses.q), result.model.predict(result.fit.x, dataset.poses)
-    )
+    np.testing.assert_array_equal(loaded.predict(dataset.poses.q), result.model.predict(result.fit.x, dataset.poses))
     for given in (None, other):
         with pytest.raises(ModelFileError, match=r"effects\[1\]\.family: found 'humid'; .*--effects-file"):
             load_model(path, given)
@@ -242,9 +234,7 @@ def test_effects_of_the_users_come_from_the_users_file(dataset: Dataset, tmp_pat
 
 def test_a_users_effect_that_is_no_data_is_refused_when_saving(dataset: Dataset, tmp_path: Path) -> None:
     own = tmp_path / "own.py"
-    own.write_text(
-        OWN.replace("joint: int", "f: object").replace("self.joint", "0") + "EFFECTS = (Humid(print),)"
-    )
+    own.write_text(OWN.replace("joint: int", "f: object").replace("self.joint", "0") + "EFFECTS = (Humid(print),)")
     result = calib.calibrate(dataset, effects=load_effects(own, nominal_state(dataset))[0].members)
     with pytest.raises(CalibError, match="effect humid cannot be saved"):
         save_model(result, tmp_path / "m.json")

@@ -64,15 +64,11 @@ def test_a_scanner_that_moved_is_never_blamed_on_the_arm(cells: list[Drawn]) -> 
             moved = cell.with_scanner_moved(rng.normal(size=3) * size * 1e-4, rng.normal(size=3) * size)
             new = moved.measured(rng)
             found = watch(base, new)
-            assert whats(found) in (["scanner"], []), (
-                found.headline
-            )  # a tenth of a millimetre may pass unseen
+            assert whats(found) in (["scanner"], []), found.headline  # a tenth of a millimetre may pass unseen
             assert whats(found) == ["scanner"] or size == 0.1
             assert watch(base, new, scanner_moved=True).verdict == "unchanged"
             elsewhere = replace(new, poses=replace(new.poses, setup=np.full(len(new.poses), "another")))
-            assert (
-                watch(base, elsewhere).verdict == "unchanged"
-            )  # a placement that the earlier fit does not know
+            assert watch(base, elsewhere).verdict == "unchanged"  # a placement that the earlier fit does not know
 
 
 def test_a_slip_beside_a_moved_scanner_is_still_found(cells: list[Drawn]) -> None:
@@ -104,9 +100,7 @@ def test_what_is_promised_is_found(cells: list[Drawn]) -> None:
     size = sizes["joint_zero", 3]
     assert size is not None
     hits = [
-        watch(
-            base, cell.with_changes({"theta3": size}).measured(rng, q=poses.poses.q), scanner_moved=True
-        ).changes
+        watch(base, cell.with_changes({"theta3": size}).measured(rng, q=poses.poses.q), scanner_moved=True).changes
         for _ in range(20)
     ]
     assert sum(map(bool, hits)) >= 16  # 19 of 20 are promised
@@ -121,9 +115,7 @@ def test_too_few_poses_and_another_robot_are_refused(cells: list[Drawn]) -> None
         watch(base, panda.measured(rng))
 
 
-def test_the_command_tells_it_and_its_exit_code_alarms(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_tells_it_and_its_exit_code_alarms(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rng = np.random.default_rng(7)
     cell = Cell.drawn(rng)
     march = cell.measured(rng, 64, "march")

@@ -30,9 +30,7 @@ def artefacts() -> ModuleType:
 def names() -> set[str]:
     """The packages' files, the samples, and some that belong into no wheel."""
     files = [path for top in ("calib", "inspector", "sample_data") for path in (ROOT / top).rglob("*")]
-    kept = {
-        str(path.relative_to(ROOT)) for path in files if path.is_file() and "__pycache__" not in path.parts
-    }
+    kept = {str(path.relative_to(ROOT)) for path in files if path.is_file() and "__pycache__" not in path.parts}
     return {name for name in kept if not name.endswith(".pyc")} | {"tests/test_jig.py"}
 
 

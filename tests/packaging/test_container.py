@@ -47,12 +47,8 @@ def health_check() -> list[str]:
 def test_it_runs_as_a_user_of_its_own():
     names = [step for step, _ in STEPS]
     assert names.index("USER") < names.index("ENTRYPOINT")
-    assert not {"RUN", "COPY", "ADD"} & set(names[names.index("USER") :]), (
-        "the user owns nothing of the program"
-    )
-    assert re.search(
-        rf"useradd .*\b{given('USER')}$", "\n".join(text for step, text in STEPS if step == "RUN")
-    )
+    assert not {"RUN", "COPY", "ADD"} & set(names[names.index("USER") :]), "the user owns nothing of the program"
+    assert re.search(rf"useradd .*\b{given('USER')}$", "\n".join(text for step, text in STEPS if step == "RUN"))
 
 
 def test_what_it_starts_is_the_server_on_the_folder_that_is_mounted():
@@ -61,9 +57,7 @@ def test_what_it_starts_is_the_server_on_the_folder_that_is_mounted():
     asked = vars(_parser().parse_args(words))
     assert asked["subcommand"].name == "serve"
     assert asked["path"] == Path(given("WORKDIR")) == Path("/data")
-    assert (asked["host"], str(asked["port"])) == ("0.0.0.0", port()), (
-        "a port of the container reaches no loopback"
-    )
+    assert (asked["host"], str(asked["port"])) == ("0.0.0.0", port()), "a port of the container reaches no loopback"
 
 
 @pytest.mark.parametrize("outside", ["127.0.0.1:8080", "localhost:8080", "127.0.0.1:9000"])
@@ -91,9 +85,7 @@ def test_its_steps_are_shell_and_name_the_systems_libraries_of_run():
     for step, text in STEPS:
         if step == "RUN":
             command = re.sub(r"^--mount=\S+\s+", "", text)
-            done = subprocess.run(
-                [shutil.which("sh") or "sh", "-n", "-c", command], capture_output=True, text=True
-            )
+            done = subprocess.run([shutil.which("sh") or "sh", "-n", "-c", command], capture_output=True, text=True)
             assert done.returncode == 0, done.stderr
     (libraries,) = re.findall(r"^libraries='([^']*)'", (ROOT / "run").read_text(), re.MULTILINE)
     assert f"--no-install-recommends {libraries} &&" in re.sub(r"\s+", " ", TEXT.replace("\\\n", " "))

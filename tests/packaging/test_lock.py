@@ -77,9 +77,7 @@ def test_the_lock_satisfies_pyproject(python: str, system: tuple[str, str]):
         if requirement.marker is None or requirement.marker.evaluate(here):
             name = re.sub(r"[-_.]+", "-", requirement.name).lower()
             assert name in chosen, f"the lock lacks {requirement}: run .ci/lock"
-            assert chosen[name] in requirement.specifier, (
-                f"{requirement}, locked is {chosen[name]}: run .ci/lock"
-            )
+            assert chosen[name] in requirement.specifier, f"{requirement}, locked is {chosen[name]}: run .ci/lock"
 
 
 def test_the_lock_is_read_by_what_its_head_says():

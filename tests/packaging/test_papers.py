@@ -57,13 +57,9 @@ def test_all_name_the_same_pythons():
 
 def test_groups_and_extras_name_what_there_is():
     own = [
-        line if isinstance(line, str) else None
-        for lines in PYPROJECT["dependency-groups"].values()
-        for line in lines
+        line if isinstance(line, str) else None for lines in PYPROJECT["dependency-groups"].values() for line in lines
     ]
-    named = [
-        Requirement(line) for line in [*own, *(line for lines in EXTRAS.values() for line in lines)] if line
-    ]
+    named = [Requirement(line) for line in [*own, *(line for lines in EXTRAS.values() for line in lines)] if line]
     for requirement in named:
         if requirement.name == PROJECT["name"]:
             assert requirement.extras <= set(EXTRAS), requirement
@@ -108,9 +104,7 @@ def test_a_workflow_calls_programs_of_the_project_and_pinned_actions(path: Path)
             assert program.is_file(), word
             assert program.stat().st_mode & 0o111, f"{word} is not executable"
         if "uses" in step:
-            assert re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}", step["uses"]), (
-                "a tag may be moved, a commit may not"
-            )
+            assert re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}", step["uses"]), "a tag may be moved, a commit may not"
         if step.get("uses", "").startswith("actions/checkout@"):
             assert step["with"]["persist-credentials"] is False
     assert all(job["timeout-minutes"] <= 200 for job in workflow["jobs"].values()), "a hanging job ends"
@@ -180,9 +174,7 @@ def test_the_changelog_keeps_its_form():
     dates = [date.fromisoformat(match[2]) for match in released if match]
     assert numbers == sorted(set(numbers), reverse=True)
     assert dates == sorted(dates, reverse=True)
-    assert all(number <= Version(PROJECT["version"]) for number in numbers), (
-        "pyproject.toml has an older version"
-    )
+    assert all(number <= Version(PROJECT["version"]) for number in numbers), "pyproject.toml has an older version"
 
 
 def test_the_changelog_has_each_kind_of_change_once_a_version():

@@ -56,9 +56,9 @@ def sets_on(
         truth.append(np.full(each, number))
     order = rng.permutation(len(planes) * each)
     loose = FilterTolerances((0.0, 50.0), np.radians(20), np.radians(80))
-    return apply_filters(
-        np.concatenate(points)[order], np.concatenate(normals)[order], loose
-    ), np.concatenate(truth)[order]
+    return apply_filters(np.concatenate(points)[order], np.concatenate(normals)[order], loose), np.concatenate(truth)[
+        order
+    ]
 
 
 @pytest.mark.parametrize("seed", range(3))

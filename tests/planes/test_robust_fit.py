@@ -42,9 +42,7 @@ def test_it_is_the_minimum_of_tukeys_loss(seed: int) -> None:
     assert abs(best[0]) < 0.03 * 0.02 / np.sqrt(400)  # of the offset's standard error
     assert np.linalg.norm(best[1:]) < 0.03 * 0.02 / (3 * np.sqrt(400))  # of the weaker slope's
     heights = points[fit.indices] @ fit.normal - fit.offset_mm
-    np.testing.assert_allclose(
-        fit.psi_mm, heights * (1 - (heights / (TUKEY * fit.sigma_mm)) ** 2) ** 2, atol=1e-9
-    )
+    np.testing.assert_allclose(fit.psi_mm, heights * (1 - (heights / (TUKEY * fit.sigma_mm)) ** 2) ** 2, atol=1e-9)
 
 
 @pytest.mark.parametrize(("count", "stray"), [(60_000, 0.0), (60_000, 0.1), (300, 0.1)])

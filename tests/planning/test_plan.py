@@ -89,9 +89,7 @@ def test_a_first_set_has_a_reference_and_says_what_it_assumes(first_set: Plan) -
 
 
 @pytest.mark.slow
-def test_arms_that_are_measured_as_planned_have_the_predicted_error(
-    first_set: Plan, seen: np.ndarray
-) -> None:
+def test_arms_that_are_measured_as_planned_have_the_predicted_error(first_set: Plan, seen: np.ndarray) -> None:
     """Errors and noise of 12 arms from the simulated truth, which shares no code with the plan."""
     q = np.concatenate([first_set.poses.q, seen[:60]])
     squares = []
@@ -107,9 +105,7 @@ def test_arms_that_are_measured_as_planned_have_the_predicted_error(
 
 @pytest.mark.slow
 def test_a_suspected_effect_is_known_better_by_poses_planned_for_it(start: FromFit) -> None:
-    for_it = plan_poses(
-        start, 5, candidates=100, purpose=ForEffects(("joint_compliance",)), region="measurable"
-    )
+    for_it = plan_poses(start, 5, candidates=100, purpose=ForEffects(("joint_compliance",)), region="measurable")
     assert for_it.region == "the poses that can be measured"
     assert for_it.poses.payload_kg is None
     told = [line for line in for_it.told if ".J2." in line]

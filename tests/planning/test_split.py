@@ -25,9 +25,7 @@ from calib.workcell.measurable import measurable
 def doubt() -> Doubt:
     """Bending of links or compliance of joints: an arm without payload, one sigma of bending."""
     rng = np.random.default_rng(10)
-    dataset = simulate_dataset(
-        builtin_robot("rb5"), rng=rng, effects=[("link_bending", 1.0)], poses=40
-    ).dataset
+    dataset = simulate_dataset(builtin_robot("rb5"), rng=rng, effects=[("link_bending", 1.0)], poses=40).dataset
     calibration = calibrate(dataset)
     families = [f for f in effects_for(dataset) if f.name in ("link_bending", "joint_compliance")]
     ranked = screen(calibration, families).candidates
@@ -79,10 +77,7 @@ def test_exact_twins_are_said_to_be_told_apart_by_no_pose(doubt: Doubt) -> None:
     plan = plan_poses(purpose.start, 3, purpose=purpose, candidates=100)
     assert plan.settles is not None
     assert plan.settles < 0.5
-    assert (
-        f"{first.name} and its twin make the same of every pose of this kind: none tells them apart"
-        in plan.told
-    )
+    assert f"{first.name} and its twin make the same of every pose of this kind: none tells them apart" in plan.told
     assert any(line.startswith(f"what shows {first.name} alone: ") for line in plan.told)
 
 

@@ -29,9 +29,7 @@ def test_before_a_plan_the_unknowns_are_known_as_the_fit_says(dataset) -> None:
     setup = "B"
     at = 6 * list(unknowns.scanner_T_base).index(setup) + p
     known = JointKnowledge.of(calibration, setup)
-    np.testing.assert_allclose(
-        covariance[at : at + 3, at : at + 3], known.covariance[p : p + 3, p : p + 3], rtol=0.01
-    )
+    np.testing.assert_allclose(covariance[at : at + 3, at : at + 3], known.covariance[p : p + 3, p : p + 3], rtol=0.01)
 
 
 def test_predicted_points_have_the_covariance_that_the_fit_gives_them(dataset) -> None:

@@ -48,8 +48,7 @@ def test_planned_poses_show_each_kind_at_smaller_sizes_than_random_ones(planned:
         some = [kind.size(rng.choice(len(q), CHECK_POSES, replace=False)) for _ in range(20)]
         assert kind.size(chosen) < np.median(some)
     gains = [
-        np.median([k.size(rng.choice(len(q), 8, replace=False)) for _ in range(20)]) / k.size(chosen)
-        for k in kinds
+        np.median([k.size(rng.choice(len(q), 8, replace=False)) for _ in range(20)]) / k.size(chosen) for k in kinds
     ]
     assert np.mean(gains) > 1.15
 

@@ -114,9 +114,7 @@ def test_long_files_are_no_hang(tmp_path: Path, name: str) -> None:
 @pytest.mark.thorough
 def test_a_damaged_table_is_imported_or_refused_whole(tmp_path: Path, count: int) -> None:
     rng, robot = np.random.default_rng(2), builtin_robot("rb5")
-    rows = [
-        ",".join(map(repr, map(float, row))) for row in rng.uniform(-1, 1, (12, 9)) * ([1] * 6 + [500] * 3)
-    ]
+    rows = [",".join(map(repr, map(float, row))) for row in rng.uniform(-1, 1, (12, 9)) * ([1] * 6 + [500] * 3)]
     text = "\n".join(["pose,q1,q2,q3,q4,q5,q6,x,y,z", *(f"p{i},{row}" for i, row in enumerate(rows))])
     table = tmp_path / "log.csv"
     for i in range(count):

@@ -79,9 +79,7 @@ def test_a_ur_calibration_is_the_controllers_arm_with_small_numbers(tmp_path: Pa
     assert np.abs(tips(found.robot, q) - theirs)[:, :3, :3].max() < 1e-12
     nominal = [standard(nominal_rows("ur10")[:k], np.zeros(k)) for k in range(1, 7)]
     frames = frames_at_zero(found.robot)[1:-1]
-    assert (
-        max(np.linalg.norm(a[:3, 3] - b[:3, 3]) for a, b in zip(frames[:5], nominal[:5], strict=True)) < 5.0
-    )
+    assert max(np.linalg.norm(a[:3, 3] - b[:3, 3]) for a, b in zip(frames[:5], nominal[:5], strict=True)) < 5.0
     assert np.abs(found.robot.table[:, [0, 2]]).max() < 700.0
     assert f"d of {np.abs(rows[:, 2]).max() / 1e3:.4g} m" in found.summary
     assert found.robot.base == Base()
@@ -176,9 +174,7 @@ def test_a_kinematics_file_may_start_from_another_link_than_robot_toml(tmp_path:
         (UR_YAML, "\n".join(" " * k + "a:" for k in range(50)), "too many levels"),
     ],
 )
-def test_a_damaged_kinematics_file_is_told_with_its_line(
-    tmp_path: Path, old: str, new: str, said: str
-) -> None:
+def test_a_damaged_kinematics_file_is_told_with_its_line(tmp_path: Path, old: str, new: str, said: str) -> None:
     path = tmp_path / "ur10.yaml"
     path.write_text(UR_YAML.replace(old, new, 1))
     with pytest.raises(RobotFileError, match=said):
@@ -239,9 +235,7 @@ def test_angles_as_a_maker_prints_them_in_parts_of_pi(tmp_path: Path) -> None:
     path.write_text(UR5E, encoding="utf-8")
     half = np.pi / 2
     lengths = [(0, 162.5), (-425, 0), (-392.2, 0), (0, 133.3), (0, 99.7), (0, 99.6)]
-    rows = np.array(
-        [(0.0, a, d, alpha) for (a, d), alpha in zip(lengths, [half, 0, 0, half, -half, 0], strict=True)]
-    )
+    rows = np.array([(0.0, a, d, alpha) for (a, d), alpha in zip(lengths, [half, 0, 0, half, -half, 0], strict=True)])
     q = joints_at_random(20, 6)
     robot = read_robot(path, Reading(convention="standard")).robot
     assert np.abs(tips(robot, q) - [standard(rows, values) for values in q]).max() < 1e-9
@@ -275,9 +269,7 @@ def test_screw_axes_at_home(tmp_path: Path, by_points: bool) -> None:
         w[3], p[3] = [0.0, 0.6, 0.8], 0.0
         lines = ["name,type,wx,wy,wz,px_m,py_m,pz_m,roll_rad,pitch_rad,yaw_rad"]
         lines += [
-            f"J{k},{'prismatic' if k == 3 else 'revolute'},"
-            + ",".join(map(repr, map(float, [*w[k], *p[k]])))
-            + ",,,"
+            f"J{k},{'prismatic' if k == 3 else 'revolute'}," + ",".join(map(repr, map(float, [*w[k], *p[k]]))) + ",,,"
             for k in range(5)
         ]
         lines.append("home,fixed,0,0,0,0.1,0.2,0.9,0.1,0.2,0.3")
@@ -302,9 +294,7 @@ def test_screw_axes_at_home(tmp_path: Path, by_points: bool) -> None:
             theirs = theirs @ expm(twist * value)
         theirs = theirs @ home
         theirs[:3, 3] *= 1e3
-        if (
-            not by_points
-        ):  # without a home pose the tip is the last joint's own frame, where it has no place to tell
+        if not by_points:  # without a home pose the tip is the last joint's own frame, where it has no place to tell
             continue
         assert mine == pytest.approx(theirs, abs=1e-8)
 
@@ -404,9 +394,7 @@ def test_a_mujoco_model_is_what_mujoco_makes_of_it(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_a_mujoco_model_that_cannot_be_used_is_one_line(
-    tmp_path: Path, old: str, new: str, said: str
-) -> None:
+def test_a_mujoco_model_that_cannot_be_used_is_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
     path = tmp_path / "arm.xml"
     path.write_text(MJCF.replace(old, new, 1))
     with pytest.raises(RobotFileError, match=said) as caught:

@@ -39,8 +39,7 @@ def stock_yaml(model: str) -> str:
     for name, values in blocks.items():
         lines.append(f"  {name}:")
         lines += [
-            f"    {key}: {value!r}"
-            for key, value in zip(("x", "y", "z", "roll", "pitch", "yaw"), values, strict=True)
+            f"    {key}: {value!r}" for key, value in zip(("x", "y", "z", "roll", "pitch", "yaw"), values, strict=True)
         ]
     return "\n".join([*lines, "  hash: calib_12788084448423163542", ""])
 
@@ -129,10 +128,7 @@ def test_a_calibration_keeps_the_flange_and_the_links_near_their_places(
         for name in LINKS:
             mine, theirs = blocks[name], stock[name]
             assert max(abs(mine[key] - theirs[key]) for key in "xyz") < 2e-3
-            both = (
-                Rotation.from_euler("xyz", [b[key] for key in ("roll", "pitch", "yaw")])
-                for b in (mine, theirs)
-            )
+            both = (Rotation.from_euler("xyz", [b[key] for key in ("roll", "pitch", "yaw")]) for b in (mine, theirs))
             assert (next(both).inv() * next(both)).magnitude() < math.radians(0.2)
         assert "calib_12788084448423163542" in text
     assert "not on the axis" not in capsys.readouterr().out

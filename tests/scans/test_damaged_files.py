@@ -69,9 +69,7 @@ def test_a_damaged_file_is_points_or_one_error(tmp_path: Path, name: str, mutati
 @settings(max_examples=30, **FUNCTION_FOLDER)
 @given(name=st.sampled_from([*WRITERS]), mutation=st.sampled_from([*MUTATIONS]), seed=st.integers(0, 2**32))
 @pytest.mark.filterwarnings("error")
-def test_what_can_be_loaded_is_a_corner_or_a_reason(
-    tmp_path: Path, name: str, mutation: str, seed: int
-) -> None:
+def test_what_can_be_loaded_is_a_corner_or_a_reason(tmp_path: Path, name: str, mutation: str, seed: int) -> None:
     scan = load_or_error(tmp_path / name, MUTATIONS[mutation](np.random.default_rng(seed), FILES[name]))
     if scan is None or len(scan.points_mm) < MIN_POINTS:
         return
@@ -105,9 +103,7 @@ def test_a_million_rows_without_a_value(tmp_path: Path) -> None:
     mutation=st.sampled_from([*MUTATIONS]),
     seed=st.integers(0, 2**32),
 )
-def test_a_damaged_table_is_a_dataset_or_one_error(
-    tmp_path: Path, name: str, mutation: str, seed: int
-) -> None:
+def test_a_damaged_table_is_a_dataset_or_one_error(tmp_path: Path, name: str, mutation: str, seed: int) -> None:
     folder = tmp_path / "measured"
     if not folder.exists():
         shutil.copytree(DATASET, folder)

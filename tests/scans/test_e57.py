@@ -21,9 +21,7 @@ from tests.support.arms import dataset_of, jang_arm
 from tests.support.scan_mutations import MUTATIONS
 
 RNG = np.random.default_rng(8)
-POINTS = (
-    RNG.uniform(-0.3, 0.9, (400, 3)).astype(np.float32).astype(np.float64)
-)  # metres, in the scanner's frame
+POINTS = RNG.uniform(-0.3, 0.9, (400, 3)).astype(np.float32).astype(np.float64)  # metres, in the scanner's frame
 QUARTER_TURN = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])  # w x y z
 
 
@@ -90,9 +88,7 @@ def test_of_several_scans_one_is_named(tmp_path: Path) -> None:
         scan = load_scan(tmp_path / f"cell.e57#{part}")
         assert scan.name == f"cell.e57#{part}"
         np.testing.assert_allclose(scan.points_mm, 1000 * times * POINTS, rtol=1e-6)  # written as float32
-    with pytest.raises(
-        ScanError, match=r"4 scans \(1 'left', 2 '2', 3 'right', 4 'right'\), which one is not said"
-    ):
+    with pytest.raises(ScanError, match=r"4 scans \(1 'left', 2 '2', 3 'right', 4 'right'\), which one is not said"):
         load_scan(tmp_path / "cell.e57")
     for part in ("right", "5", "up"):
         with pytest.raises(ScanError, match=f"none of them is '{part}'; write cell.e57#1"):

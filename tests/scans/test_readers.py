@@ -36,9 +36,7 @@ def load(folder: Path, name: str, content: str | bytes) -> Scan:
 @pytest.mark.parametrize("suffix", [".ply", ".pcd"])
 @pytest.mark.parametrize("how", [{"write_ascii": True}, {}, {"compressed": True}])
 @pytest.mark.parametrize("extras", ["", "normals", "normals colours"])
-def test_open3d_writes_it_and_it_reads_the_same(
-    tmp_path: Path, suffix: str, how: dict[str, bool], extras: str
-) -> None:
+def test_open3d_writes_it_and_it_reads_the_same(tmp_path: Path, suffix: str, how: dict[str, bool], extras: str) -> None:
     import open3d
 
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(POINTS))
@@ -151,9 +149,7 @@ def test_an_organised_pcd_with_fields_of_several_values(tmp_path: Path, data: st
     table["z"][::10] = np.nan
     body = table.tobytes()
     if data == "ascii":
-        body = "\n".join(
-            f"1 2 3 4 {r['z']} 7 8 9 {r['y']} {r['x']}".replace("nan", "-nan") for r in table
-        ).encode()
+        body = "\n".join(f"1 2 3 4 {r['z']} 7 8 9 {r['y']} {r['x']}".replace("nan", "-nan") for r in table).encode()
     scan = load(tmp_path, "a.pcd", header.encode() + body)
     assert scan.dropped == 50
     np.testing.assert_allclose(scan.points_mm, np.delete(POINTS, np.s_[::10], axis=0), rtol=1e-6)
@@ -230,18 +226,14 @@ def test_text_without_a_value(tmp_path: Path, empty: str) -> None:
     assert scan.dropped == 1
 
 
-@pytest.mark.parametrize(
-    "text", ["1 2 3\n4 5\n", "1 2 3\n4 5 six\n", "x y z\nx y z\n", "1 2\n3 4\n", "a b\n1 2"]
-)
+@pytest.mark.parametrize("text", ["1 2 3\n4 5\n", "1 2 3\n4 5 six\n", "x y z\nx y z\n", "1 2\n3 4\n", "a b\n1 2"])
 def test_text_that_is_no_table_of_points(tmp_path: Path, text: str) -> None:
     with pytest.raises(ScanError, match=r"no x, y, z|not three numbers"):
         load(tmp_path, "a.txt", text)
 
 
 def test_pandas_writes_it_with_normals_in_any_order(tmp_path: Path) -> None:
-    frame = pd.DataFrame(
-        {"nz": NORMALS[:, 2], "intensity": 1.0, "z": POINTS[:, 2], "name": "p", "x": POINTS[:, 0]}
-    )
+    frame = pd.DataFrame({"nz": NORMALS[:, 2], "intensity": 1.0, "z": POINTS[:, 2], "name": "p", "x": POINTS[:, 0]})
     frame = frame.assign(nx=NORMALS[:, 0], ny=NORMALS[:, 1], y=POINTS[:, 1])
     frame.loc[3, "x"] = np.nan
     frame.to_csv(tmp_path / "a.csv", index=False)

@@ -13,9 +13,7 @@ from calib.errors import ScanError
 from calib.scans.scan import Scan, load_scan, write_scan
 
 POINTS = np.random.default_rng(1).uniform(-300, 900, (1000, 3)).astype(np.float32).astype(np.float64)
-PLY_HEADER = (
-    "ply\nformat {} 1.0\nelement vertex {}\nproperty {t} x\nproperty {t} y\nproperty {t} z\nend_header\n"
-)
+PLY_HEADER = "ply\nformat {} 1.0\nelement vertex {}\nproperty {t} x\nproperty {t} y\nproperty {t} z\nend_header\n"
 
 
 def ply(kind: str, points: NDArray, *, promised: int | None = None, dtype: str = "<f4") -> bytes:

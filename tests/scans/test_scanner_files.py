@@ -26,9 +26,7 @@ def load(folder: Path, name: str, content: str | bytes) -> Scan:
 
 def table(order: str, *more: tuple[str, str], coordinate: str = "f4") -> np.ndarray:
     """POINTS as the rows of a binary file, with further columns behind."""
-    rows = np.zeros(
-        len(POINTS), [(axis, order + coordinate) for axis in "xyz"] + [(n, order + t) for n, t in more]
-    )
+    rows = np.zeros(len(POINTS), [(axis, order + coordinate) for axis in "xyz"] + [(n, order + t) for n, t in more])
     for axis, column in zip("xyz", POINTS.T, strict=True):
         rows[axis] = column
     for name, kind in more:
@@ -96,9 +94,7 @@ def test_ply_comment_above_the_format_and_mixed_line_ends(tmp_path: Path) -> Non
     for first, rest in (("\n", "\r\n"), ("\r\n", "\n")):
         head = f"ply{first}comment Created by meshio{rest}format binary_little_endian 1.0{rest}"
         head += f"element vertex 240{rest}{XYZ.replace(chr(10), rest)}end_header{rest}"
-        np.testing.assert_array_equal(
-            load(tmp_path, "a.ply", head.encode() + table("<").tobytes()).points_mm, POINTS
-        )
+        np.testing.assert_array_equal(load(tmp_path, "a.ply", head.encode() + table("<").tobytes()).points_mm, POINTS)
 
 
 @pytest.mark.parametrize("how", [{"text": True}, {"byte_order": "<"}])
@@ -135,9 +131,7 @@ def test_ply_vertices_with_lists_as_photogrammetry_writes_them(tmp_path: Path, h
 def test_ply_vertices_with_lists_of_the_other_byte_order(tmp_path: Path) -> None:
     """By hand: plyfile writes the numbers beside lists as they lie in memory."""
     head = f"ply\nformat binary_big_endian 1.0\nelement vertex 240\n{XYZ}property list ushort double v\nend_header\n"
-    body = b"".join(
-        struct.pack(f">fffH{i % 4}d", *point, i % 4, *range(i % 4)) for i, point in enumerate(POINTS)
-    )
+    body = b"".join(struct.pack(f">fffH{i % 4}d", *point, i % 4, *range(i % 4)) for i, point in enumerate(POINTS))
     np.testing.assert_array_equal(load(tmp_path, "a.ply", head.encode() + body).points_mm, POINTS)
 
 

@@ -27,9 +27,7 @@ def test_evidence_and_gate_are_blind_to_the_noises_size_and_order() -> None:
 def test_p_values_of_pure_noise_are_uniform_or_larger() -> None:
     rng = np.random.default_rng(1)
     columns = tuple(rng.normal(size=(60, 2)) for _ in range(5))
-    p = np.array(
-        [evaluate_family(FamilyColumns(rng.normal(size=60), columns, 60)).p_value for _ in range(400)]
-    )
+    p = np.array([evaluate_family(FamilyColumns(rng.normal(size=60), columns, 60)).p_value for _ in range(400)])
     assert np.mean(p < 0.05) < 0.08
     assert np.mean(p < 0.01) < 0.03
 
@@ -65,9 +63,7 @@ def test_signs_say_nothing_about_columns_that_do_not_show() -> None:
     shown, hidden = rng.normal(size=(80, 1)), np.zeros((80, 1))
     residual = rng.normal(size=80) + shown[:, 0]
     alone = evaluate_family(FamilyColumns(residual, (shown,), 80, positive=(True,)))
-    beside = evaluate_family(
-        FamilyColumns(residual, (np.column_stack([shown, hidden]),), 80, positive=(True,))
-    )
+    beside = evaluate_family(FamilyColumns(residual, (np.column_stack([shown, hidden]),), 80, positive=(True,)))
     assert beside.log_evidence == pytest.approx(alone.log_evidence)
 
 

@@ -24,9 +24,7 @@ from calib.simulation.truth.joint_effects import JointDent as TrueDent
 from calib.simulation.truth.order_effects import JointStep as TrueStep
 
 
-def simulated(
-    effects: tuple[str, ...] = (), *, seed: int = 0, sigmas: float = 2.0, robot: str = "rb5"
-) -> Simulation:
+def simulated(effects: tuple[str, ...] = (), *, seed: int = 0, sigmas: float = 2.0, robot: str = "rb5") -> Simulation:
     return simulate_dataset(
         builtin_robot(robot),
         rng=np.random.default_rng([7, seed]),

@@ -20,9 +20,7 @@ from calib.screening.projected_residual import ProjectedResidual, project_residu
 from calib.simulation.simulate import simulate_dataset
 
 
-def simulated(
-    effects: Sequence[tuple[str, float]], *, robot: str = "rb5", seed: int = 2, off: bool = True
-) -> Dataset:
+def simulated(effects: Sequence[tuple[str, float]], *, robot: str = "rb5", seed: int = 2, off: bool = True) -> Dataset:
     """An arm whose masses robot.toml has 30 % off, each link's up or down."""
     rng = np.random.default_rng([7, seed])
     dataset = simulate_dataset(
@@ -49,9 +47,7 @@ def left_with(dataset: Dataset, effect: str) -> ProjectedResidual:
     ("effect", "robot", "seed"),
     [("joint_compliance", "rb5", 2), ("base_compliance", "rb5", 0), ("link_bending", "panda", 2)],
 )
-def test_the_errors_of_a_strong_first_effect_are_given_no_second_name(
-    effect: str, robot: str, seed: int
-) -> None:
+def test_the_errors_of_a_strong_first_effect_are_given_no_second_name(effect: str, robot: str, seed: int) -> None:
     found = diagnose(simulated([(effect, 20.0)], robot=robot, seed=seed))
     assert found.named == (effect,), found.summary()
     assert found.verdict == "named"
@@ -70,17 +66,13 @@ def test_only_an_effect_of_load_brings_masses_into_question() -> None:
     assert project_residual(calibrate(dataset)).nuisance is None
     assert left_with(dataset, "transmission_error").nuisance is None
     bare = tuple(replace(joint, mass_kg=None, com_mm=None) for joint in dataset.robot.joints)
-    assert (
-        left_with(replace(dataset, robot=replace(dataset.robot, joints=bare)), "joint_compliance").nuisance
-        is None
-    )
+    assert left_with(replace(dataset, robot=replace(dataset.robot, joints=bare)), "joint_compliance").nuisance is None
 
 
 @pytest.mark.slow
 def test_wrong_masses_show_and_right_ones_do_not() -> None:
     wrong, right = (
-        left_with(simulated([("joint_compliance", 20.0)], off=off), "joint_compliance")
-        for off in (True, False)
+        left_with(simulated([("joint_compliance", 20.0)], off=off), "joint_compliance") for off in (True, False)
     )
     assert wrong.nuisance is not None
     assert right.nuisance is not None

@@ -30,9 +30,7 @@ COARSE = ScanModel(points=4000, window_mm=90.0)
 
 def made(arm: str, seed: int, poses: int) -> Simulation:
     robot = replace(builtin_robot(arm), carries_scanner=True)
-    return simulate_dataset(
-        robot, rng=np.random.default_rng(seed), poses=poses, scans=True, scan_model=COARSE
-    )
+    return simulate_dataset(robot, rng=np.random.default_rng(seed), poses=poses, scans=True, scan_model=COARSE)
 
 
 @pytest.mark.slow
@@ -44,13 +42,9 @@ def test_poses_look_at_the_jig_in_the_room(arm: str, seed: int) -> None:
     assert np.all((q >= low) & (q <= high))
     assert np.degrees(np.std(q, axis=0)).min() > 10.0
     sight = apex_mm / np.linalg.norm(apex_mm, axis=1, keepdims=True)
-    normals = np.einsum(
-        "nij,kj->nki", simulation.scanner_T_jig[:, :3, :3], jig_geometry(simulation.dataset.jig)[1]
-    )
+    normals = np.einsum("nij,kj->nki", simulation.scanner_T_jig[:, :3, :3], jig_geometry(simulation.dataset.jig)[1])
     incidence_deg = np.degrees(np.arccos(-np.einsum("nki,ni->nk", normals, sight)))
-    assert (
-        incidence_deg.max() < JANG_FIELD.max_incidence_deg + 1.0
-    )  # the true arm is a little off the nominal one
+    assert incidence_deg.max() < JANG_FIELD.max_incidence_deg + 1.0  # the true arm is a little off the nominal one
     across_mm = np.abs(apex_mm[:, :2]) * (JANG_FIELD.distance_mm / apex_mm[:, 2:])
     assert np.all(across_mm < JANG_FIELD.half_mm + 15.0)
     for pose in (0, 11):
@@ -79,9 +73,7 @@ def benchmark(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 @pytest.mark.thorough
-def test_corners_are_found_and_the_fit_is_at_its_bound(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_corners_are_found_and_the_fit_is_at_its_bound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Against the Cramer-Rao bound by differences of the simulated truth, of points with the corners' covariances."""
     simulation = made("rb5", 2, 50)
     write_simulation(simulation, tmp_path)

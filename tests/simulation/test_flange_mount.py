@@ -26,9 +26,7 @@ from calib.simulation.truth.equilibrium import Truth, base_T_target
 from tests.support.mujoco_arm import in_mujoco, mujoco_model
 
 RB5 = replace(builtin_robot("rb5"), carries_scanner=True)
-MADE = simulate_dataset(
-    RB5, rng=np.random.default_rng(3), effects=["joint_compliance"], noise_mm=1e-4, poses=50
-)
+MADE = simulate_dataset(RB5, rng=np.random.default_rng(3), effects=["joint_compliance"], noise_mm=1e-4, poses=50)
 FITTED = calibrate(MADE.dataset, effects=effects_named(MADE.dataset, ["joint_compliance"]))
 
 
@@ -81,9 +79,7 @@ def test_a_saved_model_keeps_the_mount(tmp_path: Path) -> None:
     again = load_model(tmp_path / "model.json")
     assert again.evaluate(MADE.dataset).test.rmse_mm == pytest.approx(FITTED.after.test.rmse_mm, rel=1e-6)
     in_room = replace(MADE.dataset, robot=replace(RB5, carries_scanner=False))
-    with pytest.raises(
-        CalibError, match=r"\[scanner\] mount in its dataset.toml is not that of the model's dataset"
-    ):
+    with pytest.raises(CalibError, match=r"\[scanner\] mount in its dataset.toml is not that of the model's dataset"):
         again.evaluate(in_room)
 
 
@@ -108,9 +104,7 @@ def test_a_jig_that_moved_is_told_from_the_arm_and_the_scanner() -> None:
 
 
 def test_an_effect_of_the_jigs_attitude_is_refused() -> None:
-    with pytest.raises(
-        CalibError, match="the effect incidence_bias with a scanner on the flange: no fit takes it"
-    ):
+    with pytest.raises(CalibError, match="the effect incidence_bias with a scanner on the flange: no fit takes it"):
         simulate_dataset(RB5, rng=np.random.default_rng(0), effects=["incidence_bias"])
 
 

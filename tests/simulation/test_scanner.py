@@ -32,9 +32,7 @@ def placed(apex_mm: tuple[float, ...], tilt_deg: float = 8.0, turn_deg: float = 
     return out
 
 
-def scan(
-    apex_mm: tuple[float, ...] = APEXES_MM[0], seed: int = 5, jig: Jig | None = None, **model
-) -> SimulatedScan:
+def scan(apex_mm: tuple[float, ...] = APEXES_MM[0], seed: int = 5, jig: Jig | None = None, **model) -> SimulatedScan:
     return simulate_scan(
         placed(apex_mm), jig or Jig(), rng=np.random.default_rng(seed), model=replace(ScanModel(), **model)
     )
@@ -69,9 +67,7 @@ def test_jig_has_its_edges_and_angles(convex: bool, angles_deg: tuple[float, flo
     np.testing.assert_allclose(np.linalg.norm(edges, axis=1), 60.0)
     for i, j, angle_deg in ((0, 1, angles_deg[0]), (1, 2, angles_deg[1]), (2, 0, angles_deg[2])):
         assert normals[i] @ normals[j] == pytest.approx(-np.cos(np.radians(angle_deg)), abs=1e-12)
-    for i in range(
-        3
-    ):  # face i holds the two edges that are not edge i, and looks at the scanner, which is at -z
+    for i in range(3):  # face i holds the two edges that are not edge i, and looks at the scanner, which is at -z
         assert abs(edges[(i + 1) % 3] @ normals[i]) < 1e-9
         assert abs(edges[(i + 2) % 3] @ normals[i]) < 1e-9
         assert normals[i, 2] < 0
@@ -111,16 +107,12 @@ def test_points_stay_within_their_face() -> None:
     simulated = scan(scan_sigma_mm=0.0)
     edges, _ = jig_geometry(Jig())
     on_faces = simulated.scan.points_mm[simulated.label > 0]
-    along = (
-        (on_faces - simulated.apex_mm) @ placed(APEXES_MM[0])[:3, :3] @ edges.T / 60.0**2
-    )  # edges are perpendicular
+    along = (on_faces - simulated.apex_mm) @ placed(APEXES_MM[0])[:3, :3] @ edges.T / 60.0**2  # edges are perpendicular
     assert np.all(along > -1e-6)
     assert np.all(along.sum(axis=1) < 1.0 + 1e-4)
 
 
-@pytest.mark.parametrize(
-    "jig", [Jig(), Jig(convex=False), Jig(edge_mm=40.0), Jig(face_angles_deg=(90.4, 89.7, 90.0))]
-)
+@pytest.mark.parametrize("jig", [Jig(), Jig(convex=False), Jig(edge_mm=40.0), Jig(face_angles_deg=(90.4, 89.7, 90.0))])
 def test_three_planes_meet_in_the_true_apex(jig: Jig) -> None:
     simulated = scan(APEXES_MM[1], jig=jig, points=50_000)
     normals, offsets = fitted_planes(simulated)
@@ -162,9 +154,7 @@ def test_projector_shadow_falls_behind_the_jig_not_on_it() -> None:
 
 def test_grazing_faces_fade_out() -> None:
     steep, gone = (
-        simulate_scan(
-            placed(APEXES_MM[0], tilt, turn), rng=np.random.default_rng(1), model=ScanModel(baseline_mm=0.0)
-        )
+        simulate_scan(placed(APEXES_MM[0], tilt, turn), rng=np.random.default_rng(1), model=ScanModel(baseline_mm=0.0))
         for tilt, turn in ((20.0, 180.0), (40.0, 180.0))
     )
     fewest = [min(np.sum(s.label == face) for face in (1, 2, 3)) for s in (steep, gone)]

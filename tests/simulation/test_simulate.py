@@ -78,9 +78,7 @@ def test_scan_poses_show_three_faces_inside_the_field(arm: str) -> None:
     sight = apex_mm / np.linalg.norm(apex_mm, axis=1, keepdims=True)
     normals = np.einsum("nij,kj->nki", T[:, :3, :3], jig_geometry(simulation.dataset.jig)[1])
     incidence_deg = np.degrees(np.arccos(-np.einsum("nki,ni->nk", normals, sight)))
-    assert (
-        incidence_deg.max() < JANG_FIELD.max_incidence_deg + 1.0
-    )  # the true arm is a little off the nominal one
+    assert incidence_deg.max() < JANG_FIELD.max_incidence_deg + 1.0  # the true arm is a little off the nominal one
     across_mm = np.abs(apex_mm[:, :2]) * (JANG_FIELD.distance_mm / apex_mm[:, 2:])
     assert np.all(across_mm < 0.5 * JANG_FIELD.width_mm - JANG_FIELD.margin_mm + 10.0)
     assert np.ptp(apex_mm[:, 2]) > 150.0
@@ -120,9 +118,7 @@ def test_wanted_apexes_are_reached() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS)
 def test_drawn_compliance_sags_visibly(arm: str) -> None:
-    simulation = simulate_dataset(
-        builtin_robot(arm), rng=np.random.default_rng(10), effects=("joint_compliance",)
-    )
+    simulation = simulate_dataset(builtin_robot(arm), rng=np.random.default_rng(10), effects=("joint_compliance",))
     truth, q = simulation.truth, simulation.dataset.poses.q
     rigid, (effect,) = truth.with_effects(), truth.effects
     assert isinstance(effect, JointCompliance)
@@ -174,9 +170,7 @@ def test_seed_makes_the_dataset(scans: bool) -> None:
 @pytest.mark.parametrize("effect", [*SIMULATED_EFFECTS, *OUTSIDE_EFFECTS])
 def test_every_effect_is_simulated_by_its_name_alone(effect: str) -> None:
     """With the conditions that it needs, and 0.2 to 0.5 mm large."""
-    simulation = simulate_dataset(
-        builtin_robot("rb5"), rng=np.random.default_rng(15), effects=(effect,), poses=24
-    )
+    simulation = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(15), effects=(effect,), poses=24)
     truth, poses = simulation.truth, simulation.dataset.poses
     assert truth.effect_names == (effect,)
     plain = scanner_T_target(truth.with_effects(), poses.q, Conditions.of(poses))[:, :3, 3]
@@ -235,9 +229,7 @@ def test_conditions_and_setups_come_back_from_the_files(tmp_path: Path) -> None:
 
 
 def test_incidence_is_simulated_where_the_jig_faces_the_scanner() -> None:
-    simulation = simulate_dataset(
-        builtin_robot("rb5"), rng=np.random.default_rng(18), effects=("incidence_bias",)
-    )
+    simulation = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(18), effects=("incidence_bias",))
     T = simulation.scanner_T_jig  # z into the material, away from the scanner
     ray = T[:, :3, 3] / np.linalg.norm(T[:, :3, 3], axis=1, keepdims=True)
     assert np.degrees(np.arccos(np.sum(T[:, :3, 2] * ray, axis=1))).max() < 76.0

@@ -49,7 +49,5 @@ def test_it_has_variance_one_and_does_not_repeat_across_the_view() -> None:
 
 
 def test_it_is_one_surface_whatever_the_number_of_rays() -> None:
-    coarse, fine = (
-        smooth_noise(raster(step)[:1], 12.0, 0.0, rng=np.random.default_rng(2)) for step in (2.0, 0.5)
-    )
+    coarse, fine = (smooth_noise(raster(step)[:1], 12.0, 0.0, rng=np.random.default_rng(2)) for step in (2.0, 0.5))
     np.testing.assert_allclose(fine[:, ::4][:, : coarse.shape[1]], coarse, atol=1e-9)

@@ -70,9 +70,7 @@ def jang_arm(file: str = "jang_table2_rb5_nominal.csv") -> Robot:
             )
             for r in csv.DictReader(stream)
         ]
-    return Robot(
-        "RB5-850", tuple(Joint(*row, name=f"J{i + 1}") for i, row in enumerate(rows[:-1])), Tool(*rows[-1])
-    )
+    return Robot("RB5-850", tuple(Joint(*row, name=f"J{i + 1}") for i, row in enumerate(rows[:-1])), Tool(*rows[-1]))
 
 
 def random_arm(rng: np.random.Generator, joints: int, *, prismatic: int | None = None) -> Robot:
@@ -102,9 +100,7 @@ def random_transform(rng: np.random.Generator) -> np.ndarray:
 
 def perturbed(robot: Robot, rng: np.random.Generator, *, mm: float = 1.0, rad: float = 0.003) -> Robot:
     """The arm as it was really made: every entry of the table off by a normal error."""
-    return robot.with_table(
-        robot.table + rng.normal(size=robot.table.shape) * np.array([mm, rad, mm, rad, rad])
-    )
+    return robot.with_table(robot.table + rng.normal(size=robot.table.shape) * np.array([mm, rad, mm, rad, rad]))
 
 
 def elementary_points(robot: Robot, q: NDArray[np.float64]) -> NDArray[np.float64]:

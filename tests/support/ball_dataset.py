@@ -61,9 +61,7 @@ def write_ball_dataset(
         middle = np.mean([ball.centre for ball in balls], axis=0)
         scan = _aimed(rng, balls, middle, rays)
         write_scan(folder / "scans" / f"{pose_id}.ply", replace(scan, name=pose_id))
-    placed = tuple(
-        Target(name, tuple((xyz + rng.normal(0, placed_mm, 3)).tolist())) for name, xyz in offsets.items()
-    )
+    placed = tuple(Target(name, tuple((xyz + rng.normal(0, placed_mm, 3)).tolist())) for name, xyz in offsets.items())
     dataset: Dataset = replace(
         nominal,
         robot=replace(nominal.robot, targets=placed),

@@ -58,9 +58,7 @@ def browser() -> Iterator[Any]:
 
 
 @contextmanager
-def open_page(
-    running: Any, url: str, width: int = 1280, height: int = 720, dpr: float = COARSE
-) -> Iterator[Any]:
+def open_page(running: Any, url: str, width: int = 1280, height: int = 720, dpr: float = COARSE) -> Iterator[Any]:
     """A page on the app, once its panel is there; its own scripts must not fail while it is open."""
     page = running.new_page(viewport={"width": width, "height": height})
     page.set_default_timeout(4 * MS)  # a busy machine draws a frame in seconds
@@ -87,9 +85,7 @@ def says(page: Any, text: str) -> None:
 
 def node_drawn(page: Any, name: str) -> None:
     """Wait until the page's 3D view has this node."""
-    page.wait_for_function(
-        "name => window.__viserMutable?.nodeRefFromName?.[name] != null", arg=name, timeout=MS
-    )
+    page.wait_for_function("name => window.__viserMutable?.nodeRefFromName?.[name] != null", arg=name, timeout=MS)
 
 
 def colours_in(png: bytes) -> int:

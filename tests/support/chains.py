@@ -102,11 +102,7 @@ def joint(
     type: str = "revolute",
     more: str = "",
 ) -> str:
-    limit = (
-        '<limit lower="-2.5" upper="2.5" effort="1" velocity="1"/>'
-        if type in ("revolute", "prismatic")
-        else ""
-    )
+    limit = '<limit lower="-2.5" upper="2.5" effort="1" velocity="1"/>' if type in ("revolute", "prismatic") else ""
     turns_about = "" if axis is None or type == "fixed" else f'<axis xyz="{axis}"/>'
     return (
         f'  <joint name="{name}" type="{type}">\n    <origin xyz="{xyz}" rpy="{rpy}"/>\n    <parent link="{parent}"/>\n'

@@ -63,17 +63,13 @@ class Cell:
         data = mujoco.MjData(self._model)
         site = data.site("target")
         tool_mm = np.empty((len(q), 3))
-        for row, joints in zip(
-            tool_mm, np.where(self.nominal.is_revolute, q, np.asarray(q) / 1e3), strict=True
-        ):
+        for row, joints in zip(tool_mm, np.where(self.nominal.is_revolute, q, np.asarray(q) / 1e3), strict=True):
             data.qpos[:] = joints
             mujoco.mj_kinematics(self._model, data)
             row[:] = 1e3 * site.xpos + site.xmat.reshape(3, 3) @ self.tool_shift_mm
         return frames.apply(self.scanner_T_base, tool_mm)
 
-    def measured(
-        self, rng: np.random.Generator, poses: int = 8, name: str = "new", q: Array | None = None
-    ) -> Dataset:
+    def measured(self, rng: np.random.Generator, poses: int = 8, name: str = "new", q: Array | None = None) -> Dataset:
         """At random poses, or at joints q (N, n)."""
         q = rounded(self.nominal, random_poses(self.nominal, poses, rng=rng)) if q is None else q
         seen_mm = self.seen_mm(q)

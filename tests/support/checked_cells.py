@@ -25,9 +25,7 @@ BOXES = (
 def robot_of(arm: ArmTable) -> Robot:
     joints = [
         Joint(*row, name=f"J{i + 1}", type="prismatic" if slides else "revolute", min=low, max=high)
-        for i, (row, slides, low, high) in enumerate(
-            zip(arm.rows[:-1], arm.slides, arm.low, arm.high, strict=True)
-        )
+        for i, (row, slides, low, high) in enumerate(zip(arm.rows[:-1], arm.slides, arm.low, arm.high, strict=True))
     ]
     return Robot(arm.name, tuple(joints), Tool(*arm.rows[-1]))
 
@@ -66,9 +64,7 @@ def in_mujoco(cell: Workcell) -> tuple[MujocoCell, list[tuple[str, str]]]:
     there = MujocoCell(cell.robot, rods, floor_z_mm=cell.floor_z_mm, boxes=cell.boxes)
     around = [box.name for box in cell.boxes] + (["floor"] if cell.floor_z_mm is not None else [])
     pairs = [(names[i], names[j]) for i, j in bodies.pairs]
-    pairs += [
-        (name, thing) for name in (*(rod.name for rod in rods), JIG) for thing in around if name != "0d"
-    ]
+    pairs += [(name, thing) for name in (*(rod.name for rod in rods), JIG) for thing in around if name != "0d"]
     return there, pairs
 
 

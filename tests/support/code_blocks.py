@@ -177,9 +177,7 @@ class Stretch:
 
     def ends(self, printed: str, start: int, *, anywhere: bool, at_end: bool) -> int:
         """Where it ends in what is printed, from a place on or right there; -1 where it is not there."""
-        while (
-            found := (self.pattern.search if anywhere else self.pattern.match)(printed, start)
-        ) is not None:
+        while (found := (self.pattern.search if anywhere else self.pattern.match)(printed, start)) is not None:
             near = (
                 abs(float(had) - wanted) <= TOLERANCE * abs(wanted)
                 for had, wanted in zip(found.groups(), self.figures, strict=True)
@@ -367,9 +365,7 @@ def _in_process(arguments: list[str]) -> tuple[int, str]:
 
 
 def _by_sh(line: str) -> tuple[int, str]:
-    shim = (
-        f'inspector() {{ "{sys.executable}" -m inspector "$@"; }}\npython() {{ "{sys.executable}" "$@"; }}\n'
-    )
+    shim = f'inspector() {{ "{sys.executable}" -m inspector "$@"; }}\npython() {{ "{sys.executable}" "$@"; }}\n'
     done = subprocess.run(
         ["sh", "-c", shim + line],
         env={**os.environ, "PYTHONPATH": str(ROOT)},

@@ -43,9 +43,7 @@ def lab(light: ArrayLike) -> Array:
     """CIE L*a*b* of linear light (..., 3)."""
     xyz = np.asarray(light) @ _XYZ.T / _WHITE
     f = np.where(xyz > 216 / 24389, np.cbrt(np.maximum(xyz, 0)), (24389 / 27 * xyz + 16) / 116)
-    return np.stack(
-        [116 * f[..., 1] - 16, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])], axis=-1
-    )
+    return np.stack([116 * f[..., 1] - 16, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])], axis=-1)
 
 
 def lightness(colours: ArrayLike) -> Array:

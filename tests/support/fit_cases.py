@@ -24,9 +24,7 @@ def rich_dataset(poses: int = 40) -> Dataset:
     robot = builtin_robot("rb5")
     base_T_scanner = np.eye(4)
     base_T_scanner[:3, 3] = [1500.0, -200.0, 300.0]
-    dataset = dataset_of(
-        robot, perturbed(robot, rng), rng, poses=poses, noise_mm=0.05, base_T_scanner=base_T_scanner
-    )
+    dataset = dataset_of(robot, perturbed(robot, rng), rng, poses=poses, noise_mm=0.05, base_T_scanner=base_T_scanner)
     n = len(dataset.poses)
     conditions = replace(
         dataset.poses,
@@ -78,18 +76,12 @@ def with_point_covariances(dataset: Dataset, rng: np.random.Generator) -> Datase
     assert dataset.points is not None
     spread = rng.normal(size=(len(dataset.points), 3, 3)) * 0.03
     covariance = spread @ np.swapaxes(spread, 1, 2) + 0.01**2 * np.eye(3)
-    return dataset.with_points(
-        Points(dataset.points.pose, dataset.points.xyz_mm, dataset.points.target, covariance)
-    )
+    return dataset.with_points(Points(dataset.points.pose, dataset.points.xyz_mm, dataset.points.target, covariance))
 
 
 def some_of(family: Family) -> tuple[Effect, ...]:
     """All members; of a sparse family five, evenly."""
-    at = (
-        np.linspace(0, len(family.members) - 1, 5).astype(int)
-        if family.sparse
-        else range(len(family.members))
-    )
+    at = np.linspace(0, len(family.members) - 1, 5).astype(int) if family.sparse else range(len(family.members))
     return tuple(family.members[k] for k in dict.fromkeys(at))
 
 
@@ -110,6 +102,4 @@ def check_gradient(residuals: Residuals, rng: np.random.Generator) -> None:
         step[k] = 1e-4 * scales[k]
         high, low = residuals.residual(x + step), residuals.residual(x - step)
         numeric = (high @ high - low @ low) / (2 * step[k])
-        assert gradient[k] == pytest.approx(
-            numeric, rel=1e-5, abs=1e-5 * np.abs(gradient * scales).max() / scales[k]
-        )
+        assert gradient[k] == pytest.approx(numeric, rel=1e-5, abs=1e-5 * np.abs(gradient * scales).max() / scales[k])

@@ -34,9 +34,7 @@ def square(normal: NDArray, offset: float, about: NDArray, size: float) -> Patch
 def placed(rng: np.random.Generator, pieces: list[Patch], *, rays: int, others: int = 99) -> FlatScan:
     """A part in its own frame, z toward the scanner, tilted, 700 mm away; the first `others` are wall and table."""
     tilt = Rotation.from_rotvec(np.append(rng.uniform(-0.25, 0.25, 2), 0.0))
-    turn = (
-        tilt * Rotation.from_euler("z", rng.uniform(0, 2 * np.pi)) * Rotation.from_euler("x", np.pi)
-    ).as_matrix()
+    turn = (tilt * Rotation.from_euler("z", rng.uniform(0, 2 * np.pi)) * Rotation.from_euler("x", np.pi)).as_matrix()
     origin = np.array([*rng.uniform(-15, 15, 2), 700.0])
     there: list[Piece] = [Patch(turn @ p.origin + origin, turn @ p.u, turn @ p.v, p.shape) for p in pieces]
     beside = surroundings(rng, 700.0)[:others]

@@ -125,9 +125,7 @@ def diagnosis(found: Diagnosis) -> Entries:
         "diagnose.ambiguous_set": list(found.ambiguous_set),
         "diagnose.untestable": sorted(each.name for each in found.untestable),
         "diagnose.outlier_poses": list(left.outlier_poses),
-        "diagnose.learned": None
-        if found.learned is None
-        else [*map(int, found.learned.joints), *found.learned.inputs],
+        "diagnose.learned": None if found.learned is None else [*map(int, found.learned.joints), *found.learned.inputs],
         "diagnose.first_candidate": found.candidates[0].name if found.candidates else None,
         "diagnose.noise_mm": near(left.noise_mm, SHARE * left.noise_mm),
         "diagnose.noise_from": left.noise_from,

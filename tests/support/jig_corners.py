@@ -33,9 +33,7 @@ def corner_of(
         own = covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
         faces.append(Face(found, float(found @ apex), apex, 9, 0.02, np.zeros(0, int), i, axes, own))
     quality = cast(CornerQuality, None)
-    return Corner(
-        apex, 1e-4 * np.eye(3), (faces[0], faces[1], faces[2]), covariance, quality, Jig().outlines()[0]
-    )
+    return Corner(apex, 1e-4 * np.eye(3), (faces[0], faces[1], faces[2]), covariance, quality, Jig().outlines()[0])
 
 
 def error_rad(true: np.ndarray, found: np.ndarray) -> np.ndarray:

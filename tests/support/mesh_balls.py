@@ -29,9 +29,7 @@ def ball_mesh(ball: Ball) -> Mesh:
     return Mesh(vertices, np.asarray(made.faces), np.full(len(made.faces), BALL))
 
 
-def scan_of_ball(
-    rng: np.random.Generator, scanner: Scanner, diameter_mm: float, *, absent: bool = False
-) -> BallScan:
+def scan_of_ball(rng: np.random.Generator, scanner: Scanner, diameter_mm: float, *, absent: bool = False) -> BallScan:
     """A ball on a stem on a plate, in a workshop. The bound is of the points' true places and sigmas."""
     radius = diameter_mm / 2
     ball = Ball(np.array([*rng.uniform(-0.3, 0.3, 2) * radius, scanner.distance]), radius)

@@ -46,12 +46,8 @@ def scanner_of(kind: str, edge: float, rng: np.random.Generator) -> Scanner:
             baseline=rng.uniform(0.15, 0.4) * away, line_step=rng.uniform(0.5, 1.0), origin_away=rng.uniform(0, 60),
         )  # fmt: skip
     if kind == "time of flight":
-        return replace(
-            common, points=int(10 ** rng.uniform(4.3, 5.2)), sigma=rng.uniform(0.3, 1.0), quantum=0.05
-        )
-    return replace(
-        common, points=int(10 ** rng.uniform(4.3, 5.0)), sigma=small * rng.uniform(0.02, 0.06), quantum=0.0
-    )
+        return replace(common, points=int(10 ** rng.uniform(4.3, 5.2)), sigma=rng.uniform(0.3, 1.0), quantum=0.05)
+    return replace(common, points=int(10 ** rng.uniform(4.3, 5.0)), sigma=small * rng.uniform(0.02, 0.06), quantum=0.0)
 
 
 def _jig(rng: np.random.Generator, **flaws: float) -> JigShape:

@@ -163,9 +163,7 @@ def _face_with_holes(corners: NDArray, face: int, shape: JigShape, rng: np.rando
     return parts
 
 
-def robot_behind(
-    view_T_jig: NDArray, edge: float, rng: np.random.Generator, whole_cube: bool = False
-) -> list[Mesh]:
+def robot_behind(view_T_jig: NDArray, edge: float, rng: np.random.Generator, whole_cube: bool = False) -> list[Mesh]:
     """An adapter, a flange and two links that go away from the jig, or from a cube in its place, along its diagonal."""
     diagonal = view_T_jig[:3, :3] @ np.ones(3) / np.sqrt(3)
     base = view_T_jig[:3, 3] + diagonal * edge * (np.sqrt(3) if whole_cube else 1 / np.sqrt(3))
@@ -212,13 +210,9 @@ def workshop(apex: NDArray, edge: float, rng: np.random.Generator) -> list[Mesh]
         top = apex + _at(0, edge * rng.uniform(1.5, 3.0) + 20, 200)
         parts.append(box((1500, 40, 1200)).moved(transform(turn, top)))
     if rng.random() < 0.7:
-        parts.append(
-            box((3000, 3000, 20)).moved(transform(turn, apex + _at(0, 0, 4 * edge + rng.uniform(150, 600))))
-        )
+        parts.append(box((3000, 3000, 20)).moved(transform(turn, apex + _at(0, 0, 4 * edge + rng.uniform(150, 600)))))
     if rng.random() < 0.4:
-        parts.append(
-            box((20, 3000, 3000)).moved(transform(turn, apex + _at(rng.choice([-1, 1]) * 5 * edge, 0, 100)))
-        )
+        parts.append(box((20, 3000, 3000)).moved(transform(turn, apex + _at(rng.choice([-1, 1]) * 5 * edge, 0, 100))))
     for _ in range(rng.integers(2, 6)):
         side, far = rng.uniform(0, 2 * np.pi), edge * rng.uniform(1.5, 3.5)
         place = apex + _at(far * np.cos(side), far * np.sin(side), edge * rng.uniform(0.3, 3))

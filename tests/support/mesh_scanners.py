@@ -89,9 +89,7 @@ class Rays:
 
 
 def _noise(rng: np.random.Generator, count: int, heavy: bool) -> NDArray:
-    return (
-        rng.standard_t(TAILS, count) * np.sqrt((TAILS - 2) / TAILS) if heavy else rng.standard_normal(count)
-    )
+    return rng.standard_t(TAILS, count) * np.sqrt((TAILS - 2) / TAILS) if heavy else rng.standard_normal(count)
 
 
 def _camera(rays: Rays, scanner: Scanner, rng: np.random.Generator, points: int, blur: float, growth: float
@@ -196,9 +194,7 @@ def fused_mesh(rays: Rays, scanner: Scanner, apex: NDArray, rng: np.random.Gener
         views.append(_view_from(rays, scanner, eye, turn, rng))
     cell = scanner.field / np.sqrt(scanner.points)
     points, label = (np.concatenate([getattr(v, name) for v in views]) for name in ("points_mm", "label"))
-    _, of_cell, count = np.unique(
-        np.floor(points / cell).astype(int), axis=0, return_inverse=True, return_counts=True
-    )
+    _, of_cell, count = np.unique(np.floor(points / cell).astype(int), axis=0, return_inverse=True, return_counts=True)
     of_cell = of_cell.ravel()
     vertices = np.column_stack([np.bincount(of_cell, column) / count for column in points.T])
     names = np.full(len(count), MIXED)
@@ -208,9 +204,7 @@ def fused_mesh(rays: Rays, scanner: Scanner, apex: NDArray, rng: np.random.Gener
     smooth = 0.4 * vertices + 0.6 * vertices[near].mean(axis=1)
     names = np.where(np.all(names[near] == names[:, None], axis=1), names, MIXED)
     smooth, names = smooth[(order := rng.permutation(len(smooth)))], names[order]
-    true, of, sigma = (
-        np.concatenate([getattr(v, n) for v in views]) for n in ("true_mm", "label", "normal_sigma_mm")
-    )
+    true, of, sigma = (np.concatenate([getattr(v, n) for v in views]) for n in ("true_mm", "label", "normal_sigma_mm"))
     return Seen(smooth, names, true, of, sigma)
 
 

@@ -68,9 +68,7 @@ class MeshScan:
         return bool(self.has_jig and self.points_a_face.min() >= 40 and self.seen.min() > 1 / 3)
 
 
-def attitude(
-    apex: NDArray, edge: float, rng: np.random.Generator, scene: Scene, other_eye: NDArray
-) -> NDArray:
+def attitude(apex: NDArray, edge: float, rng: np.random.Generator, scene: Scene, other_eye: NDArray) -> NDArray:
     """Any rotation (3, 3) that shows three faces below 80 degrees to the eye at the origin, or one at `steepest_deg`.
 
     Or one that turns a face away from it, or from the other eye alone.
@@ -140,9 +138,7 @@ def scan_of(shape: JigShape, scanner: Scanner, scene: Scene, rng: np.random.Gene
         has_jig = bool(there.min() >= 4)
     # From the view frame to the file's: turned anyhow about the eye, perhaps with the origin elsewhere.
     away = rng.standard_normal(3)
-    file_T_view = transform(
-        Rotation.random(rng=rng).as_matrix(), scanner.origin_away * away / np.linalg.norm(away)
-    )
+    file_T_view = transform(Rotation.random(rng=rng).as_matrix(), scanner.origin_away * away / np.linalg.norm(away))
     axes, shift = file_T_view[:3, :3], file_T_view[:3, 3]
     points = (seen.points_mm @ axes.T + shift).astype(np.float32).astype(float)
     label = seen.label

@@ -68,9 +68,7 @@ class MujocoCell:
             else:
                 side = -1.0 if robot.tool.d_mm < 0 else 1.0
                 turned = np.diag([1.0, -side, -side, 1.0])
-                parts += (
-                    f'<body name="{JIG}" {_pose(turned)}><geom name="{JIG}" type="mesh" mesh="{JIG}"/></body>'
-                )
+                parts += f'<body name="{JIG}" {_pose(turned)}><geom name="{JIG}" type="mesh" mesh="{JIG}"/></body>'
             inner = f"<body {_pose(rest)}>{parts}{inner}</body>"
         first = robot.base.transform.copy()
         first[:3, 3] /= 1e3

@@ -42,9 +42,7 @@ def _at(incidence_deg: float) -> Make:
 
 
 def _sized(edge_mm: float, distance_mm: float) -> Make:
-    return lambda rng, rays: make_scene(
-        rng, rays, edge_mm=edge_mm, distance_mm=distance_mm, field_mm=2.67 * edge_mm
-    )
+    return lambda rng, rays: make_scene(rng, rays, edge_mm=edge_mm, distance_mm=distance_mm, field_mm=2.67 * edge_mm)
 
 
 def _with_strays(added: Callable[[SceneScan, np.random.Generator, float], SceneScan], share: float) -> Make:
@@ -82,9 +80,7 @@ CASES: dict[str, Case] = {
     "box of 100": Case(lambda rng, rays: make_scene(rng, rays, field_mm=220, extras=box_beside(rng, 100))),
     "fillet 1 mm": Case(lambda rng, rays: make_scene(rng, rays, fillet_mm=1.0)),
     "concave": Case(lambda rng, rays: make_scene(rng, rays, convex=False), Jig(convex=False)),
-    "concave, fillet": Case(
-        lambda rng, rays: make_scene(rng, rays, convex=False, fillet_mm=1.0), Jig(convex=False)
-    ),
+    "concave, fillet": Case(lambda rng, rays: make_scene(rng, rays, convex=False, fillet_mm=1.0), Jig(convex=False)),
     "cylinder": Case(lambda rng, rays: make_scene(rng, rays, field_mm=200, extras=(cylinder_beside(rng),))),
     "parallel planes": Case(parallel_planes),
     "4k points": Case(lambda rng, rays: make_scene(rng, 4_300)),

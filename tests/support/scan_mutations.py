@@ -55,9 +55,7 @@ def _lzf(data: bytes) -> bytes:
     """LZF with no other repeats than runs of zeros: enough to have both kinds of instruction."""
     out = bytearray()
     for piece in re.findall(rb"\0{10,250}|(?:(?!\0{10}).){1,32}", data, re.DOTALL):
-        run = len(piece) >= 10 and not any(
-            piece
-        )  # one literal zero, then 7 + 2 + more of what is one byte back
+        run = len(piece) >= 10 and not any(piece)  # one literal zero, then 7 + 2 + more of what is one byte back
         out += bytes([0, 0, 0xE0, len(piece) - 10, 0]) if run else bytes([len(piece) - 1]) + piece
     return bytes(out)
 
@@ -214,16 +212,10 @@ MUTATIONS: dict[str, Callable[[np.random.Generator, bytes], bytes]] = {
     "odd floats": _floats,
     "pieces": _chunk,
     "random bytes": lambda rng, content: rng.bytes(int(rng.integers(0, 3000))),
-    "random body": lambda rng, content: (
-        content[: (at := _at(rng, content, 600))] + rng.bytes(len(content) - at)
-    ),
+    "random body": lambda rng, content: content[: (at := _at(rng, content, 600))] + rng.bytes(len(content) - at),
     "zeros": lambda rng, content: _replace(content, at := _at(rng, content), bytes(len(content) - at)),
-    "line ends": lambda rng, content: content.replace(
-        b"\n", (b"\r\n", b"\r", b"\n\n", b" ")[rng.integers(4)]
-    ),
+    "line ends": lambda rng, content: content.replace(b"\n", (b"\r\n", b"\r", b"\n\n", b" ")[rng.integers(4)]),
     "trailing": lambda rng, content: content + rng.bytes(int(rng.integers(1, 99))),
-    "digits": lambda rng, content: re.sub(
-        rb"(?<=\d)\.(?=\d)", (b",", b"", b"..", b";")[rng.integers(4)], content
-    ),
+    "digits": lambda rng, content: re.sub(rb"(?<=\d)\.(?=\d)", (b",", b"", b"..", b";")[rng.integers(4)], content),
 }
 """By name: ways to spoil a good file."""

@@ -40,9 +40,7 @@ class Patch:
             if self.shape == "disk":
                 inside = a * a + b * b <= 1
             else:
-                inside = (
-                    (a >= 0) & (b >= 0) & ((a + b <= 1) if self.shape == "triangle" else (a <= 1) & (b <= 1))
-                )
+                inside = (a >= 0) & (b >= 0) & ((a + b <= 1) if self.shape == "triangle" else (a <= 1) & (b <= 1))
         return np.where(inside & (t > 0), t, np.inf), np.abs(along) / np.linalg.norm(normal)
 
 
@@ -93,9 +91,7 @@ def jig_rotation(tilt_deg: float, azimuth_deg: float, spin_deg: float) -> NDArra
     edges = Rotation.align_vectors([[0, 0, 1]], [[1, 1, 1]])[0].as_matrix()
     spin = Rotation.from_euler("z", spin_deg, degrees=True).as_matrix()
     azimuth = np.radians(azimuth_deg)
-    tilt = Rotation.from_rotvec(
-        np.radians(tilt_deg) * np.array([np.cos(azimuth), np.sin(azimuth), 0])
-    ).as_matrix()
+    tilt = Rotation.from_rotvec(np.radians(tilt_deg) * np.array([np.cos(azimuth), np.sin(azimuth), 0])).as_matrix()
     return tilt @ spin @ edges
 
 
@@ -269,9 +265,7 @@ def make_scene(
     for i in range(3):
         on = label == i
         design = np.c_[np.ones(on.sum()), (truth[on] - apex) @ rotation[:, [(i + 1) % 3, (i + 2) % 3]]]
-        heights[i] = (
-            np.linalg.inv(design.T @ (design / sigma_normal[on, None] ** 2))[0, 0] if on.sum() > 3 else np.inf
-        )
+        heights[i] = np.linalg.inv(design.T @ (design / sigma_normal[on, None] ** 2))[0, 0] if on.sum() > 3 else np.inf
     inverse = np.linalg.inv(normals)
     covariance = inverse @ np.diag(heights) @ inverse.T
 
@@ -300,7 +294,5 @@ def _rounded(
         length = np.linalg.norm(raised, axis=1)
         t = t + sign * (length - radius)
     gradient = raised @ normals / np.maximum(length, 1e-12)[:, None]
-    t = np.where(
-        np.abs(length - radius) < 1e-6, t, np.inf
-    )  # past the silhouette that the rounding takes away
+    t = np.where(np.abs(length - radius) < 1e-6, t, np.inf)  # past the silhouette that the rounding takes away
     return t, np.abs(np.sum(gradient * rays, axis=1)), np.sum(raised > 1e-9, axis=1) == 1

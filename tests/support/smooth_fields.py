@@ -13,9 +13,7 @@ KERNELS = ("gaussian", "exponential", "measured")
 _WAVES = 300
 
 
-def smooth_field(
-    points_mm: NDArray, length_mm: float, rng: np.random.Generator, kernel: str = "gaussian"
-) -> NDArray:
+def smooth_field(points_mm: NDArray, length_mm: float, rng: np.random.Generator, kernel: str = "gaussian") -> NDArray:
     """A field (N,) of variance 1 over points (N, 2).
 
     Its correlation over a distance r is exp(-r^2 / 2 l^2) for "gaussian", exp(-r / l) for "exponential", and for

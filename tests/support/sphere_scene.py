@@ -175,6 +175,4 @@ def one_ball(
         others.append(cover(ball, hidden, rng))
     if absent:
         others = others[1:]  # without the stem too: its end would float
-    return scan_of(
-        rng, [] if absent else [ball], others, rays=rays, stray=stray, sigma_mm=sigma_mm, field_mm=field_mm
-    )
+    return scan_of(rng, [] if absent else [ball], others, rays=rays, stray=stray, sigma_mm=sigma_mm, field_mm=field_mm)

@@ -29,9 +29,7 @@ def clumps(scene: SceneScan, rng: np.random.Generator, share: float, number: int
     axes = np.linalg.qr(rng.standard_normal((number, 3, 3)))[0] * rng.uniform(1.0, 6.0, (number, 1, 3))
     axes[: number // 2, :, 2] *= 0.1  # half of them are flakes
     of = rng.integers(number, size=count)
-    return with_points(
-        scene, middles[of] + np.einsum("nij,nj->ni", axes[of], rng.standard_normal((count, 3))), rng
-    )
+    return with_points(scene, middles[of] + np.einsum("nij,nj->ni", axes[of], rng.standard_normal((count, 3))), rng)
 
 
 def reflections(scene: SceneScan, rng: np.random.Generator, share: float, edge_mm: float = 60.0) -> SceneScan:
@@ -47,9 +45,7 @@ def reflections(scene: SceneScan, rng: np.random.Generator, share: float, edge_m
         seen = points_mm[(label >= 0) & (label < 3) & (label != mirror)]
         image = seen - 2 * ((seen - scene.apex_mm) @ normal)[:, None] * normal
         crossing = image * ((scene.apex_mm @ normal) / (image @ normal))[:, None]
-        along = (
-            crossing - scene.apex_mm
-        ) @ scene.normals.T  # the jig's three edges: 0 along that off the face
+        along = (crossing - scene.apex_mm) @ scene.normals.T  # the jig's three edges: 0 along that off the face
         inside = np.all(along > -1e-9, axis=1) & (along.sum(axis=1) < edge_mm)
         image = image[inside & (rng.random(len(image)) < share)]
         ghosts.append(image + 0.3 * rng.standard_normal(image.shape))

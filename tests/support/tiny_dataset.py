@@ -40,9 +40,7 @@ def write_tiny(folder: Path) -> Path:
     far = points[points[:, 2] > np.quantile(points[:, 2], 0.6)]  # flange, arm and wall, not the jig
     write_scan(broken, Scan(broken.stem, far))
 
-    measured = simulate_dataset(
-        builtin_robot("rb5"), rng=np.random.default_rng(3), poses=POSES, name="points"
-    ).dataset
+    measured = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(3), poses=POSES, name="points").dataset
     ids = (measured.poses.ids[0], HOSTILE, *measured.poses.ids[2:])
     write_dataset(replace(measured, name=HOSTILE, poses=replace(measured.poses, ids=ids)), folder / "points")
     return folder

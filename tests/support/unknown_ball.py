@@ -142,10 +142,7 @@ def read_urdf(text: str) -> Arm:
 
 def as_built(nominal: Arm, rng: np.random.Generator) -> Arm:
     """The arm with errors of 1 mm and 2 mrad an axis in every origin, and of 2 mrad in every joint's zero."""
-    origins = [
-        origin @ placed(rng.normal(0.0, 1.0, 3), turned(rng.normal(0.0, 2e-3, 3)))
-        for origin in nominal.origins
-    ]
+    origins = [origin @ placed(rng.normal(0.0, 1.0, 3), turned(rng.normal(0.0, 2e-3, 3))) for origin in nominal.origins]
     return Arm(tuple(origins), nominal.axes, nominal.tip, rng.normal(0.0, 2e-3, len(nominal.axes)))
 
 

@@ -200,17 +200,13 @@ class WireClient:
     def text(self) -> str:
         """Everything that the page says in markdown and HTML, hidden parts too."""
         with self._changed:
-            parts = [
-                m["props"].get("_markdown") or m["props"].get("content") or "" for m in self.gui.values()
-            ]
+            parts = [m["props"].get("_markdown") or m["props"].get("content") or "" for m in self.gui.values()]
         return "\n".join(parts)
 
     def figures(self) -> list[str]:
         """The plotly figures as JSON text."""
         with self._changed:
-            return [
-                m["props"]["_plotly_json_str"] for m in self.gui.values() if "_plotly_json_str" in m["props"]
-            ]
+            return [m["props"]["_plotly_json_str"] for m in self.gui.values() if "_plotly_json_str" in m["props"]]
 
     def tabs(self) -> list[str]:
         with self._changed:

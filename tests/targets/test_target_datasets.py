@@ -135,9 +135,7 @@ def test_what_moves_on_the_tool_is_no_target(balls: tuple[Path, dict[str, np.nda
     pose = dataset.poses.ids[4]
     search = searches[pose]
     jig, others = search.found  # type: ignore[attr-defined]
-    moved = type(jig.places[0])(
-        **{**vars(jig.places[0]), "xyz_mm": jig.places[0].xyz_mm + np.array([0.0, 0, 5])}
-    )
+    moved = type(jig.places[0])(**{**vars(jig.places[0]), "xyz_mm": jig.places[0].xyz_mm + np.array([0.0, 0, 5])})
     wrong = type(jig)(jig.names, (moved,), "")
     searches[pose] = type(search)(**{**vars(search), "found": (wrong, others)})
     points = with_corners(dataset, searches).points
@@ -146,9 +144,7 @@ def test_what_moves_on_the_tool_is_no_target(balls: tuple[Path, dict[str, np.nda
     assert sorted(at_pose) == ["b", "c"]
 
 
-def test_shapes_of_targets_are_written_and_read(
-    balls: tuple[Path, dict[str, np.ndarray]], tmp_path: Path
-) -> None:
+def test_shapes_of_targets_are_written_and_read(balls: tuple[Path, dict[str, np.ndarray]], tmp_path: Path) -> None:
     dataset = load_dataset(balls[0])
     planes = PlaneSet(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 5.0, 10.0), 40.0)
     for shape in (Sphere(), Plate(80.0, 85.0), planes, Socket(12.0, 0.002), OwnShape({"height_mm": 3.0})):

@@ -36,9 +36,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_keys_of_thousands_of_parts_and_deep_nests_are_refused_before_parsing(
-    tmp_path: Path, name: str
-) -> None:
+def test_keys_of_thousands_of_parts_and_deep_nests_are_refused_before_parsing(tmp_path: Path, name: str) -> None:
     path = tmp_path / "dataset.toml"
     path.write_text(HOSTILE[name])
     tracemalloc.start()

@@ -58,17 +58,11 @@ def test_a_test_error_of_a_multiple_of_the_training_error_is_a_warning() -> None
         assert (against.passed, against.warning) == (None, True)
         ratio, expected = map(
             float,
-            re.findall(r"([\d.]+) times the training error, noise explains ([\d.]+):", against.description)[
-                0
-            ],
+            re.findall(r"([\d.]+) times the training error, noise explains ([\d.]+):", against.description)[0],
         )
         assert ratio > least
-        assert expected == pytest.approx(
-            np.sqrt((111 + 25) / (111 - 25)), abs=0.01
-        )  # 19 and a frame of 37 poses
-        assert found.passed is (
-            poses == 1
-        )  # all of them break what the fit promised; of one it may be the pose
+        assert expected == pytest.approx(np.sqrt((111 + 25) / (111 - 25)), abs=0.01)  # 19 and a frame of 37 poses
+        assert found.passed is (poses == 1)  # all of them break what the fit promised; of one it may be the pose
         assert f"test against training: {against.description}" in found.warnings
         if poses > 1:
             assert any(reason.startswith("promise: the test poses are off by") for reason in found.reasons)
@@ -100,9 +94,7 @@ def test_points_of_another_arm_fail_without_test_poses_too() -> None:
 
 
 @pytest.mark.slow
-def test_what_to_look_at_is_a_warning_and_in_the_json(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_what_to_look_at_is_a_warning_and_in_the_json(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     dataset = measured(sigma_mm=0.01)
     assert dataset.points is not None
     only_training = replace(dataset.poses, role=np.where(dataset.poses.is_test, "train", dataset.poses.role))
@@ -143,9 +135,7 @@ def scans(tmp_path: Path) -> Path:
     folder = tmp_path / "cell"
     names = tuple(f"{pose_id}.xyz" for pose_id in dataset.poses.ids)
     scan_poses = replace(dataset.poses, scan_names=names)
-    write_dataset(
-        replace(dataset, points=None, folder=None, scan_folder="scans", poses=scan_poses, jig=Jig()), folder
-    )
+    write_dataset(replace(dataset, points=None, folder=None, scan_folder="scans", poses=scan_poses, jig=Jig()), folder)
     for seed, (name, zeros, nans) in enumerate(zip(names, (0, 500, 0), (0, 0, 9000), strict=True)):
         points = make_scene(np.random.default_rng(seed), 6_000).scan.points_mm
         empty = [np.zeros((zeros, 3)), np.full((nans, 3), np.nan)]
@@ -169,9 +159,7 @@ def test_corners_tells_the_points_that_were_left_out(capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.slow
-def test_check_warns_of_a_scan_without_most_of_its_points(
-    capsys: pytest.CaptureFixture[str], scans: Path
-) -> None:
+def test_check_warns_of_a_scan_without_most_of_its_points(capsys: pytest.CaptureFixture[str], scans: Path) -> None:
     main(["check", str(scans)])
     assert "WARN  scans: 1 of 3 lose more than half of their points" in capsys.readouterr().out
 

@@ -140,9 +140,7 @@ def test_figures_are_those_of_fits_made_by_hand() -> None:
         table = by_hand.after.to_frame(dataset)
         errors |= {p: e for p, e in zip(table["pose"], table["error_mm"], strict=True) if p in fold.poses}
     np.testing.assert_allclose(frame["error_mm"], [errors[p] for p in frame["pose"]], rtol=1e-5)
-    assert result.held_out.rmse_mm == pytest.approx(
-        np.sqrt(np.mean(np.square(list(errors.values())))), rel=1e-6
-    )
+    assert result.held_out.rmse_mm == pytest.approx(np.sqrt(np.mean(np.square(list(errors.values())))), rel=1e-6)
     assert result.held_out.points == 54
     assert (frame["nominal_mm"] > frame["error_mm"]).mean() > 0.9
 

@@ -72,9 +72,7 @@ def simulated(noise_mm: float = 0.02) -> Dataset:
         setup=np.full(40, ""),
         scan_names=tuple(f"p{k}.ply" for k in range(40)),
     )
-    points = Points(
-        np.arange(40), seen_mm + noise_mm * rng.standard_normal(seen_mm.shape), np.full(40, "jig")
-    )
+    points = Points(np.arange(40), seen_mm + noise_mm * rng.standard_normal(seen_mm.shape), np.full(40, "jig"))
     return Dataset("seen", robot, poses, points)
 
 
@@ -170,9 +168,7 @@ def test_a_link_s_mesh_hides_as_it_is_and_not_as_its_capsule(tmp_path: Path) -> 
     assert 5 in cell.bodies.meshes
     through = measurable(cell, dataset.poses.q).ok
     assert through.all()  # its bounding capsule would hide every face
-    trimesh.creation.cylinder(160.0, 5.0).apply_translation([0.0, 0.0, -120.0]).export(
-        tmp_path / "flange.stl"
-    )
+    trimesh.creation.cylinder(160.0, 5.0).apply_translation([0.0, 0.0, -120.0]).export(tmp_path / "flange.stl")
     closed = replace(cell, bodies=workcell_of_dataset(ringed).bodies)
     bodies = replace(closed.bodies, hides=cell.bodies.hides, meshes={5: load_link_mesh(ringed, 5)})
     assert set(measurable(replace(cell, bodies=bodies), dataset.poses.q).reason) == {HIDDEN}

@@ -34,9 +34,7 @@ def attempt(number: int, seed: int, material: Path, scratch: Path) -> Result:
         except Exception:
             return Result(number, arm.kind, what, "", "traceback", traceback.format_exc()[-4000:])
     ours = [w for w in caught if "/calib/" in w.filename]
-    trouble, said = (
-        ("python warning", f"{ours[0].filename}: {ours[0].message}") if ours else judged(arm, found)
-    )
+    trouble, said = ("python warning", f"{ours[0].filename}: {ours[0].message}") if ours else judged(arm, found)
     figures = {}
     if set(found.missing) == set(arm.effects) and found.verdict in SATISFIED:
         figures["over_bound"] = _test_mm(found.calibration) / arm.bound_mm

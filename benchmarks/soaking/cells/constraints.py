@@ -160,10 +160,7 @@ def _seats(kind: str, table: Array, rng: np.random.Generator) -> list[tuple[Arra
     every = np.eye(3)
     if kind == "planes":
         axes = Rotation.random(rng=rng).as_matrix()
-        return [
-            (middle + 30.0 * axis, axis[None], middle + 30.0 * axis)
-            for axis in axes[: int(rng.integers(1, 4))]
-        ]
+        return [(middle + 30.0 * axis, axis[None], middle + 30.0 * axis) for axis in axes[: int(rng.integers(1, 4))]]
     if kind == "one socket a place":
         return [(middle, every, np.zeros(3))]
     length = 50.0 if kind == "sockets" else float(rng.uniform(150, 350))
@@ -237,8 +234,6 @@ def attempt(number: int, seed: int, material: Path, scratch: Path) -> Result:
             accepted.append(f"{name}: {why}")
     ours = [w for w in caught if "/calib/" in w.filename]
     if ours:
-        return Result(
-            number, arm.kind, arm.what, "", "python warning", f"{ours[0].filename}: {ours[0].message}"
-        )
+        return Result(number, arm.kind, arm.what, "", "python warning", f"{ours[0].filename}: {ours[0].message}")
     trouble = "accepted collapse" if accepted else ""
     return Result(number, arm.kind, arm.what, "; ".join(ends), trouble, "; ".join(accepted))

@@ -50,9 +50,7 @@ class DrawnArm:
             turn = np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])
             by_frames[k, :, 6 * setup[k] : 6 * setup[k] + 6] = np.hstack([np.eye(3), turn])
         test = dataset.poses.is_test[pose]
-        scale = np.tile(
-            [TOLERANCE_MM, TOLERANCE_RAD, TOLERANCE_MM, TOLERANCE_RAD, TOLERANCE_RAD], robot.n_joints + 1
-        )
+        scale = np.tile([TOLERANCE_MM, TOLERANCE_RAD, TOLERANCE_MM, TOLERANCE_RAD, TOLERANCE_RAD], robot.n_joints + 1)
         jacobian = np.concatenate([by_parameters, by_frames], axis=2)
         rows = jacobian[~test].reshape(-1, jacobian.shape[2]) / self.noise_mm
         known = np.concatenate([1 / scale**2, np.full(by_frames.shape[2], 1e-12)])
@@ -85,9 +83,7 @@ def draw(number: int, seed: int) -> DrawnArm:
         rng = np.random.default_rng([seed, 3, number, attempt])
         kind, robot = _robot(rng)
         count = int(rng.choice(3, p=HIDDEN_SHARE)) if attempt < 7 else 0
-        effects = [
-            (str(name), float(rng.uniform(2, 8))) for name in rng.choice(TESTABLE, count, replace=False)
-        ]
+        effects = [(str(name), float(rng.uniform(2, 8))) for name in rng.choice(TESTABLE, count, replace=False)]
         noise_mm = float(np.exp(rng.uniform(np.log(0.02), np.log(0.15))))
         size = float(rng.choice([0.5, 1.0, 3.0]))
         try:
@@ -103,8 +99,6 @@ def draw(number: int, seed: int) -> DrawnArm:
             )
         except CalibError:
             continue
-        dataset = replace(
-            simulation.dataset, scanner=replace(simulation.dataset.scanner, point_sigma_mm=noise_mm)
-        )
+        dataset = replace(simulation.dataset, scanner=replace(simulation.dataset.scanner, point_sigma_mm=noise_mm))
         return DrawnArm(kind, simulation.truth.effect_names, noise_mm, replace(simulation, dataset=dataset))
     raise AssertionError(f"arm {number}: nothing could be simulated")

@@ -105,9 +105,7 @@ def _other_names(dataset: Dataset) -> Dataset:
     ids = tuple(f"Ω {(7 * k) % 1009} ‹{k}›" for k in range(len(dataset.poses)))
     setup = np.array([f"Halle {name}" if name else "" for name in dataset.poses.setup])
     poses = replace(dataset.poses, ids=ids, setup=setup)
-    return replace(
-        dataset, name="ein anderer", robot=replace(dataset.robot, name="x", joints=joints), poses=poses
-    )
+    return replace(dataset, name="ein anderer", robot=replace(dataset.robot, name="x", joints=joints), poses=poses)
 
 
 def _other_units(dataset: Dataset, folder: Path, out: Path) -> Dataset:

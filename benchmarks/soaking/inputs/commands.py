@@ -81,9 +81,7 @@ def ran(folder: Path, *arguments: object, outputs: tuple[Path, ...] = (), lists_
     ours = [w for w in caught if any(part in w.filename for part in PRODUCT)]
     if ours:
         told = ours[0]
-        return trouble(
-            "python warning", f"{told.category.__name__} {told.filename}:{told.lineno}: {told.message}"
-        )
+        return trouble("python warning", f"{told.category.__name__} {told.filename}:{told.lineno}: {told.message}")
     after = files_below(folder)
     kept = {name: state for name, state in before.items() if not _is_of(folder / name, outputs)}
     if any(after.get(name) != state for name, state in kept.items()):

@@ -219,9 +219,7 @@ def _measured(
     form = forms[int(rng.integers(len(forms)))]
     path, out = scratch / kind, scratch / "made"
     path.write_bytes(change(rng, form.read_bytes()))
-    result = ran(
-        scratch, "import", out, "--robot", "rb5", "--joints", path, outputs=(out,), lists_faults=True
-    )
+    result = ran(scratch, "import", out, "--robot", "rb5", "--joints", path, outputs=(out,), lists_faults=True)
     if not same:
         return f"import {form.stem}", result, ""
     if result.code != 0:

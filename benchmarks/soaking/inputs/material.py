@@ -87,8 +87,7 @@ def user_tables(dataset: Dataset) -> dict[str, str]:
     for name, (header, angle, length) in forms.items():
         values = np.hstack([q_rad * angle, xyz_mm * length])
         rows = [
-            ",".join([pose, *map(repr, map(float, row))])
-            for pose, row in zip(dataset.poses.ids, values, strict=True)
+            ",".join([pose, *map(repr, map(float, row))]) for pose, row in zip(dataset.poses.ids, values, strict=True)
         ]
         out[name] = "\n".join([",".join(["pose", *header]), *rows]) + "\n"
     return out

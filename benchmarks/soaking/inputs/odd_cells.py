@@ -121,11 +121,7 @@ def write_cell(rng: Rng, folder: Path) -> str:
     if oddly("points a light second away", 0.03):
         xyz_mm += 1e9
     targets = oddly("a target without points", 0.1)
-    declared = (
-        ""
-        if oddly("no noise declared", 0.3)
-        else f"point_sigma_mm = {rng.choice([1e-6, 0.05, 0.05, 30.0])}\n"
-    )
+    declared = "" if oddly("no noise declared", 0.3) else f"point_sigma_mm = {rng.choice([1e-6, 0.05, 0.05, 30.0])}\n"
     extra_targets = '\n[[targets]]\nname = "ball"\nxyz_mm = [1.0, 2.0, 3.0]\n' if targets else ""
     folder.mkdir(parents=True)
     (folder / "robot.toml").write_text(robot_to_toml(robot) + extra_targets)
@@ -151,9 +147,7 @@ def write_cell(rng: Rng, folder: Path) -> str:
     return ", ".join(oddities)
 
 
-def _conditions(
-    rng: Rng, oddly: Callable[[str, float], bool], poses: int, joints: int
-) -> dict[str, np.ndarray]:
+def _conditions(rng: Rng, oddly: Callable[[str, float], bool], poses: int, joints: int) -> dict[str, np.ndarray]:
     out: dict[str, np.ndarray] = {}
     if rng.random() < 0.4:
         constant = oddly("temperature constant", 0.5)
@@ -194,9 +188,7 @@ def _robot(rng: Rng) -> Robot:
         )
         for k in range(count)
     )
-    return Robot(
-        "odd arm", joints, Tool(a_mm=float(rng.choice([0.0, 80.0])), d_mm=float(rng.choice([0.0, 90.0])))
-    )
+    return Robot("odd arm", joints, Tool(a_mm=float(rng.choice([0.0, 80.0])), d_mm=float(rng.choice([0.0, 90.0]))))
 
 
 def _joint_values(rng: Rng, robot: Robot, poses: int) -> np.ndarray:

@@ -50,9 +50,7 @@ def piece(rng: Rng, content: bytes) -> bytes:
     start, other = sorted((at(rng, len(content)), at(rng, len(content))))
     part, rest = content[start:other], content[:start] + content[other:]
     where = at(rng, len(rest))
-    return (rest, content[:other] + part + content[other:], rest[:where] + part + rest[where:])[
-        rng.integers(3)
-    ]
+    return (rest, content[:other] + part + content[other:], rest[:where] + part + rest[where:])[rng.integers(3)]
 
 
 def recoded(rng: Rng, content: bytes) -> bytes:

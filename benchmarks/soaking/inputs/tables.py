@@ -111,9 +111,7 @@ def plausible(rng: Rng, content: bytes) -> bytes:
         values = [float(row[k]) for row in rows[1:]]
         kind = int(rng.integers(11))
         if kind == 0:
-            rows[i][k] = repr(
-                float(rows[i][k]) * float(rng.choice([-1.0, 0.0, 2.0, 1e3, 1e-3, 57.29577951308232]))
-            )
+            rows[i][k] = repr(float(rows[i][k]) * float(rng.choice([-1.0, 0.0, 2.0, 1e3, 1e-3, 57.29577951308232])))
         elif kind == 1:
             rows[i][k], rows[j][k] = rows[j][k], rows[i][k]
         elif kind == 2:

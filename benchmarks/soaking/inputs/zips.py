@@ -84,9 +84,7 @@ def _missing(rng: Rng, files: Files) -> bytes:
 
 
 def _further(rng: Rng, files: Files) -> bytes:
-    return packed(
-        files | {"further.csv": odd_values.lines(rng, files["measured.csv"]), "arm.urdf": b"<robot/>"}
-    )
+    return packed(files | {"further.csv": odd_values.lines(rng, files["measured.csv"]), "arm.urdf": b"<robot/>"})
 
 
 CHANGES: dict[str, Callable[[Rng, Files], bytes]] = {
@@ -119,9 +117,7 @@ def attempt(number: int, rng: Rng, material: Path, scratch: Path) -> Result:
         trouble, said = ("wrong", wrong) if wrong else ("", said)
     if not trouble and any(scratch.parent.rglob("evil*")):
         trouble, said = "half-written", "a file outside of the folder"
-    return Result(
-        number, "import.zip", f"{chosen}{' (same)' if same else ''}; import", str(result.code), trouble, said
-    )
+    return Result(number, "import.zip", f"{chosen}{' (same)' if same else ''}; import", str(result.code), trouble, said)
 
 
 @lru_cache

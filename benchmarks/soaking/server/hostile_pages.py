@@ -61,9 +61,7 @@ def _frames(port: int, frames: list[bytes], for_s: float = 0.3) -> None:
             pass
 
 
-def _frame(
-    opcode: int, body: bytes, *, fin: bool = True, mask: bool = True, length: int | None = None
-) -> bytes:
+def _frame(opcode: int, body: bytes, *, fin: bool = True, mask: bool = True, length: int | None = None) -> bytes:
     size = len(body) if length is None else length
     head = bytes([(0x80 if fin else 0) | opcode])
     bit = 0x80 if mask else 0

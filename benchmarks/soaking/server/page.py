@@ -47,9 +47,7 @@ def run(numbers: Sequence[int], out: Path) -> Iterator[Result]:
                 seconds, told = round(time.monotonic() - began, 2), said[-3000:] if trouble else ""
                 end, figures = "done" if line else "died", {"server": float(server.pid)}
                 what, mb = f"{STEP} operations", float(line or 0)
-                yield Result(
-                    number, "page", what, end, trouble, told, seconds=seconds, mb=mb, figures=figures
-                )
+                yield Result(number, "page", what, end, trouble, told, seconds=seconds, mb=mb, figures=figures)
                 if not line:
                     return
     finally:

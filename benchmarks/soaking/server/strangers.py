@@ -107,9 +107,7 @@ def path_traversal(port: int) -> None:
         "/inspector/../../pyproject.toml", "/assets/..%5c..%5cx", "/%00", "/" + "a/" * 5000, "/?x=" + "y" * 5000,
         "http://[::1", "/inspector/page.js/../../x", "/" + "%ff" * 100,
     ):  # fmt: skip
-        answer = say(
-            port, f"GET {path} HTTP/1.1\r\nHost: {HOST}:{port}\r\nConnection: close\r\n\r\n".encode()
-        )
+        answer = say(port, f"GET {path} HTTP/1.1\r\nHost: {HOST}:{port}\r\nConnection: close\r\n\r\n".encode())
         assert b"root:" not in answer, path
         assert b"[core]" not in answer, path
 

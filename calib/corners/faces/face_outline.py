@@ -26,9 +26,7 @@ _SOLID = 0.5  # of the points that a cell of a surface has; a cell with more is 
 _NEAR_POINT = 0.8  # spacings; a square grid leaves no place farther than 0.71 from a point
 # Margins to choose from, of the edge.
 _RINGS = (1 / 200, 1 / 120, 1 / 80, 1 / 60, 1 / 40, 1 / 30, 1 / 20, 1 / 12)
-_RING_SIGMA = (
-    3.5  # mean height of a ring of points along the edges, in its sigmas, beyond which the edge is rounded
-)
+_RING_SIGMA = 3.5  # mean height of a ring of points along the edges, in its sigmas, beyond which the edge is rounded
 _FARTHEST = 4.0  # standard deviations of the points across a face
 _PEELINGS = 4
 
@@ -63,9 +61,7 @@ def along_edges(heights: Array, face: int, jig: Jig) -> tuple[Array, Array]:
     return (-one, -other) if jig.convex else (one, other)
 
 
-def face_points(
-    heights: Array, face: int, band_mm: float, jig: Jig, outline: Outline, margin_mm: float
-) -> BoolArray:
+def face_points(heights: Array, face: int, band_mm: float, jig: Jig, outline: Outline, margin_mm: float) -> BoolArray:
     """Mask of the points in the band around a face's plane and inside its outline, the margin taken off all edges.
 
     heights  # (K, 3) over the three planes
@@ -121,9 +117,7 @@ def without_far_points(along_mm: Array) -> BoolArray:
     return kept
 
 
-def flat_margins_mm(
-    heights: Sequence[Array], planes: Sequence[PlaneFit], jig: Jig, outline: Outline
-) -> Array:
+def flat_margins_mm(heights: Sequence[Array], planes: Sequence[PlaneFit], jig: Jig, outline: Outline) -> Array:
     """The least margins (3,) beyond which the faces are flat: no ring of points along the edges lies off the planes.
 
     heights  # of each face's points (K, 3) over all faces. A rounded edge lowers the points beside it, and the ring

@@ -39,9 +39,7 @@ _RING = 0.5  # pixels
 _RINGS = 4  # along an edge
 _EDGE_PIXELS = 1.2  # beside an edge that mix with what is beyond, for a mean direction of the edge
 _UNSURE = 0.25  # pixels from an edge within which a pixel may look at either face
-_BESIDE_BORDER = (
-    1.6  # pixels along a face's outer border that are left out: they mix with what lies far behind
-)
+_BESIDE_BORDER = 1.6  # pixels along a face's outer border that are left out: they mix with what lies far behind
 _NARROW = 0.1  # share of a face's pixels beside its edges, beyond which leaving them out costs too much
 _MOST_POINTS = 1_500  # a face with more is wide enough for margins, or too finely seen to matter
 _POINTS_A_FACE = 20_000
@@ -156,9 +154,7 @@ def seen_on_face(
     return clear
 
 
-def _outline_corners(
-    planes: Sequence[PlaneFit], face: int, origin: Array, jig: Jig, outline: Outline
-) -> Array:
+def _outline_corners(planes: Sequence[PlaneFit], face: int, origin: Array, jig: Jig, outline: Outline) -> Array:
     """Corners (3, 3) or, of a rectangle, (4, 3) of a face in the scanner's frame, the apex first."""
     normals = np.array([plane.normal for plane in planes])
     apex = np.linalg.solve(normals, np.array([plane.offset_mm for plane in planes])) + origin
@@ -211,9 +207,7 @@ def _range_moves(
     return np.asarray((moves * sight.ranges_mm**2).T)
 
 
-def _beside_edges(
-    ways: Array, planes: Sequence[PlaneFit], face: int, origin: Array
-) -> list[tuple[Array, Array]]:
+def _beside_edges(ways: Array, planes: Sequence[PlaneFit], face: int, origin: Array) -> list[tuple[Array, Array]]:
     """For each of the face's two edges: on which side of it each ray (N, 3) passes, 1 or -1, and at what angle from it.
 
     The side is 1 where the ray meets the other face's plane first.
@@ -227,9 +221,7 @@ def _beside_edges(
     return found
 
 
-def _rings(
-    sight: _Sight, planes: Sequence[PlaneFit], face: int, origin: Array, grid: PixelGrid
-) -> list[IndexArray]:
+def _rings(sight: _Sight, planes: Sequence[PlaneFit], face: int, origin: Array, grid: PixelGrid) -> list[IndexArray]:
     """For each of the face's two edges the number (N,) of the ring, half a pixel wide, that a point is seen in."""
     return [
         np.minimum(angle / grid.pitch_rad / _RING, _RINGS).astype(int)

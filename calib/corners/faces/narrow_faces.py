@@ -48,9 +48,7 @@ def refit_narrow_faces(
             over[:, face] = moved @ plane.normal - plane.offset_mm
             clear = seen_on_face(local, refitted, face, origin, mixed.grid, jig, outline)
             rows = np.flatnonzero(clear & (np.abs(over[:, face]) < _BAND_SIGMA * plane.sigma_mm))
-            margins[face] = max(
-                flat_margin_mm(over[rows], face, plane, jig, outline), _MARGIN_SIGMA * plane.sigma_mm
-            )
+            margins[face] = max(flat_margin_mm(over[rows], face, plane, jig, outline), _MARGIN_SIGMA * plane.sigma_mm)
             after[face] = fit(moved[rows], over[rows], near[rows], face, float(margins[face]))
         refitted = after
     return refitted, margins

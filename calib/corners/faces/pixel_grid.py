@@ -44,8 +44,6 @@ def pixel_grid(seen_mm: Array, middle_mm: Array) -> PixelGrid | None:
         return None
     usual = np.abs(distance[:, 1] - pitch_rad) < 0.2 * pitch_rad
     x, y = (seen_at[nearest[:, 1]] - seen_at)[usual].T
-    quarter = (
-        np.angle(np.sum(((x + 1j * y) / np.hypot(x, y)) ** 4)) / 4
-    )  # a quarter turn leaves a square grid as it is
+    quarter = np.angle(np.sum(((x + 1j * y) / np.hypot(x, y)) ** 4)) / 4  # a quarter turn leaves a square grid as it is
     turn = np.array([[np.cos(quarter), np.sin(quarter)], [-np.sin(quarter), np.cos(quarter)]])
     return PixelGrid(pitch_rad * turn @ across)

@@ -62,9 +62,7 @@ _OUT_OF_SQUARE = 3.0  # times that: a jig that is off by more tells nothing of t
 class PlaneUncertainty:
     """The joint covariance of the three planes, and the smooth part of the error."""
 
-    covariance: (
-        Array  # (9, 9) of height (mm) and two slopes (rad) of each plane in turn, as in PlaneFit.design
-    )
+    covariance: Array  # (9, 9) of height (mm) and two slopes (rad) of each plane in turn, as in PlaneFit.design
     white_covariance: Array  # (9, 9) as if all residuals were white noise
     correlated_sigma_mm: float  # standard deviation of the smooth part; near 0 where there is none
     correlation_length_mm: float  # l of its correlation exp(-r^2 / 2 l^2) or exp(-r / l)
@@ -209,9 +207,7 @@ def _patches_of_faces(planes: Sequence[PlaneFit], view: View, edge_mm: float) ->
     )  # fmt: skip
 
 
-def _of_faces(
-    faces: _Faces, planes: Sequence[PlaneFit], jig: Jig, kernels: Array, sizes_mm: Array
-) -> Evidence:
+def _of_faces(faces: _Faces, planes: Sequence[PlaneFit], jig: Jig, kernels: Array, sizes_mm: Array) -> Evidence:
     """Evidence of the faces' residuals and angles. kernels  # (L, B, B)
 
     The angles between the faces are three more measurements of the planes, as exact as the jig was made; not those of
@@ -225,10 +221,7 @@ def _of_faces(
         made_deg[np.argsort(found_deg)] = np.sort(jig.face_angles_deg)
         worst_deg = float(np.abs(found_deg - made_deg).max())
         slack_deg = worst_deg if worst_deg > _OUT_OF_SQUARE * _MADE_TO_DEG else _MADE_TO_DEG
-        off = [
-            normals[i] @ normals[j] + np.cos(np.radians(made_deg[row]))
-            for row, (i, j) in enumerate(FACE_PAIRS)
-        ]
+        off = [normals[i] @ normals[j] + np.cos(np.radians(made_deg[row])) for row, (i, j) in enumerate(FACE_PAIRS)]
         mean_mm = np.concatenate([mean_mm, np.negative(off)])
         variance_mm2 = np.concatenate([variance_mm2, np.full(3, np.radians(slack_deg) ** 2)])
         design = np.vstack([design, angle_derivative(planes)])

@@ -26,9 +26,7 @@ class Evidence:
     expected_loss: Array  # (S, W) by how much that is below 0 on average where the noise is white
 
 
-def evidence_of(
-    mean_mm: Array, variance_mm2: Array, design: Array, kernels: Array, sizes_mm: Array
-) -> Evidence:
+def evidence_of(mean_mm: Array, variance_mm2: Array, design: Array, kernels: Array, sizes_mm: Array) -> Evidence:
     """The evidence of patches' means (B,).
 
     variance_mm2  # (B,) of the means by white noise; design  # (B, P) of what is free; kernels  # (L, B, B) Gaussian

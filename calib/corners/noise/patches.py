@@ -13,9 +13,7 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.planes.robust_fit import PlaneFit
 
-_FARTHEST_EYE = (
-    5.0  # edges: a scan whose origin lies nearer to the apex than this is not seen from its origin
-)
+_FARTHEST_EYE = 5.0  # edges: a scan whose origin lies nearer to the apex than this is not seen from its origin
 
 
 @dataclass(frozen=True)
@@ -111,6 +109,4 @@ def patches_of(plane: PlaneFit, view: View, along_mm: Array, side_mm: float) -> 
 
 def joined(places: Sequence[Places]) -> Places:
     """The places of several planes' patches as one."""
-    return Places(
-        np.concatenate([p.centres_mm for p in places]), np.concatenate([p.spreads_mm2 for p in places])
-    )
+    return Places(np.concatenate([p.centres_mm for p in places]), np.concatenate([p.spreads_mm2 for p in places]))

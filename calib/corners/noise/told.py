@@ -17,9 +17,7 @@ class ToldNoise:
 
     correlated_sigma_mm: float = 0.0  # of the error that neighbouring points share, along the ray
     correlation_length_mm: float = 0.0  # l of its correlation exp(-r^2 / 2 l^2)
-    registration_sigma_mm: float = (
-        0.0  # by which surfaces that were joined of several views are off, each axis
-    )
+    registration_sigma_mm: float = 0.0  # by which surfaces that were joined of several views are off, each axis
 
 
 NOTHING_TOLD = ToldNoise()

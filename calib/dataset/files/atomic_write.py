@@ -28,9 +28,7 @@ def write_bytes_atomically(path: Path, content: bytes) -> None:
     except BrokenPipeError:
         raise
     except OSError as error:  # its own text names no file for a full disk, else the temporary one
-        raise DatasetError(
-            f"{path}: cannot be written ({error.strerror or error}); name another place"
-        ) from None
+        raise DatasetError(f"{path}: cannot be written ({error.strerror or error}); name another place") from None
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -101,9 +101,7 @@ def load_jig(table: TomlTable) -> tuple[Jig, dict[str, Any]]:
     edge_mm = _edges(table) or default.edge_mm
     angles = table.vector("face_angles_deg") or default.face_angles_deg
     if not all(10.0 < angle < 170.0 for angle in angles):
-        raise table.error(
-            "face_angles_deg", f"found {list(angles)}", "angles between faces lie between 10 and 170"
-        )
+        raise table.error("face_angles_deg", f"found {list(angles)}", "angles between faces lie between 10 and 170")
     try:
         jig_normals(angles)
     except CornerError:
@@ -135,9 +133,7 @@ def _edges(table: TomlTable) -> float | tuple[float, float, float] | None:
         if length < 1.0:
             raise table.error(key, f"found {length:g} mm, which looks like metres", "multiply it by 1000")
     if three and max(three) > _MOST_UNLIKE_EDGES * min(three):
-        remedy = (
-            f"the longest may be {_MOST_UNLIKE_EDGES:g} times the shortest; give the part that is scanned"
-        )
+        remedy = f"the longest may be {_MOST_UNLIKE_EDGES:g} times the shortest; give the part that is scanned"
         raise table.error(key, f"found edges of {list(three)} mm", remedy)
     return three or one
 
@@ -206,7 +202,6 @@ def surroundings_document(surroundings: Surroundings) -> dict[str, Any]:
     document |= surroundings.extra
     if surroundings.boxes:
         document["boxes"] = [
-            {"name": box.name, "min_mm": list(box.min_mm), "max_mm": list(box.max_mm)}
-            for box in surroundings.boxes
+            {"name": box.name, "min_mm": list(box.min_mm), "max_mm": list(box.max_mm)} for box in surroundings.boxes
         ]
     return document

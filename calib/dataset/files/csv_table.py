@@ -23,9 +23,7 @@ class TableFile:
 
     path: Path
     cells: pd.DataFrame
-    lines: tuple[
-        int, ...
-    ] = ()  # where each row ends in the file; without them one row a line, the header above
+    lines: tuple[int, ...] = ()  # where each row ends in the file; without them one row a line, the header above
 
     @classmethod
     def load(cls, path: Path, *, pipe: bool = False) -> TableFile:

@@ -49,9 +49,7 @@ def find_datasets(folder: Path) -> list[Path]:
         return [folder]
     below = sorted(path.parent for path in folder.glob("*/dataset.toml"))
     if not below:
-        raise DatasetError(
-            f"{folder}: found no dataset.toml here nor one folder below; a dataset folder has one"
-        )
+        raise DatasetError(f"{folder}: found no dataset.toml here nor one folder below; a dataset folder has one")
     return below
 
 
@@ -76,9 +74,7 @@ def load_dataset(folder: str | Path) -> Dataset:
     poses, warnings = load_poses(poses_path, robot, units)
     points_name, scan_folder = top.text("points"), top.text("scans")
     if points_name is None and scan_folder is None:
-        raise top.error(
-            "points", "neither points nor scans is given", 'add points = "points.csv" or scans = "scans"'
-        )
+        raise top.error("points", "neither points nor scans is given", 'add points = "points.csv" or scans = "scans"')
     points = None
     notes: tuple[str, ...] = ()
     if points_name is not None:
@@ -89,9 +85,7 @@ def load_dataset(folder: str | Path) -> Dataset:
     if scan_folder is not None:
         scans = _inside(folder, scan_folder, top, "scans")
         if not scans.is_dir():
-            missing = top.error(
-                "scans", f"found {scan_folder!r}, no such folder", "name the folder of the scans"
-            )
+            missing = top.error("scans", f"found {scan_folder!r}, no such folder", "name the folder of the scans")
             if points is None:
                 raise missing
             warnings.append(str(missing))
@@ -147,9 +141,7 @@ def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
 def _inside(folder: Path, name: str, top: TomlTable, key: str) -> Path:
     """A path below the folder; one that leaves it is refused."""
     if not name or not _is_below(folder, folder / name):
-        raise top.error(
-            key, f"found {name!r}, which is not below the dataset's folder", "use a relative path below it"
-        )
+        raise top.error(key, f"found {name!r}, which is not below the dataset's folder", "use a relative path below it")
     return folder / name
 
 
@@ -168,9 +160,7 @@ def _about(table: TomlTable) -> About:
         date = table.date(key) if key == "date" else None
         told[key] = date or table.text(key, "") or ""
         if not is_one_line(told[key]):
-            raise table.error(
-                key, f"found {told[key]!r}", "a text of one line without control characters is needed"
-            )
+            raise table.error(key, f"found {told[key]!r}", "a text of one line without control characters is needed")
     return About(**told, extra=table.unread())
 
 
@@ -229,9 +219,7 @@ def _dataset_document(dataset: Dataset) -> dict[str, Any]:
     document["scanner"] = mount | scanner_document(dataset.scanner)
     if cell := surroundings_document(dataset.surroundings):
         document["cell"] = cell
-    about = {key: value for key in ABOUT if (value := getattr(dataset.about, key))} | dict(
-        dataset.about.extra
-    )
+    about = {key: value for key in ABOUT if (value := getattr(dataset.about, key))} | dict(dataset.about.extra)
     if about:
         document["about"] = about
     if dataset.jig_is_declared:

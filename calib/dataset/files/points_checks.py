@@ -16,9 +16,7 @@ from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import Robot
 from calib.units import UNITS_MM
 
-_ALIKE = (
-    0.2  # of the ratio's logarithm: the true arm is closer to its table than that, other units are farther
-)
+_ALIKE = 0.2  # of the ratio's logarithm: the true arm is closer to its table than that, other units are farther
 _FEWEST_POINTS = 3
 _LEAST_SPREAD_MM = 20.0  # of the nominal arm's points; below it noise decides the ratio
 _FEWEST_ORIENTATIONS = 8
@@ -174,10 +172,7 @@ def copied_rows(poses: Poses, points: Points) -> list[tuple[int, int]]:
 
 def _is_socket(poses: Poses, points: Points, rows: list[int]) -> bool:
     """Whether points at one place were met with five or more different joint vectors."""
-    return (
-        len(rows) >= _POSES_IN_A_SOCKET
-        and len(np.unique(poses.q[points.pose[rows]], axis=0)) >= _POSES_IN_A_SOCKET
-    )
+    return len(rows) >= _POSES_IN_A_SOCKET and len(np.unique(poses.q[points.pose[rows]], axis=0)) >= _POSES_IN_A_SOCKET
 
 
 def unmeasured_note(path: Path, poses: Poses, points: Points) -> tuple[str, ...]:

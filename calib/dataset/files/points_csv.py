@@ -43,9 +43,7 @@ _UPPER = np.triu_indices(3)
 FARTHEST_MM = 1e9
 LEAST_SIGMA_MM, MOST_SIGMA_MM = 1e-6, 1e3  # as declared for an instrument; none is better or worse than that
 LEAST_SIGMA_DEG, MOST_SIGMA_DEG = 1e-6, 90.0
-_LEAST_OF_A_POINT = (
-    0.01  # times those: corners of scans without noise are known as well as rounding lets them
-)
+_LEAST_OF_A_POINT = 0.01  # times those: corners of scans without noise are known as well as rounding lets them
 _LEAST_EIGENVALUE = 1e-12  # of a covariance scaled to a unit diagonal: below it lies rounding
 
 
@@ -65,9 +63,7 @@ def load_points(
     index = {pose_id: i for i, pose_id in enumerate(poses.ids)}
     for row, pose_id in enumerate(ids):
         if pose_id not in index:
-            raise file.error(
-                row, "pose", f"{short(pose_id)} is not in poses.csv", "remove the row or add the pose"
-            )
+            raise file.error(row, "pose", f"{short(pose_id)} is not in poses.csv", "remove the row or add the pose")
     xyz_mm = file.numbers(list(xyz_columns)) * _IN_MM[unit]
     target = np.array(file.text("target") if "target" in file else ["jig"] * len(file))
     require_targets(file, target.tolist(), robot)
@@ -129,13 +125,7 @@ def _warnings(file: TableFile, robot: Robot, poses: Poses, points: Points, unit:
     warnings = []
     doubt = unit_doubt(robot, poses, points, unit)
     extent_mm = float(np.ptp(points.xyz_mm, axis=0).max())
-    if (
-        unit == "mm"
-        and not doubt
-        and len(poses) > 1
-        and 0.0 < extent_mm < 5.0
-        and np.ptp(poses.q, axis=0).max() > 0.2
-    ):
+    if unit == "mm" and not doubt and len(poses) > 1 and 0.0 < extent_mm < 5.0 and np.ptp(poses.q, axis=0).max() > 0.2:
         doubt = f"all points lie within {extent_mm:.3g} mm; columns are mm, these look like metres"
     if doubt:
         warnings.append(f"{file.path}: {doubt}")

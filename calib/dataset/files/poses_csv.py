@@ -80,16 +80,12 @@ def load_poses(path: Path, robot: Robot, units: DeclaredUnits = NOT_DECLARED) ->
     for row, pose_id in enumerate(ids):
         if first.setdefault(pose_id, row) != row:
             line = file.line(first[pose_id])
-            raise file.error(
-                row, "pose", f"{short(pose_id)} stands in line {line} too", "each pose needs its own id"
-            )
+            raise file.error(row, "pose", f"{short(pose_id)} stands in line {line} too", "each pose needs its own id")
     role = file.choices("role", ROLES)
     references = [row for row, value in enumerate(role) if value == "reference"]
     if len(references) != 1:
         where = ", ".join(f"line {file.line(row)}" for row in references) or "none"
-        raise DatasetError(
-            f"{path}: column role: found {len(references)} reference poses ({where}); set exactly one"
-        )
+        raise DatasetError(f"{path}: column role: found {len(references)} reference poses ({where}); set exactly one")
     q_file = robot.joints_of(load_joints(file, q_columns))  # coupled joints have one unit
     warnings = [*_angle_warnings(file, q_file, q_columns, robot)]
     conditions = load_conditions(file, robot)
@@ -111,9 +107,7 @@ def names(file: TableFile, column: str, *, allow_empty: bool = False) -> list[st
     found = file.text(column, allow_empty=allow_empty)
     for row, name in enumerate(found):
         if not is_one_line(name):
-            raise file.error(
-                row, column, f"found {short(name)}", "a name is one line without control characters"
-            )
+            raise file.error(row, column, f"found {short(name)}", "a name is one line without control characters")
     return found
 
 
@@ -149,9 +143,7 @@ def _angle_warnings(file: TableFile, q_file: Array, columns: list[str], robot: R
     warnings = []
     if turning.any():
         largest = float(np.abs(q_file[:, turning]).max())
-        spans = [
-            j.max - j.min for j in robot.joints if j.is_revolute and j.min is not None and j.max is not None
-        ]
+        spans = [j.max - j.min for j in robot.joints if j.is_revolute and j.min is not None and j.max is not None]
         wide = not spans or max(spans) > math.radians(30.0)
         in_rad = any(name.endswith("_rad") for name in columns)
         if in_rad and largest > _LOOKS_LIKE_DEGREES:
@@ -196,6 +188,4 @@ def poses_frame(poses: Poses, robot: Robot) -> pd.DataFrame:
     if poses.scan_names != tuple(f"{pose_id}.ply" for pose_id in poses.ids):
         columns["scan"] = poses.scan_names
     frame = pd.DataFrame(columns)
-    return (
-        pd.concat([frame, poses.extra.reset_index(drop=True)], axis=1) if len(poses.extra.columns) else frame
-    )
+    return pd.concat([frame, poses.extra.reset_index(drop=True)], axis=1) if len(poses.extra.columns) else frame

@@ -23,9 +23,7 @@ _ROW_KEYS = ("a_mm", "alpha_deg", "d_mm", "theta_deg", "beta_deg")
 def builtin_robot(name: str) -> Robot:
     """One of the arms that come with the package: "rb5" (RB5-850, Jang's Table 2) or "panda" (Franka Panda)."""
     if name not in BUILTIN_ROBOTS:
-        raise DatasetError(
-            f"no built-in robot {name!r}; there are {', '.join(BUILTIN_ROBOTS)}, or give a robot.toml"
-        )
+        raise DatasetError(f"no built-in robot {name!r}; there are {', '.join(BUILTIN_ROBOTS)}, or give a robot.toml")
     with resources.as_file(resources.files("calib") / "robots" / f"{name}.toml") as path:
         return load_robot(path)
 
@@ -35,23 +33,17 @@ def load_robot(path: Path) -> Robot:
     top = TomlTable.load(path)
     joints = tuple(_joint(table, number + 1) for number, table in enumerate(top.tables("joints")))
     if not joints:
-        raise DatasetError(
-            f"{path}: found no [[joints]]; a robot needs one [[joints]] table a joint, in order"
-        )
+        raise DatasetError(f"{path}: found no [[joints]]; a robot needs one [[joints]] table a joint, in order")
     tool = _tool(top.table("tool"))
     targets: list[Target] = []
     for table in top.tables("targets"):
         name, xyz_mm = table.required_text("name"), table.vector("xyz_mm")
         if xyz_mm is None:
-            raise table.error(
-                "xyz_mm", "the key is missing", "add xyz_mm = [x, y, z] in the last joint's frame"
-            )
+            raise table.error("xyz_mm", "the key is missing", "add xyz_mm = [x, y, z] in the last joint's frame")
         if name in {target.name for target in targets}:
             raise table.error("name", f"found {name!r} a second time", "each target needs its own")
         if name == TOOL_POINT and _joint_of(table, len(joints)) is not None:
-            raise table.error(
-                "joint", f"found one for {name!r}", "the tool's measured point is on the last link"
-            )
+            raise table.error("joint", f"found one for {name!r}", "the tool's measured point is on the last link")
         tolerance_mm = table.number("tolerance_mm", TARGET_TOLERANCE_MM, positive=True) or TARGET_TOLERANCE_MM
         targets.append(Target(name, xyz_mm, tolerance_mm, _joint_of(table, len(joints))))
     robot = Robot(
@@ -71,9 +63,7 @@ def _base(table: TomlTable) -> Base:
     """Where the first row starts, in the base frame: there itself where [base] is absent."""
     xyz_mm, rpy_deg = table.vector("xyz_mm"), table.vector("rpy_deg")
     for key in table.unread():
-        raise table.error(
-            key, "no such key", "[base] has xyz_mm = [x, y, z] and rpy_deg = [roll, pitch, yaw]"
-        )
+        raise table.error(key, "no such key", "[base] has xyz_mm = [x, y, z] and rpy_deg = [roll, pitch, yaw]")
     roll, pitch, yaw = map(math.radians, rpy_deg or (0.0, 0.0, 0.0))
     return Base(xyz_mm or (0.0, 0.0, 0.0), (roll, pitch, yaw))
 
@@ -134,9 +124,7 @@ def _joint(table: TomlTable, number: int) -> Joint:
     unit, scale = ("deg", math.radians(1.0)) if type_ == "revolute" else ("mm", 1.0)
     low, high = table.number(f"min_{unit}"), table.number(f"max_{unit}")
     if low is not None and high is not None and low >= high:
-        raise table.error(
-            f"max_{unit}", f"found {high:g}, not above min_{unit} = {low:g}", "swap or mend the limits"
-        )
+        raise table.error(f"max_{unit}", f"found {high:g}, not above min_{unit} = {low:g}", "swap or mend the limits")
     mass_kg = table.number("mass_kg")
     if mass_kg is not None and mass_kg < 0:
         raise table.error("mass_kg", f"found {mass_kg:g}", "a mass is 0 or more")

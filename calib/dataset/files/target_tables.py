@@ -46,9 +46,7 @@ def load_targets(jig: TomlTable, tables: Sequence[TomlTable], robot: Robot) -> t
     for table, target in zip(places, targets, strict=True):
         for name in target.names:
             if names.count(name) > 1:
-                raise table.error(
-                    "name", f"found {name!r} more than once", "give each target a name of its own"
-                )
+                raise table.error("name", f"found {name!r} more than once", "give each target a name of its own")
             if not robot.carries_scanner and name not in known:
                 remedy = (
                     f"robot.toml knows {', '.join(known)}; add [[targets]] with this name and its xyz_mm there, the "
@@ -96,14 +94,8 @@ def _sphere(table: TomlTable) -> Shape:
 
 def _spheres(table: TomlTable) -> Shape:
     names = table.data.get("spheres")
-    if (
-        not isinstance(names, list)
-        or len(names) < 3
-        or not all(isinstance(n, str) and is_one_line(n) for n in names)
-    ):
-        raise table.error(
-            "spheres", f"found {names!r}", 'three or more names are needed, such as ["s1", "s2", "s3"]'
-        )
+    if not isinstance(names, list) or len(names) < 3 or not all(isinstance(n, str) and is_one_line(n) for n in names):
+        raise table.error("spheres", f"found {names!r}", 'three or more names are needed, such as ["s1", "s2", "s3"]')
     distances = _numbers(table, "distances_mm")
     pairs = len(names) * (len(names) - 1) // 2
     if len(distances) != pairs or min(distances) <= 0:
@@ -113,9 +105,7 @@ def _spheres(table: TomlTable) -> Shape:
             f"{pairs} lengths above 0 are needed, between centres 1 and 2, 1 and 3, ..., 2 and 3, ...",
         )
     if len(names) == 3 and max(distances) >= sum(distances) - max(distances):
-        raise table.error(
-            "distances_mm", f"found {list(distances)}", "three centres on a line, or none; mend them"
-        )
+        raise table.error("distances_mm", f"found {list(distances)}", "three centres on a line, or none; mend them")
     diameter_mm = _length(table, "diameter_mm", *SPHERE_MM)
     _no_more(table, "spheres", "distances_mm")
     return Spheres(tuple(names), distances, diameter_mm)
@@ -146,9 +136,7 @@ def _planes(table: TomlTable) -> Shape:
         normals.append((normal[0] / size, normal[1] / size, normal[2] / size))
         offsets.append(offset)
     if np.linalg.svd(np.array(normals), compute_uv=False)[-1] < _LEAST_TURN:
-        raise table.error(
-            "planes", "found planes along one direction", "three that face different ways are needed"
-        )
+        raise table.error("planes", "found planes along one direction", "three that face different ways are needed")
     size_mm = _length(table, "size_mm", 5.0) or 60.0
     _no_more(table)
     return PlaneSet(tuple(normals), tuple(offsets), size_mm)

@@ -63,8 +63,7 @@ def unpack(path: Path, folder: Path, limits: Limits = Limits()) -> tuple[Path, .
         ValueError,
     ) as error:
         raise DatasetError(
-            f"{path}: cannot be read as a zip ({' '.join(str(error).split()) or type(error).__name__}); pack it "
-            "again"
+            f"{path}: cannot be read as a zip ({' '.join(str(error).split()) or type(error).__name__}); pack it again"
         ) from None
     except OSError as error:
         raise DatasetError(f"{path}: cannot be unpacked ({error.strerror or error})") from None
@@ -136,9 +135,7 @@ def _place(path: Path, info: zipfile.ZipInfo) -> str | None:
     if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
         raise DatasetError(f"{path}: {name[:60]!r} is a link or a device; pack the files themselves")
     if where.is_absolute() or ".." in where.parts or ":" in name or any(ord(c) < 32 for c in name):
-        raise DatasetError(
-            f"{path}: {name[:60]!r} leads out of the folder; pack the files with their names alone"
-        )
+        raise DatasetError(f"{path}: {name[:60]!r} leads out of the folder; pack the files with their names alone")
     if len(name) > _LONGEST_NAME or len(where.parts) > _DEEPEST:
         raise DatasetError(f"{path}: {name[:60]!r} ... is too long or too deep a name; pack it less deep")
     if info.is_dir() or not where.parts:
@@ -157,8 +154,6 @@ def _write(path: Path, archive: zipfile.ZipFile, info: zipfile.ZipInfo, place: P
         while chunk := source.read(_CHUNK_BYTES):
             written += len(chunk)
             if written > info.file_size:
-                raise DatasetError(
-                    f"{path}: {info.filename[:60]!r} is longer than the zip says; pack it again"
-                )
+                raise DatasetError(f"{path}: {info.filename[:60]!r} is longer than the zip says; pack it again")
             target.write(chunk)
     return place

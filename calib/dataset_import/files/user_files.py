@@ -89,8 +89,7 @@ def look_through(folder: Path) -> UserFiles:
     scans = _scans(files)
     kinds = dict.fromkeys(scans.values(), SCAN)
     listed = [
-        UserFile(file.path, kinds[file.path], "a point cloud a pose") if file.path in kinds else file
-        for file in files
+        UserFile(file.path, kinds[file.path], "a point cloud a pose") if file.path in kinds else file for file in files
     ]
     left = [_no_scan(file) if file.kind == SCAN and file.path not in kinds else file for file in listed]
     return UserFiles(folder, tuple(left), scans)

@@ -77,9 +77,7 @@ def cause_text(cause: facts.Cause) -> str:
     if noun.endswith("joint"):
         noun = f"{noun} {cause.joints[0]}" if cause.joints else noun.removesuffix(" of joint")
     rest = sorted(cause.joints[1:])
-    more = (
-        f", less of {'joints' if len(rest) > 1 else 'joint'} {listed(list(map(str, rest)))}" if rest else ""
-    )
+    more = f", less of {'joints' if len(rest) > 1 else 'joint'} {listed(list(map(str, rest)))}" if rest else ""
     name = f" ({cause.effect})" if cause.effect in NOUNS else ""
     facts_of_it = ", ".join(filter(None, [cause.size, at_pose_text(cause.largest)]))
     return f"{noun}{more}{name}{': ' if facts_of_it else ''}{facts_of_it}"

@@ -60,9 +60,7 @@ def _directions(noise: NoiseShaped) -> str:
         ratio, where = abs(shape.depth), "in depth, along the line of sight,"
     else:
         sizes, directions = np.linalg.eigh(np.array(shape.axes))
-        odd = (
-            2 if sizes[2] / sizes[1] > sizes[1] / sizes[0] else 0
-        )  # the axis that differs most from the others
+        odd = 2 if sizes[2] / sizes[1] > sizes[1] / sizes[0] else 0  # the axis that differs most from the others
         others = np.delete(sizes, odd)
         ratio, where = float(sizes[odd] / np.sqrt(np.mean(others**2))), _axis(directions[:, odd])
     how = f"{ratio:.1f} times coarser" if ratio > 1.0 else f"{1.0 / ratio:.1f} times finer"

@@ -33,9 +33,7 @@ class ModelFitted:
     train_rmse_mm: float | None  # 3D; None where there are no test poses to compare with
     test_rmse_mm: float | None
     shots: ShotCount | None = None  # of the whole dataset, where points are means over standing poses
-    instrument: str = (
-        "scanner"  # what measured: "scanner", or "instrument" where no jig with faces was measured
-    )
+    instrument: str = "scanner"  # what measured: "scanner", or "instrument" where no jig with faces was measured
 
 
 @dataclass(frozen=True)
@@ -80,9 +78,7 @@ class EffectFound:
     values: tuple[FittedValue, ...]  # those known to better than half their size, the surest first
     note: str  # what the family assumes, such as unknown masses; "" where nothing
     visible_mm: float | None = None  # rms over the training poses of what it explains, and link errors do not
-    left_to_curves: tuple[
-        str, ...
-    ] = ()  # above it in the ranking, but smooth curves say clearly more than they
+    left_to_curves: tuple[str, ...] = ()  # above it in the ranking, but smooth curves say clearly more than they
 
 
 @dataclass(frozen=True)
@@ -105,9 +101,7 @@ class SetOpen:
     twins: tuple[str, ...]  # that make the same of these poses
     untested: tuple[str, ...]  # that the data lack the means to tell from it
     would_help: str  # for those, "" where there are none
-    confirm: tuple[
-        tuple[str, str], ...
-    ]  # effect, what to measure to see it alone; of the effect and its twins
+    confirm: tuple[tuple[str, str], ...]  # effect, what to measure to see it alone; of the effect and its twins
 
 
 @dataclass(frozen=True)
@@ -116,9 +110,7 @@ class EffectsTied:
 
     effects: tuple[str, ...]
     best: str  # candidate
-    overlaps: tuple[
-        tuple[str, float], ...
-    ]  # effect, share of what the best explains that it could explain too
+    overlaps: tuple[tuple[str, float], ...]  # effect, share of what the best explains that it could explain too
     confirm: tuple[tuple[str, str], ...]  # effect, what to measure to see it alone
     poses: tuple[DiscriminatingPose, ...]
     is_revolute: BoolArray  # (n,) joints; of the poses' joint values

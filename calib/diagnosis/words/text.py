@@ -63,9 +63,7 @@ def reason_text(reason: facts.Reason) -> str:
         case facts.EffectFound():
             return _effect_found(reason)
         case facts.CurvesLearned():
-            named = f"Learned as {reason.effect}, " + (
-                f"in short {reason.formula}, " if reason.formula else ""
-            )
+            named = f"Learned as {reason.effect}, " + (f"in short {reason.formula}, " if reason.formula else "")
             return f"{curves_text(reason.joints, reason.inputs, reason.log_evidence)} {named}{_learned(reason.change)}."
         case facts.SetOpen():
             return _set_open(reason)
@@ -128,9 +126,7 @@ def _effect_found(found: facts.EffectFound) -> str:
         lead = f" and leads the next, {found.runner_up}, by {found.lead:.0f} in log evidence"
         # Claimed with less, it has no rival: the next would explain something else, and is tried again after it.
         no_rival = found.standing == "claimed" and found.lead <= MIN_LEAD
-        lead += (
-            ", which would explain something else" if no_rival else f" (more than {MIN_LEAD:g} is asked for)"
-        )
+        lead += ", which would explain something else" if no_rival else f" (more than {MIN_LEAD:g} is asked for)"
     if found.left_to_curves:
         stand = "stand" if len(found.left_to_curves) > 1 else "stands"
         lead += f"; {listed(found.left_to_curves)} {stand} above it in the ranking, but curves of all joints explain clearly more"
@@ -159,10 +155,7 @@ def _doubts(found: facts.EffectFound) -> str:
 def _error_change(change: facts.ErrorChange) -> str:
     before_mm, after_mm = change.before_mm, change.after_mm
     if not change.of_test_poses:
-        return (
-            f"With it the training poses fall from {before_mm:.4g} to {after_mm:.4g} mm; "
-            "no test poses confirm it"
-        )
+        return f"With it the training poses fall from {before_mm:.4g} to {after_mm:.4g} mm; no test poses confirm it"
     share = after_mm / before_mm - 1.0 if before_mm > 0.0 else 0.0
     go = "hardly change," if abs(share) < facts.SMALL_CHANGE else ("fall" if share < 0.0 else "rise")
     return f"With it the test poses, which it never saw, {go} from {before_mm:.4g} to {after_mm:.4g} mm"
@@ -195,9 +188,7 @@ def _set_open(found: facts.SetOpen) -> str:
             f"{'both' if len(found.twins) == 1 else 'all of them'}, and none is claimed."
         )
         if found.confirm:
-            out.append(
-                f"To tell them apart, measure: {'; '.join(f'for {e}, {how}' for e, how in found.confirm)}."
-            )
+            out.append(f"To tell them apart, measure: {'; '.join(f'for {e}, {how}' for e, how in found.confirm)}.")
     if found.untested:
         out.append(
             f"These data lack what would tell {found.effect} from {listed(found.untested)}: it stands in the model for all "

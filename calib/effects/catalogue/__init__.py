@@ -106,9 +106,7 @@ def available_family(dataset: Dataset, name: str, more: Sequence[Family] = ()) -
     return family
 
 
-def effects_named(
-    dataset: Dataset, names: Sequence[str], user_effects: Sequence[Family] = ()
-) -> tuple[Effect, ...]:
+def effects_named(dataset: Dataset, names: Sequence[str], user_effects: Sequence[Family] = ()) -> tuple[Effect, ...]:
     """The members of families by name, for `calibrate`.
 
     Raises CalibError for unknown and for untestable ones, and for families of which a fit has to choose members.

@@ -43,15 +43,11 @@ class JointCompliance(CatalogueEffect):
     needs = "masses in robot.toml, or many poses; payload_kg where it varies"
     confirm = "the same poses with and without a payload: compliance grows with the load, nothing else does"
     linear = True
-    parameters = (
-        Parameter("c_rad_per_nm", "rad/Nm", 5e-5, "compliance; its inverse is the stiffness", positive=True),
-    )
+    parameters = (Parameter("c_rad_per_nm", "rad/Nm", 5e-5, "compliance; its inverse is the stiffness", positive=True),)
 
     def apply(self, state: RobotState, *, c_rad_per_nm: float) -> RobotState:
         """The joint's error added, for the torque at the state where loads are worked out (`RobotState.loaded`)."""
-        return state.add_joint_error(
-            self.joint, c_rad_per_nm * state.loaded.gravity.joint_torques[:, self.joint]
-        )
+        return state.add_joint_error(self.joint, c_rad_per_nm * state.loaded.gravity.joint_torques[:, self.joint])
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
         """The turn at the largest torque of all poses, and the stiffness."""
@@ -65,9 +61,7 @@ class JointCompliance(CatalogueEffect):
             return Family(cls.name, tuple(cls(j) for j in range(robot.n_joints)))
         varies = payload_varies(dataset)
         members = tuple(
-            JointComplianceUnknownMasses(
-                j, places=robot.n_joints + 1 - j if joint.is_revolute else 1, payload=varies
-            )
+            JointComplianceUnknownMasses(j, places=robot.n_joints + 1 - j if joint.is_revolute else 1, payload=varies)
             for j, joint in enumerate(robot.joints)
         )
         return family_of_unknown_masses(cls.name, members)
@@ -112,14 +106,10 @@ class LinkBending(CatalogueEffect):
     equation = "end of link j turns by c_j M_j, c_j = L / EI"
     symbols = (("c_j", "rad/Nm"),)
     needs = "masses in robot.toml, or many poses"
-    confirm = (
-        "the same poses with and without a payload; bending also shifts the link's end, so reach far out"
-    )
+    confirm = "the same poses with and without a payload; bending also shifts the link's end, so reach far out"
     linear = True
     parameters = (
-        Parameter(
-            "c_rad_per_nm", "rad/Nm", 2e-5, "L / EI: turn of the link's end by a unit moment", positive=True
-        ),
+        Parameter("c_rad_per_nm", "rad/Nm", 2e-5, "L / EI: turn of the link's end by a unit moment", positive=True),
     )
 
     def apply(self, state: RobotState, *, c_rad_per_nm: float) -> RobotState:
@@ -184,9 +174,7 @@ class ToolSag(CatalogueEffect):
     needs = "tool attitudes that vary"
     confirm = "one place reached with the tool in different attitudes"
     linear = True
-    parameters = tuple(
-        Parameter(f"{a}_mm", "mm", 0.1, f"sag with gravity along the tool's {a}") for a in "xyz"
-    )
+    parameters = tuple(Parameter(f"{a}_mm", "mm", 0.1, f"sag with gravity along the tool's {a}") for a in "xyz")
 
     def apply(self, state: RobotState, *, x_mm: float, y_mm: float, z_mm: float) -> RobotState:
         """The target displaced."""

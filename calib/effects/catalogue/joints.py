@@ -16,9 +16,7 @@ from calib.kinematics.robot import Robot
 def harmonic(order: float, scale: float) -> tuple[Parameter, ...]:
     """sin3_rad and cos3_rad, say, for a third harmonic."""
     suffix = f"{order:g}_rad".replace(".", "_")
-    return tuple(
-        Parameter(part + suffix, "rad", scale, f"{part}({order:g} q) amplitude") for part in ("sin", "cos")
-    )
+    return tuple(Parameter(part + suffix, "rad", scale, f"{part}({order:g} q) amplitude") for part in ("sin", "cos"))
 
 
 def _periodic_error(state: RobotState, joint: int, order: float, values: dict[str, float]) -> RobotState:
@@ -221,9 +219,7 @@ class AxisWobble(CatalogueEffect):
     def parameters(self) -> tuple[Parameter, ...]:
         """Tilt about x and y, sine and cosine of each."""
         return tuple(
-            Parameter(
-                f"{axis}_{part}{self.order}_rad", "rad", 3e-4, f"tilt about {axis}, {part}({self.order} q)"
-            )
+            Parameter(f"{axis}_{part}{self.order}_rad", "rad", 3e-4, f"tilt about {axis}, {part}({self.order} q)")
             for axis in ("x", "y")
             for part in ("sin", "cos")
         )

@@ -24,9 +24,7 @@ class NonlinearStiffness(CatalogueEffect):
     equation = "theta_j += c2_j tau_j abs(tau_j)"
     symbols = (("c2_j", "rad/Nm^2"),)
     needs = "masses in robot.toml; payload_kg where it varies"
-    confirm = (
-        "the same poses under three payloads: the way from the first to the second is not that to the third"
-    )
+    confirm = "the same poses under three payloads: the way from the first to the second is not that to the third"
     linear = True
     parameters = (Parameter("c2_rad_per_nm2", "rad/Nm^2", 5e-7, "compliance that grows with the torque"),)
 

@@ -148,9 +148,7 @@ class TargetStep(Step):
     equation = "target shifted on the tool by s from pose k on"
     symbols = (("s", "mm"),)
     needs = "poses in the order they were measured: time_s, else the rows"
-    confirm = (
-        "the target's seat by eye, and one pose from before the step once more in several wrist attitudes"
-    )
+    confirm = "the target's seat by eye, and one pose from before the step once more in several wrist attitudes"
 
     @property
     def displacement(self) -> TargetShift:
@@ -218,9 +216,7 @@ class BaseLoosening(Step):
     equation = "base turns by C M(q) from pose k on"
     symbols = (("cx", "rad/Nm"), ("cy", "rad/Nm"))
     needs = "masses in robot.toml, and the order of the poses"
-    confirm = (
-        "the bolts of the foot by hand; a dial gauge at the foot while the arm swings round stretched out"
-    )
+    confirm = "the bolts of the foot by hand; a dial gauge at the foot while the arm swings round stretched out"
 
     @property
     def displacement(self) -> BaseTilt:

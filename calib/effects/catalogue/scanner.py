@@ -51,12 +51,8 @@ class ScannerDistortion(CatalogueEffect):
         Parameter("depth1_mm", "mm", 0.1, "depth error at the edge of the field, linear"),
         Parameter("depth2_mm", "mm", 0.1, "depth error at the edge of the field, quadratic"),
         Parameter("radial_mm", "mm", 0.1, "radial error at the edge of the field"),
-        Parameter(
-            "decentre_x_mm", "mm", 0.1, "radial error times the middle's shift along x, over half the field"
-        ),
-        Parameter(
-            "decentre_y_mm", "mm", 0.1, "radial error times the middle's shift along y, over half the field"
-        ),
+        Parameter("decentre_x_mm", "mm", 0.1, "radial error times the middle's shift along x, over half the field"),
+        Parameter("decentre_y_mm", "mm", 0.1, "radial error times the middle's shift along y, over half the field"),
     )
 
     def apply(
@@ -132,9 +128,7 @@ class ScannerDrift(CatalogueEffect):
             return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")
         start_s, duration_s = float(time_s.min()), float(np.ptp(time_s))
         if duration_s <= 0.0:
-            return Family(
-                cls.name, (), "time_s is the same at every pose", "write down when each pose was measured"
-            )
+            return Family(cls.name, (), "time_s is the same at every pose", "write down when each pose was measured")
         return Family(cls.name, (cls(*field_of(dataset), start_s, duration_s),))
 
 
@@ -155,9 +149,7 @@ class IncidenceBias(CatalogueEffect):
         if state.seen is None:
             return state
         ray = state.seen.scanner_mm / np.maximum(np.linalg.norm(state.seen.scanner_mm, axis=1), 1e-9)[:, None]
-        axis = np.einsum(
-            "nij,nj->ni", state.seen.scanner_T_base[:, :3, :3], state.loaded.chain.base_T_flange[:, :3, 2]
-        )
+        axis = np.einsum("nij,nj->ni", state.seen.scanner_T_base[:, :3, :3], state.loaded.chain.base_T_flange[:, :3, 2])
         cosine = np.abs(np.einsum("ni,ni->n", ray, axis))
         return state.displace_in_scanner(b_mm * (1.0 - cosine)[:, None] * ray)
 

@@ -42,9 +42,7 @@ class ThermalGrowth(CatalogueEffect):
         poses = dataset.poses
         temperature = poses.temperature_c
         if temperature is None:
-            return Family(
-                cls.name, (), "poses.csv has no temperature_c", "write the arm's temperature a pose"
-            )
+            return Family(cls.name, (), "poses.csv has no temperature_c", "write the arm's temperature a pose")
         if float(np.ptp(temperature[~poses.is_test])) < 1e-6:
             return Family(
                 cls.name,
@@ -105,8 +103,6 @@ class WarmUp(ShapedEffect):
             return Family(cls.name, (), known, "nothing: thermal_growth says more", covered=True)
         start_s, last_s = float(poses.time_s.min()), float(poses.time_s.max())
         if last_s <= start_s:
-            return Family(
-                cls.name, (), "time_s is the same at every pose", "write down when each pose was measured"
-            )
+            return Family(cls.name, (), "time_s is the same at every pose", "write down when each pose was measured")
         minutes = [m for m in WARM_UP_MINUTES if 60.0 * m <= 3.0 * (last_s - start_s)] or [WARM_UP_MINUTES[0]]
         return Family(cls.name, tuple(cls(m, start_s, last_s) for m in minutes), sparse=True)

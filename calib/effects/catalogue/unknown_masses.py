@@ -63,9 +63,7 @@ def stiffness(c_rad_per_nm: float) -> str:
     return f"stiffness {value:.3g} Nm/rad"
 
 
-def _products(
-    prefix: str, frames: Iterator[int] | range, compliance: float, axis: str = ""
-) -> tuple[Parameter, ...]:
+def _products(prefix: str, frames: Iterator[int] | range, compliance: float, axis: str = "") -> tuple[Parameter, ...]:
     """One parameter for each frame: compliance times the mass that hangs there."""
     doc = f"compliance{axis and f' about {axis}'} times the mass at a frame"
     return tuple(Parameter(f"{prefix}_{k}", "rad kg/Nm", _USUAL_KG * compliance, doc) for k in frames)
@@ -89,9 +87,7 @@ class JointComplianceUnknownMasses:
     def parameters(self) -> tuple[Parameter, ...]:
         """One for each frame beyond the joint, and the compliance where the payload varies."""
         masses = _products("cm_at", range(self.joint + 1, self.joint + 1 + self.places), _JOINT)
-        known = Parameter(
-            "c_rad_per_nm", "rad/Nm", _JOINT, "compliance; its inverse is the stiffness", positive=True
-        )
+        known = Parameter("c_rad_per_nm", "rad/Nm", _JOINT, "compliance; its inverse is the stiffness", positive=True)
         return (*masses, known) if self.payload else masses
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
@@ -120,18 +116,14 @@ class LinkBendingUnknownMasses:
     equation = "end of link j turns by sum (c_j m_k) moment of 1 kg at frame k"
     symbols = (("c_j m_k", "rad kg/Nm"),)
     needs = "many poses"
-    confirm = (
-        "the same poses with and without a payload; bending also shifts the link's end, so reach far out"
-    )
+    confirm = "the same poses with and without a payload; bending also shifts the link's end, so reach far out"
     linear = True
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """One for each frame from the link's end on, and L / EI where the payload varies."""
         masses = _products("cm_at", range(self.joint + 1, self.joint + 1 + self.places), _LINK)
-        known = Parameter(
-            "c_rad_per_nm", "rad/Nm", _LINK, "L / EI: turn of its end by a unit moment", positive=True
-        )
+        known = Parameter("c_rad_per_nm", "rad/Nm", _LINK, "L / EI: turn of its end by a unit moment", positive=True)
         return (*masses, known) if self.payload else masses
 
     def apply(self, state: RobotState, **values: float) -> RobotState:

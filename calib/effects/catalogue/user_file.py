@@ -43,9 +43,7 @@ def load_effects(path: Path, state: RobotState) -> tuple[Family, ...]:
     module = _load(path)
     effects = _effects(path, module, state.robot.n_joints)
     if not effects:
-        raise CalibError(
-            f"{path}: found no effect; define a class with `parameters` and `apply`, or a tuple EFFECTS"
-        )
+        raise CalibError(f"{path}: found no effect; define a class with `parameters` and `apply`, or a tuple EFFECTS")
     return check_effects(effects, state, str(path))
 
 
@@ -177,9 +175,7 @@ def _check(effect: Any, state: RobotState, where: str) -> None:
     zero = np.zeros(len(parameters))
     after = _applied(effect, state, zero, where)
     if not np.array_equal(np.broadcast_to(state.vector, after.shape), after):
-        raise CalibError(
-            f"{label}: with all parameters zero it still changes the state; zero has to mean absent"
-        )
+        raise CalibError(f"{label}: with all parameters zero it still changes the state; zero has to mean absent")
     for k, p in enumerate(parameters):
         one = zero.copy()
         one[k] = p.scale

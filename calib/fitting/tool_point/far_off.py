@@ -61,9 +61,7 @@ def fitted_tool_point(model: Model, fit: Fit, links: LinkErrors, held: Collectio
 def turning_tool_point(model: Model, fit: Fit, links: LinkErrors, held: Collection[str]) -> Robot | None:
     """The nominal arm with the tool point where a fit has it by turning the tip; None where it hardly turns it."""
     calibrated = model.calibrated_robot(fit.x)
-    tolerance_rad = max(
-        links.tolerances.get(name, TOLERANCE_RAD) for name in angles_behind_last_axis(links.robot)
-    )
+    tolerance_rad = max(links.tolerances.get(name, TOLERANCE_RAD) for name in angles_behind_last_axis(links.robot))
     turned = tip_turn_rad(links.robot, calibrated) > tolerance_rad
     if free_directions(links.robot, held).shape[1] < 3 or not turned:
         return None

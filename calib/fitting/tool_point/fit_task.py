@@ -68,9 +68,7 @@ class FitTask:
         held = self.model.held
         found = search_tool_point(self.observed, self.links, held)
         first = self.fitted(found)
-        if (
-            not self.options.prior
-        ):  # then parameters that the data do not know move freely, and the tool with them
+        if not self.options.prior:  # then parameters that the data do not know move freely, and the tool with them
             return first
         settled = first
         confirmed = fitted_tool_point(first.model, first.fit, self.links, held)

@@ -148,9 +148,7 @@ def with_found_tool(
     return Model(
         robot,
         (*geometry, *model.effects[1 + len(others) :]),
-        model.held.union(
-            held_behind_tool_point(robot, observed), *(held[name] for name in held if name in model.held)
-        ),
+        model.held.union(held_behind_tool_point(robot, observed), *(held[name] for name in held if name in model.held)),
         model.prior_sigmas,
         model.loads_of,
         found,

@@ -45,15 +45,13 @@ class ToolPointProblem:
     directions: Array  # (3, K) orthonormal: along which p may move
 
     @classmethod
-    def of(
-        cls, observed: Observations, robot: Robot, nominal_mm: Array, directions: Array
-    ) -> ToolPointProblem:
+    def of(cls, observed: Observations, robot: Robot, nominal_mm: Array, directions: Array) -> ToolPointProblem:
         """The problem for the tool's points: further targets, in the last joint's frame, do not depend on p."""
         poses, row = observed.used_poses
         is_tool = observed.points.target == "jig"
-        flange = kinematics.forward(
-            robot.table, poses.q, robot.is_revolute, robot.base_T_first
-        ).base_T_flange[row[is_tool]]
+        flange = kinematics.forward(robot.table, poses.q, robot.is_revolute, robot.base_T_first).base_T_flange[
+            row[is_tool]
+        ]
         setup = observed.setup[is_tool]
         return cls(
             flange_mm=flange[:, :3, 3],
@@ -75,9 +73,7 @@ class ToolPointProblem:
         residual = np.empty_like(base_mm)
         columns = np.empty((*base_mm.shape, len(moved_mm)))
         for rows in self.setups:
-            scanner_T_base = frames.best_fit_transform(
-                base_mm[rows], self.scanner_mm[rows], np.ones(len(rows))
-            )
+            scanner_T_base = frames.best_fit_transform(base_mm[rows], self.scanner_mm[rows], np.ones(len(rows)))
             at_mm = frames.apply(scanner_T_base, base_mm[rows])
             residual[rows] = at_mm - self.scanner_mm[rows]
             block = scanner_T_base[:3, :3] @ self.base_R_flange[rows] @ self.directions

@@ -19,9 +19,7 @@ def purpose_of(words: str, criterion: str = "I", *, payload_kg: float | None = N
     names = tuple(dict.fromkeys(name.strip() for name in words.split(",") if name.strip()))
     if len(names) == 1 and names[0] in (CALIBRATION, WATCH):
         if payload_kg is not None:
-            raise CalibError(
-                f"--payload-kg is for effects that a load shows; --for {words} is planned without"
-            )
+            raise CalibError(f"--payload-kg is for effects that a load shows; --for {words} is planned without")
         return ForWatch() if names[0] == WATCH else ForCalibration(criterion)
     if not names or {CALIBRATION, WATCH} & set(names):
         raise CalibError(f"--for {words}: give {CALIBRATION}, {WATCH}, or effects with commas between")

@@ -58,9 +58,7 @@ class ForEffects(PlainPurpose):
     def choose(self, situation: Situation, count: int) -> IndexArray:
         wanted = situation.unknowns.of_parameters()[:, self._mine(situation.unknowns)]
         if not np.any(situation.rows @ wanted):
-            raise CalibError(
-                f"{self.name} shows at no pose that can be measured, so none can be planned for it"
-            )
+            raise CalibError(f"{self.name} shows at no pose that can be measured, so none can be planned for it")
         return best_poses([Question(situation.rows, situation.unknowns.known, wanted)], count).rows
 
     def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:

@@ -66,9 +66,7 @@ class ForSplit:
     def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
         found = self._judged(situation, chosen, look_on=True)
         curve = ", ".join(f"{k}: {100 * p:.0f} %" for k, p in enumerate(found.curve) if k)
-        said = [
-            f"to tell {' from '.join(found.rivals)}; probability that they are, by the number of poses: {curve}"
-        ]
+        said = [f"to tell {' from '.join(found.rivals)}; probability that they are, by the number of poses: {curve}"]
         if found.shots > 1:
             said.append(f"measure each pose {found.shots} times; the mean counts")
         said += self._what_would(situation, found)
@@ -83,9 +81,7 @@ class ForSplit:
         if found.settles < ENOUGH and found.enough is not None:
             said.append(f"{found.enough} poses of this kind would do in {100 * ENOUGH:.0f} % of such cases")
         if found.settles < ENOUGH and self._helped_by_payload and not self.payload_kg:
-            said.append(
-                f"a known payload at some of the poses tells more (--payload-kg {PAYLOAD_KG:g} or above)"
-            )
+            said.append(f"a known payload at some of the poses tells more (--payload-kg {PAYLOAD_KG:g} or above)")
         if found.twins or (found.settles < ENOUGH and found.enough is None):
             confirm = {rival.name: getattr(rival.members[0], "confirm", "") for rival in self.doubt.rivals}
             said += [f"what shows {name} alone: {text}" for name, text in confirm.items() if text]
@@ -103,9 +99,7 @@ class ForSplit:
 
     def _judged(self, situation: Situation, chosen: IndexArray, *, look_on: bool = False) -> Split:
         candidates = situation.candidates
-        return judged(
-            self._predictions(candidates), candidates, chosen, most_shots=self.most_shots, look_on=look_on
-        )
+        return judged(self._predictions(candidates), candidates, chosen, most_shots=self.most_shots, look_on=look_on)
 
 
 def open_set_of(found: Findings, payload_kg: float | None = None) -> ForSplit:

@@ -64,18 +64,12 @@ class ForWatch(PlainPurpose):
     def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
         kinds = _kinds_of(situation)
         free, fixed = (
-            [
-                f"{kind_words(k.kind)} from {size_words(k.size(chosen), k.kind.unit)}"
-                for k in kinds
-                if k.free is f
-            ]
+            [f"{kind_words(k.kind)} from {size_words(k.size(chosen), k.kind.unit)}" for k in kinds if k.free is f]
             for f in (True, False)
         )
         out = [f"found and named 19 times of 20: {', '.join(free)}"] if free else []
         if fixed:
-            out.append(
-                f"only where the scanner did not move, as a turn of it looks the same: {', '.join(fixed)}"
-            )
+            out.append(f"only where the scanner did not move, as a turn of it looks the same: {', '.join(fixed)}")
         seen = {k.kind.key for k in kinds}
         never = [kind_words(k) for k in _all_usual(situation) if k.key not in seen]
         if never:
@@ -112,9 +106,7 @@ def usual_kinds(unknowns: Unknowns, candidates: Poses, rows: Array) -> tuple[Che
     turn = np.stack([unknowns.scanner_T_base[str(name)][:3, :3] for name in observed.setup])
     turn = whitener(observed.covariance_mm2) @ turn
     known = unknowns.known
-    alone = np.asarray(
-        np.linalg.inv(inverse(known)[:p, :p]), dtype=float
-    )  # of the arm, wherever the scanner stood
+    alone = np.asarray(np.linalg.inv(inverse(known)[:p, :p]), dtype=float)  # of the arm, wherever the scanner stood
     out = []
     for kind in kinds_of_the_arm(unknowns.model, unknowns.x, observed):
         change = (turn @ kind.columns).reshape(len(rows), -1, kind.count)

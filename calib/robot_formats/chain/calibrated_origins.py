@@ -41,9 +41,7 @@ class CalibratedChain:
     """A chain with calibrated origins, and whether its tip could be moved with them."""
 
     chain: SerialChain
-    tip_known: (
-        bool  # False: the robot's tool ends elsewhere than the chain's tip, which stays on the last link
-    )
+    tip_known: bool  # False: the robot's tool ends elsewhere than the chain's tip, which stays on the last link
 
 
 def with_calibration(
@@ -76,9 +74,7 @@ def with_calibration(
     tip_known = bool(_is_near(frames[-1], at_zero[-1]))
     if tip_known and (nominal is None or not holds_tip):
         last = axis_frame(chain.joints[-1])
-        turn_rad, slide_mm = _last_motion(
-            invert(places[-1] @ last) @ after[-1], invert(last) @ chain.last_T_tip
-        )
+        turn_rad, slide_mm = _last_motion(invert(places[-1] @ last) @ after[-1], invert(last) @ chain.last_T_tip)
         places[-1] = places[-1] @ last @ _about_axis(turn_rad, slide_mm) @ invert(last)
     joints, before = [], robot_T_chain
     for joint, base_T_joint in zip(chain.joints, places, strict=True):
@@ -186,9 +182,7 @@ def _base(chain: SerialChain, frames: Array, robot: Robot) -> Array:
     A maker's file may start from another link than the URDF that robot.toml was made of.
     """
     at_zero = chain.at_zero
-    axes = np.stack(
-        [frame @ axis_frame(joint) for frame, joint in zip(at_zero[:-1], chain.joints, strict=True)]
-    )
+    axes = np.stack([frame @ axis_frame(joint) for frame, joint in zip(at_zero[:-1], chain.joints, strict=True)])
     stands = frames[: len(axes)]
     if _same_axes(axes, stands, robot.is_revolute):
         return np.eye(4)

@@ -50,9 +50,7 @@ def robot_of(chain: SerialChain, near_mm: Sequence[ArrayLike] | None = None) -> 
     frames.append(frames[-1] @ row_transform(last))
     joints = [
         _joint(joint, row, invert(frame) @ of_joint)
-        for joint, row, frame, of_joint in zip(
-            chain.joints, [*rows, last], frames[1:], at_zero[:-1], strict=True
-        )
+        for joint, row, frame, of_joint in zip(chain.joints, [*rows, last], frames[1:], at_zero[:-1], strict=True)
     ]
     xyz, (roll, pitch, yaw) = frames[0][:3, 3], map(float, rpy_from_rotation(frames[0][:3, :3]))
     return Robot(
@@ -71,9 +69,7 @@ def chain_of(robot: Robot) -> SerialChain:
     Raises RobotFileError for coupled joints.
     """
     if robot.coupling:
-        raise RobotFileError(
-            f"robot {robot.name}: its joints are coupled, which a chain of joints cannot say"
-        )
+        raise RobotFileError(f"robot {robot.name}: its joints are coupled, which a chain of joints cannot say")
     joints, before = [], robot.base_T_first
     for k, joint in enumerate(robot.joints):
         turned = row_transform((0.0, 0.0, 0.0, joint.theta_rad, 0.0))
@@ -201,9 +197,7 @@ def _with_tool(robot: Robot) -> tuple[float | None, Vector | None]:
     if not tool.mass_kg or tool.com_mm is None:
         return link.mass_kg, link.com_mm
     mass_kg = (link.mass_kg or 0.0) + tool.mass_kg
-    moment = (link.mass_kg or 0.0) * np.array(link.com_mm or (0.0, 0.0, 0.0)) + tool.mass_kg * np.array(
-        tool.com_mm
-    )
+    moment = (link.mass_kg or 0.0) * np.array(link.com_mm or (0.0, 0.0, 0.0)) + tool.mass_kg * np.array(tool.com_mm)
     return mass_kg, vector(moment / mass_kg)
 
 

@@ -51,9 +51,7 @@ class SerialChain:
     base: str = ""  # names of the links, where the file has them
     tip: str = ""
     coupling: tuple[tuple[float, ...], ...] = ()  # as of Robot: (n, n) joint values by commanded ones
-    tool_point_mm: Vector | None = (
-        None  # the measured point, in the tip's frame, where it is not the tip itself
-    )
+    tool_point_mm: Vector | None = None  # the measured point, in the tip's frame, where it is not the tip itself
     notes: tuple[str, ...] = ()  # what was left out or taken for granted, a sentence each
 
     @property

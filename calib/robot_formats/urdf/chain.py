@@ -58,9 +58,7 @@ def find_arm(tree: UrdfTree, tip: str | None = None, base: str | None = None) ->
     while at in tree.joint_of and at != base:
         joint = tree.joint_of[at]
         if len(joints) > len(tree.links):
-            tree.file.fail(
-                joint.element, f"joint {joint.name!r} is part of a loop", "only serial chains can be read"
-            )
+            tree.file.fail(joint.element, f"joint {joint.name!r} is part of a loop", "only serial chains can be read")
         joints.append(joint)
         at = joint.parent
     if base is not None and at != base:
@@ -80,9 +78,7 @@ def chain_of_arm(arm: ArmPath) -> SerialChain:
     notes: list[str] = []
     before = np.eye(4)
     following = iter(arm.following)
-    weighed = [
-        inertial for inertial in arm.tree.links.values() if inertial is not None and inertial.mass_kg > 0.0
-    ]
+    weighed = [inertial for inertial in arm.tree.links.values() if inertial is not None and inertial.mass_kg > 0.0]
     for joint in arm.joints:
         before = before @ joint.parent_T_joint
         if not joint.moves:
@@ -154,9 +150,7 @@ def _refuse_unserial(arm: ArmPath) -> None:
     file = arm.tree.file
     for joint in arm.joints:
         if joint.type in ("floating", "planar"):
-            file.fail(
-                joint.element, f"joint {joint.name!r} is {joint.type}", "name a base behind it with --base"
-            )
+            file.fail(joint.element, f"joint {joint.name!r} is {joint.type}", "name a base behind it with --base")
     if not arm.moving:
         file.fail(
             file.root,

@@ -223,9 +223,7 @@ def _text(value: Any = "") -> str:
     return str(value)
 
 
-def _table(
-    *given: Mapping[object, object] | Iterable[tuple[object, object]], **named: object
-) -> dict[object, object]:
+def _table(*given: Mapping[object, object] | Iterable[tuple[object, object]], **named: object) -> dict[object, object]:
     _require(len(given) <= 1, "dict() takes one list or table")
     made: dict[object, object] = dict(*given)
     made.update(named)
@@ -233,9 +231,7 @@ def _table(
 
 
 def _range(*ends: Any) -> list[int]:
-    _require(
-        all(type(end) is int for end in ends) and 1 <= len(ends) <= 3, "range() takes one to three integers"
-    )
+    _require(all(type(end) is int for end in ends) and 1 <= len(ends) <= 3, "range() takes one to three integers")
     numbers = range(*ends)
     _require(_length_of(numbers) <= MOST_ITEMS, "range() of so many")
     return list(numbers)
@@ -474,9 +470,7 @@ class _Evaluation:
         self._local = before
 
     def _call(self, node: ast.Call, depth: int) -> Any:
-        if any(isinstance(part, ast.Starred) for part in node.args) or any(
-            k.arg is None for k in node.keywords
-        ):
+        if any(isinstance(part, ast.Starred) for part in node.args) or any(k.arg is None for k in node.keywords):
             raise ExpressionError("has * or ** in a call")
         call = self._callee(node.func, depth)
         if call is _mapped:

@@ -84,9 +84,7 @@ def parse_xml(path: Path, content: bytes) -> XmlFile:
         raise RobotFileError(f"{path}: line {error.lineno}: not valid XML: {said}") from None
     except (UnicodeDecodeError, LookupError, ValueError) as error:
         words = " ".join(str(error).split())
-        raise RobotFileError(
-            f"{path}: line {reader.line}: not valid XML: {words}; save it as UTF-8"
-        ) from None
+        raise RobotFileError(f"{path}: line {reader.line}: not valid XML: {words}; save it as UTF-8") from None
     assert reader.root is not None  # expat refuses a text without an element
     return XmlFile(path, content, reader.root)
 

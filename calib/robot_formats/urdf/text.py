@@ -18,9 +18,7 @@ from calib.robot_formats.urdf.tree import UrdfJoint
 
 TOOL_POINT_LINK = "tool_point"
 """The link that holds the measured point of the tool, where that is not the tip itself; its axes are the tip's."""
-_GYRATION_M = (
-    0.05  # robot.toml has no inertias, readers of URDF ask for some; gravity and places do not depend on it
-)
+_GYRATION_M = 0.05  # robot.toml has no inertias, readers of URDF ask for some; gravity and places do not depend on it
 _SAME = 5e-13  # m or rad: what degrees in 15 digits and products of transforms may lose
 _TAG_END = re.compile(rb"""(?:[^"'>]|"[^"]*"|'[^']*')*?(/?)>""")
 
@@ -88,9 +86,7 @@ def _product(joints: list[UrdfJoint]) -> Array:
     return out
 
 
-def _edit(
-    arm: ArmPath, joint: UrdfJoint, parent_T_joint: Array, changed: list[str]
-) -> list[tuple[int, int, bytes]]:
+def _edit(arm: ArmPath, joint: UrdfJoint, parent_T_joint: Array, changed: list[str]) -> list[tuple[int, int, bytes]]:
     """What to replace in the file's bytes for another origin: start, end, new bytes; nothing where it is the same."""
     new = {}
     if np.abs(parent_T_joint[:3, 3] - joint.parent_T_joint[:3, 3]).max() > 1e3 * _SAME:
@@ -153,9 +149,7 @@ def plain_urdf(chain: SerialChain, comment: str = "") -> str:
     standing = _standing(chain)
     if standing is not None:  # a URDF's root is upright
         if "world" in (base, tip, *links) or "world_fixed" in names:
-            raise RobotFileError(
-                f"robot {chain.name}: has a link world of its own, which its leaning base would need"
-            )
+            raise RobotFileError(f"robot {chain.name}: has a link world of its own, which its leaning base would need")
         lines.append('  <link name="world"/>')
     lines.append(f"  <link name={quoteattr(base)}/>")
     for joint, link in zip(chain.joints, links, strict=True):

@@ -141,9 +141,7 @@ def _joint(file: XmlFile, element: Element, links: Mapping[str, object]) -> Urdf
             file.fail(element, f"joint {name!r} has no <{tag}>", f'add <{tag} link="..."/>')
         link = _required(file, end, "link", f"<{tag}> of joint {name!r}")
         if link not in links:
-            file.fail(
-                end, f"joint {name!r} names link {link!r}, which the file does not have", "correct the name"
-            )
+            file.fail(end, f"joint {name!r} names link {link!r}, which the file does not have", "correct the name")
         ends.append(link)
     limit, mimic = element.first("limit"), element.first("mimic")
     low = high = None
@@ -213,9 +211,7 @@ def _required(file: XmlFile, element: Element, key: str, what: str) -> str:
     return " ".join(value.split())
 
 
-def _number(
-    file: XmlFile, element: Element, key: str, what: str, default: float | None, most: float = _MOST
-) -> float:
+def _number(file: XmlFile, element: Element, key: str, what: str, default: float | None, most: float = _MOST) -> float:
     text = element.attributes.get(key)
     if text is None:
         if default is None:

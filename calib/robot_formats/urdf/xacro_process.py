@@ -86,9 +86,7 @@ def answer(asked: dict[str, Any]) -> dict[str, Any]:
     xacro.init_stacks(path)
     fence_in([Path(folder) for folder in asked["folders"]])
     try:
-        doc = xacrodoc.XacroDoc.from_file(
-            path, walk_up=False, subargs=dict(asked["args"]), resolve_packages=False
-        )
+        doc = xacrodoc.XacroDoc.from_file(path, walk_up=False, subargs=dict(asked["args"]), resolve_packages=False)
         places: list[Any] = []
         collect_places(doc.dom.documentElement, places)
         return {"text": doc.dom.toxml(), "places": places}
@@ -121,9 +119,7 @@ class _Expansion:
     def take_over(self) -> None:
         """Put this in the library's place."""
         xacro, arguments = self._xacro, self._xacro.substitution_args
-        xacro.eval = arguments.eval = (
-            self._refuse_eval
-        )  # before Python's own, for what a later version evaluates
+        xacro.eval = arguments.eval = self._refuse_eval  # before Python's own, for what a later version evaluates
         xacro.safe_eval = lambda text, names, local=None: self._value(text, names)
         xacro.eval_text, xacro.eval_all = self.eval_text, self.eval_all
         xacro.load_yaml = self.load_yaml
@@ -185,9 +181,7 @@ class _Expansion:
         try:
             return self._value(self.eval_text(text, symbols), symbols)
         except ExpressionError as error:
-            raise self._xacro.XacroException(
-                exc=error, suffix=f"in the expression {text.strip()[:100]!r}"
-            ) from error
+            raise self._xacro.XacroException(exc=error, suffix=f"in the expression {text.strip()[:100]!r}") from error
 
     def eval_all(self, node: Any, macros: Any, symbols: Any) -> None:
         """xacro's function of this name, for so many elements in all."""
@@ -327,9 +321,7 @@ class _Builder(expatbuilder.ExpatBuilderNS):
 class _KeepsPlace:
     """A copy of an element stood where the element did."""
 
-    def handle(
-        self, operation: int, key: str, place: Any, source: minidom.Node, target: minidom.Node
-    ) -> None:
+    def handle(self, operation: int, key: str, place: Any, source: minidom.Node, target: minidom.Node) -> None:
         if target is not None:
             target.setUserData(key, place, self)
 

@@ -82,13 +82,9 @@ def _chosen(path: Path, file: Path, scans: list[Any], wanted: str) -> int:
             return held.index(wanted)
     listed = ", ".join(f"{number} {name!r}" for number, name in zip(numbers, names, strict=True))
     if len(scans) > _MOST_NAMED:
-        listed = (
-            ", ".join(f"{i} {name!r}" for i, name in zip(numbers[:_MOST_NAMED], names, strict=False)) + " ..."
-        )
+        listed = ", ".join(f"{i} {name!r}" for i, name in zip(numbers[:_MOST_NAMED], names, strict=False)) + " ..."
     found = f"none of them is {wanted[:60]!r}" if wanted else "which one is not said"
-    raise ScanError(
-        f"{path}: the .e57 holds {len(scans)} scans ({listed}), {found}; write {file.name}#1, or its name"
-    )
+    raise ScanError(f"{path}: the .e57 holds {len(scans)} scans ({listed}), {found}; write {file.name}#1, or its name")
 
 
 def _points(path: Path, libe57: Any, image: Any, scan: Any, file_bytes: int) -> Array:
@@ -122,6 +118,4 @@ def _points(path: Path, libe57: Any, image: Any, scan: Any, file_bytes: int) -> 
 def _cartesian(range_m: Array, azimuth_rad: Array, elevation_rad: Array) -> Array:
     """ASTM E2807: azimuth from x towards y, elevation up from the plane of both.  # (N,) each -> (N, 3)"""
     level = range_m * np.cos(elevation_rad)
-    return np.stack(
-        [level * np.cos(azimuth_rad), level * np.sin(azimuth_rad), range_m * np.sin(elevation_rad)], axis=1
-    )
+    return np.stack([level * np.cos(azimuth_rad), level * np.sin(azimuth_rad), range_m * np.sin(elevation_rad)], axis=1)

@@ -42,9 +42,7 @@ def _read_text_stl(path: Path, content: bytes) -> Array:
     words = [line.split() for line in text_lines(path, content)]
     vertices = [" ".join(w[1:4]) for w in words if w[0] == "vertex"]
     if not vertices or words[-1][0] != "endsolid" or len(vertices) != 3 * sum(w[0] == "facet" for w in words):
-        raise ScanError(
-            f"{path}: not a readable .stl (no triangles in it, or cut short); export the scan again"
-        )
+        raise ScanError(f"{path}: not a readable .stl (no triangles in it, or cut short); export the scan again")
     return _once(numbers(path, vertices, [0, 1, 2]))
 
 

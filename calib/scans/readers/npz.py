@@ -46,9 +46,7 @@ def _array(path: Path, archive: zipfile.ZipFile, name: str) -> Array:
     info = archive.getinfo(f"{name}.npy")
     with archive.open(info) as file:
         version = np.lib.format.read_magic(file)
-        read_header = (
-            np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        )
+        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, fortran, kind = read_header(file, max_header_size=_MOST_HEADER)
         if kind.hasobject or kind.kind not in "fiu" or len(shape) < 2 or shape[-1] != 3:
             raise ScanError(

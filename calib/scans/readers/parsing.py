@@ -48,9 +48,7 @@ def text_lines(path: Path, content: bytes) -> list[str]:
     return [line for line in text.split("\n") if line.strip()]
 
 
-def numbers(
-    path: Path, lines: Sequence[str], columns: Sequence[int], *, delimiter: str | None = None
-) -> Array:
+def numbers(path: Path, lines: Sequence[str], columns: Sequence[int], *, delimiter: str | None = None) -> Array:
     """(len(lines), len(columns)) float64. Raises ScanError where a line has no number in one of the columns."""
     if not lines:
         return np.zeros((0, len(columns)))

@@ -55,9 +55,7 @@ def read_pcd(path: Path, content: bytes) -> PointsAndNormals:
     sizes = header.field_bytes()
     row, size = sum(sizes), len(content) - header.body
     if header.data == "ascii":
-        lines = [
-            line for line in text_lines(path, content[header.body :]) if not line.lstrip().startswith("#")
-        ]
+        lines = [line for line in text_lines(path, content[header.body :]) if not line.lstrip().startswith("#")]
         if len(lines) < header.points:
             raise truncated(path, header.points, len(lines))
         first = list(accumulate(header.counts, initial=0))
@@ -84,9 +82,7 @@ def read_pcd(path: Path, content: bytes) -> PointsAndNormals:
             for i in fields
         ]
     else:
-        raise ScanError(
-            f"{path}: the .pcd has DATA {header.data[:20]!r}; export as ascii, binary or binary_compressed"
-        )
+        raise ScanError(f"{path}: the .pcd has DATA {header.data[:20]!r}; export as ascii, binary or binary_compressed")
     return split(np.stack([doubles(column) for column in columns], axis=1), has_normals)
 
 
@@ -108,8 +104,7 @@ def _header(path: Path, content: bytes) -> _Header:
         data = lines["DATA"][0]
     except (KeyError, IndexError, ValueError):
         raise ScanError(
-            f"{path}: not a .pcd file (no FIELDS, SIZE, TYPE, POINTS and DATA lines that agree); "
-            "export the scan again"
+            f"{path}: not a .pcd file (no FIELDS, SIZE, TYPE, POINTS and DATA lines that agree); export the scan again"
         ) from None
     for name, kind, size, n in described:
         if size not in map(str, _TYPES.get(kind, ())) or not 0 < count(path, n) <= _MOST_VALUES:

@@ -49,9 +49,7 @@ class _Element:
     name: str
     rows: int
     names: list[str] = field(default_factory=list)
-    types: list[tuple[str, ...]] = field(
-        default_factory=list
-    )  # (type,), or of a list (its count's, its values')
+    types: list[tuple[str, ...]] = field(default_factory=list)  # (type,), or of a list (its count's, its values')
 
     def has_lists(self) -> bool:
         return any(len(types) > 1 for types in self.types)
@@ -142,9 +140,7 @@ def _header(path: Path, content: bytes) -> tuple[str, list[_Element], int]:
                     f"{path}: the .ply header has a line {line[:60]!r}, which says nothing; export the scan again"
                 )
     if kind != "ascii" and kind not in _BYTE_ORDER:
-        raise ScanError(
-            f"{path}: the .ply header has format {kind!r}; export as ascii or binary_little_endian"
-        )
+        raise ScanError(f"{path}: the .ply header has format {kind!r}; export as ascii or binary_little_endian")
     return kind, elements, last.end()
 
 
@@ -173,15 +169,11 @@ def _row_starts(element: _Element, content: bytes, start: int, order: str) -> Se
     return starts
 
 
-def _stack_by_rows(
-    path: Path, vertex: _Element, content: bytes, start: int, order: str, columns: list[int]
-) -> Array:
+def _stack_by_rows(path: Path, vertex: _Element, content: bytes, start: int, order: str, columns: list[int]) -> Array:
     """The columns of vertices that hold lists too: clouds of photogrammetry name the views of each point."""
     first_list = next(i for i, types in enumerate(vertex.types) if len(types) > 1)
     if max(columns) > first_list:
-        raise ScanError(
-            f"{path}: its vertices hold lists before x, y, z; export the scan as a plain point cloud"
-        )
+        raise ScanError(f"{path}: its vertices hold lists before x, y, z; export the scan as a plain point cloud")
     if vertex.rows <= len(content):  # else it is told as truncated
         require_bounded(path, vertex.rows)
     starts = np.array(_row_starts(vertex, content, start, order))

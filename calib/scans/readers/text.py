@@ -36,9 +36,7 @@ def read_text(path: Path, content: bytes) -> PointsAndNormals:
     delimit. Empty cells are points without a value. A line of one whole number above the points is how many they are.
     """
     if b"\0" in content:
-        raise ScanError(
-            f"{path}: not three numbers a line (it is no text); write x y z in each line, in UTF-8"
-        )
+        raise ScanError(f"{path}: not three numbers a line (it is no text); write x y z in each line, in UTF-8")
     lines = text_lines(path, content)
     comments = [i for i, line in enumerate(lines) if line.lstrip().startswith(_COMMENTS)]
     skip = set(comments)

@@ -76,9 +76,7 @@ class CurveEvidence:
         x = curve.columns
         self.square = np.sum(x**2, axis=0)
         rows, count = map(float, x.shape)
-        self.few_rows = (
-            2.0 * rows**2 * count + rows**3 / 3.0 < count**3
-        )  # which of two equal ways is less work
+        self.few_rows = 2.0 * rows**2 * count + rows**3 / 3.0 < count**3  # which of two equal ways is less work
         self.gram = None if self.few_rows else x.T @ x
         self.towards = x.T @ residual
 
@@ -127,10 +125,7 @@ class CurveEvidence:
                 inverse = dtrtri(factor, lower=1)[0]
                 share[shown] = 1.0 - np.einsum("ij,ij->j", inverse, inverse)  # (L L^T)^-1 = L^-T L^-1
         quadratic = self.total - float(mean @ (sigma * self.towards))
-        value = (
-            -0.5 * self.freedom * float(np.log(max(quadratic, 1e-300) / max(self.total, 1e-300)))
-            - half_log_det
-        )
+        value = -0.5 * self.freedom * float(np.log(max(quadratic, 1e-300) / max(self.total, 1e-300))) - half_log_det
         return CurvePosterior(value, sigma, mean, quadratic), share
 
     def best(self, starts: tuple[Spectrum, ...] = ()) -> tuple[float, Spectrum]:
@@ -182,9 +177,7 @@ class CurveEvidence:
         """
         if not blocks:
             return []
-        shaped = [
-            b.columns / np.sqrt(1.0 + (b.order / _OTHER_BANDWIDTH) ** (2.0 * _OTHER_SLOPE)) for b in blocks
-        ]
+        shaped = [b.columns / np.sqrt(1.0 + (b.order / _OTHER_BANDWIDTH) ** (2.0 * _OTHER_SLOPE)) for b in blocks]
         stacked = np.concatenate([*shaped, self.residual[:, None]], axis=1)
         solved = stacked if spectrum is None else self._solve(self.at(spectrum).prior_sigma, stacked)
         quadratic = float(self.residual @ solved[:, -1])

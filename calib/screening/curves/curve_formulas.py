@@ -37,9 +37,7 @@ def candidate_terms(input_name: str, u: Array) -> list[FormulaTerm]:
     if quantity_of(input_name) == "torque":
         return [*terms, FormulaTerm("square")]
     terms += [FormulaTerm("harmonic", order=n) for n in range(1, _HIGHEST_ORDER + 1)]
-    return terms + [
-        FormulaTerm("bump", place=p, width=w) for p in places for w in _WIDTHS if w < 0.5 * (high - low)
-    ]
+    return terms + [FormulaTerm("bump", place=p, width=w) for p in places for w in _WIDTHS if w < 0.5 * (high - low)]
 
 
 def find_formula(

@@ -98,8 +98,7 @@ def _predict_left_out_poses(left: ProjectedResidual, members: list[SmoothJointEr
     """Whether each pose is predicted better from the others with the curves than without (leave one pose out)."""
     directions = joint_directions(left)
     columns = [
-        left.motion_columns(directions[m.joint], m.modes.at(input_values(left.state, m.modes.input)))
-        for m in members
+        left.motion_columns(directions[m.joint], m.modes.at(input_values(left.state, m.modes.input))) for m in members
     ]
     spread = np.concatenate([np.array(m.prior_sigma_rad) for m in members]) / noise
     with_curves = cross_validated_rmse_mm(left, np.concatenate(columns, axis=1), spread)
@@ -120,9 +119,7 @@ def _told_joint_by_joint(
         if now <= _MIN_MEMBER_GAIN:  # a formula that came in says what this curve said
             spectrum = _flat(spectrum, k)
             continue
-        found = (
-            _formula(left, chosen[k], evidence, spectrum, k, now) if len(order) <= _MOST_FORMULAS else None
-        )
+        found = _formula(left, chosen[k], evidence, spectrum, k, now) if len(order) <= _MOST_FORMULAS else None
         if found is None:
             curves.append(k)
             continue

@@ -96,8 +96,7 @@ class FormulaModes:
         """Names of the K columns; a number tells two that are alike."""
         plain = [name for term in self.terms for name in term.names]
         return tuple(
-            name if plain.count(name) == 1 else f"{name}_{plain[: k + 1].count(name)}"
-            for k, name in enumerate(plain)
+            name if plain.count(name) == 1 else f"{name}_{plain[: k + 1].count(name)}" for k, name in enumerate(plain)
         )
 
 
@@ -178,9 +177,7 @@ def input_values(state: RobotState, name: str) -> Array:
         columns = further_inputs(poses)
         values = poses.extra[columns[name]].to_numpy() if name in columns else None
         if values is not None and values.dtype.kind not in "fiub":
-            raise FitError(
-                f"a learned curve runs over column {columns[name]!r}; found words there, numbers are needed"
-            )
+            raise FitError(f"a learned curve runs over column {columns[name]!r}; found words there, numbers are needed")
     if values is None:
         raise FitError(f"a learned curve runs over {name}; give it for each pose, as poses.csv does")
     return np.asarray(values, dtype=float)

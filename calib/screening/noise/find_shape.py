@@ -43,9 +43,7 @@ def find_shape(
     return None if found.shape == DECLARED else found
 
 
-def _greedy(
-    residual: LinearResidual, left_out: BoolArray, points: bool, slow: bool, start: NoiseShape
-) -> FoundShape:
+def _greedy(residual: LinearResidual, left_out: BoolArray, points: bool, slow: bool, start: NoiseShape) -> FoundShape:
     """One property after the other, the one that gains most first; without some points (M,)."""
     kept = residual.select(np.flatnonzero(~left_out))
     some = _spread(kept)

@@ -29,9 +29,7 @@ def scatter_of_repeats(dataset: Dataset) -> LinearResidual | None:
     if len(points) - len(np.unique(place)) < ENOUGH:
         return None
     observed = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
-    covariance = observed.covariance_mm2 * (
-        1.0 if points.counts_as is None else points.counts_as[:, None, None]
-    )
+    covariance = observed.covariance_mm2 * (1.0 if points.counts_as is None else points.counts_as[:, None, None])
     differences: list[Array] = []
     rows: list[int] = []
     for shots in np.split(np.argsort(place, kind="stable"), np.cumsum(np.bincount(place))[:-1]):

@@ -68,9 +68,7 @@ class LinearResidual:
         flat = rows.reshape(-1, rows.shape[2])
         return _restricted(flat.T @ flat, self.freedom) - log_det
 
-    def likelihoods(
-        self, shape: NoiseShape, wanders: Sequence[Wander], weights: Array | None = None
-    ) -> list[float]:
+    def likelihoods(self, shape: NoiseShape, wanders: Sequence[Wander], weights: Array | None = None) -> list[float]:
         """The same with each of several wanders."""
         rows, log_det = self._in_units_of(shape, weights)
         return [

@@ -85,9 +85,7 @@ def _deep(shape: NoiseShape, log_depth: float) -> NoiseShape:
     return replace(shape, depth=float(np.exp(log_depth)))
 
 
-def _along_line(
-    gain: Callable[[float], float], shape: Callable[[float], NoiseShape], most: float
-) -> FoundShape:
+def _along_line(gain: Callable[[float], float], shape: Callable[[float], NoiseShape], most: float) -> FoundShape:
     """The best shape of one number within +-most."""
     found = minimize_scalar(
         lambda v: -gain(float(v)), bounds=(-most, most), method="bounded", options={"xatol": 0.005 * most}

@@ -76,9 +76,7 @@ def noise_of_residual(
     """
     rest = left if beaten is None else beaten.left
     residual, outlier = LinearResidual.of(rest), _of_poses(rest, outliers)
-    wander = (
-        None if beaten is None else wander_property(residual.select(np.flatnonzero(~outlier)), NoiseShape())
-    )
+    wander = None if beaten is None else wander_property(residual.select(np.flatnonzero(~outlier)), NoiseShape())
     shown = find_shape(
         residual,
         outlier,

@@ -61,11 +61,7 @@ def _outliers(square: Array) -> float:
     out = []
     for k in range(int(_MOST_OUTLIERS * count) + 1):
         far = from_far[:k]
-        anywhere = (
-            -np.log(np.log(_OUTLIER_RANGE)) - np.log(4.0 * np.pi) - 1.5 * np.log(np.maximum(far, 1e-300))
-        )
+        anywhere = -np.log(np.log(_OUTLIER_RANGE)) - np.log(4.0 * np.pi) - 1.5 * np.log(np.maximum(far, 1e-300))
         chosen = gammaln(count + 1.0) - gammaln(k + 1.0) - gammaln(count - k + 1.0)
-        out.append(
-            _normal(float(from_far[k:].sum()), 3 * (count - k)) + float(anywhere.sum()) - float(chosen)
-        )
+        out.append(_normal(float(from_far[k:].sum()), 3 * (count - k)) + float(anywhere.sum()) - float(chosen))
     return max(out)

@@ -43,9 +43,7 @@ def choose_poses(predictions: Predictions, count: int, *, places: Array, apart: 
     return np.array(chosen, dtype=np.int64)
 
 
-def grown(
-    start: Sequence[int], predictions: Predictions, count: int, *, places: Array, apart: BoolArray
-) -> IndexArray:
+def grown(start: Sequence[int], predictions: Predictions, count: int, *, places: Array, apart: BoolArray) -> IndexArray:
     """Chosen poses with more, each the best beside those before it, up to `count`."""
     chosen = list(start)
     while len(chosen) < count:
@@ -56,9 +54,7 @@ def grown(
     return np.array(chosen, dtype=np.int64)
 
 
-def _best_beside(
-    predictions: Predictions, chosen: Sequence[int], places: Array, apart: BoolArray
-) -> int | None:
+def _best_beside(predictions: Predictions, chosen: Sequence[int], places: Array, apart: BoolArray) -> int | None:
     """The pose that leaves the least to be mistaken beside those that are chosen; None where none is free."""
     span = np.maximum(np.ptp(places, axis=0), 1e-9)
     free = np.ones(len(places), dtype=bool)

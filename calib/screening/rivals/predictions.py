@@ -30,9 +30,7 @@ from calib.screening.member_columns import member_columns
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 
 _FINEST = 1e-5  # times what counts as the noise: exact data leave less, and would drown the prior in rounding
-_FRAME = np.array(
-    [1e3, 1e3, 1e3, 1.0, 1.0, 1.0]
-)  # mm, rad: prior sigmas of a scanner's place, as good as unknown
+_FRAME = np.array([1e3, 1e3, 1e3, 1.0, 1.0, 1.0])  # mm, rad: prior sigmas of a scanner's place, as good as unknown
 
 # Weight of the tolerances. A screening leaves a direction free as soon as the data know it a tenth as well as these.
 _HELD = 0.1
@@ -119,9 +117,7 @@ def predict(calibration: Calibration, rivals: Sequence[Rival], poses: Poses) -> 
     noise = max(float(np.sqrt(left / projected.freedom)), _FINEST)
     measured, missing, centre = _measured_rows(projected, stays)
     further = _FurtherRows.of(projected, poses, centre)
-    nominal = np.concatenate(
-        [-(projected.x / projected.residuals.model.scales)[stays], np.zeros(6 * len(centre))]
-    )
+    nominal = np.concatenate([-(projected.x / projected.residuals.model.scales)[stays], np.zeros(6 * len(centre))])
     out = []
     for rival in rivals:
         effect = [member_columns(projected, member) for member in rival.members]
@@ -235,8 +231,7 @@ class _FurtherRows:
         for target, by_state in self.by_state.items():
             state = model.state(x, self.poses, self.seen[target])
             columns = [
-                effect_columns(by_state, member, state, np.zeros(len(member.parameters)))
-                for member in rival.members
+                effect_columns(by_state, member, state, np.zeros(len(member.parameters))) for member in rival.members
             ]
             blocks.append(np.concatenate(columns, axis=2) * rival.sizes)
         return np.concatenate(blocks, axis=1)

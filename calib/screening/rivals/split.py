@@ -40,9 +40,7 @@ class Split:
     settles: float  # probability that the true rival then leads by the margin that a diagnosis asks for
     curve: tuple[float, ...]  # the same after none, the first, the first two, ... of the poses
     twins: tuple[tuple[str, str], ...]  # pairs that no poses of this kind tell apart
-    enough: (
-        int | None
-    )  # poses of this kind that would do (`ENOUGH`); None where no number is known that would
+    enough: int | None  # poses of this kind that would do (`ENOUGH`); None where no number is known that would
 
 
 @one_blas_thread()
@@ -73,9 +71,7 @@ def split(
     return judged(predictions, candidates, chosen, most_shots=most_shots)
 
 
-def choose(
-    predictions: Predictions, candidates: Poses, count: int, *, most_shots: int = MOST_SHOTS
-) -> IndexArray:
+def choose(predictions: Predictions, candidates: Poses, count: int, *, most_shots: int = MOST_SHOTS) -> IndexArray:
     """The candidates (count,) by which rivals are told apart, the most telling first."""
     apart = _told_apart(inseparable(predictions))
     chosen = choose_poses(predictions, count, places=candidates.q, apart=apart)

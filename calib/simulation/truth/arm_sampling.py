@@ -66,9 +66,7 @@ def draw_truth(
     angle_rad = np.radians(tolerances.angle_deg)
     sigma = np.array([tolerances.length_mm, angle_rad, tolerances.length_mm, angle_rad, angle_rad])
     table = robot.table + sigma * rng.standard_normal(robot.table.shape)
-    scanners = (
-        base_T_scanner if isinstance(base_T_scanner, Mapping) else {"": np.asarray(base_T_scanner, float)}
-    )
+    scanners = base_T_scanner if isinstance(base_T_scanner, Mapping) else {"": np.asarray(base_T_scanner, float)}
     truth = Truth(robot.with_table(table), scanners, base_T_jig=base_T_jig)
     cell = SimulatedCell(robot, truth, q, conditions)
     drawn = []

@@ -61,8 +61,7 @@ def _link_bending(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     """Links from 50 mm on; c = L / EI grows towards the thin end of the arm."""
     ends = Arm.commanded_to(cell.nominal, cell.q)
     spans = [
-        after[0, :3, 3] - before[0, :3, 3]
-        for before, after in zip(ends.base_T_axis, ends.base_T_straight, strict=True)
+        after[0, :3, 3] - before[0, :3, 3] for before, after in zip(ends.base_T_axis, ends.base_T_straight, strict=True)
     ]
     length_mm = np.linalg.norm(spans, axis=1)
     size = 2e-6 * magnitudes(cell, rng) * (length_mm / 400.0) * (length_mm > 50.0)
@@ -89,9 +88,7 @@ def _strain_wave(cell: SimulatedCell, rng: Rng) -> TrueEffect:
         if joint.is_revolute and joint.gear_ratio is None
     ]
     if without:
-        raise CalibError(
-            f"robot {robot.name}: no gear_ratio for {', '.join(without)}; strain_wave needs them"
-        )
+        raise CalibError(f"robot {robot.name}: no gear_ratio for {', '.join(without)}; strain_wave needs them")
     ratio = np.array([joint.gear_ratio or 1.0 for joint in robot.joints])
     share = rng.uniform(0.2, 1.0, (robot.n_joints, 2))  # once a motor turn, twice
     wave = 1e-4 * share * np.exp(2j * np.pi * rng.random(share.shape))
@@ -167,14 +164,11 @@ def _scanner_scale(cell: SimulatedCell, rng: Rng) -> TrueEffect:
 def _hose_pull(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     """From above and behind the base to the side of the forearm; joints as stiff as real ones."""
     n = cell.nominal.n_joints
-    reach_mm = float(
-        np.linalg.norm(Arm.commanded_to(cell.nominal, cell.q).base_T_frame[-1][:, :3, 3], axis=1).max()
-    )
+    reach_mm = float(np.linalg.norm(Arm.commanded_to(cell.nominal, cell.q).base_T_frame[-1][:, :3, 3], axis=1).max())
     return HosePull(
         stiffness_n_per_mm=0.05,
         rest_length_mm=0.3 * reach_mm,
-        anchor_mm=reach_mm
-        * np.array([rng.uniform(-0.6, -0.2), rng.uniform(-0.5, 0.5), rng.uniform(0.6, 1.2)]),
+        anchor_mm=reach_mm * np.array([rng.uniform(-0.6, -0.2), rng.uniform(-0.5, 0.5), rng.uniform(0.6, 1.2)]),
         held_mm=rng.uniform(-80.0, 80.0, 3),
         link=n // 2 - (n % 2 == 0),
         c_rad_per_nm=1e-5 * magnitudes(cell, rng),
@@ -190,9 +184,7 @@ def _field_bump(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     return FieldBump(0.3 * direction / np.linalg.norm(direction), place_mm, reach_mm * rng.uniform(0.25, 0.4))
 
 
-def _waves(
-    kind: Callable[[Array, Array], TrueEffect], count: int
-) -> Callable[[SimulatedCell, Rng], TrueEffect]:
+def _waves(kind: Callable[[Array, Array], TrueEffect], count: int) -> Callable[[SimulatedCell, Rng], TrueEffect]:
     """So many waves of one joint, each as large as the others."""
 
     def draw(cell: SimulatedCell, rng: Rng) -> TrueEffect:

@@ -29,9 +29,7 @@ class Truth:
     scanners: Mapping[str, Array]
     """setup -> base_T_scanner (4, 4), flange_T_scanner where the arm carries it; the first for poses without a setup"""
     effects: tuple[TrueEffect, ...] = ()
-    base_T_jig: Array | None = (
-        None  # (4, 4) where the jig stands in the room, for an arm that carries the scanner
-    )
+    base_T_jig: Array | None = None  # (4, 4) where the jig stands in the room, for an arm that carries the scanner
 
     @classmethod
     def without_effects(cls, robot: Robot, base_T_scanner: ArrayLike) -> Truth:
@@ -136,8 +134,7 @@ def truth_document(truth: Truth, nominal: Robot) -> dict[str, Any]:
         keys = ("a_mm", "alpha_deg", "d_mm", "theta_deg", "beta_deg")
         scale = np.array([1.0, np.degrees(1.0), 1.0, np.degrees(1.0), np.degrees(1.0)])
         return {
-            name: dict(zip(keys, (row * scale).tolist(), strict=True))
-            for name, row in zip(rows, values, strict=True)
+            name: dict(zip(keys, (row * scale).tolist(), strict=True)) for name, row in zip(rows, values, strict=True)
         }
 
     document = {

@@ -30,9 +30,7 @@ class TransmissionError(TrueEffect):
 
     def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         phase = arm.commanded[:, :, None] * np.array(self.harmonics)  # (N, n, H)
-        return replace(
-            arm, q=arm.q + np.sum(self.cos_rad * np.cos(phase) + self.sin_rad * np.sin(phase), axis=2)
-        )
+        return replace(arm, q=arm.q + np.sum(self.cos_rad * np.cos(phase) + self.sin_rad * np.sin(phase), axis=2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +69,7 @@ class StrainWave(TrueEffect):
 
     def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         phase = arm.commanded[:, :, None] * self.gear_ratio[:, None] * np.array([1.0, 2.0])
-        return replace(
-            arm, q=arm.q + np.sum(self.cos_rad * np.cos(phase) + self.sin_rad * np.sin(phase), axis=2)
-        )
+        return replace(arm, q=arm.q + np.sum(self.cos_rad * np.cos(phase) + self.sin_rad * np.sin(phase), axis=2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,9 +149,7 @@ class CableDrag(TrueEffect):
     order: int
 
     def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
-        beside = np.roll(
-            arm.commanded, -1, axis=1
-        )  # that of the last joint is the first's, and its amplitude 0
+        beside = np.roll(arm.commanded, -1, axis=1)  # that of the last joint is the first's, and its amplitude 0
         twisted = self.order * (arm.commanded + self.sign * beside)
         return replace(arm, q=arm.q + self.amplitude_rad * np.cos(twisted - self.phase_rad))
 

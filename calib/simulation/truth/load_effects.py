@@ -76,9 +76,7 @@ class LinkBending(TrueEffect):
 
             at_root = across(equilibrium.moment_nm(root_mm, j + 1))
             at_end = across(equilibrium.moment_nm(end_T[:, :3, 3], j + 1))
-            own = sum(
-                weight.weight_n for weight in equilibrium.weights[: arm.robot.n_joints] if weight.carrier == j
-            )
+            own = sum(weight.weight_n for weight in equilibrium.weights[: arm.robot.n_joints] if weight.carrier == j)
             own = np.cross(0.5e-3 * span_mm, own)
             c = self.c_rad_per_nm[j]
             turn = c * ((at_root + at_end) / 2.0 + own / 3.0)
@@ -198,7 +196,5 @@ class HosePull(TrueEffect):
         torque_nm = np.zeros_like(arm.q)
         for j in range(self.link + 1):
             axis_T = equilibrium.base_T_axis[j]
-            torque_nm[:, j] = np.sum(
-                axis_T[:, :3, 2] * np.cross(1e-3 * (held_mm - axis_T[:, :3, 3]), force_n), axis=1
-            )
+            torque_nm[:, j] = np.sum(axis_T[:, :3, 2] * np.cross(1e-3 * (held_mm - axis_T[:, :3, 3]), force_n), axis=1)
         return replace(arm, q=arm.q + self.c_rad_per_nm * torque_nm)

@@ -140,9 +140,7 @@ class Arm:
         ]
         tool, load_kg = robot.tool, self.conditions.payload_kg
         if tool.mass_kg is not None:
-            weights.append(
-                Weight(n, self.place_mm(n - 1, tool.com_mm), np.full((count, 1), tool.mass_kg) * gravity)
-            )
+            weights.append(Weight(n, self.place_mm(n - 1, tool.com_mm), np.full((count, 1), tool.mass_kg) * gravity))
         if load_kg is not None:
             held = tool.payload_com_mm
             place_mm = self.base_T_frame[-1][:, :3, 3] if held is None else self.place_mm(n - 1, held)

@@ -44,10 +44,7 @@ class SimulatedCell:
 
     def moved_mm(self, effect: TrueEffect) -> Array:
         """(N, 3) by how much the effect alone moves what the scanner sees."""
-        return (
-            scanner_T_target(self.truth.with_effects(effect), self.q, self.conditions)[:, :3, 3]
-            - self.plain_mm
-        )
+        return scanner_T_target(self.truth.with_effects(effect), self.q, self.conditions)[:, :3, 3] - self.plain_mm
 
     def moved_rms_mm(self, effect: TrueEffect) -> float:
         """Rms length of `moved_mm`."""
@@ -79,9 +76,7 @@ class SimulatedCell:
         """The effect at the magnitude that moves the measured point by `rms_mm`."""
         return self._scaled(effect, rms_mm, self.moved_rms_mm)
 
-    def _scaled(
-        self, effect: TrueEffect, wanted_mm: float, size_mm: Callable[[TrueEffect], float]
-    ) -> TrueEffect:
+    def _scaled(self, effect: TrueEffect, wanted_mm: float, size_mm: Callable[[TrueEffect], float]) -> TrueEffect:
         if wanted_mm <= 0:
             return effect.scaled(0.0)
         for _ in range(20):  # displacements are nearly proportional to the magnitude
@@ -128,9 +123,7 @@ class SimulatedCell:
         nominal_mm = scanner_T_target(self._nominal, self.q, self.conditions)[:, :3, 3]
         if self.truth.base_T_jig is not None:
             for axis in np.eye(4)[:3]:
-                moved = replace(
-                    self._nominal, base_T_jig=self.truth.base_T_jig + np.outer(axis, np.eye(4)[3])
-                )
+                moved = replace(self._nominal, base_T_jig=self.truth.base_T_jig + np.outer(axis, np.eye(4)[3]))
                 columns.append(scanner_T_target(moved, self.q, self.conditions)[:, :3, 3] - nominal_mm)
         setup = self.conditions.setup
         for name in self.truth.scanners:

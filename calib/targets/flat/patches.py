@@ -57,9 +57,7 @@ def flat_patches(points: Array, size_mm: float, least_size: float = 0.2) -> list
     height = max(_HEIGHT * size_mm, 4 * around.noise_mm())
     agree &= np.abs(np.einsum("ki,ki->k", way, around.normals[first])) < height
     agree &= ~(around.loose()[first] | around.loose()[second])
-    graph = coo_array(
-        (np.ones(agree.sum()), (first[agree], second[agree])), shape=(len(thinned), len(thinned))
-    )
+    graph = coo_array((np.ones(agree.sum()), (first[agree], second[agree])), shape=(len(thinned), len(thinned)))
     label = connected_components(graph, directed=False)[1]
     count = np.bincount(label)
     tree = cKDTree(around.points_mm)

@@ -112,9 +112,7 @@ def _namings(patches: Sequence[Patch], normals: Array) -> list[_Named]:
                 turned = there[list(order)]
                 if np.linalg.det(turned) * volume < 0:
                     continue
-                angles = np.arccos(np.clip(turned @ turned.T, -1, 1)) - np.arccos(
-                    np.clip(of_set @ of_set.T, -1, 1)
-                )
+                angles = np.arccos(np.clip(turned @ turned.T, -1, 1)) - np.arccos(np.clip(of_set @ of_set.T, -1, 1))
                 if np.abs(angles).max() < _ALIKE:
                     out.append(_Named(tuple(triple[k] for k in order), three))
     return out
@@ -156,13 +154,9 @@ def _placed(named: _Named, normals: Array, offsets: Array) -> _Placed | None:
         turn = rotation_from_rotvec(step[:3]) @ turn
         origin = origin + step[3:]
     there = of_set @ turn.T
-    off = np.array(
-        [abs((p.centre_mm - origin) @ n - d) for p, n, d in zip(named.patches, there, at, strict=True)]
-    )
+    off = np.array([abs((p.centre_mm - origin) @ n - d) for p, n, d in zip(named.patches, there, at, strict=True)])
     allowed = [
-        _OFF_MM
-        + _OFF_SIGMAS
-        * (p.plane.sigma_mm / np.sqrt(len(p.plane.indices)) + np.sqrt(n @ covariance[3:, 3:] @ n))
+        _OFF_MM + _OFF_SIGMAS * (p.plane.sigma_mm / np.sqrt(len(p.plane.indices)) + np.sqrt(n @ covariance[3:, 3:] @ n))
         for p, n in zip(named.patches, there, strict=True)
     ]
     return _Placed(

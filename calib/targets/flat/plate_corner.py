@@ -36,12 +36,9 @@ _SAME_ANGLE_DEG = 2.5
 _GAP, _GAP_SIGMA = 0.65, 0.35  # of the pitch: from the last point of a row to the edge
 _ROWS_FEWEST = 6
 _BEFORE = 0.003  # of the distance: points that are so much nearer than the plane stand before it
-_MOST_HIDDEN = (
-    0.3  # of the points beyond an edge, those before the plane: it is where something hides the plate
-)
-_LEAST_BEYOND = (
-    0.3  # of the points that the plate would have there: fewer, and it may be the border of the scan's field
-)
+_MOST_HIDDEN = 0.3  # of the points beyond an edge, those before the plane: it is where something hides the plate
+# of the points that the plate would have there: fewer, and it may be the border of the scan's field
+_LEAST_BEYOND = 0.3
 _AT_BORDER = 0.3  # what such an edge counts
 _ALIKE = 0.75  # of the best corner's score: a further corner that counts so much is as good
 
@@ -215,9 +212,7 @@ def _corner(one: _Edge, other: _Edge, flat: _Flat, shape: Plate) -> Array | None
     return np.asarray(at)
 
 
-def _refined(
-    corner: Array, one: _Edge, other: _Edge, flat: _Flat, rows: IndexArray, count: int
-) -> FoundPoint | None:
+def _refined(corner: Array, one: _Edge, other: _Edge, flat: _Flat, rows: IndexArray, count: int) -> FoundPoint | None:
     """The corner from the outermost points of the rows that end at both edges, with its covariance."""
     fitted = [_outermost(edge, corner, flat) for edge in (one, other)]
     if any(fit is None for fit in fitted):
@@ -233,9 +228,7 @@ def _refined(
     variance = float(values @ values) / max(len(values) - 3, 1)
     lever = plane.design(xyz[None])[0]
     height = variance * float(lever @ np.linalg.inv(design.T @ design) @ lever)
-    covariance = plane.axes.T @ in_plane @ plane.axes + max(height, 1e-12) * np.outer(
-        plane.normal, plane.normal
-    )
+    covariance = plane.axes.T @ in_plane @ plane.axes + max(height, 1e-12) * np.outer(plane.normal, plane.normal)
     pitch = float(np.mean([flat.pitch_mm(n1), flat.pitch_mm(n2)]))
     return FoundPoint(
         xyz,

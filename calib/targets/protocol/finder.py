@@ -41,9 +41,7 @@ class FoundPoint:
     covariance_mm2: Array  # (3, 3)
     points: int = 0  # of the scan, that it was made from
     rms_mm: float = 0.0  # robust: of those points about the target's surface
-    inlier_bits: ByteArray = field(
-        default_factory=lambda: np.zeros(0, dtype=np.uint8)
-    )  # (N / 8,) as in `Face`
+    inlier_bits: ByteArray = field(default_factory=lambda: np.zeros(0, dtype=np.uint8))  # (N / 8,) as in `Face`
     facts: Mapping[str, float] = field(default_factory=dict)  # name with its unit -> what was found besides
     doubts: tuple[str, ...] = ()  # what should be checked, each with what would help
     radius_mm: float | None = None  # of a sphere to draw about the point

@@ -59,9 +59,7 @@ def checked_answer(
     if isinstance(answer, FoundPoint):
         answer = [answer]
     if not isinstance(answer, Sequence):
-        raise TargetError(
-            f"{where}: `find` returned a {type(answer).__name__}; return xyz_mm, covariance_mm2"
-        )
+        raise TargetError(f"{where}: `find` returned a {type(answer).__name__}; return xyz_mm, covariance_mm2")
     found = [_point(one, where) for one in answer]
     if not found:
         raise TargetError(f"{where}: `find` returned nothing for {scan.name}; look at the scan")
@@ -79,14 +77,8 @@ def _point(one: Any, where: str) -> FoundPoint:
     try:
         place, spread = np.asarray(xyz, dtype=float), np.asarray(covariance, dtype=float)
     except (TypeError, ValueError):
-        raise TargetError(
-            f"{where}: `find` returned what are no numbers; return xyz_mm, covariance_mm2"
-        ) from None
-    if (
-        place.shape != (3,)
-        or spread.shape != (3, 3)
-        or not (np.isfinite(place).all() and np.isfinite(spread).all())
-    ):
+        raise TargetError(f"{where}: `find` returned what are no numbers; return xyz_mm, covariance_mm2") from None
+    if place.shape != (3,) or spread.shape != (3, 3) or not (np.isfinite(place).all() and np.isfinite(spread).all()):
         raise TargetError(
             f"{where}: `find` returned arrays of shape {place.shape} and {spread.shape}; finite numbers of shape (3,) "
             "and (3, 3) are needed"
@@ -94,9 +86,7 @@ def _point(one: Any, where: str) -> FoundPoint:
     scale = np.sqrt(np.abs(np.diag(spread)))
     scaled = spread / np.maximum(np.outer(scale, scale), 1e-300)
     if not np.allclose(spread, spread.T) or np.linalg.eigvalsh(scaled)[0] < _LEAST_EIGENVALUE:
-        raise TargetError(
-            f"{where}: `find` returned a covariance that is not positive definite; give one in mm^2"
-        )
+        raise TargetError(f"{where}: `find` returned a covariance that is not positive definite; give one in mm^2")
     return kept or FoundPoint(place, spread)
 
 
@@ -115,9 +105,7 @@ def _function(path: Path, _changed_ns: int) -> Callable[[Scan, Wanted], Any]:
     except (KeyboardInterrupt, MemoryError):
         raise
     except BaseException as error:  # a file that calls exit() must not end the program
-        raise CalibError(
-            f"{path}: {_line(error, str(path))}{type(error).__name__}: {_one_line(error)}"
-        ) from None
+        raise CalibError(f"{path}: {_line(error, str(path))}{type(error).__name__}: {_one_line(error)}") from None
     find = getattr(module, "find", None)
     if not callable(find):
         raise CalibError(f"{path}: found no function `find`; write {EXAMPLE}")

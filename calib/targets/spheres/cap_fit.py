@@ -29,9 +29,7 @@ _ROUNDS = 18
 _SETTLED = 1e-3  # of the centre's own sigma
 _MOST_INCIDENCE_DEG = 80.0
 _MARGINS_PIXELS = (0.35, 1.6)  # left out along the silhouette, in distances between neighbouring points
-_RING_SIGMAS = (
-    3.5  # the mean distance of the points between those two margins that makes the margin the wider one
-)
+_RING_SIGMAS = 3.5  # the mean distance of the points between those two margins that makes the margin the wider one
 _MARGIN_ROUND, _RING_ROUND, _BLUR_ROUND = 2, 5, 8
 _BLUR_SIGMAS = 3.5  # of a blur that is taken for one
 _LEAST_COSINE = 0.2
@@ -101,18 +99,14 @@ def fit_cap(
         bend = _bend(sine, radius)
         over = over - blur_mm2 * bend
         sigma = growth.sigma(sine)
-        on = (
-            clear & front & (sine < most_sine) & (np.abs(over) < max(band_mm, 1e-9) * sigma / growth.sigma_mm)
-        )
+        on = clear & front & (sine < most_sine) & (np.abs(over) < max(band_mm, 1e-9) * sigma / growth.sigma_mm)
         if np.count_nonzero(on) < _FEWEST_POINTS:
             return None
         if turn == _MARGIN_ROUND:
             pixel = _spacing(local[on], centre, radius) / radius
             most_sine = min(most_sine, 1 - _MARGINS_PIXELS[0] * pixel)
             clear = _clear_of_others(normals, over, sigma)
-        elif turn == _RING_ROUND and _is_lifted(
-            over[on] / sigma[on], sine[on] > 1 - _MARGINS_PIXELS[1] * pixel
-        ):
+        elif turn == _RING_ROUND and _is_lifted(over[on] / sigma[on], sine[on] > 1 - _MARGINS_PIXELS[1] * pixel):
             most_sine = min(most_sine, 1 - _MARGINS_PIXELS[1] * pixel)
             on &= sine < most_sine
             if np.count_nonzero(on) < _FEWEST_POINTS:

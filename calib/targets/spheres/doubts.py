@@ -16,9 +16,7 @@ _SLANTED, _ROUGHEST_SLANTED = (
 )  # the same where the sine of the incidence is that: noise hardly grows till there
 _NO_SURFACE = 0.03  # of the radius: a scatter above this is no surface's, whatever the noise
 _ROUGH = 0.003  # of the radius: a scatter below this is not compared
-_MOST_BEHIND = (
-    0.3  # of the places of the silhouette, those where points lie behind the surface and none on it
-)
+_MOST_BEHIND = 0.3  # of the places of the silhouette, those where points lie behind the surface and none on it
 _POINTS_A_CELL = 4
 _MUCH_BEHIND = 0.25  # points behind over points on: more is no sphere if those on it err alike as well
 _ERR_ALIKE = 1.5  # smooth factor

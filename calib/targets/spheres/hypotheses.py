@@ -46,16 +46,12 @@ def hypotheses(
         settled = _settled(around, centre, radius, radii_mm)
         if settled is None:
             continue
-        if all(
-            np.linalg.norm(settled.centre_mm - other.centre_mm) > 0.4 * settled.radius_mm for other in found
-        ):
+        if all(np.linalg.norm(settled.centre_mm - other.centre_mm) > 0.4 * settled.radius_mm for other in found):
             found.append(settled)
     return sorted(found, key=lambda h: -h.votes)[:most]
 
 
-def _votes(
-    around: Neighbourhoods, radii_mm: tuple[float, float], rng: np.random.Generator
-) -> tuple[Array, Array]:
+def _votes(around: Neighbourhoods, radii_mm: tuple[float, float], rng: np.random.Generator) -> tuple[Array, Array]:
     """Centres (K, 3) and radii (K,) of pairs of points, one to three steps from neighbour to neighbour apart."""
     count, neighbours = len(around.points_mm), around.neighbours
     draws = min(_PAIRS_A_POINT, max(1, _MOST_PAIRS // count))
@@ -78,9 +74,7 @@ def _votes(
     return 0.5 * (middle - radius[:, None] * towards), radius
 
 
-def _peaks(
-    centres: Array, radii: Array, radii_mm: tuple[float, float], most: int
-) -> list[tuple[Array, float]]:
+def _peaks(centres: Array, radii: Array, radii_mm: tuple[float, float], most: int) -> list[tuple[Array, float]]:
     """Where many centres lie, for one range of radii after the other, those with most votes first."""
     peaks: list[tuple[int, Array, float]] = []
     low = 0.8 * radii_mm[0]
@@ -106,9 +100,7 @@ def _peaks(
     return [(centre, radius) for _, centre, radius in peaks]
 
 
-def _settled(
-    around: Neighbourhoods, centre: Array, radius: float, radii_mm: tuple[float, float]
-) -> Hypothesis | None:
+def _settled(around: Neighbourhoods, centre: Array, radius: float, radii_mm: tuple[float, float]) -> Hypothesis | None:
     """A sphere through the thinned points about a first one, by least squares on points whose normals agree."""
     points, normals = around.points_mm, around.normals
     votes, share = 0, 2 * _BAND

@@ -84,11 +84,7 @@ def _agreeing(points: Array, radius: float | None, sigma_mm: float) -> BoolArray
     best = np.zeros(len(points), dtype=bool)
     count = 4
     for trial in range(_TRIALS):
-        some = (
-            every
-            if trial == 0
-            else np.isin(np.arange(len(points)), rng.choice(len(points), count, replace=False))
-        )
+        some = every if trial == 0 else np.isin(np.arange(len(points)), rng.choice(len(points), count, replace=False))
         fit = _fitted(points[some], radius if trial == 0 else None)
         if fit is None:
             continue

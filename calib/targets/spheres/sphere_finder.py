@@ -134,8 +134,7 @@ def _apart(tried: Sequence[_Tried]) -> list[_Tried]:
     out: list[_Tried] = []
     for one in sorted(tried, key=lambda t: -t.score):
         if all(
-            np.linalg.norm(one.fit.centre_mm - other.fit.centre_mm)
-            > 0.5 * max(one.fit.radius_mm, other.fit.radius_mm)
+            np.linalg.norm(one.fit.centre_mm - other.fit.centre_mm) > 0.5 * max(one.fit.radius_mm, other.fit.radius_mm)
             for other in out
         ):
             out.append(one)

@@ -73,9 +73,7 @@ def patch_factor(rows: Array, psi: Array, inverse: Array) -> float:
     if len(rows) < 4 * _PATCHES:
         return 1.0
     patch = _patches(rows)
-    sums = np.column_stack(
-        [np.bincount(patch, rows[:, k] * psi, minlength=_PATCHES) for k in range(rows.shape[1])]
-    )
+    sums = np.column_stack([np.bincount(patch, rows[:, k] * psi, minlength=_PATCHES) for k in range(rows.shape[1])])
     whole = inverse @ (sums.T @ sums) @ inverse
     alone = inverse @ ((rows * (psi**2)[:, None]).T @ rows) @ inverse
     lost = 1 - rows.shape[1] / np.count_nonzero(np.bincount(patch, minlength=_PATCHES))

@@ -65,9 +65,7 @@ class ArmBodies:
         x = chain.turned_x[:, self.link]
         knee = end - np.einsum("nki,nki->nk", end - start, x)[..., None] * x
         fixed = (self.piece == FIXED)[:, None]
-        placed = [
-            np.einsum("nkij,kj->nki", current[..., :3, :3], p) + end for p in (self.start_mm, self.end_mm)
-        ]
+        placed = [np.einsum("nkij,kj->nki", current[..., :3, :3], p) + end for p in (self.start_mm, self.end_mm)]
         first = np.where(fixed, placed[0], np.where((self.piece == ALONG_D)[:, None], start, knee))
         last = np.where(fixed, placed[1], np.where((self.piece == ALONG_D)[:, None], knee, end))
         along = last - first

@@ -28,9 +28,7 @@ def hidden_by_arm(bodies: ArmBodies, chain: Chain, eye_mm: Array, points_mm: Arr
     return hidden
 
 
-def _hidden_by_mesh(
-    mesh: LinkMesh, base_T_link: Array, eye_mm: Array, points_mm: Array, asked: BoolArray
-) -> BoolArray:
+def _hidden_by_mesh(mesh: LinkMesh, base_T_link: Array, eye_mm: Array, points_mm: Array, asked: BoolArray) -> BoolArray:
     """(N, P) as `hidden_by_arm` of the mesh's own triangles, where asked; elsewhere False."""
     import open3d as o3d
 

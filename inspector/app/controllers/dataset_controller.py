@@ -170,9 +170,7 @@ class DatasetController:
             return
         self._state.change(pose=pose)
         if session.dataset.points is not None and pose in session.waiting:
-            self._state.keep(
-                measuring.with_search(session, pose)
-            )  # not needed for the fit, only to be looked at
+            self._state.keep(measuring.with_search(session, pose))  # not needed for the fit, only to be looked at
         self._stage.draw_pose()
         self._panels.fit.update_residuals(self._state.now)
         self._panels.residuals.update(self._state.now)

@@ -94,9 +94,7 @@ class Downloads:
             self._panel.say("")
         assert made is not None
         name, content = made
-        client.send_file_download(
-            exports.file_name(asked.session.dataset.name, name), content, save_immediately=True
-        )
+        client.send_file_download(exports.file_name(asked.session.dataset.name, name), content, save_immediately=True)
 
 
 def _report(asked: Asked) -> tuple[str, bytes]:
@@ -156,15 +154,11 @@ def _scene(asked: Asked) -> tuple[str, bytes]:
 
 def _screenshot(asked: Asked, client: viser.ClientHandle) -> tuple[str, bytes]:
     camera = client.camera
-    height, width = (
-        int(clamped(px, 16, LARGEST_PX, 720)) for px in (camera.image_height, camera.image_width)
-    )
+    height, width = (int(clamped(px, 16, LARGEST_PX, 720)) for px in (camera.image_height, camera.image_width))
     try:
         image = client.get_render(height=height, width=width, transport_format="png", timeout=RENDER_S)
     except (TimeoutError, RuntimeError, ConnectionError) as error:
-        raise CalibError(
-            f"your browser sent no picture ({type(error).__name__}); bring its tab to the front"
-        ) from None
+        raise CalibError(f"your browser sent no picture ({type(error).__name__}); bring its tab to the front") from None
     return "view.png", exports.png(exports.over(image, NIGHT if asked.view.dark else DAY))
 
 

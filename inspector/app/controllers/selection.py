@@ -19,9 +19,7 @@ class Selection:
         """Select a joint, counted from 1; the same again, or None, lets it go."""
         view = self._state.now
         joint = None if number is None or number - 1 == view.joint else number - 1
-        if joint == view.joint or (
-            joint is not None and not 0 <= joint < view.session.dataset.robot.n_joints
-        ):
+        if joint == view.joint or (joint is not None and not 0 <= joint < view.session.dataset.robot.n_joints):
             return
         self._state.change(joint=joint)
         view = self._state.now

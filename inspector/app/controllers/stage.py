@@ -57,9 +57,7 @@ class Stage:
     def theme(self, *, dark: bool) -> None:
         """The page itself, light or dark."""
         brand = rgb(BRAND_ON_DARK if dark else BRAND_ON_LIGHT)
-        self._server.gui.configure_theme(
-            dark_mode=dark, show_logo=False, show_share_button=False, brand_color=brand
-        )
+        self._server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False, brand_color=brand)
 
     # ---- what is drawn ----------------------------------------------------------------------------------------------
 
@@ -127,9 +125,7 @@ class Stage:
         """What the colours on show mean."""
         view = self._state.view
         if view is not None:
-            self._panels.review.show_legend(
-                legend_html(view, self._camera.visible, self.comparison.distances_mm)
-            )
+            self._panels.review.show_legend(legend_html(view, self._camera.visible, self.comparison.distances_mm))
 
     # ---- how it is drawn --------------------------------------------------------------------------------------------
 

@@ -20,7 +20,4 @@ def has_scans(folder: Path) -> bool:
 def names_of(folders: Sequence[Path]) -> list[str]:
     """A name for each dataset folder, its own where that tells them apart."""
     names = [shown(folder.resolve().name) for folder in folders]
-    return [
-        shown(str(folder)) if names.count(name) > 1 else name
-        for folder, name in zip(folders, names, strict=True)
-    ]
+    return [shown(str(folder)) if names.count(name) > 1 else name for folder, name in zip(folders, names, strict=True)]

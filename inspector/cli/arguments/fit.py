@@ -20,9 +20,7 @@ from inspector.cli.arguments.shared import (
 
 def calibrate_arguments(sub: ArgumentParser) -> None:
     """Add the arguments of `calibrate`."""
-    sub.add_argument(
-        "--out", type=Path, metavar="FILE", help="write robot.toml, its table the best without effects"
-    )
+    sub.add_argument("--out", type=Path, metavar="FILE", help="write robot.toml, its table the best without effects")
     add_model_out(sub)
     sub.add_argument(
         "--urdf-out", type=Path, metavar="FILE", help="write the template with calibrated origins, as --out"
@@ -45,12 +43,8 @@ def calibrate_arguments(sub: ArgumentParser) -> None:
         metavar="FILE.csv",
         help="write what is left over, a row a pose with all inputs",
     )
-    sub.add_argument(
-        "--scene", type=Path, metavar="FILE.glb", help="write arm, points and residuals (x 100) in 3D"
-    )
-    sub.add_argument(
-        "--session", type=Path, metavar="FILE.json", help="write a session that serve --session opens"
-    )
+    sub.add_argument("--scene", type=Path, metavar="FILE.glb", help="write arm, points and residuals (x 100) in 3D")
+    sub.add_argument("--session", type=Path, metavar="FILE.json", help="write a session that serve --session opens")
     add_learned_out(sub)
     add_adding(sub)
     add_fit(sub)
@@ -68,9 +62,7 @@ def compare_arguments(sub: ArgumentParser) -> None:
 
 def watch_arguments(sub: ArgumentParser) -> None:
     """Add the arguments of `watch`."""
-    sub.add_argument(
-        "new", type=Path, nargs="+", metavar="NEW", help="dataset folder of check poses, three or more"
-    )
+    sub.add_argument("new", type=Path, nargs="+", metavar="NEW", help="dataset folder of check poses, three or more")
     sub.add_argument(
         "--scanner-moved",
         action="store_true",
@@ -99,9 +91,7 @@ def validate_arguments(sub: ArgumentParser) -> None:
 
 def correct_arguments(sub: ArgumentParser) -> None:
     """Add the arguments of `correct`."""
-    sub.add_argument(
-        "--joints", type=Path, required=True, metavar="FILE", help="targets, columns as poses.csv"
-    )
+    sub.add_argument("--joints", type=Path, required=True, metavar="FILE", help="targets, columns as poses.csv")
     sub.add_argument(
         "--out",
         type=Path,

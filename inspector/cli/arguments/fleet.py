@@ -19,9 +19,7 @@ def fleet_arguments(sub: ArgumentParser) -> None:
         help="write the table, .csv or .parquet; page and results lie beside it (default fleet.csv)",
     )
     sub.add_argument("--workers", type=values.process_count, metavar="N", help="default: one for each core")
-    sub.add_argument(
-        "--scheduler", metavar="ADDRESS", help="a Dask cluster that runs already, such as tcp://host:8786"
-    )
+    sub.add_argument("--scheduler", metavar="ADDRESS", help="a Dask cluster that runs already, such as tcp://host:8786")
     sub.add_argument(
         "--timeout",
         type=values.seconds,
@@ -29,9 +27,7 @@ def fleet_arguments(sub: ArgumentParser) -> None:
         metavar="S",
         help="seconds that one dataset may take (default 1800)",
     )
-    sub.add_argument(
-        "--max-test-rmse-mm", type=values.rmse_mm, metavar="X", help="what the test poses' error may be"
-    )
+    sub.add_argument("--max-test-rmse-mm", type=values.rmse_mm, metavar="X", help="what the test poses' error may be")
     again = sub.add_mutually_exclusive_group()
     again.add_argument(
         "--resume",

@@ -27,9 +27,7 @@ def add_fit(sub: ArgumentParser) -> None:
         metavar="NAME=VALUE",
         help="tolerance of one parameter, mm or rad (default 1 mm, 0.0087 rad); may be given several times",
     )
-    sub.add_argument(
-        "--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal"
-    )
+    sub.add_argument("--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal")
     add_leave_out(sub)
     add_finder(sub)
     sub.add_argument("--robust", action="store_true", help="leave poses out that stand out of all others")
@@ -117,9 +115,7 @@ def add_residual(sub: ArgumentParser) -> None:
 
 def convert_arguments(sub: ArgumentParser) -> None:
     """IN, OUT and what chooses the arm in them."""
-    sub.add_argument(
-        "source", type=Path, metavar="IN", help="a robot: .urdf .xacro .toml .yaml .conf .csv .xml"
-    )
+    sub.add_argument("source", type=Path, metavar="IN", help="a robot: .urdf .xacro .toml .yaml .conf .csv .xml")
     sub.add_argument("out", type=Path, metavar="OUT", help="the form follows the suffix: .toml .urdf .yaml")
     links_arguments(sub)
     sub.add_argument(

@@ -31,9 +31,7 @@ def named_folder(text: str) -> tuple[str, Path]:
     """ "ur_description=ros/ur_description" as name and folder."""
     name, _, folder = text.partition("=")
     if not name.strip() or not folder:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not NAME=FOLDER, such as ur_description=ros/ur_description"
-        )
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=FOLDER, such as ur_description=ros/ur_description")
     return name.strip(), Path(folder)
 
 
@@ -85,9 +83,7 @@ def seconds(text: str) -> float:
     """A time that something may take, above 0."""
     value = _number(text)
     if not 0.0 < value <= _LONGEST_S:
-        raise argparse.ArgumentTypeError(
-            f"{text} is not a time to wait; seconds above 0, {_LONGEST_S:g} at most"
-        )
+        raise argparse.ArgumentTypeError(f"{text} is not a time to wait; seconds above 0, {_LONGEST_S:g} at most")
     return value
 
 

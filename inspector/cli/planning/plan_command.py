@@ -118,22 +118,16 @@ def _dataset_start(options: PlanOptions) -> tuple[FromFit, Sequence[Family]]:
 def _first_start(options: PlanOptions) -> FromRobot:
     """A robot, or a dataset's arm in its cell as if nothing of it were known but where the scanner stands."""
     if options.add is not None:
-        raise CalibError(
-            f"{options.path}: --add is more of a dataset, --poses a first set: give the one that you want"
-        )
+        raise CalibError(f"{options.path}: --add is more of a dataset, --poses a first set: give the one that you want")
     if options.effects_file is not None or options.effect:
-        raise CalibError(
-            f"{options.path}: effects are of a dataset's fit; name those that you suspect with --for"
-        )
+        raise CalibError(f"{options.path}: effects are of a dataset's fit; name those that you suspect with --for")
     if not options.path.is_dir():
         cell = workcell_of_robot(_robot(options))
         if options.scanner is not None:
             cell = workcell_of_robot(cell.robot, base_T_scanner=_placed(options.scanner, cell))
         return FromRobot(cell, options.noise_mm or DEFAULT_NOISE_MM, options.fit_options())
     if options.scanner is not None:
-        raise CalibError(
-            f"{options.path}: the scanner stands where it stood; leave out --scanner with --poses"
-        )
+        raise CalibError(f"{options.path}: the scanner stands where it stood; leave out --scanner with --poses")
     dataset = load(options.path, options.leave_out, options.finder)
     check_outputs(dataset, [options.out])
     cell = workcell_of_dataset(measured(dataset))
@@ -147,9 +141,7 @@ def _robot(options: PlanOptions) -> Robot:
     builtin = name.lower() in BUILTIN_ROBOTS and not options.path.exists()
     if not builtin and not options.path.exists():
         known = " or ".join(BUILTIN_ROBOTS)
-        raise CalibError(
-            f"{name}: no such file or folder; give a dataset's folder, a robot's file, or {known}"
-        )
+        raise CalibError(f"{name}: no such file or folder; give a dataset's folder, a robot's file, or {known}")
     return named_robot(name.lower() if builtin else name, reading_of(options)).robot
 
 

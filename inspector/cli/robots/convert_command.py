@@ -69,9 +69,7 @@ def _check_out(options: ConvertOptions) -> None:
         raise CalibError(f"{out}: expected a name that ends in {' or '.join(_OUTPUTS)}")
     for path in (options.source, options.template):
         if path is not None and path.resolve() == out.resolve():
-            raise CalibError(
-                f"{out}: is what this command reads, which would be lost; name another file to write"
-            )
+            raise CalibError(f"{out}: is what this command reads, which would be lost; name another file to write")
     if out.exists() and not options.force:
         raise CalibError(f"{out}: exists; name another file, or --force to replace it")
     if options.template is not None and options.template.suffix.lower() != out.suffix.lower():

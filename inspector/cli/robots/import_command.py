@@ -66,9 +66,7 @@ def _ready(options: ImportOptions, files: UserFiles) -> int:
     """A zip or a folder that holds a dataset's folder already."""
     if len(files.datasets) > 1:
         named = ", ".join(str(folder.relative_to(files.folder)) for folder in files.datasets)
-        raise CalibError(
-            f"{options.source}: holds {len(files.datasets)} datasets ({named}); give one of them"
-        )
+        raise CalibError(f"{options.source}: holds {len(files.datasets)} datasets ({named}); give one of them")
     folder = files.datasets[0]
     said = f"{options.source}: holds a dataset's folder, which is copied as it is"
     document: dict[str, Any] = {"files": [], "columns": [], "recognised": [said], "doubts": [], "faults": []}

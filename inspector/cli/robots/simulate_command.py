@@ -74,18 +74,12 @@ def _scan_model(options: SimulateOptions) -> ScanModel:
         name = ("--smooth-noise-mm", "--correlation-mm", "--white")[given.index(True)]
         raise DatasetError(f"{name}: tells of scans; add --scans, or leave it out")
     if options.white and options.correlation_mm is not None:
-        raise DatasetError(
-            "--correlation-mm: white noise reaches no further than its point; leave out --white"
-        )
+        raise DatasetError("--correlation-mm: white noise reaches no further than its point; leave out --white")
     size, length = options.smooth_noise_mm, options.correlation_mm
     if size is not None and size != 0.0 and not LEAST_SIGMA_MM <= size <= _MOST_SMOOTH_MM:
-        raise DatasetError(
-            f"--smooth-noise-mm {size:g}: give 0, or {LEAST_SIGMA_MM:g} to {_MOST_SMOOTH_MM:g} mm"
-        )
+        raise DatasetError(f"--smooth-noise-mm {size:g}: give 0, or {LEAST_SIGMA_MM:g} to {_MOST_SMOOTH_MM:g} mm")
     if length is not None and not _SHORTEST_WAVE_MM <= length <= _LONGEST_WAVE_MM:
-        raise DatasetError(
-            f"--correlation-mm {length:g}: give {_SHORTEST_WAVE_MM:g} to {_LONGEST_WAVE_MM:g} mm"
-        )
+        raise DatasetError(f"--correlation-mm {length:g}: give {_SHORTEST_WAVE_MM:g} to {_LONGEST_WAVE_MM:g} mm")
     if options.white:
         return PLAIN_MODEL
     return replace(

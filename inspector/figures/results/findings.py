@@ -83,8 +83,6 @@ def learned_curves(of: Calibration | Diagnosis, *, dark: bool = False) -> go.Fig
     if not curves:
         inside = " + ".join(["link errors", *calibration.model.family_names])
         raise CalibError(f"dataset {calibration.dataset.name}: no curves were learned; the model is {inside}")
-    drawn = curve_plots.joint_curves(
-        curves, calibration.dataset.robot, columns=min(len(curves), 2), dark=dark
-    )
+    drawn = curve_plots.joint_curves(curves, calibration.dataset.robot, columns=min(len(curves), 2), dark=dark)
     height = curve_plots.height_px(len(curves), min(len(curves), 2))
     return titled(drawn, f"Learned curves: {calibration.dataset.name}", dark=dark, height_px=height)

@@ -92,9 +92,7 @@ def work_space(of: Calibration | Diagnosis, *, show: str | int = "length", dark:
         signed=show != "length",
         dark=dark,
     )
-    return titled(
-        drawn, f"Error over the work space: {calibration.dataset.name}", dark=dark, height_px=_TALL_PX
-    )
+    return titled(drawn, f"Error over the work space: {calibration.dataset.name}", dark=dark, height_px=_TALL_PX)
 
 
 def _shown(errors: PoseErrors, show: str | int, robot: Robot) -> tuple[np.ndarray, str, tuple[float, float]]:

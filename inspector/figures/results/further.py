@@ -36,9 +36,7 @@ def control_chart(seen: Watched | Sequence[Watched], *, dark: bool = False) -> g
     """The RMS error at check poses of each later measurement of a cell, mm, against the limit of an unchanged cell."""
     shown_of = (seen,) if isinstance(seen, Watched) else tuple(seen)
     if not shown_of:
-        raise CalibError(
-            "no measurement to draw; give what calib.monitoring.watch.watch returned, one or several"
-        )
+        raise CalibError("no measurement to draw; give what calib.monitoring.watch.watch returned, one or several")
     return titled(watch_plots.control_chart(shown_of, dark=dark), "Control chart of the cell", dark=dark)
 
 
@@ -50,9 +48,7 @@ def plan_curve(plan: Plan, *, dark: bool = False) -> go.Figure:
 
 def fleet_errors(fleet: Fleet, *, dark: bool = False) -> go.Figure:
     """The RMS error of every dataset of a fleet, mm: as delivered, with calibrated links, with all that was found."""
-    rows = sorted(
-        (row for row in fleet.rows if row.error_mm is not None), key=lambda row: (row.error_mm, row.path)
-    )
+    rows = sorted((row for row in fleet.rows if row.error_mm is not None), key=lambda row: (row.error_mm, row.path))
     stages = [row.train if row.test.final_mm is None else row.test for row in rows]
     errors = [(stage.nominal_mm, stage.links_mm, stage.final_mm) for stage in stages]
     drawn = fleet_plots.fleet_errors([row.path for row in rows], errors, dark=dark)

@@ -36,11 +36,7 @@ class Axis:
         if not isinstance(value, int | float):
             return math.nan
         return (
-            math.log10(value)
-            if self.kind == "log" and value > 0
-            else math.nan
-            if self.kind == "log"
-            else float(value)
+            math.log10(value) if self.kind == "log" and value > 0 else math.nan if self.kind == "log" else float(value)
         )
 
     def share(self, value: object) -> float:
@@ -53,9 +49,7 @@ class Axis:
 
 def axis_of(given: Mapping[str, Any], values: Sequence[object], length_px: float, *, marks: bool) -> Axis:
     """The axis of a layout, for these values on it. marks: whether points, which need room, lie on it."""
-    categories = tuple(
-        dict.fromkeys(str(v) for v in given.get("categoryarray", ()) or values if isinstance(v, str))
-    )
+    categories = tuple(dict.fromkeys(str(v) for v in given.get("categoryarray", ()) or values if isinstance(v, str)))
     kind = "category" if categories else str(given.get("type", "linear"))
     numbers = [float(v) for v in values if isinstance(v, int | float) and math.isfinite(v)]
     low, high = _range(given, kind, numbers, len(categories), marks)

@@ -45,9 +45,7 @@ def svg_of(figure: go.Figure, width: int, height: int, *, name: str, title: str)
         out.append(f"<g {inside}>{_rectangles(layout, key, panel)}</g>{_grid(panel, heat=_is_heat(own))}")
         for i, trace in enumerate(own):
             free = trace.get("cliponaxis") is False or trace.get("type") == "heatmap"
-            out.append(
-                f"<g{'' if free else ' ' + inside}>{drawn(trace, own[i - 1] if i else None, panel)}</g>"
-            )
+            out.append(f"<g{'' if free else ' ' + inside}>{drawn(trace, own[i - 1] if i else None, panel)}</g>")
         out += [_colour_bar(trace, panel) for trace in own if "colorbar" in trace]
     out.append(_annotations(layout, panels))
     out += [_legend(row, _LEGEND_PX * (k + 0.5)) for k, row in enumerate(entries)]
@@ -164,9 +162,7 @@ def _grid(panel: Panel, *, heat: bool) -> str:
         zero = panel.top + panel.height * (1.0 - y.share(0.0))
         out.append(f'<path class="zero" d="M{number(panel.left)} {number(zero)}H{number(right)}"/>')
     middle = panel.top + 0.5 * panel.height
-    out.append(
-        label(y.title, panel.left - _room(y) + 0.5 * _TITLE_PX, middle, size_px=USUAL_PX, turn_deg=-90.0)
-    )
+    out.append(label(y.title, panel.left - _room(y) + 0.5 * _TITLE_PX, middle, size_px=USUAL_PX, turn_deg=-90.0))
     out.append(
         label(
             x.title,
@@ -182,10 +178,7 @@ def _rectangles(layout: Mapping[str, Any], key: tuple[str, str], panel: Panel) -
     """The bands of a layout that lie in a panel."""
     out = []
     for shape in layout.get("shapes") or ():
-        if (
-            shape.get("xref", "x") not in ("paper", key[0])
-            or shape.get("yref", "y").partition(" ")[0] != key[1]
-        ):
+        if shape.get("xref", "x") not in ("paper", key[0]) or shape.get("yref", "y").partition(" ")[0] != key[1]:
             continue
         whole_width, whole_height = shape.get("xref") == "paper", "domain" in shape.get("yref", "")
         x0, y0 = panel.at(shape["x0"], shape["y0"])
@@ -206,9 +199,7 @@ def _annotations(layout: Mapping[str, Any], panels: Mapping[tuple[str, str], Pan
     out = []
     for note in layout.get("annotations") or ():
         of_x, of_y = (str(note[ref]).partition(" ")[0] for ref in ("xref", "yref"))
-        panel = next(
-            (p for (x, y), p in panels.items() if of_x in (x, "paper") and of_y in (y, "paper")), None
-        )
+        panel = next((p for (x, y), p in panels.items() if of_x in (x, "paper") and of_y in (y, "paper")), None)
         if panel is None:
             continue
         x = panel.left + panel.width * float(note["x"])

@@ -22,12 +22,8 @@ def svg_file(figure: go.Figure, width: int, height: int, *, title: str, heading:
 
     `title` is read aloud, `heading` stands over it. Raises CalibError on one that cannot be drawn so.
     """
-    if any(
-        not isinstance((t.marker and t.marker.color) or "", str) for t in figure.data if t.type == "scatter"
-    ):
-        raise CalibError(
-            f"{title}: plotly alone draws points in the colours of a scale; write_html keeps it as a page"
-        )
+    if any(not isinstance((t.marker and t.marker.color) or "", str) for t in figure.data if t.type == "scatter"):
+        raise CalibError(f"{title}: plotly alone draws points in the colours of a scale; write_html keeps it as a page")
     above = _HEADING_PX if heading else 0
     drawn = svg_of(figure, width, height - above, name=_IDS, title=title)
     # A page may hold several: each has ids and colours of its own.

@@ -45,9 +45,7 @@ def drawn(trace: Trace, before: Trace | None, panel: Panel) -> str:
     return kinds[str(trace.get("type", "scatter"))]()
 
 
-def symbol(
-    kind: str, x: float, y: float, size: float, colour: str, *, title: str = "", opacity: float = 1.0
-) -> str:
+def symbol(kind: str, x: float, y: float, size: float, colour: str, *, title: str = "", opacity: float = 1.0) -> str:
     """A marker as plotly has it: a circle, a diamond, a square, or a dash ("line-ns", "line-ew")."""
     half = 0.5 * size
     faint = f' opacity="{opacity:g}"' if opacity < 1.0 else ""
@@ -71,9 +69,7 @@ def symbol(
     else:
         reach = 1.25 * half
         r = number(reach)
-        shape = (
-            f'<path d="M{number(x)} {number(y - reach)}l{r} {r}l-{r} {r}l-{r} -{r}z" fill="{colour}"{faint}'
-        )
+        shape = f'<path d="M{number(x)} {number(y - reach)}l{r} {r}l-{r} {r}l-{r} -{r}z" fill="{colour}"{faint}'
     return f"{shape}>{title}</{shape[1:].split(' ')[0]}>" if title else f"{shape}/>"
 
 
@@ -110,9 +106,7 @@ def _line(trace: Trace, panel: Panel) -> str:
     if "lines" not in str(trace.get("mode", "")) or not line.get("width", 2):
         return ""
     title = (
-        hover(trace.get("hovertemplate"), {})
-        if "markers" not in str(trace["mode"]) and len(trace["x"]) == 2
-        else ""
+        hover(trace.get("hovertemplate"), {}) if "markers" not in str(trace["mode"]) and len(trace["x"]) == 2 else ""
     )
     path = (
         f'<path d="{_path(_places(trace, panel))}" fill="none" stroke="{line_colour(trace)}" '
@@ -212,8 +206,6 @@ def cell_colour(trace: Trace, value: float) -> str:
     """The colour of a value on a trace's scale, as #rrggbb."""
     at = (value - trace["zmin"]) / (trace["zmax"] - trace["zmin"])
     stops = [float(stop[0]) for stop in trace["colorscale"]]
-    colours = np.array(
-        [[int(stop[1][k : k + 2], 16) for k in (1, 3, 5)] for stop in trace["colorscale"]], dtype=float
-    )
+    colours = np.array([[int(stop[1][k : k + 2], 16) for k in (1, 3, 5)] for stop in trace["colorscale"]], dtype=float)
     mixed = [round(float(np.interp(at, stops, colours[:, k]))) for k in range(3)]
     return "#" + "".join(f"{part:02x}" for part in mixed)

@@ -32,9 +32,7 @@ def chosen_html(
     described = _description(name, candidate, calibration)
     out = elements.heading(f"Effect {name}")
     facts: list[tuple[str, object]] = []
-    facts += [
-        (what, text) for what, text in (("equation", described.equation), ("needs", described.needs)) if text
-    ]
+    facts += [(what, text) for what, text in (("equation", described.equation), ("needs", described.needs)) if text]
     if own:
         facts.append(("from", "your effects file"))
     if candidate is not None:
@@ -104,9 +102,7 @@ def parameter_row(
     return short, f"{value:.3g} ± {sigma:.1g} {unit}".strip(), elements.wrapping(means)
 
 
-def next_html(
-    name: str, rival: str, poses: Sequence[DiscriminatingPose], robot: Robot, noise_mm: float
-) -> str:
+def next_html(name: str, rival: str, poses: Sequence[DiscriminatingPose], robot: Robot, noise_mm: float) -> str:
     """The poses at which an effect and its nearest rival differ most."""
     if not poses:
         return ""

@@ -100,7 +100,5 @@ def offered_html(curves: LearnedCurves, calibration: Calibration) -> str:
             left=3,
             asks=joint_asks(member.joint + 1 for member in curves.members),
         )
-        + elements.note(
-            "No named effect explains what is left. The curves name no cause; add them to see them."
-        )
+        + elements.note("No named effect explains what is left. The curves name no cause; add them to see them.")
     )

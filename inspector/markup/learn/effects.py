@@ -26,9 +26,7 @@ from inspector.session.session import Session, StepErrors
 
 NOT_YET = "Not calibrated yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
 SMALL = 0.01  # share of an error below which a change of it counts as none
-LOOK_CLOSER = (
-    " Look at it in the tab Where it fails; an effect of your own can be tested with --effects-file."
-)
+LOOK_CLOSER = " Look at it in the tab Where it fails; an effect of your own can be tested with --effects-file."
 
 
 def named(screening: Screening, name: str) -> Candidate | None:
@@ -47,9 +45,7 @@ def state_html(session: Session, undo: int, redo: int) -> str:
     rows: list[tuple[str, object]] = [
         (
             "model",
-            linked(
-                " + ".join(["link errors", *map(effect_label, session.effects)]), Names.of(session.dataset)
-            ),
+            linked(" + ".join(["link errors", *map(effect_label, session.effects)]), Names.of(session.dataset)),
         ),
         ("training 3D RMSE", f"{numbers.millimetres(last.train_rmse_mm)} mm"),
         ("test 3D RMSE", f"{numbers.millimetres(test)} mm" if math.isfinite(test) else "no test poses"),
@@ -187,6 +183,4 @@ def untestable_html(untestable: tuple[Untestable, ...]) -> str:
     """What these data cannot test, why, and what would help."""
     if not untestable:
         return ""
-    return elements.heading("Cannot be tested with these data") + elements.bullets(
-        untestable_texts(untestable)
-    )
+    return elements.heading("Cannot be tested with these data") + elements.bullets(untestable_texts(untestable))

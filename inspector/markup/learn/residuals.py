@@ -58,9 +58,7 @@ def turned(name: str, values: Array, robot: Robot) -> Array:
 
 def joint_title(joint: int, robot: Robot) -> str:
     """What the apparent motion of a joint is called."""
-    return (
-        f"apparent motion of joint {joint + 1}, {'millidegrees' if robot.joints[joint].is_revolute else 'mm'}"
-    )
+    return f"apparent motion of joint {joint + 1}, {'millidegrees' if robot.joints[joint].is_revolute else 'mm'}"
 
 
 def shown(

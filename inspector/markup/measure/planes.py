@@ -14,9 +14,7 @@ WHY_NOT = (
 )
 WHY_NONE = "None was chosen: no three groups are mutually perpendicular and fill the outline of the jig."
 NOT_SEARCHED = "No planes were looked for in this scan, for the reason above."
-NO_PLANES = (
-    "No planes are looked for in this scan: its targets are no jig with three faces. See the tab Corner."
-)
+NO_PLANES = "No planes are looked for in this scan: its targets are no jig with three faces. See the tab Corner."
 SHOWN_GROUPS = 15
 _USUAL_PASSES = 2  # a coarse one, a fine one
 
@@ -27,18 +25,14 @@ def planes_html(view: View) -> str:
     title = elements.heading(f"Pose {view.pose_id}")
     if search is None:
         if view.session.dataset.scan_path(view.pose) is None:
-            return title + elements.note(
-                "The points were measured (points.csv): there are no planes to look at."
-            )
+            return title + elements.note("The points were measured (points.csv): there are no planes to look at.")
         return title + elements.note("This scan has not been searched yet.")
     failure = elements.alert(f"No corner: {search.failure}") if search.failure else ""
     if isinstance(search, ScanSearch) and not len(search.sets):
         return title + failure + elements.note(NO_PLANES)
     if not len(search.sets):
         return title + failure + elements.note(NOT_SEARCHED)
-    return (
-        title + failure + filter_table(search) + face_table(search) + group_table(search, view.grey_rejected)
-    )
+    return title + failure + filter_table(search) + face_table(search) + group_table(search, view.grey_rejected)
 
 
 def filter_table(search: CornerSearch) -> str:
@@ -65,9 +59,7 @@ def passes_note(search: CornerSearch) -> str:
     if search.search_passes <= _USUAL_PASSES:
         return ""
     if search.corner is None:
-        said = (
-            "of which these are the one that got farthest, each with other neighbours and more sample sets."
-        )
+        said = "of which these are the one that got farthest, each with other neighbours and more sample sets."
         return elements.note(f"The scan was looked at {search.search_passes} times, {said}")
     return elements.note(
         f"The jig was found at look {search.search_passes} only, with other neighbours and more sample sets than at "

@@ -78,9 +78,7 @@ def pose_html(view: View) -> str:
     """The selected pose's error in each version."""
     rows = [row for version in view.versions if (row := _pose_row(view, version)) is not None]
     if not rows:
-        why = (
-            ERROR_OF_NONE if view.pose_id in view.session.uncounted else "No measured point to compare with."
-        )
+        why = ERROR_OF_NONE if view.pose_id in view.session.uncounted else "No measured point to compare with."
         return elements.heading(f"Pose {view.pose_id}") + elements.note(why)
     title = elements.heading(f"Pose {view.pose_id}: predicted − measured, mm")
     return (
@@ -107,9 +105,7 @@ def distance_html(view: View, distances_mm: Array | None) -> str:
         return ""
     title = elements.heading(f"Jig over scan {view.pose_id}")
     if distances_mm is None:
-        return title + elements.note(
-            "No corner was found in this scan, so there is no place for the jig's model."
-        )
+        return title + elements.note("No corner was found in this scan, so there is no place for the jig's model.")
     known = distances_mm[np.isfinite(distances_mm)]
     if not len(known):
         return title + elements.note("No point of this scan lies on the jig's faces.")

@@ -94,9 +94,7 @@ def figures_html(result: Calibration) -> str:
     lengths = elements.heading("Errors before and after, mm") + elements.table(columns, rows)
     turns = attitude_rows(result)
     return lengths + (
-        elements.heading("Attitude of the jig before and after, mrad") + elements.table(columns, turns)
-        if turns
-        else ""
+        elements.heading("Attitude of the jig before and after, mrad") + elements.table(columns, turns) if turns else ""
     )
 
 
@@ -170,11 +168,7 @@ def parameters_html(result: Calibration) -> str:
             + elements.table(EFFECT_COLUMNS, of_it, height="260px", asks=asks_of[effect])
             for effect, of_it in effects.items()
         )
-        + (
-            elements.heading(f"Effect {LEARNED}") + curves_table_html(result)
-            if learned_members(result)
-            else ""
-        )
+        + (elements.heading(f"Effect {LEARNED}") + curves_table_html(result) if learned_members(result) else "")
         + elements.note(
             "* the data tell next to nothing of it by itself: the value is held by its tolerance, or shared."
         )

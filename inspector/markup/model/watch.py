@@ -13,9 +13,7 @@ from inspector.markup.parts import elements, numbers
 
 EACH = ("", "date", "", "what changed", "error, mm", "limit, mm")
 REPEATS = ("pose", "visits", "RP", "AP", "dAP", "dRP", "moved")
-USUAL_NOTE = (
-    "Size ± sigma of each joint's zero and of the tool beside what is named, whether they changed or not."
-)
+USUAL_NOTE = "Size ± sigma of each joint's zero and of the tool beside what is named, whether they changed or not."
 
 
 def each_rows(seen: Sequence[Watched]) -> list[tuple[str, ...]]:
@@ -31,9 +29,7 @@ def each_rows(seen: Sequence[Watched]) -> list[tuple[str, ...]]:
 
 def usual_rows(seen: Sequence[Watched]) -> list[tuple[str, ...]]:
     """Each joint's zero and the tool, a column a measurement."""
-    return [
-        (_usual_name(found), *(_size(w.usual[k]) for w in seen)) for k, found in enumerate(seen[-1].usual)
-    ]
+    return [(_usual_name(found), *(_size(w.usual[k]) for w in seen)) for k, found in enumerate(seen[-1].usual)]
 
 
 def _usual_name(found: Found) -> str:

@@ -172,9 +172,7 @@ def code(lines: object) -> str:
 
 def heading(title: object) -> str:
     """A small heading inside a tab."""
-    return (
-        f'<div style="margin:10px 16px 2px 16px;font-size:13px;font-weight:600;{_BREAK}">{text(title)}</div>'
-    )
+    return f'<div style="margin:10px 16px 2px 16px;font-size:13px;font-weight:600;{_BREAK}">{text(title)}</div>'
 
 
 def alert(sentence: object, *, colour: str = "#B3261E") -> str:

@@ -180,9 +180,7 @@ class MissingEffectsPanel:
         screening = session.screening
         candidate = None if screening is None else html.named(screening, name)
         self._variable.visible = candidate is not None and bool(candidate.members)
-        self.add.disabled = (
-            name == NONE or name in inside or (candidate is not None and not candidate.members)
-        )
+        self.add.disabled = name == NONE or name in inside or (candidate is not None and not candidate.members)
         undo, redo = self._moves
         offered = ((REMOVE, name in inside), (UNDO, undo), (REDO, redo))
         buttons = tuple(button for button, does_something in offered if does_something)
@@ -228,9 +226,7 @@ class MissingEffectsPanel:
         """All that can be added or removed; what was chosen stays chosen, so that a second press adds nothing more."""
         inside = [added.name for added in session.effects]
         ranked = [c.name for c in session.screening.candidates] if session.screening else []
-        waits = (
-            session.residual_tests is None and LEARNED in self.choice.options
-        )  # whether it is still offered
+        waits = session.residual_tests is None and LEARNED in self.choice.options  # whether it is still offered
         if session.curves is not None or waits:
             ranked = [LEARNED, *ranked]
         if session.screening is None and session.calibration is not None:

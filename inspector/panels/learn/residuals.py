@@ -25,9 +25,7 @@ PLACES_NOTE = (
     f"no other is where the model does not hold. {RINGED}"
 )
 NONE = "–"
-NOT_YET = (
-    "Nothing to show yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
-)
+NOT_YET = "Nothing to show yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
 WORST = 8
 
 
@@ -42,9 +40,7 @@ class ResidualsPanel:
             (NONE,),
             hint="joint angles, torques, conditions, place, order; or the work space itself",
         )
-        self.what = gui.add_dropdown(
-            "Show", (NONE,), hint="apparent motion: what joint k alone would have to do"
-        )
+        self.what = gui.add_dropdown("Show", (NONE,), hint="apparent motion: what joint k alone would have to do")
         self._plot = hidden_plot(gui, 0.75, "where it fails")
         self._places = hidden_plot(gui, 1.35, "work space")
         self._state = gui.add_html(elements.note(NOT_YET))
@@ -158,10 +154,7 @@ class ResidualsPanel:
 
     def _show_worst(self, pose_errors: PoseErrors, view: View) -> None:
         length = dict(zip(pose_errors.pose_ids, pose_errors.error_length_mm, strict=True))
-        role = {
-            i: "test" if t else "training"
-            for i, t in zip(pose_errors.pose_ids, pose_errors.is_test, strict=True)
-        }
+        role = {i: "test" if t else "training" for i, t in zip(pose_errors.pose_ids, pose_errors.is_test, strict=True)}
         worst = pose_errors.worst(WORST)
         labels = {pose_id: f"{pose_id} ({role[pose_id]}) · {length[pose_id]:.3f} mm" for pose_id in worst}
         self._ids = {label: pose_id for pose_id, label in labels.items()}

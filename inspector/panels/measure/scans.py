@@ -98,9 +98,7 @@ def pose_table(view: View) -> str:
             row.append("–" if search is None else f"{search.seconds:.2f}")
         rows.append(row)
     return elements.table(
-        ("pose", "corner" if searched else "point", "sigma, 3D", "worst rms", "search, s")[
-            : 5 if searched else 3
-        ],
+        ("pose", "corner" if searched else "point", "sigma, 3D", "worst rms", "search, s")[: 5 if searched else 3],
         rows,
         left=2,
         mark=view.pose,

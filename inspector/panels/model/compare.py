@@ -21,9 +21,7 @@ NOTE = (
 )
 AUTOMATIC = "automatic"
 SHOW_ARM, SHOW_DISTANCE = "Arm and arrows", "Jig over scan"
-NOT_YET = (
-    "Nothing to compare yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
-)
+NOT_YET = "Nothing to compare yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
 
 
 class ComparePanel:
@@ -32,9 +30,7 @@ class ComparePanel:
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
         self._show = gui.add_button_group("In 3D", (SHOW_ARM, SHOW_DISTANCE))
-        self._show.on_click(
-            lambda e: actions.show_view("Distance" if e.target.value == SHOW_DISTANCE else "Arm")
-        )
+        self._show.on_click(lambda e: actions.show_view("Distance" if e.target.value == SHOW_DISTANCE else "Arm"))
         self._figures = gui.add_html(elements.note(NOT_YET))
         self.version = gui.add_dropdown("Model shown", VERSIONS, hint="whose arm and whose errors are shown")
         with gui.add_folder("Arrows to what these predict", expand_by_default=True):

@@ -48,17 +48,13 @@ class FitPanel:
         self._figures = gui.add_html("")
         self._residuals = hidden_plot(gui, 0.62, "error by pose")
         self._parameters = gui.add_html("")
-        self._unlabelled: tuple[Mapping[str, CornerSearch], str] | None = (
-            None  # faces not labelled: of what, why
-        )
+        self._unlabelled: tuple[Mapping[str, CornerSearch], str] | None = None  # faces not labelled: of what, why
         self._drawn: tuple[Calibration, bool, bool] | None = None  # what the bars on show are of
         self._fitted: Calibration | None = None  # what the figures are of
         self._busy = False  # whether a fit runs
         self._fresh = ""  # the residual by which another fit would change nothing
         self.residual.on_update(lambda e: self._enable() if by_page(e) else None)
-        self.calibrate.on_click(
-            lambda _: actions.calibrate(one_of(self.residual.value, RESIDUALS, RESIDUALS[0]))
-        )
+        self.calibrate.on_click(lambda _: actions.calibrate(one_of(self.residual.value, RESIDUALS, RESIDUALS[0])))
 
     def busy(self, busy: bool) -> None:
         """While the fit runs the button is disabled."""

@@ -46,9 +46,7 @@ class RedundancyPanel:
         self._plot = hidden_plot(gui, 0.95, "redundancy")
         self._content = gui.add_html(elements.note("Not computed yet."))
         self.residual.on_update(
-            lambda e: (
-                actions.redundancy(one_of(e.target.value, RESIDUALS, RESIDUALS[0])) if by_page(e) else None
-            )
+            lambda e: actions.redundancy(one_of(e.target.value, RESIDUALS, RESIDUALS[0])) if by_page(e) else None
         )
         self.choice.on_update(lambda e: actions.correlation() if by_page(e) else None)
 
@@ -108,8 +106,7 @@ def redundancy_html(analysis: Redundancy, joints: Mapping[str, int]) -> str:
         for group in analysis.mixed_groups
     ]
     sums = [
-        " ".join(f"{v:+.3g} {parameter_label(n)}" for n, v in relation.items())
-        for relation in analysis.combinations
+        " ".join(f"{v:+.3g} {parameter_label(n)}" for n, v in relation.items()) for relation in analysis.combinations
     ]
     silent = ", ".join(parameter_label(name) for name in analysis.no_influence) or "none"
     useful = len(set(analysis.kept) - set(analysis.no_influence))

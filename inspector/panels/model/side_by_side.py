@@ -29,9 +29,7 @@ class SideBySidePanel:
         self.other = gui.add_dropdown(
             "Beside", (NONE,), hint="another dataset of the folder, or a version of this model"
         )
-        self.against = gui.add_dropdown(
-            "Plotted against", (NONE,), hint="what the errors are plotted against"
-        )
+        self.against = gui.add_dropdown("Plotted against", (NONE,), hint="what the errors are plotted against")
         self._state = gui.add_html("")
         self._plot = hidden_plot(gui, 0.75, "errors side by side")
         self._differences = gui.add_html("")
@@ -61,9 +59,7 @@ class SideBySidePanel:
 
     def update(self, view: View, one: Beside, other: Beside) -> None:
         """Both of them. Raises FitError for arms that cannot be compared."""
-        inputs = {
-            input_title(n, view.session.dataset.robot): n for n in ("order", *one.inputs) if n in other.inputs
-        }
+        inputs = {input_title(n, view.session.dataset.robot): n for n in ("order", *one.inputs) if n in other.inputs}
         options = tuple(inputs) or (NONE,)
         if options != tuple(self.against.options):
             before = str(self.against.value)

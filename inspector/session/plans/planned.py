@@ -50,14 +50,10 @@ def aims_of(session: Session) -> tuple[str, ...]:
 def planned_for(session: Session, aim: str, count: int, payload_kg: float | None) -> Planned:
     """The next poses for the model on show. Raises CalibError where none can be planned for that."""
     if session.calibration is None:
-        raise CalibError(
-            f"dataset {session.dataset.name}: calibrate first, then the next poses can be planned"
-        )
+        raise CalibError(f"dataset {session.dataset.name}: calibrate first, then the next poses can be planned")
     if aim == SPLIT:
         if session.diagnosis is None:
-            raise CalibError(
-                f"dataset {session.dataset.name}: find what is missing first; nothing is open yet"
-            )
+            raise CalibError(f"dataset {session.dataset.name}: find what is missing first; nothing is open yet")
         open_set = open_set_of(session.diagnosis, payload_kg)
         return Planned(plan_poses(open_set.start, count, purpose=open_set), session)
     purpose = purpose_of(aim, payload_kg=None if aim in (CALIBRATION, WATCH) else payload_kg)

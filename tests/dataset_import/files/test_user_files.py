@@ -74,13 +74,9 @@ def test_joints_and_points_of_their_own_go_before_a_table_of_both(tmp_path: Path
 
 
 def test_clouds_are_scans_and_so_are_many_texts_of_three_numbers(tmp_path: Path) -> None:
-    clouds = look_through(
-        written(tmp_path / "a", {f"scans/p{i}.ply": "ply\n" for i in range(3)} | {"j.csv": JOINTS})
-    )
+    clouds = look_through(written(tmp_path / "a", {f"scans/p{i}.ply": "ply\n" for i in range(3)} | {"j.csv": JOINTS}))
     assert sorted(clouds.scans) == ["p0", "p1", "p2"]
-    texts = look_through(
-        written(tmp_path / "b", {f"p{i}.txt": "1 2 3\n4 5 6\n" for i in range(5)} | {"j.csv": JOINTS})
-    )
+    texts = look_through(written(tmp_path / "b", {f"p{i}.txt": "1 2 3\n4 5 6\n" for i in range(5)} | {"j.csv": JOINTS}))
     assert sorted(texts.scans) == [f"p{i}" for i in range(5)]
     single = look_through(written(tmp_path / "c", {"tracker.txt": "1 2 3\n4 5 6\n", "j.csv": JOINTS}))
     assert not single.scans

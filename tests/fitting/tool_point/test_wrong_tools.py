@@ -165,9 +165,7 @@ def test_every_further_fit_has_the_same_tool() -> None:
     whole = effects_named(wrong, ["transmission_error"])
     at_once = calibrate(wrong, effects=whole)
     assert all(version.calibration.model.tool_found == first for version in versions(at_once))
-    pooled, of_right = (
-        cross_validate(d, effects=effects_named(d, ["transmission_error"])) for d in (wrong, dataset)
-    )
+    pooled, of_right = (cross_validate(d, effects=effects_named(d, ["transmission_error"])) for d in (wrong, dataset))
     assert pooled.after.test is not None
     assert of_right.after.test is not None
     assert pooled.after.test.rmse_mm == pytest.approx(of_right.after.test.rmse_mm, rel=5e-3)

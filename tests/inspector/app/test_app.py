@@ -101,9 +101,7 @@ def test_a_single_dataset_opens_too_and_a_wrong_path_is_one_clear_error(folder: 
             pass
 
 
-def test_poses_without_a_point_are_named_on_the_page_and_may_be_selected(
-    folder: Path, tmp_path: Path
-) -> None:
+def test_poses_without_a_point_are_named_on_the_page_and_may_be_selected(folder: Path, tmp_path: Path) -> None:
     shutil.copytree(folder / "points", tmp_path / "points")
     points = pd.read_csv(tmp_path / "points" / "points.csv")
     points.drop(index=[0, 5]).to_csv(tmp_path / "points" / "points.csv", index=False)
@@ -226,9 +224,7 @@ def _points(message: dict[str, object]) -> np.ndarray:
     return np.asarray(message["props"]["points"]).reshape(-1, 3)  # type: ignore[index]
 
 
-def test_the_selected_scan_is_drawn_in_full_and_exact_and_the_others_lightly(
-    app: App, page: WireClient
-) -> None:
+def test_the_selected_scan_is_drawn_in_full_and_exact_and_the_others_lightly(app: App, page: WireClient) -> None:
     from calib.scans.scan import load_scan
 
     path = session(app).dataset.scan_path(0)
@@ -438,9 +434,7 @@ def test_names_from_files_never_become_markup(app: App, page: WireClient) -> Non
     assert not any("<img" in f or "<b>" in f for f in page.figures())
 
 
-def test_a_dataset_that_cannot_be_read_is_told_and_the_old_one_stays(
-    folder: Path, app: App, page: WireClient
-) -> None:
+def test_a_dataset_that_cannot_be_read_is_told_and_the_old_one_stays(folder: Path, app: App, page: WireClient) -> None:
     app._folders["gone"] = folder / "gone"
     app.open("gone")
     page.wait(lambda p: p.notifications)

@@ -184,9 +184,7 @@ def test_dark_mode_turns_the_figures_too(page: Any, app: App) -> None:
     open_tab(page, "Fit")
 
     def ink() -> str:
-        return str(
-            page.locator(".js-plotly-plot .xtick text").first.evaluate("e => getComputedStyle(e).fill")
-        )
+        return str(page.locator(".js-plotly-plot .xtick text").first.evaluate("e => getComputedStyle(e).fill"))
 
     light = ink()
     page.mouse.click(600, 650)

@@ -100,9 +100,7 @@ def test_choices_are_one_datasets(app: App, page: WireClient) -> None:
 
     open_(app, "one")
     with WireClient(app.server.get_port()) as other:
-        assert {label: other.value(label) for label in defaults} == {
-            label: chosen[label] for label in defaults
-        }
+        assert {label: other.value(label) for label in defaults} == {label: chosen[label] for label in defaults}
         assert other.value("Measured") == "distance"
     assert app.state.now.colouring == BY_ERROR
     assert app.state.now.arrows == 3.0

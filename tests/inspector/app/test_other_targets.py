@@ -33,9 +33,7 @@ def test_a_scanned_ball_is_told_of(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_equal_balls_have_their_names_once_all_poses_are_searched(tmp_path: Path) -> None:
-    table = "".join(
-        f'[[targets]]\nname = "{name}"\nshape = "sphere"\ndiameter_mm = 25.0\n' for name in ("jig", "b")
-    )
+    table = "".join(f'[[targets]]\nname = "{name}"\nshape = "sphere"\ndiameter_mm = 25.0\n' for name in ("jig", "b"))
     offsets = {"b": np.array([60.0, 30.0, -60.0])}
     sizes = {"jig": 25.0, "b": 25.0}
     write_ball_dataset(tmp_path / "cell", table, offsets=offsets, diameters_mm=sizes, poses=12, rays=8_000)

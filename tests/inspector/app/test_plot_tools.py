@@ -105,12 +105,7 @@ def test_a_wild_point_does_not_flatten_the_rest_and_can_be_clicked(page: Any, ap
     before = y_range(plot)
     assert max(map(abs, before)) < OFF_MM / 2
     assert "1 beyond, up to" in plot.text_content()
-    edge = (
-        plot.locator(".scatterlayer .trace")
-        .filter(has=page.locator('path[d*="L"]'))
-        .locator("path.point")
-        .last
-    )
+    edge = plot.locator(".scatterlayer .trace").filter(has=page.locator('path[d*="L"]')).locator("path.point").last
     wild = app.state.session.dataset.poses.ids[WILD - 1]
     edge.click(force=True)
     selected(page, app, wild)

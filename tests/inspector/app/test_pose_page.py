@@ -118,9 +118,7 @@ def test_scans_are_fitted_as_full_poses_as_the_command_fits_them(
     assert main(["calibrate", str(folder / "cell"), "--residual", "pose", "--json"]) == 0
     theirs = json.loads(capsys.readouterr().out)
     assert theirs["faces_named"] == ours.faces_named != ""
-    np.testing.assert_allclose(
-        ours.to_frame()["value"], [p["value"] for p in theirs["parameters"]], atol=1e-9
-    )
+    np.testing.assert_allclose(ours.to_frame()["value"], [p["value"] for p in theirs["parameters"]], atol=1e-9)
     for role in ("train", "test"):
         before, after = (theirs["attitudes"][when][role]["rmse_rad"] for when in ("before", "after"))
         assert after < before
@@ -132,12 +130,8 @@ def test_scans_are_fitted_as_full_poses_as_the_command_fits_them(
     page.wait(lambda p: p.downloads, 30.0)
     (content,) = page.downloads.values()
     searches = session(app).searches
-    full = with_corners(
-        load_dataset(folder / "cell"), searches, orientation=True
-    )  # as `corners --orientation` does
-    pd.testing.assert_frame_equal(
-        pd.read_csv(io.BytesIO(content)), pd.read_csv(io.StringIO(corners_csv(full)))
-    )
+    full = with_corners(load_dataset(folder / "cell"), searches, orientation=True)  # as `corners --orientation` does
+    pd.testing.assert_frame_equal(pd.read_csv(io.BytesIO(content)), pd.read_csv(io.StringIO(corners_csv(full))))
 
 
 def test_an_effect_and_the_way_back_keep_the_full_poses(app: App, page: WireClient) -> None:
@@ -262,9 +256,7 @@ def test_poses_that_were_chosen_for_one_dataset_are_not_the_next_ones(folder: Pa
 
 
 def test_points_with_orientations_need_no_names(folder: Path, tmp_path: Path) -> None:
-    made = simulate_dataset(
-        builtin_robot("rb5"), rng=np.random.default_rng(4), poses=20, orientation_sigma_rad=1e-4
-    )
+    made = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(4), poses=20, orientation_sigma_rad=1e-4)
     write_dataset(replace(made.dataset, name="full"), tmp_path / "full")
     with idle_app(tmp_path / "full") as app, WireClient(app.server.get_port()) as page:
         shows(page, "pose can be fitted: points.csv has orientations.")

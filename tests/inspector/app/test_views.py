@@ -102,9 +102,7 @@ def test_a_floor_and_a_bar_of_the_length_that_it_says(app: App) -> None:
             after(app, tab)
             page.wait(lambda p, words=words: words in p.scene[f"{ROOT}/scale/label"]["props"]["text"])  # type: ignore[misc]
             said = page.scene[f"{ROOT}/scale/label"]["props"]["text"]
-            bar = np.asarray(page.scene[f"{ROOT}/scale/bar"]["props"]["points"], dtype=float).reshape(
-                -1, 2, 3
-            )[0]
+            bar = np.asarray(page.scene[f"{ROOT}/scale/bar"]["props"]["points"], dtype=float).reshape(-1, 2, 3)[0]
             assert 1000 * np.linalg.norm(bar[1] - bar[0]) == pytest.approx(float(said.split()[0]), rel=1e-4)
         after(app, "Model/Fit")
         grid = page.scene[f"{ROOT}/floor/grid"]

@@ -44,9 +44,7 @@ def given() -> dict[str, bytes]:
     joints = ["Nr;" + ";".join(f"A{k}" for k in range(1, 7))]
     joints += [f"{i};" + ";".join(f"{v:.6f}".replace(".", ",") for v in row) for i, row in enumerate(q)]
     points = ["id,X,Y,Z"]
-    points += [
-        f"{i}," + ",".join(f"{v:.7f}" for v in row) for i, row in enumerate(1e-3 * dataset.points.xyz_mm)
-    ]
+    points += [f"{i}," + ",".join(f"{v:.7f}" for v in row) for i, row in enumerate(1e-3 * dataset.points.xyz_mm)]
     return {
         "arm.urdf": plain_urdf(chain_of(robot)).encode(),
         "achsen.csv": "\n".join(joints).encode(),
@@ -118,9 +116,7 @@ def test_a_zip_becomes_a_dataset_that_is_open_listed_and_found_again(
     assert app.worker.wait_idle(IDLE_S)
     assert app.state.session.calibration is not None
     assert load_dataset(tmp_path / "data" / "cell 7").name == "cell 7"
-    assert [path.name for path in (tmp_path / "data").iterdir() if not path.name.startswith(".")] == [
-        "cell 7"
-    ]
+    assert [path.name for path in (tmp_path / "data").iterdir() if not path.name.startswith(".")] == ["cell 7"]
     app.close()
     assert [path.name for path in (tmp_path / "data").iterdir()] == ["cell 7"]
     with (
@@ -153,9 +149,7 @@ def test_a_column_is_corrected(app: App, given: dict[str, bytes], tmp_path: Path
         page.set("A3", "joint 3, deg")
         shows(page, "turns the other way than robot.toml says: with")
         page.set("A3", "joint 3, deg, other way round")
-        page.wait(
-            lambda p: "turns the other way than robot.toml says: with" not in plain(p) and open_button(p)
-        )
+        page.wait(lambda p: "turns the other way than robot.toml says: with" not in plain(p) and open_button(p))
         page.set("A2", "joint 1, deg")
         shows(page, "both stand for q1")
         page.set("A2", "joint 2, deg")
@@ -164,9 +158,7 @@ def test_a_column_is_corrected(app: App, given: dict[str, bytes], tmp_path: Path
         page.wait(lambda p: p.value("Dataset") == "log")
 
 
-def test_a_ready_dataset_opens_as_it_is_and_no_name_is_taken_twice(
-    app: App, served: Path, tmp_path: Path
-) -> None:
+def test_a_ready_dataset_opens_as_it_is_and_no_name_is_taken_twice(app: App, served: Path, tmp_path: Path) -> None:
     content = packed({f"cell/{path.name}": path.read_bytes() for path in served.iterdir() if path.is_file()})
     with WireClient(app.server.get_port()) as page:
         for name in ("cell", "cell_2"):
@@ -208,9 +200,7 @@ def test_hostile_names_and_values_stay_text_and_change_nothing(app: App, tmp_pat
         for label in ("Robot", "q1", "Name", OPEN):
             for value in ("../../etc/passwd", 7, None, [], {"a": 1}, True, "x" * 5000):
                 page.send(type="GuiUpdateMessage", uuid=page.find(label), updates={"value": value})
-            page.send(
-                type="GuiUpdateMessage", uuid=page.find(label), updates={"disabled": False, "visible": True}
-            )
+            page.send(type="GuiUpdateMessage", uuid=page.find(label), updates={"disabled": False, "visible": True})
         page.click(OPEN)
         assert app.worker.wait_idle(IDLE_S)
         page.vanish()
@@ -221,9 +211,7 @@ def test_hostile_names_and_values_stay_text_and_change_nothing(app: App, tmp_pat
         time.sleep(0.05)
 
 
-def test_without_a_place_for_data_the_page_says_how_to_start_it(
-    served: Path, given: dict[str, bytes]
-) -> None:
+def test_without_a_place_for_data_the_page_says_how_to_start_it(served: Path, given: dict[str, bytes]) -> None:
     with serving(served, port=0) as app, WireClient(app.server.get_port()) as page:
         send(page, "log.zip", packed(given))  # nothing takes it
         page.click(OWN_DATA)

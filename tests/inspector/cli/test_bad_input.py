@@ -58,10 +58,7 @@ def test_simulate_writes_no_dataset_that_cannot_be_read(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, noise_mm: str
 ) -> None:
     line = refused(capsys, "simulate", tmp_path / "cell", "--robot", "rb5", "--noise-mm", noise_mm)
-    assert (
-        f"--noise-mm {noise_mm.replace('e-9', 'e-09').replace('e9', 'e+09')}: give 0, or 1e-06 to 1000 mm"
-        in line
-    )
+    assert f"--noise-mm {noise_mm.replace('e-9', 'e-09').replace('e9', 'e+09')}: give 0, or 1e-06 to 1000 mm" in line
     assert list(tmp_path.iterdir()) == []
 
 
@@ -111,9 +108,7 @@ def test_no_output_takes_the_place_of_the_datasets_files(
     for path in (cell / name, Path("..") / "cell" / name, link):
         line = refused(capsys, command[0], cell, *command[1:], path)
         assert str(path) in line
-        assert (
-            "is a file of the dataset test, which would be lost; name another" in line or "no report" in line
-        )
+        assert "is a file of the dataset test, which would be lost; name another" in line or "no report" in line
     assert files_of(cell) == files_of(good)
 
 
@@ -151,9 +146,7 @@ def test_a_disk_that_is_full_is_told_with_the_files_name(
     assert f"{out}: cannot be written (No space left on device); name another place" in line
     assert out.read_text() == "as it was"
     below_a_file = out / "deeper" / "robot.toml"
-    assert f"{below_a_file}: cannot be written (Not a dir" in refused(
-        capsys, "calibrate", cell, "--out", below_a_file
-    )
+    assert f"{below_a_file}: cannot be written (Not a dir" in refused(capsys, "calibrate", cell, "--out", below_a_file)
     long = tmp_path / ("x" * 250)
     assert main(["calibrate", str(cell), "--out", str(long)]) == 0  # its temporary name has to be one too
     assert long.is_file()
@@ -194,9 +187,7 @@ def test_a_size_that_no_arm_has_is_told_by_its_key(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "stop", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left on device"), RuntimeError]
-)
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left on device"), RuntimeError])
 @pytest.mark.parametrize("was_there", [False, True])
 def test_a_simulation_that_is_stopped_leaves_nothing(
     tmp_path: Path,
@@ -263,9 +254,7 @@ def test_no_process_is_started_where_there_is_no_scan(
 
 
 @pytest.mark.parametrize("value", ["1e300", "inf", "nan", "0", "-1"])
-def test_a_tolerance_beyond_any_is_refused(
-    capsys: pytest.CaptureFixture[str], cell: Path, value: str
-) -> None:
+def test_a_tolerance_beyond_any_is_refused(capsys: pytest.CaptureFixture[str], cell: Path, value: str) -> None:
     line = refused(capsys, "calibrate", cell, "--tolerance", f"a2={value}")
     assert "tolerance of a2: found" in line
     assert "above 0 and up to 1e+06 is needed" in line

@@ -118,9 +118,7 @@ def test_calibrate_writes_the_robot_that_it_found(
     np.testing.assert_allclose(table, [p["value"] for p in document["parameters"]], rtol=1e-12, atol=1e-15)
 
 
-def test_without_a_prior_unknowable_sigmas_are_null(
-    capsys: pytest.CaptureFixture[str], points_folder: Path
-) -> None:
+def test_without_a_prior_unknowable_sigmas_are_null(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
     document = run_json(capsys, "calibrate", points_folder, "--no-prior")
     sigma = {p["name"]: p["sigma"] for p in document["parameters"]}
     assert sigma["d1"] is None
@@ -128,9 +126,7 @@ def test_without_a_prior_unknowable_sigmas_are_null(
 
 
 @pytest.mark.slow
-def test_tolerances_holds_and_robust_fits_by_command(
-    capsys: pytest.CaptureFixture[str], points_folder: Path
-) -> None:
+def test_tolerances_holds_and_robust_fits_by_command(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
     document = run_json(
         capsys,
         "calibrate",
@@ -197,9 +193,7 @@ def test_a_pose_that_is_left_out_counts_for_nothing_and_is_told(
     assert source["left_out"] == [pose]
     assert pose not in source["training_poses"]
     assert f"without {pose}" in load_model(model).summary()
-    with_all, without = (
-        run_json(capsys, "redundancy", points_folder, *more)["pearson"] for more in ((), asked)
-    )
+    with_all, without = (run_json(capsys, "redundancy", points_folder, *more)["pearson"] for more in ((), asked))
     assert with_all != without
     checked = run_json(capsys, "check", points_folder, *asked)["calibration"]
     for document in (ours, checked, run_json(capsys, "redundancy", points_folder, *asked)):
@@ -209,9 +203,7 @@ def test_a_pose_that_is_left_out_counts_for_nothing_and_is_told(
         message = refused(capsys, command, points_folder, "--leave-out", f"{pose}0")
         assert f"no pose named '{pose}0'; the nearest of " in message
         assert repr(pose) in message
-    assert "no pose named 'nix'; the first of " in refused(
-        capsys, "calibrate", points_folder, "--leave-out", "nix"
-    )
+    assert "no pose named 'nix'; the first of " in refused(capsys, "calibrate", points_folder, "--leave-out", "nix")
 
 
 @pytest.mark.slow
@@ -322,9 +314,7 @@ def test_corners_has_the_promised_keys_and_finds_the_truth(
     # What was written is a points.csv that a dataset reads.
     shutil.copy(out, own_scans / "points.csv")
     text = (own_scans / "dataset.toml").read_text()
-    (own_scans / "dataset.toml").write_text(
-        text.replace('scans = "scans"', 'scans = "scans"\npoints = "points.csv"')
-    )
+    (own_scans / "dataset.toml").write_text(text.replace('scans = "scans"', 'scans = "scans"\npoints = "points.csv"'))
     points = load_dataset(own_scans).points
     assert points is not None
     np.testing.assert_allclose(points.xyz_mm, [c["xyz_mm"] for c in document["corners"]])
@@ -380,9 +370,7 @@ def test_a_scan_file_that_cannot_be_read_is_a_failed_search_beside_others_and_ba
 
 
 @pytest.mark.slow
-def test_an_unreadable_scan_costs_its_own_pose_and_no_other(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_an_unreadable_scan_costs_its_own_pose_and_no_other(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     cell = write_tiny(tmp_path) / "cell"
     lost = load_dataset(cell).poses.scan_names[7]
     (cell / "scans" / lost).write_bytes(b"")
@@ -452,9 +440,7 @@ def test_check_passes_or_says_why_not(capsys: pytest.CaptureFixture[str], points
 
 
 @pytest.mark.parametrize("command", ["corners", "redundancy", "calibrate", "check", "serve"])
-def test_a_folder_that_is_none_is_one_line(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, command: str
-) -> None:
+def test_a_folder_that_is_none_is_one_line(capsys: pytest.CaptureFixture[str], tmp_path: Path, command: str) -> None:
     missing = tmp_path / "nowhere"
     assert main([command, str(missing)]) == 2
     captured = capsys.readouterr()
@@ -474,9 +460,7 @@ def test_too_few_poses_and_an_unwritable_place(
     assert str(tmp_path / "file") in line
 
 
-def test_warnings_go_to_stderr_and_leave_json_alone(
-    capsys: pytest.CaptureFixture[str], own_points: Path
-) -> None:
+def test_warnings_go_to_stderr_and_leave_json_alone(capsys: pytest.CaptureFixture[str], own_points: Path) -> None:
     for name in (f"q{k + 1}_deg" for k in range(6)):
         change(own_points / "poses.csv", **{name: lambda frame, name=name: np.radians(frame[name])})
     main(["redundancy", str(own_points), "--json"])
@@ -486,9 +470,7 @@ def test_warnings_go_to_stderr_and_leave_json_alone(
 
 
 @pytest.mark.slow
-def test_a_reversed_joint_does_not_crash(
-    capsys: pytest.CaptureFixture[str], own_points: Path, tmp_path: Path
-) -> None:
+def test_a_reversed_joint_does_not_crash(capsys: pytest.CaptureFixture[str], own_points: Path, tmp_path: Path) -> None:
     """A wrong sign in the table is a common mistake: the answer is a bad error or a refusal, never a traceback."""
     change(own_points / "poses.csv", q2_deg=lambda frame: -frame["q2_deg"])
     out = tmp_path / "robot.toml"
@@ -525,9 +507,7 @@ def test_as_a_program_and_as_a_module(points_folder: Path, tmp_path: Path) -> No
         (["simulate", "x", "--robot", "rb5", "--poses", "many"], "many"),
     ],
 )
-def test_wrong_usage_is_one_line_too(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
-) -> None:
+def test_wrong_usage_is_one_line_too(capsys: pytest.CaptureFixture[str], arguments: list[str], says: str) -> None:
     with pytest.raises(SystemExit) as stopped:
         main(arguments)
     assert stopped.value.code == 2
@@ -594,9 +574,7 @@ def test_calibrate_with_the_effect_is_the_diagnosis_step(
 
 
 @pytest.mark.slow
-def test_check_tells_what_is_missing_and_still_passes(
-    capsys: pytest.CaptureFixture[str], hidden_folder: Path
-) -> None:
+def test_check_tells_what_is_missing_and_still_passes(capsys: pytest.CaptureFixture[str], hidden_folder: Path) -> None:
     document = run_json(capsys, "check", hidden_folder)
     assert document["diagnosis"]["missing"] == ["transmission_error"]
     assert main(["check", str(hidden_folder)]) == 0
@@ -655,9 +633,7 @@ def test_validate_and_correct_take_the_options_of_a_fit(
 ) -> None:
     plain = run_json(capsys, "validate", points_folder)
     held = run_json(capsys, "validate", points_folder, "--hold", "a2", "--tolerance", "d5=0.5")
-    assert (
-        held["held_out"]["rmse_mm"] > 1.2 * plain["held_out"]["rmse_mm"]
-    )  # a2 is off, and now it has to stay
+    assert held["held_out"]["rmse_mm"] > 1.2 * plain["held_out"]["rmse_mm"]  # a2 is off, and now it has to stay
     out = tmp_path / "corrected.csv"
     targets = ["--joints", points_folder / "poses.csv", "--out", out]
     written = []
@@ -708,8 +684,7 @@ def test_an_effects_file_is_used_and_a_bad_one_is_one_line(
 
 def test_help_loads_nothing_that_it_does_not_show() -> None:
     program = (
-        "import sys\nfrom inspector.cli.parser import main\n"
-        "try: main(['--help'])\nfinally: print(list(sys.modules))"
+        "import sys\nfrom inspector.cli.parser import main\ntry: main(['--help'])\nfinally: print(list(sys.modules))"
     )
     said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False).stdout
     loaded = said[said.rindex("[") :]

@@ -25,9 +25,7 @@ COMMANDS = (
 )  # fmt: skip
 
 
-def few_joints(
-    joints: int, kind: str, *, poses: int = 20, noise_mm: float = 0.05, declared: bool = True
-) -> Dataset:
+def few_joints(joints: int, kind: str, *, poses: int = 20, noise_mm: float = 0.05, declared: bool = True) -> Dataset:
     """An arm of so few joints: its target off every axis, on the last axis, or carried along a slide."""
     links = tuple(
         Joint(

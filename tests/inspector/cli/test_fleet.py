@@ -50,9 +50,7 @@ def test_table_page_and_json(folder: Path, tmp_path: Path, capsys: pytest.Captur
     assert document["page"].endswith("cells.html")
     assert HOSTILE not in page
     assert "<script" not in page
-    assert not re.search(
-        r'(src|href)="(?!\.\./fleet/)', page
-    )  # nothing from outside, links to the datasets alone
+    assert not re.search(r'(src|href)="(?!\.\./fleet/)', page)  # nothing from outside, links to the datasets alone
     assert 'href="../fleet/sub%20dir/b/"' in page
     assert "robot.toml" in page  # why `broken` has no result
     before = out.read_bytes()

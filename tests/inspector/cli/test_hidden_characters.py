@@ -80,9 +80,7 @@ def test_files_that_are_written_show_it_too(cell: Path, tmp_path: Path) -> None:
         ("arm.yaml", UR_YAML.replace("shoulder:", "shoulder\u202e:")),
     ],
 )  # fmt: skip
-def test_robots_have_no_such_names(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, text: str
-) -> None:
+def test_robots_have_no_such_names(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, text: str) -> None:
     (tmp_path / name).write_text(text, encoding="utf-8")
     assert main(["convert", str(tmp_path / name), str(tmp_path / "out.toml")]) == 2
     seen(capsys.readouterr().err)

@@ -72,9 +72,7 @@ def test_validate_tells_the_errors_of_the_model_as_it_is(
 
 
 @pytest.mark.slow
-def test_correct_gives_the_same_targets_and_needs_no_measurements(
-    folder: Path, model: Path, tmp_path: Path
-) -> None:
+def test_correct_gives_the_same_targets_and_needs_no_measurements(folder: Path, model: Path, tmp_path: Path) -> None:
     targets = tmp_path / "targets.csv"
     pd.read_csv(folder / "poses.csv").head(6).to_csv(targets, index=False)
     by_fit, by_model = tmp_path / "fit.csv", tmp_path / "model.csv"
@@ -90,9 +88,7 @@ def test_targets_lack_what_the_model_depends_on(
     model, targets = tmp_path / "m.json", tmp_path / "targets.csv"
     assert main(["calibrate", str(folder), "--effect", "thermal_growth", "--model-out", str(model)]) == 0
     pd.read_csv(folder / "poses.csv").drop(columns="temperature_c").to_csv(targets, index=False)
-    line = refused(
-        capsys, "correct", folder, "--model", model, "--joints", targets, "--out", tmp_path / "c.csv"
-    )
+    line = refused(capsys, "correct", folder, "--model", model, "--joints", targets, "--out", tmp_path / "c.csv")
     assert "missing column temperature_c" in line
     assert not (tmp_path / "c.csv").exists()
 
@@ -125,9 +121,7 @@ def test_a_damaged_model_is_one_line(
     ):
         damaged.write_text(content)
         assert says in refused(capsys, "validate", folder, "--model", damaged)
-        line = refused(
-            capsys, "correct", folder, "--model", damaged, "--joints", folder / "poses.csv", "--out", out
-        )
+        line = refused(capsys, "correct", folder, "--model", damaged, "--joints", folder / "poses.csv", "--out", out)
         assert line.startswith(f"inspector: {damaged}: ")
     assert "no such model file" in refused(capsys, "validate", folder, "--model", tmp_path / "none.json")
     assert not out.exists()
@@ -183,9 +177,7 @@ def test_compare_names_the_one_change_between_two_measurements(
     assert document["differs"]
     assert [change["parameter"] for change in document["changes"]] == ["theta3"]
     assert document["changes"][0]["size"] == pytest.approx(np.radians(0.03), abs=np.radians(0.006))
-    assert (
-        document["errors"][1]["after"]["test"]["rmse_mm"] < document["errors"][1]["before"]["test"]["rmse_mm"]
-    )
+    assert document["errors"][1]["after"]["test"]["rmse_mm"] < document["errors"][1]["before"]["test"]["rmse_mm"]
     assert main(["compare", folders[0], str(tmp_path / "nowhere")]) == 2
     assert "nowhere" in capsys.readouterr().err
 
@@ -195,11 +187,7 @@ def test_a_printed_table_shows_no_rounding_error_for_what_stayed(
 ) -> None:
     capsys.readouterr()
     assert main(["calibrate", str(folder)]) == 0
-    rows = [
-        line.split()
-        for line in capsys.readouterr().out.splitlines()
-        if line.split()[-1:] in (["yes"], ["no"])
-    ]
+    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.split()[-1:] in (["yes"], ["no"])]
     told = {row[0]: row for row in rows}
     exact = {p["name"]: p for p in printed(capsys, "calibrate", folder)["parameters"]}
     assert set(told) == set(exact)

@@ -18,17 +18,13 @@ from inspector.cli.parser import main
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cell") / "cell"
-    made = simulate_dataset(
-        builtin_robot("rb5"), rng=np.random.default_rng(4), poses=45, effects=("joint_compliance",)
-    )
+    made = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(4), poses=45, effects=("joint_compliance",))
     write_dataset(made.dataset, folder)
     return folder
 
 
 @pytest.mark.slow
-def test_the_next_poses_of_a_dataset(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_next_poses_of_a_dataset(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "next.csv"
     arguments = ["plan", str(folder), "--add", "3", "--out", str(out), "--effect", "joint_compliance"]
     assert main([*arguments, "--json"]) == 0
@@ -113,9 +109,7 @@ def test_a_place_is_three_or_six_numbers(place: str, capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.slow
-def test_check_poses_for_a_calibration_and_for_nothing_else(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_poses_for_a_calibration_and_for_nothing_else(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plan", "rb5", "--for", "watch"]) == 2
     assert "against a calibration" in capsys.readouterr().err
     checks = folder.parent / "checks.csv"

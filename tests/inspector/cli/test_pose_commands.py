@@ -22,9 +22,7 @@ COARSE = ScanModel(points=6000, window_mm=80.0)
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Scans of eleven poses, too few for further processes; enough to place the scanner and to name the faces."""
     folder = tmp_path_factory.mktemp("scans")
-    made = simulate_dataset(
-        builtin_robot("rb5"), rng=np.random.default_rng(2), poses=11, scans=True, scan_model=COARSE
-    )
+    made = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(2), poses=11, scans=True, scan_model=COARSE)
     write_simulation(made, folder)
     return folder
 

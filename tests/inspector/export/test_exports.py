@@ -68,9 +68,7 @@ def fitted(dataset: Dataset) -> Calibration:
 # ---- tables ---------------------------------------------------------------------------------------------------------
 
 
-def test_residuals_have_a_row_a_pose_and_give_the_figures_of_the_fit(
-    dataset: Dataset, fitted: Calibration
-) -> None:
+def test_residuals_have_a_row_a_pose_and_give_the_figures_of_the_fit(dataset: Dataset, fitted: Calibration) -> None:
     table = pd.read_csv(io.StringIO(exports.residuals_csv(fitted)))
     assert table["pose"].tolist() == list(dataset.poses.ids)
     assert table["role"].tolist() == dataset.poses.role.tolist()
@@ -162,9 +160,7 @@ def test_a_png_is_the_image() -> None:
     assert exports.over(image, (1, 2, 3)) is image
 
 
-def test_the_scene_is_in_metres_y_up_and_shows_where_the_model_predicts(
-    dataset: Dataset, fitted: Calibration
-) -> None:
+def test_the_scene_is_in_metres_y_up_and_shows_where_the_model_predicts(dataset: Dataset, fitted: Calibration) -> None:
     scene = trimesh.load(io.BytesIO(scene_glb(fitted, 3, 100.0)), file_type="glb")
     roles = ("reference", "test", "train")
     assert {"arm revolute", "arm link", "arm tool", PREDICTED, "residuals x 100"} | {
@@ -273,9 +269,7 @@ def taken(page: WireClient, what: str) -> bytes:
     return content
 
 
-def test_the_page_gives_what_the_commands_give(
-    app: App, fitted: Calibration, dataset: Dataset, tmp_path: Path
-) -> None:
+def test_the_page_gives_what_the_commands_give(app: App, fitted: Calibration, dataset: Dataset, tmp_path: Path) -> None:
     with WireClient(app.server.get_port()) as page:
         assert taken(page, "Residuals (CSV)").decode() == exports.residuals_csv(fitted)
         assert taken(page, "Measured points (CSV)").decode() == exports.corners_csv(dataset)
@@ -304,9 +298,7 @@ def test_it_goes_to_the_page_that_asked_alone(app: App) -> None:
         assert list(one.downloads) == ["img_src_x_onerror_window_pwned_1_b_p2_b_redundancy.csv"]
 
 
-def test_a_page_that_leaves_or_sends_no_picture_does_no_harm(
-    app: App, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_page_that_leaves_or_sends_no_picture_does_no_harm(app: App, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("inspector.app.controllers.downloads.RENDER_S", 0.5)
     with WireClient(app.server.get_port()) as page:
         page.click(SCREENSHOT)  # this client draws nothing
@@ -356,9 +348,7 @@ def test_a_session_from_the_page_opens_in_the_same_state(app: App, folder: Path,
             assert HIDDEN in page.text()
 
 
-def test_a_session_of_a_dataset_that_changed_says_so_on_the_page(
-    app: App, folder: Path, tmp_path: Path
-) -> None:
+def test_a_session_of_a_dataset_that_changed_says_so_on_the_page(app: App, folder: Path, tmp_path: Path) -> None:
     there = tmp_path / "cell"
     path = tmp_path / "session.json"
     with WireClient(app.server.get_port()) as page:

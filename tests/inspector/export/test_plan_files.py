@@ -33,9 +33,7 @@ def test_a_ros_trajectory_is_slow_and_stands_at_each_pose(plan: Plan) -> None:
     robot = plan.start.dataset.robot
     assert read["joint_names"] == [joint.name for joint in robot.joints]
     at = np.array([point["positions"] for point in read["points"]])
-    seconds = np.array(
-        [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in read["points"]]
-    )
+    seconds = np.array([p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in read["points"]])
     np.testing.assert_allclose(at[::2], plan.poses.q, atol=1e-9)
     np.testing.assert_array_equal(at[::2], at[1::2])
     np.testing.assert_allclose(seconds[1::2] - seconds[::2], STANDS_S)
@@ -48,9 +46,7 @@ def test_a_ros_trajectory_is_slow_and_stands_at_each_pose(plan: Plan) -> None:
 def test_a_urscript_holds_the_planned_joints_in_order(plan: Plan) -> None:
     rows = re.findall(r"^(p\d+) = \[([^\]]*)\]", planned_file(Path("poses.script"), plan), flags=re.MULTILINE)
     assert [name for name, _ in rows] == list(plan.poses.ids)
-    np.testing.assert_allclose(
-        [[float(v) for v in row.split(",")] for _, row in rows], plan.poses.q, atol=1e-9
-    )
+    np.testing.assert_allclose([[float(v) for v in row.split(",")] for _, row in rows], plan.poses.q, atol=1e-9)
 
 
 def test_a_pose_that_is_approached_from_a_side_is_come_to_from_there(plan: Plan) -> None:
@@ -64,9 +60,7 @@ def test_a_pose_that_is_approached_from_a_side_is_come_to_from_there(plan: Plan)
 
 
 def test_forms_that_do_not_fit_are_refused(plan: Plan) -> None:
-    with pytest.raises(
-        CalibError, match=re.escape("poses.txt: a plan is written as .csv (poses.csv), .script")
-    ):
+    with pytest.raises(CalibError, match=re.escape("poses.txt: a plan is written as .csv (poses.csv), .script")):
         planned_file(Path("poses.txt"), plan)
     with pytest.raises(CalibError, match="holds six turning joints, this arm has 7"):
         planned_file(Path("poses.script"), planned("panda"))

@@ -114,9 +114,7 @@ def test_pose_residuals_colour_by_role_and_outline_the_selected_pose() -> None:
 
 def test_a_hostile_pose_name_stays_text() -> None:
     name = '<a href="http://evil.example">p1</a>'
-    drawn = residual_against(
-        [1], [1], [name], [False], x_title=name, y_title=name, band=(0, 1), selected=name
-    )
+    drawn = residual_against([1], [1], [name], [False], x_title=name, y_title=name, band=(0, 1), selected=name)
     assert "<a" not in drawn.to_json()
     assert _ringed(drawn) == [(1.0, 1.0)]
     assert "<a" not in place_views([[1, 2, 3]], [1], [name], [False], title=name).to_json()
@@ -168,9 +166,7 @@ def test_every_value_of_every_figure_is_one_that_plotly_knows_and_every_axis_has
         checked = go.Figure(fig.to_plotly_json())  # raises on what plotly does not know
         assert len(checked.data) == len(fig.data)
     for fig in _figures(False)[4:6]:
-        titles = [
-            axis["title"]["text"] for key, axis in fig.to_plotly_json()["layout"].items() if "axis" in key
-        ]
+        titles = [axis["title"]["text"] for key, axis in fig.to_plotly_json()["layout"].items() if "axis" in key]
         assert all("mm" in title or "°" in title for title in titles)
 
 
@@ -207,9 +203,7 @@ def test_selection_moves_a_ring_and_nothing_else() -> None:
 
 def test_the_work_space_is_seen_from_above_and_from_the_side_with_one_scale_in_mm() -> None:
     fig = _place()
-    above, side = (
-        next(t for t in fig.data if t.name == "training" and t.yaxis == axis) for axis in ("y", "y2")
-    )
+    above, side = (next(t for t in fig.data if t.name == "training" and t.yaxis == axis) for axis in ("y", "y2"))
     assert (list(above.x), list(above.y)) == ([0.0, 600.0, 900.0], [100.0, 700.0, 1000.0])
     assert (list(side.x), list(side.y)) == ([0.0, 600.0, 900.0], [200.0, 800.0, 1100.0])
     coloured = [t for t in fig.data if t.customdata is not None]

@@ -73,11 +73,7 @@ def test_an_axis_of_powers_is_even_in_them() -> None:
 def test_bars_and_cells_carry_their_values() -> None:
     drawn = pose_residuals(["p1", "p2"], ["train", "test"], [0.2, 0.1])
     bars = parsed(svg_of(drawn, WIDTH, HEIGHT, name="f", title="t"))
-    told = {
-        r.findtext("title"): float(r.get("height") or 0)
-        for r in bars.iter("rect")
-        if r.find("title") is not None
-    }
+    told = {r.findtext("title"): float(r.get("height") or 0) for r in bars.iter("rect") if r.find("title") is not None}
     assert set(told) == {"pose p1 (training)\nresidual 0.2000 mm", "pose p2 (test)\nresidual 0.1000 mm"}
     assert told["pose p1 (training)\nresidual 0.2000 mm"] == pytest.approx(
         2.0 * told["pose p2 (test)\nresidual 0.1000 mm"], abs=0.3

@@ -98,11 +98,7 @@ def test_sentences_link_the_poses_and_joints_that_they_are_about(
 def test_every_kind_of_sentence_with_poses_links_them() -> None:
     """A new kind whose field `poses` or `outlier_poses` holds ids has to be told to `known_links`."""
     for kind in (*get_args(sentences.Reason), *get_args(conclusions.AdviceSentence)):
-        held = [
-            f
-            for f in fields(kind)
-            if is_dataclass(kind) and f.type == "tuple[str, ...]" and "poses" in f.name
-        ]
+        held = [f for f in fields(kind) if is_dataclass(kind) and f.type == "tuple[str, ...]" and "poses" in f.name]
         if held:
             values = {f.name: ("p9",) if f in held else _any_value(f.name) for f in fields(kind)}
             assert "p9" in known_links(kind(**values)), kind

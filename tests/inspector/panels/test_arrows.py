@@ -54,9 +54,7 @@ def arrow_lengths_mm(page: WireClient) -> np.ndarray:
     return np.linalg.norm(drawn[:, 1] - drawn[:, 0], axis=1)
 
 
-def test_another_model_is_shown_with_its_own_arrows_and_those_that_were_ticked(
-    app: App, page: WireClient
-) -> None:
+def test_another_model_is_shown_with_its_own_arrows_and_those_that_were_ticked(app: App, page: WireClient) -> None:
     def colours() -> set[tuple[int, ...]]:
         return {tuple(c) for c in array(page, "colors").reshape(-1, 3).tolist()}
 

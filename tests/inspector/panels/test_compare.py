@@ -126,9 +126,7 @@ def test_arrows_and_predicted_points_of_each_ticked_version(app: App, page: Wire
     page.set(NOMINAL, True)
     page.wait(lambda p: f"{ROOT}/predicted/1" in p.scene)
     page.set("Residuals ×", "30")
-    page.wait(
-        lambda p: "residuals × 30, longest: nominal" in p.scene[f"{ROOT}/residuals/label"]["props"]["text"]
-    )
+    page.wait(lambda p: "residuals × 30, longest: nominal" in p.scene[f"{ROOT}/residuals/label"]["props"]["text"])
     page.wait(lambda p: "drawn 30 times farther" in plain(p))
     measured = app.state.now.session.dataset.points
     assert measured is not None
@@ -172,19 +170,13 @@ def test_the_selected_point_has_a_halo_and_the_scene_selects(app: App, page: Wir
     assert points is not None
     expected = points.xyz_mm[points.pose == 3].mean(axis=0)
     page.wait(
-        lambda p: np.allclose(
-            1000 * np.asarray(p.scene[f"{ROOT}/corners/halo"]["position"]), expected, atol=1e-3
-        )
+        lambda p: np.allclose(1000 * np.asarray(p.scene[f"{ROOT}/corners/halo"]["position"]), expected, atol=1e-3)
     )
     batches = [page.scene[f"{ROOT}/{name}"] for name in ("arm/cylinders", "corners/dots")]
     app.select(0)
     assert app.worker.wait_idle(IDLE_S)
     first = points.xyz_mm[points.pose == 0].mean(axis=0)
-    page.wait(
-        lambda p: np.allclose(
-            1000 * np.asarray(p.scene[f"{ROOT}/corners/halo"]["position"]), first, atol=1e-3
-        )
-    )
+    page.wait(lambda p: np.allclose(1000 * np.asarray(p.scene[f"{ROOT}/corners/halo"]["position"]), first, atol=1e-3))
     assert page.scene[f"{ROOT}/arm/cylinders"] is batches[0]  # moved, not added anew
     assert page.scene[f"{ROOT}/corners/dots"] is batches[1]
 

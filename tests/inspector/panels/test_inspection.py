@@ -177,9 +177,7 @@ def test_distances_are_a_view_of_the_corner_tab(app: App, page: WireClient) -> N
 def test_the_corner_says_what_its_sigma_comes_from(app: App, page: WireClient) -> None:
     corner = search(app, 0).corner
     assert corner is not None
-    shows(
-        page, f"{corner.quality.margin_mm:.2f} mm", f"{corner.quality.amplification:.1f} times less certain"
-    )
+    shows(page, f"{corner.quality.margin_mm:.2f} mm", f"{corner.quality.amplification:.1f} times less certain")
 
 
 def test_the_list_of_points_without_scans_has_no_columns_of_faces(app: App) -> None:

@@ -48,8 +48,7 @@ def session(app: App) -> Session:
 
 def curves_drawn(page: WireClient) -> bool:
     return any(
-        CURVE in (m["props"].get("_plotly_json_str") or "") and m["props"].get("visible")
-        for m in page.gui.values()
+        CURVE in (m["props"].get("_plotly_json_str") or "") and m["props"].get("visible") for m in page.gui.values()
     )
 
 

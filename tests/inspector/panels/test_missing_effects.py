@@ -284,9 +284,7 @@ def test_what_is_left_is_judged_after_each_change_without_find(app: App, page: W
     shows(page, "What is left: a pattern against")
 
 
-def test_the_ranking_names_gains_parameters_and_what_tells_it_from_the_nearest(
-    app: App, page: WireClient
-) -> None:
+def test_the_ranking_names_gains_parameters_and_what_tells_it_from_the_nearest(app: App, page: WireClient) -> None:
     screening, result = session(app).screening, session(app).calibration
     assert screening is not None
     assert result is not None
@@ -361,9 +359,7 @@ def test_the_residual_is_drawn_against_what_is_chosen_test_poses_apart(app: App,
     assert len(page.props("Against")["options"]) == len(pose_errors.inputs) + 1
     page.set("Against", "temperature, °C")
     page.set("Show", "apparent motion of joint 3, millidegrees")
-    page.wait(
-        lambda p: left_plot(p)["titles"] == ("temperature, °C", "apparent motion of joint 3, millidegrees")
-    )
+    page.wait(lambda p: left_plot(p)["titles"] == ("temperature, °C", "apparent motion of joint 3, millidegrees"))
     degrees = 1000 * 180 / 3.141592653589793
     for name, rows in (("training", ~pose_errors.is_test), ("test", pose_errors.is_test)):
         drawn = left_plot(page)[name]
@@ -380,9 +376,7 @@ def test_the_work_space_is_a_choice_and_follows_the_selection(app: App, page: Wi
     page.wait(lambda p: any("error length" in t.get("hovertemplate", "") for t in visible_places(p)))
     above = next(t for t in visible_places(page) if t["name"] == "test" and t["yaxis"] == "y")
     assert above["x"] == pytest.approx(pose_errors.place_mm[pose_errors.is_test, 0].tolist())
-    assert above["marker"]["color"] == pytest.approx(
-        pose_errors.error_length_mm[pose_errors.is_test].tolist()
-    )
+    assert above["marker"]["color"] == pytest.approx(pose_errors.error_length_mm[pose_errors.is_test].tolist())
     page.trigger("Next pose")
     page.wait(
         lambda p: (
@@ -409,9 +403,7 @@ def test_a_pose_chosen_among_the_worst_is_selected_everywhere(app: App, page: Wi
     page.wait(lambda p: ring(p)[1] < pose_errors.error_length_mm.max())
 
 
-def test_arrows_go_from_measured_to_predicted_and_say_how_far_they_exaggerate(
-    app: App, page: WireClient
-) -> None:
+def test_arrows_go_from_measured_to_predicted_and_say_how_far_they_exaggerate(app: App, page: WireClient) -> None:
     result = session(app).calibration
     assert result is not None
     assert result.dataset.points is not None

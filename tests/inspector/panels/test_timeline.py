@@ -25,9 +25,7 @@ def test_the_order_of_times() -> None:
     assert in_time(np.array([3.0, 1.0, 3.0])).tolist() == [1, 0, 2]
 
 
-@pytest.mark.parametrize(
-    ("seconds", "words"), [(5, "0:05"), (125, "2:05"), (3725, "1:02:05"), (59.7, "1:00")]
-)
+@pytest.mark.parametrize(("seconds", "words"), [(5, "0:05"), (125, "2:05"), (3725, "1:02:05"), (59.7, "1:00")])
 def test_a_clock(seconds: float, words: str) -> None:
     assert clock(seconds) == words
 
@@ -36,9 +34,7 @@ def test_a_clock(seconds: float, words: str) -> None:
 def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
     folder: Path = tmp_path_factory.mktemp("timeline")
     dataset = arm(3)
-    write_dataset(
-        replace(dataset, name="timed", poses=replace(dataset.poses, time_s=TIMES_S)), folder / "a timed"
-    )
+    write_dataset(replace(dataset, name="timed", poses=replace(dataset.poses, time_s=TIMES_S)), folder / "a timed")
     write_dataset(replace(dataset, name="plain"), folder / "b plain")
     with idle_app(folder) as running:
         yield running

@@ -37,9 +37,7 @@ def hostile(dataset: Dataset) -> Dataset:
     """The dataset with names that would be markup if they were not escaped."""
     ids = (dataset.poses.ids[0], HOSTILE, BROKEN_OUT, *dataset.poses.ids[3:])
     robot = replace(dataset.robot, name=f"arm {HOSTILE}")
-    return replace(
-        dataset, name=HOSTILE, description=BROKEN_OUT, robot=robot, poses=replace(dataset.poses, ids=ids)
-    )
+    return replace(dataset, name=HOSTILE, description=BROKEN_OUT, robot=robot, poses=replace(dataset.poses, ids=ids))
 
 
 @pytest.fixture(scope="module")
@@ -74,9 +72,7 @@ def test_it_says_what_diagnose_says(folder: Path, written: Path, capsys: pytest.
     found = json.loads(capsys.readouterr().out)
     words = plain(written.read_text())
     for paragraph in found["explanation"].replace("Verdict: ", "").split("\n\n"):
-        assert " ".join(paragraph.split()).replace(" above", " below")[:60] in words.replace(
-            " above", " below"
-        )
+        assert " ".join(paragraph.split()).replace(" above", " below")[:60] in words.replace(" above", " below")
     for step in found["steps"]:
         for key in ("train_rmse_mm", "test_rmse_mm", "sigma_mm"):
             assert millimetres(step[key]) in words
@@ -91,9 +87,7 @@ def test_it_says_what_diagnose_says(folder: Path, written: Path, capsys: pytest.
 
 
 @pytest.mark.slow
-def test_the_parameters_are_those_of_the_fit(
-    folder: Path, written: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_parameters_are_those_of_the_fit(folder: Path, written: Path, capsys: pytest.CaptureFixture[str]) -> None:
     capsys.readouterr()
     assert main(["calibrate", str(folder / "hostile"), "--add", HIDDEN, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -173,9 +167,7 @@ def test_a_model_put_together_by_hand_is_told_as_such(folder: Path) -> None:
     ranked = sessions.with_screening(sessions.with_calibration(measuring.open_session(folder / "hidden")))
     assert ranked.screening is not None
     other = next(c.name for c in ranked.screening.candidates[1:] if c.members)
-    unfinished, finished = (
-        sessions.with_screening(sessions.with_effect(ranked, name)) for name in (other, HIDDEN)
-    )
+    unfinished, finished = (sessions.with_screening(sessions.with_effect(ranked, name)) for name in (other, HIDDEN))
     now = datetime(2026, 3, 4, 5, 6)
     page = plain(report_html(report_of(unfinished), now=now))
     assert f"the model (link errors + {other}) was put together by hand" in page
@@ -250,9 +242,7 @@ PAGE_PX = (695, 1016)  # A4 less the margins of style.css, at 96 px an inch
 
 @pytest.mark.browser
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_in_a_browser_it_follows_the_system_and_shows_values(
-    chromium: Any, written: Path, scheme: str
-) -> None:
+def test_in_a_browser_it_follows_the_system_and_shows_values(chromium: Any, written: Path, scheme: str) -> None:
     context = chromium.new_context(viewport={"width": 1280, "height": 800}, color_scheme=scheme)
     page = context.new_page()
     problems: list[str] = []

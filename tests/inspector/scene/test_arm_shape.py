@@ -77,9 +77,7 @@ def test_joints_lie_along_their_axes_and_solids_join_up(name: str, seed: int) ->
 
 
 def test_the_tip_is_where_every_effect_of_the_arm_predicts_it() -> None:
-    dataset = simulate_dataset(
-        builtin_robot("rb5"), rng=np.random.default_rng(4), poses=20, conditions=True
-    ).dataset
+    dataset = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(4), poses=20, conditions=True).dataset
     rng = np.random.default_rng(5)
     tried = 0
     for family in effects_for(dataset):

@@ -61,17 +61,13 @@ def test_a_request_reaches_what_answers_it(server: InspectorServer, asked: list[
         ({**OWN, "Sec-Fetch-Site": "cross-site"}, "the browser says it is a foreign page"),
     ],
 )
-def test_nobody_else_may_ask(
-    server: InspectorServer, asked: list[str], headers: dict[str, str], why: str
-) -> None:
+def test_nobody_else_may_ask(server: InspectorServer, asked: list[str], headers: dict[str, str], why: str) -> None:
     before = len(asked)
     assert get(server, "/inspector/ask?name=pose&value=p1", headers)[0] == 403, why
     assert len(asked) == before
 
 
-@pytest.mark.parametrize(
-    "query", ["name=open&value=x", "value=x", "", "name=pose&value=" + "x" * (VALUE_LIMIT + 1)]
-)
+@pytest.mark.parametrize("query", ["name=open&value=x", "value=x", "", "name=pose&value=" + "x" * (VALUE_LIMIT + 1)])
 def test_what_nothing_answers_is_refused(server: InspectorServer, asked: list[str], query: str) -> None:
     before = len(asked)
     assert get(server, f"/inspector/ask?{query}", OWN)[0] == 404
@@ -84,9 +80,7 @@ def test_a_preflight_of_a_foreign_page_gets_no_leave(server: InspectorServer) ->
         get(server, "/inspector/ask?name=pose&value=p1", wanted, method="OPTIONS")
 
 
-@pytest.mark.parametrize(
-    "path", ["/", "/index.html", "/inspector/page.js", "/inspector/ask?name=no", "/nothing"]
-)
+@pytest.mark.parametrize("path", ["/", "/index.html", "/inspector/page.js", "/inspector/ask?name=no", "/nothing"])
 def test_no_other_page_shows_this_one_in_a_frame(server: InspectorServer, path: str) -> None:
     connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=10)
     connection.request("GET", path)

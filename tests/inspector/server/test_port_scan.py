@@ -71,9 +71,7 @@ def test_a_port_scan_says_nothing_and_the_page_is_served_on(
         server.stop()
 
 
-def test_rubbish_from_a_page_is_a_line(
-    caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_rubbish_from_a_page_is_a_line(caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]) -> None:
     server = start_server(port=0)
     url = f"ws://127.0.0.1:{server.get_port()}"
     try:

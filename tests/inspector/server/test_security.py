@@ -53,9 +53,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     dataset = load_dataset(write_hidden(below / "plain"))
     count = len(dataset.poses)
     joints = tuple(replace(joint, name=f"{EVIL}{i}") for i, joint in enumerate(dataset.robot.joints))
-    extra = pd.DataFrame(
-        {f"column {EVIL}": [f"{EVIL} {i % 3}" for i in range(count)], f"n {EVIL}": np.arange(count)}
-    )
+    extra = pd.DataFrame({f"column {EVIL}": [f"{EVIL} {i % 3}" for i in range(count)], f"n {EVIL}": np.arange(count)})
     poses = replace(
         dataset.poses,
         ids=tuple(f"{EVIL} {i}" for i in range(count)),
@@ -158,9 +156,7 @@ def written() -> Iterator[list[str]]:
 
 
 @pytest.mark.slow
-def test_the_page_writes_nothing_whatever_is_pressed(
-    app: App, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_page_writes_nothing_whatever_is_pressed(app: App, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(downloads, "RENDER_S", 0.5)  # this page sends no picture
     with written() as paths:
         (folder / "seen").touch()  # the watch itself works
@@ -224,9 +220,7 @@ def test_commands_write_where_they_are_told_and_nowhere_else(folder: Path, tmp_p
 
 @pytest.mark.parametrize("key", ["robot", "poses", "points", "scans"])
 @pytest.mark.parametrize("path", ["../own.py", "/etc/passwd", "a/../../x"])
-def test_a_dataset_names_no_file_outside_its_folder(
-    folder: Path, tmp_path: Path, key: str, path: str
-) -> None:
+def test_a_dataset_names_no_file_outside_its_folder(folder: Path, tmp_path: Path, key: str, path: str) -> None:
     there = tmp_path / "cell"
     write_dataset(load_dataset(folder / "plain" / "hidden"), there)
     text = (there / "dataset.toml").read_text()

@@ -49,9 +49,7 @@ def test_busy_port_is_one_clear_error(server: server_module.InspectorServer) -> 
     assert "\n" not in message
 
 
-@pytest.mark.parametrize(
-    ("host", "port"), [("127.0.0.1", 70000), ("127.0.0.1", -1), ("no-such-host.invalid", 0)]
-)
+@pytest.mark.parametrize(("host", "port"), [("127.0.0.1", 70000), ("127.0.0.1", -1), ("no-such-host.invalid", 0)])
 def test_bad_address_is_one_clear_error(host: str, port: int) -> None:
     with pytest.raises(ServerError) as caught:
         start_server(host, port)
@@ -85,9 +83,7 @@ def test_a_program_without_a_page_is_accepted(server: server_module.InspectorSer
         assert "ReplayDoneMessage" in client.log
 
 
-@pytest.mark.parametrize(
-    "origin", ["http://evil.example", "https://127.0.0.1:1", "null", "file://", "http://["]
-)
+@pytest.mark.parametrize("origin", ["http://evil.example", "https://127.0.0.1:1", "null", "file://", "http://["])
 def test_foreign_page_is_refused(server: server_module.InspectorServer, origin: str) -> None:
     with pytest.raises(InvalidStatus) as caught:
         WireClient(server.get_port(), origin=origin)

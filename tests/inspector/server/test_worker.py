@@ -66,9 +66,7 @@ def test_latest_wins_per_key_whoever_asks(worker: Worker) -> None:
     done: list[tuple[str, int]] = []
     gate = Gate(worker)
     askers = [
-        threading.Thread(
-            target=lambda k=k: [worker.submit(k, lambda i=i: done.append((k, i))) for i in range(100)]
-        )  # type: ignore[misc]
+        threading.Thread(target=lambda k=k: [worker.submit(k, lambda i=i: done.append((k, i))) for i in range(100)])  # type: ignore[misc]
         for k in ("a", "b")
     ]
     for asker in askers:
@@ -232,9 +230,7 @@ def test_stop_drops_what_waits_closes_what_runs_and_ends_the_thread(errors: Erro
     assert (done, list(errors)) == ([], [])
 
 
-@pytest.mark.parametrize(
-    "ending", [SystemExit(3), KeyboardInterrupt(), GeneratorExit("x"), BaseException("y")]
-)
+@pytest.mark.parametrize("ending", [SystemExit(3), KeyboardInterrupt(), GeneratorExit("x"), BaseException("y")])
 def test_work_that_would_end_the_thread_is_an_error_like_others(
     worker: Worker, errors: Errors, ending: BaseException
 ) -> None:

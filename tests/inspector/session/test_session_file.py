@@ -48,9 +48,7 @@ def worked_on(folder: Path) -> Session:
 @pytest.fixture
 def saved(worked_on: Session, tmp_path: Path) -> Path:
     path = tmp_path / "below" / "session.json"
-    save_session(
-        path, worked_on, Shown(pose="p0007", view="All corners", dark=True, arrows=300.0, factor=1000.0)
-    )
+    save_session(path, worked_on, Shown(pose="p0007", view="All corners", dark=True, arrows=300.0, factor=1000.0))
     return path
 
 
@@ -144,9 +142,7 @@ def test_nothing_fitted_yet_is_a_session_too(folder: Path, tmp_path: Path) -> No
     assert (again.calibration, notes) == (None, ())
 
 
-def test_the_folder_is_told_relative_and_found_when_both_move(
-    worked_on: Session, folder: Path, tmp_path: Path
-) -> None:
+def test_the_folder_is_told_relative_and_found_when_both_move(worked_on: Session, folder: Path, tmp_path: Path) -> None:
     place = tmp_path / "a"
     shutil.copytree(folder, place / "data" / "cell")
     moved = replace(worked_on, dataset=replace(worked_on.dataset, folder=place / "data" / "cell"))
@@ -222,9 +218,7 @@ def test_every_file_that_a_fit_reads_counts(folder: Path, tmp_path: Path) -> Non
         whole = now
 
 
-def test_writing_is_whole_or_not_at_all(
-    worked_on: Session, saved: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_writing_is_whole_or_not_at_all(worked_on: Session, saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = saved.read_text()
 
     def fails(*_: object) -> None:

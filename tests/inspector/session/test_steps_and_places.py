@@ -57,8 +57,6 @@ def test_the_commands_name_it_with_joint_and_pose_and_correct_for_the_arm_as_it_
     assert main(asked) == 0
     assert "as it is after the last measured pose (joint_step)" in capsys.readouterr().out
     assert np.degrees(step["value"]) == pytest.approx(-0.23, abs=0.01)
-    assert (
-        float(out.read_text().splitlines()[1].split(",")[4]) > 50.2
-    )  # turned back by the slip; the rest is theta5
+    assert float(out.read_text().splitlines()[1].split(",")[4]) > 50.2  # turned back by the slip; the rest is theta5
     assert main(["calibrate", str(SLIPPED), "--effect", "joint_step"]) == 2
     assert "add it with --add joint_step" in capsys.readouterr().err

@@ -57,9 +57,7 @@ def dataset(folder: Path) -> Dataset:
     return load_dataset(folder)
 
 
-def test_a_file_is_read_once_a_version_and_an_error_keeps_the_last_good(
-    tmp_path: Path, dataset: Dataset
-) -> None:
+def test_a_file_is_read_once_a_version_and_an_error_keeps_the_last_good(tmp_path: Path, dataset: Dataset) -> None:
     own = UserEffects(written(tmp_path / "mine.py"))
     assert own.stale("a", ())
     first = own.families("a", dataset)

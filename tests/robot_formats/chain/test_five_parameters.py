@@ -82,9 +82,7 @@ def test_an_upright_arm_with_square_axes_gets_the_table_that_one_writes_by_hand(
         ((0, 114.9, 0), none, (0, 0, 1)),
         ((0, 0, 115.7), none, (0, 1, 0)),
     ]
-    joints = tuple(
-        ChainJoint(f"J{k}", transform(xyz, rpy), axis) for k, (xyz, rpy, axis) in enumerate(places, 1)
-    )
+    joints = tuple(ChainJoint(f"J{k}", transform(xyz, rpy), axis) for k, (xyz, rpy, axis) in enumerate(places, 1))
     robot = robot_of(SerialChain("UR10", joints, transform((0, 92.2, 0), (0, 0, square))))
     assert robot.base == Base()
     a, alpha, d, theta, beta = robot.table.T

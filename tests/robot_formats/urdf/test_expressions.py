@@ -59,12 +59,8 @@ def value(text: str) -> Any:
     ],
 )
 def test_it_is_what_python_says(text: str) -> None:
-    functions = {
-        name: getattr(made, "call", made) for name, made in PLAIN.items() if name not in ("all", "any", "map")
-    }
-    space = type(
-        "Space", (), {name: staticmethod(made.call) for name, made in MATHS.items() if hasattr(made, "call")}
-    )
+    functions = {name: getattr(made, "call", made) for name, made in PLAIN.items() if name not in ("all", "any", "map")}
+    space = type("Space", (), {name: staticmethod(made.call) for name, made in MATHS.items() if hasattr(made, "call")})
     theirs = eval(text, {**functions, "math": space, "str": str, "map": map, "any": any})
     mine = value(text)
     assert mine == (list(theirs) if isinstance(theirs, tuple) else theirs)

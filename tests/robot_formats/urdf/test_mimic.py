@@ -36,9 +36,7 @@ ARM = urdf_of(
 
 def by_mujoco(q: np.ndarray) -> np.ndarray:
     """(N, 4, 4) the tip, mm, of what is commanded of lift1 (m) and shoulder; the others by the rule of <mimic>."""
-    inertial = (
-        '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
-    )
+    inertial = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
     text = ARM.replace('"/>\n  <link', f'">{inertial}</link>\n  <link')
     spec = mujoco.MjSpec.from_string(text)
     spec.compiler.fusestatic = False
@@ -88,8 +86,7 @@ def test_a_coupled_arm_goes_back_into_its_file(tmp_path: Path) -> None:
     again = read_robot(tmp_path / "again.urdf").robot
     q = np.random.default_rng(1).uniform(-1, 1, (20, 5)) * [300, 300, 1, 1, 1]
     places = [
-        forward(r.table, r.joints_of(q), r.is_revolute, r.base_T_first).base_T_frame[:, -1]
-        for r in (calibrated, again)
+        forward(r.table, r.joints_of(q), r.is_revolute, r.base_T_first).base_T_frame[:, -1] for r in (calibrated, again)
     ]
     assert np.abs(places[0] - places[1]).max() < 1e-9
 

@@ -56,8 +56,7 @@ def test_what_hangs_on_a_base_in_the_middle_of_the_file(tmp_path: Path) -> None:
     whole, part = (read_robot(path, Reading(tip="tool0", base=base)).robot for base in (None, "base_link"))
     q = np.random.default_rng(1).uniform(-1, 1, (5, 5))
     loads = [
-        GravityLoads(r, forward(r.table, q, r.is_revolute, r.base_T_first), None).joint_torques
-        for r in (whole, part)
+        GravityLoads(r, forward(r.table, q, r.is_revolute, r.base_T_first), None).joint_torques for r in (whole, part)
     ]
     assert loads[0] == pytest.approx(loads[1], abs=1e-9)
     assert part.gravity_m_s2 != whole.gravity_m_s2

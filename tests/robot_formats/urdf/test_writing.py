@@ -24,9 +24,7 @@ AB = link("a") + link("b") + link("c")
 
 
 def tips(robot: Robot, seed: int = 0) -> np.ndarray:
-    q = np.random.default_rng(seed).uniform(-2, 2, (20, robot.n_joints)) * np.where(
-        robot.is_revolute, 1.0, 200.0
-    )
+    q = np.random.default_rng(seed).uniform(-2, 2, (20, robot.n_joints)) * np.where(robot.is_revolute, 1.0, 200.0)
     return forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame[:, -1]
 
 
@@ -54,9 +52,7 @@ def test_only_origins_change_and_the_file_reads_as_the_calibrated_arm(template: 
     nominal = read_robot(template, Reading(tip="tool0")).robot
     change = np.random.default_rng(0).normal(0, 1, nominal.table.shape) * [1.0, 0.005, 1.0, 0.005, 0.005]
     calibrated = nominal.with_table(nominal.table + change)
-    out = calibrated_urdf(
-        template, through_toml(calibrated, tmp_path), nominal, comment="calibrated -- today"
-    )
+    out = calibrated_urdf(template, through_toml(calibrated, tmp_path), nominal, comment="calibrated -- today")
     assert out.changed == ("pan", "lift", "elbow", "slide", "roll", "tool_fixed")
     again = tmp_path / "calibrated.urdf"
     again.write_bytes(out.content)

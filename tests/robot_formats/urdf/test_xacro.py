@@ -136,9 +136,7 @@ def test_a_xacro_without_end_is_given_up(arm: Path, monkeypatch: pytest.MonkeyPa
         read_robot(arm, Reading(xacro=Xacro()))
 
 
-def test_without_leave_or_without_xacrodoc_a_xacro_is_refused(
-    arm: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_leave_or_without_xacrodoc_a_xacro_is_refused(arm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(RobotFileError, match="line 2: found <xacro:include>, a macro that is not expanded"):
         read_robot(arm)
     monkeypatch.setattr(module, "find_spec", lambda name: None)
@@ -184,15 +182,9 @@ HOSTILE = {
     "eval": with_reach("$(eval ().__class__)"),
     "eval that imports": with_reach("$(eval __import__('os').system('touch ran'))"),
     "an escaped expression, which the second run sees": with_reach(f"$${{{RUNS}}}"),
-    "a property that makes an expression": with_reach(
-        "${q}", "<xacro:property name='q' value='$${().__class__}'/>"
-    ),
-    "an argument that makes an expression": with_reach(
-        "${$(arg z)}", "<xacro:arg name='z' default='().__class__'/>"
-    ),
-    "a namespace's insides": with_reach(
-        "${foo.parent.root}", '<xacro:include filename="none.xacro" ns="foo"/>'
-    ),
+    "a property that makes an expression": with_reach("${q}", "<xacro:property name='q' value='$${().__class__}'/>"),
+    "an argument that makes an expression": with_reach("${$(arg z)}", "<xacro:arg name='z' default='().__class__'/>"),
+    "a namespace's insides": with_reach("${foo.parent.root}", '<xacro:include filename="none.xacro" ns="foo"/>'),
     "a global name that is overwritten": with_reach(
         "${xacro.load_yaml('sizes.yaml')}", '<xacro:property name="xacro" value="1"/>'
     ),
@@ -230,9 +222,7 @@ def test_a_xacro_runs_nothing_and_takes_no_machine_for_itself(arm: Path, name: s
 
 
 def test_macros_that_double_are_given_up(arm: Path) -> None:
-    macros = "".join(
-        f'<xacro:macro name="m{k}"><xacro:m{k - 1}/><xacro:m{k - 1}/></xacro:macro>' for k in range(1, 40)
-    )
+    macros = "".join(f'<xacro:macro name="m{k}"><xacro:m{k - 1}/><xacro:m{k - 1}/></xacro:macro>' for k in range(1, 40))
     arm.write_text(f'{HEAD}<xacro:macro name="m0"><link name="x"/></xacro:macro>{macros}<xacro:m39/></robot>')
     with pytest.raises(RobotFileError, match=r"makes more than 100000 elements|not done after"):
         read_robot(arm, Reading(xacro=Xacro()))

@@ -24,9 +24,7 @@ ORDERS = np.arange(1, 13)
 
 def curve_columns(rows: int, rng: np.random.Generator, members: int = 2) -> CurveColumns:
     """Curves over uniform angles; each member moves the residual by a factor of its own a row."""
-    blocks = [
-        rng.normal(size=(rows, 1)) * harmonics(rng.uniform(-2.0, 2.0, rows), ORDERS) for _ in range(members)
-    ]
+    blocks = [rng.normal(size=(rows, 1)) * harmonics(rng.uniform(-2.0, 2.0, rows), ORDERS) for _ in range(members)]
     width = 2 * len(ORDERS)
     return CurveColumns(
         np.concatenate(blocks, axis=1),

@@ -54,9 +54,7 @@ def test_noise_alone_teaches_nothing(robot: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("seed", "cause"), [(2000, "high_harmonic"), (2001, "rough_gear"), (2002, "joint_dent")]
-)
+@pytest.mark.parametrize(("seed", "cause"), [(2000, "high_harmonic"), (2001, "rough_gear"), (2002, "joint_dent")])
 def test_what_one_joint_does_is_learned_nearly_as_well_as_if_it_had_a_name(seed: int, cause: str) -> None:
     """Held out, against the error that the same arm has without the cause."""
     robot = ("rb5", "panda")[seed % 2]

@@ -117,12 +117,8 @@ def test_a_fault_of_one_joint_stays_told_unless_all_joints_say_more(ranked: Sess
     told = advice_text(advice_on(move, ranked.residual_tests, ranked.calibration).sentences)
     assert fault_text(fault) in told  # the curve is of that joint alone
     (member,) = ranked.curves.members
-    both = replace(
-        ranked.curves, members=(member, replace(member, joint=4)), log_evidence=fault.log_evidence + 10.0
-    )
-    told = advice_text(
-        advice_on(replace(move, curves=both), ranked.residual_tests, ranked.calibration).sentences
-    )
+    both = replace(ranked.curves, members=(member, replace(member, joint=4)), log_evidence=fault.log_evidence + 10.0)
+    told = advice_text(advice_on(replace(move, curves=both), ranked.residual_tests, ranked.calibration).sentences)
     assert fault_text(fault) not in told
     assert "more than noise" in told
 

@@ -40,9 +40,7 @@ def test_the_likelihood_is_that_of_dense_matrices() -> None:
         sight = point / np.linalg.norm(point)
         size = 1.2 * np.exp(0.4e-3 * (np.linalg.norm(point) - 1000.0))
         factors.append(size * np.array(axes) @ (np.eye(3) + np.outer(sight, sight)))
-    at = np.cumsum(np.where(np.isinf(residual.moments.gap), 0.0, residual.moments.gap))[
-        residual.moments.of_point
-    ]
+    at = np.cumsum(np.where(np.isinf(residual.moments.gap), 0.0, residual.moments.gap))[residual.moments.of_point]
     in_time = 0.6 * np.eye(count) + 0.4 * np.exp(-np.abs(at[:, None] - at) / 120.0)
     whole = np.zeros((3 * count, 3 * count))
     for i in range(count):

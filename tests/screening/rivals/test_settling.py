@@ -22,16 +22,12 @@ from calib.screening.rivals.settling import (
 POSES = 12
 
 
-def predictions(
-    *, evidence: tuple[float, ...] = (2.0, 1.0, 0.5), far: float = 1.0, seed: int = 0
-) -> Predictions:
+def predictions(*, evidence: tuple[float, ...] = (2.0, 1.0, 0.5), far: float = 1.0, seed: int = 0) -> Predictions:
     """Three rivals with covariances of their own, at poses of which some tell more than others."""
     rng = np.random.default_rng(seed)
     size = far * np.geomspace(0.2, 2.0, POSES)[:, None]
     rivals = [
-        Prediction(
-            f"r{k}", found, size * rng.standard_normal((POSES, 3)), 0.5 * rng.standard_normal((POSES, 3, 4))
-        )
+        Prediction(f"r{k}", found, size * rng.standard_normal((POSES, 3)), 0.5 * rng.standard_normal((POSES, 3, 4)))
         for k, found in enumerate(evidence)
     ]
     return Predictions(tuple(rivals), 0.05, 10_000_000)

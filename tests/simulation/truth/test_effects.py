@@ -217,9 +217,7 @@ def test_missing_conditions_and_masses_are_said(rb5: SimulatedCell) -> None:
 
 def test_a_sliding_joint_has_no_gear_and_carries_no_turn() -> None:
     joints = tuple(
-        Joint(
-            a_mm=200.0, alpha_rad=0.5, d_mm=50.0, type=kind, min=-2.0, max=2.0, gear_ratio=ratio, mass_kg=1.0
-        )
+        Joint(a_mm=200.0, alpha_rad=0.5, d_mm=50.0, type=kind, min=-2.0, max=2.0, gear_ratio=ratio, mass_kg=1.0)
         for kind, ratio in (("revolute", 80.0), ("prismatic", None), ("revolute", 120.0))
     )
     robot = Robot("slide", joints, Tool(a_mm=40.0))
@@ -277,9 +275,7 @@ def test_torques_are_slopes_of_the_potential_energy(arm: str) -> None:
     cell = cell_of(arm, seed=6, poses=8)
     robot, n, gravity = cell.nominal, cell.nominal.n_joints, np.array(cell.nominal.gravity_m_s2)
     rng = np.random.default_rng(0)
-    hose = HosePull(
-        0.2, 100.0, np.array([-400.0, 200.0, 900.0]), rng.uniform(-80, 80, 3), 2, np.full(n, 1e-12)
-    )
+    hose = HosePull(0.2, 100.0, np.array([-400.0, 200.0, 900.0]), rng.uniform(-80, 80, 3), 2, np.full(n, 1e-12))
 
     def energies(q: NDArray) -> NDArray:
         """(2, N) J: of all weights, of the stretched hose."""
@@ -306,9 +302,7 @@ def test_torques_are_slopes_of_the_potential_energy(arm: str) -> None:
 def test_link_bends_as_a_cantilever_does(beam_kg: float, tip_kg: float) -> None:
     """Tip load: slope F L^2 / 2EI, sag F L^3 / 3EI. Own weight: W L^2 / 6EI and W L^3 / 8EI. c = L / EI."""
     length_m, c = 0.5, 2e-6
-    robot = Robot(
-        "beam", (Joint(a_mm=500.0, mass_kg=beam_kg, com_mm=(-250.0, 0, 0)),), Tool(mass_kg=tip_kg or None)
-    )
+    robot = Robot("beam", (Joint(a_mm=500.0, mass_kg=beam_kg, com_mm=(-250.0, 0, 0)),), Tool(mass_kg=tip_kg or None))
     robot = replace(robot, gravity_m_s2=(0.0, -9.81, 0.0))
     truth = Truth.without_effects(robot, np.eye(4)).with_effects(LinkBending(np.array([c])))
     flange = solve_equilibrium(truth, [[0.0]]).base_T_frame[1][0]
@@ -412,9 +406,7 @@ def test_scanner_laws(rb5: SimulatedCell) -> None:
     shift = np.array([0.1, -0.2, 0.3])
     near = np.exp(-0.5 * np.sum((p - p[3]) ** 2, axis=1) / 150.0**2)[:, None]
     ray = p / np.linalg.norm(p, axis=1)[:, None]
-    cos_phi = np.sum(plain[:, :3, 2] * ray, axis=1)[
-        :, None
-    ]  # d_mm < 0: the jig points to -z, the ray comes along z
+    cos_phi = np.sum(plain[:, :3, 2] * ray, axis=1)[:, None]  # d_mm < 0: the jig points to -z, the ray comes along z
     radial = 1e-10 * (x**2 + y**2)
     laws = [
         (ScannerScale(3e-4), 3e-4 * p),

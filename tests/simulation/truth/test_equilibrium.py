@@ -53,9 +53,7 @@ def slider() -> Robot:
     )
 
 
-@pytest.mark.parametrize(
-    "robot", [builtin_robot("rb5"), builtin_robot("panda"), slider()], ids=lambda r: r.name
-)
+@pytest.mark.parametrize("robot", [builtin_robot("rb5"), builtin_robot("panda"), slider()], ids=lambda r: r.name)
 def test_elementary_chain_is_the_multiplied_out_chain(robot: Robot) -> None:
     rng = np.random.default_rng(1)
     robot = crooked(robot, rng)
@@ -68,9 +66,7 @@ def test_elementary_chain_is_the_multiplied_out_chain(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("payload_kg", [0.0, 3.0])
-@pytest.mark.parametrize(
-    "robot", [builtin_robot("rb5"), builtin_robot("panda"), slider()], ids=lambda r: r.name
-)
+@pytest.mark.parametrize("robot", [builtin_robot("rb5"), builtin_robot("panda"), slider()], ids=lambda r: r.name)
 def test_chain_and_gravity_torques_agree_with_mujoco(robot: Robot, payload_kg: float) -> None:
     rng = np.random.default_rng(2)
     robot = crooked(robot, rng)
@@ -81,9 +77,7 @@ def test_chain_and_gravity_torques_agree_with_mujoco(robot: Robot, payload_kg: f
     for k in range(12):
         data = in_mujoco(model, robot, q[k])
         np.testing.assert_allclose(data.site("target").xpos * 1e3, target_mm[k], atol=1e-9)
-        np.testing.assert_allclose(
-            torque[k], -data.qfrc_bias, atol=1e-9
-        )  # at rest the bias is what holds the arm up
+        np.testing.assert_allclose(torque[k], -data.qfrc_bias, atol=1e-9)  # at rest the bias is what holds the arm up
 
 
 def soft(robot: Robot, scale: float = 1.0) -> Truth:
@@ -114,9 +108,7 @@ def test_mujoco_joint_springs_are_at_rest_where_the_arm_settles(arm: str, payloa
         np.testing.assert_allclose(data.qfrc_passive, data.qfrc_bias, atol=1e-8)
 
 
-@pytest.mark.parametrize(
-    "robot", [builtin_robot("rb5"), builtin_robot("panda"), slider()], ids=lambda r: r.name
-)
+@pytest.mark.parametrize("robot", [builtin_robot("rb5"), builtin_robot("panda"), slider()], ids=lambda r: r.name)
 def test_equilibrium_law(robot: Robot) -> None:
     """Deflection = compliance x torque at the deflected pose, and that torque is not the one at the commanded pose."""
     truth = soft(robot, 5.0)
@@ -124,9 +116,7 @@ def test_equilibrium_law(robot: Robot) -> None:
     payload_kg = np.linspace(0.0, 4.0, 10)
     settled = solve_equilibrium(truth, q, Conditions(payload_kg=payload_kg)).q
     compliance = compliance_of(truth)
-    np.testing.assert_allclose(
-        settled - q, compliance * gravity_torques(robot, settled, payload_kg), atol=1e-13
-    )
+    np.testing.assert_allclose(settled - q, compliance * gravity_torques(robot, settled, payload_kg), atol=1e-13)
     assert np.abs(settled - q - compliance * gravity_torques(robot, q, payload_kg)).max() > 1e-7
 
 
@@ -137,9 +127,7 @@ def test_pendulum_hangs_where_a_scalar_equation_says() -> None:
     robot = Robot(name="pendulum", joints=joints, gravity_m_s2=(0.0, -9.81, 0.0))
     truth = Truth.without_effects(robot, np.eye(4)).with_effects(JointCompliance(np.array([c])))
     for q in (-1.0, 0.2, 1.4):
-        wanted = brentq(
-            lambda theta, q=q: theta - q + c * m * 9.81 * r_mm / 1e3 * np.cos(theta), -5.0, 5.0, xtol=1e-14
-        )
+        wanted = brentq(lambda theta, q=q: theta - q + c * m * 9.81 * r_mm / 1e3 * np.cos(theta), -5.0, 5.0, xtol=1e-14)
         assert solve_equilibrium(truth, np.array([[q]])).q[0, 0] == pytest.approx(wanted, abs=1e-12)
 
 

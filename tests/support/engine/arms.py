@@ -55,8 +55,7 @@ def _arm(
     kind = tuple(c == "P" for c in (slides or "R" * len(rows)))
     unit = [1.0 if slide else np.pi / 180.0 for slide in kind]
     table = tuple(
-        (a, float(np.radians(alpha)), d, float(np.radians(theta)), 0.0)
-        for a, alpha, d, theta in (*rows, tool)
+        (a, float(np.radians(alpha)), d, float(np.radians(theta)), 0.0) for a, alpha, d, theta in (*rows, tool)
     )
     return ArmTable(
         name=name,

@@ -38,9 +38,7 @@ CATALOGUE = {
 }
 NEW = {
     **_named(scanner_causes, "joint_step", "target_step", "scanner_step", "warm_up"),
-    **_named(
-        joint_causes, "joint_dent", "following_error", "asymmetric_scale", "high_harmonic", "cable_drag"
-    ),
+    **_named(joint_causes, "joint_dent", "following_error", "asymmetric_scale", "high_harmonic", "cable_drag"),
     **_named(load_causes, "base_loosening", "nonlinear_stiffness", "link_torsion", "bearing_clearance"),
 }
 UNFORESEEN = {

@@ -217,8 +217,7 @@ def _scanner(point: Array, reach: float, rng: np.random.Generator) -> Array:
 def _temperatures(time_s: Array, rng: np.random.Generator) -> Array:
     """(N,) C: a hall that warms and cools with the day and the doors."""
     swing = sum(
-        rng.uniform(1.0, 3.0)
-        * np.sin(time_s * 2.0 * np.pi / rng.uniform(900.0, 5000.0) + rng.uniform(0, 6.28))
+        rng.uniform(1.0, 3.0) * np.sin(time_s * 2.0 * np.pi / rng.uniform(900.0, 5000.0) + rng.uniform(0, 6.28))
         for _ in range(3)
     )
     return np.round(22.0 + rng.uniform(-2.0, 4.0) * time_s / max(time_s[-1], 1.0) + swing, 2)

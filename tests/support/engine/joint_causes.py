@@ -61,9 +61,7 @@ def _by_angle(name: str, law: Callable[[Array], Array]) -> Callable[[Cell, Rng],
 
     def draw(cell: Cell, rng: Rng) -> Cause:
         def make(shares: Array) -> Cause:
-            return moves(
-                name, shares, lambda c, here, j: law(c.q[:, j] / (300.0 if c.arm.slides[j] else 1.0))
-            )
+            return moves(name, shares, lambda c, here, j: law(c.q[:, j] / (300.0 if c.arm.slides[j] else 1.0)))
 
         return make(carriers(cell, rng, make, np.ones(cell.arm.n)))
 

@@ -24,9 +24,7 @@ def _load(cell: Cell, here: Posture, joint: int) -> Array:
 
 def _loaded(cell: Cell) -> Array:
     """(n,) joints that turn and feel more than 2 % of the strongest torque."""
-    peak = np.array(
-        [np.abs(cell.plain.load(j, False)).max() if turns else 0.0 for j, turns in enumerate(cell.turns)]
-    )
+    peak = np.array([np.abs(cell.plain.load(j, False)).max() if turns else 0.0 for j, turns in enumerate(cell.turns)])
     return peak > 0.02 * max(float(peak.max()), 1e-9)
 
 

@@ -70,9 +70,7 @@ def packed(given: Path, *names: str) -> Path:
     return given / "my.zip"
 
 
-def test_a_zip_is_enough_and_a_dry_run_writes_nothing(
-    given: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_zip_is_enough_and_a_dry_run_writes_nothing(given: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = packed(given, "arm.urdf", "log.csv")
     arguments = ["import", str(given / "cell"), "--from", str(source)]
     assert main([*arguments, "--dry-run"]) == 0
@@ -89,9 +87,7 @@ def test_a_zip_is_enough_and_a_dry_run_writes_nothing(
     assert "40 poses (1 reference, 29 train, 10 test)" in capsys.readouterr().out
 
 
-def test_a_plan_with_faults_lists_them_and_ends_with_1(
-    given: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_plan_with_faults_lists_them_and_ends_with_1(given: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = packed(given, "log.csv")
     assert main(["import", str(given / "cell"), "--from", str(source), "--dry-run", "--json"]) == 1
     (fault,) = json.loads(capsys.readouterr().out)["faults"]

@@ -65,14 +65,10 @@ def test_out_names_another_folder_whose_parents_are_made(here: Path, capsys: pyt
     assert [path.name for path in (here / "a/new").iterdir()] == ["cell"], "nothing else is left there"
 
 
-def test_an_installation_has_what_its_record_names(
-    installed: Path, here: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_an_installation_has_what_its_record_names(installed: Path, here: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["sample"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == ["hidden_effect_b"]
-    (installed / "share/robot-calibration-inspector/sample_data/hidden_effect_b").chmod(
-        0o555
-    )  # as of another user
+    (installed / "share/robot-calibration-inspector/sample_data/hidden_effect_b").chmod(0o555)  # as of another user
     assert main(["sample", "hidden_effect_b"]) == 0
     assert content(here / "hidden_effect_b") == content(SAMPLE_DATA / "hidden_effect_b")
     (here / "hidden_effect_b" / "more").touch()

@@ -55,9 +55,7 @@ def test_the_tip_keeps_its_attitude_and_the_ball_is_a_point_of_its_own(
     assert off_rad < 1.1 * nominal_off_rad
     assert unknown_ball.held_out_mm(arm, seen) < 0.15
     assert unknown_ball.held_out_mm(arm, seen, ball_mm) < 0.15
-    assert document["test"]["rmse_mm"] == pytest.approx(
-        unknown_ball.held_out_mm(arm, seen, ball_mm), rel=0.02
-    )
+    assert document["test"]["rmse_mm"] == pytest.approx(unknown_ball.held_out_mm(arm, seen, ball_mm), rel=0.02)
 
     as_delivered_mm = unknown_ball.held_out_mm(seen.nominal, seen)
     assert document["before"]["test"]["rmse_mm"] == pytest.approx(as_delivered_mm, rel=0.15)

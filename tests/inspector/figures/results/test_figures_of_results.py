@@ -74,9 +74,7 @@ def luminance(colour: str) -> float:
 def test_bars_are_the_errors_of_the_poses(fit: Calibration) -> None:
     figure = figures.error_bars(fit)
     frame = fit.after.to_frame(fit.dataset).set_index("pose")
-    shown = {
-        x: y for trace in figure.data if trace.type == "bar" for x, y in zip(trace.x, trace.y, strict=True)
-    }
+    shown = {x: y for trace in figure.data if trace.type == "bar" for x, y in zip(trace.x, trace.y, strict=True)}
     assert shown == pytest.approx(frame["error_mm"].to_dict())
     before = figures.error_bars(fit, before=True)
     assert before.data[0].y[0] == fit.before.to_frame(fit.dataset)["error_mm"][0]
@@ -200,9 +198,7 @@ def test_learned_curves_are_those_of_the_fit(tmp_path: Path) -> None:
     curves = fitted_curves(found.calibration)
     figure = figures.learned_curves(found)
     assert figures.learned_curves(found.calibration) == figure
-    assert [note.text for note in figure.layout.annotations] == [
-        f"<b>Joint {c.joint + 1}</b>" for c in curves
-    ]
+    assert [note.text for note in figure.layout.annotations] == [f"<b>Joint {c.joint + 1}</b>" for c in curves]
     drawn = [trace for trace in figure.data if trace.name == CURVE]
     largest = [np.nanmax(np.abs(np.array(trace.y, dtype=float))) for trace in drawn]
     for curve, size in zip(curves, largest, strict=True):
@@ -229,12 +225,7 @@ def test_what_more_poses_and_a_plan_promise(dataset: Dataset) -> None:
 def test_a_cell_and_a_fleet(found: Diagnosis, dataset: Dataset) -> None:
     later = [watch(found.calibration, replace(dataset, name=name)) for name in ("may", "june")]
     figure = figures.control_chart(later)
-    points = [
-        (x, y)
-        for trace in figure.data
-        if trace.mode == "markers"
-        for x, y in zip(trace.x, trace.y, strict=True)
-    ]
+    points = [(x, y) for trace in figure.data if trace.mode == "markers" for x, y in zip(trace.x, trace.y, strict=True)]
     assert sorted(points) == [(1, later[0].rmse_mm), (2, later[1].rmse_mm)]
     assert len(figures.control_chart(later[0]).data) == len(figure.data)
     stands_alone(figure, "mm")
@@ -263,9 +254,7 @@ def test_a_still_picture_is_one_file_with_the_same_values(fit: Calibration) -> N
     picture = ElementTree.fromstring(text)
     assert picture.get("viewBox") == "0 0 700 420"
     space = "{http://www.w3.org/2000/svg}"
-    assert f"Error at each pose after the fit: {fit.dataset.name}" in [
-        t.text for t in picture.iter(f"{space}text")
-    ]
+    assert f"Error at each pose after the fit: {fit.dataset.name}" in [t.text for t in picture.iter(f"{space}text")]
     assert "background:#fff" in text
     assert "background:#15191f" in figures.to_svg(figures.error_bars(fit, dark=True))
     clipped = [e for e in picture.iter(f"{space}rect") if e.find(f"{space}title") is not None]
@@ -297,9 +286,7 @@ try:
 except Exception as error:
     print(type(error).__name__, error)
 """
-    said = subprocess.run(
-        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
-    )
+    said = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
     assert said.stdout.splitlines() == [
         "CalibError inspector.figures.error_bars needs plotly, which is not installed: "
         "pip install 'robot-calibration-inspector[page]'"
