@@ -12,7 +12,7 @@ from calib.blas_threads import one_blas_thread
 from calib.calibration.evaluation import evaluate_all
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.dataset.stands import on_stands
+from calib.dataset.repeats import average_repeats
 from calib.effects.effect import Effect, is_held_by_prior
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import FitError
@@ -24,7 +24,7 @@ from calib.fitting.position_residuals import PositionResiduals
 from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.robust import BACK_LEVEL, LEVEL, belonging_points, fit_belonging, resistant_core
 from calib.fitting.tool_point.fit_task import FitTask, Fitted
-from calib.fitting.tool_point.placement import held_behind_tool_point
+from calib.fitting.tool_point.placement import fixed_behind_tool_point
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.options import FitOptions
@@ -43,7 +43,7 @@ def calibrate(
 ) -> Calibration:
     """Fit the link errors, and further effects, to the training poses of a dataset.
 
-    Several shots of one stand count once, by their mean; errors are told of every shot.
+    Repeats of one pose count once, by their mean (`calib.dataset.repeats`); errors are reported for every repeat.
     With effects, an earlier fit or one of the link errors alone comes first, and gravity's loads are worked out at its
     links. Effects then change the links by some 1e-3 rad, and loads by some 1e-3 of themselves, which is left out.
 
@@ -60,14 +60,14 @@ def calibrate(
     residual = options.residual
     if options.noise is not None:
         dataset = replace(dataset, noise=options.noise)
-    given, dataset = dataset, counted_by_stands(dataset, residual)
+    given, dataset = dataset, with_repeats_averaged(dataset, residual)
     observed = Observations.of(dataset)
     robot = in_room(dataset.robot, observed)
     if robot.carries_scanner:
         _require_placed(dataset, observed)
     geometry = geometry_of(robot, observed, options)
-    held = (*options.held, *held_behind_tool_point(robot, observed))
-    model = Model(robot, (*geometry, *effects), prior_sigmas=prior_sigmas or {}).hold(held)
+    fixed = (*options.held, *fixed_behind_tool_point(robot, observed))
+    model = Model(robot, (*geometry, *effects), prior_sigmas=prior_sigmas or {}).with_fixed(fixed)
     if len(observed.points) < 3:
         raise FitError(f"dataset {dataset.name}: {len(observed.points)} training points; a fit needs many more")
     if residual == "pose":
@@ -143,13 +143,13 @@ def _maker(model: Model, options: FitOptions) -> Callable[[Observations], Positi
     return make
 
 
-def counted_by_stands(dataset: Dataset, residual: str) -> Dataset:
-    """The dataset with the mean of each stand's shots (`calib.dataset.stands`), which are no independent poses.
+def with_repeats_averaged(dataset: Dataset, residual: str) -> Dataset:
+    """The dataset with each repeat group replaced by the mean of its repeats, which are no independent poses.
 
-    Unchanged where no stand has several shots, and where there are fewer stands than a fit needs: then the prior alone
-    decides, and the shots tell no more than how they scatter.
+    Unchanged where no group has several repeats, and where there are fewer groups than a fit needs: then the prior
+    decides, and the repeats tell only how they scatter.
     """
-    averaged = on_stands(dataset)
+    averaged = average_repeats(dataset)
     if averaged is dataset or averaged.points is None:
         return dataset
     poses = averaged.poses

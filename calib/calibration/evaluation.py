@@ -15,7 +15,7 @@ import pandas as pd
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.dataset.dataset import Dataset, Poses
-from calib.dataset.stands import of_stands
+from calib.dataset.repeats import in_repeat_groups_of
 from calib.fitting.model import Model
 from calib.fitting.observations import (
     Observations,
@@ -117,7 +117,7 @@ def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset, outliers: 
     scatter about its own best frame, not a prediction.
     """
     observed = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
-    is_outlier = of_stands(dataset, outliers) if outliers else None
+    is_outlier = in_repeat_groups_of(dataset, outliers) if outliers else None
     trained = ~dataset.poses.is_test[observed.points.pose]
     if is_outlier is not None:
         trained &= ~is_outlier[observed.points.pose]

@@ -10,7 +10,7 @@ from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.calibration.uncertainty import JointKnowledge
-from calib.dataset.stands import SIGMA_DOUBT
+from calib.dataset.repeats import SIGMA_DOUBT
 from calib.distributions import chi2_sf, f_sf
 from calib.effects.catalogue.order_steps import ChangePoint
 from calib.fitting.observations import Observations, linearise_points
@@ -46,7 +46,7 @@ class _Rows:
     pose: IndexArray  # (R,)
     spent: int  # rows that frames of setups without training poses took
 
-    def square_and_freedom(self, chosen: BoolArray) -> tuple[float, float]:
+    def square_and_dof(self, chosen: BoolArray) -> tuple[float, float]:
         """e^T (1 + L L^T)^-1 e of the chosen rows, and how many they count as."""
         error, root = self.error[chosen], self.root[chosen]
         along = root.T @ error
@@ -83,21 +83,21 @@ def held_out_test(calibration: Calibration, noise_mm: float, noise_from: str) ->
     observed = replace(Observations.of(dataset, tested), scanner_T_base=calibration.after.scanner_T_base)
     rows = _whitened(calibration, observed, noise_mm)
     everything = np.ones(len(rows.error), dtype=bool)
-    square, freedom = rows.square_and_freedom(everything)
+    square, dof = rows.square_and_dof(everything)
     worst = max(poses, key=lambda pose: float(np.mean(rows.error[rows.pose == pose] ** 2)))
-    less, less_freedom = rows.square_and_freedom(rows.pose != worst)
+    less, less_dof = rows.square_and_dof(rows.pose != worst)
     doubted = less / SIGMA_DOUBT**2
     if noise_from == "fit":
-        p_value = f_sf(doubted / less_freedom, less_freedom, max(fit.degrees_of_freedom, 1.0))
+        p_value = f_sf(doubted / less_dof, less_dof, max(fit.degrees_of_freedom, 1.0))
     else:
-        p_value = chi2_sf(doubted, less_freedom)
+        p_value = chi2_sf(doubted, less_dof)
     points = len(observed.points)
     variance = noise_mm**2 * (1.0 + np.sum(rows.root**2, axis=1))
     return HeldOutTest(
         poses=len(poses),
         rmse_mm=noise_mm * float(np.sqrt(np.sum(rows.error**2) / points)),
         promised_mm=float(np.sqrt(np.sum(variance) / points)),
-        ratio=float(np.sqrt(square / freedom)),
+        ratio=float(np.sqrt(square / dof)),
         p_value=p_value,
     )
 

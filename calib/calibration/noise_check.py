@@ -52,11 +52,11 @@ class SigmaCheck:
 
 def check_sigma(calibration: Calibration) -> SigmaCheck:
     """The residual sigma of a calibration with its 95 % interval, beside the declared one."""
-    dataset, freedom = calibration.dataset, calibration.fit.degrees_of_freedom
+    dataset, dof = calibration.dataset, calibration.fit.degrees_of_freedom
     assert dataset.points is not None
     sigma = calibration.sigma_mm
     low = high = float("nan")
     if np.isfinite(sigma):
-        low, high = (sigma * float(np.sqrt(freedom / chi2_ppf(share, freedom))) for share in (0.975, 0.025))
+        low, high = (sigma * float(np.sqrt(dof / chi2_ppf(share, dof))) for share in (0.975, 0.025))
     declared = declared_sigma_mm(calibration.fitted_dataset) if is_declared(dataset) else None
-    return SigmaCheck(sigma, low, high, declared, freedom)
+    return SigmaCheck(sigma, low, high, declared, dof)

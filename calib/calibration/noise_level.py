@@ -11,7 +11,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import find_repeats, pooled_sigma_mm
 
 DECLARED, REPEATS, FIT = "dataset", "repeats", "fit"
-_FEWEST_FREEDOM = 12  # degrees of freedom from which on repeats tell the noise
+_FEWEST_DOF = 12  # degrees of freedom from which on repeats tell the noise
 _COPY_MM = 1e-9  # repeats that scatter less are rows written twice, which tell nothing of the noise
 _ORIGINS = {REPEATS: "noise as repeats show it", FIT: "noise as the fit left it"}
 
@@ -55,12 +55,12 @@ def noise_level(calibration: Calibration) -> NoiseLevel:
     repeats = noise_of_repeats(dataset)
     if repeats is not None:  # of one point, which counts as one of 1 mm
         return NoiseLevel(repeats[0] * declared_sigma_mm(dataset), REPEATS, repeats[0])
-    return NoiseLevel(calibration.sigma_mm, FIT, calibration.fit.noise)
+    return NoiseLevel(calibration.sigma_mm, FIT, calibration.fit.reduced_chi)
 
 
 def noise_of_repeats(dataset: Dataset) -> tuple[float, float] | None:
     """Sigma of a coordinate, mm, and its degrees of freedom, by points measured again; None where too few tell it."""
     repeats = find_repeats(dataset)
-    freedom = sum(3 * (r.count - 1) for r in repeats)
-    sigma_mm = pooled_sigma_mm(repeats) if freedom >= _FEWEST_FREEDOM else 0.0
-    return (sigma_mm, freedom) if sigma_mm > _COPY_MM else None
+    dof = sum(3 * (r.count - 1) for r in repeats)
+    sigma_mm = pooled_sigma_mm(repeats) if dof >= _FEWEST_DOF else 0.0
+    return (sigma_mm, dof) if sigma_mm > _COPY_MM else None

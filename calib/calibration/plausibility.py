@@ -91,16 +91,16 @@ def too_good(calibration: Calibration) -> str:
     fit, dataset = calibration.fit, calibration.dataset
     declared = is_declared(dataset)
     floor = Observations.of(dataset).noise_floor
-    freedom = fit.degrees_of_freedom
-    if not (np.isfinite(fit.noise) and fit.noise < FAR_BELOW * floor):
+    dof = fit.degrees_of_freedom
+    if not (np.isfinite(fit.reduced_chi) and fit.reduced_chi < FAR_BELOW * floor):
         return ""
-    if freedom * (fit.noise / floor) ** 2 > chi2_ppf(_BY_CHANCE, freedom):
+    if dof * (fit.reduced_chi / floor) ** 2 > chi2_ppf(_BY_CHANCE, dof):
         return ""
     of = "the declared sigma" if declared else f"the {BEST_SIGMA_MM:g} mm of the best instruments for arms"
     return (
-        f"{calibration.sigma_mm:.2g} mm a coordinate are left, {fit.noise / floor:.2g} times {of}: no measurement is "
-        "that good, so the model was fitted to itself, the points were computed, or sigma was declared far too large: "
-        "declare what repeats of one pose show"
+        f"{calibration.sigma_mm:.2g} mm a coordinate are left, {fit.reduced_chi / floor:.2g} times {of}: no "
+        "measurement is that good, so the model was fitted to itself, the points were computed, or sigma was declared "
+        "far too large: declare what repeats of one pose show"
     )
 
 
@@ -108,7 +108,7 @@ def _measured_sigma_mm(calibration: Calibration) -> float:
     """The residual's sigma in directions that the points tell: along a plane touched anywhere they tell nothing."""
     covariance = Observations.of(calibration.fitted_dataset).covariance_mm2
     information = float(np.mean(np.trace(np.linalg.inv(covariance), axis1=-2, axis2=-1))) / 3.0
-    return calibration.fit.noise / float(np.sqrt(information))
+    return calibration.fit.reduced_chi / float(np.sqrt(information))
 
 
 def _span_mm(calibration: Calibration) -> float:

@@ -12,7 +12,7 @@ from calib.array_types import Array
 from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
 from calib.calibration.orientation_errors import OrientationErrors, evaluate_orientations, orientation_lines
 from calib.dataset.dataset import Dataset
-from calib.dataset.stands import ShotCount, without_poses
+from calib.dataset.repeats import RepeatCount, without_poses
 from calib.dataset.trained_range import TrainedRange
 from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
@@ -51,7 +51,7 @@ class Calibration(Documented, Viewed):
 
     @cached_property
     def fitted_dataset(self) -> Dataset:
-        """The dataset as it was fitted: each standing pose once, by the mean of its shots (`calib.dataset.stands`).
+        """The dataset as it was fitted: each repeat group once, by the mean of its repeats (`calib.dataset.repeats`).
 
         Without the points of outlying poses.
         """
@@ -59,9 +59,9 @@ class Calibration(Documented, Viewed):
         return without_poses(dataset, self.outliers) if self.outliers else dataset
 
     @property
-    def shots(self) -> ShotCount | None:
-        """How many standing poses there are of how many shots; None where no pose was measured several times."""
-        return None if self.averaged is None else ShotCount.of(self.dataset)
+    def repeat_count(self) -> RepeatCount | None:
+        """Number of measured points and repeat groups; None where no pose was measured several times."""
+        return None if self.averaged is None else RepeatCount.of(self.dataset)
 
     @property
     def residual(self) -> str:
@@ -125,7 +125,7 @@ class Calibration(Documented, Viewed):
     @property
     def sigma_mm(self) -> float:
         """Residual sigma of one coordinate of one point, by degrees of freedom; nan where none are left."""
-        return self.fit.noise * declared_sigma_mm(self.fitted_dataset)
+        return self.fit.reduced_chi * declared_sigma_mm(self.fitted_dataset)
 
     @property
     def warnings(self) -> tuple[str, ...]:

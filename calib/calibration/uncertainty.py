@@ -156,7 +156,7 @@ class JointKnowledge:
         motion = (whiten @ frame_motion(seen_mm, centre_mm)).reshape(3 * int(rows.sum()), 6)
         pseudo = np.linalg.pinv(motion, rcond=1e-9)
         follows = -pseudo @ columns  # (6, P)
-        noise = fit.noise if np.isfinite(fit.noise) else 1.0
+        noise = fit.reduced_chi if np.isfinite(fit.reduced_chi) else 1.0
         covariance[n:, :n] = follows @ covariance[:n, :n]
         covariance[:n, n:] = covariance[n:, :n].T
         frame_root = np.asarray(np.linalg.qr((noise * pseudo).T, mode="r")).T

@@ -31,7 +31,7 @@ class FitKnowledge:
 
     def attitude_sigma_rad(self, model: Model, x: Array, poses: Poses) -> Array:
         """(N,) rad, sigma of the 3D turn by which the calibrated tool may really stand otherwise at each of N poses."""
-        freed = replace(model, held=model.held & self.held)
+        freed = replace(model, fixed=model.fixed & self.held)
         values = dict(zip((p.name for p in model.parameters), x.tolist(), strict=True))
         fitted = np.array([p.name in values for p in freed.parameters], dtype=bool)
         covariance = np.diag(freed.scales**2)

@@ -51,7 +51,7 @@ _OFF_SCALE = 2.0  # by which the points' spread and the nominal arm's differ onl
 _MOST_TURNED = 2  # joints whose turn may look like an effect
 _MOST_FITS = 14
 _NEAR_ENOUGH = 1.5  # times what the data leave as they are, up to which a turned joint stays open
-_FREEDOM = 4.0  # degrees of freedom at least
+_LEAST_DOF = 4.0  # degrees of freedom at least
 MIN_LEAD = 4.0  # log evidence over the effects that were found, where it makes one of them superfluous
 CHOICE = 4.4  # log of what an effect may be chosen from, some thirty families of a scale that is fitted to the data
 NOT_NOISIER = 1.1  # times the noise that those effects leave, which it may leave without that one
@@ -118,7 +118,7 @@ class Suspicions:
 
 def is_quiet(now: Calibration) -> bool:
     """Whether a fit leaves what the declared noise does, and no link is bent out of its type: nothing to ask about."""
-    return is_declared(now.dataset) and now.fit.noise < QUIET and not _is_bent(now)
+    return is_declared(now.dataset) and now.fit.reduced_chi < QUIET and not _is_bent(now)
 
 
 def suspicions(now: Calibration, refit: Refit, names: Sequence[str] = ()) -> Suspicions:
@@ -209,18 +209,18 @@ def weighed(now: Calibration, open_hypotheses: Sequence[Hypothesis], models: Seq
     for hypothesis in open_hypotheses:
         mended = hypothesis.of_dataset(now.dataset)
         for model in models:
-            least, most_noise = MIN_LEAD, NOT_NOISIER * now.fit.noise
+            least, most_noise = MIN_LEAD, NOT_NOISIER * now.fit.reduced_chi
             if not model.without:
                 reached = REACHES_NOISE if is_declared(now.dataset) else 0.0
                 least, most_noise = (
                     MIN_GAIN,
-                    max(now.fit.noise / LEAST_FACTOR, min(reached, 0.9 * now.fit.noise)),
+                    max(now.fit.reduced_chi / LEAST_FACTOR, min(reached, 0.9 * now.fit.reduced_chi)),
                 )
             try:
                 fit = model.fit(mended)
             except (CalibError, np.linalg.LinAlgError):  # such data cannot be fitted at all
                 continue
-            if not _is_judged(fit) or fit.fit.noise > most_noise:
+            if not _is_judged(fit) or fit.fit.reduced_chi > most_noise:
                 continue
             gain = log_evidence(fit) - log_evidence(now) + (CHOICE if model.without else 0.0)
             if gain > least and (best is None or gain > best.gain):
@@ -241,12 +241,12 @@ def log_evidence(fitted: Calibration) -> float:
     scales = fitted.model.scales
     z = fit.x / scales
     cost = fit.iterations[-1].cost
-    freedom = fit.degrees_of_freedom
-    count = freedom + _determined(fitted)
+    dof = fit.degrees_of_freedom
+    count = dof + _determined(fitted)
     scaled = fit.covariance / np.outer(scales, scales)
     volume = 0.5 * float(np.linalg.slogdet(scaled)[1]) if fitted.options.prior else 0.0
-    held = float(z @ z) if fitted.options.prior else 0.0
-    return -count * float(np.log(fit.noise)) - 0.5 * (cost / fit.noise**2 + held) + volume
+    penalty = float(z @ z) if fitted.options.prior else 0.0
+    return -count * float(np.log(fit.reduced_chi)) - 0.5 * (cost / fit.reduced_chi**2 + penalty) + volume
 
 
 def _determined(fitted: Calibration) -> float:
@@ -267,7 +267,11 @@ def error_mm(errors: Evaluation) -> float:
 
 
 def _is_judged(fitted: Calibration) -> bool:
-    return bool(np.isfinite(fitted.fit.noise) and fitted.fit.noise > 0.0 and fitted.fit.degrees_of_freedom > _FREEDOM)
+    return bool(
+        np.isfinite(fitted.fit.reduced_chi)
+        and fitted.fit.reduced_chi > 0.0
+        and fitted.fit.degrees_of_freedom > _LEAST_DOF
+    )
 
 
 def _is_bent(now: Calibration) -> bool:
@@ -365,14 +369,17 @@ class _Tried:
         return share * log_evidence(fitted) - self.evidence - _cost(hypothesis)
 
     def _is_believed(self, hypothesis: Hypothesis) -> bool:
-        now, then = self.now.fit.noise, self.fits[hypothesis].fit.noise
+        now, then = self.now.fit.reduced_chi, self.fits[hypothesis].fit.reduced_chi
         gain = self._gain(hypothesis)
         if hypothesis.kind == ROBOT_TABLE and gain > MIN_TABLE_GAIN and then < 1.05 * now:
             return True
         return self.beyond_effects and gain > MIN_GAIN and now > LEAST_FACTOR * then
 
     def _is_open(self, hypothesis: Hypothesis) -> bool:
-        return _turns_joints(hypothesis) and self.fits[hypothesis].fit.noise < _NEAR_ENOUGH * self.now.fit.noise
+        return (
+            _turns_joints(hypothesis)
+            and self.fits[hypothesis].fit.reduced_chi < _NEAR_ENOUGH * self.now.fit.reduced_chi
+        )
 
 
 def _turns_joints(hypothesis: Hypothesis) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import Dataset
-from calib.dataset.stands import of_stands
+from calib.dataset.repeats import in_repeat_groups_of
 from calib.kinematics.robot import Robot
 
 _SHARE = 0.1  # of a joint's range: so far beyond its ends is still inside
@@ -30,7 +30,7 @@ class TrainedRange:
         assert dataset.points is not None
         used = ~dataset.poses.is_test & np.isin(np.arange(len(dataset.poses)), dataset.points.pose)
         if outliers:
-            used &= ~of_stands(dataset, outliers)
+            used &= ~in_repeat_groups_of(dataset, outliers)
         q = dataset.poses.q[used]
         return cls(tuple(q.min(axis=0).tolist()), tuple(q.max(axis=0).tolist()))
 

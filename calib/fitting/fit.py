@@ -34,7 +34,7 @@ class Fit:
     known: int  # directions whose sigma by the data alone is below their tolerance
     rows: int  # R
     degrees_of_freedom: float
-    noise: float  # residual sigma over declared sigma; nan without degrees of freedom
+    reduced_chi: float  # sqrt of the reduced chi-square, residual sigma over declared sigma; nan without dof
 
     @property
     def sigma(self) -> Array:
@@ -43,7 +43,7 @@ class Fit:
 
     def summary(self, *, declared: bool = True) -> str:
         """How the fit ended, in a line; without a `declared` sigma of the points nothing is said of it."""
-        against = f", residual {self.noise:.3g} times the points' sigma" if declared else ""
+        against = f", residual {self.reduced_chi:.3g} times the points' sigma" if declared else ""
         state = "converged" if self.converged else "not converged"
         return (
             f"{state} after {len(self.iterations) - 1} iterations ({self.reason}); {self.rows} rows, "

@@ -1,6 +1,6 @@
 """The model: a robot, a list of effects, and the one bridge between parameter names and the solver's vector.
 
-The vector x holds corrections, zero for the nominal robot. Parameters named in `held` stay at zero and are invisible
+The vector x holds corrections, zero for the nominal robot. Parameters named in `fixed` stay at zero and are invisible
 to the solver. Jacobians follow by the chain rule: d point / d state (analytic) x d state / d parameter (the effect's).
 """
 
@@ -40,7 +40,7 @@ class Model:
 
     robot: Robot
     effects: tuple[Effect, ...]
-    held: frozenset[str] = frozenset()
+    fixed: frozenset[str] = frozenset()
     prior_sigmas: Mapping[str, float] = field(default_factory=dict)
     """Prior sigmas of parameters, by full name, in place of their usual scale."""
     loads_of: Robot | None = None
@@ -59,12 +59,12 @@ class Model:
 
     @cached_property
     def _is_free(self) -> BoolArray:
-        return np.array([p.name not in self.held for p in self._all_parameters], dtype=bool)
+        return np.array([p.name not in self.fixed for p in self._all_parameters], dtype=bool)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The free parameters, in the order of x."""
-        return tuple(p for p in self._all_parameters if p.name not in self.held)
+        return tuple(p for p in self._all_parameters if p.name not in self.fixed)
 
     @property
     def placed_robot(self) -> Robot:
@@ -105,19 +105,19 @@ class Model:
         """(P,) the prior's sigma of each free parameter: its tolerance, or the size that an effect has in practice."""
         return np.array([p.scale for p in self.parameters])
 
-    def hold(self, names: ArrayLike) -> Model:
-        """The same model with further parameters held at zero. Raises FitError on an unknown name."""
-        wanted = frozenset(str(name) for name in np.atleast_1d(np.asarray(names, dtype=str)))
-        unknown = sorted(wanted - {p.name for p in self._all_parameters})
+    def with_fixed(self, names: ArrayLike) -> Model:
+        """This model with further parameters fixed at zero. Raises FitError on an unknown name."""
+        asked = frozenset(str(name) for name in np.atleast_1d(np.asarray(names, dtype=str)))
+        unknown = sorted(asked - {p.name for p in self._all_parameters})
         if unknown:
             raise FitError(
                 f"no parameter named {unknown[0]!r}; there are {self._all_parameters[0].name} ... "
                 f"{self._all_parameters[-1].name}"
             )
-        return replace(self, held=self.held | wanted)
+        return replace(self, fixed=self.fixed | asked)
 
     def values_by_effect(self, x: ArrayLike) -> list[Array]:
-        """The parameters of each effect, those that are held at zero among them."""
+        """Parameter values of each effect, zeros for the fixed ones included."""
         full = np.zeros(len(self._is_free))
         full[self._is_free] = np.asarray(x, dtype=float)
         ends = np.cumsum([len(effect.parameters) for effect in self.effects])

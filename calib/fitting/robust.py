@@ -116,7 +116,7 @@ def _p_values(
     scales = np.array([p.scale for p in fit.parameters])
     jacobian = at.jacobian * scales
     square, turn = np.linalg.eigh(jacobian.T @ jacobian)
-    information = np.maximum(square, 0.0) + (fit.noise**2 if prior and np.isfinite(fit.noise) else 0.0)
+    information = np.maximum(square, 0.0) + (fit.reduced_chi**2 if prior and np.isfinite(fit.reduced_chi) else 0.0)
     known = information > 1e-12 * max(float(information[-1]), 1e-300)
     spread = np.where(known, 1.0 / np.sqrt(np.where(known, information, 1.0)), 0.0)
     lever = unweighted[:, None] * np.column_stack([residuals.frame_directions(fit.x), jacobian @ turn * spread])
@@ -127,7 +127,7 @@ def _p_values(
     blocks = np.split(order, np.flatnonzero(np.diff(row_pose[order])) + 1)
     size = np.array([len(block) for block in blocks], dtype=float)
     distance = np.array([_distance(error[block], lever[block], fitted=bool(row_kept[block[0]])) for block in blocks])
-    median = np.array([chi2_ppf(0.5, freedom) for freedom in size])
+    median = np.array([chi2_ppf(0.5, dof) for dof in size])
     variance = max(float(np.median(distance / median)), _FLOOR)
     return np.array([f_sf(t / (d * variance), d, _TAIL) for t, d in zip(distance, size, strict=True)])
 

@@ -56,7 +56,7 @@ def solve(
         FitError: nothing to fit, too few rows, or a residual that is not finite at the start.
     """
     if not residuals.parameters:
-        raise FitError("no free parameter: everything is held; free at least one")
+        raise FitError("no free parameter: everything is fixed; free at least one")
     descent = _Descent(residuals, start, max_iterations)
     if not prior:
         descent.run(weight=0.0)
@@ -100,10 +100,10 @@ def _below_floor(descent: _Descent, weight: float, floor: float) -> Fit:
 
     Only while many equations are left over to tell so, and as far as no parameter goes elsewhere for it.
     """
-    fit, held = descent.fit(weight), descent.z
-    if not fit.noise < floor:
+    fit, before = descent.fit(weight), descent.z
+    if not fit.reduced_chi < floor:
         return fit
-    noise = fit.noise
+    noise = fit.reduced_chi
     for _ in range(_WEIGHINGS):
         if not noise > 1e-9:
             break
@@ -112,7 +112,7 @@ def _below_floor(descent: _Descent, weight: float, floor: float) -> Fit:
         noise = descent.noise(weight)
         if abs(noise - weight) <= 0.05 * weight:
             break
-    below, further = descent.fit(weight), float(np.max(np.abs(descent.z - held)))
+    below, further = descent.fit(weight), float(np.max(np.abs(descent.z - before)))
     overdetermined = below.degrees_of_freedom > _OVERDETERMINED * (fit.rows - descent.residuals.degrees_spent)
     return below if overdetermined and further <= _ELSEWHERE else fit
 
@@ -282,8 +282,8 @@ class _Descent:
     def degrees_of_freedom(self, weight: float) -> float:
         """Rows minus frames minus parameters; a direction with a prior counts s^2 / (s^2 + weight^2) of a parameter."""
         s2 = self.factors.s**2
-        held = weight**2 if weight > 0.0 else (_NULL**2) * float(s2.max())
-        return self.rows - self.residuals.degrees_spent - float(np.sum(s2 / (s2 + held)))
+        penalty = weight**2 if weight > 0.0 else (_NULL**2) * float(s2.max())
+        return self.rows - self.residuals.degrees_spent - float(np.sum(s2 / (s2 + penalty)))
 
     def noise(self, weight: float) -> float:
         """Residual sigma in units of the declared one; nan where no degree of freedom is left."""
@@ -317,5 +317,5 @@ class _Descent:
             known=int(np.sum(s / sigma > 1.0)),
             rows=self.rows,
             degrees_of_freedom=self.degrees_of_freedom(weight),
-            noise=noise,
+            reduced_chi=noise,
         )

@@ -60,7 +60,7 @@ def tool_rows(dataset: Dataset, *, residual: str = "position", model: Model | No
     """What the dataset's training poses can tell of the tool row, for the nominal robot, or as a model has its tool."""
     own = None if model is None else model.robot.own_tool_point
     if model is not None and own is not None:
-        unseen = tuple(name for name in behind_last_axis(model.robot) if name in model.held)
+        unseen = tuple(name for name in behind_last_axis(model.robot) if name in model.fixed)
         return ToolRows((), {}, unseen, residual, point=target_parameter_names(own))
     rows = rows_of_tool(redundancy(dataset, residual=residual), residual)
     return replace(rows, on_flange=dataset.robot.carries_scanner)

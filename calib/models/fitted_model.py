@@ -17,7 +17,7 @@ from calib.compensation.target_correction import Correction, corrected_joints, n
 from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.files.fingerprint import fingerprint
 from calib.dataset.input_names import CONDITIONS, quantity_of
-from calib.dataset.stands import without_poses
+from calib.dataset.repeats import without_poses
 from calib.dataset.trained_range import TrainedRange
 from calib.errors import FitError
 from calib.fitting.model import Model

@@ -79,7 +79,7 @@ def model_text(fitted: FittedModel) -> str:
         "found_tool_mm": None if model.tool_found is None else tool_point_of(model.tool_found),
         "trained": None if fitted.trained is None else dataclasses.asdict(fitted.trained),
         "effects": [member_document(effect) for effect in model.effects],
-        "held": sorted(model.held),
+        "held": sorted(model.fixed),
         "parameters": [
             {
                 "name": p.name,

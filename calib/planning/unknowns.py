@@ -118,7 +118,7 @@ def unknowns_of_fit(
     if effects:
         model = replace(model.with_loads_at(calibration.fit.x), effects=(*model.effects, *effects))
     x = _extended(calibration, model)
-    noise = calibration.fit.noise if np.isfinite(calibration.fit.noise) else 1.0
+    noise = calibration.fit.reduced_chi if np.isfinite(calibration.fit.reduced_chi) else 1.0
     noise = max(noise, _FINEST_MM / declared_sigma_mm(dataset))
     require_in_room(dataset)
     observed = replace(Observations.of(dataset), scanner_T_base=calibration.after.scanner_T_base)
@@ -158,7 +158,7 @@ def unknowns_of_robot(
     """What is known of an arm that was never measured: its table within tolerances, nothing of the scanner's place."""
     if not 0.0 < noise_mm < np.inf:
         raise CalibError(f"noise of {noise_mm:g} mm: a standard deviation above 0 is needed")
-    model = Model(robot, (LinkErrors(robot, tolerances or {}), *effects)).hold(held)
+    model = Model(robot, (LinkErrors(robot, tolerances or {}), *effects)).with_fixed(held)
     return _before_measuring(
         model,
         np.zeros(len(model.parameters)),

@@ -92,7 +92,7 @@ def project_residual(calibration: Calibration) -> ProjectedResidual:
         scaled = scaled - frames @ (frames.T @ scaled)
     q, triangle = np.linalg.qr(scaled)
     turn, s, _ = np.linalg.svd(triangle)  # of a few rows, however many poses there are
-    noise = calibration.fit.noise if np.isfinite(calibration.fit.noise) else 1.0
+    noise = calibration.fit.reduced_chi if np.isfinite(calibration.fit.reduced_chi) else 1.0
     least = _KNOWN_OF_CURVES if any(map(is_held_by_prior, model.effects)) else _KNOWN
     known = s > max(least * noise, 1e-9 * float(s[0]))
     basis = np.linalg.qr(np.concatenate([frames, q @ turn[:, known]], axis=1))[0]

@@ -17,7 +17,7 @@ from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.noise_level import noise_of_repeats
 from calib.dataset.dataset import Dataset
-from calib.dataset.stands import SIGMA_DOUBT
+from calib.dataset.repeats import SIGMA_DOUBT
 from calib.distributions import chi2_sf, f_sf
 from calib.screening.fault_models import JointFault, smooth_motion
 from calib.screening.projected_residual import ProjectedResidual

@@ -130,7 +130,7 @@ def check(
         items.append(CheckItem("fit", None if repeats else False, words))
     else:
         calibration = calibrate(dataset, options, effects=effects_named(dataset, effects, user_effects))
-        items += _stands(dataset, calibration.fitted_dataset)
+        items += _repeat_notes(dataset, calibration.fitted_dataset)
         items += _fit(calibration, max_test_rmse_mm)
         try:
             diagnosis = diagnose(
@@ -153,8 +153,8 @@ def check(
     return Check(dataset, tuple(items), calibration, repeats, diagnosis)
 
 
-def _stands(given: Dataset, fitted: Dataset) -> list[CheckItem]:
-    """What is to be said of several shots of one standing pose, where the fit took their mean."""
+def _repeat_notes(given: Dataset, fitted: Dataset) -> list[CheckItem]:
+    """Warnings and notes that the fit added on repeats, where it took their mean."""
     warnings, notes = fitted.warnings[len(given.warnings) :], fitted.notes[len(given.notes) :]
     return [
         *(CheckItem("dataset", None, warning, warning=True) for warning in warnings),
@@ -203,9 +203,9 @@ def _repeats(dataset: Dataset, repeats: tuple[Repeats, ...]) -> CheckItem:
     if scatter is None:
         return CheckItem("repeats", False if hopeless else None, words)
     words += f"; they lie {scatter.ratio:.2f} times as far apart as their covariances say"
-    doubtful = scatter.ratio > _MORE_SCATTER and scatter.chance < _BY_CHANCE
+    doubtful = scatter.ratio > _MORE_SCATTER and scatter.p_value < _BY_CHANCE
     if doubtful:
-        words += ": an error that changes from shot to shot is not in them; tell it as correlated_sigma_mm of [scanner]"
+        words += ": they lack an error that changes between repeats; declare it as correlated_sigma_mm of [scanner]"
     return CheckItem("repeats", False if hopeless else None, words, warning=doubtful)
 
 
@@ -297,11 +297,11 @@ def _left_by_diagnosis(diagnosis: Diagnosis) -> list[CheckItem]:
         return [CheckItem("model", False, doubt)]
     if surprise := _too_good("model", last):
         return surprise
-    if not is_declared(last.dataset) or not last.fit.noise > MAX_LEFT_RATIO:
+    if not is_declared(last.dataset) or not last.fit.reduced_chi > MAX_LEFT_RATIO:
         return []
     what = " with ".join(["the links", *(["all that was found"] if last.model.family_names else [])])
     words = (
-        f"{last.sigma_mm:.4g} mm a coordinate are left by {what}, {last.fit.noise:.3g} times the declared sigma: "
+        f"{last.sigma_mm:.4g} mm a coordinate are left by {what}, {last.fit.reduced_chi:.3g} times the declared sigma: "
         "the arm is not calibrated to what was measured, or sigma was declared far too small"
     )
     return [CheckItem("noise", False, words)]
@@ -311,7 +311,7 @@ def _beside_the_noise(calibration: Calibration) -> str:
     """What the residual's sigma is beside the noise, and where that is known from."""
     level = noise_level(calibration)
     if level.is_declared:
-        return f", {calibration.fit.noise:.3g} times the declared sigma"
+        return f", {calibration.fit.reduced_chi:.3g} times the declared sigma"
     if level.source == FIT:
         return f", {level.name}; no sigma is declared"
     ratio = calibration.sigma_mm / level.sigma_mm
@@ -319,7 +319,7 @@ def _beside_the_noise(calibration: Calibration) -> str:
 
 
 def _residual(calibration: Calibration) -> list[CheckItem]:
-    noise = calibration.fit.noise
+    noise = calibration.fit.reduced_chi
     if not np.isfinite(noise):
         return []
     meaning = ""

@@ -8,7 +8,7 @@ from dataclasses import replace
 from calib.calibration.model_versions import versions
 from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
-from calib.dataset.stands import without_poses
+from calib.dataset.repeats import without_poses
 from calib.diagnosis.advice import Advice, Move, advice_or_verdict
 from calib.diagnosis.diagnose import AddCurves, SearchAgain, SearchWithNoise, diagnose
 from calib.diagnosis.effect_selection import (

@@ -142,7 +142,7 @@ def test_turned_joints_are_told_or_left_open_with_all_that_makes_the_same_of_the
         ("joint_sign", "joint_zero") if arm == "gantry" else ("joint_sign",)
     )  # two slides: half a turn of the rest
     assert found.problem.kind in mirrored
-    assert calibrate(found.problem.mended).fit.noise < 1.3
+    assert calibrate(found.problem.mended).fit.reduced_chi < 1.3
 
 
 @pytest.mark.slow

@@ -11,8 +11,7 @@ import pytest
 from calib.dataset.dataset import Dataset, Points
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.dataset.repeats import find_repeats, pooled_sigma_mm
-from calib.dataset.stands import on_stands
+from calib.dataset.repeats import average_repeats, find_repeats, pooled_sigma_mm
 from calib.diagnosis.diagnose import diagnose
 from calib.simulation.simulate import simulate_dataset
 
@@ -79,7 +78,7 @@ def test_a_mean_counts_each_measurement_once(datasets: tuple[Dataset, Dataset]) 
     assert honest.points is not None
     again = np.flatnonzero([name.startswith("again ") for name in honest.poses.ids])
     copied = with_rows(honest, again, honest.points.xyz_mm[again], "copy ")
-    one, other = on_stands(honest).points, on_stands(copied).points
+    one, other = average_repeats(honest).points, average_repeats(copied).points
     assert one is not None
     assert other is not None
     np.testing.assert_array_equal(one.xyz_mm, other.xyz_mm)

@@ -78,7 +78,7 @@ def test_a_drifting_scanner_turns_what_it_sees_as_the_truth_says() -> None:
     names = [full_name(drift.members[0], p) for p in drift.members[0].parameters][3:]
     effect = made.truth.effects[0]
     np.testing.assert_allclose([found[name] for name in names], effect.w_rad_per_s, rtol=0.02, atol=1e-9)
-    assert fit.noise < 1.3  # positions and orientations tell one story
+    assert fit.reduced_chi < 1.3  # positions and orientations tell one story
 
 
 @pytest.mark.slow
@@ -134,7 +134,7 @@ def test_a_fit_recovers_the_arm_within_its_sigmas_and_the_noise() -> None:
     residuals = make_residuals("pose", model, Observations.of(dataset))
     fit = solve(residuals)
     assert fit.converged
-    assert 0.85 < fit.noise < 1.15  # declared sigmas are right
+    assert 0.85 < fit.reduced_chi < 1.15  # declared sigmas are right
     rows = 6 * int(np.sum(~dataset.poses.is_test))
     assert fit.rows == rows
     assert fit.rank > solve(make_residuals("position", model, Observations.of(dataset))).rank

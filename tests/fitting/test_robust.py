@@ -107,9 +107,9 @@ def test_one_wrong_pose_is_left_out_and_the_arm_stays_true(what: str, seed: int)
     assert set(found.outliers) == ids(wrong, [point])
     # 21 parameters are known to the data; those held by the prior add next to nothing.
     assert squared(model, found.fit, true) < chi2_ppf(0.999, 24)
-    assert 0.85 < found.fit.noise < 1.15  # the wrong pose adds nothing to it, however wrong it is
+    assert 0.85 < found.fit.reduced_chi < 1.15  # the wrong pose adds nothing to it, however wrong it is
     if what != "tilted a little":
-        assert plain(wrong).fit.noise > 2.0
+        assert plain(wrong).fit.reduced_chi > 2.0
 
 
 @pytest.mark.slow

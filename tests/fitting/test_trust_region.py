@@ -44,7 +44,7 @@ def park_fit(robot: Robot, eliminated: str, seed: int) -> tuple[Robot, Robot, Fi
     rng = np.random.default_rng(seed)
     true = perturbed(robot, rng)
     dataset = dataset_of(robot, true, rng)
-    model = geometric_model(robot).hold(eliminated.split())
+    model = geometric_model(robot).with_fixed(eliminated.split())
     fit = solve(PositionResiduals(model, Observations.of(dataset), frame_known=True), prior=False)
     return true, model.calibrated_robot(fit.x), fit
 
@@ -92,7 +92,7 @@ def test_tables_9_and_10_to_the_last_digit(arm: str, cases: tuple[str, ...], fil
     assert {row["eliminated"] for row in rows} == set(cases)
     of = {"d2_mm": (1, 2), "d3_mm": (2, 2), "d4_mm": (3, 2), "theta1_rad": (0, 3), "beta1_rad": (0, 4)}
     for row in rows:
-        model = geometric_model(robot).hold(row["eliminated"].split())
+        model = geometric_model(robot).with_fixed(row["eliminated"].split())
         residuals = PositionResiduals(model, Observations.of(dataset), frame_known=True)
         found = model.calibrated_robot(solve(residuals, prior=False).x).table
         printed = {name: float(row[name]) for name in of if name in row}
@@ -240,7 +240,7 @@ def test_degrees_of_freedom_and_noise_are_right() -> None:
         fit = solve(PositionResiduals(geometric_model(robot), Observations.of(dataset)))
         # 192 coordinates, 6 for the frame, 18 knowable directions and a few near-redundant ones
         assert 192 - 6 - 22 < fit.degrees_of_freedom < 192 - 6 - 16
-        noise.append(fit.noise)
+        noise.append(fit.reduced_chi)
     assert np.mean(noise) == pytest.approx(2.0, rel=0.03)
 
 
@@ -261,9 +261,9 @@ def test_bad_problems_are_one_clear_error() -> None:
     model = geometric_model(robot)
     dataset = dataset_of(robot, robot, rng)
     with pytest.raises(FitError, match="no parameter named 'a9'"):
-        model.hold(["a9"])
+        model.with_fixed(["a9"])
     with pytest.raises(FitError, match="no free parameter"):
-        solve(PositionResiduals(model.hold(robot.parameter_names), Observations.of(dataset)))
+        solve(PositionResiduals(model.with_fixed(robot.parameter_names), Observations.of(dataset)))
     with pytest.raises(FitError, match="no residual named"):
         make_residuals("angles", model, Observations.of(dataset))
     points = dataset.points

@@ -10,7 +10,7 @@ import numpy as np
 from calib.array_types import BoolArray
 from calib.calibration.result import Calibration
 from calib.dataset.input_names import PLACES, joint_input
-from calib.dataset.stands import ShotCount
+from calib.dataset.repeats import RepeatCount
 from calib.effects.catalogue.unknown_masses import stiffness
 from calib.effects.effect import Effect, Parameter, has_meaning, meaning_of
 from calib.screening.candidates import Untestable
@@ -59,12 +59,12 @@ def times_text(ratio: float) -> str:
     return f"{float(f'{ratio:.2g}'):.7g} times"
 
 
-def shots_text(count: ShotCount | None) -> str:
+def shots_text(count: RepeatCount | None) -> str:
     """A further sentence on several shots of a standing pose; "" where there are none."""
     if count is None:
         return ""
     return (
-        f" The dataset's {count.shots} points are shots of {count.stands} standing poses, and each standing pose counts "
+        f" The dataset's {count.repeats} points are shots of {count.groups} standing poses, and each standing pose counts "
         "once, by the mean of its shots."
     )
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from calib.array_types import BoolArray
-from calib.dataset.stands import ShotCount
+from calib.dataset.repeats import RepeatCount
 from calib.diagnosis.words.conclusions import VerdictSentence
 from calib.diagnosis.words.noise_text import NoiseShaped as NoiseShaped
 from calib.effects.natural_bounds import NaturalBound
@@ -32,7 +32,7 @@ class ModelFitted:
     noise_ratio: float | None  # sigma over the declared one; None where no noise is declared
     train_rmse_mm: float | None  # 3D; None where there are no test poses to compare with
     test_rmse_mm: float | None
-    shots: ShotCount | None = None  # of the whole dataset, where points are means over standing poses
+    shots: RepeatCount | None = None  # of the whole dataset, where points are means over standing poses
     instrument: str = "scanner"  # what measured: "scanner", or "instrument" where no jig with faces was measured
 
 

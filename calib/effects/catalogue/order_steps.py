@@ -49,7 +49,7 @@ class ChangePoint:
 
 
 def shows(dataset: Dataset) -> BoolArray:
-    """(N,) training poses with a measured point, each stand by one of its shots; all while no point is known."""
+    """(N,) training poses with a measured point, a repeat group by one of its poses; all while no point is known."""
     training = ~dataset.poses.is_test
     if dataset.points is None:
         return training

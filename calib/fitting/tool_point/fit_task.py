@@ -51,7 +51,7 @@ class FitTask:
 
     def of_geometry_alone(self) -> FitTask:
         """The corrections of robot.toml without the effects: where a fit of all begins."""
-        return replace(self, model=Model(self.model.robot, self.geometry, self.model.held))
+        return replace(self, model=Model(self.model.robot, self.geometry, self.model.fixed))
 
     def of(self, kept: BoolArray) -> FitTask:
         """The same for some of the points (M,)."""
@@ -65,19 +65,19 @@ class FitTask:
         """
         if self.model.robot.carries_scanner:
             return self.fitted(None)
-        held = self.model.held
-        found = search_tool_point(self.observed, self.links, held)
+        fixed = self.model.fixed
+        found = search_tool_point(self.observed, self.links, fixed)
         first = self.fitted(found)
         if not self.options.prior:  # then parameters that the data do not know move freely, and the tool with them
             return first
         settled = first
-        confirmed = fitted_tool_point(first.model, first.fit, self.links, held)
+        confirmed = fitted_tool_point(first.model, first.fit, self.links, fixed)
         if (found is None) != (confirmed is None):
             second = self.fitted(confirmed)
-            if confirmed is None or fitted_tool_point(second.model, second.fit, self.links, held) is not None:
+            if confirmed is None or fitted_tool_point(second.model, second.fit, self.links, fixed) is not None:
                 settled = second
         if settled.model.tool_found is None:
-            turning = turning_tool_point(settled.model, settled.fit, self.links, held)
+            turning = turning_tool_point(settled.model, settled.fit, self.links, fixed)
             settled = settled if turning is None else self.fitted(turning)
         return settled
 

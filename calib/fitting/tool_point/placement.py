@@ -75,10 +75,10 @@ def _last_frame(table: Array) -> Array:
     return kinematics.forward(table[-2:], np.zeros((1, 1)), np.ones(1, dtype=bool)).base_T_frame[0, 1]
 
 
-def tolerance_covariance(robot: Robot, links: LinkErrors, held: Collection[str]) -> Array:
+def tolerance_covariance(robot: Robot, links: LinkErrors, fixed: Collection[str]) -> Array:
     """(3, 3) mm^2: how far tolerances let the tool point be off.
 
-    Those of the last two rows, where they are not held, and a length's in each direction: the rows may have no
+    Those of the last two rows, where they are not fixed, and a length's in each direction: the rows may have no
     parameter that moves it that way. A point of its own may be off by its own tolerance.
     """
     own = robot.own_tool_point
@@ -88,19 +88,19 @@ def tolerance_covariance(robot: Robot, links: LinkErrors, held: Collection[str])
     table = robot.table[-2:]
     chain = kinematics.forward(table, np.zeros((1, 1)), np.ones(1, dtype=bool))
     columns = kinematics.point_jacobian(chain, chain.target_mm)[0].reshape(3, -1)
-    scales = [0.0 if p.name in held else p.scale for p in links.parameters[-columns.shape[1] :]]
+    scales = [0.0 if p.name in fixed else p.scale for p in links.parameters[-columns.shape[1] :]]
     moved = base_T_joint[:3, :3] @ columns * np.array(scales)
     return np.asarray(moved @ moved.T) + TOLERANCE_MM**2 * np.eye(3)
 
 
-def free_directions(robot: Robot, held: Collection[str]) -> Array:
-    """(3, K) along which the tool point may move, where its lengths across or along the last axis are held."""
+def free_directions(robot: Robot, fixed: Collection[str]) -> Array:
+    """(3, K) along which the tool point may move, where its lengths across or along the last axis are fixed."""
     own = robot.own_tool_point
     lengths = ("aTCP", "aTCP", "dTCP") if own is None else target_parameter_names(own)
-    return np.eye(3)[:, [name not in held for name in lengths]]
+    return np.eye(3)[:, [name not in fixed for name in lengths]]
 
 
-def held_behind_tool_point(robot: Robot, observed: Observations) -> tuple[str, ...]:
+def fixed_behind_tool_point(robot: Robot, observed: Observations) -> tuple[str, ...]:
     """The parameters that one point of its own on the last link leaves at robot.toml's: all behind the last axis.
 
     They move it as its own place does, or turn the tip about it, of which it tells nothing. () where the tool point is
@@ -143,12 +143,13 @@ def with_found_tool(
     others: tuple[TargetOffsets, ...] = () if offsets is None else (offsets,)
     targets = tuple(t for of in others for t in of.targets if t.name != own.name)
     place = TargetOffsets((own, *targets), {**tolerances, **(offsets.tolerances if offsets else {})})
-    held = {"aTCP": (x, y), "dTCP": (z,)}
+    own_names = {"aTCP": (x, y), "dTCP": (z,)}
+    own_fixed = [name for row_name, names in own_names.items() if row_name in model.fixed for name in names]
     geometry = (LinkErrors(robot, links.tolerances), place)
     return Model(
         robot,
         (*geometry, *model.effects[1 + len(others) :]),
-        model.held.union(held_behind_tool_point(robot, observed), *(held[name] for name in held if name in model.held)),
+        model.fixed.union(fixed_behind_tool_point(robot, observed), own_fixed),
         model.prior_sigmas,
         model.loads_of,
         found,

@@ -21,7 +21,7 @@ from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import Robot
 
 _STEPS = 50
-_LEAST_FREEDOM = 12  # equations beyond the unknowns; fewer say little of how sure the point is
+_LEAST_DOF = 12  # equations beyond the unknowns; fewer say little of how sure the point is
 _WIDEST_MM = 1000.0  # sigma that holds p in the directions of which the points tell nothing
 
 
@@ -63,8 +63,8 @@ class ToolPointProblem:
         )
 
     @property
-    def freedom(self) -> int:
-        """Equations beyond the unknowns."""
+    def dof(self) -> int:
+        """Degrees of freedom: equations beyond the unknowns."""
         return 3 * len(self.scanner_mm) - 6 * len(self.setups) - self.directions.shape[1]
 
     def at(self, moved_mm: Array) -> tuple[Array, Array]:
@@ -86,17 +86,17 @@ class ToolPointProblem:
 def solve_tool_point(problem: ToolPointProblem) -> SolvedToolPoint | None:
     """Gauss-Newton from the nominal point, frames in closed form; None where too few points are measured."""
     count = problem.directions.shape[1]
-    if count == 0 or problem.freedom < _LEAST_FREEDOM:
+    if count == 0 or problem.dof < _LEAST_DOF:
         return None
     moved = np.zeros(count)
     residual, columns = problem.at(moved)
     hold = 0.0
     for _ in range(_STEPS):
         cost = float(residual @ residual)
-        hold = cost / problem.freedom / _WIDEST_MM**2
+        hold = cost / problem.dof / _WIDEST_MM**2
         # Least squares of columns and hold together: exact points hold nothing, and may tell nothing of a direction.
-        held = np.concatenate([columns, np.sqrt(hold) * np.eye(count)])
-        step = -np.linalg.lstsq(held, np.concatenate([residual, np.sqrt(hold) * moved]), rcond=1e-12)[0]
+        stacked = np.concatenate([columns, np.sqrt(hold) * np.eye(count)])
+        step = -np.linalg.lstsq(stacked, np.concatenate([residual, np.sqrt(hold) * moved]), rcond=1e-12)[0]
         for share in 0.5 ** np.arange(8):
             residual, columns = problem.at(moved + share * step)
             if float(residual @ residual) <= cost:
@@ -104,7 +104,7 @@ def solve_tool_point(problem: ToolPointProblem) -> SolvedToolPoint | None:
         moved = moved + share * step
         if np.linalg.norm(share * step) < 1e-3:
             break
-    noise2 = float(residual @ residual) / problem.freedom
+    noise2 = float(residual @ residual) / problem.dof
     _, size, turn = np.linalg.svd(columns, full_matrices=False)
     sigma_mm = 1.0 / np.sqrt(size**2 / max(noise2, 1e-12) + 1.0 / _WIDEST_MM**2)
     root = problem.directions @ turn.T * sigma_mm

@@ -6,17 +6,17 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset
-from calib.dataset.stands import stands_of
+from calib.dataset.repeats import repeat_groups
 from calib.fitting.noise.time_correlation import Moments
 from calib.fitting.observations import Observations
 from calib.fitting.scanner_frame import whitener
 from calib.screening.noise.likelihood import LinearResidual
 
-ENOUGH = 24  # further shots: as many tell the shape, and where they show none there is none
+ENOUGH = 24  # further repeats: as many tell the shape, and where they show none there is none
 
 
 def scatter_of_repeats(dataset: Dataset) -> LinearResidual | None:
-    """The scatter of each place's shots about their mean, as k - 1 independent differences of k shots.
+    """The scatter of each place's repeats about their mean, as k - 1 independent differences of k repeats.
 
     None with fewer than `ENOUGH` differences. Rows that were written twice tell nothing and are left out.
     """
@@ -24,7 +24,7 @@ def scatter_of_repeats(dataset: Dataset) -> LinearResidual | None:
     if points is None:
         return None
     target = np.unique(points.target, return_inverse=True)[1]
-    key = np.column_stack([stands_of(dataset)[points.pose], target])
+    key = np.column_stack([repeat_groups(dataset)[points.pose], target])
     place = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1)
     if len(points) - len(np.unique(place)) < ENOUGH:
         return None
@@ -32,11 +32,11 @@ def scatter_of_repeats(dataset: Dataset) -> LinearResidual | None:
     covariance = observed.covariance_mm2 * (1.0 if points.counts_as is None else points.counts_as[:, None, None])
     differences: list[Array] = []
     rows: list[int] = []
-    for shots in np.split(np.argsort(place, kind="stable"), np.cumsum(np.bincount(place))[:-1]):
-        xyz_mm, first = np.unique(np.round(points.xyz_mm[shots], 9), axis=0, return_index=True)
+    for repeats in np.split(np.argsort(place, kind="stable"), np.cumsum(np.bincount(place))[:-1]):
+        xyz_mm, first = np.unique(np.round(points.xyz_mm[repeats], 9), axis=0, return_index=True)
         if len(xyz_mm) > 1:
-            differences.append(_contrasts(len(xyz_mm)) @ points.xyz_mm[shots[np.sort(first)]])
-            rows += shots[: len(xyz_mm) - 1].tolist()
+            differences.append(_contrasts(len(xyz_mm)) @ points.xyz_mm[repeats[np.sort(first)]])
+            rows += repeats[: len(xyz_mm) - 1].tolist()
     if len(rows) < ENOUGH:
         return None
     whiten = whitener(covariance[rows])

@@ -22,7 +22,7 @@ from calib.screening.rivals.settling import (
 )
 
 # Measurements of a pose that are asked for at the most: where most poses were measured once, a fit counts the mean of
-# several as one (`calib.dataset.stands`), so that more would promise what a diagnosis does not take.
+# several as one (`calib.dataset.repeats`), so that more would promise what a diagnosis does not take.
 MOST_SHOTS = 1
 ENOUGH = 0.9  # probability of being settled, from which no more is asked for
 MOST_POSES = 20  # that are looked at for how many would be enough
