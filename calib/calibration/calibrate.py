@@ -17,14 +17,14 @@ from calib.effects.effect import Effect, is_held_by_prior
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import FitError
 from calib.fitting.distance_residuals import DistanceResiduals
+from calib.fitting.fit_task import FitTask, Fitted
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, in_room, room_placement, with_nominal_scanner_frames
 from calib.fitting.pose_residuals import PoseResiduals, require_orientations
 from calib.fitting.position_residuals import PositionResiduals
 from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.robust import BACK_LEVEL, LEVEL, belonging_points, fit_belonging, resistant_core
-from calib.fitting.tool_point.fit_task import FitTask, Fitted
-from calib.fitting.tool_point.placement import fixed_behind_tool_point
+from calib.fitting.tool_point import fixed_behind_tool_point
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.options import FitOptions

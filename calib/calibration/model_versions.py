@@ -13,8 +13,8 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Evaluation, scanner_T_base_of_poses
 from calib.calibration.result import Calibration
 from calib.fitting.model import Model, geometric_model
-from calib.fitting.pose_means import mean_by_pose
-from calib.fitting.tool_point.placement import tool_point_in_nominal
+from calib.fitting.observations import mean_by_pose
+from calib.fitting.tool_point import tool_point_in_nominal
 from calib.kinematics.robot import Robot
 from calib.kinematics.tool_point import with_own_tool_point
 from calib.options import FitOptions

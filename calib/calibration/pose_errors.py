@@ -1,4 +1,4 @@
-"""The error of every measured pose, training and test, and the motion of each joint that would explain it."""
+"""Errors of a calibration at each measured pose, and the inputs that they may depend on."""
 
 from __future__ import annotations
 
@@ -11,15 +11,71 @@ from numpy.typing import ArrayLike
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.calibration.evaluation import Evaluation, scanner_T_base_of_poses
-from calib.calibration.input_variables import inputs_at
-from calib.calibration.joint_directions import directions_at
 from calib.calibration.noise_level import NoiseLevel, noise_level
 from calib.calibration.result import Calibration
+from calib.dataset.dataset import Poses
+from calib.dataset.input_names import CONDITIONS, ORDER, PLACES, further_inputs
 from calib.distributions import chi2_ppf
+from calib.effects.gravity import has_masses
+from calib.effects.state import RobotState
 from calib.fitting.model import Model
-from calib.fitting.observations import Observations, with_scanner_frames
-from calib.fitting.pose_means import mean_by_pose, sum_by_pose
+from calib.fitting.observations import Observations, linearise_points, mean_by_pose, sum_by_pose, with_scanner_frames
 from calib.fitting.scanner_frame import whitener
+from calib.kinematics.robot import Robot
+
+
+def inputs_at(robot: Robot, poses: Poses, state: RobotState) -> dict[str, Array]:
+    """Every input by its name, one value a pose (N,); what never changes is left out.
+
+    Angles in rad, prismatic joints and places in mm (scanner frame), torques of gravity in N m, conditions in the unit
+    that their name says. Words of a column become numbers in the order in which they first appear. `state` is the
+    arm's at these poses.
+    """
+    inputs = {f"q{j + 1}": poses.q[:, j] for j in range(robot.n_joints)}
+    if has_masses(robot):
+        torques = state.gravity_torques_nm
+        inputs |= {f"torque{j + 1}": torques[:, j] for j in range(robot.n_joints)}
+    for name in CONDITIONS:
+        values = getattr(poses, name)
+        if values is not None:
+            inputs[name] = values
+    if poses.approach is not None:
+        inputs |= {f"approach{j + 1}": poses.approach[:, j] for j in range(robot.n_joints)}
+    seen = state.seen
+    if seen is not None:
+        inputs |= {axis: seen.scanner_mm[:, k] for k, axis in enumerate(PLACES)}
+    inputs[ORDER] = np.arange(len(poses), dtype=float)
+    for name, of in further_inputs(poses).items():
+        column = poses.extra[of]
+        inputs[name] = (
+            column.to_numpy(dtype=float) if column.dtype.kind in "fiub" else column.factorize()[0].astype(float)
+        )
+    return {name: v for name, v in inputs.items() if len(np.unique(v)) > 1}
+
+
+def directions_at(model: Model, x: Array, observed: Observations, base_to_residual: Array) -> list[Array]:
+    """For each joint (M, 3): how its motion moves the measured points, whitened, mm (or mm/rad) over sigma.
+
+    A joint is moved as its theta (d where it is prismatic) is; one whose parameter is held gets zeros.
+
+    Args:
+        model, x: the fitted model, x (P,).
+        observed: M points whose scanner is placed.
+        base_to_residual: (M, 3, 3) from a motion in the base frame, mm, to the residual's whitened rows.
+    """
+    by_x = linearise_points(model, x, observed)[1]
+    names = [p.name for p in model.parameters]
+    out = []
+    for j, joint in enumerate(model.robot.joints):
+        kind = "theta" if joint.is_revolute else "d"
+        name = f"{kind}{j + 1}"
+        if name in names:
+            column = by_x[:, :, [names.index(name)]]
+            out.append((base_to_residual @ column)[..., 0])
+        else:
+            out.append(np.zeros((len(by_x), 3)))
+    return out
+
 
 _RANKS = 4  # points to either side that a running median takes
 
@@ -38,7 +94,7 @@ class PoseErrors:
     place_mm: Array  # (N, 3) where the point was measured, base frame as the model places it
     noise: NoiseLevel  # what one coordinate may be off by noise alone
     apparent_joint_error: Array  # (N, n) rad or mm: the motion of each joint alone that would best explain the error
-    inputs: dict[str, Array]  # what the error may depend on, (N,) each: `calib.calibration.input_variables`
+    inputs: dict[str, Array]  # what the error may depend on, (N,) each: `calib.calibration.pose_errors`
     apparent_joint_noise: Array  # (N, n) sigma of `apparent_joint_error` by noise alone; nan where no motion shows
 
     @property

@@ -10,8 +10,7 @@ from calib.calibration.pose_errors import PoseErrors, pose_errors_of
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Poses
 from calib.dataset.input_names import PLACES, further_inputs, joint_input
-from calib.fitting.observations import Observations
-from calib.fitting.pose_means import mean_by_pose, points_by_pose
+from calib.fitting.observations import Observations, mean_by_pose, points_by_pose
 
 
 def residual_table(calibration: Calibration) -> pd.DataFrame:

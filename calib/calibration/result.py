@@ -19,7 +19,7 @@ from calib.errors import FitError
 from calib.fitting.fit import Fit
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, room_placement
-from calib.fitting.tool_point.placement import ToolShift, tool_shift
+from calib.fitting.tool_point import ToolShift, tool_shift
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
 

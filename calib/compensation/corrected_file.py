@@ -7,7 +7,7 @@ from pathlib import Path
 
 from calib.compensation.target_correction import Correction
 from calib.compensation.targets_csv import Targets, corrected_table
-from calib.robot_formats.programs.point_lists import (
+from calib.robot_formats.programs import (
     JointTarget,
     is_point_list,
     point_list,

@@ -17,13 +17,35 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from calib.array_types import Array, BoolArray, IndexArray
-from calib.dataset.surroundings import Surroundings
 from calib.display.shown import Viewed
 from calib.errors import DatasetError
 from calib.jig import Jig
-from calib.kinematics.robot import Robot
+from calib.kinematics.robot import Robot, Vector
 from calib.noise_shape import NoiseShape
 from calib.target_shapes import Target
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box along the base's axes, between two of its corners."""
+
+    name: str
+    min_mm: Vector
+    max_mm: Vector
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """The floor's height and boxes, base frame, and how far the arm keeps from singularities.
+
+    `floor_z_mm` None: not known. `least_manipulability` is that of `calib.workcell.measurable.manipulability`, 0 to 1.
+    """
+
+    floor_z_mm: float | None = None
+    boxes: tuple[Box, ...] = ()
+    least_manipulability: float = 0.0
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
 
 ROLES = ("reference", "train", "test")
 

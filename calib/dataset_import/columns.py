@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
-from calib.user_tables.unit_names import MOST_CHARACTERS, plain, split_unit
+from calib.text_files.user_table import MOST_CHARACTERS, plain, split_unit
 
 _JOINT = re.compile(
     r"^(?P<set>.*?)(?:q|j|joint|axis|a|theta|angle|position|pos|achse|gelenk|winkel|axe|eje|asse)(?P<number>\d+)$"

@@ -16,7 +16,7 @@ from calib.consistency.data_problem import Suspicions, suspicions
 from calib.consistency.joint_reading import JointReading
 from calib.dataset.dataset import Dataset, Points, Poses
 from calib.dataset_import.columns import AS_TOLD, Recognised
-from calib.dataset_import.reading import Work
+from calib.dataset_import.reading import ImportReport
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.robot_formats.conventions import SCHOOLS, RobotReading
@@ -78,7 +78,7 @@ class Settled:
 
 
 def settled(
-    work: Work, readings: Sequence[RobotReading], sheet: Sheet | None, meant: Recognised, table: Path
+    report: ImportReport, readings: Sequence[RobotReading], sheet: Sheet | None, meant: Recognised, table: Path
 ) -> Settled:
     """What the points speak for. What is taken is said; another reading is taken only where the gain is overwhelming.
 
@@ -89,10 +89,10 @@ def settled(
     plain = JointReading.plain(asked.robot.robot.n_joints)
     as_it_is = Settled(asked.robot, plain)
     if len(readings) == 1 and not asked.asked:
-        work.said.append(f"{asked.robot.robot.name}: its table is {SCHOOLS[asked.convention]}, by its axes")
+        report.said.append(f"{asked.robot.robot.name}: its table is {SCHOOLS[asked.convention]}, by its axes")
     if sheet is None or sample is None or not sample.is_enough:
         if not any(each.asked for each in readings) and len(readings) > 1:
-            work.fault(_ask_for_convention(asked, readings))
+            report.fault(_ask_for_convention(asked, readings))
         return as_it_is
     misfits = [misfit_mm(each.robot.robot, sample) for each in readings]
     least = min(misfits)
@@ -101,31 +101,31 @@ def settled(
     if not any(each.asked for each in readings) and len(readings) > 1:
         worse = min(m for m, each in zip(misfits, readings, strict=True) if each is not best)
         if not near or worse < GAIN * least:
-            work.fault(_ask_for_convention(asked, readings))
+            report.fault(_ask_for_convention(asked, readings))
             return as_it_is
-        work.said.append(
+        report.said.append(
             f"{best.robot.robot.name}: its table is {SCHOOLS[best.convention]}, with which the nominal arm misses the "
             f"points by {least:.3g} mm rms, and with the other one by {worse:.3g} mm"
         )
         return Settled(best.robot, plain)
     if best is not asked and near and misfits[0] >= GAIN * least:
-        work.said.append(
+        report.said.append(
             f"{asked.robot.robot.name}: its table is taken for {SCHOOLS[best.convention]}: so read, the nominal arm "
             f"misses the points by {least:.3g} mm rms, and by {misfits[0]:.3g} mm as {SCHOOLS[asked.convention]}, "
             "which robot.toml is written in"
         )
-        work.said += [f"{asked.robot.robot.name}: {note}" for note in best.robot.notes]
+        report.said += [f"{asked.robot.robot.name}: {note}" for note in best.robot.notes]
         return Settled(best.robot, plain)
     names = [meant.columns[f"q{k + 1}"].name for k in range(asked.robot.robot.n_joints)]
     found = _suspicions(sheet, asked.robot.robot, names)
     problem = found.problem
     if problem is None:
         if found.likeliest is not None:
-            work.doubts.append(
+            report.doubts.append(
                 f"{table}: {found.likeliest.words}, or an effect of the arm looks so: inspector diagnose weighs them"
             )
         if misfits[0] > AGREES * sample.spread_mm:
-            work.doubts.append(
+            report.doubts.append(
                 f"{table}: the nominal arm misses the points by {misfits[0]:.3g} mm rms, and they spread by "
                 f"{sample.spread_mm:.3g} mm: they may be of another robot, or in another order; no sign, order or zero "
                 "of the joints explains it"
@@ -135,10 +135,10 @@ def settled(
     reading = problem.hypothesis.reading
     if reading is None or problem.rivals or told:
         by_map = "; tell with --map" if reading is not None else ""
-        work.doubts.append(f"{table}: {problem.words}{by_map}")
+        report.doubts.append(f"{table}: {problem.words}{by_map}")
         return as_it_is
     fall = f"the error falls from {problem.now_mm:.3g} to {problem.then_mm:.3g} mm"
-    work.said.append(
+    report.said.append(
         f"{table}: {problem.found}, and is read so: {problem.hypothesis.then} {fall}; --map says it otherwise"
     )
     return Settled(asked.robot, reading, f"so read, {fall}")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from calib.consistency.data_problem import Beside, DataProblem, Suspicions, suspicions, weighed
-from calib.consistency.hypotheses import Hypothesis
+from calib.consistency.data_problem import DataProblem, EffectModel, Suspicions, suspicions, weighed
+from calib.consistency.hypotheses import DataHypothesis
 from calib.diagnosis.conclusion import concluded
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.moves import Stop
@@ -29,7 +29,7 @@ def diagnosis_of_problem(space: SearchSpace, first: FitStep, problem: DataProble
 
 
 def problem_beside_effects(
-    space: SearchSpace, found: Diagnosis, open_hypotheses: tuple[Hypothesis, ...]
+    space: SearchSpace, found: Diagnosis, open_hypotheses: tuple[DataHypothesis, ...]
 ) -> DataProblem | None:
     """What is wrong with the data after all, where that explains what effects were found for, with fewer of them."""
     steps = [step for step in found.steps if step.effect != LEARNED]
@@ -37,7 +37,7 @@ def problem_beside_effects(
     if not open_hypotheses or found.verdict == "adequate":
         return None
 
-    def model(without: SelectedEffect | None) -> Beside:
+    def model(without: SelectedEffect | None) -> EffectModel:
         return _beside(space, [effect for effect in last.selected if effect is not without], without)
 
     models = [*map(model, last.selected), model(None)]
@@ -49,8 +49,8 @@ def problem_beside_effects(
     return weighed(last.calibration, open_hypotheses, models)
 
 
-def _beside(space: SearchSpace, kept: Sequence[SelectedEffect], without: SelectedEffect | None = None) -> Beside:
-    return Beside(
+def _beside(space: SearchSpace, kept: Sequence[SelectedEffect], without: SelectedEffect | None = None) -> EffectModel:
+    return EffectModel(
         tuple(effect.name for effect in kept),
         "" if without is None else without.name,
         lambda dataset: replace(space, dataset=dataset).fit(kept, None),

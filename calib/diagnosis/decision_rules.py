@@ -11,7 +11,7 @@ from calib.calibration.plausibility import beyond_nature
 from calib.calibration.result import Calibration, is_declared
 from calib.dataset.repeats import repeat_groups
 from calib.diagnosis.findings import Findings, Refusal
-from calib.fitting.pose_means import mean_by_pose
+from calib.fitting.observations import mean_by_pose
 from calib.screening.candidates import (
     MIN_LEAD,
     MIN_RIVAL_OVERLAP,

@@ -15,13 +15,35 @@ from calib.dataset.dataset import Dataset, Points, Poses
 from calib.effects.state import RobotState, Seen
 from calib.errors import FitError
 from calib.fitting.model import Model, geometric_model, place_of_target
-from calib.fitting.noise.point_covariance import noise_factors, shaped_covariance
-from calib.fitting.pose_means import mean_by_pose, points_by_pose
+from calib.fitting.noise import noise_factors, shaped_covariance
 from calib.fitting.scanner_frame import fit_scanner_frame
 from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import Robot
 from calib.kinematics.room_placement import RoomPlacement, place_in_room, with_room_targets
 from calib.noise_shape import NoiseShape
+
+
+def sum_by_pose(values: Array, row: IndexArray, poses: int) -> Array:
+    """The sum over each pose's points, (M, ...) -> (N, ...), zero where a pose has none.
+
+    row  # (M,) which of the N poses each point belongs to
+    """
+    total = np.zeros((poses, *values.shape[1:]))
+    np.add.at(total, row, values)
+    return total
+
+
+def mean_by_pose(values: Array, row: IndexArray, poses: int, *, empty: float = 0.0) -> Array:
+    """The mean over each pose's points, (M, ...) -> (N, ...); `empty` where a pose has none. `row` as above."""
+    count = points_by_pose(row, poses).reshape(-1, *[1] * (values.ndim - 1))
+    mean = sum_by_pose(values, row, poses) / np.maximum(count, 1)
+    return np.asarray(np.where(count > 0, mean, empty))
+
+
+def points_by_pose(row: IndexArray, poses: int) -> IndexArray:
+    """How many points each pose has, (M,) -> (N,)."""
+    return np.bincount(row, minlength=poses)
+
 
 UNDECLARED_SIGMA_MM = 1.0
 """What stands for a point's sigma where none is declared; only ratios of it count then."""

@@ -27,7 +27,7 @@ import numpy as np
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.distributions import chi2_ppf, chi_median, f_sf
 from calib.fitting.fit import Fit
-from calib.fitting.noise.student import student_weights
+from calib.fitting.noise import student_weights
 from calib.fitting.observations import Observations, weighted
 from calib.fitting.pose_residuals import PoseResiduals
 from calib.fitting.position_residuals import PositionResiduals

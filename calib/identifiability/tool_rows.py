@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from calib.dataset.dataset import Dataset
 from calib.effects.link_errors import target_parameter_names
 from calib.fitting.model import Model
-from calib.fitting.tool_point.placement import behind_last_axis
+from calib.fitting.tool_point import behind_last_axis
 from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import redundancy
 

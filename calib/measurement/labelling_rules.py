@@ -18,7 +18,7 @@ from calib.effects.link_errors import LinkErrors
 from calib.errors import FitError
 from calib.fitting.model import geometric_model
 from calib.fitting.observations import Observations, in_room, predict_points, with_nominal_scanner_frames
-from calib.fitting.tool_point.far_off import search_tool_point
+from calib.fitting.tool_point import search_tool_point
 from calib.kinematics import chain as kinematics
 from calib.measurement.labels import LEAST_MARGIN_DEG, LEAST_MISFIT_MARGIN, FaceLabels
 

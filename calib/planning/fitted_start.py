@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
-from calib.calibration.noise_check import check_sigma
+from calib.calibration.noise_level import check_sigma
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_named

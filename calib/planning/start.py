@@ -11,7 +11,7 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array
-from calib.calibration.noise_check import check_sigma
+from calib.calibration.noise_level import check_sigma
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset, Poses
 from calib.effects.effect import Effect

@@ -19,7 +19,7 @@ from calib.effects.effect import Effect
 from calib.effects.link_errors import LinkErrors
 from calib.errors import CalibError, FitError
 from calib.fitting.model import Model
-from calib.fitting.noise.point_covariance import noise_factors, shaped_covariance
+from calib.fitting.noise import noise_factors, shaped_covariance
 from calib.fitting.observations import Observations, linearise_points
 from calib.fitting.scanner_frame import frame_motion, whitener
 from calib.kinematics.robot import Robot

@@ -12,10 +12,9 @@ from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
 from calib.robot_formats.chain.five_parameters import robot_of, row_transform
 from calib.robot_formats.chain.serial_chain import ChainJoint, SerialChain
-from calib.robot_formats.robot_file import Reading, RobotFile, named_robot
+from calib.robot_formats.robot_file import ReadOptions, RobotFile, named_robot
 from calib.robot_formats.tables import CONVENTIONS
-from calib.user_tables.unit_names import plain, split_unit
-from calib.user_tables.user_table import load_table
+from calib.text_files.user_table import load_table, plain, split_unit
 
 SCHOOLS = {"standard": "standard Denavit-Hartenberg", "modified": "modified Denavit-Hartenberg (Craig)"}
 
@@ -29,7 +28,7 @@ class RobotReading:
     asked: bool = True
 
 
-def robot_readings(name: str, reading: Reading) -> list[RobotReading]:
+def robot_readings(name: str, reading: ReadOptions) -> list[RobotReading]:
     """A robot as asked for, first, then as the other convention of its table would have it, where there is one.
 
     A table of theta, d, a, alpha without --convention has no first choice: none of its readings is `asked`.
@@ -55,7 +54,7 @@ def _is_denavit_hartenberg(path: Path) -> bool:
     return {"theta", "d", "a", "alpha"} <= columns
 
 
-def _readings_of_table(path: Path, reading: Reading) -> list[RobotReading]:
+def _readings_of_table(path: Path, reading: ReadOptions) -> list[RobotReading]:
     found: list[RobotReading] = []
     failed: list[CalibError] = []
     wanted = reading.convention

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.dataset.files.robot_toml import builtin_robot, load_robot
-from calib.dataset.robot_checks import refuse_beyond
+from calib.dataset.files.robot_toml import builtin_robot, load_robot, refuse_beyond
 from calib.errors import is_one_line
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
@@ -52,7 +51,7 @@ class RobotFile:
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadOptions:
     """What a file does not say by itself."""
 
     tip: str | None = None  # link, body or site
@@ -62,7 +61,7 @@ class Reading:
     xacro: Xacro | None = None  # None: a xacro is refused, as it computes and reads other files
 
 
-def read_robot(path: str | Path, reading: Reading = Reading()) -> RobotFile:
+def read_robot(path: str | Path, reading: ReadOptions = ReadOptions()) -> RobotFile:
     """The robot of a file, by its suffix.
 
     Raises CalibError in one line that names the file, the line or key, and what would do.
@@ -101,7 +100,7 @@ def tips_of(path: Path) -> tuple[str, ...]:
     return () if file.root.tag == "mujoco" else tuple(tip_links(read_tree(file)))
 
 
-def named_robot(name: str, reading: Reading = Reading()) -> RobotFile:
+def named_robot(name: str, reading: ReadOptions = ReadOptions()) -> RobotFile:
     """A robot by the name of a built-in one or by its file."""
     if name in BUILTIN_ROBOTS:
         return RobotFile(builtin_robot(name), None)
@@ -147,7 +146,7 @@ def _with_source(robot: Robot, chain: SerialChain, path: Path) -> RobotFile:
     return RobotFile(robot, chain, chain.notes)
 
 
-def _refuse_unused(path: Path, suffix: str, reading: Reading) -> None:
+def _refuse_unused(path: Path, suffix: str, reading: ReadOptions) -> None:
     """Raise RobotFileError for what this form of a robot has no use for."""
     has_links = suffix in (".urdf", ".xml", ".xacro")
     for option, value, used in (

@@ -25,8 +25,7 @@ from calib.array_types import Array
 from calib.frames import make_transform, rotation_from_rpy
 from calib.robot_formats.chain.five_parameters import row_transform
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
-from calib.user_tables.unit_names import plain, split_unit
-from calib.user_tables.user_table import UserTable, load_table
+from calib.text_files.user_table import UserTable, load_table, plain, split_unit
 
 CONVENTIONS = ("standard", "modified")
 _TIPS = ("tool", "tool0", "flange", "tcp", "ee", "tip", "home", "m")

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
-from calib.calibration.joint_directions import directions_at
+from calib.calibration.pose_errors import directions_at
 from calib.calibration.result import Calibration
 from calib.effects.effect import is_held_by_prior
 from calib.effects.state import RobotState
 from calib.errors import FitError
 from calib.fitting.model import point_by_state
-from calib.fitting.noise.whitening import Whitening
+from calib.fitting.noise import Whitening
 from calib.fitting.observations import Observations, with_scanner_frames
 from calib.fitting.position_residuals import PositionResiduals
 from calib.screening.nuisance import Nuisance, load_columns

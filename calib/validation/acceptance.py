@@ -10,8 +10,7 @@ import numpy as np
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Figures
 from calib.calibration.held_out import held_out_test
-from calib.calibration.noise_check import check_sigma
-from calib.calibration.noise_level import FIT, NoiseLevel, noise_level
+from calib.calibration.noise_level import FIT, NoiseLevel, check_sigma, noise_level
 from calib.calibration.plausibility import implausibility_reason, outlier_hint, too_good
 from calib.calibration.result import Calibration, declared_sigma_mm, is_declared
 from calib.corners.search import CornerSearch

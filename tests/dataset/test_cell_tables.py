@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.dataset.dataset import Box, Surroundings
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.dataset.surroundings import Box, Surroundings
 from calib.errors import DatasetError
 from tests.support.arms import dataset_of, jang_arm
 

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.dataset.files.robot_toml import builtin_robot, load_robot, robot_to_toml
-from calib.dataset.robot_checks import refuse_beyond
+from calib.dataset.files.robot_toml import builtin_robot, load_robot, refuse_beyond, robot_to_toml
 from calib.errors import DatasetError
 from calib.frames import apply
 from calib.kinematics.chain import forward, target_points

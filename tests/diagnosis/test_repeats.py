@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.calibration.calibrate import calibrate
-from calib.calibration.noise_check import check_sigma
+from calib.calibration.noise_level import check_sigma
 from calib.dataset.dataset import Dataset, Points, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose

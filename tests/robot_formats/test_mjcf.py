@@ -15,7 +15,7 @@ import pytest
 
 from calib.robot_formats import mjcf
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain
-from calib.robot_formats.robot_file import Reading, read_robot
+from calib.robot_formats.robot_file import ReadOptions, read_robot
 from inspector.cli.parser import main
 from tests.support.robot_texts import MJCF
 
@@ -30,7 +30,7 @@ def model(inside: str = HAND, before: str = "", after: str = "", root: str = "mu
 
 
 def chain(path: Path) -> SerialChain:
-    read = read_robot(path, Reading(tip="hand"))
+    read = read_robot(path, ReadOptions(tip="hand"))
     assert read.chain is not None
     return read.chain
 
@@ -192,7 +192,7 @@ def test_no_model_leads_out_of_its_folder_or_takes_the_machine_for_itself(tmp_pa
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     started = time.monotonic()
     with pytest.raises(RobotFileError, match=said) as caught:
-        read_robot(folder / "arm.xml", Reading(tip="hand"))
+        read_robot(folder / "arm.xml", ReadOptions(tip="hand"))
     assert "\n" not in str(caught.value)
     assert time.monotonic() - started < 70
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # kB

@@ -15,7 +15,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from calib.robot_formats.robot_file import Reading, read_robot
+from calib.robot_formats.robot_file import ReadOptions, read_robot
 from calib.robot_formats.ur_calibration import MODELS, nominal_rows
 from inspector.cli.parser import main
 from tests.support.robot_texts import DELTAS, FAR_DELTAS, conf_of
@@ -162,7 +162,7 @@ def test_the_table_of_a_calibration_has_small_angles(tmp_path: Path) -> None:
     for seed, model in enumerate(MODELS):
         path = tmp_path / "calibration.conf"
         path.write_text(conf_of(drawn(np.random.default_rng(seed))))
-        table = read_robot(path, Reading(model=model)).robot.table
+        table = read_robot(path, ReadOptions(model=model)).robot.table
         assert np.degrees(np.abs(table[:, [3, 4]]).max()) < 0.5
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from calib.dataset.dataset import Scanner
+from calib.dataset.dataset import Box, Scanner, Surroundings
 from calib.dataset.files.points_csv import LEAST_SIGMA_DEG, LEAST_SIGMA_MM, MOST_SIGMA_DEG, MOST_SIGMA_MM
-from calib.dataset.surroundings import Box, Surroundings
 from calib.errors import CornerError, is_one_line
 from calib.jig import Jig, jig_normals
 from calib.text_files.toml_table import TomlTable

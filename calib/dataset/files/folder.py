@@ -26,9 +26,8 @@ from calib.dataset.files.fingerprint import table_hashes
 from calib.dataset.files.points_checks import unmeasured_note
 from calib.dataset.files.points_csv import load_points, points_frame
 from calib.dataset.files.poses_csv import load_poses, poses_frame
-from calib.dataset.files.robot_toml import load_robot, robot_to_toml
+from calib.dataset.files.robot_toml import load_robot, refuse_beyond, robot_to_toml
 from calib.dataset.files.target_tables import load_targets, target_document
-from calib.dataset.robot_checks import refuse_beyond
 from calib.errors import DatasetError, is_one_line
 from calib.jig import Jig
 from calib.scans.scan import scan_file

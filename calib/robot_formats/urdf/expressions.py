@@ -27,7 +27,7 @@ class ExpressionError(Exception):
     """What an expression may not do, or cannot."""
 
 
-class Names(Protocol):
+class NameTable(Protocol):
     """Where the values of names are looked up; KeyError where there is none."""
 
     def __getitem__(self, name: str, /) -> Any: ...
@@ -45,7 +45,7 @@ class Function:
 class Namespace:
     """Names behind a dot: `math.sin`."""
 
-    names: Names
+    names: NameTable
 
 
 @dataclass
@@ -60,7 +60,7 @@ class Budget:
             raise ExpressionError("the expressions of this file take too many steps")
 
 
-def evaluate(text: str, names: Names, budget: Budget) -> Any:
+def evaluate(text: str, names: NameTable, budget: Budget) -> Any:
     """The value of an expression: None, bool, int, float, str, or lists and tables of them. Raises ExpressionError."""
     if len(text) > MOST_CHARACTERS:
         raise ExpressionError(f"an expression has {len(text)} characters; at most {MOST_CHARACTERS} are read")
@@ -337,7 +337,7 @@ _METHODS: Mapping[type, Mapping[str, Callable[..., Any]]] = {
 class _Evaluation:
     """The walk over one expression's tree."""
 
-    def __init__(self, names: Names, budget: Budget) -> None:
+    def __init__(self, names: NameTable, budget: Budget) -> None:
         self._names, self._budget = names, budget
         self._local: dict[str, Any] = {}  # of comprehensions
 

@@ -7,7 +7,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import repeat_groups
-from calib.fitting.noise.time_correlation import Moments
+from calib.fitting.noise import Moments
 from calib.fitting.observations import Observations
 from calib.fitting.scanner_frame import whitener
 from calib.screening.noise.likelihood import LinearResidual

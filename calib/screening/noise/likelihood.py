@@ -17,9 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.array_types import Array, IndexArray
-from calib.fitting.noise.point_covariance import inverse_factors, noise_factors
-from calib.fitting.noise.student import student_weights
-from calib.fitting.noise.time_correlation import Moments, decorrelated
+from calib.fitting.noise import Moments, decorrelated, inverse_factors, noise_factors, student_weights
 from calib.fitting.scanner_frame import whitener
 from calib.noise_shape import NoiseShape, Wander
 from calib.screening.projected_residual import ProjectedResidual

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from calib.array_types import Array
-from calib.fitting.noise.student import student_scale
+from calib.fitting.noise import student_scale
 
 _TAILS = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0)
 _MOST_OUTLIERS = 0.1  # share of the points

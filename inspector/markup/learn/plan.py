@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.planning.plan import Plan
 from calib.planning.prediction import PAYS, STEP
-from calib.robot_formats.programs.point_lists import JOINTS
+from calib.robot_formats.programs import JOINTS
 from inspector.markup.parts import elements
 from inspector.markup.parts.palette import DOUBT, GOOD
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from calib.dataset.input_names import quantity_of
 from calib.dataset_import.columns import Meaning
-from calib.dataset_import.files.user_files import UNUSED, UserFile
 from calib.dataset_import.plan import ImportPlan, PlannedColumn
+from calib.dataset_import.user_files import UNUSED, UserFile
 from inspector.markup.parts import elements
 from inspector.markup.parts.elements import Html
 

@@ -20,7 +20,7 @@ from calib.dataset.files.robot_toml import builtin_robot, load_robot, robot_to_t
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_named
 from calib.effects.link_errors import TOLERANCE_RAD
-from calib.fitting.tool_point.placement import tip_turn_rad
+from calib.fitting.tool_point import tip_turn_rad
 from calib.kinematics.robot import Robot, Target
 from calib.kinematics.tool_point import tool_point, with_tool_point
 from calib.models.model_file import load_model, save_model

@@ -22,7 +22,7 @@ _LITTER = ("__MACOSX", "Thumbs.db", "desktop.ini")  # what packing programs add
 
 
 @dataclass(frozen=True)
-class Limits:
+class ArchiveLimits:
     """What an archive may hold."""
 
     files: int = 5000
@@ -40,7 +40,7 @@ def is_archive(path: Path) -> bool:
         return False
 
 
-def unpack(path: Path, folder: Path, limits: Limits = Limits()) -> tuple[Path, ...]:
+def unpack(path: Path, folder: Path, limits: ArchiveLimits = ArchiveLimits()) -> tuple[Path, ...]:
     """Write the files of a zip below an empty folder and say which.
 
     Everything is judged by the archive's table before anything is written, and its sizes are held to while unpacking.
@@ -69,7 +69,7 @@ def unpack(path: Path, folder: Path, limits: Limits = Limits()) -> tuple[Path, .
         raise DatasetError(f"{path}: cannot be unpacked ({error.strerror or error})") from None
 
 
-def _refuse_full_disk(path: Path, folder: Path, needed_bytes: int, limits: Limits) -> None:
+def _refuse_full_disk(path: Path, folder: Path, needed_bytes: int, limits: ArchiveLimits) -> None:
     """Raise DatasetError where the files would leave too little room on the disk."""
     there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if shutil.disk_usage(there).free - needed_bytes < limits.spare_bytes:
@@ -78,7 +78,7 @@ def _refuse_full_disk(path: Path, folder: Path, needed_bytes: int, limits: Limit
         )
 
 
-def _refuse_long_table(path: Path, limits: Limits) -> None:
+def _refuse_long_table(path: Path, limits: ArchiveLimits) -> None:
     """Raise DatasetError where the archive's table is longer than its files could make it, before it is read."""
     with path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - _END_BYTES))
@@ -91,7 +91,7 @@ def _refuse_long_table(path: Path, limits: Limits) -> None:
         raise DatasetError(f"{path}: holds too many files; {limits.files} are the most that is taken")
 
 
-def _judged(path: Path, archive: zipfile.ZipFile, limits: Limits) -> dict[str, zipfile.ZipInfo]:
+def _judged(path: Path, archive: zipfile.ZipFile, limits: ArchiveLimits) -> dict[str, zipfile.ZipInfo]:
     """The files to unpack by their place below the folder."""
     infos = archive.infolist()
     if len(infos) > limits.files:

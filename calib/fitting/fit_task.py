@@ -15,8 +15,7 @@ from calib.fitting.observations import Observations, with_nominal_scanner_frames
 from calib.fitting.residual import Residuals
 from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.robust import solve_with_tails
-from calib.fitting.tool_point.far_off import fitted_tool_point, search_tool_point, turning_tool_point
-from calib.fitting.tool_point.placement import with_found_tool
+from calib.fitting.tool_point import fitted_tool_point, search_tool_point, turning_tool_point, with_found_tool
 from calib.fitting.trust_region import solve
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions

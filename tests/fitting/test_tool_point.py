@@ -9,7 +9,7 @@ import pytest
 
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.link_errors import LinkErrors
-from calib.fitting.tool_point.placement import (
+from calib.fitting.tool_point import (
     free_directions,
     tip_turn_rad,
     tolerance_covariance,

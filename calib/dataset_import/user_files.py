@@ -12,8 +12,7 @@ from calib.dataset_import.columns import recognise
 from calib.errors import CalibError
 from calib.robot_formats.origin_yaml import read_origin_yaml
 from calib.text_files.text_file import decoded
-from calib.user_tables.unit_names import plain, split_unit
-from calib.user_tables.user_table import UserTable, parse_table
+from calib.text_files.user_table import UserTable, parse_table, plain, split_unit
 
 _MOST_FILES = 10_000
 _HEAD_BYTES = 16_384  # of a file, by which it is judged
