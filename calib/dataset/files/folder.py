@@ -1,4 +1,4 @@
-"""The dataset folder, read, checked and written. Format version 1: dataset.toml, robot.toml, poses.csv, points.csv."""
+"""The dataset folder (format version 1: dataset.toml, robot.toml, poses.csv, points.csv), read, checked and written."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def find_datasets(folder: Path) -> list[Path]:
 
 
 def load_dataset(folder: str | Path) -> Dataset:
-    """Read a dataset folder. Raises DatasetError; what is possible but probably a mistake goes to `warnings`."""
+    """Read a dataset folder. Raises DatasetError; values that are possible but suspicious go to `warnings`."""
     folder = Path(folder)
     top = TomlTable.load(folder / "dataset.toml")
     version = top.number("format")
@@ -138,14 +138,14 @@ def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
 
 
 def _inside(folder: Path, name: str, top: TomlTable, key: str) -> Path:
-    """A path below the folder; one that leaves it is refused."""
+    """The path of a named file below the folder. Raises DatasetError where it leads out of the folder."""
     if not name or not _is_below(folder, folder / name):
         raise top.error(key, f"found {name!r}, which is not below the dataset's folder", "use a relative path below it")
     return folder / name
 
 
 def _is_below(folder: Path, path: Path) -> bool:
-    """Whether a path leads to a place in the folder; one that leads nowhere, such as a link to itself, does not."""
+    """Whether a path, links followed, lies in the folder; False for a link that leads nowhere."""
     try:
         return path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError, ValueError):  # a circle of links, a zero character
@@ -153,7 +153,7 @@ def _is_below(folder: Path, path: Path) -> bool:
 
 
 def _about(table: TomlTable) -> About:
-    """Texts of one line; `date` may be a date of TOML's own, which has no quotes."""
+    """The arm's serial number, operator, site and date of [about]; the date may be a TOML date or a text."""
     told: dict[str, str] = {}
     for key in ABOUT:
         date = table.date(key) if key == "date" else None
@@ -164,7 +164,7 @@ def _about(table: TomlTable) -> About:
 
 
 def _check_scans(folder: Path, scan_folder: Path, poses: Poses, poses_path: Path, *, needed: bool) -> None:
-    """Each pose's scan lies below the folder and, where `needed`, is there. Raises DatasetError with its line."""
+    """Raise DatasetError, with the line, where a pose's scan lies outside the folder or, if `needed`, is missing."""
     for row, name in enumerate(poses.scan_names):
         path = scan_folder / name
         outside = not _is_below(folder, path)
@@ -180,7 +180,7 @@ def _check_scans(folder: Path, scan_folder: Path, poses: Poses, poses_path: Path
 
 
 def write_dataset(dataset: Dataset, folder: str | Path) -> None:
-    """Write the folder; `load_dataset` gives the same dataset back. Scans are copied where they lie elsewhere."""
+    """Write a dataset folder, which `load_dataset` reads back unchanged. Scans are copied where they lie elsewhere."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     if dataset.scan_folder is not None:
