@@ -1,4 +1,4 @@
-"""Calibration: dataset in, fitted model out, with what it was like before and after on training and test poses."""
+"""Calibration of an arm from a dataset: the fit with its errors on training and test poses, before and after."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from calib.fitting.observations import Observations, in_room, room_placement, wi
 from calib.fitting.pose_residuals import PoseResiduals, require_orientations
 from calib.fitting.position_residuals import PositionResiduals
 from calib.fitting.residual_kinds import make_residuals
-from calib.fitting.robust import BACK_LEVEL, LEVEL, belonging_points, fit_belonging, resistant_core
+from calib.fitting.robust import BACK_LEVEL, LEVEL, fit_inliers, inlying_points, resistant_core
 from calib.fitting.tool_point import fixed_behind_tool_point
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import TOOL_POINT, Robot
@@ -44,18 +44,18 @@ def calibrate(
     """Fit the link errors, and further effects, to the training poses of a dataset.
 
     Repeats of one pose count once, by their mean (`calib.dataset.repeats`); errors are reported for every repeat.
-    With effects, an earlier fit or one of the link errors alone comes first, and gravity's loads are worked out at its
-    links. Effects then change the links by some 1e-3 rad, and loads by some 1e-3 of themselves, which is left out.
+    With effects, a fit of the link errors alone (or an earlier fit) comes first, and gravity's loads are computed at
+    its links. Effects then change the links by some 1e-3 rad and the loads by some 1e-3, which is neglected.
 
     Args:
         dataset: with measured points.
-        options: what is asked of the fit; the result keeps it.
-        effects: beyond the link errors.
-        prior_sigmas: of the effects' parameters, by full name, where their usual scale is not the prior to use.
-        start: an earlier fit of the same arm to go on from, by its parameters' names. It saves iterations.
+        options: how to fit; kept in the result for later fits.
+        effects: effects to fit besides the link errors.
+        prior_sigmas: prior sigmas of effects' parameters, by full name, that replace their usual scale.
+        start: an earlier fit of the same arm to start from; parameters are matched by name.
 
     Raises:
-        FitError: no points, an unknown name, a weight that the residual cannot have, or fewer equations than unknowns.
+        FitError: no points, an unknown name, options that contradict each other, or fewer equations than unknowns.
     """
     residual = options.residual
     if options.noise is not None:
@@ -102,7 +102,7 @@ def calibrate(
 
 
 def _fitted(task: FitTask, start: Calibration | None) -> tuple[Fitted, BoolArray]:
-    """The fit, and of which points (M,): of all but those of outlying poses where it is robust."""
+    """The fit, and the mask (M,) of its points: all, or in a robust fit those of inlying poses."""
     observed, options = task.observed, task.options
     before = None if start is None else Fitted(start.model, start.fit)
     kept = np.ones(len(observed.points), dtype=bool)
@@ -114,17 +114,17 @@ def _fitted(task: FitTask, start: Calibration | None) -> tuple[Fitted, BoolArray
     else:
         kept = resistant_core(_maker(task.of_geometry_alone().model, options), observed, prior=options.prior)
 
-    def belonging(fitted: Fitted, kept: BoolArray, back_level: float) -> BoolArray:
+    def inliers(fitted: Fitted, kept: BoolArray, back_level: float) -> BoolArray:
         make = _maker(fitted.model, options)
-        return belonging_points(make, observed, fitted.fit, kept, prior=options.prior, back_level=back_level)
+        return inlying_points(make, observed, fitted.fit, kept, prior=options.prior, back_level=back_level)
 
     refit = start is not None and start.options.robust
     first_back_level = BACK_LEVEL if refit else LEVEL
-    return fit_belonging(lambda kept: _fitted_from(task.of(kept), before), belonging, kept, first_back_level)
+    return fit_inliers(lambda kept: _fitted_from(task.of(kept), before), inliers, kept, first_back_level)
 
 
 def _fitted_from(task: FitTask, before: Fitted | None) -> Fitted:
-    """The fit from an earlier one, or from the nominal robot, by way of the corrections of robot.toml alone."""
+    """Fit that starts from an earlier one, or else from a fit of the corrections of robot.toml alone."""
     alone = task.of_geometry_alone()
     if before is None and task.model.added_effects and alone.model.parameters:
         before = alone.fitted_to_tool()
@@ -132,7 +132,7 @@ def _fitted_from(task: FitTask, before: Fitted | None) -> Fitted:
 
 
 def _maker(model: Model, options: FitOptions) -> Callable[[Observations], PositionResiduals | PoseResiduals]:
-    """Residuals of a model from observations."""
+    """Function that makes the residuals of a model from observations."""
 
     def make(observed: Observations) -> PositionResiduals | PoseResiduals:
         placed = with_nominal_scanner_frames(observed, model.placed_robot)
@@ -159,7 +159,7 @@ def with_repeats_averaged(dataset: Dataset, residual: str) -> Dataset:
 
 
 def _require_equations(dataset: Dataset, observed: Observations, kind: str, equations: int, rank: int) -> None:
-    """Raise FitError where poses give no more equations than there are unknown directions, with the number needed."""
+    """Raise FitError, with the number of poses needed, where equations are no more than the unknowns."""
     if equations > rank:
         return
     arm = structural_rank(dataset.robot, residual=kind)
@@ -173,7 +173,7 @@ def _require_equations(dataset: Dataset, observed: Observations, kind: str, equa
 
 
 def _require_placed(dataset: Dataset, observed: Observations) -> None:
-    """Raise FitError where the training points do not place a scanner on the flange, or lack a target of test poses."""
+    """Raise FitError where training points do not locate a scanner on the flange, or lack a target of test poses."""
     assert dataset.points is not None
     unknown = sorted(set(dataset.points.target.tolist()) - set(observed.targets))
     if unknown:
@@ -189,10 +189,10 @@ def _require_placed(dataset: Dataset, observed: Observations) -> None:
 
 
 def geometry_of(robot: Robot, observed: Observations, options: FitOptions) -> tuple[Effect, ...]:
-    """What every fit corrects of robot.toml: the links, and the places of the further targets that were measured.
+    """Corrections of robot.toml that every fit includes: link errors, and places of further measured targets.
 
-    Distances are of the tool point alone and tell nothing of further targets. Raises FitError on a tolerance of no
-    parameter.
+    Residuals of distances are of the tool point alone and leave further targets out. Raises FitError on a tolerance of
+    an unknown parameter.
     """
     measured = {TOOL_POINT} if options.residual == "distance" else observed.targets
     targets = tuple(target for target in robot.targets if target.name in measured)
@@ -203,7 +203,7 @@ def geometry_of(robot: Robot, observed: Observations, options: FitOptions) -> tu
 
 
 def checked_tolerances(names: Sequence[str], tolerances: Mapping[str, float]) -> Mapping[str, float]:
-    """The tolerances, all of parameters with these names and above 0; FitError otherwise."""
+    """The tolerances unchanged. Raises FitError on an unknown name or a value that is not above 0."""
     for name, value in tolerances.items():
         if name not in names:
             raise FitError(f"no parameter named {name!r}; there are {', '.join(names[:6])} ...")

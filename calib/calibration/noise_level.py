@@ -12,14 +12,14 @@ from calib.dataset.repeats import find_repeats, pooled_sigma_mm
 from calib.distributions import chi2_ppf
 
 DECLARED, REPEATS, FIT = "dataset", "repeats", "fit"
-_FEWEST_DOF = 12  # degrees of freedom from which on repeats tell the noise
-_COPY_MM = 1e-9  # repeats that scatter less are rows written twice, which tell nothing of the noise
+_FEWEST_DOF = 12  # degrees of freedom from which repeats give the noise
+_COPY_MM = 1e-9  # repeats that scatter less are rows written twice, not measurements
 _ORIGINS = {REPEATS: "noise as repeats show it", FIT: "noise as the fit left it"}
 
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """The noise of one coordinate of a measured point."""
+    """Noise of one coordinate of a measured point, and its source."""
 
     sigma_mm: float  # RMS over the points; nan where no one declares it and nothing shows it
     source: str  # "dataset", "repeats" or "fit"
@@ -27,28 +27,28 @@ class NoiseLevel:
 
     @property
     def floor_mm(self) -> float | None:
-        """3D RMSE that this noise alone would leave, sqrt(3) sigma; None where it is not known."""
+        """3D RMSE by noise alone, sqrt(3) sigma, mm; None where the noise is not known."""
         return float(np.sqrt(3.0)) * self.sigma_mm if np.isfinite(self.sigma_mm) else None
 
     @property
     def is_declared(self) -> bool:
-        """Whether the dataset says it."""
+        """Whether the noise is declared in the dataset."""
         return self.source == DECLARED
 
     @property
     def name(self) -> str:
-        """ "noise alone", or "noise as the fit left it" where no one declares it."""
+        """Name of the noise by its source, such as "noise alone" or "noise as repeats show it"."""
         return _ORIGINS.get(self.source, "noise alone")
 
     def words(self, length: str, of: str = "") -> str:
-        """What it is, with a length: "noise alone (0.05 mm a coordinate)" of "0.05 mm" and " a coordinate"."""
+        """Name of the noise with a length in brackets, such as "noise alone (0.05 mm a coordinate)"."""
         return f"{self.name} ({length}{of}{'' if self.is_declared else ': not declared'})"
 
 
 def noise_level(calibration: Calibration) -> NoiseLevel:
-    """The noise as the dataset declares it, else as repeats show it, else as the fit left it.
+    """Noise as declared by the dataset, else estimated from repeats, else from the residual of the fit.
 
-    As the fit left it, it holds what is missing from the model, too: what is left is never more than that.
+    Estimated from the residual it includes what is missing from the model, so that no misfit can show above it.
     """
     dataset = calibration.dataset
     if is_declared(dataset):
@@ -60,7 +60,7 @@ def noise_level(calibration: Calibration) -> NoiseLevel:
 
 
 def noise_of_repeats(dataset: Dataset) -> tuple[float, float] | None:
-    """Sigma of a coordinate, mm, and its degrees of freedom, by points measured again; None where too few tell it."""
+    """Sigma of a coordinate, mm, from repeats, and its degrees of freedom; None where these are too few."""
     repeats = find_repeats(dataset)
     dof = sum(3 * (r.count - 1) for r in repeats)
     sigma_mm = pooled_sigma_mm(repeats) if dof >= _FEWEST_DOF else 0.0
@@ -69,7 +69,7 @@ def noise_of_repeats(dataset: Dataset) -> tuple[float, float] | None:
 
 @dataclass(frozen=True)
 class SigmaCheck:
-    """One coordinate's noise as the residual shows it, against what was declared.
+    """Residual sigma of one coordinate with its 95 % interval, and the declared sigma.
 
     With nu degrees of freedom nu s^2 / sigma^2 follows chi^2(nu), which gives the 95 % interval.
     """
@@ -108,7 +108,7 @@ class SigmaCheck:
 
 
 def check_sigma(calibration: Calibration) -> SigmaCheck:
-    """The residual sigma of a calibration with its 95 % interval, beside the declared one."""
+    """Residual sigma of a calibration with its 95 % interval, for comparison with the declared sigma."""
     dataset, dof = calibration.dataset, calibration.fit.degrees_of_freedom
     assert dataset.points is not None
     sigma = calibration.sigma_mm

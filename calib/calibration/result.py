@@ -1,4 +1,4 @@
-"""A calibration: the fitted model, what was asked of the fit, and how it stands to the measurements."""
+"""Result of a calibration: the fitted model, the options of the fit, and the errors at the measurements."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from calib.fitting.tool_point import ToolShift, tool_shift
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
 
-_TOLD = 8  # outlying poses that are told one by one
+_MOST_NAMED = 8  # outlying poses that are told one by one
 
 
 @dataclass(frozen=True)
 class IterationErrors:
-    """RMS of 3D and of distance errors at one iteration; of test poses nan where there are none."""
+    """RMS of 3D and of distance errors at one iteration, mm; nan for test poses where there are none."""
 
     train_rmse_mm: float
     test_rmse_mm: float
@@ -38,7 +38,7 @@ class IterationErrors:
 
 @dataclass(frozen=True)
 class Calibration(Documented, Viewed):
-    """A fitted model and how it stands to the measurements."""
+    """A fitted model with its dataset, options, fit, and errors at the measurements before and after."""
 
     dataset: Dataset
     model: Model
@@ -65,7 +65,7 @@ class Calibration(Documented, Viewed):
 
     @property
     def residual(self) -> str:
-        """What was made small, of `calib.options.RESIDUAL_KINDS`."""
+        """Kind of the residual that was minimised, of `calib.options.RESIDUAL_KINDS`."""
         return self.options.residual
 
     @property
@@ -75,14 +75,14 @@ class Calibration(Documented, Viewed):
 
     @cached_property
     def iteration_errors(self) -> tuple[IterationErrors, ...]:
-        """One an iteration, the first is the nominal robot; worked out when first asked for."""
+        """Errors at each iteration, the first being the nominal robot; computed when first read."""
         xs = [iteration.x for iteration in self.fit.iterations]
         at = evaluate_all(self.model, xs, self.dataset, self.outliers)
         return tuple(_iteration_errors(evaluation) for evaluation in at)
 
     @cached_property
     def orientation_errors(self) -> tuple[OrientationErrors, OrientationErrors] | None:
-        """Errors of the orientations before and after, where they were fitted."""
+        """Orientation errors before and after; None where orientations were not fitted."""
         if self.residual != "pose":
             return None
         before, after = (
@@ -92,19 +92,19 @@ class Calibration(Documented, Viewed):
 
     @property
     def faces_named(self) -> str:
-        """How the jig's faces were labelled, where full poses from scans were fitted; else ""."""
+        """Sentence on how the jig's faces were labelled; "" unless full poses from scans were fitted."""
         points = self.dataset.points
         orientations = None if points is None else points.orientations
         return orientations.labelled_by if self.residual == "pose" and orientations is not None else ""
 
     @cached_property
     def trained(self) -> TrainedRange:
-        """The joint ranges of the poses that were fitted."""
+        """Joint ranges of the fitted poses."""
         return TrainedRange.of(self.dataset, self.outliers)
 
     @property
     def outside(self) -> tuple[str, ...]:
-        """The measured poses whose joints leave the ranges that were trained."""
+        """Names of the measured poses whose joints leave the trained ranges."""
         poses = self.dataset.poses
         beyond = self.trained.outside(self.dataset.robot, poses.q)
         measured = self.after.pose
@@ -112,19 +112,19 @@ class Calibration(Documented, Viewed):
 
     @property
     def tool_shift(self) -> ToolShift | None:
-        """The tool point, where it is far from where robot.toml has it."""
+        """Shift of the tool point where it is far from robot.toml's; else None."""
         return None if self.model.tool_found is None else tool_shift(self.dataset.robot, self.robot)
 
     @cached_property
     def room_words(self) -> str:
-        """What the poses leave open of the places of a scanner on the flange and its targets; "" where nothing."""
+        """Sentence on what the poses leave undetermined of a scanner on the flange and its targets; else ""."""
         if not self.model.robot.carries_scanner:
             return ""
         return room_placement(self.dataset.robot, Observations.of(self.fitted_dataset)).words
 
     @property
     def sigma_mm(self) -> float:
-        """Residual sigma of one coordinate of one point, by degrees of freedom; nan where none are left."""
+        """Residual sigma of one coordinate of one point, mm, by degrees of freedom; nan where none are left."""
         return self.fit.reduced_chi * declared_sigma_mm(self.fitted_dataset)
 
     @property
@@ -144,9 +144,9 @@ class Calibration(Documented, Viewed):
 
     @property
     def worse_than_nominal(self) -> str:
-        """By how much the test poses' error rose, in a sentence; "" where it did not.
+        """Sentence on a rise of the test poses' error (without test poses, the training poses'); "" where it fell.
 
-        Without test poses, the training poses': a fit of distances, or without priors, may carry the points away.
+        The training error can rise in a fit of distances, or without a prior.
         """
         for role, before, after in (
             ("test", self.before.test, self.after.test),
@@ -177,7 +177,7 @@ class Calibration(Documented, Viewed):
             )
 
     def to_frame(self) -> pd.DataFrame:
-        """The parameters: name, nominal, value, change, sigma, tolerance, unit, and whether the data know them."""
+        """Parameters as a table: name, nominal, value, change, sigma, tolerance, unit, and whether the data determine it."""
         parameters = self.fit.parameters
         return pd.DataFrame(
             {
@@ -210,19 +210,19 @@ class Calibration(Documented, Viewed):
 
 
 def outlier_words(robust: Calibration) -> str:
-    """Which poses a robust fit left out, and how far they are off."""
-    after, told = robust.after, []
-    for pose_id in robust.outliers[:_TOLD]:
+    """Clause that names the poses left out by a robust fit, with their errors."""
+    after, named = robust.after, []
+    for pose_id in robust.outliers[:_MOST_NAMED]:
         rows = after.pose == robust.dataset.poses.index(pose_id)
         off_mm = float(np.max(np.linalg.norm(after.error_mm[rows], axis=1)))
-        told.append(f"{pose_id} ({off_mm:.3g} mm off)")
-    more = f" and {len(robust.outliers) - _TOLD} more" if len(robust.outliers) > _TOLD else ""
+        named.append(f"{pose_id} ({off_mm:.3g} mm off)")
+    more = f" and {len(robust.outliers) - _MOST_NAMED} more" if len(robust.outliers) > _MOST_NAMED else ""
     poses = "1 pose stands" if len(robust.outliers) == 1 else f"{len(robust.outliers)} poses stand"
-    return f"{poses} out of all others, {', '.join(told)}{more}"
+    return f"{poses} out of all others, {', '.join(named)}{more}"
 
 
 def figures_line(before: Figures, after: Figures) -> str:
-    """Before and after in one line, with the change in per cent."""
+    """Error statistics before and after in one line, with the change in per cent."""
 
     def fall(name: str, a: float, b: float) -> str:
         share = f" ({100.0 * (b / a - 1.0):+.1f} %)" if a > 0.0 else ""
@@ -239,13 +239,13 @@ def figures_line(before: Figures, after: Figures) -> str:
 
 
 def is_declared(dataset: Dataset) -> bool:
-    """Whether a dataset says how noisy its points are."""
+    """Whether a dataset declares the noise of its points."""
     points = dataset.points
     return dataset.scanner.point_sigma_mm is not None or (points is not None and points.covariance_mm2 is not None)
 
 
 def declared_sigma_mm(dataset: Dataset) -> float:
-    """RMS over the measured points of what their covariances declare for one coordinate."""
+    """Declared sigma of one coordinate, mm, RMS over the measured points."""
     covariance = Observations.of(dataset).covariance_mm2
     return float(np.sqrt(np.mean(np.trace(covariance, axis1=-2, axis2=-1)) / 3.0))
 

@@ -1,4 +1,4 @@
-"""The outcome of a fit: the parameters, their covariance, and the solver's iterations."""
+"""Result of a fit: the parameters, their covariance, and the solver's iterations."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Iteration:
 
 @dataclass(frozen=True)
 class Fit:
-    """R equations solved for P parameters. `x` holds corrections in the parameters' own units."""
+    """Solution of R equations for P parameters; `x` holds corrections in the parameters' own units."""
 
     parameters: tuple[Parameter, ...]
     x: Array  # (P,)
@@ -38,11 +38,11 @@ class Fit:
 
     @property
     def sigma(self) -> Array:
-        """(P,) standard deviation of each parameter; inf where nothing bounds it."""
+        """Standard deviation (P,) of each parameter, in its unit; inf where neither data nor prior bound it."""
         return np.where(self.undetermined, np.inf, np.sqrt(np.diag(self.covariance)))
 
     def summary(self, *, declared: bool = True) -> str:
-        """How the fit ended, in a line; without a `declared` sigma of the points nothing is said of it."""
+        """Convergence, size and rank of the fit in a line, and the residual over the sigma where that is `declared`."""
         against = f", residual {self.reduced_chi:.3g} times the points' sigma" if declared else ""
         state = "converged" if self.converged else "not converged"
         return (

@@ -30,7 +30,7 @@ _ROUNDS = 30
 
 
 def student_scale(square: Array, tail: float, size: int = 3) -> float:
-    """s^2 of squared lengths |e|^2 (M,) of `size` coordinates each, by maximum likelihood."""
+    """Maximum-likelihood scale s^2 of Student's t from squared lengths |e|^2 (M,) of `size` coordinates each."""
     scale = max(float(np.median(square)) / size, 1e-300)
     for _ in range(_ROUNDS):
         scale = max(float(np.mean((tail + size) / (tail + square / scale) * square)) / size, 1e-300)
@@ -38,7 +38,7 @@ def student_scale(square: Array, tail: float, size: int = 3) -> float:
 
 
 def student_weights(square: Array, tail: float) -> Array:
-    """(M,) weights of points by their squared lengths (M,), above 0.
+    """Weights (M,) of points, above 0, for Student's t noise, from the squared lengths (M,) of their residuals.
 
     Scaled so that the weighted mean square is that of the residual itself, or that of the distribution,
     nu / (nu - 2) s^2, where a few far points make the residual's larger.
@@ -50,14 +50,14 @@ def student_weights(square: Array, tail: float) -> Array:
 
 
 def noise_factors(shape: NoiseShape, xyz_mm: Array) -> Array:
-    """(M, 3, 3) by which the declared noise of points (M, 3) is multiplied, scanner frame."""
+    """Factors (M, 3, 3) that multiply the declared noise of points (M, 3) in the scanner frame."""
     size, sight = _size_and_sight(shape, xyz_mm)
     along = np.eye(3) + (shape.depth - 1.0) * sight[:, :, None] * sight[:, None, :]
     return np.asarray(size[:, None, None] * (np.array(shape.axes) @ along))
 
 
 def inverse_factors(shape: NoiseShape, xyz_mm: Array) -> tuple[Array, float]:
-    """The inverses (M, 3, 3) of `noise_factors`, and the sum of the logs of these' determinants."""
+    """Inverses (M, 3, 3) of `noise_factors`, and the sum of the log determinants of the factors."""
     size, sight = _size_and_sight(shape, xyz_mm)
     along = np.eye(3) + (1.0 / shape.depth - 1.0) * sight[:, :, None] * sight[:, None, :]
     axes = np.array(shape.axes)
@@ -73,13 +73,13 @@ def _size_and_sight(shape: NoiseShape, xyz_mm: Array) -> tuple[Array, Array]:
 
 
 def shaped_covariance(factors: Array, covariance_mm2: Array) -> Array:
-    """The covariances (M, 3, 3) under such factors (M, 3, 3), from those that were declared."""
+    """Covariances (M, 3, 3), mm^2: declared ones multiplied by `noise_factors` (M, 3, 3) from both sides."""
     return np.asarray(factors @ covariance_mm2 @ np.swapaxes(factors, 1, 2))
 
 
 @dataclass(frozen=True)
 class Moments:
-    """When each of M points was measured: T moments in the order of setups and times."""
+    """Times of measurement of M points: T distinct moments, ordered by setup and time."""
 
     of_point: IndexArray  # (M,)
     gap: Array  # (T,) s, or poses, since the moment before; inf where a setup begins
@@ -87,7 +87,7 @@ class Moments:
 
     @classmethod
     def of(cls, poses: Poses, row: IndexArray) -> Moments:
-        """The moments of points measured at these rows (M,) of the poses."""
+        """Moments of points that were measured at the given rows (M,) of the poses."""
         time = poses.time_s
         known = time is not None and len(np.unique(time)) > 2
         at = np.arange(len(poses), dtype=float) if time is None or not known else time
@@ -98,13 +98,13 @@ class Moments:
         return cls(of_point.reshape(-1), gap, not known)
 
     def select(self, keep: IndexArray) -> Moments:
-        """The same for some of the points; the moments stay."""
+        """Moments for some of the points; the T moments stay the same."""
         return Moments(self.of_point[keep], self.gap, self.in_poses)
 
     def products(self, wanders: Sequence[Wander], rows: Array) -> Iterator[tuple[Array, float]]:
-        """For each wander rows^T C^-1 rows, summed over the axes, of rows (M, 3, K): (K, K); and log det C of one axis.
+        """For each drift rows^T C^-1 rows (K, K), summed over the axes, of rows (M, 3, K); and log det C of one axis.
 
-        By Woodbury's identity with the wander at each moment as the unknown.
+        Computed by Woodbury's identity with the drift at each moment as the unknown.
         """
         order = self.order
         count = np.bincount(self.of_point, minlength=len(self.gap)).astype(float)
@@ -127,7 +127,7 @@ class Moments:
             yield found, float(log_det + 2.0 * np.sum(np.log(upper[1])))
 
     def decorrelator(self, wander: Wander) -> Array:
-        """(M, M) lower triangular L with C = L L^T, in the order of `order`."""
+        """Lower triangular root L (M, M) of C = L L^T, points in the order of `order`."""
         starts = np.isinf(self.gap)
         part = np.cumsum(starts)
         at = np.cumsum(np.where(starts, 0.0, self.gap))
@@ -139,14 +139,14 @@ class Moments:
 
     @property
     def order(self) -> IndexArray:
-        """(M,) points in the order in which they were measured."""
+        """Indices (M,) of the points in the order of measurement."""
         return np.argsort(self.of_point, kind="stable")
 
 
 def decorrelated(rows: Array, root: Array, order: IndexArray) -> Array:
-    """Rows (M, 3, K) without what the points before tell of them, so that each is new: L^-1 in the order of measuring.
+    """Decorrelated rows (M, 3, K): L^-1 times the rows in the order of measurement.
 
-    root, order: of `Moments`.
+    root, order: `Moments.decorrelator` and `Moments.order`.
     """
     out = np.empty_like(rows)
     in_order = rows[order].reshape(len(rows), -1)
@@ -155,14 +155,14 @@ def decorrelated(rows: Array, root: Array, order: IndexArray) -> Array:
 
 
 def _product(rows: Array) -> Array:
-    """(K, K) of (M, 3, K)."""
+    """Sum rows^T rows (K, K) over points and axes of rows (M, 3, K)."""
     flat = rows.reshape(-1, rows.shape[2])
     return np.asarray(flat.T @ flat)
 
 
 @dataclass(frozen=True)
 class Whitening:
-    """A linear map of the rows of M points, three a point."""
+    """Linear map that whitens the 3 M rows of M points for drift and Student's t tails."""
 
     order: IndexArray  # (M,) in which the points were measured
     root: Array | None  # (M, M) lower triangular, of `Moments.decorrelator`; None without correlation
@@ -171,7 +171,7 @@ class Whitening:
 
     @classmethod
     def of(cls, shape: NoiseShape, poses: Poses, row: IndexArray, residual: Array) -> Whitening | None:
-        """The whitening of points at rows (M,) of the poses, by their residual (3 M,); None where they are white."""
+        """Whitening of points at rows (M,) of the poses, weights from their residual (3 M,); None for white noise."""
         if shape.wander is None and shape.tail is None:
             return None
         moments = Moments.of(poses, row)
@@ -183,7 +183,7 @@ class Whitening:
         return cls(moments.order, root, student_weights(square, shape.tail), shape.tail)
 
     def apply(self, columns: Array) -> Array:
-        """(R, K) of columns (R, K) that are whitened point by point."""
+        """Fully whitened columns (R, K), from columns (R, K) that are whitened point by point."""
         rows = columns.reshape(len(columns) // 3, 3, columns.shape[1])
         if self.root is not None:
             rows = decorrelated(rows, self.root, self.order)
@@ -192,13 +192,13 @@ class Whitening:
         return np.asarray(rows.reshape(columns.shape))
 
     def unweighted(self, residual: Array) -> Array:
-        """A white residual (3 M,) without the weights: as large as it is."""
+        """The white residual (3 M,) divided by its weights, in its true size."""
         if self.weights is None:
             return residual
         return np.asarray((residual.reshape(-1, 3) / np.sqrt(self.weights)[:, None]).ravel())
 
     def with_tails(self, normal: Array, rng: np.random.Generator) -> Array:
-        """Normal noise (3 M, D) as noise with these tails: each point divided by the root of its own chi^2 over nu."""
+        """Noise (3 M, D) with Student's t tails: normal noise, each point over the root of its own chi^2 over nu."""
         if self.tail is None:
             return normal
         rows = normal.reshape(-1, 3, normal.shape[1])

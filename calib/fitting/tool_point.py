@@ -37,7 +37,7 @@ _ROWS_BEHIND = 2  # of the table: what lies behind the last joint's axis
 
 @dataclass(frozen=True)
 class ToolShift:
-    """A tool point far from where robot.toml has it."""
+    """A tool point that is far from the one in robot.toml."""
 
     point_mm: tuple[float, float, float]  # where it is, in the nominal arm's last joint's frame
     off_mm: float  # from where robot.toml has it
@@ -55,7 +55,7 @@ class ToolShift:
 
 
 def tool_shift(nominal: Robot, calibrated: Robot) -> ToolShift:
-    """From the nominal arm's tool point to that of the calibrated arm."""
+    """Shift from the nominal arm's tool point to that of the calibrated arm."""
     point_mm = tool_point_in_nominal(nominal, calibrated)
     x, y, z = point_mm.tolist()
     in_tip = frames.apply(tip_T_last(nominal), point_mm).tolist()
@@ -64,13 +64,13 @@ def tool_shift(nominal: Robot, calibrated: Robot) -> ToolShift:
 
 
 def tool_point_in_nominal(nominal: Robot, other: Robot) -> Array:
-    """The tool point of another table of the arm, mm in the nominal arm's last joint's frame (3,)."""
+    """Tool point (3,) of another table of the arm, mm in the last joint's frame of the nominal arm."""
     nominal_T_other = frames.invert(_last_frame(nominal.table)) @ _last_frame(other.table)
     return frames.apply(nominal_T_other, tool_point_of(other))
 
 
 def tip_turn_rad(nominal: Robot, other: Robot) -> float:
-    """How far the rows behind the last joint's axis turn the tip of another table of the arm; its zero apart."""
+    """Angle, rad, by which the last two rows of another table turn the tip, the last joint's zero excluded."""
     axis_R_tip = []
     for robot in (nominal, other):
         rows = robot.table[-_ROWS_BEHIND:].copy()
@@ -81,15 +81,15 @@ def tip_turn_rad(nominal: Robot, other: Robot) -> float:
 
 
 def _last_frame(table: Array) -> Array:
-    """(4, 4) the last joint's frame in the frame that turns with it, at q = 0."""
+    """Transform (4, 4) of the last joint's frame in the frame that turns with the joint, at q = 0."""
     return kinematics.forward(table[-2:], np.zeros((1, 1)), np.ones(1, dtype=bool)).base_T_frame[0, 1]
 
 
 def tolerance_covariance(robot: Robot, links: LinkErrors, fixed: Collection[str]) -> Array:
-    """(3, 3) mm^2: how far tolerances let the tool point be off.
+    """Covariance (3, 3), mm^2, of the tool point by the tolerances of the parameters that move it.
 
-    Those of the last two rows, where they are not fixed, and a length's in each direction: the rows may have no
-    parameter that moves it that way. A point of its own may be off by its own tolerance.
+    Included are the last two rows, where they are not fixed, and a length's tolerance in each direction, as the rows
+    may have no parameter for it. A point of its own has its own tolerance.
     """
     own = robot.own_tool_point
     if own is not None:
@@ -104,17 +104,17 @@ def tolerance_covariance(robot: Robot, links: LinkErrors, fixed: Collection[str]
 
 
 def free_directions(robot: Robot, fixed: Collection[str]) -> Array:
-    """(3, K) along which the tool point may move, where its lengths across or along the last axis are fixed."""
+    """Directions (3, K), last joint's frame, along which the parameters that are not fixed move the tool point."""
     own = robot.own_tool_point
     lengths = ("aTCP", "aTCP", "dTCP") if own is None else target_parameter_names(own)
     return np.eye(3)[:, [name not in fixed for name in lengths]]
 
 
 def fixed_behind_tool_point(robot: Robot, observed: Observations) -> tuple[str, ...]:
-    """The parameters that one point of its own on the last link leaves at robot.toml's: all behind the last axis.
+    """Names of the parameters behind the last axis that a tool point of its own leaves undetermined and fixed.
 
-    They move it as its own place does, or turn the tip about it, of which it tells nothing. () where the tool point is
-    the end of the tool's row, and where further targets on the last link tell how that stands.
+    They move the point as its own place does, or turn the tip about it. () where the tool point is the end of the
+    tool's row; the tool's row alone where further targets on the last link determine its orientation.
     """
     own = robot.own_tool_point
     if own is None or own.name not in observed.targets:
@@ -125,12 +125,12 @@ def fixed_behind_tool_point(robot: Robot, observed: Observations) -> tuple[str, 
 
 
 def behind_last_axis(robot: Robot) -> tuple[str, ...]:
-    """The parameters of what lies behind the last joint's axis: of its row and of the tool's."""
+    """Names of the parameters behind the last joint's axis: of the last joint's row and of the tool's."""
     return robot.parameter_names[-_ROWS_BEHIND * len(PARAMETER_KINDS) :]
 
 
 def angles_behind_last_axis(robot: Robot) -> tuple[str, ...]:
-    """Those of them that turn the tip, the last joint's zero apart."""
+    """Names of the angles behind the last joint's axis, which turn the tip, without the last joint's zero."""
     zero = f"theta{robot.n_joints}"
     return tuple(n for n in behind_last_axis(robot) if n.startswith(("alpha", "beta", "theta")) and n != zero)
 
@@ -138,9 +138,9 @@ def angles_behind_last_axis(robot: Robot) -> tuple[str, ...]:
 def with_found_tool(
     model: Model, links: LinkErrors, offsets: TargetOffsets | None, observed: Observations, found: Robot
 ) -> Model:
-    """The model with the tool point as a point of its own, which may be as far off as it was found.
+    """The model with the tool point as a point of its own, its tolerance the distance at which it was found.
 
-    links, offsets: with the tolerances that were asked for, the model's first effects.
+    links, offsets: the model's first effects, with the tolerances of the options.
     """
     nominal_mm = tool_point_of(links.robot)
     robot = with_own_tool_point(model.robot, nominal_mm)
@@ -173,7 +173,7 @@ _WIDEST_MM = 1000.0  # sigma that holds p in the directions of which the points 
 
 @dataclass(frozen=True)
 class SolvedToolPoint:
-    """A tool point by the measured points alone."""
+    """Tool point estimated from the measured points and the nominal table."""
 
     point_mm: Array  # (3,) in the last joint's frame
     covariance_mm2: Array  # (3, 3) by what is left over, as if that were white
@@ -181,7 +181,7 @@ class SolvedToolPoint:
 
 @dataclass(frozen=True)
 class ToolPointProblem:
-    """M points of the tool, by what the nominal arm predicts and by where they were measured."""
+    """Least-squares problem for the tool point: M measured points and the nominal poses of the last joint's frame."""
 
     flange_mm: Array  # (M, 3) origin of the last joint's frame, base frame
     base_R_flange: Array  # (M, 3, 3)
@@ -192,7 +192,7 @@ class ToolPointProblem:
 
     @classmethod
     def of(cls, observed: Observations, robot: Robot, nominal_mm: Array, directions: Array) -> ToolPointProblem:
-        """The problem for the tool's points: further targets, in the last joint's frame, do not depend on p."""
+        """The problem for the observed points of the tool; further targets are left out, as they do not depend on p."""
         poses, row = observed.used_poses
         is_tool = observed.points.target == "jig"
         flange = kinematics.forward(robot.table, poses.q, robot.is_revolute, robot.base_T_first).base_T_flange[
@@ -214,7 +214,7 @@ class ToolPointProblem:
         return 3 * len(self.scanner_mm) - 6 * len(self.setups) - self.directions.shape[1]
 
     def at(self, moved_mm: Array) -> tuple[Array, Array]:
-        """Residual (3 M,), and its derivative (3 M, K) beside free frames, with p moved along the directions (K,)."""
+        """Residual (3 M,), mm, and its derivative (3 M, K) with free frames, for p moved along the directions (K,)."""
         base_mm = self.flange_mm + self.base_R_flange @ (self.nominal_mm + self.directions @ moved_mm)
         residual = np.empty_like(base_mm)
         columns = np.empty((*base_mm.shape, len(moved_mm)))
@@ -230,7 +230,7 @@ class ToolPointProblem:
 
 
 def solve_tool_point(problem: ToolPointProblem) -> SolvedToolPoint | None:
-    """Gauss-Newton from the nominal point, frames in closed form; None where too few points are measured."""
+    """The tool point by Gauss-Newton from the nominal one, frames in closed form; None where points are too few."""
     count = problem.directions.shape[1]
     if count == 0 or problem.dof < _LEAST_DOF:
         return None
@@ -263,7 +263,11 @@ _SYSTEMATIC = 3.0  # sigmas of the search are those of white errors; link errors
 
 
 def search_tool_point(observed: Observations, links: LinkErrors, fixed: Collection[str]) -> Robot | None:
-    """The nominal arm with the tool point where the points alone have it; None where that is not far off."""
+    """The nominal arm with the tool point estimated from the points; None where that is near robot.toml's.
+
+    Far off is more than the tolerances of the last two rows allow. (A prior that is weighed by the residual constrains
+    a parameter the more the worse the fit is: it would keep a tool that is off by 80 mm where robot.toml has it.)
+    """
     robot = links.robot
     nominal_mm = tool_point_of(robot)
     solved = solve_tool_point(ToolPointProblem.of(observed, robot, nominal_mm, free_directions(robot, fixed)))
@@ -276,9 +280,9 @@ def search_tool_point(observed: Observations, links: LinkErrors, fixed: Collecti
 
 
 def fitted_tool_point(model: Model, fit: Fit, links: LinkErrors, fixed: Collection[str]) -> Robot | None:
-    """The nominal arm with the tool point where a fit has it; None where that is within what the tolerances allow.
+    """The nominal arm with the tool point of a fit; None where that is within the tolerances.
 
-    links, fixed: as they were asked for; the model may have wider tolerances, and fix more.
+    links, fixed: as in the options; the model may have wider tolerances and further fixed parameters.
     """
     if free_directions(links.robot, fixed).shape[1] == 0:
         return None
@@ -290,7 +294,10 @@ def fitted_tool_point(model: Model, fit: Fit, links: LinkErrors, fixed: Collecti
 
 
 def turning_tool_point(model: Model, fit: Fit, links: LinkErrors, fixed: Collection[str]) -> Robot | None:
-    """The nominal arm with the tool point where a fit has it by turning the tip; None where it hardly turns it."""
+    """The nominal arm with the tool point that a fit reaches by turning the tip; None where it hardly turns it.
+
+    Hardly is within an angle's tolerance; one point does not determine the attitude of the tip.
+    """
     calibrated = model.calibrated_robot(fit.x)
     tolerance_rad = max(links.tolerances.get(name, TOLERANCE_RAD) for name in angles_behind_last_axis(links.robot))
     turned = tip_turn_rad(links.robot, calibrated) > tolerance_rad

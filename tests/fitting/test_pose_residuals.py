@@ -93,7 +93,7 @@ def test_the_jacobian_is_the_derivative_of_the_cost(setups: int) -> None:
 
 
 @pytest.mark.slow
-def test_no_other_frame_and_seat_fit_better() -> None:
+def test_no_other_frame_and_hand_eye_fit_better() -> None:
     """Elimination against a general minimiser over the nine unknowns, with nothing shared."""
     dataset = with_pose_covariances(full_poses(4), np.random.default_rng(4))
     observed = Observations.of(dataset)
@@ -104,7 +104,7 @@ def test_no_other_frame_and_seat_fit_better() -> None:
     assert orientations is not None
     assert orientations.covariance_rad2 is not None
     assert orientations.cross_mm_rad is not None
-    placed = residuals.frames_and_seat(x)
+    placed = residuals.frames_and_hand_eye(x)
     (start,) = placed.scanner_T_base.values()
 
     def everything(u: np.ndarray) -> np.ndarray:
@@ -221,7 +221,7 @@ def test_a_joint_six_that_points_cannot_see_is_seen_by_poses() -> None:
     arm = builtin_robot("rb5")
     chain = geometric_model(arm).state(np.zeros(35), dataset.poses).chain
     nominal = PoseResiduals(geometric_model(arm), Observations.of(dataset, np.ones(60, dtype=bool)))
-    frame = next(iter(nominal.frames_and_seat(np.zeros(35)).scanner_T_base.values()))
+    frame = next(iter(nominal.frames_and_hand_eye(np.zeros(35)).scanner_T_base.values()))
     axis = np.einsum("ij,nj->ni", frame[:3, :3], chain.base_T_frame[:, 5, :3, 2])
     turned = frames.rotation_from_rotvec(2e-3 * np.sin(q6)[:, None] * axis) @ given.scanner_R_jig
     spoiled = dataset.with_points(replace(dataset.points, orientations=replace(given, scanner_R_jig=turned)))
