@@ -177,7 +177,7 @@ class Calibration(Documented, Viewed):
             )
 
     def to_frame(self) -> pd.DataFrame:
-        """Parameters as a table: name, nominal, value, change, sigma, tolerance, unit, and whether the data determine it."""
+        """Parameter table: name, nominal, value, change, sigma, tolerance, unit, and whether the data determine it."""
         parameters = self.fit.parameters
         return pd.DataFrame(
             {

@@ -1,4 +1,4 @@
-"""A user's zip, unpacked so that nothing in it can leave the folder, follow a link or fill the disk."""
+"""Safe unpacking of a user's zip: no path outside the folder, no links, bounded size."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LITTER = ("__MACOSX", "Thumbs.db", "desktop.ini")  # what packing programs add
 
 @dataclass(frozen=True)
 class ArchiveLimits:
-    """What an archive may hold."""
+    """Largest number and size of the files in an archive."""
 
     files: int = 5000
     total_bytes: int = 2_000_000_000  # unpacked
@@ -33,7 +33,7 @@ class ArchiveLimits:
 
 
 def is_archive(path: Path) -> bool:
-    """Whether a file is a zip, by what it holds."""
+    """Whether a file is a zip by its content."""
     try:
         return path.is_file() and zipfile.is_zipfile(path)
     except OSError:
@@ -41,9 +41,9 @@ def is_archive(path: Path) -> bool:
 
 
 def unpack(path: Path, folder: Path, limits: ArchiveLimits = ArchiveLimits()) -> tuple[Path, ...]:
-    """Write the files of a zip below an empty folder and say which.
+    """Unpack a zip into an empty folder; the paths of the written files.
 
-    Everything is judged by the archive's table before anything is written, and its sizes are held to while unpacking.
+    Everything is checked in the archive's table before anything is written, and its sizes are enforced while unpacking.
 
     Raises:
         DatasetError: names that leave the folder, links, encryption, damage, or more than the limits allow.
@@ -92,7 +92,7 @@ def _refuse_long_table(path: Path, limits: ArchiveLimits) -> None:
 
 
 def _judged(path: Path, archive: zipfile.ZipFile, limits: ArchiveLimits) -> dict[str, zipfile.ZipInfo]:
-    """The files to unpack by their place below the folder."""
+    """The files to unpack, by their path below the folder. Raises DatasetError."""
     infos = archive.infolist()
     if len(infos) > limits.files:
         raise DatasetError(f"{path}: holds {len(infos)} files; {limits.files} are the most that is taken")
@@ -126,7 +126,7 @@ def _judged(path: Path, archive: zipfile.ZipFile, limits: ArchiveLimits) -> dict
 
 
 def _place(path: Path, info: zipfile.ZipInfo) -> str | None:
-    """Where a file goes; None for folders and litter. Raises DatasetError for what is no plain file of this folder."""
+    """Path of a file below the folder; None for folders and hidden files. Raises DatasetError for unsafe names."""
     name = info.filename.replace("\\", "/")
     where = PurePosixPath(name)
     if info.flag_bits & 0x1:
@@ -146,7 +146,7 @@ def _place(path: Path, info: zipfile.ZipInfo) -> str | None:
 
 
 def _write(path: Path, archive: zipfile.ZipFile, info: zipfile.ZipInfo, place: Path) -> Path:
-    """One file, of no more bytes than the archive's table says."""
+    """Unpack one file; its path. Raises DatasetError where it is longer than the archive's table says."""
     place.parent.mkdir(parents=True, exist_ok=True)
     written = 0
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)

@@ -24,7 +24,7 @@ from calib.robot_formats.robot_file import ReadOptions, RobotFile
 
 @dataclass(frozen=True)
 class ImportChoice:
-    """What is taken of a user's files; None: the likeliest."""
+    """The user's choice among the files; None for the likeliest."""
 
     robot: str | None = None  # the name of a built-in one, or a file
     reading: ReadOptions = field(default_factory=ReadOptions)
@@ -34,7 +34,7 @@ class ImportChoice:
 
 
 def plan_of_files(files: UserFiles, choice: ImportChoice) -> ImportPlan:
-    """The plan of an import; whatever is wrong stands in its faults."""
+    """Plan of an import of the chosen files, with everything that is wrong in `faults`."""
     joints = choice.joints or files.joints
     points = choice.points
     if points is None and (choice.joints is None or choice.joints == files.joints):
@@ -55,7 +55,7 @@ def _robots(files: UserFiles, choice: ImportChoice) -> tuple[tuple[RobotReading,
 
 @contextmanager
 def unpacked(source: Path) -> Iterator[UserFiles]:
-    """The files of a folder or a zip, while inside. Raises CalibError."""
+    """Context with the files of a folder, or of a zip unpacked for its duration. Raises CalibError."""
     if source.is_dir():
         yield look_through(source)
         return
@@ -69,7 +69,7 @@ def unpacked(source: Path) -> Iterator[UserFiles]:
 
 
 def without_folder(plan: ImportPlan, folder: Path) -> ImportPlan:
-    """The plan with the names of files as the user knows them, without the folder that they lie in meanwhile."""
+    """The plan with file names relative to the temporary folder, as the user knows them."""
 
     def short(lines: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(line.replace(f"{folder}/", "") for line in lines)
@@ -79,7 +79,7 @@ def without_folder(plan: ImportPlan, folder: Path) -> ImportPlan:
 
 @dataclass(frozen=True)
 class Imported:
-    """The dataset as it was written, and what was recognised and what is doubtful, a line each."""
+    """The written dataset, with notes on what was recognised and on what is doubtful."""
 
     dataset: Dataset
     said: tuple[str, ...]
@@ -94,9 +94,9 @@ def import_dataset(
     scans: Path | None = None,
     mapping: Mapping[str, Meaning] | None = None,
 ) -> Imported:
-    """Write a dataset folder of a robot and a user's tables. `points` None: the joints' table has them, or scans.
+    """Write a dataset folder from a robot and a user's tables; without `points` the joints' table or scans have them.
 
-    Raises DatasetError with every fault that was found, a line each; nothing is written then.
+    Raises DatasetError with all faults, a line each, and then writes nothing.
     """
     require_free(out)
     robots = (RobotReading("", RobotFile(robot, None)),)
@@ -105,13 +105,13 @@ def import_dataset(
 
 
 def write_plan(plan: ImportPlan, out: Path) -> Imported:
-    """The dataset of a plan, written whole. Raises DatasetError with all faults; nothing is written then."""
+    """Write the dataset of a plan. Raises DatasetError with all faults and then writes nothing."""
     require_free(out)
     return Imported(written(out, plan.require()), plan.said, plan.doubts)
 
 
 def copy_dataset(folder: Path, out: Path) -> Dataset:
-    """A ready dataset's folder, its files as they are, at another place, whole. Raises DatasetError."""
+    """Copy a dataset folder, its files unchanged, to a new folder. Raises DatasetError."""
     require_free(out)
     load_dataset(folder)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -124,13 +124,13 @@ def copy_dataset(folder: Path, out: Path) -> Dataset:
 
 
 def scan_files(folder: Path) -> dict[str, Path]:
-    """The files of a folder of scans by their stems. Raises DatasetError."""
+    """Files of a folder of scans, by stem. Raises DatasetError."""
     if not folder.is_dir():
         raise DatasetError(f"{folder}: no such folder of scans")
     return {path.stem: path for path in sorted(folder.iterdir()) if path.is_file()}
 
 
 def require_free(out: Path) -> None:
-    """Raise DatasetError where a folder holds something already."""
+    """Raise DatasetError where a path exists and is no empty folder."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise DatasetError(f"{out}: exists and is not empty; name a new folder")

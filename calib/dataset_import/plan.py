@@ -1,4 +1,4 @@
-"""What an import would make of a robot and a user's tables: each column's meaning and why, and all faults at once."""
+"""Plan of an import: the meaning of each column with its reason, and all faults at once."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from calib.dataset_import.columns import Column, Meaning, Recognised
 from calib.dataset_import.convention import Sheet, settled
 from calib.dataset_import.reading import (
     ImportReport,
-    beside,
     joint_values,
     of_one_place,
+    point_of_each_pose,
     point_values,
     points_unit,
     pose_ids,
@@ -35,7 +35,7 @@ _MOST_SHOWN = 60  # columns of a table
 
 @dataclass(frozen=True)
 class ImportSources:
-    """What a user has. `points` None: the joints' table has them, or scans."""
+    """Robot readings, tables and scans to import; `points` is None where the joints' table or scans have them."""
 
     robots: tuple[RobotReading, ...]  # one robot by each convention that its file may be in; (): none yet
     joints: Path | None
@@ -47,7 +47,7 @@ class ImportSources:
 
 @dataclass(frozen=True)
 class PlannedColumn:
-    """A column of a table: what it is taken for, and why. `meaning` None: kept, or left out, as it is."""
+    """Planned use of a table's column, with its reason; `meaning` is None where it is kept as it is or left out."""
 
     table: Path
     name: str
@@ -58,7 +58,7 @@ class PlannedColumn:
 
 @dataclass(frozen=True)
 class ImportPlan:
-    """What was recognised, what is doubtful, what is wrong, and what would be written; None where something is."""
+    """Notes, doubts, faults, and the content to be written, which is None where there are faults."""
 
     robot: RobotFile | None
     columns: tuple[PlannedColumn, ...]
@@ -69,7 +69,7 @@ class ImportPlan:
     poses: int = 0
 
     def require(self) -> Content:
-        """What to write. Raises DatasetError with all faults, a line each."""
+        """Content to write. Raises DatasetError with all faults, a line each."""
         if self.content is not None and not self.faults:
             return self.content
         report = ImportReport(None, list(self.faults) or ["nothing to import was given"])
@@ -78,7 +78,7 @@ class ImportPlan:
 
 
 def plan_import(sources: ImportSources) -> ImportPlan:
-    """The plan. Nothing is raised for what is wrong with the user's files: it stands in `faults`."""
+    """Plan of an import; mistakes in the user's files are collected in `faults` and not raised."""
     report = ImportReport(sources.robots[0].robot.robot if sources.robots else None, list(sources.faults))
     table = _loaded(report, sources.joints)
     same = sources.points is None or (
@@ -128,7 +128,7 @@ def _with_numbers(
     other: UserTable | None,
     of_points: Recognised,
 ) -> ImportPlan:
-    """The plan of tables that could be read."""
+    """Plan of an import whose tables could be read."""
     q_file = joint_values(report, table, meant)
     seen = point_values(report, other or table, of_points, needed=not sources.scans)
     ids = pose_ids(report, table, meant)
@@ -137,7 +137,7 @@ def _with_numbers(
         return _plan(report, sources, columns, None, len(table))
     n = report.robot.n_joints
     names = [f"q{k + 1}" for k in range(n)]
-    near = None if seen is None else beside(q_file, seen, row_of)
+    near = None if seen is None else point_of_each_pose(q_file, seen, row_of)
     told = [meant.columns[name].unit for name in names]
     units, how = joint_units(report.robot, q_file, told, near)
     report.said.append(
@@ -181,12 +181,12 @@ def _with_numbers(
 
 
 def _short(how: str) -> str:
-    """How a unit was found, in a table's cell."""
+    """Reason for a unit, shortened for a table's cell."""
     return f"the largest is {how.rpartition(' ')[2]}" if how else ""
 
 
 def _with_units(meant: Recognised, names: list[str], units: list[str], how: str) -> Recognised:
-    """The columns with the units that were found, and how."""
+    """The recognised columns with the units that were found and the reason."""
     columns = dict(meant.columns)
     for name, unit in zip(names, units, strict=True):
         column = columns[name]

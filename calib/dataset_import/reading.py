@@ -1,4 +1,4 @@
-"""What a user's tables say: columns, joint values, points, which point belongs to which pose; faults are collected."""
+"""Reading of a user's tables: columns, joint values, points and their poses; faults are collected."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ _FAR_SPREAD = 2.0  # points spread by another factor than the arm's have a unit 
 
 @dataclass
 class ImportReport:
-    """What is found out on the way."""
+    """Notes, doubts and faults that are collected during an import."""
 
     robot: Robot | None
     faults: list[str] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
 
-    def fault(self, words: str) -> None:
-        """One more."""
-        self.faults.append(words)
+    def fault(self, message: str) -> None:
+        """Add a fault, up to a largest number of faults."""
+        self.faults.append(message)
 
     def raise_all(self) -> None:
-        """Raise DatasetError with all faults so far."""
+        """Raise DatasetError with all faults so far, if any."""
         if not self.faults:
             return
         shown = self.faults[:_MOST_FAULTS]
@@ -48,7 +48,7 @@ class ImportReport:
 def recognised(
     report: ImportReport, table: UserTable, mapping: Mapping[str, Meaning], *, positions: bool, joints: bool = True
 ) -> Recognised:
-    """The columns of a table; what it needs and does not have becomes a fault."""
+    """Recognised columns of a table; missing ones are reported as faults."""
     robot, by_place = report.robot, None
     if not table.has_header and robot is not None:
         wanted = [f"q{k + 1}" for k in range(robot.n_joints)] if joints else []
@@ -79,7 +79,7 @@ def recognised(
 
 
 def joint_values(report: ImportReport, table: UserTable, meant: Recognised) -> Array | None:
-    """(N, n) as they stand in the file."""
+    """Joint values (N, n) in the file's units; None, with a fault, where columns are missing."""
     if report.robot is None:  # its cells are judged all the same
         for name, column in meant.columns.items():
             if quantity_of(name) == "q":
@@ -99,7 +99,7 @@ def joint_values(report: ImportReport, table: UserTable, meant: Recognised) -> A
 
 
 def point_values(report: ImportReport, table: UserTable, meant: Recognised, *, needed: bool) -> Array | None:
-    """(M, 3) as they stand in the file; None where there are none."""
+    """Points (M, 3) in the file's unit; None where there are none."""
     if not all(axis in meant.columns for axis in "xyz"):
         if needed and not any(axis in meant.columns for axis in "xyz"):
             report.fault(
@@ -115,7 +115,7 @@ def point_values(report: ImportReport, table: UserTable, meant: Recognised, *, n
 
 
 def _numbers(report: ImportReport, table: UserTable, name: str) -> Array:
-    """A column's numbers; NaN, and a fault, where there is none or one that no arm has in any unit."""
+    """Numbers of a column; NaN, with a fault, for cells without a number or with one beyond any arm."""
     values = table.numbers(name, report.fault)
     for i in np.flatnonzero(np.abs(values) > _MOST):
         report.fault(f"{table.path}: line {table.lines[i]}, column {name}: found {values[i]:g}, which is far too large")
@@ -123,7 +123,7 @@ def _numbers(report: ImportReport, table: UserTable, name: str) -> Array:
 
 
 def _coordinate(report: ImportReport, table: UserTable, name: str) -> Array:
-    """A column of coordinates; an empty cell is a point that was not measured."""
+    """Coordinates of a column; NaN for an empty cell, a point that was not measured."""
     blank = [not cell for cell in table.text(name)]
     if not any(blank):
         return _numbers(report, table, name)
@@ -132,7 +132,7 @@ def _coordinate(report: ImportReport, table: UserTable, name: str) -> Array:
 
 
 def pose_ids(report: ImportReport, table: UserTable, meant: Recognised) -> list[str]:
-    """A name for each row of joints: those of the table, else p1, p2, ..."""
+    """Pose names of the rows of joints: those of the table, else p1, p2, ..."""
     if "pose" not in meant.columns:
         return [f"p{i + 1}" for i in range(len(table))]
     ids = table.text(meant.columns["pose"].name)
@@ -156,7 +156,7 @@ def pose_ids(report: ImportReport, table: UserTable, meant: Recognised) -> list[
 def rows_of_points(
     report: ImportReport, table: UserTable, ids: list[str], other: UserTable | None, meant: Recognised
 ) -> list[int]:
-    """Which row of joints each point belongs to: by the pose's name, else row by row; -1 where that is a fault."""
+    """Row of joints of each point, by the pose's name or else row by row; -1, with a fault, where unknown."""
     if other is None:
         return list(range(len(table)))
     if "pose" in meant.columns:
@@ -181,7 +181,7 @@ def rows_of_points(
 
 
 def _number_of(name: str) -> str:
-    """A pose's name that is a whole number as such, so that 7, 7.0 and 007 are one; "" for others."""
+    """Whole number in a pose's name as text, so that 7, 7.0 and 007 are equal; "" for other names."""
     try:
         value = float(name)
     except ValueError:
@@ -189,8 +189,8 @@ def _number_of(name: str) -> str:
     return f"#{int(value)}" if abs(value) < 1e15 and value == int(value) else ""
 
 
-def beside(q_file: Array, seen: Array, row_of: Sequence[int]) -> Array:
-    """(N, 3) a point of each pose, NaN where it has none."""
+def point_of_each_pose(q_file: Array, seen: Array, row_of: Sequence[int]) -> Array:
+    """A point (N, 3) of each pose, NaN where it has none."""
     out = np.full((len(q_file), 3), np.nan)
     rows = np.asarray(row_of, dtype=int)
     out[rows[rows >= 0]] = seen[rows >= 0]
@@ -200,9 +200,10 @@ def beside(q_file: Array, seen: Array, row_of: Sequence[int]) -> Array:
 def points_unit(
     report: ImportReport, table: UserTable, meant: Recognised, near: Array, q: Array
 ) -> tuple[str, str, float]:
-    """The points' unit, how it was found, and how many times their spread is off the arm's ("" and 1 by name).
+    """Unit of the points, the reason, and the ratio of their spread to the arm's ("" and 1 where by name).
 
-    By their names, else by how far they are spread against the arm's. near: (N, 3) as in the file, q: (N, n) rad, mm.
+    Taken from the columns' names, else from the points' spread relative to the arm's.
+    near: (N, 3) in the file's unit, q: (N, n) rad, mm.
     """
     told = {meant.columns[axis].unit for axis in "xyz"}
     what = ", ".join(meant.columns[axis].name for axis in "xyz")
@@ -221,7 +222,7 @@ def points_unit(
 
 
 def require_near_spread(report: ImportReport, table: UserTable, meant: Recognised, unit: str, off: float) -> None:
-    """A fault where points without a unit are spread by another factor than the arm's tool."""
+    """Report a fault where points without a unit do not spread as the arm's tool does in any unit."""
     if off > _FAR_SPREAD:
         what = ", ".join(meant.columns[axis].name for axis in "xyz")
         report.fault(
@@ -231,7 +232,7 @@ def require_near_spread(report: ImportReport, table: UserTable, meant: Recognise
 
 
 def of_one_place(near: Array, row_of: Sequence[int], points: tuple[UserTable, Recognised], setups: list[str]) -> Array:
-    """(N, 3) the points of the target and the placement that most of them are of; NaN elsewhere."""
+    """Points (N, 3) of the target and station with most points; NaN elsewhere."""
     table, meant = points
     out = near.copy()
     if "target" in meant.columns:

@@ -1,4 +1,4 @@
-"""What was recognised as the files of a dataset, written beside their place and moved there whole."""
+"""Writing of an imported dataset: its files as text, written to a temporary folder and moved into place."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ _ENOUGH = 25  # poses, so that some can be kept apart
 _EVERY = 4
 
 
-def roles_of(given: Sequence[str] | None, count: int, first: int = 0) -> tuple[list[str], str]:
-    """A role for each pose, exactly one reference, and how they were chosen; "" where the table tells all.
+def roles_of(column: Sequence[str] | None, count: int, first: int = 0) -> tuple[list[str], str]:
+    """Role of each pose, exactly one being the reference, and the reason; "" where all are in the table.
 
-    first  # the first pose that was measured
+    first  # index of the first measured pose
     """
-    if given is None:
+    if column is None:
         roles = ["test" if count >= _ENOUGH and i % _EVERY == _EVERY - 1 else "train" for i in range(count)]
         kept = (
             f"every fourth is kept apart to test ({roles.count('test')} of {count})"
@@ -44,7 +44,7 @@ def roles_of(given: Sequence[str] | None, count: int, first: int = 0) -> tuple[l
         )
         roles[first] = "reference"
         return roles, f"no column role: the first pose with a point is the reference, {kept}"
-    roles = [_WORDS.get(word.strip().lower(), word.strip()) for word in given]
+    roles = [_WORDS.get(word.strip().lower(), word.strip()) for word in column]
     if "reference" in roles or not roles:
         return roles, ""
     roles[roles.index("train") if "train" in roles else first] = "reference"
@@ -60,9 +60,9 @@ def poses_text(
     scans: Mapping[str, Path],
     measured: BoolArray | None,
 ) -> str:
-    """poses.csv in the units of the columns' names: rad and mm, which the reader takes.
+    """Text of poses.csv, with joint values in rad and mm.
 
-    q  # (N, n) rad, mm; scans  # a file by its stem; measured  # (N,) which poses have a point; None: scans only
+    q  # (N, n) rad, mm; scans  # files by stem; measured  # (N,) poses that have a point; None: scans only
     """
     assert report.robot is not None
     given = table.text(meant.columns["role"].name) if "role" in meant.columns else None
@@ -93,7 +93,7 @@ def poses_text(
 
 
 def _condition(report: ImportReport, table: UserTable, meant: Recognised, meaning: str) -> list[str]:
-    """A column of a condition; one of numbers has numbers in all its cells."""
+    """Cells of a condition's column; a fault is reported where one should be a number and is not."""
     column = meant.columns[meaning]
     cells = table.text(column.name)
     if meaning in CONDITIONS:
@@ -108,7 +108,7 @@ def _condition(report: ImportReport, table: UserTable, meant: Recognised, meanin
 
 
 def points_text(table: UserTable, meant: Recognised, poses: Sequence[str], xyz_mm: Array) -> str:
-    """points.csv."""
+    """Text of points.csv."""
     further = [m for m in meant.columns if m == "target" or (m[:1] in "qrs" and m[1:2] in "wxyz") or m[1:3] == "_r"]
     columns = [table.text(meant.columns[m].name) for m in further]
     body = [
@@ -120,7 +120,7 @@ def points_text(table: UserTable, meant: Recognised, poses: Sequence[str], xyz_m
 
 @dataclass(frozen=True)
 class Content:
-    """What a dataset folder is to hold."""
+    """Content of a dataset folder to be written."""
 
     robot: Robot
     poses_csv: str
@@ -130,7 +130,7 @@ class Content:
 
 
 def fault_of(content: Content) -> str | None:
-    """What would keep such a dataset from being read; scans are only looked for, not read."""
+    """Error that reading such a dataset would raise; None where it can be read. Scans are only looked for."""
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made) / "dataset"
         folder.mkdir()
@@ -143,7 +143,7 @@ def fault_of(content: Content) -> str | None:
 
 
 def written(out: Path, content: Content) -> Dataset:
-    """Write beside the place, read it as every command does, and move it there whole. Raises DatasetError."""
+    """Write a dataset to a temporary folder, read it for checking, and move it into place. Raises DatasetError."""
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name[:50]}.") as made:
         draft, final = Path(made) / "draft", Path(made) / "final"
