@@ -19,7 +19,7 @@ from calib.dataset_import.columns import AS_MAPPED, Recognised
 from calib.dataset_import.reading import ImportReport
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
-from calib.robot_formats.conventions import SCHOOLS, RobotReading
+from calib.robot_formats.conventions import TABLE_KINDS, RobotReading
 from calib.robot_formats.robot_file import RobotFile
 
 GAIN = 5.0  # ratio of misfits from which the gain is overwhelming
@@ -89,7 +89,7 @@ def settled(
     plain = JointReading.plain(asked.robot.robot.n_joints)
     as_it_is = Settled(asked.robot, plain)
     if len(readings) == 1 and not asked.asked:
-        report.said.append(f"{asked.robot.robot.name}: its table is {SCHOOLS[asked.convention]}, by its axes")
+        report.said.append(f"{asked.robot.robot.name}: its table is {TABLE_KINDS[asked.convention]}, by its axes")
     if sheet is None or sample is None or not sample.is_enough:
         if not any(each.asked for each in readings) and len(readings) > 1:
             report.fault(_ask_for_convention(asked, readings))
@@ -104,14 +104,14 @@ def settled(
             report.fault(_ask_for_convention(asked, readings))
             return as_it_is
         report.said.append(
-            f"{best.robot.robot.name}: its table is {SCHOOLS[best.convention]}, with which the nominal arm misses the "
-            f"points by {least:.3g} mm rms, and with the other one by {worse:.3g} mm"
+            f"{best.robot.robot.name}: its table is {TABLE_KINDS[best.convention]}, with which the nominal arm misses "
+            f"the points by {least:.3g} mm rms, and with the other one by {worse:.3g} mm"
         )
         return Settled(best.robot, plain)
     if best is not asked and near and misfits[0] >= GAIN * least:
         report.said.append(
-            f"{asked.robot.robot.name}: its table is taken for {SCHOOLS[best.convention]}: so read, the nominal arm "
-            f"misses the points by {least:.3g} mm rms, and by {misfits[0]:.3g} mm as {SCHOOLS[asked.convention]}, "
+            f"{asked.robot.robot.name}: its table is taken for {TABLE_KINDS[best.convention]}: so read, the nominal "
+            f"arm misses the points by {least:.3g} mm rms, and by {misfits[0]:.3g} mm as {TABLE_KINDS[asked.convention]}, "
             "which robot.toml is written in"
         )
         report.said += [f"{asked.robot.robot.name}: {note}" for note in best.robot.notes]

@@ -1,7 +1,11 @@
-"""Joint origins as makers' YAML: UR, UFACTORY, Flexiv, Franka; in, and out by changing numbers only.
+"""Joint origins in makers' YAML (UR, UFACTORY, Flexiv, Franka), read and written by changing numbers only.
 
-Metres and radians, a block `x y z roll pitch yaw` a joint, which the maker's xacro puts into its <origin>. Joints turn
-about their z axis. rpy is about fixed axes, as URDF has it.
+Metres and radians, a block `x y z roll pitch yaw` per joint, which the maker's xacro puts into its <origin>. Joints
+turn about their z axis. rpy is about fixed axes, as in URDF.
+
+The YAML is nested `key: value` by indentation, and `{key: value}` on one line. Anchors, lists, tags (but !degrees and
+!radians) and texts over several lines are refused with their line. Each value keeps its position in the text, so that a
+writer may change it and leave every other character as it is.
 """
 
 from __future__ import annotations
@@ -30,7 +34,7 @@ _COMMENT = re.compile(r"(^|\s)#.*$")
 
 @dataclass(frozen=True)
 class YamlNode:
-    """A value: a text, or the nodes below it by key."""
+    """A value of a YAML file: a text, or the nodes below it by key."""
 
     line: int
     text: str = ""
@@ -40,7 +44,7 @@ class YamlNode:
 
 @dataclass(frozen=True)
 class YamlFile:
-    """A YAML file: its text and its nodes."""
+    """A YAML file with its text and its nodes."""
 
     path: Path
     text: str
@@ -52,7 +56,7 @@ class YamlFile:
 
 
 def read_yaml(path: Path) -> YamlFile:
-    """Read a file. Raises RobotFileError with the line of what is not of this kind."""
+    """Read a YAML file of this kind. Raises RobotFileError with the line of anything else."""
     try:
         text = read_bytes(path, _MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -93,7 +97,7 @@ def read_yaml(path: Path) -> YamlFile:
 
 
 def _value(file: YamlFile, line: int, text: str, start: int) -> YamlNode:
-    """What stands behind `key:`."""
+    """Node of the text behind `key:`."""
     if not text.startswith("{"):
         if text[:1] in ("&", "*", "|", ">", "[") or (text[:1] == "!" and not text.startswith(("!degrees", "!radians"))):
             file.fail(line, f"found {text[:40]!r}", "a number or a text is needed")
@@ -122,7 +126,7 @@ _MOST = 1e6
 
 @dataclass(frozen=True)
 class OriginYaml:
-    """A kinematics file: the blocks in the order of the joints."""
+    """A kinematics file with its blocks in the order of the joints."""
 
     file: YamlFile
     blocks: dict[str, YamlNode]  # by name of the joint or link
@@ -130,7 +134,7 @@ class OriginYaml:
 
 
 def read_origin_yaml(path: Path) -> OriginYaml:
-    """The blocks of a kinematics file. Raises RobotFileError with file and line."""
+    """Read a kinematics file. Raises RobotFileError with file and line."""
     file = read_yaml(path)
     top = file.root.children.get("kinematics", file.root)
     blocks = {}
@@ -155,7 +159,7 @@ def read_origin_yaml(path: Path) -> OriginYaml:
 
 
 def chain_of_yaml(origins: OriginYaml) -> SerialChain:
-    """The arm: each joint turns about z of its block's frame."""
+    """Chain of a kinematics file; each joint turns about z of its block's frame."""
     places = [_place(origins.file, name, block) for name, block in origins.blocks.items()]
     end = np.eye(4) if origins.flange is None else _place(origins.file, _FRANKA_FLANGE, origins.flange)
     joints = tuple(ChainJoint(name, place) for name, place in zip(origins.blocks, places, strict=True))
@@ -171,7 +175,7 @@ def chain_of_yaml(origins: OriginYaml) -> SerialChain:
 
 
 def with_yaml_origins(origins: OriginYaml, chain: SerialChain) -> tuple[str, tuple[str, ...]]:
-    """The file's text with the origins of a chain of its joints, and the blocks that changed; a hash stays."""
+    """Text of the file with the origins of a chain of its joints, and the names of the changed blocks."""
     wanted = [joint.before_T_joint for joint in chain.joints]
     blocks = list(origins.blocks.items())
     if origins.flange is not None:
@@ -196,7 +200,7 @@ def with_yaml_origins(origins: OriginYaml, chain: SerialChain) -> tuple[str, tup
 
 
 def plain_yaml(chain: SerialChain) -> str:
-    """A kinematics file of a chain whose joints turn about z. Raises RobotFileError for others."""
+    """Text of a new kinematics file for a chain whose joints turn about z. Raises RobotFileError for others."""
     lines = ["kinematics:"]
     for k, joint in enumerate(chain.joints, 1):
         if not joint.is_revolute or not np.allclose(joint.axis, (0.0, 0.0, 1.0), atol=1e-12):
@@ -210,7 +214,7 @@ def plain_yaml(chain: SerialChain) -> str:
 
 
 def _place(file: YamlFile, name: str, block: YamlNode) -> Array:
-    """(4, 4) of a block, mm."""
+    """Transform (4, 4) of a block, mm."""
     x, y, z, *rpy = (_number(file, name, key, block.children[key]) for key in KEYS)
     return make_transform(rotation_from_rpy(rpy), 1e3 * np.array([x, y, z]))
 
@@ -229,7 +233,7 @@ def _number(file: YamlFile, name: str, key: str, node: YamlNode) -> float:
 
 
 def _intrinsic_differs_mm(origins: OriginYaml, chain: SerialChain) -> float:
-    """How far the tip moves at most where the angles are taken about moving axes x, y, z."""
+    """Largest change of the tip's position, mm, if the angles were about moving instead of fixed axes."""
     other = []
     for (name, block), joint in zip(origins.blocks.items(), chain.joints, strict=True):
         rpy = [_number(origins.file, name, key, block.children[key]) for key in KEYS[3:]]

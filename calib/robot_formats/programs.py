@@ -91,7 +91,7 @@ def is_point_list(path: Path) -> bool:
 
 
 def require_point_list(path: Path, is_revolute: Sequence[bool]) -> None:
-    """Raise CalibError for an arm that this controller's joint positions cannot hold."""
+    """Raise CalibError for an arm whose joint values the controller's joint positions cannot hold."""
     language = LANGUAGES[path.suffix.lower()]
     if list(is_revolute) != [True] * JOINTS:
         turning = sum(map(bool, is_revolute))
@@ -105,17 +105,17 @@ def require_point_list(path: Path, is_revolute: Sequence[bool]) -> None:
 
 @dataclass(frozen=True)
 class JointTarget:
-    """A place to go to, under the name that a user knows it by."""
+    """A joint target with the user's name for it."""
 
     name: str
     q: Array  # (n,) rad or mm, as it is commanded
-    left_out: str = ""  # why it is not to be gone to; "" where it is
+    left_out: str = ""  # reason for leaving it out; "" where it is kept
 
 
 def point_list(path: Path, targets: Sequence[JointTarget], heading: Sequence[str]) -> str:
-    """The targets in the language that the file's name tells; those that are left out as comments with the reason.
+    """Point list in the language of the file's suffix; targets that are left out become comments with the reason.
 
-    heading: lines that say what they are, put first as comments. For an arm that `require_point_list` takes.
+    heading: first lines, as comments. The arm has to pass `require_point_list`.
     """
     suffix = path.suffix.lower()
     comment = _COMMENT[suffix]
@@ -149,9 +149,9 @@ def _wrapped(suffix: str, name: str, lines: list[str]) -> list[str]:
 
 
 def identifiers(ids: Sequence[str], longest: int) -> list[str]:
-    """Names that all three languages take, each its own without regard to case: letters, digits and underscores.
+    """Names valid in all three languages, unique without regard to case: letters, digits and underscores.
 
-    A word that one of the languages keeps for itself stands behind `p_`.
+    A reserved word of one of the languages gets the prefix `p_`.
     """
     out: list[str] = []
     taken: set[str] = set()
@@ -169,7 +169,7 @@ def identifiers(ids: Sequence[str], longest: int) -> list[str]:
 
 
 def _plain(text: str) -> str:
-    """Text for a comment: one line of printable ASCII."""
+    """Text as one line of printable ASCII, for a comment."""
     return re.sub(r"[^ -~]", "?", " ".join(text.split()))
 
 
@@ -179,9 +179,9 @@ _FIRST_S = 10.0  # to the first target, from wherever the arm stands
 
 
 def trajectory_yaml(robot: Robot, targets: Sequence[JointTarget], heading: Sequence[str]) -> str:
-    """The targets in their order; the arm stands at each for some seconds, so each is two points.
+    """ROS trajectory through the targets in their order, with a stop of some seconds (two points) at each.
 
-    heading: lines that say what they are, put first as comments.
+    heading: first lines, as comments.
     """
     names = [joint.name or f"joint{k + 1}" for k, joint in enumerate(robot.joints)]
     lines = [
@@ -209,7 +209,7 @@ def trajectory_yaml(robot: Robot, targets: Sequence[JointTarget], heading: Seque
 
 
 def _times(robot: Robot, targets: Sequence[JointTarget]) -> list[tuple[JointTarget, float]]:
-    """Each target with the second of arrival, whole tenths."""
+    """Each target with its time of arrival, s, rounded up to tenths."""
     speed = np.where(robot.is_revolute, SLOW_RAD_S, SLOW_MM_S)
     out: list[tuple[JointTarget, float]] = []
     at: Array | None = None
