@@ -82,7 +82,7 @@ class SigmaCheck:
 
     @property
     def verdict(self) -> str:
-        """ "excess", "as declared", "below", or "unknown" without a declared sigma or degrees of freedom."""
+        """Comparison in a word: "excess", "as declared", "below", or "unknown" without declared sigma or dof."""
         if self.declared_mm is None or not np.isfinite(self.sigma_mm):
             return "unknown"
         if self.declared_mm < self.low_mm:

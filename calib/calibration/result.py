@@ -23,7 +23,7 @@ from calib.fitting.tool_point import ToolShift, tool_shift
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
 
-_MOST_NAMED = 8  # outlying poses that are told one by one
+_MOST_NAMED = 8  # outlying poses that are named
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ class Calibration(Documented, Viewed):
         )
 
     def summary(self) -> str:
-        """Errors before and after on training and test poses, and what there is to be warned of."""
+        """Errors before and after on training and test poses, and warnings, as text."""
         fit = self.fit.summary(declared=is_declared(self.dataset))
         lines = [f"{self.dataset.name}: {self.residual} residual, {fit}"]
         for label, before, after in (

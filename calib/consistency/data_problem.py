@@ -86,16 +86,16 @@ class DataProblem:
         return self.hypothesis.joints
 
     @property
-    def mend(self) -> str:
+    def remedy(self) -> str:
         """Remedy, as a clause."""
-        others = "".join(f", or {rival.mend}" for rival in self.rivals[:2])
-        return f"{self.hypothesis.mend}{others}"
+        others = "".join(f", or {rival.remedy}" for rival in self.rivals[:2])
+        return f"{self.hypothesis.remedy}{others}"
 
     @property
-    def found(self) -> str:
+    def mistake(self) -> str:
         """Mistake, as a clause."""
-        others = "".join(f", or {rival.found}" for rival in self.rivals[:2])
-        return f"{self.hypothesis.found}{others}{': these poses do not tell which' if self.rivals else ''}"
+        others = "".join(f", or {rival.mistake}" for rival in self.rivals[:2])
+        return f"{self.hypothesis.mistake}{others}{': these poses do not tell which' if self.rivals else ''}"
 
     @property
     def words(self) -> str:
@@ -103,8 +103,8 @@ class DataProblem:
         effects = f" beside {' and '.join(self.effects)}" if self.effects else ""
         instead = f" (as the data stand, only {self.instead_of} brings that)" if self.instead_of else ""
         return (
-            f"{self.found}: {self.hypothesis.then} the error falls from {self.now_mm:.3g} to {self.then_mm:.3g} mm"
-            f"{effects}{instead}; {self.mend}"
+            f"{self.mistake}: {self.hypothesis.change} the error falls from {self.now_mm:.3g} to {self.then_mm:.3g} mm"
+            f"{effects}{instead}; {self.remedy}"
         )
 
 

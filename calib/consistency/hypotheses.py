@@ -34,9 +34,9 @@ class DataHypothesis:
     """A possible mistake in the data; fields at their default leave the dataset as it is."""
 
     kind: str
-    found: str  # a clause: "joint 6 turns the other way than robot.toml says"
-    then: str  # "with q6 negated"
-    mend: str  # what to do
+    mistake: str  # a clause: "joint 6 turns the other way than robot.toml says"
+    change: str  # the change that mends it: "with q6 negated"
+    remedy: str  # what the user should do
     joints: tuple[int, ...] = ()  # counted from 1
     reading: JointReading | None = None
     angle_scale: float = 1.0
@@ -121,31 +121,31 @@ def of_reading(reading: JointReading, names: Sequence[str]) -> DataHypothesis:
     turned = [k for k, sign in enumerate(reading.signs) if sign < 0]
     moved = [k for k, column in enumerate(reading.order) if column != k]
     zeros = [k for k, offset in enumerate(reading.offsets_rad) if offset]
-    found, then, mend = [], [], []
+    mistake, change, remedy = [], [], []
     if turned:
         those = [names[reading.order[k]] for k in turned]
         turn = "turn" if len(turned) > 1 else "turns"
-        found.append(f"{_joints_words(turned)} {turn} the other way than robot.toml says")
-        then.append(f"{_and(those)} negated")
-        mend.append(f"negate column{'s' if len(those) > 1 else ''} {_and(those)}")
+        mistake.append(f"{_joints_words(turned)} {turn} the other way than robot.toml says")
+        change.append(f"{_and(those)} negated")
+        remedy.append(f"negate column{'s' if len(those) > 1 else ''} {_and(those)}")
     if moved:
         asked = [names[k] for k in moved]
         given = [names[reading.order[k]] for k in moved]
         backwards = reading.order == tuple(reversed(range(len(names))))
-        found.append("the joints stand backwards" if backwards else f"the columns {_and(asked)} have changed places")
-        then.append("the columns put back")
-        mend.append(f"take {', '.join(f'{b} for {a}' for a, b in zip(asked, given, strict=True))}")
+        mistake.append("the joints stand backwards" if backwards else f"the columns {_and(asked)} have changed places")
+        change.append("the columns put back")
+        remedy.append(f"take {', '.join(f'{b} for {a}' for a, b in zip(asked, given, strict=True))}")
     for k in zeros:
         by = degrees(reading.offsets_rad[k])
-        found.append(f"joint {k + 1} is counted from {-by:+.0f} deg")
-        then.append(f"{by:+.0f} deg added to {names[reading.order[k]]}")
-        mend.append(f"add {by:+.0f} deg to column {names[reading.order[k]]}")
+        mistake.append(f"joint {k + 1} is counted from {-by:+.0f} deg")
+        change.append(f"{by:+.0f} deg added to {names[reading.order[k]]}")
+        remedy.append(f"add {by:+.0f} deg to column {names[reading.order[k]]}")
     kind = JOINT_ORDER if moved else JOINT_SIGN if turned else JOINT_ZERO
     return DataHypothesis(
         kind,
-        _and(found),
-        f"with {_and(then)}",
-        _and(mend),
+        _and(mistake),
+        f"with {_and(change)}",
+        _and(remedy),
         reading.joints,
         reading=reading,
         edits=reading.edits,
@@ -205,12 +205,12 @@ def of_units(robot: Robot, sample: Sample) -> Iterator[DataHypothesis]:
             if not spread > 0.0:
                 continue
             length = min(lengths, key=lambda scale: abs(np.log(scale * sample.spread_mm / spread)))
-            said = [words for words in (angle_words, slide_words, lengths[length]) if words[0]]
-            if said:
-                found, then, mend = (_and(list(words)) for words in zip(*said, strict=True))
+            changed = [words for words in (angle_words, slide_words, lengths[length]) if words[0]]
+            if changed:
+                mistake, change, remedy = (_and(list(words)) for words in zip(*changed, strict=True))
                 yield DataHypothesis(
-                    UNITS, found, f"with {then}", mend,
-                    angle_scale=angle, slide_scale=slide, points_scale=length, edits=len(said),
+                    UNITS, mistake, f"with {change}", remedy,
+                    angle_scale=angle, slide_scale=slide, points_scale=length, edits=len(changed),
                 )  # fmt: skip
 
 

@@ -157,9 +157,9 @@ class Poses:
             return self.ids.index(pose_id)
         except ValueError:
             near = get_close_matches(pose_id, self.ids, n=3)
-            told = f"the nearest of {len(self)}: {', '.join(map(repr, near))}" if near else ""
-            told = told or f"the first of {len(self)} is {self.ids[0]!r}"
-            raise DatasetError(f"no pose named {pose_id!r}; {told}") from None
+            hint = f"the nearest of {len(self)}: {', '.join(map(repr, near))}" if near else ""
+            hint = hint or f"the first of {len(self)} is {self.ids[0]!r}"
+            raise DatasetError(f"no pose named {pose_id!r}; {hint}") from None
 
 
 @dataclass(frozen=True)

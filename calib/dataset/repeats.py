@@ -61,7 +61,7 @@ def _split_by_width(group: IndexArray, values: Array, width: float) -> IndexArra
 
 
 def repeat_groups(dataset: Dataset) -> IndexArray:
-    """Number (N,) of each pose's repeat group: poses of equal joints and conditions, `groups_by_condition`.
+    """Number (N,) of each pose's repeat group, poses with equal joints and conditions (`groups_by_condition`).
 
     Where times are known and later visits to the same joint values differ beyond the declared noise (the arm or scanner
     has drifted), each visit is a group of its own.
@@ -246,7 +246,7 @@ class RepeatCount:
 
     @property
     def note(self) -> str:
-        """The counts and that means are taken, in a sentence."""
+        """Sentence with both counts, which says that the repeats of a group are averaged."""
         return (
             f"{self.repeats} points were measured in {self.groups} repeat groups of equal joints and conditions: each "
             "group counts once, by the mean of its repeats"
@@ -339,7 +339,7 @@ class ScatterOfRepeats:
 
 
 def scatter_against_covariances(dataset: Dataset) -> ScatterOfRepeats | None:
-    """Chi-squared test of the repeats of a dataset against its points' covariances C; None without either.
+    """Chi-squared test of repeats against their points' covariances C; None without repeats or covariances.
 
     In each group sum (x_i - m) . C_i^-1 (x_i - m) about the weighted mean m is chi-squared of 3 (n - 1) degrees of
     freedom where the covariances are right. Errors common to all repeats of a group do not show.

@@ -26,7 +26,7 @@ class TrainedRange:
 
     @classmethod
     def of(cls, dataset: Dataset, outliers: Sequence[str] = ()) -> TrainedRange:
-        """The ranges of a dataset's measured training poses, without those of outlying poses."""
+        """Joint ranges of a dataset's measured training poses, outlying poses excluded."""
         assert dataset.points is not None
         used = ~dataset.poses.is_test & np.isin(np.arange(len(dataset.poses)), dataset.points.pose)
         if outliers:

@@ -89,7 +89,7 @@ def settled(
     plain = JointReading.plain(asked.robot.robot.n_joints)
     as_it_is = Settled(asked.robot, plain)
     if len(readings) == 1 and not asked.asked:
-        report.said.append(f"{asked.robot.robot.name}: its table is {TABLE_KINDS[asked.convention]}, by its axes")
+        report.notes.append(f"{asked.robot.robot.name}: its table is {TABLE_KINDS[asked.convention]}, by its axes")
     if sheet is None or sample is None or not sample.is_enough:
         if not any(each.asked for each in readings) and len(readings) > 1:
             report.fault(_ask_for_convention(asked, readings))
@@ -103,18 +103,18 @@ def settled(
         if not near or worse < GAIN * least:
             report.fault(_ask_for_convention(asked, readings))
             return as_it_is
-        report.said.append(
+        report.notes.append(
             f"{best.robot.robot.name}: its table is {TABLE_KINDS[best.convention]}, with which the nominal arm misses "
             f"the points by {least:.3g} mm rms, and with the other one by {worse:.3g} mm"
         )
         return Settled(best.robot, plain)
     if best is not asked and near and misfits[0] >= GAIN * least:
-        report.said.append(
+        report.notes.append(
             f"{asked.robot.robot.name}: its table is taken for {TABLE_KINDS[best.convention]}: so read, the nominal "
-            f"arm misses the points by {least:.3g} mm rms, and by {misfits[0]:.3g} mm as {TABLE_KINDS[asked.convention]}, "
-            "which robot.toml is written in"
+            f"arm misses the points by {least:.3g} mm rms, and by {misfits[0]:.3g} mm as "
+            f"{TABLE_KINDS[asked.convention]}, which robot.toml is written in"
         )
-        report.said += [f"{asked.robot.robot.name}: {note}" for note in best.robot.notes]
+        report.notes += [f"{asked.robot.robot.name}: {note}" for note in best.robot.notes]
         return Settled(best.robot, plain)
     names = [meant.columns[f"q{k + 1}"].name for k in range(asked.robot.robot.n_joints)]
     found = _suspicions(sheet, asked.robot.robot, names)
@@ -138,8 +138,8 @@ def settled(
         report.doubts.append(f"{table}: {problem.words}{by_map}")
         return as_it_is
     fall = f"the error falls from {problem.now_mm:.3g} to {problem.then_mm:.3g} mm"
-    report.said.append(
-        f"{table}: {problem.found}, and is read so: {problem.hypothesis.then} {fall}; --map says it otherwise"
+    report.notes.append(
+        f"{table}: {problem.mistake}, and is read so: {problem.hypothesis.change} {fall}; --map says it otherwise"
     )
     return Settled(asked.robot, reading, f"so read, {fall}")
 

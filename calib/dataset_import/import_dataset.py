@@ -74,7 +74,7 @@ def without_folder(plan: ImportPlan, folder: Path) -> ImportPlan:
     def short(lines: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(line.replace(f"{folder}/", "") for line in lines)
 
-    return replace(plan, said=short(plan.said), doubts=short(plan.doubts), faults=short(plan.faults))
+    return replace(plan, notes=short(plan.notes), doubts=short(plan.doubts), faults=short(plan.faults))
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Imported:
     """The written dataset, with notes on what was recognised and on what is doubtful."""
 
     dataset: Dataset
-    said: tuple[str, ...]
+    notes: tuple[str, ...]
     doubts: tuple[str, ...] = ()
 
 
@@ -107,7 +107,7 @@ def import_dataset(
 def write_plan(plan: ImportPlan, out: Path) -> Imported:
     """Write the dataset of a plan. Raises DatasetError with all faults and then writes nothing."""
     require_free(out)
-    return Imported(written(out, plan.require()), plan.said, plan.doubts)
+    return Imported(written(out, plan.require()), plan.notes, plan.doubts)
 
 
 def copy_dataset(folder: Path, out: Path) -> Dataset:

@@ -62,7 +62,7 @@ class ImportPlan:
 
     robot: RobotFile | None
     columns: tuple[PlannedColumn, ...]
-    said: tuple[str, ...]
+    notes: tuple[str, ...]
     doubts: tuple[str, ...]
     faults: tuple[str, ...]
     content: Content | None
@@ -140,7 +140,7 @@ def _with_numbers(
     near = None if seen is None else point_of_each_pose(q_file, seen, row_of)
     told = [meant.columns[name].unit for name in names]
     units, how = joint_units(report.robot, q_file, told, near)
-    report.said.append(
+    report.notes.append(
         f"{table.path}: joints are {', '.join(meant.columns[name].name for name in names)}"
         + (f"; {how}" if how else f" in {' and '.join(sorted(set(units)))} by their names")
     )
@@ -167,7 +167,7 @@ def _with_numbers(
     if sheet is not None and off > 1.0 and near is not None:
         require_near_spread(report, other or table, of_points, *length_unit(report.robot, q, near))
     if other is not None and of_points.rest:
-        report.said.append(f"{other.path}: other columns are left out: {', '.join(of_points.rest)}")
+        report.notes.append(f"{other.path}: other columns are left out: {', '.join(of_points.rest)}")
     measured = None if near is None else np.asarray(np.isfinite(near).all(axis=1))
     poses_csv = poses_text(report, table, columns[table.path][1], ids, q, sources.scans, measured)
     if report.faults:
@@ -208,7 +208,7 @@ def _plan(
     if robot is None and sources.robots:
         robot = sources.robots[0].robot
     return ImportPlan(
-        robot, tuple(columns), tuple(report.said), tuple(report.doubts), tuple(report.faults), content, poses
+        robot, tuple(columns), tuple(report.notes), tuple(report.doubts), tuple(report.faults), content, poses
     )
 
 

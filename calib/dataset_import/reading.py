@@ -27,7 +27,7 @@ class ImportReport:
 
     robot: Robot | None
     faults: list[str] = field(default_factory=list)
-    said: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
 
     def fault(self, message: str) -> None:
@@ -57,7 +57,7 @@ def recognised(
                 if len(table.columns) == len(first + wanted + extra):
                     meanings = first + wanted + extra
                     by_place = dict(zip(table.columns, meanings, strict=True))
-                    report.said.append(f"{table.path}: has no header; its columns are taken for {', '.join(meanings)}")
+                    report.notes.append(f"{table.path}: has no header; its columns are taken for {', '.join(meanings)}")
     found = recognise(table.columns, robot, mapping, by_place)
     for words in found.faults:
         report.fault(f"{table.path}: line 1: {words}")
@@ -176,7 +176,7 @@ def rows_of_points(
             "column pose to both"
         )
         return [-1] * len(other)
-    report.said.append(f"{other.path}: no column names the pose; its rows are taken in the order of {table.path}")
+    report.notes.append(f"{other.path}: no column names the pose; its rows are taken in the order of {table.path}")
     return list(range(len(table)))
 
 
@@ -212,12 +212,12 @@ def points_unit(
         return "mm", "", 1.0
     unit = told.pop()
     if unit:
-        report.said.append(f"{table.path}: points are {what}, in {unit} by their names")
+        report.notes.append(f"{table.path}: points are {what}, in {unit} by their names")
         return unit, "", 1.0
     assert report.robot is not None
     unit, off = length_unit(report.robot, q, near)
     how = f"taken for {unit}, in which they spread as the arm's tool does"
-    report.said.append(f"{table.path}: points are {what}, {how}")
+    report.notes.append(f"{table.path}: points are {what}, {how}")
     return unit, how, off
 
 

@@ -67,7 +67,7 @@ def poses_text(
     assert report.robot is not None
     given = table.text(meant.columns["role"].name) if "role" in meant.columns else None
     roles, how = roles_of(given, len(ids), 0 if measured is None else int(np.argmax(measured)))
-    report.said += [f"{table.path}: {how}"] if how else []
+    report.notes += [f"{table.path}: {how}"] if how else []
     unknown = [i for i, role in enumerate(roles) if role not in ROLES]
     for i in unknown:
         where = f"{table.path}: line {table.lines[i]}, column {meant.columns['role'].name}"
@@ -77,7 +77,7 @@ def poses_text(
     taken = {"pose", "role", *names, *kept}
     rest = [name for name in meant.rest if name not in taken]
     if rest:
-        report.said.append(f"{table.path}: other columns are kept as they are: {', '.join(rest)}")
+        report.notes.append(f"{table.path}: other columns are kept as they are: {', '.join(rest)}")
     columns = [_condition(report, table, meant, m) for m in kept] + [table.text(name) for name in rest]
     body = [
         [ids[i], roles[i], *map(repr, map(float, q[i])), *(column[i] for column in columns)] for i in range(len(ids))

@@ -42,8 +42,8 @@ _TUKEY_ROUNDS = 12
 _FIT_ROUNDS = 10
 _OUT = 1e-14  # weight of a pose that is left out: small enough for whatever it is off
 _TAIL = 5.0  # degrees of freedom of the bulk's tails: misfit is not normal
-LEVEL = 0.05  # p, times the number of poses, below which a pose stands out
-BACK_LEVEL = 0.5  # above which one that stood out of an earlier fit belongs again
+LEVEL = 0.05  # p, times the number of poses, below which a pose is an outlier
+BACK_LEVEL = 0.5  # p, times the number of poses, above which a pose that an earlier fit left out is taken back
 _FLOOR = 1e-12  # of the noise's variance over the declared one: exact data have rounding only
 _TAIL_ROUNDS = 2
 

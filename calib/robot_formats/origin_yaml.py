@@ -51,7 +51,7 @@ class YamlFile:
     root: YamlNode
 
     def fail(self, line: int, found: str, remedy: str) -> NoReturn:
-        """Raise RobotFileError with file and line."""
+        """Raise RobotFileError that names file, line, what was found and a remedy."""
         raise RobotFileError(f"{self.path}: line {line}: {found}; {remedy}")
 
 

@@ -123,11 +123,11 @@ def point_list(path: Path, targets: Sequence[JointTarget], heading: Sequence[str
     unit = "rad" if suffix == ".script" else "degrees"
     lines = [f"{comment} {_plain(words)}" for words in (*heading, f"Joint values in {unit}.")]
     for name, target in zip(names, targets, strict=True):
-        said = f"  {comment} {_plain(target.name)}" if name != target.name else ""
+        original = f"  {comment} {_plain(target.name)}" if name != target.name else ""
         if target.left_out:
             lines.append(f"{comment} {name} is left out: {_plain(target.left_out)}")
         else:
-            lines.append(_line(suffix, name, target.q) + said)
+            lines.append(_line(suffix, name, target.q) + original)
     return "\n".join(_wrapped(suffix, whole, lines)) + "\n"
 
 
@@ -196,12 +196,12 @@ def trajectory_yaml(robot: Robot, targets: Sequence[JointTarget], heading: Seque
     ]
     for (target, arrives_s), k in zip(_times(robot, targets), range(len(targets)), strict=True):
         position = np.where(robot.is_revolute, target.q, target.q / 1000.0)
-        told = f"[{', '.join(f'{v:.9f}' for v in position)}]"
+        position_text = f"[{', '.join(f'{v:.9f}' for v in position)}]"
         still = f"[{', '.join(['0.0'] * len(position))}]"
         for seconds in (arrives_s, arrives_s + STANDS_S):
             whole = int(seconds)
             lines += [
-                f"- positions: {told}  # {json.dumps(target.name)}, number {k + 1}",
+                f"- positions: {position_text}  # {json.dumps(target.name)}, number {k + 1}",
                 f"  velocities: {still}",
                 f"  time_from_start: {{sec: {whole}, nanosec: {round((seconds - whole) * 1e9)}}}",
             ]

@@ -55,8 +55,8 @@ def read_ur_calibration(path: Path, model: str | None) -> tuple[Robot, SerialCha
     `model`: the type of the arm, which the file does not name. Raises RobotFileError with file and line.
     """
     if model is None or model.lower() not in MODELS:
-        said = "does not say which arm it is of" if model is None else f"--model {model} is not known"
-        raise RobotFileError(f"{path}: {said}; give --model, one of {', '.join(MODELS)}")
+        reason = "does not say which arm it is of" if model is None else f"--model {model} is not known"
+        raise RobotFileError(f"{path}: {reason}; give --model, one of {', '.join(MODELS)}")
     deltas = _deltas(path)
     nominal = chain_of_standard(nominal_rows(model), model)
     rows = nominal_rows(model) + np.column_stack([deltas[key] for key in _LISTS]) * [1.0, 1000.0, 1000.0, 1.0]

@@ -113,5 +113,5 @@ def rows_csv(rows: Sequence[Sequence[str]]) -> str:
 
 def names_in_short(names: Sequence[str], most: int = 30) -> str:
     """The first `most` names, each cut to a few characters, with commas between."""
-    told = ", ".join(shown(name[:60]) for name in names[:most])
-    return told + (f" and {len(names) - most} more" if len(names) > most else "")
+    listed = ", ".join(shown(name[:60]) for name in names[:most])
+    return listed + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -37,7 +37,7 @@ class TomlTable:
 
     @classmethod
     def load(cls, path: Path) -> TomlTable:
-        """The file's outermost table. Raises DatasetError."""
+        """Read a TOML file as its top-level table. Raises DatasetError."""
         missing = f"a dataset folder needs {path.name}"
         text = read_text(path, missing=missing, kind="TOML", most_bytes=MOST_BYTES)
         _refuse_nested(path, text)

@@ -93,9 +93,9 @@ def test_columns_and_units_are_recognised_and_said(truth: Dataset, tmp_path: Pat
     assert made.dataset.points is not None
     assert made.dataset.poses.q == pytest.approx(truth.poses.q, abs=1e-12)
     assert made.dataset.points.xyz_mm == pytest.approx(truth.points.xyz_mm, abs=1e-9)
-    assert any("points are" in line for line in made.said)
+    assert any("points are" in line for line in made.notes)
     if "nothing told" in name:
-        assert any("angles are taken for" in line for line in made.said)
+        assert any("angles are taken for" in line for line in made.notes)
 
 
 def test_a_fit_runs_at_once(truth: Dataset, tmp_path: Path) -> None:
@@ -132,7 +132,7 @@ def test_two_tables_meet_by_the_pose(truth: Dataset, tmp_path: Path) -> None:
     assert made.dataset.points is not None
     assert made.dataset.points.xyz_mm == pytest.approx(truth.points.xyz_mm[order])
     assert made.dataset.poses.ids == tuple(ids)
-    assert f"{points}: other columns are left out: quality" in made.said
+    assert f"{points}: other columns are left out: quality" in made.notes
     assert made.dataset.poses.temperature_c is not None
     assert made.dataset.poses.temperature_c[0] == 21.5
 

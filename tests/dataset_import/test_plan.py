@@ -80,7 +80,7 @@ def test_signs_zeros_and_order_that_the_points_speak_for_are_taken_and_said(
     assert {column: meanings[column] for column in wanted} == wanted
     made = write_plan(plan, tmp_path / "cell").dataset
     assert made.poses.q == pytest.approx(truth.poses.q, abs=1e-7)
-    said = [line for line in plan.said if "the error falls from" in line]
+    said = [line for line in plan.notes if "the error falls from" in line]
     assert len(said) == bool(expected)
     changed = [column for column in plan.columns if column.name in expected]
     assert all("the error falls from" in column.why for column in changed)
@@ -150,13 +150,13 @@ def test_a_poor_nominal_arm_is_left_to_the_fit(truth: Dataset, tmp_path: Path) -
     plan = plan_import(ImportSources((RobotReading("", RobotFile(replace(ROBOT, tool=tool), None)),), log))
     assert plan.faults == ()
     assert plan.doubts == ()
-    assert not [line for line in plan.said if "opposite" in line or "counted from" in line]
+    assert not [line for line in plan.notes if "opposite" in line or "counted from" in line]
 
 
 def test_a_handful_of_poses_settles_nothing(truth: Dataset, tmp_path: Path) -> None:
     plan = planned(tmp_path, (truth.poses.q @ TURNED)[:10], points_of(truth)[:10])
     assert plan.doubts == ()
-    assert not [line for line in plan.said if "opposite" in line]
+    assert not [line for line in plan.notes if "opposite" in line]
 
 
 # ---- the robot's table --------------------------------------------------------------------------------------------
@@ -193,7 +193,7 @@ def test_the_points_tell_the_convention_of_a_table(tmp_path: Path, convention: s
     assert plan.faults == ()
     assert plan.robot is not None
     assert plan.robot.robot == true
-    assert any(f"its table is {convention} Denavit-Hartenberg" in line for line in plan.said)
+    assert any(f"its table is {convention} Denavit-Hartenberg" in line for line in plan.notes)
     few = table(tmp_path / "few.csv", [*Q, "x", "y", "z"], np.hstack([q, measured_with(true, q)])[:8])
     (fault,) = plan_import(ImportSources(readings, few)).faults
     assert "give --convention" in fault
@@ -205,7 +205,7 @@ def test_axes_that_show_the_convention_are_told(truth: Dataset, tmp_path: Path) 
     (only,) = robot_readings(str(tmp_path / "dh.csv"), ReadOptions())
     assert only.convention == "modified"
     log = table(tmp_path / "log.csv", [*Q, "x", "y", "z"], np.hstack([truth.poses.q, points_of(truth)]))
-    said = plan_import(ImportSources((only,), log)).said
+    said = plan_import(ImportSources((only,), log)).notes
     assert "dh: its table is modified Denavit-Hartenberg (Craig), by its axes" in said
 
 
@@ -222,7 +222,7 @@ def test_a_robot_toml_whose_rows_are_of_a_modified_table_is_recognised_and_told(
     log = table(tmp_path / "log.csv", [*Q, "x", "y", "z"], np.hstack([q, measured_with(meant, q)]))
     plan = plan_import(ImportSources(tuple(robot_readings(str(tmp_path / "robot.toml"), ReadOptions())), log))
     assert plan.faults == ()
-    assert any("is taken for modified Denavit-Hartenberg (Craig)" in line for line in plan.said)
+    assert any("is taken for modified Denavit-Hartenberg (Craig)" in line for line in plan.notes)
     made = write_plan(plan, tmp_path / "cell").dataset
     assert made.robot.n_joints == 6
     assert np.abs(made.robot.table - rows.table).max() > 1.0

@@ -133,5 +133,5 @@ def _is_number(text: str) -> bool:
 
 
 def short(text: str, most: int = 60) -> str:
-    """A text in quotes, cut to `most` characters: an unclosed quote makes one cell of the rest of a file."""
+    """Text in quotes for a message, cut to `most` characters, as an unclosed quote may make a very long cell."""
     return repr(text) if len(text) <= most else f"{text[:most]!r} ..."

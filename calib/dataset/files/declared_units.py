@@ -32,7 +32,7 @@ NOT_DECLARED = DeclaredUnits()
 
 
 def load_units(table: TomlTable) -> DeclaredUnits:
-    """The declared units. Raises DatasetError for a key or a unit that is not known."""
+    """Units declared in [units]. Raises DatasetError for an unknown key or unit."""
     units = DeclaredUnits(
         angle=table.text("angle", "", choices=("deg", "rad")) or "",
         length=table.text("length", "", choices=("mm", "m")) or "",

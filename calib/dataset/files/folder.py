@@ -154,13 +154,13 @@ def _is_below(folder: Path, path: Path) -> bool:
 
 def _about(table: TomlTable) -> About:
     """The arm's serial number, operator, site and date of [about]; the date may be a TOML date or a text."""
-    told: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for key in ABOUT:
         date = table.date(key) if key == "date" else None
-        told[key] = date or table.text(key, "") or ""
-        if not is_one_line(told[key]):
-            raise table.error(key, f"found {told[key]!r}", "a text of one line without control characters is needed")
-    return About(**told, extra=table.unread())
+        texts[key] = date or table.text(key, "") or ""
+        if not is_one_line(texts[key]):
+            raise table.error(key, f"found {texts[key]!r}", "a text of one line without control characters is needed")
+    return About(**texts, extra=table.unread())
 
 
 def _check_scans(folder: Path, scan_folder: Path, poses: Poses, poses_path: Path, *, needed: bool) -> None:

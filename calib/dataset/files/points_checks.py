@@ -48,7 +48,7 @@ def require_targets(file: TableFile, names: Sequence[str], robot: Robot) -> None
 
 
 def unit_doubt(robot: Robot, poses: Poses, points: Points, unit: str = "mm") -> str:
-    """Sentence that names the unit the points seem to have; "" where `unit` fits or no unit can be told.
+    """Sentence that names the unit the points seem to have; "" where `unit` fits or none can be determined.
 
     The scanner's pose does not change how far points spread about their mean. Each setup's spread is compared with that
     of the nominal arm at the same poses; a ratio of 1 / 25.4 means inches. For a scanner on the flange this does not

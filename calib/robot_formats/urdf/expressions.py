@@ -209,9 +209,9 @@ def _kind(value: object) -> str:
     return kinds.get(type(value), "a number" if isinstance(value, int | float) else "no value")
 
 
-def _require(kept: bool, said: str) -> None:
-    if not kept:
-        raise ExpressionError(said)
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise ExpressionError(message)
 
 
 # ---- functions ------------------------------------------------------------------------------------------------------

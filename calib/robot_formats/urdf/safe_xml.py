@@ -53,7 +53,7 @@ class XmlFile:
     root: Element
 
     def fail(self, at: Element | int, found: str, remedy: str) -> NoReturn:
-        """Raise RobotFileError with file and line."""
+        """Raise RobotFileError that names file, line, what was found and a remedy."""
         line = str(at) if isinstance(at, int) else at.place
         raise RobotFileError(f"{self.path}: line {line}: {found}; {remedy}")
 
@@ -80,8 +80,8 @@ def parse_xml(path: Path, content: bytes) -> XmlFile:
     try:
         reader.parser.Parse(content, True)
     except expat.ExpatError as error:
-        said = expat.errors.messages.get(error.code) or expat.ErrorString(error.code)
-        raise RobotFileError(f"{path}: line {error.lineno}: not valid XML: {said}") from None
+        message = expat.errors.messages.get(error.code) or expat.ErrorString(error.code)
+        raise RobotFileError(f"{path}: line {error.lineno}: not valid XML: {message}") from None
     except (UnicodeDecodeError, LookupError, ValueError) as error:
         words = " ".join(str(error).split())
         raise RobotFileError(f"{path}: line {reader.line}: not valid XML: {words}; save it as UTF-8") from None

@@ -55,8 +55,8 @@ def expanded_xacro(path: Path, given: Xacro) -> XmlFile:
     except ProcessFailed as error:
         raise RobotFileError(f"{path}: the xacro {error}; look for macros that repeat without end") from None
     if "error" in answer:
-        shown = _shown(answer.get("file"), path)
-        of = "" if shown == path else f" of {shown}"
+        named = _as_named(answer.get("file"), path)
+        of = "" if named == path else f" of {named}"
         raise RobotFileError(f"{path}: line {answer.get('line') or 1}{of}: {answer['error']}")
     file = parse_xml(path, answer["text"].encode())
     places = iter(answer["places"])
@@ -66,7 +66,7 @@ def expanded_xacro(path: Path, given: Xacro) -> XmlFile:
 def _with_places(root: Element, places: Any, path: Path) -> Element:
     """The elements with their files and lines in the xacro; `places` is in the order of the text."""
     place = next(places, None)
-    file, line = (path, root.line) if place is None else (_shown(place[0], path), int(place[1]))
+    file, line = (path, root.line) if place is None else (_as_named(place[0], path), int(place[1]))
     return replace(
         root,
         line=line,
@@ -75,7 +75,7 @@ def _with_places(root: Element, places: Any, path: Path) -> Element:
     )
 
 
-def _shown(file: str | None, path: Path) -> Path:
+def _as_named(file: str | None, path: Path) -> Path:
     """Path of a file as the user would write it, relative to the folder from which the xacro was named."""
     if file is None or Path(file).resolve() == path.resolve():
         return path

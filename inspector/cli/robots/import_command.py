@@ -48,7 +48,7 @@ def run_import(options: ImportOptions) -> int:
     summary = [] if plan.robot is None else [plan.robot.summary]
     document = plan_document(plan, files.files)
     notes = [] if plan.robot is None else plan.robot.notes
-    return _finished(options, dataset, document | {"notes": notes}, [*summary, *plan.said])
+    return _finished(options, dataset, document | {"notes": notes}, [*summary, *plan.notes])
 
 
 def _named(options: ImportOptions) -> UserFiles:
