@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 
-from calib.display.progress import OnProgress, OnStep, counted, staged
+from calib.progress import OnProgress, OnStep, counted, staged
 
 MIN_SCANS_FOR_PROCESSES = 12  # below this, starting further interpreters takes longer than it saves
 

@@ -12,7 +12,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from calib.array_types import Array, BoolArray
-from calib.display.html_text import escape
+from calib.html_text import escape
 from calib.kinematics.robot import Robot
 from calib.screening.curves.fitted_curves import FittedCurve
 from inspector.figures.style import figure, ink, selects_joint, strong_ink

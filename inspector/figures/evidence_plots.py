@@ -7,7 +7,7 @@ from typing import Any
 
 import plotly.graph_objects as go
 
-from calib.display.html_text import escape
+from calib.html_text import escape
 from inspector.figures.style import figure, shortened
 from inspector.markup.parts.palette import NEUTRAL, PROPOSAL, ROLE_COLOURS, UNKNOWN
 

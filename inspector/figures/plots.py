@@ -13,7 +13,7 @@ import plotly.graph_objects as go
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array
-from calib.display.html_text import escape
+from calib.html_text import escape
 from inspector.figures.robust_axis import beyond, robust_range
 from inspector.figures.style import (
     SELECTS_POSE,

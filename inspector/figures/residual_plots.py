@@ -14,7 +14,7 @@ import plotly.graph_objects as go
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, IndexArray
-from calib.display.html_text import escape
+from calib.html_text import escape
 from inspector.figures.robust_axis import beyond, robust_range
 from inspector.figures.style import SELECTS_POSE, SIGNED_SCALE, figure, ink, shortened, strong_ink
 from inspector.markup.parts.palette import ROLE_COLOURS, ROLE_WORDS

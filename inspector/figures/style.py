@@ -14,7 +14,7 @@ from typing import Any
 
 import plotly.graph_objects as go
 
-from calib.display.html_text import escape
+from calib.html_text import escape
 
 # Blue - white - red (ColorBrewer RdBu): safe for red-green blindness, symmetric in lightness about zero.
 SIGNED_SCALE = (

@@ -13,14 +13,14 @@ from pathlib import Path
 from calib.calibration.noise_check import check_sigma
 from calib.calibration.noise_level import noise_level
 from calib.diagnosis.words.text import reason_texts
-from calib.display.blocks import (
+from calib.present.blocks import (
     Block,
     Bullets,
     Facts,
     Paragraph,
     Section,
     Table,
-    VerdictLine,
+    Verdict,
 )
 from inspector.figures.plots import error_history
 from inspector.markup.learn.effects import last_change
@@ -108,7 +108,7 @@ def _reasons(report: Report) -> list[Block]:
         return list(map(Paragraph, reason_texts(report.diagnosis.explanation)))
     sentence, colour = last_change(report.session.history)
     return [
-        *([VerdictLine(sentence, colour)] if sentence else []),
+        *([Verdict(sentence, colour)] if sentence else []),
         Paragraph(check_sigma(report.calibration).summary()),
     ]
 

@@ -14,8 +14,8 @@ from calib.calibration.uncertainty import Combination, identifiable_combinations
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.words.phrases import untestable_texts
-from calib.display.blocks import Block, Bullets, Facts, Paragraph, Table
 from calib.measurement.measured_points import failed_searches
+from calib.present.blocks import Block, Bullets, Facts, Paragraph, Table
 from calib.screening.candidates import Candidate
 from calib.screening.curves.fitted_curves import fitted_curves, learned_members
 from calib.screening.curves.smooth_joint_error import LEARNED

@@ -18,7 +18,7 @@ from calib.errors import CalibError
 from calib.measurement.measured_points import with_corners
 from calib.monitoring.control_chart import in_time, repeated_poses
 from calib.monitoring.iso9283 import PoseFigures
-from calib.monitoring.watch import Watched, watch
+from calib.monitoring.watch import ChangeReport, watch
 from calib.options import FitOptions
 from calib.targets.batch import find_targets
 from calib.validation.comparison import Comparison, compare
@@ -90,7 +90,7 @@ def compared(shown: Beside, beside: Beside) -> Comparison | None:
 class WatchedCell:
     """What later measurements say, in the order of time, and the poses that were visited again."""
 
-    seen: tuple[Watched, ...]
+    seen: tuple[ChangeReport, ...]
     repeats: tuple[PoseFigures, ...]
 
 

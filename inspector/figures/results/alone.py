@@ -8,9 +8,9 @@ from typing import Any
 
 import plotly.graph_objects as go
 
-from calib.display.html_text import escape
-from calib.display.progress import in_notebook
 from calib.errors import CalibError
+from calib.html_text import escape
+from calib.progress import in_notebook
 from inspector.figures.results.still import to_svg
 from inspector.figures.style import DARK_PAGE, LIGHT_PAGE
 

@@ -8,7 +8,7 @@ import plotly.graph_objects as go
 
 from calib.errors import CalibError
 from calib.fleet.result import Fleet
-from calib.monitoring.watch import Watched
+from calib.monitoring.watch import ChangeReport
 from calib.planning.plan import Plan
 from calib.validation.learning_curve import LearningCurve
 from inspector.figures import (
@@ -32,9 +32,9 @@ def learning_curve(curve: LearningCurve, *, dark: bool = False) -> go.Figure:
     return titled(drawn, f"Would more poses help: {curve.dataset.name}", dark=dark)
 
 
-def control_chart(seen: Watched | Sequence[Watched], *, dark: bool = False) -> go.Figure:
+def control_chart(seen: ChangeReport | Sequence[ChangeReport], *, dark: bool = False) -> go.Figure:
     """The RMS error at check poses of each later measurement of a cell, mm, against the limit of an unchanged cell."""
-    shown_of = (seen,) if isinstance(seen, Watched) else tuple(seen)
+    shown_of = (seen,) if isinstance(seen, ChangeReport) else tuple(seen)
     if not shown_of:
         raise CalibError("no measurement to draw; give what calib.monitoring.watch.watch returned, one or several")
     return titled(watch_plots.control_chart(shown_of, dark=dark), "Control chart of the cell", dark=dark)

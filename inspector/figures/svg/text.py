@@ -6,7 +6,7 @@ import html
 import re
 from collections.abc import Mapping
 
-from calib.display.html_text import escape
+from calib.html_text import escape
 
 SMALL_PX, USUAL_PX = 10.5, 11.5
 _WIDTH = 0.56  # of a character, over the size of the font

@@ -15,7 +15,7 @@ from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.conclusions import Adequate, Named
 from calib.diagnosis.words.phrases import untestable_texts
-from calib.display.colours import VERDICT_COLOURS
+from calib.present.colours import VERDICT_COLOURS
 from calib.screening.candidates import Candidate, Screening, Untestable
 from inspector.markup.learn.said import advice_said, known_links, reasons_said
 from inspector.markup.parts import elements, numbers

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from calib.display.html_text import escape
+from calib.html_text import escape
 from inspector.markup.parts.palette import ROLE_WORDS
 
 _GREEK = {"alpha": "α", "beta": "β", "theta": "θ"}

@@ -16,7 +16,7 @@ import pytest
 
 from calib.dataset.dataset import About, Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.display.blocks import Table
+from calib.present.blocks import Table
 from inspector.cli.parser import main
 from inspector.markup.parts.numbers import millimetres
 from inspector.report.arm_drawing import stride
