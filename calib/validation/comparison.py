@@ -12,7 +12,7 @@ moves the difference by M2's column: that is how one change is told from the man
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -36,7 +36,7 @@ _KNOWN = 1e-6  # share of the largest direction of D below which nothing is know
 class ParameterDifference:
     """One parameter of both; the second minus the first."""
 
-    name: str
+    name: str = field(metadata={"key": "parameter"})
     unit: str
     values: tuple[float, float]
     sigmas: tuple[float, float]
@@ -53,7 +53,7 @@ class ParameterDifference:
 class ParameterChange:
     """One parameter's change that explains the difference best, with those told before."""
 
-    name: str
+    name: str = field(metadata={"key": "parameter"})
     unit: str
     size: float
     sigma: float
