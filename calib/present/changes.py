@@ -14,13 +14,12 @@ from calib.monitoring.control_chart import in_time, size_in_degrees, usual_name
 from calib.monitoring.iso9283 import CAVEAT, PoseFigures
 from calib.monitoring.kinds import BASE, NOISE, kind_words_of
 from calib.monitoring.watch import ChangeReport
-from calib.present import numbers
+from calib.present import names, numbers
 from calib.present.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Table, Verdict
 from calib.present.colours import DOUBT, GOOD, VERDICT_COLOURS
 from calib.present.results import document, presentation
 from calib.validation.comparison import ALPHA, Comparison, ParameterChange, ParameterDifference
 
-ROLES = {"train": "training", "test": "test"}
 APART = 2.0  # sigmas from which a parameter is listed as different
 
 # ---- two calibrations -----------------------------------------------------------------------------------------------
@@ -78,9 +77,9 @@ def _or(others: Sequence[str]) -> str:
 def errors(compared: Comparison) -> Table:
     """3D RMSE before and after of both calibrations, of training and test poses."""
     rows = [
-        (f"{name}, {ROLES[role]}", *(numbers.column_mm(_rmse_mm(figures, role)) for figures in stages))
+        (f"{name}, {names.role(role)}", *(numbers.column_mm(_rmse_mm(figures, role)) for figures in stages))
         for name, stages in zip(compared.names, compared.errors, strict=True)
-        for role in ROLES
+        for role in ("train", "test")
         if _rmse_mm(stages[1], role) is not None
     ]
     return Table(("3D RMSE, mm", "nominal", "fitted"), rows)

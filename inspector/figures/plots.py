@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike
 
 from calib.array_types import Array
 from calib.html_text import escape
+from calib.present.names import ROLES
+from calib.present.numbers import parameter_label
 from inspector.figures.robust_axis import beyond, robust_range
 from inspector.figures.style import (
     SELECTS_POSE,
@@ -25,8 +27,7 @@ from inspector.figures.style import (
     shortened,
     strong_ink,
 )
-from inspector.markup.parts.numbers import parameter_label
-from inspector.markup.parts.palette import ROLE_COLOURS, ROLE_WORDS, UNKNOWN, role_colour
+from inspector.markup.parts.palette import ROLE_COLOURS, UNKNOWN, role_colour
 
 MOST_TICKS = 16
 
@@ -44,9 +45,9 @@ def correlation_heatmap(
     joints: the joint, from 1, of each parameter that belongs to one; a click on its row picks it.
     """
     r = np.asarray(pearson, dtype=float)
-    labels = [parameter_label(name) for name in names]
+    labels = [escape(parameter_label(name)) for name in names]
     missing = np.isnan(r)
-    picks = selects_joint_of_row({parameter_label(n): j for n, j in (joints or {}).items()})
+    picks = selects_joint_of_row({escape(parameter_label(n)): j for n, j in (joints or {}).items()})
     without = [name for name in names if name in set(no_influence)] or [
         name for i, name in enumerate(names) if missing[i].all()
     ]
@@ -119,7 +120,7 @@ def convergence(
         longest = max(longest, len(y))
         traces.append(
             _curve(role, list(range(len(y))), y)
-            | {"hovertemplate": f"iteration %{{x}}<br>{ROLE_WORDS[role]} {what} RMSE %{{y:.4g}} mm<extra></extra>"}
+            | {"hovertemplate": f"iteration %{{x}}<br>{ROLES[role]} {what} RMSE %{{y:.4g}} mm<extra></extra>"}
         )
     return figure(
         traces,
@@ -132,7 +133,7 @@ def convergence(
 
 def _curve(role: str, x: list[int], y: Array) -> dict[str, Any]:
     return {
-        "type": "scatter", "mode": "lines+markers", "name": ROLE_WORDS[role], "x": x, "y": y.tolist(),
+        "type": "scatter", "mode": "lines+markers", "name": ROLES[role], "x": x, "y": y.tolist(),
         "line": {"color": ROLE_COLOURS[role], "width": 2},
         "marker": {"size": 8, "symbol": "circle" if role == "train" else "diamond"}, "cliponaxis": False,
     }  # fmt: skip
@@ -164,7 +165,7 @@ def pose_residuals(
     traces = []
     for role in sorted(set(roles), key=lambda r: list(ROLE_COLOURS).index(r) if r in ROLE_COLOURS else 99):
         at = [i for i, r in enumerate(roles) if r == role]
-        word = ROLE_WORDS.get(role, role)
+        word = ROLES.get(role, role)
         traces.append(
             {
                 "type": "bar", "x": [names[i] for i in at], "y": values[at].tolist(), "name": word,
@@ -224,7 +225,7 @@ def error_history(
         if not np.isfinite(y).any():
             continue
         shown += y[np.isfinite(y)].tolist()
-        hover = "%{customdata}<br>" + ROLE_WORDS[role] + " 3D RMSE %{y:.4g} mm<extra></extra>"
+        hover = "%{customdata}<br>" + ROLES[role] + " 3D RMSE %{y:.4g} mm<extra></extra>"
         traces.append(
             _curve(role, steps, y)
             | {"customdata": names, "hovertemplate": hover, "ids": list(map(str, steps)), "meta": SHOWS_STEP}

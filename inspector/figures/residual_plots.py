@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike
 
 from calib.array_types import Array, IndexArray
 from calib.html_text import escape
+from calib.present.names import ROLES
 from inspector.figures.robust_axis import beyond, robust_range
 from inspector.figures.style import SELECTS_POSE, SIGNED_SCALE, figure, ink, shortened, strong_ink
-from inspector.markup.parts.palette import ROLE_COLOURS, ROLE_WORDS
+from inspector.markup.parts.palette import ROLE_COLOURS
 
 SELECTED = "selected pose"
 MEDIAN = "training median"
@@ -60,11 +61,11 @@ def residual_against(
     for role, rows in _roles(is_test):
         traces.append(
             {
-                "type": "scatter", "mode": "markers", "name": ROLE_WORDS[role], "x": at[rows].tolist(),
+                "type": "scatter", "mode": "markers", "name": ROLES[role], "x": at[rows].tolist(),
                 "y": values[rows].tolist(), "customdata": [escape(ids[i]) for i in rows],
                 "ids": [escape(ids[i]) for i in rows], "meta": SELECTS_POSE,
                 "marker": {"size": 8, "color": ROLE_COLOURS[role], "symbol": _SYMBOLS[role]},
-                "hovertemplate": f"pose %{{customdata}} ({ROLE_WORDS[role]})<br>{escape(x_title)} %{{x:.5g}}<br>"
+                "hovertemplate": f"pose %{{customdata}} ({ROLES[role]})<br>{escape(x_title)} %{{x:.5g}}<br>"
                 f"{escape(y_title)} %{{y:.4g}}<extra></extra>",
             }
         )  # fmt: skip
@@ -141,7 +142,7 @@ def place_views(
             scale = {"colorbar": bar, "showscale": True} if not traces else {}
             traces.append(
                 {
-                    "type": "scatter", "mode": "markers", "name": ROLE_WORDS[role], "legendgroup": role,
+                    "type": "scatter", "mode": "markers", "name": ROLES[role], "legendgroup": role,
                     "showlegend": first, "yaxis": letter, "x": place[rows, 0].tolist(), "y": place[rows, axis].tolist(),
                     "customdata": [escape(ids[i]) for i in rows],
                     "ids": [escape(ids[i]) for i in rows], "meta": SELECTS_POSE,
@@ -150,7 +151,7 @@ def place_views(
                         **colour, **scale, "size": 9, "symbol": _SYMBOLS[role], "color": _listed(shown[rows]),
                         "line": {"color": ink(dark), "width": 0.7},
                     },
-                    "hovertemplate": f"pose %{{customdata}} ({ROLE_WORDS[role]})<br>{escape(title)} %{{text}}<br>"
+                    "hovertemplate": f"pose %{{customdata}} ({ROLES[role]})<br>{escape(title)} %{{text}}<br>"
                     f"x %{{x:.0f}} mm, {'xyz'[axis]} %{{y:.0f}} mm<extra></extra>",
                 }
             )  # fmt: skip
@@ -163,11 +164,11 @@ def places_by_role(place_mm: ArrayLike, ids: Sequence[str], roles: Sequence[str]
     place = np.asarray(place_mm, dtype=float)
     traces = [
         {
-            "type": "scatter", "mode": "markers", "name": ROLE_WORDS[role], "legendgroup": role,
+            "type": "scatter", "mode": "markers", "name": ROLES[role], "legendgroup": role,
             "showlegend": letter == "y", "yaxis": letter, "x": place[rows, 0].tolist(), "y": place[rows, axis].tolist(),
             "customdata": [escape(ids[i]) for i in rows],
             "marker": {"size": 8, "color": ROLE_COLOURS[role], "symbol": _SYMBOLS.get(role, "square")},
-            "hovertemplate": f"pose %{{customdata}} ({ROLE_WORDS[role]})<br>x %{{x:.0f}} mm, "
+            "hovertemplate": f"pose %{{customdata}} ({ROLES[role]})<br>x %{{x:.0f}} mm, "
             f"{'xyz'[axis]} %{{y:.0f}} mm<extra></extra>",
         }
         for axis, letter in ((1, "y"), (2, "y2"))

@@ -6,10 +6,12 @@ from collections.abc import Sequence
 
 import viser
 
+from calib.present import names, numbers
+from calib.present.names import ROLES
 from calib.targets.search import ScanSearch
-from inspector.markup.parts import elements, numbers
+from inspector.markup.parts import elements
 from inspector.markup.parts.links import Names, linked
-from inspector.markup.parts.palette import DOUBT, FAILED, LEFT_OUT, ROLE_WORDS, role_colour
+from inspector.markup.parts.palette import DOUBT, FAILED, LEFT_OUT, role_colour
 from inspector.panels.base import Actions, ChangedValues, by_page, put
 from inspector.panels.input_checks import clamped, one_of
 from inspector.panels.timeline import TimelinePanel
@@ -147,7 +149,7 @@ class ReviewPanel:
         """Each pose with its role, and whether it is left out."""
         poses, out = view.session.dataset.poses, view.session.uncounted
         options = tuple(
-            f"{i} · {numbers.role(str(r))}{' · left out' if i in out else ''}"
+            f"{i} · {names.role(str(r))}{' · left out' if i in out else ''}"
             for i, r in zip(poses.ids, poses.role, strict=True)
         )
         if options != tuple(self.pose.options):
@@ -165,7 +167,7 @@ class ReviewPanel:
                 ("robot", dataset.robot.name),
                 (
                     "poses",
-                    " · ".join(f"{roles.count(r)} {w}" for r, w in ROLE_WORDS.items() if r in roles),
+                    " · ".join(f"{roles.count(r)} {w}" for r, w in ROLES.items() if r in roles),
                 ),
                 *([("left out of these", len(view.session.uncounted))] if view.session.uncounted else []),
                 *([("scanner placements", len(set(poses.setup)))] if len(set(poses.setup)) > 1 else []),
@@ -186,7 +188,7 @@ class ReviewPanel:
 
     def _pose_status(self, view: View) -> str:
         role = str(view.session.dataset.poses.role[view.pose])
-        place = f"{view.pose + 1} of {len(view.session.dataset.poses)}, {numbers.role(role)}"
+        place = f"{view.pose + 1} of {len(view.session.dataset.poses)}, {names.role(role)}"
         out = view.pose_id in view.session.uncounted
         colour = LEFT_OUT if out else role_colour(role)
         rows: list[tuple[str, object]] = [("pose", elements.named_swatch(colour, place))]

@@ -14,6 +14,7 @@ from calib.diagnosis.words.headline import Headline as HeadlineFacts
 from calib.diagnosis.words.headline import headline_note, noise_words
 from calib.diagnosis.words.phrases import capitalised, length_digits, poses_text
 from calib.effects.catalogue import descriptions
+from calib.present import numbers
 from calib.present.blocks import (
     Block,
     Bullets,
@@ -26,7 +27,6 @@ from calib.present.blocks import (
 )
 from calib.present.colours import VERDICT_COLOURS
 from calib.screening.curves.smooth_joint_error import LEARNED
-from inspector.markup.parts import numbers
 from inspector.markup.parts.palette import NEUTRAL
 from inspector.report.arm_drawing import arm_drawing, stride
 from inspector.report.content import Report, model_name

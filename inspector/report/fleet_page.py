@@ -13,6 +13,7 @@ from calib.diagnosis.words.phrases import length_text
 from calib.fleet.drift import Drift
 from calib.fleet.result import Fleet
 from calib.fleet.row import Row
+from calib.present import numbers
 from calib.present.blocks import (
     Block,
     Bullets,
@@ -25,7 +26,6 @@ from calib.present.blocks import (
     Verdict,
 )
 from inspector.figures.fleet_plots import fleet_errors
-from inspector.markup.parts import numbers
 from inspector.markup.parts.palette import BAD, DOUBT, GOOD
 from inspector.report.figure_block import Figure
 from inspector.report.page import render_page

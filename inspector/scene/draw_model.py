@@ -14,10 +14,11 @@ from calib.corners.jig_distance import face_distances, jig_outline
 from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
 from calib.fitting.observations import Observations
+from calib.present import numbers
 from calib.scans.scan import Scan
 from calib.workcell.bodies.link_mesh import load_link_mesh
 from inspector.markup.model.comparison import distance_limit_mm, error_limit_mm
-from inspector.markup.parts import colour_scale, numbers
+from inspector.markup.parts import colour_scale
 from inspector.markup.parts.palette import (
     ARM,
     FACE_COLOURS,

@@ -7,11 +7,11 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from calib.array_types import Array
+from calib.present import numbers
 from calib.scans.scan import Scan
 from calib.targets.search import ScanSearch
 from inspector.markup.measure.corner import ellipsoid_words
 from inspector.markup.measure.planes import group_colours
-from inspector.markup.parts import numbers
 from inspector.scene import corner_nodes, plane_nodes
 from inspector.scene.draw_model import pose_colour, pose_colours
 from inspector.scene.scene_view import SceneView

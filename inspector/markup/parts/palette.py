@@ -11,7 +11,6 @@ from calib.present.colours import GOOD as GOOD
 from calib.present.colours import NEUTRAL as NEUTRAL
 
 ROLE_COLOURS = {"reference": "#2DA587", "train": "#0F96D2", "test": "#B43C00"}
-ROLE_WORDS = {"reference": "reference", "train": "training", "test": "test"}
 FACE_COLOURS = ("#0072B2", "#E69F00", "#CC79A7")  # the three chosen faces, in the order of the corner's faces
 GROUP_COLOURS = (
     "#88CCEE",

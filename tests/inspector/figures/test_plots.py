@@ -10,6 +10,7 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
+from calib.present.numbers import parameter_label
 from inspector.figures.plots import (
     convergence,
     correlation_heatmap,
@@ -26,7 +27,6 @@ from inspector.figures.residual_plots import (
     select,
 )
 from inspector.figures.style import shortened
-from inspector.markup.parts.numbers import parameter_label
 from inspector.markup.parts.palette import (
     FACE_COLOURS,
     FILTER_COLOURS,
