@@ -19,10 +19,10 @@ from inspector.app.page.page_state import PageState
 from inspector.app.page.tabs import Panels
 from inspector.server.worker import LongWork
 from inspector.session import transitions as sessions
-from inspector.session.left_out import with_pose_left_out, with_pose_taken_in
 from inspector.session.reopening import reopened
 from inspector.session.session import Session
 from inspector.session.session_file import Saved, Shown
+from inspector.session.transitions import with_pose_left_out, with_pose_taken_in
 from inspector.session.undo import Undo
 from inspector.session.user_effects import UserEffects
 

@@ -16,7 +16,7 @@ from inspector.scene.draw_plan import PlanDrawing
 from inspector.scene.scene_view import SceneView
 from inspector.server.background import Background
 from inspector.server.worker import LongWork
-from inspector.session.plans.planned import Planned, aims_of, planned_for
+from inspector.session.planned import Planned, aims_of, planned_for
 
 
 class PlanController:

@@ -8,7 +8,7 @@ from calib.errors import CalibError
 from inspector.app.controllers.shown_model import ShownModel
 from inspector.server.worker import LongWork
 from inspector.session import transitions as sessions
-from inspector.session.plans.planned import aims_of
+from inspector.session.planned import aims_of
 from inspector.session.session import Session
 
 

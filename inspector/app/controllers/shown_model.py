@@ -12,7 +12,7 @@ from inspector.app.page.page_state import PageState
 from inspector.app.page.tabs import Panels
 from inspector.server.background import Background
 from inspector.session import transitions as sessions
-from inspector.session.plans.planned import aims_of
+from inspector.session.planned import aims_of
 from inspector.session.session import Session
 from inspector.session.undo import Undo
 from inspector.session.user_effects import UserEffects
