@@ -49,7 +49,9 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """A figure of results, from the module that has it (PEP 562). Raises CalibError where plotly is not installed."""
+    """Figure function of this name, loaded when first used (PEP 562). Raises CalibError where plotly is not
+    installed.
+    """
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     try:

@@ -43,7 +43,7 @@ def error_history(of: Diagnosis | Sequence[FitStep], *, dark: bool = False) -> g
 
 
 def ranking(diagnosis: Diagnosis, *, step: int = 0, dark: bool = False) -> go.Figure:
-    """The log evidence of each effect that could be missing, before the first one was added; more than 3 convinces.
+    """Log evidence of each effect that could be missing, before the first one was added; above 3 it convinces.
 
     Args:
         step: after how many effects were added; 0 is the ranking that the first decision was taken by.
@@ -59,7 +59,7 @@ def ranking(diagnosis: Diagnosis, *, step: int = 0, dark: bool = False) -> go.Fi
 
 
 def added_variable(diagnosis: Diagnosis, effect: str, *, dark: bool = False) -> go.Figure:
-    """What is left over against what an effect would make of it, in sigmas of the noise; on the line: it explains it.
+    """Residual against what an effect would explain of it, in sigmas of the noise; points on the line are explained.
 
     Both are of the link errors alone, without what geometry could have absorbed (an added-variable plot). Raises
     CalibError on an effect that is no candidate.
@@ -73,7 +73,7 @@ def added_variable(diagnosis: Diagnosis, effect: str, *, dark: bool = False) -> 
 
 
 def learned_curves(of: Calibration | Diagnosis, *, dark: bool = False) -> go.Figure:
-    """The learned curves of the joints (`smooth_joint_error`): error over input with a band of two sigmas.
+    """Learned curves of the joints (`smooth_joint_error`): error over input with a band of two sigmas.
 
     mrad over degrees, or the units of the input; grey where nothing was measured. Raises CalibError where the model has
     none.

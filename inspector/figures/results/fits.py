@@ -29,7 +29,7 @@ _TALL_PX = 620  # of figures of one scale both ways
 
 
 def error_bars(calibration: Calibration, *, before: bool = False, dark: bool = False) -> go.Figure:
-    """The 3D error of each pose, mm: a bar a pose, training and test poses in their colours.
+    """3D error of each pose, mm, training and test poses in their colours.
 
     Args:
         calibration: a fit, of `calib.calibrate` or the `.calibration` of a diagnosis.
@@ -50,7 +50,7 @@ def error_bars(calibration: Calibration, *, before: bool = False, dark: bool = F
 def residuals_over(
     of: Calibration | Diagnosis, over: str = "q1", *, show: str | int = "length", dark: bool = False
 ) -> go.Figure:
-    """What the fit leaves over at each pose against something that it may depend on, with the band of noise alone.
+    """Residual of each pose against an input that it may depend on, with the band of the noise.
 
     Args:
         of: a fit, or a diagnosis, whose last fit is shown.
@@ -76,7 +76,7 @@ def residuals_over(
 
 
 def work_space(of: Calibration | Diagnosis, *, show: str | int = "length", dark: bool = False) -> go.Figure:
-    """Where the error is: each pose's point from above and from the side, mm in the base frame, coloured by the error.
+    """Each pose's point from above and from the side, mm in the base frame, coloured by its error.
 
     `of` and `show` as of `residuals_over`.
     """
@@ -96,7 +96,7 @@ def work_space(of: Calibration | Diagnosis, *, show: str | int = "length", dark:
 
 
 def _shown(errors: PoseErrors, show: str | int, robot: Robot) -> tuple[np.ndarray, str, tuple[float, float]]:
-    """The values, their name with the unit, and the band of noise alone."""
+    """Values of an input, its name with unit, and the band of the noise."""
     if isinstance(show, int):
         if not 1 <= show <= robot.n_joints:
             raise CalibError(f"no joint {show}; {robot.name} has joints 1 to {robot.n_joints}")
@@ -108,7 +108,7 @@ def _shown(errors: PoseErrors, show: str | int, robot: Robot) -> tuple[np.ndarra
 
 
 def where_measured(dataset: Dataset, *, dark: bool = False) -> go.Figure:
-    """Where the nominal arm has its tool point at each pose, from above and from the side, mm in the base frame.
+    """Tool point of the nominal arm at each pose, from above and from the side, mm in the base frame.
 
     Needs no measured points, so it may be drawn of a dataset of scans or of poses that are planned.
     """
@@ -119,7 +119,7 @@ def where_measured(dataset: Dataset, *, dark: bool = False) -> go.Figure:
 
 
 def convergence(calibration: Calibration, *, what: str = "3D", dark: bool = False) -> go.Figure:
-    """RMS error at each iteration of the fit, logarithmic, mm; iteration 0 is the nominal robot.
+    """RMS error at each iteration of the fit, mm, on a logarithmic axis; iteration 0 is the nominal robot.
 
     Args:
         what: "3D" error, or "distance", the error of distances to the reference pose.
@@ -136,7 +136,7 @@ def convergence(calibration: Calibration, *, what: str = "3D", dark: bool = Fals
 
 
 def redundancy_heatmap(of: Redundancy | Dataset | Calibration, *, dark: bool = False) -> go.Figure:
-    """Which parameters act alike: Pearson's r between the columns of the Jacobian (Park 2022), for each pair.
+    """Pearson's r between the columns of the Jacobian for each pair of parameters (Park 2022).
 
     Dark red or dark blue off the diagonal (r = 1, r = -1): only one of the two can be known. Grey: no influence.
 

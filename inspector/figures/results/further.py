@@ -33,7 +33,7 @@ def learning_curve(curve: LearningCurve, *, dark: bool = False) -> go.Figure:
 
 
 def control_chart(seen: ChangeReport | Sequence[ChangeReport], *, dark: bool = False) -> go.Figure:
-    """The RMS error at check poses of each later measurement of a cell, mm, against the limit of an unchanged cell."""
+    """RMS error at the check poses of each later measurement, mm, against the limit of an unchanged cell."""
     shown_of = (seen,) if isinstance(seen, ChangeReport) else tuple(seen)
     if not shown_of:
         raise CalibError("no measurement to draw; give what calib.monitoring.watch.watch returned, one or several")
@@ -41,13 +41,13 @@ def control_chart(seen: ChangeReport | Sequence[ChangeReport], *, dark: bool = F
 
 
 def plan_curve(plan: Plan, *, dark: bool = False) -> go.Figure:
-    """The predicted error, mm, with none, one, two ... further poses, and from where more hardly pay."""
+    """Predicted error, mm, against the number of further poses, and the number from which more hardly help."""
     drawn = plan_plots.error_by_count(plan.curve_mm, len(plan.poses), plan.enough, dark=dark)
     return titled(drawn, f"What further poses promise: {plan.start.dataset.name}", dark=dark)
 
 
 def fleet_errors(fleet: Fleet, *, dark: bool = False) -> go.Figure:
-    """The RMS error of every dataset of a fleet, mm: as delivered, with calibrated links, with all that was found."""
+    """RMS error of every dataset of a fleet, mm: as delivered, with calibrated links, with all effects found."""
     rows = sorted((row for row in fleet.rows if row.error_mm is not None), key=lambda row: (row.error_mm, row.path))
     stages = [row.train if row.test.final_mm is None else row.test for row in rows]
     errors = [(stage.nominal_mm, stage.links_mm, stage.final_mm) for stage in stages]
