@@ -8,11 +8,18 @@ and order, and any further column of poses.csv by its own name. A further column
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 
 from calib.dataset.dataset import Poses
 
 OF_JOINTS = ("q", "torque", "approach")  # inputs that every joint has, its number behind the name
-CONDITIONS = ("payload_kg", "temperature_c", "time_s")
+CONDITIONS: Mapping[str, tuple[float, float]] = {
+    "payload_kg": (0.0, 1e5),
+    "temperature_c": (-273.15, 5e3),
+    "time_s": (-1e11, 1e11),
+}
+"""Fields of `Poses` with a value for each pose, of the same name in poses.csv, and their limits; values beyond are in
+another unit, such as grams or milliseconds since 1970."""
 PLACES = ("x", "y", "z")  # in the scanner's frame
 ORDER = "order"
 _NUMBER = "[1-9][0-9]{0,2}"  # neither 01 nor digits of another script

@@ -304,15 +304,6 @@ def setup_references(poses: Poses, usable: BoolArray) -> dict[str, int]:
 def conditions_at(like: Poses, q: Array) -> Poses:
     """Poses at joint vectors q (N, n), with payload and all other conditions of the first pose of `like`."""
     poses = like.select(np.zeros(len(q), dtype=np.int64))
-    return Poses(
-        ids=tuple(f"q{i + 1}" for i in range(len(q))),
-        role=np.full(len(q), "test"),
-        q=q,
-        setup=poses.setup,
-        scan_names=poses.scan_names,
-        payload_kg=poses.payload_kg,
-        temperature_c=poses.temperature_c,
-        time_s=poses.time_s,
-        approach=poses.approach,
-        extra=poses.extra.reset_index(drop=True),
-    ).measured_later()
+    ids = tuple(f"q{i + 1}" for i in range(len(q)))
+    extra = poses.extra.reset_index(drop=True)
+    return replace(poses, ids=ids, role=np.full(len(q), "test"), q=q, extra=extra).measured_later()

@@ -18,15 +18,7 @@ from calib.dataset.input_names import CONDITIONS
 from calib.errors import DatasetError, is_one_line
 from calib.kinematics.robot import Robot
 
-_LIMITS = {  # values beyond are in another unit: milliseconds since 1970, grams
-    "payload_kg": (0.0, 1e5),
-    "temperature_c": (-273.15, 5e3),
-    "time_s": (-1e11, 1e11),
-    "deg": (-1e5, 1e5),
-    "mm": (-1e6, 1e6),
-    "rad": (-1e4, 1e4),
-    "m": (-1e3, 1e3),
-}
+_JOINT_LIMITS = {"deg": (-1e5, 1e5), "mm": (-1e6, 1e6), "rad": (-1e4, 1e4), "m": (-1e3, 1e3)}
 _LOOKS_LIKE_DEGREES = 20.0  # rad: no joint turns farther
 
 
@@ -54,7 +46,7 @@ def found_joint_columns(file: TableFile, robot: Robot, units: DeclaredUnits = NO
 def load_joints(file: TableFile, columns: list[str]) -> Array:
     """Joint values (N, n) as they are in the file, in the units of the columns' names. Raises DatasetError."""
     file.require(columns)
-    return np.column_stack([_within(file, column, _LIMITS[column.rpartition("_")[2]]) for column in columns])
+    return np.column_stack([_within(file, column, _JOINT_LIMITS[column.rpartition("_")[2]]) for column in columns])
 
 
 def _within(file: TableFile, column: str, limits: tuple[float, float]) -> Array:
@@ -118,16 +110,16 @@ def approach_columns(robot: Robot) -> list[str]:
 
 def load_conditions(file: TableFile, robot: Robot) -> dict[str, Array]:
     """Payload, temperature, time and approach of the poses, by field of `Poses`, for the columns that a table has."""
-    found = {name: _within(file, name, _LIMITS[name]) for name in CONDITIONS if name in file}
+    conditions = {name: _within(file, name, limits) for name, limits in CONDITIONS.items() if name in file}
     columns = approach_columns(robot)
     if any(column in file for column in columns):
         file.require(columns)
-        found["approach"] = file.numbers(columns)
-        wrong = np.argwhere(~np.isin(found["approach"], (-1.0, 1.0)))
+        conditions["approach"] = file.numbers(columns)
+        wrong = np.argwhere(~np.isin(conditions["approach"], (-1.0, 1.0)))
         if len(wrong):
             row, k = map(int, wrong[0])
-            raise file.error(row, columns[k], f"found {found['approach'][row, k]:g}", "expected -1 or 1")
-    return found
+            raise file.error(row, columns[k], f"found {conditions['approach'][row, k]:g}", "expected -1 or 1")
+    return conditions
 
 
 def in_unit_of(column: str, value: float) -> float:
