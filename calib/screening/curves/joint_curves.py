@@ -10,7 +10,7 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.result import Calibration
-from calib.dataset.input_names import further_inputs
+from calib.dataset.input_names import CONDITIONS, further_inputs
 from calib.effects.gravity import has_masses
 from calib.screening.curves.curve_evidence import CurveColumns, CurveEvidence, CurvePosterior, Spectrum
 from calib.screening.curves.curve_formulas import FoundFormula, find_formula
@@ -163,7 +163,7 @@ def _over_angles(left: ProjectedResidual) -> Iterator[_Candidate]:
 def _over_other_inputs(left: ProjectedResidual) -> Iterator[_Candidate]:
     """Candidate curves of every joint over its torque, a sum of two angles, temperature, time, a further column."""
     robot, poses, directions = left.residuals.model.robot, left.state.poses, joint_directions(left)
-    shared = [name for name in ("temperature_c", "time_s", "payload_kg") if getattr(poses, name) is not None]
+    shared = [name for name in CONDITIONS if getattr(poses, name) is not None]
     shared += [name for name, of in further_inputs(poses).items() if _is_number(poses.extra[of])]
     for j, joint in enumerate(robot.joints):
         names = [] if joint.is_revolute else [f"q{j + 1}"]
