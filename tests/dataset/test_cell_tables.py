@@ -1,4 +1,4 @@
-"""[cell] and the field of [scanner]: read, written again, and refused with file, key and remedy."""
+"""Reading and writing of [cell] and of the field in [scanner], and errors that name file, key and remedy."""
 
 from __future__ import annotations
 

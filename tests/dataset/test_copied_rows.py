@@ -1,4 +1,4 @@
-"""Rows that were copied under other pose ids: no repeats, each counts once, and the verdict stays."""
+"""Rows copied under other pose ids are no repeats: each point counts once, and the verdict stays."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ REPEATED, COPIED = 10, 40
 
 
 def with_rows(dataset: Dataset, poses: np.ndarray, xyz_mm: np.ndarray, prefix: str) -> Dataset:
-    """The dataset with these training poses once more, under other names, and these points for them."""
+    """The dataset with some training poses added again under other names, with the given points."""
     given, points = dataset.poses, dataset.points
     assert points is not None
     rows = np.concatenate([np.arange(len(given)), poses])
@@ -48,7 +48,7 @@ def with_rows(dataset: Dataset, poses: np.ndarray, xyz_mm: np.ndarray, prefix: s
 
 @pytest.fixture(scope="module")
 def datasets() -> tuple[Dataset, Dataset]:
-    """A clean arm, some poses measured twice; the same with other rows copied."""
+    """Datasets of an arm without effects: with some poses measured twice, and with other rows copied as well."""
     rng = np.random.default_rng(1)
     simulated = simulate_dataset(builtin_robot("rb5"), rng=rng, effects=(), poses=60, noise_mm=0.05).dataset
     assert simulated.points is not None

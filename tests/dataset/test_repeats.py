@@ -134,7 +134,7 @@ def test_a_slow_warming_at_one_place_is_several_repeat_groups() -> None:
 
 
 def in_rounds(drift_mm: float) -> Dataset:
-    """Eight places, visited in five rounds, while everything moves by `drift_mm` along x from round to round."""
+    """Dataset of eight places visited in five rounds, all points shifted by `drift_mm` along x from round to round."""
     dataset = repeated(plain(8), 5, np.random.default_rng(2), noise_mm=0.05, rounds=True)
     assert dataset.points is not None
     points = dataset.points.xyz_mm + drift_mm * np.repeat(np.arange(5), 8)[:, None] * np.array([1.0, 0.0, 0.0])

@@ -1,4 +1,4 @@
-"""Poses whose point was not seen: counted and named, and left out of everything else."""
+"""Poses without a measured point are counted and named, and left out otherwise."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.support.arms import dataset_of, jang_arm, perturbed
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """40 poses of which 3 have no point: the reference, one to train on, one to test."""
+    """Dataset folder of 40 poses of which 3 have no point: the reference, a training and a test pose."""
     rng = np.random.default_rng(3)
     nominal = jang_arm()
     dataset = dataset_of(nominal, perturbed(nominal, rng), rng, poses=40, test=8)
@@ -42,7 +42,7 @@ def hide(folder: Path, rows: list[int], *, empty: bool = False) -> Dataset:
 
 @pytest.mark.parametrize("empty", [True, False])
 def test_they_are_a_note_with_their_number_and_names(folder: Path, empty: bool) -> None:
-    """A row that is missing and one without coordinates say the same."""
+    """A missing row and a row without coordinates give the same note."""
     dataset = hide(folder, [0, 5, 39], empty=empty)
     assert dataset.warnings == ()
     (note,) = dataset.notes

@@ -1,4 +1,4 @@
-"""A zip from anybody: unpacked whole and below its folder, or refused with a reason and nothing left behind."""
+"""Zips of untrusted users are unpacked below their folder, or refused with a reason and without leaving files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A dataset from a robot and a user's tables: names and units recognised, faults listed, nothing half-written."""
+"""Import of a robot and a user's tables: names and units recognised, faults listed, no partial dataset written."""
 
 from __future__ import annotations
 
@@ -249,7 +249,7 @@ def test_joints_by_the_robots_own_names() -> None:
 
 @pytest.mark.slow
 def test_what_our_own_tables_hold_comes_through_as_it_was(tmp_path: Path) -> None:
-    """Orientations, payload, setups and further conditions, by the names that the format has for them."""
+    """Orientations, payload, setups and further conditions are imported by the format's own column names."""
     given = simulate_dataset(
         ROBOT,
         rng=np.random.default_rng(5),

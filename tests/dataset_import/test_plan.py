@@ -1,4 +1,4 @@
-"""The plan of an import: what each column is taken for and why, which convention the points speak for, all faults."""
+"""Import plans: meaning and reason of each column, the convention chosen by the points, all faults."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_a_mapping_turns_and_moves_a_joint(truth: Dataset, tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_a_last_joint_that_may_turn_the_other_way_is_doubted(truth: Dataset, tmp_path: Path) -> None:
-    """The tool of this arm is near its last axis: the sign shows by tenths of a millimetre, as a wobble does."""
+    """With the tool near the last axis another sign moves points by tenths of a millimetre only, as a wobble does."""
     q = truth.poses.q * [1.0, 1.0, 1.0, 1.0, 1.0, -1.0]
     plan = planned(tmp_path, q, points_of(truth))
     assert plan.faults == ()
@@ -143,7 +143,7 @@ def test_points_of_another_robot_are_doubted_and_nothing_is_guessed(truth: Datas
 
 @pytest.mark.slow
 def test_a_poor_nominal_arm_is_left_to_the_fit(truth: Dataset, tmp_path: Path) -> None:
-    """A tool 150 mm elsewhere and zeros 2 degrees off are what a calibration is for: no convention is blamed."""
+    """A tool off by 150 mm and joint zeros off by 2 deg lead to no doubt on conventions."""
     off = np.radians([2.0, -2.0, 2.0, -2.0, 2.0, -2.0])
     tool = replace(ROBOT.tool, a_mm=ROBOT.tool.a_mm + 150.0)
     log = table(tmp_path / "log.csv", [*Q, "x", "y", "z"], np.hstack([truth.poses.q + off, points_of(truth)]))

@@ -1,4 +1,4 @@
-"""What a user's files are: each recognised by suffix and content, the likeliest first."""
+"""Kinds of a user's files, recognised by suffix and content, the likeliest first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Means over a pose's points: those of plain loops, whatever the points' order and shape."""
+"""Means over a pose's points equal those of plain loops, for any order and shape of the points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Full poses: derivatives against differences, elimination against brute force, recovery within the sigmas."""
+"""Residuals of full poses: derivatives by differences, elimination by brute force, recovery within the sigmas."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ MEMBERS = [member for family in effects_for(DATASET) for member in some_of(famil
 
 @pytest.mark.parametrize("effect", [*MEMBERS, LinkErrors(DATASET.robot)], ids=label)
 def test_the_attitudes_jacobian_is_the_derivative(effect) -> None:
-    """Each effect's part, its scanner's frame placed, at a point away from zero."""
+    """Analytic and numerical derivatives agree for each effect, with scanner frames, away from zero."""
     rng = np.random.default_rng(1)
     observed = with_nominal_scanner_frames(Observations.of(DATASET), DATASET.robot)
     poses, seen = observed.used_poses[0], observed.seen()
@@ -64,7 +64,7 @@ def test_the_attitudes_jacobian_is_the_derivative(effect) -> None:
 
 
 def test_a_drifting_scanner_turns_what_it_sees_as_the_truth_says() -> None:
-    """The effect's turn of the jig and that of the independent simulator."""
+    """The effect turns the jig as the independent simulator does."""
     made = simulate_dataset(
         builtin_robot("rb5"), rng=np.random.default_rng(3), poses=60, effects=["scanner_drift"],
         noise_mm=1e-4, orientation_sigma_rad=1e-7,
@@ -84,7 +84,7 @@ def test_a_drifting_scanner_turns_what_it_sees_as_the_truth_says() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("setups", [1, 2])
 def test_the_jacobian_is_the_derivative_of_the_cost(setups: int) -> None:
-    """Frames and seat are eliminated, yet the cost's gradient 2 J^T r has to be exact."""
+    """The cost's gradient 2 J^T r is exact although frames and hand-eye rotation are eliminated."""
     rng = np.random.default_rng(1)
     dataset = with_pose_covariances(full_poses(2, setups=setups), rng)
     residuals = make_residuals("pose", geometric_model(dataset.robot), Observations.of(dataset))
@@ -94,7 +94,7 @@ def test_the_jacobian_is_the_derivative_of_the_cost(setups: int) -> None:
 
 @pytest.mark.slow
 def test_no_other_frame_and_hand_eye_fit_better() -> None:
-    """Elimination against a general minimiser over the nine unknowns, with nothing shared."""
+    """Elimination agrees with a general minimiser over the nine unknowns, which shares no code."""
     dataset = with_pose_covariances(full_poses(4), np.random.default_rng(4))
     observed = Observations.of(dataset)
     residuals = PoseResiduals(geometric_model(dataset.robot), observed)
@@ -197,7 +197,7 @@ def test_calibrate_tells_attitudes_and_full_poses_know_two_parameters_more() -> 
 
 
 def test_the_rank_of_poses_is_that_of_the_residual() -> None:
-    """The columns by kinematics alone against the residual's own Jacobian at the nominal arm."""
+    """Columns by kinematics alone and the residual's Jacobian at the nominal arm have the same rank."""
     for robot in ("rb5", "panda"):
         dataset = full_poses(10, poses=60, robot=robot)
         residuals = make_residuals("pose", geometric_model(dataset.robot), Observations.of(dataset))
@@ -212,7 +212,7 @@ def test_too_few_poses_are_told_with_the_number_that_would_do() -> None:
 
 
 def test_a_joint_six_that_points_cannot_see_is_seen_by_poses() -> None:
-    """The tool point lies on joint 6's axis: an eccentric encoder there turns the jig and moves nothing."""
+    """With the tool point on joint 6's axis, an eccentric encoder there turns the jig without moving the point."""
     dataset = full_poses(12, poses=60)
     assert dataset.points is not None
     q6 = dataset.poses.q[:, 5]

@@ -1,4 +1,4 @@
-"""A scanner on the flange, targets in the room: derivatives against differences, recovery, what does not matter."""
+"""Scanner on the flange, targets in the world: derivatives by differences, recovery, invariances."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MEMBERS = [member for family in effects_for(RICH) for member in some_of(family)[
 
 @pytest.mark.parametrize("effect", [*MEMBERS, LinkErrors(RICH.robot)], ids=label)
 def test_the_jacobian_of_place_and_attitude_is_the_derivative(effect) -> None:
-    """Each effect's part and the jig's place, at a point away from zero."""
+    """Analytic and numerical derivatives agree for each effect and the jig's place, away from zero."""
     rng = np.random.default_rng(1)
     observed = Observations.of(RICH)
     robot = in_room(RICH.robot, observed)
@@ -66,7 +66,7 @@ def test_exact_data_are_met_without_a_first_guess(joints: int) -> None:
 
 
 def test_several_mounts_and_targets_share_one_arm() -> None:
-    """Test poses alone see the scanner mounted a third time: its place comes from them, the target's from the rest."""
+    """A third mount of the scanner has test poses only: its place comes from these, the target's from the others."""
     rng = np.random.default_rng(8)
     nominal = random_arm(rng, 6)
     dataset = flange_dataset_of(
@@ -129,7 +129,7 @@ def test_distances_are_refused(kind: str) -> None:
 
 
 def _turning(arm: Robot, kinds: list[str], alphas: list[float]) -> Robot:
-    """The arm with joints of other kinds and angles between their axes."""
+    """The arm with other joint types and other angles between the axes."""
     changed = zip(arm.joints, kinds, alphas, strict=True)
     return replace(arm, joints=tuple(replace(j, type=kind, alpha_rad=alpha) for j, kind, alpha in changed))
 

@@ -1,4 +1,4 @@
-"""Damaged and hostile files: one line that names the file, no traceback, no hang, nothing of another file."""
+"""Damaged and hostile robot files give a one-line error that names the file, and neither hang nor show other files."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_a_damaged_xacro_is_expanded_or_told_in_one_line(tmp_path: Path) -> None
 
 
 def comb(links: int) -> str:
-    """A chain of links with a further link on each."""
+    """URDF of a chain of links with a further link on each."""
     names = "".join(f'<link name="{kind}{i}"/>' for i in range(links) for kind in "ab")
     joints = "".join(
         f'<joint name="{kind}{i}" type="continuous"><parent link="a{i}"/><child link="{child}"/></joint>'

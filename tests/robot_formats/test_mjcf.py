@@ -1,4 +1,4 @@
-"""MuJoCo models of strangers: MuJoCo is given what a serial arm is made of, in a process with limits, and no file."""
+"""Untrusted MuJoCo models: MuJoCo gets the parts of a serial arm as text in a bounded process, and no file."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ HAND = '<body name="hand" pos="0 0 1">' + JOINT.format(2) + "</body>"
 
 
 def model(inside: str = HAND, before: str = "", after: str = "", root: str = "mujoco") -> str:
-    """A model of two joints."""
+    """MJCF of an arm with two joints."""
     arm = f'<body name="arm" pos="1 2 3">{JOINT.format(1)}{inside}</body>'
     return f"<{root}>{before}<worldbody>{arm}</worldbody>{after}</{root}>"
 
@@ -36,7 +36,7 @@ def chain(path: Path) -> SerialChain:
 
 
 def cube(size: float) -> bytes:
-    """A tetrahedron as binary STL."""
+    """Binary STL of a tetrahedron."""
     corners = size * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=np.float32)
     faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
     body = b"".join(struct.pack("<3f", 0, 0, 0) + corners[list(f)].tobytes() + b"\0\0" for f in faces)
@@ -94,7 +94,7 @@ def test_includes_stand_where_mujoco_looks_for_them(tmp_path: Path) -> None:
 
 
 def outside(folder: Path) -> None:
-    """An include that lies below the folder for whoever looks from the included file, and outside for MuJoCo."""
+    """Write a model with an include that is in the folder relative to its file, but outside as MuJoCo resolves it."""
     (folder / "sub").mkdir()
     (folder / "sub" / "arm.xml").write_text(model('<include file="../secret.xml"/>', root="mujocoinclude"))
     (folder.parent / "secret.xml").write_text(f"<mujocoinclude>{HAND}</mujocoinclude>")
@@ -117,7 +117,7 @@ def linked(folder: Path) -> None:
 
 
 def in_an_include(part: str) -> Callable[[Path], None]:
-    """A part of a model that stands in a file which the included one includes."""
+    """Function that writes a model with a part in a file included by an included file."""
 
     def write(folder: Path) -> None:
         (folder / "sub").mkdir()

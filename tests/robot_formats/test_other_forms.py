@@ -1,4 +1,4 @@
-"""Kinematics YAML, UR calibrations, tables of other schools, MuJoCo models: each against code of its own."""
+"""Kinematics YAML, UR calibrations, robot tables and MuJoCo models, each compared with independent code."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def trans(x: float, y: float, z: float) -> np.ndarray:
 
 
 def standard(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Rows theta, a, d, alpha."""
+    """Tip transform (4, 4) of a standard Denavit-Hartenberg table with rows theta, a, d, alpha."""
     out = np.eye(4)
     for (theta, a, d, alpha), value in zip(rows, q, strict=True):
         out = out @ rot("z", theta + value) @ trans(a, 0, d) @ rot("x", alpha)
@@ -56,7 +56,7 @@ def standard(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def exactly(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """As `standard`, in 64 bits of mantissa: d of hundreds of metres cost three digits."""
+    """Tip transform of a standard table in extended precision, as d of hundreds of metres costs three digits."""
     out = np.eye(4, dtype=np.longdouble)
     for (theta, a, d, alpha), value in zip(rows.astype(np.longdouble), q, strict=True):
         c, s, ca, sa = np.cos(theta + value), np.sin(theta + value), np.cos(alpha), np.sin(alpha)
@@ -185,7 +185,7 @@ def test_a_damaged_kinematics_file_is_told_with_its_line(tmp_path: Path, old: st
 
 
 def modified(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Rows a, d, alpha, theta."""
+    """Tip transform (4, 4) of a modified Denavit-Hartenberg table with rows a, d, alpha, theta."""
     out = np.eye(4)
     for (a, d, alpha, theta), value in zip(rows, q, strict=True):
         out = out @ rot("x", alpha) @ trans(a, 0, 0) @ rot("z", theta + value) @ trans(0, 0, d)

@@ -1,4 +1,4 @@
-"""Tables from strangers, and for spreadsheets: bounds, digits, formulas, and what cannot be seen in a name."""
+"""Untrusted CSV tables and CSV for spreadsheets: bounds, digits, formulas, hidden characters in names."""
 
 from __future__ import annotations
 

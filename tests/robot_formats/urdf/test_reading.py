@@ -1,4 +1,4 @@
-"""URDF in: the same places and torques as MuJoCo finds in the same text, and refusals by name."""
+"""Reading of URDF: positions and torques as MuJoCo's from the same text, and errors that name link or joint."""
 
 from __future__ import annotations
 

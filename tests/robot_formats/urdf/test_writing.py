@@ -1,4 +1,4 @@
-"""URDF out: only origins change; read again it is the calibrated arm."""
+"""Writing of URDF changes origins only, and the file read again is the calibrated arm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A xacro, expanded in a process that reads its own folder and nothing else."""
+"""Expansion of xacro files in a process that can read its own folder only."""
 
 from __future__ import annotations
 
@@ -163,12 +163,12 @@ def test_the_commands_expand_what_is_named_and_nothing_else(
 
 
 def with_reach(expression: str, before: str = "") -> str:
-    """The arm with an expression in the place of its reach."""
+    """Xacro of the arm with an expression as its reach."""
     return ARM.replace("  <link name", f"{before}\n  <link name", 1).replace("$(arg reach)", expression, 1)
 
 
 def doubled(times: int) -> str:
-    """Properties, each twice the one before."""
+    """Xacro properties, each twice as long as the one before."""
     return '<xacro:property name="p0" value="aaaaaaaa"/>' + "".join(
         f'<xacro:property name="p{k}" value="${{p{k - 1}}}${{p{k - 1}}}"/>' for k in range(1, times)
     )
