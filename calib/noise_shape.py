@@ -1,6 +1,6 @@
 """How the noise of measured points is shaped, where it is not the same in every direction, everywhere, all the time.
 
-Only the shape: the mean variance stays what was declared. `calib.fitting.shaped_noise` applies it to points.
+Only the shape: the mean variance stays what was declared. `calib.fitting.noise` applies it to points.
 """
 
 from __future__ import annotations

@@ -250,7 +250,7 @@ def test_what_the_model_lacks_is_no_outlier(effects: tuple[str, ...]) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [50, 100, 200])
 def test_a_real_arm_is_not_harmed(count: int) -> None:
-    """A real arm's unmodelled joint curves lead to no rejected poses and no larger test error."""
+    """A real arm's unmodelled joint curves raise the robust fit's test error by less than 1 %."""
     dataset = load_dataset(SAMPLES / "ur10_ipa")
     assert dataset.points is not None
     training = np.flatnonzero(~dataset.poses.is_test)
