@@ -206,9 +206,9 @@ def test_families_without_their_data_say_why_and_what_would_help() -> None:
         load = family_of(massless, name)
         assert "unknown masses" in load.note
         assert {"joint_compliance", "link_bending", "base_compliance", "gravity_backlash"} - {name} <= set(
-            load.open_with
+            load.confounded_with
         )
-        assert family_of(DATASET, name).open_with == ()
+        assert family_of(DATASET, name).confounded_with == ()
     constant = replace(DATASET, poses=replace(DATASET.poses, temperature_c=np.full(40, 21.0)))
     assert "21 C at every pose" in family_of(constant, "thermal_growth").why_not
     one_sided = replace(DATASET, poses=replace(DATASET.poses, approach=np.ones((40, 6))))

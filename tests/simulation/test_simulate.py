@@ -17,17 +17,16 @@ from calib.jig import jig_geometry
 from calib.kinematics.chain import forward
 from calib.kinematics.joint_range import random_poses
 from calib.scans.scan import load_scan
-from calib.simulation.conditions import PAYLOADS_KG
 from calib.simulation.measured_dataset import write_simulation
 from calib.simulation.pose_design import (
     draw_scanner_pose,
     reach_apexes,
     spread_poses,
 )
-from calib.simulation.simulate import simulate_dataset
+from calib.simulation.simulate import PAYLOADS_KG, simulate_dataset
 from calib.simulation.truth.arm_sampling import (
-    NEED_CONDITIONS,
     OUTSIDE_EFFECTS,
+    SIMULATED,
     SIMULATED_EFFECTS,
     Tolerances,
     draw_truth,
@@ -176,8 +175,9 @@ def test_every_effect_is_simulated_by_its_name_alone(effect: str) -> None:
     plain = scanner_T_target(truth.with_effects(), poses.q, Conditions.of(poses))[:, :3, 3]
     moved_mm = np.sqrt(np.mean(np.sum((simulation.apex_mm - plain) ** 2, axis=1)))
     assert 0.2 <= moved_mm <= 0.5
-    assert (poses.time_s is not None) == (effect in NEED_CONDITIONS)
-    assert (poses.temperature_c is not None) == (effect in NEED_CONDITIONS and effect != "warm_up")
+    kind = SIMULATED[effect]
+    assert (poses.time_s is not None) == kind.needs_conditions
+    assert (poses.temperature_c is not None) == (kind.needs_conditions and "temperature_c" not in kind.unrecorded)
     document = simulation.document()
     assert list(document["effects"]) == [effect]
     assert json.loads(json.dumps(document)) == document
