@@ -93,7 +93,7 @@ class FreeFrameRank:
             return (
                 f"With the scanner's place on the flange unknown, {what} tell {self.here} at these poses, and {best} "
                 "at best (this arm at generic poses), the targets' positions in the world among them. What moves the "
-                "flange alone, or the base together with the targets, cannot be told: errors of the last row of the "
+                "flange alone, or the base together with the targets, is not determined: errors of the last row of the "
                 "arm and of the tool are absorbed by the scanner's place, those at the base by the targets'."
             )
         if self.residual in _OBSERVED:
@@ -122,7 +122,7 @@ def free_frame_rank(dataset: Dataset, *, residual: str = "position") -> FreeFram
 def structural_rank(robot: Robot, *, residual: str = "position", measured: Collection[str] = ("jig",)) -> int:
     """Number of parameters of an arm that a kind of residual can identify at best, with the scanner's frame unknown.
 
-    `measured`: the targets that are measured at every pose; their positions are unknown, but for the tool's end ("jig").
+    `measured`: targets that are measured at every pose; their positions are unknown, except the tool's end ("jig").
     """
     rng, poses = np.random.default_rng(0), 200  # any generic poses give the same rank
     span = np.where(robot.is_revolute, np.pi, 500.0)

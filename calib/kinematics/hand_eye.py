@@ -61,7 +61,7 @@ class HandEye:
             x, y, z = np.round(along, 2) + 0.0  # no -0.00
             return (
                 f"the flange turns about little but one direction ({x:.2f}, {y:.2f}, {z:.2f} in the base frame), so "
-                "the positions of targets and scanner along it are known only together; tilt the flange to separate them"
+                "the positions of targets and scanner along it are known only together; tilt the flange to part them"
             )
         return (
             "the poses leave two directions open, along which the positions of targets and scanner are known only "

@@ -24,7 +24,7 @@ def joint_range(robot: Robot) -> tuple[Array, Array]:
     if np.any(low >= high):
         j = int(np.argmax(low >= high))
         raise CalibError(
-            f"robot {robot.name}: joint {robot.joints[j].name} has no room within +-180 deg "
+            f"robot {robot.name}: joint {robot.joints[j].name} has no range within +-180 deg "
             f"of zero (limits {robot.joints[j].min}, {robot.joints[j].max} rad)"
         )
     return low, high

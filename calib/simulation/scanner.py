@@ -2,7 +2,7 @@
 
 The scanner's frame is a camera's: origin in the lens, z along the view, y down; lengths in mm. The jig's frame has its
 origin in the apex and z along the jig's axis, away from the scanner: a convex jig lies at z > 0, and flange and arm lie
-behind it. Behind these stand a wall and a table, fixed to the scanner.
+behind it. Behind these are a wall and a table, fixed to the scanner.
 
 A simulated scan is a window around the jig, not the whole field of 450 mm, of whose 12 000 points fewer than 200 would
 be on a 60 mm jig.

@@ -42,7 +42,7 @@ def scene_triangles(
     apex = np.zeros(3)
     faces = np.array([[apex, edges[1], edges[2]], [apex, edges[2], edges[0]], [apex, edges[0], edges[1]]])
     back_mm = float(edges[:, 2].mean()) if jig.convex else 2.0
-    flange_mm = max(flange_mm, back_mm + 1.0)  # a tool row shorter than the jig: the jig stands on the flange itself
+    flange_mm = max(flange_mm, back_mm + 1.0)  # a tool row shorter than the jig: the jig is on the flange itself
 
     def cylinder(radius_mm: float, start_mm: float, length_mm: float) -> Any:
         middle = trimesh.transformations.translation_matrix([0.0, 0.0, start_mm + 0.5 * length_mm])

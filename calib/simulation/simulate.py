@@ -120,7 +120,7 @@ def simulate_dataset(
     if robot.carries_scanner and facing:
         raise CalibError(
             f"cannot simulate the effect {facing[0]} with a scanner on the flange: no fit takes it there; simulate a "
-            "scanner in the room"
+            "scanner beside the arm"
         )
     robot = ending_at_tool_point(robot)
     if scans and not robot.carries_scanner:

@@ -315,7 +315,7 @@ def test_joint_limits_beyond_half_a_turn_leave_no_room_for_poses() -> None:
     robot = builtin_robot("panda")
     joints = list(robot.joints)
     joints[3] = replace(joints[3], min=3.5, max=6.0)  # rad
-    with pytest.raises(CalibError, match="joint J4 has no room"):
+    with pytest.raises(CalibError, match="joint J4 has no range"):
         random_poses(replace(robot, joints=tuple(joints)), 3, rng=np.random.default_rng(0))
 
 

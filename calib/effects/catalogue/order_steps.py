@@ -164,7 +164,7 @@ class TargetStep(Step):
     equation = "target shifted on the tool by s from pose k on"
     symbols = (("s", "mm"),)
     needs = "poses in the order they were measured: time_s, else the rows"
-    confirm = "the target's seat by eye, and one pose from before the step once more in several wrist attitudes"
+    confirm = "the target's mount by eye, and one pose from before the step once more in several wrist attitudes"
     bounds = (NaturalBound(20.0, "mm", "a target that moved by more has come off", _SEEN),)
     notes = r"""
     $$ \delta p = R \, s \quad \text{from pose } k \text{ on} $$

@@ -190,8 +190,8 @@ class IncidenceBias(CatalogueEffect):
             return Family(
                 cls.name,
                 (),
-                "the scanner is on the flange, and how the jig in the room is turned is no part of the model",
-                "put the scanner into the room and the jig on the flange",
+                "the scanner is on the flange, and the orientation of the jig in the world is no part of the model",
+                "put the scanner beside the arm and the jig on the flange",
             )
         if not dataset.shows_faces:
             return Family(

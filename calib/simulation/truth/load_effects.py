@@ -41,7 +41,7 @@ class JointCompliance(SampledEffect):
 class GravityBacklash(SampledEffect):
     """Gravity holds a joint at one side of its play: dq_j = b_j / 2 sign(tau_j).
 
-    Within `friction_nm` of balance the joint stands inside the play, in proportion: an equilibrium exists everywhere.
+    Within `friction_nm` of balance the joint is inside the play, in proportion, so that an equilibrium always exists.
     """
 
     name = "gravity_backlash"
@@ -175,7 +175,7 @@ class BearingClearance(SampledEffect):
     magnitude_fields = ("lean_rad",)
     needs_equilibrium = True
     lean_rad: Array  # (n,)
-    friction_nm: float = 0.05  # within it of balance the axis stands between, in proportion
+    friction_nm: float = 0.05  # within it of balance the lean is in proportion to the moment
 
     def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         tilt = arm.axis_tilt_rad.copy()
