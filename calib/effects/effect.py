@@ -231,7 +231,7 @@ def describe(effect: Effect | type[CatalogueEffect]) -> Description:
 
 
 def parameters_by_name(effects: Sequence[Effect]) -> dict[str, tuple[Effect, Parameter]]:
-    """Each parameter of these effects, with its effect, by its full name."""
+    """Mapping from the full name of each parameter of some effects to its effect and itself."""
     return {full_name(effect, p): (effect, p) for effect in effects for p in effect.parameters}
 
 

@@ -59,11 +59,11 @@ class RobotState:
         return cls(robot, poses, robot.table[None], np.zeros((1, 3)), np.zeros((1, 3)), offsets, seen)
 
     def with_loads_at(self, loaded: RobotState) -> RobotState:
-        """The same state with its loads computed at another state."""
+        """State with these values whose loads are computed at another state."""
         return replace(self, _loaded=[loaded])
 
     def with_masses_of(self, robot: Robot, poses: Poses) -> RobotState:
-        """The same state with a robot's masses and the payload of poses of the same joint positions."""
+        """State with these values, a robot's masses and the payload of poses of the same joint positions."""
         state = replace(self, robot=robot, poses=poses)
         state.__dict__["chain"] = self.chain  # masses do not move it
         return state

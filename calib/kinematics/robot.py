@@ -180,7 +180,7 @@ class Robot:
         return np.array([*(joint.row for joint in self.joints), self.tool.row], dtype=float)
 
     def with_table(self, table: ArrayLike) -> Robot:
-        """The same robot with another table (n + 1, 5)."""
+        """Robot with another table (n + 1, 5)."""
         table = np.asarray(table, dtype=float)
         if table.shape != (self.n_joints + 1, len(PARAMETER_KINDS)):
             raise ValueError(f"a table for {self.n_joints} joints is {self.n_joints + 1} x 5, got {table.shape}")

@@ -45,7 +45,7 @@ def tip_T_last(robot: Robot) -> Array:
 
 
 def ending_at_tool_point(robot: Robot) -> Robot:
-    """The same arm with a tool row that ends at its measured point, for measurements, which do not involve the tip."""
+    """Arm whose tool row ends at its measured point, for measurements, which do not involve the tip."""
     own = robot.own_tool_point
     if own is None:
         return robot

@@ -1,4 +1,4 @@
-"""Where a scanner on the flange and targets in the room are, by points alone: exact, wherever they are."""
+"""A scanner on the flange and targets in the world, located by points alone: exact, wherever they are."""
 
 from __future__ import annotations
 

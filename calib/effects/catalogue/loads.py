@@ -1,4 +1,4 @@
-"""What gives way under load: joints, links, bearings, base and tool under gravity.
+"""Compliance under load: joints, links, bearings, base and tool that give way to gravity.
 
 Where robot.toml has no masses, compliance times the unknown mass at each frame is fitted. A mass along a link acts as a
 sum of masses at its ends, so that 1 kg at each frame spans what the true masses do. The effects stay linear. A payload

@@ -1,4 +1,4 @@
-"""What sets in at one pose: a slip, a knock, a bolt that works loose, in the order of measuring, and stays.
+"""Changes at one pose: a slip, a knock, a bolt that works loose, which stay from then on in the order of measuring.
 
 Poses that come after all that were measured, such as the targets of a correction, are as after the last pose.
 """

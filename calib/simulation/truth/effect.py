@@ -32,7 +32,7 @@ class TrueEffect:
         return scanner_T_target
 
     def scaled(self, factor: float) -> TrueEffect:
-        """The same effect, `factor` times as large."""
+        """Effect that is `factor` times as large."""
         return replace(self, **{name: factor * getattr(self, name) for name in self.magnitude_fields})
 
     @property

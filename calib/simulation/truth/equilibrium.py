@@ -32,7 +32,7 @@ class Truth:
         return cls(robot, {"": np.asarray(base_T_scanner, dtype=float)})
 
     def with_effects(self, *effects: TrueEffect) -> Truth:
-        """The same cell with these effects in place of its own."""
+        """Cell with these effects in place of its own."""
         return replace(self, effects=effects)
 
     @property

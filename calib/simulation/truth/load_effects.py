@@ -63,7 +63,7 @@ class GravityBacklash(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class LinkBending(SampledEffect):
-    """Each link a cantilever from its joint's origin to the next one's, c = L / EI (Euler-Bernoulli).
+    """Bending of each link as a cantilever from its joint's origin to the next one's, c = L / EI (Euler-Bernoulli).
 
     The bending moment runs linearly from M0 at the root to ML at the end for all that hangs beyond, and as
     (1 - s / L)^2 from M1 for the link's own weight, spread evenly. The integrals of it give the end's turn
@@ -136,7 +136,7 @@ class NonlinearStiffness(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class LinkTorsion(SampledEffect):
-    """Each link a tube from its joint's origin to the next one's, twisted by the moment along it of all beyond."""
+    """Torsion of each link, a tube from its joint's origin to the next one's, by the moment along it of all beyond."""
 
     name = "link_torsion"
     magnitude_fields = ("c_rad_per_nm",)
