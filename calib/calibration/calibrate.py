@@ -19,7 +19,12 @@ from calib.errors import FitError
 from calib.fitting.distance_residuals import DistanceResiduals
 from calib.fitting.fit_task import FitTask, Fitted
 from calib.fitting.model import Model
-from calib.fitting.observations import Observations, in_room, room_placement, with_nominal_scanner_frames
+from calib.fitting.observations import (
+    Observations,
+    observed_hand_eye,
+    with_nominal_scanner_frames,
+    with_observed_targets,
+)
 from calib.fitting.pose_residuals import PoseResiduals, require_orientations
 from calib.fitting.position_residuals import PositionResiduals
 from calib.fitting.residual_kinds import make_residuals
@@ -62,7 +67,7 @@ def calibrate(
         dataset = replace(dataset, noise=options.noise)
     given, dataset = dataset, with_repeats_averaged(dataset, residual)
     observed = Observations.of(dataset)
-    robot = in_room(dataset.robot, observed)
+    robot = with_observed_targets(dataset.robot, observed)
     if robot.carries_scanner:
         _require_placed(dataset, observed)
     geometry = geometry_of(robot, observed, options)
@@ -181,7 +186,7 @@ def _require_placed(dataset: Dataset, observed: Observations) -> None:
             f"dataset {dataset.name}: target {unknown[0]!r} is measured at no training pose, so its place in the room "
             "is not known; give it training poses, or leave it out"
         )
-    if room_placement(dataset.robot, observed).open_turns:
+    if observed_hand_eye(dataset.robot, observed).undetermined_rotation:
         raise FitError(
             f"dataset {dataset.name}: the training points do not tell how the scanner is turned on the flange: they "
             "lie in one place or on one line, seen from the scanner; measure poses that differ in more directions"

@@ -135,18 +135,18 @@ def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset, outliers: 
     def at(x: Array) -> Evaluation:
         base_mm, scanner_mm = predict_points(model, x, observed), observed.points.xyz_mm
         error_mm = np.empty_like(base_mm)
-        placements: dict[str, Array] = {}
+        frame_of_setup: dict[str, Array] = {}
         for name, rows, fitted in setups:
             frame = fit_scanner_frame(base_mm[fitted], scanner_mm[fitted], observed.covariance_mm2[fitted])
             error_mm[rows] = frames.apply(frame, base_mm[rows]) - scanner_mm[rows]
-            placements[name] = frame
+            frame_of_setup[name] = frame
         return Evaluation(
             pose=observed.points.pose,
             error_mm=error_mm,
             distance_pose=distances.pose,
             distance_error_mm=distances.error_mm(base_mm),
             is_test=dataset.poses.is_test,
-            scanner_T_base=placements,
+            scanner_T_base=frame_of_setup,
             notes=tuple(notes),
             is_outlier=is_outlier,
         )

@@ -18,7 +18,7 @@ from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
 from calib.fitting.fit import Fit
 from calib.fitting.model import Model
-from calib.fitting.observations import Observations, room_placement
+from calib.fitting.observations import Observations, observed_hand_eye
 from calib.fitting.tool_point import ToolShift, tool_shift
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
@@ -116,11 +116,11 @@ class Calibration(Documented, Viewed):
         return None if self.model.tool_found is None else tool_shift(self.dataset.robot, self.robot)
 
     @cached_property
-    def room_words(self) -> str:
+    def hand_eye_ambiguity(self) -> str:
         """Sentence on what the poses leave undetermined of a scanner on the flange and its targets; else ""."""
         if not self.model.robot.carries_scanner:
             return ""
-        return room_placement(self.dataset.robot, Observations.of(self.fitted_dataset)).words
+        return observed_hand_eye(self.dataset.robot, Observations.of(self.fitted_dataset)).ambiguity
 
     @property
     def sigma_mm(self) -> float:
@@ -132,8 +132,8 @@ class Calibration(Documented, Viewed):
         out = [*self.fitted_dataset.warnings, *self.fitted_dataset.notes, *self.after.notes]
         if self.tool_shift is not None:
             out.append(self.tool_shift.words)
-        if self.room_words:
-            out.append(self.room_words)
+        if self.hand_eye_ambiguity:
+            out.append(self.hand_eye_ambiguity)
         if not self.fit.converged:
             out.append(f"the fit did not converge: {self.fit.reason}")
         if self.worse_than_nominal:

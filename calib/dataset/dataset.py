@@ -84,7 +84,7 @@ class Poses:
     ids: tuple[str, ...]  # (N,)
     role: NDArray[np.str_]  # (N,) of ROLES; exactly one reference
     q: Array  # (N, n) rad, mm for prismatic joints
-    setup: NDArray[np.str_]  # (N,) which placement of the scanner; "" where there is only one
+    setup: NDArray[np.str_]  # (N,) station of the scanner; "" where there is only one
     scan_names: tuple[str, ...]  # (N,) file names in the scan folder
     payload_kg: Array | None = None  # (N,)
     temperature_c: Array | None = None  # (N,)

@@ -18,8 +18,8 @@ from calib.fitting.model import Model, geometric_model, place_of_target
 from calib.fitting.noise import noise_factors, shaped_covariance
 from calib.fitting.scanner_frame import fit_scanner_frame
 from calib.kinematics import chain as kinematics
+from calib.kinematics.hand_eye import HandEye, solve_hand_eye, with_world_targets
 from calib.kinematics.robot import Robot
-from calib.kinematics.room_placement import RoomPlacement, place_in_room, with_room_targets
 from calib.noise_shape import NoiseShape
 
 
@@ -205,25 +205,25 @@ def with_nominal_scanner_frames(observed: Observations, robot: Robot, chosen: Bo
 
     Effects of the scanner depend on its place; every fit and every evaluation uses these frames for them.
     """
-    nominal = geometric_model(in_room(robot, observed))
+    nominal = geometric_model(with_observed_targets(robot, observed))
     return with_scanner_frames(observed, nominal, np.zeros(len(nominal.parameters)), chosen)
 
 
-def in_room(robot: Robot, observed: Observations) -> Robot:
+def with_observed_targets(robot: Robot, observed: Observations) -> Robot:
     """The robot with the observed targets placed in the world, where its arm carries the scanner; else unchanged."""
-    known = {target.name for target in robot.targets if target.in_room}
+    known = {target.name for target in robot.targets if target.in_world}
     if not robot.carries_scanner or known >= set(observed.targets):
         return robot
-    return with_room_targets(robot, room_placement(robot, observed).place_mm)
+    return with_world_targets(robot, observed_hand_eye(robot, observed).position_mm)
 
 
-def room_placement(robot: Robot, observed: Observations) -> RoomPlacement:
+def observed_hand_eye(robot: Robot, observed: Observations) -> HandEye:
     """Pose of the scanner on the flange and of the targets in the world, by the robot's table alone."""
     poses, row = observed.used_poses
     chain = kinematics.forward(robot.table, poses.q, robot.is_revolute, robot.base_T_first)
     points = observed.points
     turns = None if points.orientations is None else points.orientations.scanner_R_jig
-    return place_in_room(chain.base_T_flange[row], points.xyz_mm, observed.setup, points.target, turns)
+    return solve_hand_eye(chain.base_T_flange[row], points.xyz_mm, observed.setup, points.target, turns)
 
 
 def nominal_state(dataset: Dataset) -> RobotState:
@@ -232,7 +232,7 @@ def nominal_state(dataset: Dataset) -> RobotState:
     Raises FitError where nothing was measured.
     """
     observed = Observations.of(dataset)
-    robot = in_room(dataset.robot, observed)
+    robot = with_observed_targets(dataset.robot, observed)
     observed = with_nominal_scanner_frames(observed, robot)
     return RobotState.nominal(robot, observed.used_poses[0], observed.seen(observed.first_target))
 

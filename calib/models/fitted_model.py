@@ -100,7 +100,7 @@ class FittedModel:
         joints = self.model.robot.n_joints
         if q.ndim != 2 or q.shape[1] != joints:
             raise FitError(f"joint vectors for {self.model.robot.name} have shape (N, {joints}), found {q.shape}")
-        targets = ("jig", *(known.name for known in self.model.robot.targets if not known.in_room))
+        targets = ("jig", *(known.name for known in self.model.robot.targets if not known.in_world))
         if target not in targets:
             raise FitError(f"no target named {target!r}; there are {', '.join(targets)}")
         self.require_conditions(conditions)
@@ -145,9 +145,9 @@ class FittedModel:
         """
         self.require_same_arm(dataset)
         if dataset.points is not None:
-            in_room = self.model.robot.carries_scanner
-            on_arm = set() if in_room else {"jig"}
-            known = on_arm | {target.name for target in self.model.robot.targets if target.in_room == in_room}
+            in_world = self.model.robot.carries_scanner
+            on_arm = set() if in_world else {"jig"}
+            known = on_arm | {target.name for target in self.model.robot.targets if target.in_world == in_world}
             unknown = sorted(set(map(str, np.unique(dataset.points.target))) - known)
             if unknown:
                 raise FitError(f"dataset {dataset.name}: the model has no target {unknown[0]!r}")

@@ -13,7 +13,7 @@ from calib.effects.catalogue import effects_named
 from calib.effects.effect import Family
 from calib.options import FitOptions
 from calib.planning.start import FromFit
-from calib.planning.unknowns import require_in_room
+from calib.planning.unknowns import require_scanner_in_world
 
 
 def start_of_dataset(
@@ -31,7 +31,7 @@ def start_of_dataset(
         effects: names of effects that the model is to have; the diagnosis is then left out.
         scanner_place: (4, 4) base_T_scanner for the new poses, where the scanner is put up anew.
     """
-    require_in_room(dataset)
+    require_scanner_in_world(dataset)
     members = effects_named(dataset, effects, user_effects)
     calibration = calibrate(dataset, options, effects=members)
     check = check_sigma(calibration)

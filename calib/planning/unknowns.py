@@ -120,7 +120,7 @@ def unknowns_of_fit(
     x = _extended(calibration, model)
     noise = calibration.fit.reduced_chi if np.isfinite(calibration.fit.reduced_chi) else 1.0
     noise = max(noise, _FINEST_MM / declared_sigma_mm(dataset))
-    require_in_room(dataset)
+    require_scanner_in_world(dataset)
     observed = replace(Observations.of(dataset), scanner_T_base=calibration.after.scanner_T_base)
     places = {name: calibration.after.scanner_T_base[name] for name in sorted(set(map(str, observed.setup)))}
     points = dataset.points
@@ -230,7 +230,7 @@ def _extended(calibration: Calibration, model: Model) -> Array:
     return np.array([fitted.get(p.name, 0.0) for p in model.parameters])
 
 
-def require_in_room(dataset: Dataset) -> None:
+def require_scanner_in_world(dataset: Dataset) -> None:
     """Raise FitError where the arm carries the scanner."""
     if dataset.robot.carries_scanner:
         raise FitError(

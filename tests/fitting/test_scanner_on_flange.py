@@ -13,7 +13,7 @@ from calib.effects.catalogue import effects_for
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import FitError
 from calib.fitting.model import Model
-from calib.fitting.observations import Observations, in_room, with_nominal_scanner_frames
+from calib.fitting.observations import Observations, with_nominal_scanner_frames, with_observed_targets
 from calib.identifiability.structural import free_frame_rank, redundancy, structural_rank
 from calib.identifiability.tool_rows import tool_rows
 from calib.kinematics.robot import Base, Robot
@@ -31,11 +31,11 @@ def test_the_jacobian_of_place_and_attitude_is_the_derivative(effect) -> None:
     """Analytic and numerical derivatives agree for each effect and the jig's place, away from zero."""
     rng = np.random.default_rng(1)
     observed = Observations.of(RICH)
-    robot = in_room(RICH.robot, observed)
+    robot = with_observed_targets(RICH.robot, observed)
     observed = with_nominal_scanner_frames(observed, robot)
     poses, seen = observed.used_poses[0], observed.seen()
     links = () if isinstance(effect, LinkErrors) else (LinkErrors(robot),)
-    jig = TargetOffsets(tuple(target for target in robot.targets if target.in_room))
+    jig = TargetOffsets(tuple(target for target in robot.targets if target.in_world))
     model = Model(robot, (*links, jig, effect))
     x = rng.normal(size=len(model.parameters)) * np.minimum(model.scales, 10.0) * 0.3
     place, attitude, by = model.linearise_pose(x, poses, seen)
@@ -109,7 +109,7 @@ def test_the_tool_and_the_last_row_do_not_show() -> None:
     other = replace(dataset, robot=replace(robot, carries_scanner=True))
     assert calibrate(other).before.train.rmse_mm < 1e-9
     assert set(redundancy(dataset).no_influence) == {"aTCP", "alphaTCP", "dTCP", "thetaTCP", "betaTCP"}
-    assert "a scanner on the flange does not see the tool" in tool_rows(dataset).words
+    assert "a scanner on the flange does not see the tool" in tool_rows(dataset).summary()
     unknown = free_frame_rank(dataset)
     assert unknown.here == unknown.best["position"]
     assert "With the scanner's place on the flange unknown, positions tell" in unknown.summary()

@@ -101,7 +101,7 @@ def order_doubt(robot: Robot, poses: Poses, points: Points, by_order: Mapping[st
     if not known.any():
         return ""
     names, counts = np.unique(setups[known], return_counts=True)
-    rows = np.flatnonzero(known & (setups == names[np.argmax(counts)]))  # one placement of the scanner, one Y
+    rows = np.flatnonzero(known & (setups == names[np.argmax(counts)]))  # one station of the scanner, one Y
     if len(rows) < _FEWEST_ORIENTATIONS:
         return ""
     rows = rows[:: -(-len(rows) // _ENOUGH_ORIENTATIONS)]

@@ -200,7 +200,7 @@ def robot_to_toml(robot: Robot) -> str:
             "payload_com_mm": tool.payload_com_mm,
         }
     ) | dict(tool.extra)
-    on_arm = [target for target in robot.targets if not target.in_room]
+    on_arm = [target for target in robot.targets if not target.in_world]
     if on_arm:
         document["targets"] = [_target_document(target) for target in on_arm]
     return tomli_w.dumps(document)
