@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from calib.blas_threads import one_blas_thread
-from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
+from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
 from calib.dataset.dataset import Dataset, Scanner
@@ -94,7 +94,7 @@ def find_corners(
         search_file,
         jig=dataset.jig,
         scan_sigma_mm=dataset.scanner.scan_sigma_mm,
-        told=told_noise(dataset.scanner),
+        declared=declared_noise(dataset.scanner),
         intermediate=intermediate,
     )
     found: dict[int, CornerSearch] = {}
@@ -112,9 +112,9 @@ def find_corners(
     return CornerBatch(dataset, {pose_id: found[pose] for pose, pose_id in enumerate(ids)})
 
 
-def told_noise(scanner: Scanner) -> ToldNoise:
+def declared_noise(scanner: Scanner) -> DeclaredNoise:
     """What a dataset tells of its scanner's smooth error."""
-    return ToldNoise(
+    return DeclaredNoise(
         scanner.correlated_sigma_mm or 0.0,
         scanner.correlation_length_mm or 0.0,
         scanner.registration_sigma_mm or 0.0,
@@ -127,7 +127,7 @@ def search_file(
     jig: Jig,
     scan_sigma_mm: float | None = None,
     *,
-    told: ToldNoise = NOTHING_TOLD,
+    declared: DeclaredNoise = NOTHING_DECLARED,
     intermediate: bool = True,
 ) -> CornerSearch:
     """`find_corner` in a scan file; one that cannot be read becomes a failed search with `unreadable` set."""
@@ -135,7 +135,7 @@ def search_file(
         scan = load_scan(path)
     except ScanError as error:
         return failed_search(path.stem, str(error), unreadable=True)
-    options = CornerOptions(refinement=RefinementOptions(told=told))
+    options = CornerOptions(refinement=RefinementOptions(declared=declared))
     search = find_corner(scan, jig, scan_sigma_mm=scan_sigma_mm, options=options)
     search = replace(search, count=PointCount(len(scan.points_mm), scan.dropped))
     return search if intermediate else brief(search)

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from calib import frames
 from calib.array_types import Array
 from calib.corners.faces.certified_angles import MOST_MISFIT
-from calib.corners.intersection import Corner
+from calib.corners.intersection import Corner, height_lever
 from calib.jig import Jig, jig_normals
 
 _STEPS = 6
@@ -111,7 +111,5 @@ def _orient(corner: Corner, known: Array, order: tuple[int, int, int]) -> Orient
 
 def _apex_by_planes(corner: Corner) -> Array:
     """(3, 9) mm: how the planes' (h, s_1, s_2) move the apex, each by its height there."""
-    lever = np.zeros((3, 9))
-    for i, face in enumerate(corner.faces):
-        lever[i, 3 * i : 3 * i + 3] = 1.0, *(face.axes @ (corner.xyz_mm - face.centre_mm))
-    return np.linalg.solve(np.array([face.normal for face in corner.faces]), lever)
+    normals = np.array([face.normal for face in corner.faces])
+    return np.linalg.solve(normals, height_lever(corner.faces, corner.xyz_mm))

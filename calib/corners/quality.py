@@ -25,7 +25,7 @@ LOW_COVERAGE = 0.4
 HIGH_RMS = 3.0  # times the scanner's own figure
 HIGH_AMPLIFICATION = 6.0
 OUT_OF_SQUARE_SIGMA = 4.0
-_MORE_THAN_TOLD = 2.0  # times the smooth error that is told: one scan shows its size to a factor of 2
+_MORE_THAN_DECLARED = 2.0  # times the declared correlated error: one scan shows its size to a factor of 2
 _LONG_OF_SHOWN = 0.6  # a smooth error whose length is more than this share of the longest that a scan shows
 HIGH_SMOOTH_SHARE = 1.5  # corner's sigma over what white noise alone would give
 
@@ -58,7 +58,7 @@ class CornerQuality:
     rigid: bool  # the faces were held to the certified angles
     margin_mm: float  # left out along every edge: rounding, blurred and flying pixels
     notes: tuple[str, ...] = field(default=())  # from the search itself
-    smooth_told_mm: float = 0.0  # what dataset.toml tells of it; 0: nothing
+    smooth_declared_mm: float = 0.0  # what dataset.toml tells of it; 0: nothing
     smooth_shown_mm: float = 0.0  # the longest correlation length of which this scan shows anything
 
     def doubts(self) -> tuple[str, ...]:
@@ -90,7 +90,10 @@ class CornerQuality:
                 f"the apex is {self.amplification:.1f} times less certain than the planes at their middles; "
                 "more of the faces near the apex has to be seen"
             )
-        if self.smooth_factor > HIGH_SMOOTH_SHARE and self.smooth_error_mm > _MORE_THAN_TOLD * self.smooth_told_mm:
+        if (
+            self.smooth_factor > HIGH_SMOOTH_SHARE
+            and self.smooth_error_mm > _MORE_THAN_DECLARED * self.smooth_declared_mm
+        ):
             said.append(
                 f"the scanner's error is smooth over {self.smooth_length_mm:.0f} mm ({self.smooth_error_mm:.3f} mm), "
                 f"which makes the apex {self.smooth_factor:.1f} times less certain; {self._further()}"
@@ -117,9 +120,10 @@ class CornerQuality:
 
     def document(self) -> dict[str, Any]:
         """All figures as plain values, and the doubts, for JSON."""
-        out = asdict(self)
-        out.pop("notes")
-        return {**out, "doubts": list(self.doubts())}
+        document = asdict(self)
+        document["smooth_told_mm"] = document.pop("smooth_declared_mm")
+        document.pop("notes")
+        return {**document, "doubts": list(self.doubts())}
 
 
 def angle_errors(angles_deg: tuple[float, float, float], jig_angles_deg: tuple[float, float, float]) -> Array:

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.array_types import Array
+from calib.corners.correlated_noise.plane_uncertainty import PlaneUncertainty
 from calib.corners.faces.certified_angles import angle_derivative, found_angles_deg
 from calib.corners.faces.face_outline import FaceOutline, outline_shares
-from calib.corners.intersection import intersection_covariance
-from calib.corners.noise.correlated_noise import PlaneUncertainty
+from calib.corners.intersection import height_lever, intersection_covariance
 from calib.corners.quality import CornerQuality, FaceQuality, angle_errors, incidence_deg
 from calib.jig import Jig, Outline
 from calib.planes.robust_fit import PlaneFit
@@ -18,9 +18,7 @@ from calib.planes.robust_fit import PlaneFit
 
 def height_covariance(planes: Sequence[PlaneFit], covariance: Array, point_mm: Array) -> Array:
     """Covariance (3, 3) in mm^2 of the three planes' heights at one point (3,). covariance  # (9, 9)"""
-    lever = np.zeros((3, 9))
-    for i, plane in enumerate(planes):
-        lever[i, 3 * i : 3 * i + 3] = plane.design(point_mm[None])[0]
+    lever = height_lever(planes, point_mm)
     return np.asarray(lever @ covariance @ lever.T)
 
 
@@ -34,7 +32,7 @@ def quality_figures(
     outline: Outline,
     margin_mm: float,
     scan_sigma_mm: float | None,
-    smooth_told_mm: float,
+    smooth_declared_mm: float,
     notes: tuple[str, ...],
 ) -> CornerQuality:
     """The figures of a refined corner.
@@ -56,9 +54,9 @@ def quality_figures(
         filled, _, _ = outline_shares(
             along, np.zeros(len(along), dtype=bool), along[:0], FaceOutline.of(outline, index)
         )
-        told = None if not scan_sigma_mm else plane.sigma_mm / scan_sigma_mm
+        over_declared = None if not scan_sigma_mm else plane.sigma_mm / scan_sigma_mm
         return FaceQuality(
-            len(plane.indices), incidence_deg(plane, origin), filled, plane.sigma_mm, told,
+            len(plane.indices), incidence_deg(plane, origin), filled, plane.sigma_mm, over_declared,
             float(np.degrees(np.sqrt(np.linalg.eigvalsh(slopes)[-1]))),
         )  # fmt: skip
 
@@ -79,6 +77,6 @@ def quality_figures(
         rigid=jig.certified and not notes,
         margin_mm=margin_mm,
         notes=(*notes, *known.notes),
-        smooth_told_mm=smooth_told_mm,
+        smooth_declared_mm=smooth_declared_mm,
         smooth_shown_mm=known.shown_to_mm,
     )

@@ -13,6 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array, IndexArray
+from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
+from calib.corners.correlated_noise.plane_uncertainty import plane_uncertainty
+from calib.corners.correlated_noise.surroundings import flat_surroundings
 from calib.corners.faces.certified_angles import (
     hold_to_angles,
     turned_normals,
@@ -24,17 +27,14 @@ from calib.corners.faces.face_outline import (
     require_far_borders,
     without_far_points,
 )
-from calib.corners.faces.narrow_faces import refit_narrow_faces
+from calib.corners.faces.mixed_pixels import refit_narrow_faces
 from calib.corners.intersection import Corner, Face, intersect, intersection_covariance, packed
-from calib.corners.noise.correlated_noise import plane_uncertainty
-from calib.corners.noise.surroundings import flat_surroundings
-from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
 from calib.corners.quality import require_faces
 from calib.corners.quality_figures import height_covariance, quality_figures
 from calib.errors import CornerError
 from calib.jig import Jig, Outline
 from calib.planes.clustering import PlaneGroup
-from calib.planes.near_points import points_within
+from calib.planes.point_selection import points_within
 from calib.planes.robust_fit import PlaneFit, fit_plane_robustly
 
 _ROUNDS = 6
@@ -55,7 +55,7 @@ class RefinementOptions:
     # Kept away from every edge of a face: rounding, blurred and flying pixels. None: found from the points' heights.
     edge_margin_mm: float | None = None
     min_face_points: int = 6
-    told: ToldNoise = NOTHING_TOLD  # of the scanner's smooth error
+    declared: DeclaredNoise = NOTHING_DECLARED  # of the scanner's smooth error
 
 
 def refine(
@@ -98,7 +98,7 @@ def refine(
     beside = flat_surroundings(
         points_mm, groups, chosen, origin, jig.shortest_mm, max(plane.sigma_mm for plane in planes)
     )
-    known = plane_uncertainty(planes, jig, origin, beside, options.told)
+    known = plane_uncertainty(planes, jig, origin, beside, options.declared)
     require_far_borders(local, planes, jig, outline)
     require_faces(planes, known.covariance, origin, jig)
     covariance, moves = known.covariance, np.zeros(9)
@@ -118,8 +118,8 @@ def refine(
             for i, (p, group) in enumerate(zip(planes, chosen, strict=True))),  # type: ignore[arg-type]
         covariance,
         quality_figures(planes, known, covariance, origin, apex, jig, outline, margin_mm,
-                 scan_sigma_mm and float(np.hypot(scan_sigma_mm, options.told.correlated_sigma_mm)),
-                 options.told.correlated_sigma_mm, notes),
+                 scan_sigma_mm and float(np.hypot(scan_sigma_mm, options.declared.correlated_sigma_mm)),
+                 options.declared.correlated_sigma_mm, notes),
         outline,
     )  # fmt: skip
 

@@ -20,15 +20,9 @@ from calib.errors import CornerError
 from calib.jig import Jig
 from calib.planes.clustering import ClusterTolerances, PlaneGroup, cluster, off_planes
 from calib.planes.filters import FilterTolerances, SampleSets, apply_filters, draw_sample_sets, walk_for
-from calib.planes.normals import (
-    NEIGHBOURS,
-    Neighbourhoods,
-    estimate_normals,
-    thin_to_voxels,
-    with_fewer_neighbours,
-)
-from calib.scans.scan import PointCount, Scan
-from calib.scans.seeding import seeded
+from calib.planes.normals import NEIGHBOURS, Neighbourhoods, estimate_normals, with_fewer_neighbours
+from calib.planes.point_selection import thin_to_voxels
+from calib.scans.scan import PointCount, Scan, seeded_generator
 
 MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
 MOST_TRIPLES = 4  # of planes, that are refined in one search pass
@@ -111,7 +105,7 @@ def find_corner(
     started = time.perf_counter()
 
     def search_in(points_mm: Array) -> CornerSearch:
-        draws = rng or seeded(points_mm)
+        draws = rng or seeded_generator(points_mm)
         return _search(Scan(scan.name, points_mm), jig, scan_sigma_mm, draws, options)
 
     search = search_in(scan.points_mm)

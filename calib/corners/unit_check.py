@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.jig import Jig
-from calib.planes.normals import finite_rows
+from calib.planes.point_selection import finite_rows
 from calib.units import UNITS_MM
 
 MOST_EDGES = 400.0  # across, in edges of the jig: a hall; larger scans are not searched

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from hashlib import blake2b
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 
@@ -11,9 +12,28 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray
 from calib.errors import ScanError
-from calib.scans.readers.by_suffix import READERS
-from calib.scans.readers.e57 import split_part
-from calib.scans.readers.ply import write_ply
+from calib.scans.readers.e57 import SUFFIX, read_e57, split_part
+from calib.scans.readers.mesh import read_obj, read_stl
+from calib.scans.readers.npz import read_npz
+from calib.scans.readers.parsing import Reader
+from calib.scans.readers.pcd import read_pcd
+from calib.scans.readers.ply import read_ply, write_ply
+from calib.scans.readers.text import read_text
+
+READERS: dict[str, Reader] = {
+    ".ply": read_ply,
+    ".pcd": read_pcd,
+    ".xyz": read_text,
+    ".asc": read_text,
+    ".pts": read_text,
+    ".csv": read_text,
+    ".txt": read_text,
+    ".stl": read_stl,
+    ".obj": read_obj,
+    ".npz": read_npz,
+    SUFFIX: read_e57,
+}
+"""Reader of each file format, by suffix. All raise ScanError; rows without a value are still in their result."""
 
 _MOST_BYTES = 2**32  # a hundred times the size of a structured-light scan
 _BEYOND_ANY_LENGTH_MM = 1e12
@@ -116,3 +136,13 @@ def write_scan(path: Path, scan: Scan) -> None:
         except BaseException:
             Path(file.name).unlink()
             raise
+
+
+def seeded_generator(points_mm: Array) -> np.random.Generator:
+    """Random generator seeded by the points (N, 3) of a scan, so that one scan gives one result on any machine.
+
+    Some ten thousand of the points and their number make the seed.
+    """
+    some = points_mm[:: max(1, len(points_mm) // 10_000)]
+    content = np.ascontiguousarray(some, dtype=np.float64).tobytes() + str(len(points_mm)).encode()
+    return np.random.default_rng(int.from_bytes(blake2b(content, digest_size=8).digest(), "big"))

@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path
 
 from calib.blas_threads import one_blas_thread
-from calib.corners.batch import CornerBatch, brief, find_corners, told_noise
-from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
+from calib.corners.batch import CornerBatch, brief, declared_noise, find_corners
+from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.corners.search import CornerSearch, failed_search
 from calib.dataset.dataset import Dataset
 from calib.display.progress import OnProgress
@@ -42,7 +42,7 @@ def find_targets(
         targets=dataset.all_targets,
         scan_sigma_mm=dataset.scanner.scan_sigma_mm,
         finder=finder or finder_of(dataset),
-        told=told_noise(dataset.scanner),
+        declared=declared_noise(dataset.scanner),
         intermediate=intermediate,
     )
     return find_corners(
@@ -67,7 +67,7 @@ def search_targets_file(
     scan_sigma_mm: float | None = None,
     finder: UserFunction | UserFinder | None = None,
     *,
-    told: ToldNoise = NOTHING_TOLD,
+    declared: DeclaredNoise = NOTHING_DECLARED,
     intermediate: bool = True,
 ) -> CornerSearch:
     """`find_targets_in` a scan file; one that cannot be read becomes a failed search with `unreadable` set."""
@@ -75,6 +75,6 @@ def search_targets_file(
         scan = load_scan(path)
     except ScanError as error:
         return failed_search(path.stem, str(error), unreadable=True)
-    search = find_targets_in(scan, targets, scan_sigma_mm=scan_sigma_mm, finder=finder, told=told)
+    search = find_targets_in(scan, targets, scan_sigma_mm=scan_sigma_mm, finder=finder, declared=declared)
     search = replace(search, count=PointCount(len(scan.points_mm), scan.dropped))
     return search if intermediate else brief(search)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
+from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
 from calib.errors import TargetError
@@ -92,7 +92,7 @@ def find_targets_in(
     *,
     scan_sigma_mm: float | None = None,
     finder: UserFunction | UserFinder | None = None,
-    told: ToldNoise = NOTHING_TOLD,
+    declared: DeclaredNoise = NOTHING_DECLARED,
 ) -> CornerSearch:
     """Find all targets in one scan; where the one target is a jig, this is `find_corner`.
 
@@ -101,9 +101,9 @@ def find_targets_in(
     """
     started = time.perf_counter()
     own = any(isinstance(target.shape, OwnShape) for target in targets)
-    wanted = [replace(one, told=told) for one in wanted_of(targets, scan_sigma_mm)]
+    wanted = [replace(one, declared=declared) for one in wanted_of(targets, scan_sigma_mm)]
     if finder is None and len(targets) == 1 and isinstance(targets[0].shape, Jig):
-        options = CornerOptions(refinement=RefinementOptions(told=told))
+        options = CornerOptions(refinement=RefinementOptions(declared=declared))
         return find_corner(scan, targets[0].shape, scan_sigma_mm=scan_sigma_mm, options=options)
     corner_search: CornerSearch | None = None
     jigs = Jigs(tuple(w.shape for w in wanted if isinstance(w.shape, Jig)))

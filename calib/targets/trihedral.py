@@ -47,7 +47,7 @@ def find_jigs(scan: Scan, wanted: Wanted, jigs: Jigs) -> tuple[CornerSearch, lis
     """
     jig = wanted.shape
     assert isinstance(jig, Jig)
-    options = CornerOptions(refinement=RefinementOptions(told=wanted.told))
+    options = CornerOptions(refinement=RefinementOptions(declared=wanted.declared))
     searches: list[CornerSearch] = []
     found: list[FoundPoint] = []
     first: CornerSearch | None = None

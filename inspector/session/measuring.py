@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from calib.corners.batch import told_noise
+from calib.corners.batch import declared_noise
 from calib.dataset.files.folder import load_dataset
 from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import Observations
@@ -34,7 +34,7 @@ def with_search(session: Session, pose: int) -> Session:
         dataset.all_targets,
         dataset.scanner.scan_sigma_mm,
         finder_of(dataset),
-        told=told_noise(dataset.scanner),
+        declared=declared_noise(dataset.scanner),
     )
     searches = {**session.searches, session.dataset.poses.ids[pose]: search}
     if session.dataset.points is not None:

@@ -10,10 +10,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calib.corners import refinement
+from calib.corners.correlated_noise import plane_uncertainty
+from calib.corners.correlated_noise.likelihood import CorrelationEvidence
+from calib.corners.correlated_noise.plane_uncertainty import PlaneUncertainty
 from calib.corners.intersection import Corner, intersect
-from calib.corners.noise import correlated_noise
-from calib.corners.noise.correlated_noise import PlaneUncertainty
-from calib.corners.noise.likelihood import Evidence
 from calib.corners.refinement import RefinementOptions, refine
 from calib.errors import CornerError
 from calib.jig import Jig, jig_geometry
@@ -194,13 +194,13 @@ def test_faces_of_hardly_known_direction_are_no_corner(monkeypatch: pytest.Monke
 def test_a_long_box_has_no_more_patches_than_its_covariance_needs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Faces of 42 by 126 to 204 mm had 400 patches of a sixth of the shortest edge, and ten times the time."""
     patches = []
-    evidence = correlated_noise.evidence_of
+    evidence = plane_uncertainty.evidence_of
 
-    def counted(mean_mm: np.ndarray, *rest: np.ndarray) -> Evidence:
+    def counted(mean_mm: np.ndarray, *rest: np.ndarray) -> CorrelationEvidence:
         patches.append(len(mean_mm))
         return evidence(mean_mm, *rest)
 
-    monkeypatch.setattr(correlated_noise, "evidence_of", counted)
+    monkeypatch.setattr(plane_uncertainty, "evidence_of", counted)
     box = Jig(edge_mm=(42.0, 126.0, 204.0))
     found = [corner(np.random.default_rng(seed), box, smooth_mm=0.04, length_mm=20.0, points=3000) for seed in range(6)]
     assert 60 < max(patches) < 200

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.corners.faces import narrow_faces
+from calib.corners.faces import mixed_pixels
 from calib.corners.faces.mixed_pixels import MixedPixels, find_mixed_pixels, moved_back
 from calib.corners.search import find_corner
 from calib.jig import Jig, Outline
@@ -100,7 +100,7 @@ def test_steep_coarsely_scanned_faces_come_near_the_bound(monkeypatch: pytest.Mo
         return np.array(found)
 
     with_mixing = ratios()
-    monkeypatch.setattr(narrow_faces, "find_mixed_pixels", lambda *_: None)
+    monkeypatch.setattr(mixed_pixels, "find_mixed_pixels", lambda *_: None)
     without = ratios()
     assert np.sqrt(np.mean(with_mixing**2)) < 2.3
     assert np.sqrt(np.mean(with_mixing**2)) < 0.7 * np.sqrt(np.mean(without**2))
@@ -114,7 +114,7 @@ def test_a_bevel_is_not_taken_for_pixels(monkeypatch: pytest.MonkeyPatch) -> Non
         asked.append(find_mixed_pixels(*arguments))  # type: ignore[arg-type]
         return asked[-1]
 
-    monkeypatch.setattr(narrow_faces, "find_mixed_pixels", noted)
+    monkeypatch.setattr(mixed_pixels, "find_mixed_pixels", noted)
     for seed in range(4):
         find_corner(_steep_scan(seed, chamfer=2.0).scan, JIG, scan_sigma_mm=0.02)
     assert asked

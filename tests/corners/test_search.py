@@ -20,7 +20,7 @@ from calib.corners.search import CornerOptions, CornerSearch, find_corner
 from calib.dataset.dataset import Scanner
 from calib.errors import DatasetError
 from calib.jig import Jig
-from calib.planes.normals import thin_to_voxels
+from calib.planes.point_selection import thin_to_voxels
 from calib.scans.scan import Scan, write_scan
 from tests.support.scan_cases import CASES
 from tests.support.scan_scene import FACE_LABELS, SceneScan, box_beside, grazing, make_scene

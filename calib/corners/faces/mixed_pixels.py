@@ -14,16 +14,16 @@ edges flat afterwards. A bevel or a rounding is not: it has one width in mm, not
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from calib.array_types import Array, BoolArray, IndexArray
-from calib.corners.faces.face_outline import FaceOutline, along_edges
-from calib.corners.faces.pixel_grid import PixelGrid, pixel_grid
+from calib.corners.faces.face_outline import FaceOutline, along_edges, flat_margin_mm
 from calib.jig import Jig, Outline
 from calib.planes.robust_fit import TUKEY, PlaneFit
 
@@ -32,7 +32,7 @@ _NEIGHBOURS = (
     ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)),
     ((2.0, 0.0), (-2.0, 0.0), (0.0, 2.0), (0.0, -2.0)),
 )
-"""Places in pixels whose shares are alike; a row of these has one unknown."""
+"""PatchPlaces in pixels whose shares are alike; a row of these has one unknown."""
 _SHARES = len(_NEIGHBOURS)
 _NEXT = (0, 1)  # the rows of the eight pixels around
 _RING = 0.5  # pixels
@@ -52,7 +52,51 @@ _GAIN = 6.0  # that the squared residuals must fall by
 _BAND_SIGMA = 12.0
 _BAND_SHARE = 0.15  # of a neighbour: points that are off by this are still looked at
 _REWEIGHTINGS = 12
+_GRID_POINTS = 2_000  # side by side, enough to find the grid
+_ROUNDS = 3
+_MARGIN_SIGMA = 3.0
 _SAME_WEIGHTS = 1e-3  # weights that change less are those of the solution
+
+
+@dataclass(frozen=True)
+class PixelGrid:
+    """The pixels' directions near the jig: square, of one pitch."""
+
+    steps: Array  # (2, 3) from pixel to pixel, rad; across the line of sight
+
+    @property
+    def pitch_rad(self) -> float:
+        """From pixel to pixel."""
+        return float(np.linalg.norm(self.steps[0]))
+
+
+def pixel_grid(seen_mm: Array, middle_mm: Array) -> PixelGrid | None:
+    """The pixels' grid, from a surface's points (N, 3) around its middle (3,), in the scanner's frame; None of too few.
+
+    Where the points lie on no square grid any direction does: the shares are then a mean over directions.
+    """
+    if len(seen_mm) > _GRID_POINTS:
+        away = np.sum((seen_mm - middle_mm) ** 2, axis=1)
+        seen_mm = seen_mm[np.argpartition(away, _GRID_POINTS)[:_GRID_POINTS]]
+    if len(seen_mm) < 2:
+        return None
+    ways = seen_mm / np.linalg.norm(seen_mm, axis=1)[:, None]
+    across = np.linalg.svd(ways.mean(axis=0)[None])[2][1:]
+    seen_at = ways @ across.T
+    tree = cKDTree(seen_at, balanced_tree=False, compact_nodes=False)
+    distance, nearest = (np.asarray(found) for found in tree.query(seen_at, k=2))
+    pitch_rad = float(np.median(distance[:, 1]))
+    if not pitch_rad > 0:
+        return None
+    usual = np.abs(distance[:, 1] - pitch_rad) < 0.2 * pitch_rad
+    x, y = (seen_at[nearest[:, 1]] - seen_at)[usual].T
+    quarter = np.angle(np.sum(((x + 1j * y) / np.hypot(x, y)) ** 4)) / 4  # a quarter turn leaves a square grid as it is
+    turn = np.array([[np.cos(quarter), np.sin(quarter)], [-np.sin(quarter), np.cos(quarter)]])
+    return PixelGrid(pitch_rad * turn @ across)
+
+
+FitFace = Callable[[Array, Array, IndexArray, int, float], PlaneFit]
+"""The fit of one face to some points: points (K, 3), their heights (K, 3), their indices (K,), the face, its margin."""
 
 
 class _Sight(NamedTuple):
@@ -69,6 +113,40 @@ class MixedPixels:
     shares: Array  # (3,) of a neighbour at 1, sqrt(2), 2 pixels
     grid: PixelGrid
     faces: BoolArray  # (3,) whether the face's points are to be moved back
+
+
+def refit_narrow_faces(
+    local: Array,
+    near: IndexArray,
+    planes: Sequence[PlaneFit],
+    margins_mm: Array,
+    origin: Array,
+    jig: Jig,
+    outline: Outline,
+    fit: FitFace,
+) -> tuple[list[PlaneFit], Array]:
+    """The three fits, and the margins (3,) that were left out; as they were where no pixels mix or no face is narrow.
+
+    local  # (N, 3) about origin (3,), near  # (N,) their indices. Raises CornerError as `fit` does.
+    """
+    refitted, margins = list(planes), np.array(margins_mm, dtype=float)
+    for _ in range(_ROUNDS):
+        mixed = find_mixed_pixels(local, refitted, origin, jig, outline)
+        if mixed is None:
+            return list(planes), np.asarray(margins_mm)
+        heights = np.column_stack([local @ plane.normal - plane.offset_mm for plane in refitted])
+        after = list(planes)
+        for face in np.flatnonzero(mixed.faces).tolist():
+            plane = refitted[face]
+            moved = moved_back(local, refitted, face, origin, jig, mixed)
+            over = heights.copy()
+            over[:, face] = moved @ plane.normal - plane.offset_mm
+            clear = seen_on_face(local, refitted, face, origin, mixed.grid, jig, outline)
+            rows = np.flatnonzero(clear & (np.abs(over[:, face]) < _BAND_SIGMA * plane.sigma_mm))
+            margins[face] = max(flat_margin_mm(over[rows], face, plane, jig, outline), _MARGIN_SIGMA * plane.sigma_mm)
+            after[face] = fit(moved[rows], over[rows], near[rows], face, float(margins[face]))
+        refitted = after
+    return refitted, margins
 
 
 def find_mixed_pixels(

@@ -10,7 +10,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from calib.array_types import Array, IndexArray
-from calib.planes.normals import NEIGHBOURS, estimate_normals, thin_to_voxels
+from calib.planes.normals import NEIGHBOURS, estimate_normals
+from calib.planes.point_selection import thin_to_voxels
 from calib.planes.robust_fit import PlaneFit, fit_plane_robustly
 
 _VOXELS_A_SIZE = 24

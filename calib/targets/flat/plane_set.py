@@ -16,7 +16,7 @@ from calib.array_types import Array
 from calib.corners.intersection import packed
 from calib.errors import TargetError
 from calib.frames import best_fit_rotation, rotation_from_rotvec
-from calib.planes.normals import finite_rows
+from calib.planes.point_selection import finite_rows
 from calib.scans.scan import Scan
 from calib.target_shapes import PlaneSet
 from calib.targets.flat.patches import Patch, flat_patches

@@ -17,9 +17,8 @@ from scipy.spatial import cKDTree
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.corners.intersection import packed
 from calib.errors import TargetError
-from calib.planes.normals import finite_rows
-from calib.scans.scan import Scan
-from calib.scans.seeding import seeded
+from calib.planes.point_selection import finite_rows
+from calib.scans.scan import Scan, seeded_generator
 from calib.target_shapes import Plate
 from calib.targets.flat.patches import Patch, flat_patches
 from calib.targets.protocol.finder import FoundPoint, Wanted
@@ -63,7 +62,7 @@ def find_plate_corner(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
     assert isinstance(shape, Plate)
     rows = np.flatnonzero(finite_rows(scan.points_mm))
     points = scan.points_mm[rows]
-    rng = seeded(points)
+    rng = seeded_generator(points)
     patches = flat_patches(points, shape.edge_mm)[:_MOST_PATCHES]
     found: list[tuple[float, FoundPoint]] = []
     edges_seen = 0

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from calib.array_types import Array, ByteArray, IndexArray
-from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
+from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.scans.scan import Scan
 from calib.target_shapes import Shape
 
@@ -25,7 +25,7 @@ class Wanted:
     shape: Shape
     names: tuple[str, ...] = ("jig",)  # of the targets that have this shape
     scan_sigma_mm: float | None = None  # the scanner's declared noise along the ray
-    told: ToldNoise = NOTHING_TOLD  # of its smooth error
+    declared: DeclaredNoise = NOTHING_DECLARED  # of its smooth error
 
     @property
     def most(self) -> int:

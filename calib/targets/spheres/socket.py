@@ -9,7 +9,7 @@ import numpy as np
 from calib.array_types import Array, BoolArray
 from calib.corners.intersection import packed
 from calib.errors import TargetError
-from calib.planes.normals import finite_rows
+from calib.planes.point_selection import finite_rows
 from calib.scans.scan import Scan
 from calib.target_shapes import Socket
 from calib.targets.protocol.finder import FoundPoint, Wanted

@@ -11,9 +11,9 @@ from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.corners.intersection import packed
 from calib.errors import TargetError
-from calib.planes.normals import NEIGHBOURS, estimate_normals, finite_rows, thin_to_voxels
-from calib.scans.scan import Scan
-from calib.scans.seeding import seeded
+from calib.planes.normals import NEIGHBOURS, estimate_normals
+from calib.planes.point_selection import finite_rows, thin_to_voxels
+from calib.scans.scan import Scan, seeded_generator
 from calib.target_shapes import SPHERE_MM, Sphere, Spheres
 from calib.targets.protocol.finder import FoundPoint, Wanted
 from calib.targets.spheres.cap_fit import CapFit, fit_cap
@@ -24,7 +24,7 @@ _VOXELS_A_RADIUS = (7.0, 12.0, 4.0)  # of the passes, until one finds as many as
 _MOST_TRIED = 12
 _RANGE_STEP = 4.0  # of the radii that are looked for at one size of voxels
 _LEAST_BAND = 0.012  # of the radius
-_UNTOLD = 1.5  # times the declared noise, that a scan may have
+_MOST_OVER_DECLARED = 1.5  # times the declared noise, that a scan may have
 
 
 @dataclass(frozen=True)
@@ -48,15 +48,15 @@ def find_spheres(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
         raise TargetError(
             f"the scan holds {len(points)} points, a sphere needs at least {FEWEST_POINTS}; scan the pose again, finer"
         )
-    rng = seeded(points)
+    rng = seeded_generator(points)
     known_mm = None if shape.diameter_mm is None else shape.diameter_mm / 2
     accepted: list[_Tried] = []
     refused: list[_Tried] = []
     for voxels in _VOXELS_A_RADIUS:
         for hypothesis, noise_mm in _guesses(points, known_mm, voxels, rng):
-            told_mm = wanted.scan_sigma_mm
-            if told_mm is not None:  # stray points make flat parts look rougher than they are
-                noise_mm = max(told_mm, min(noise_mm, _UNTOLD * told_mm))
+            declared_mm = wanted.scan_sigma_mm
+            if declared_mm is not None:  # stray points make flat parts look rougher than they are
+                noise_mm = max(declared_mm, min(noise_mm, _MOST_OVER_DECLARED * declared_mm))
             tried = _tried(points, hypothesis, known_mm, noise_mm)
             if tried is None:
                 continue

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.array_types import Array, IndexArray
-from calib.corners.noise.patches import Patches, View, patches_of
+from calib.corners.correlated_noise.patches import Patches, ScannerView, patches_of
 from calib.planes.clustering import PlaneGroup
 from calib.planes.robust_fit import PlaneFit, fit_plane_robustly
 
@@ -68,7 +68,7 @@ def flat_surroundings(
     return tuple(found)
 
 
-def patches_of_surroundings(plane: PlaneFit, view: View, edge_mm: float) -> Patches | None:
+def patches_of_surroundings(plane: PlaneFit, view: ScannerView, edge_mm: float) -> Patches | None:
     """Its patches in the scanner's image, without those that hold anything else; None where too few are left."""
     image_mm = view.image_mm(plane.points_mm)
     side_mm = max(float(np.sqrt(np.prod(np.ptp(image_mm, axis=0)))) / _CELLS, _LEAST_SIDE * edge_mm)

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
+from calib.corners.intersection import height_lever, intersect
 from calib.planes.robust_fit import PlaneFit
 
 
 @dataclass(frozen=True)
-class ToldNoise:
+class DeclaredNoise:
     """What `[scanner]` of dataset.toml tells; 0: nothing."""
 
     correlated_sigma_mm: float = 0.0  # of the error that neighbouring points share, along the ray
@@ -20,7 +21,7 @@ class ToldNoise:
     registration_sigma_mm: float = 0.0  # by which surfaces that were joined of several views are off, each axis
 
 
-NOTHING_TOLD = ToldNoise()
+NOTHING_DECLARED = DeclaredNoise()
 MESH_NOTE = (
     "neighbouring points share their errors, as in a mesh or where views were joined; how well those were joined no "
     "scan shows: give registration_sigma_mm or, of one view, correlated_sigma_mm under [scanner] in dataset.toml"
@@ -30,20 +31,20 @@ MESH_NOTE = (
 def apex_variance_mm2(planes: Sequence[PlaneFit], covariance: Array) -> Array:
     """Trace (...) of the covariance of the point where three planes meet. covariance  # (..., 9, 9) of the planes"""
     normals = np.array([plane.normal for plane in planes])
-    apex = np.linalg.solve(normals, np.array([plane.offset_mm for plane in planes]))
-    lever = np.zeros((3, 9))
-    for face, plane in enumerate(planes):
-        lever[face, 3 * face : 3 * face + 3] = plane.design(apex[None])[0]
-    moved = np.linalg.solve(normals, lever)
+    apex = intersect(normals, np.array([plane.offset_mm for plane in planes]))
+    moved = np.linalg.solve(normals, height_lever(planes, apex))
     return np.einsum("jk,...jk->...", moved.T @ moved, covariance)
 
 
-def no_less_than_told(planes: Sequence[PlaneFit], shown: Array, told: Array) -> Array:
-    """The covariance (9, 9) of a smooth error that the scan shows, made up to what is told, as the apex feels both."""
-    told_mm2 = float(apex_variance_mm2(planes, told))
-    if told_mm2 <= 0:
+def at_least_declared(planes: Sequence[PlaneFit], shown: Array, declared: Array) -> Array:
+    """Covariance (9, 9) of three planes by the correlated error that a scan shows, at the least by the declared one.
+
+    `shown` grows by a share of `declared` where it makes the apex more certain than `declared` alone would.
+    """
+    declared_mm2 = float(apex_variance_mm2(planes, declared))
+    if declared_mm2 <= 0:
         return shown
-    return np.asarray(shown + max(0.0, 1 - float(apex_variance_mm2(planes, shown) / told_mm2)) * told)
+    return np.asarray(shown + max(0.0, 1 - float(apex_variance_mm2(planes, shown) / declared_mm2)) * declared)
 
 
 def registration_covariance(planes: Sequence[PlaneFit], sigma_mm: float) -> Array:

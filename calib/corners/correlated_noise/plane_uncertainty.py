@@ -24,19 +24,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array, IndexArray
-from calib.corners.faces.certified_angles import angle_derivative, found_angles_deg
-from calib.corners.noise.kernels import LENGTHS, SHAPE_LENGTHS, SHAPES, gaussian_kernels
-from calib.corners.noise.likelihood import Evidence, evidence_of
-from calib.corners.noise.patches import Patches, View, joined, patches_of
-from calib.corners.noise.surroundings import patches_of_surroundings
-from calib.corners.noise.told import (
+from calib.corners.correlated_noise.declared import (
     MESH_NOTE,
-    NOTHING_TOLD,
-    ToldNoise,
+    NOTHING_DECLARED,
+    DeclaredNoise,
     apex_variance_mm2,
-    no_less_than_told,
+    at_least_declared,
     registration_covariance,
 )
+from calib.corners.correlated_noise.likelihood import (
+    LENGTHS,
+    SHAPE_LENGTHS,
+    SHAPES,
+    CorrelationEvidence,
+    evidence_of,
+    gaussian_kernels,
+)
+from calib.corners.correlated_noise.patches import Patches, ScannerView, joined, patches_of
+from calib.corners.correlated_noise.surroundings import patches_of_surroundings
+from calib.corners.faces.certified_angles import angle_derivative, found_angles_deg
 from calib.jig import FACE_PAIRS, Jig
 from calib.planes.robust_fit import PlaneFit
 
@@ -106,7 +112,7 @@ def plane_uncertainty(
     jig: Jig,
     origin_mm: Array,
     surroundings: Sequence[PlaneFit] = (),
-    told: ToldNoise = NOTHING_TOLD,
+    declared: DeclaredNoise = NOTHING_DECLARED,
 ) -> PlaneUncertainty:
     """Joint covariance of three fitted planes.
 
@@ -114,7 +120,7 @@ def plane_uncertainty(
     surfaces beside the jig, as in `flat_surroundings`; told is what is known of the scanner.
     """
     edge_mm = jig.shortest_mm
-    view = View.of(origin_mm, edge_mm)
+    view = ScannerView.of(origin_mm, edge_mm)
     faces = _patches_of_faces(planes, view, edge_mm)
     beside = [p for p in (patches_of_surroundings(plane, view, edge_mm) for plane in surroundings) if p]
     sizes_mm = _SIZES * max(plane.sigma_mm for plane in planes)
@@ -137,10 +143,10 @@ def plane_uncertainty(
     share = np.exp(log_odds - np.logaddexp(0.0, np.logaddexp.reduce(log_odds, axis=None)))
     size_mm2 = share @ sizes_mm**2  # (2, S)
     smooth = np.einsum("fs,sl,flij->ij", size_mm2, SHAPES, moved)
-    if told.correlated_sigma_mm > 0:
-        kernel = faces.along_sight(np.array([told.correlation_length_mm]))
-        smooth = no_less_than_told(planes, smooth, told.correlated_sigma_mm**2 * faces.moved(kernel)[0])
-    covariance = faces.white + smooth + registration_covariance(planes, told.registration_sigma_mm)
+    if declared.correlated_sigma_mm > 0:
+        kernel = faces.along_sight(np.array([declared.correlation_length_mm]))
+        smooth = at_least_declared(planes, smooth, declared.correlated_sigma_mm**2 * faces.moved(kernel)[0])
+    covariance = faces.white + smooth + registration_covariance(planes, declared.registration_sigma_mm)
     total_mm2 = float(size_mm2.sum())
     length_mm = float(np.exp(size_mm2.sum(axis=0) @ np.log(SHAPE_LENGTHS) / max(total_mm2, 1e-300))) * edge_mm
     # Of a length that the scan shows, a size that makes the apex twice less certain would be seen.
@@ -148,7 +154,7 @@ def plane_uncertainty(
     shown = loss[0][np.arange(len(SHAPES)), at] > _SEEN
     shown_mm = float(SHAPE_LENGTHS[shown].max(initial=0.0)) * edge_mm
     short = float(share[:, np.flatnonzero(LENGTHS < _AS_IN_MESHES)].sum()) > _LIKELY
-    notes = (MESH_NOTE,) if short and told == NOTHING_TOLD else ()
+    notes = (MESH_NOTE,) if short and declared == NOTHING_DECLARED else ()
     return PlaneUncertainty(covariance, faces.white, float(np.sqrt(total_mm2)), length_mm, shown_mm, notes)
 
 
@@ -168,7 +174,7 @@ def _prior(harm: Array, expected_loss: Array, surroundings: bool) -> Array:
     return np.asarray(whole * np.minimum(1.0, _MOST_HARM / np.maximum(harm * np.exp(-expected_loss), 1e-300)))
 
 
-def _patches_of_faces(planes: Sequence[PlaneFit], view: View, edge_mm: float) -> _Faces:
+def _patches_of_faces(planes: Sequence[PlaneFit], view: ScannerView, edge_mm: float) -> _Faces:
     """Patches of the three faces.
 
     The noise of a face of ten points is hardly known from them: the largest variance of the faces counts as that of
@@ -207,8 +213,10 @@ def _patches_of_faces(planes: Sequence[PlaneFit], view: View, edge_mm: float) ->
     )  # fmt: skip
 
 
-def _of_faces(faces: _Faces, planes: Sequence[PlaneFit], jig: Jig, kernels: Array, sizes_mm: Array) -> Evidence:
-    """Evidence of the faces' residuals and angles. kernels  # (L, B, B)
+def _of_faces(
+    faces: _Faces, planes: Sequence[PlaneFit], jig: Jig, kernels: Array, sizes_mm: Array
+) -> CorrelationEvidence:
+    """CorrelationEvidence of the faces' residuals and angles. kernels  # (L, B, B)
 
     The angles between the faces are three more measurements of the planes, as exact as the jig was made; not those of
     a certified jig, against which the planes are still to be tested.

@@ -17,18 +17,18 @@ _FARTHEST_EYE = 5.0  # edges: a scan whose origin lies nearer to the apex than t
 
 
 @dataclass(frozen=True)
-class View:
+class ScannerView:
     """The scanner's eye, before coordinates around some origin near the apex."""
 
     sight: Array  # (3,) unit, from the eye to that origin
     distance_mm: float  # between both
 
     @staticmethod
-    def of(origin_mm: Array, edge_mm: float) -> View:
+    def of(origin_mm: Array, edge_mm: float) -> ScannerView:
         """origin_mm  # (3,) in the scanner's frame"""
         distance_mm = float(np.linalg.norm(origin_mm))
         sight = origin_mm / distance_mm if distance_mm > 1e-9 * edge_mm else np.array([0.0, 0.0, 1.0])
-        return View(sight, max(distance_mm, _FARTHEST_EYE * edge_mm))
+        return ScannerView(sight, max(distance_mm, _FARTHEST_EYE * edge_mm))
 
     def rays(self, points_mm: Array) -> Array:
         """Unit directions (N, 3) from the eye to points (N, 3)."""
@@ -43,7 +43,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class Places:
+class PatchPlaces:
     """Where B patches lie in some plane of coordinates."""
 
     centres_mm: Array  # (B, 2)
@@ -59,20 +59,20 @@ class Patches:
     within_mm2: Array  # (B,) sums of squared heights about the patch's mean
     design: Array  # (B, 3) mean of the design's rows
     cosine: Array  # (B,) of the incidence
-    image: Places  # in the scanner's image
-    face: Places  # in the plane
+    image: PatchPlaces  # in the scanner's image
+    face: PatchPlaces  # in the plane
     depth: float  # of the plane's middle, over that of the coordinates' origin
 
     def chosen(self, rows: IndexArray) -> Patches:
         """Some of them."""
-        image, face = (Places(p.centres_mm[rows], p.spreads_mm2[rows]) for p in (self.image, self.face))
+        image, face = (PatchPlaces(p.centres_mm[rows], p.spreads_mm2[rows]) for p in (self.image, self.face))
         return Patches(
             self.mean_mm[rows], self.count[rows], self.within_mm2[rows], self.design[rows], self.cosine[rows],
             image, face, self.depth,
         )  # fmt: skip
 
 
-def patches_of(plane: PlaneFit, view: View, along_mm: Array, side_mm: float) -> Patches:
+def patches_of(plane: PlaneFit, view: ScannerView, along_mm: Array, side_mm: float) -> Patches:
     """Patches of a plane: square cells of its points' coordinates along_mm (K, 2)."""
     cell = np.floor(along_mm / side_mm).astype(np.int64)
     cell -= cell.min(axis=0)
@@ -84,13 +84,13 @@ def patches_of(plane: PlaneFit, view: View, along_mm: Array, side_mm: float) -> 
     def mean(column: Array) -> Array:
         return np.asarray(np.bincount(patch, column) / count)
 
-    def places(coordinates_mm: Array) -> Places:
+    def places(coordinates_mm: Array) -> PatchPlaces:
         centres = np.column_stack([mean(column) for column in coordinates_mm.T])
         spreads = np.empty((len(count), 2, 2))
         for i, j in ((0, 0), (0, 1), (1, 1)):
             moment = mean(coordinates_mm[:, i] * coordinates_mm[:, j]) - centres[:, i] * centres[:, j]
             spreads[:, i, j] = spreads[:, j, i] = moment
-        return Places(centres, spreads)
+        return PatchPlaces(centres, spreads)
 
     values = plane.psi_mm / plane.slope
     means = mean(values)
@@ -107,6 +107,6 @@ def patches_of(plane: PlaneFit, view: View, along_mm: Array, side_mm: float) -> 
     )
 
 
-def joined(places: Sequence[Places]) -> Places:
+def joined(places: Sequence[PatchPlaces]) -> PatchPlaces:
     """The places of several planes' patches as one."""
-    return Places(np.concatenate([p.centres_mm for p in places]), np.concatenate([p.spreads_mm2 for p in places]))
+    return PatchPlaces(np.concatenate([p.centres_mm for p in places]), np.concatenate([p.spreads_mm2 for p in places]))
