@@ -24,7 +24,7 @@ _ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_TH
 
 
 @dataclass(frozen=True)
-class Limits:
+class ProcessLimits:
     """What one question may cost."""
 
     seconds: float = 30.0
@@ -36,7 +36,7 @@ class ProcessFailed(Exception):
     """The process gave no answer. Its text says why, without the file's name."""
 
 
-def ask(function: str, request: Mapping[str, Any], limits: Limits = Limits()) -> Any:
+def ask(function: str, request: Mapping[str, Any], limits: ProcessLimits = ProcessLimits()) -> Any:
     """What `function` ("package.module:name") answers to a request; both are JSON. Raises ProcessFailed.
 
     The function may have a companion `prepare` in its module, called before the limits hold: for imports.
@@ -75,7 +75,7 @@ def ask(function: str, request: Mapping[str, Any], limits: Limits = Limits()) ->
     return answer["answer"]
 
 
-def _how_it_ended(code: int, limits: Limits, answer: Any) -> str:
+def _how_it_ended(code: int, limits: ProcessLimits, answer: Any) -> str:
     if isinstance(answer, dict) and "failed" in answer:
         return str(answer["failed"])
     if code in (-24, -9):  # SIGXCPU, and SIGKILL behind it
@@ -89,7 +89,7 @@ def main() -> None:
     answer_to = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no answer
     sys.path[:] = question["path"]
-    limits = Limits(**question["limits"])
+    limits = ProcessLimits(**question["limits"])
     module_name, _, name = question["function"].partition(":")
     module = importlib.import_module(module_name)
     getattr(module, "prepare", lambda: None)()
@@ -105,7 +105,7 @@ def main() -> None:
     os._exit(0)  # what is left to close may be refused by now
 
 
-def bound_this_process(limits: Limits) -> None:
+def bound_this_process(limits: ProcessLimits) -> None:
     """From here on: so much more memory and time, no large file, no core file. Where the system can."""
     try:
         import resource

@@ -64,7 +64,7 @@ Shape = Jig | Sphere | Spheres | Plate | PlaneSet | Socket | OwnShape
 
 
 @dataclass(frozen=True)
-class Target:
+class DeclaredTarget:
     """One entry of dataset.toml: a name, as in robot.toml and points.csv, and what it looks like."""
 
     name: str

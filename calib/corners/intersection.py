@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,6 @@ import numpy as np
 from calib.array_types import Array, ByteArray, IndexArray
 from calib.corners.quality import CornerQuality
 from calib.jig import Outline
-from calib.planes.robust_fit import PlaneFit
 
 
 @dataclass(frozen=True)
@@ -65,14 +63,6 @@ def intersect(normals: Array, offsets_mm: Array) -> Array:
     normals  # (..., 3, 3); offsets_mm  # (..., 3), d_i = n_i . p_i for any point p_i of the plane.
     """
     return np.asarray(np.linalg.solve(normals, offsets_mm[..., None])[..., 0], dtype=np.float64)
-
-
-def height_lever(planes: Sequence[PlaneFit | Face], point_mm: Array) -> Array:
-    """(3, 9) matrix from the (h, s_1, s_2) of three planes in turn to their heights at a point (3,), mm."""
-    lever = np.zeros((3, 9))
-    for i, plane in enumerate(planes):
-        lever[i, 3 * i : 3 * i + 3] = 1.0, *(plane.axes @ (point_mm - plane.centre_mm))
-    return lever
 
 
 def intersection_covariance(normals: Array, height_covariance_mm2: Array) -> Array:

@@ -19,8 +19,9 @@ from scipy.spatial.transform import Rotation
 from calib import frames
 from calib.array_types import Array
 from calib.corners.faces.certified_angles import MOST_MISFIT
-from calib.corners.intersection import Corner, height_lever
+from calib.corners.intersection import Corner
 from calib.jig import Jig, jig_normals
+from calib.planes.robust_fit import height_lever
 
 _STEPS = 6
 _NULL = 1e-8  # of a covariance's largest eigenvalue: certified angles leave three of six slopes no freedom

@@ -10,10 +10,10 @@ from calib.array_types import Array
 from calib.corners.correlated_noise.plane_uncertainty import PlaneUncertainty
 from calib.corners.faces.certified_angles import angle_derivative, found_angles_deg
 from calib.corners.faces.face_outline import FaceOutline, outline_shares
-from calib.corners.intersection import height_lever, intersection_covariance
+from calib.corners.intersection import intersection_covariance
 from calib.corners.quality import CornerQuality, FaceQuality, angle_errors, incidence_deg
 from calib.jig import Jig, Outline
-from calib.planes.robust_fit import PlaneFit
+from calib.planes.robust_fit import PlaneFit, height_lever
 
 
 def height_covariance(planes: Sequence[PlaneFit], covariance: Array, point_mm: Array) -> Array:

@@ -12,9 +12,8 @@ from calib.corners.intersection import Corner
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset, Orientations, Points, points_from_corners
 from calib.errors import CornerError, ScanError
-from calib.measurement.face_labels import label_corners
-from calib.measurement.labels import FaceLabels
-from calib.targets.assignment import Assignment, told_apart
+from calib.measurement.face_labels import FaceLabels, label_corners
+from calib.targets.assignment import Assignment, assign_targets
 from calib.targets.search import ScanSearch
 
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")
@@ -31,7 +30,7 @@ def with_corners(
     while: a caller that has the labels already (`label_faces`) hands them over.
     """
     if any(isinstance(search, ScanSearch) for search in searches.values()):
-        return dataset.with_points(points_of_targets(dataset, told_apart(dataset, searches)))
+        return dataset.with_points(points_of_targets(dataset, assign_targets(dataset, searches)))
     found = found_corners(searches)
     points = points_from_corners(
         dataset,

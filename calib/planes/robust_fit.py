@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -37,6 +39,24 @@ class PlaneFit:
     def design(self, points_mm: Array) -> Array:
         """Rows (K, 3) of a = (1, u, v): how the plane's height and its two slopes move its height at each point."""
         return np.column_stack([np.ones(len(points_mm)), (points_mm - self.centre_mm) @ self.axes.T])
+
+
+class PlaneAxes(Protocol):
+    """A fitted plane: the point and the two directions in it that its height and slopes refer to."""
+
+    @property
+    def centre_mm(self) -> Array: ...  # (3,)
+
+    @property
+    def axes(self) -> Array: ...  # (2, 3) unit
+
+
+def height_lever(planes: Sequence[PlaneAxes], point_mm: Array) -> Array:
+    """(3, 9) matrix from heights (mm) and two slopes (rad) of three planes in turn to their heights at a point, mm."""
+    lever = np.zeros((3, 9))
+    for i, plane in enumerate(planes):
+        lever[i, 3 * i : 3 * i + 3] = 1.0, *(plane.axes @ (point_mm - plane.centre_mm))
+    return lever
 
 
 def fit_plane_robustly(points: Array, indices: IndexArray, normal: Array, offset: float) -> PlaneFit:

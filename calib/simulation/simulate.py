@@ -45,7 +45,7 @@ from calib.simulation.truth.arm_sampling import (
     effect_name,
 )
 from calib.simulation.truth.mechanism import Conditions
-from calib.workcell.jig_frames import with_jig
+from calib.workcell.jig_on_tool import with_jig
 
 
 def simulate_dataset(

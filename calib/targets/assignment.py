@@ -57,7 +57,7 @@ class Assignment:
         return [f"{name}: found at {count[name]} of {len(dataset.poses)} poses" for name in names]
 
 
-def told_apart(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> Assignment:
+def assign_targets(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> Assignment:
     """The places of every target by pose, as far as they can be named; from searches of `find_targets`."""
     points: dict[str, dict[str, FoundPoint]] = {}
     refused: dict[str, dict[str, str]] = {}

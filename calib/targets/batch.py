@@ -16,7 +16,7 @@ from calib.dataset.dataset import Dataset
 from calib.display.progress import OnProgress
 from calib.errors import ScanError
 from calib.scans.scan import PointCount, load_scan
-from calib.target_shapes import Target
+from calib.target_shapes import DeclaredTarget
 from calib.targets.protocol.user_file import UserFinder, load_finder
 from calib.targets.search import UserFunction, find_targets_in
 
@@ -63,7 +63,7 @@ def finder_of(dataset: Dataset) -> UserFinder | None:
 @one_blas_thread()
 def search_targets_file(
     path: Path,
-    targets: Sequence[Target],
+    targets: Sequence[DeclaredTarget],
     scan_sigma_mm: float | None = None,
     finder: UserFunction | UserFinder | None = None,
     *,

@@ -13,7 +13,7 @@ from calib.corners.search import CornerOptions, CornerSearch, failed_search, fin
 from calib.errors import TargetError
 from calib.jig import Jig
 from calib.scans.scan import Scan
-from calib.target_shapes import OwnShape, PlaneSet, Plate, Socket, Sphere, Spheres, Target
+from calib.target_shapes import DeclaredTarget, OwnShape, PlaneSet, Plate, Socket, Sphere, Spheres
 from calib.targets.flat.plane_set import find_plane_set
 from calib.targets.flat.plate_corner import find_plate_corner
 from calib.targets.protocol.finder import FoundPoint, TargetFinder, Wanted
@@ -21,7 +21,7 @@ from calib.targets.protocol.user_file import UserFinder, checked_answer
 from calib.targets.spheres.constellation import find_constellation
 from calib.targets.spheres.socket import find_socket
 from calib.targets.spheres.sphere_finder import find_spheres
-from calib.targets.trihedral import Jigs, find_jigs
+from calib.targets.trihedral import find_jigs
 
 _FINDERS: dict[type, TargetFinder] = {
     Sphere: find_spheres,
@@ -74,7 +74,7 @@ class ScanSearch(CornerSearch):
         return f"{self.scan}: {' | '.join(said)} | {self.seconds:.2f} s"
 
 
-def wanted_of(targets: Sequence[Target], scan_sigma_mm: float | None) -> list[Wanted]:
+def wanted_of(targets: Sequence[DeclaredTarget], scan_sigma_mm: float | None) -> list[Wanted]:
     """Targets of equal shape together: they are looked for at once, and told apart later."""
     out: list[Wanted] = []
     for target in targets:
@@ -88,7 +88,7 @@ def wanted_of(targets: Sequence[Target], scan_sigma_mm: float | None) -> list[Wa
 
 def find_targets_in(
     scan: Scan,
-    targets: Sequence[Target],
+    targets: Sequence[DeclaredTarget],
     *,
     scan_sigma_mm: float | None = None,
     finder: UserFunction | UserFinder | None = None,
@@ -106,7 +106,7 @@ def find_targets_in(
         options = CornerOptions(refinement=RefinementOptions(declared=declared))
         return find_corner(scan, targets[0].shape, scan_sigma_mm=scan_sigma_mm, options=options)
     corner_search: CornerSearch | None = None
-    jigs = Jigs(tuple(w.shape for w in wanted if isinstance(w.shape, Jig)))
+    jig_shapes = sum(isinstance(w.shape, Jig) for w in wanted)
     found = []
     for one in wanted:
         try:
@@ -115,7 +115,7 @@ def find_targets_in(
             elif isinstance(one.shape, OwnShape):
                 raise TargetError("no finder of your own is given for this target; give one with --finder FILE.py")
             elif isinstance(one.shape, Jig):
-                first, places = find_jigs(scan, one, jigs)
+                first, places = find_jigs(scan, one, jig_shapes)
                 corner_search = corner_search or first
             else:
                 places = _FINDERS[type(one.shape)](scan, one)

@@ -6,7 +6,7 @@ far their faces reach.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,19 +28,7 @@ _SIZE_SLACK = 0.12
 _BAND_SIGMA = 6.0
 
 
-@dataclass(frozen=True)
-class Jigs:
-    """The jigs of different shapes that a dataset has, whose corners may be mistaken for each other."""
-
-    shapes: tuple[Jig, ...]
-
-    @property
-    def sizes_differ(self) -> bool:
-        """Whether a corner has to show its size."""
-        return len(self.shapes) > 1
-
-
-def find_jigs(scan: Scan, wanted: Wanted, jigs: Jigs) -> tuple[CornerSearch, list[FoundPoint]]:
+def find_jigs(scan: Scan, wanted: Wanted, shapes: int) -> tuple[CornerSearch, list[FoundPoint]]:
     """The first search, for its intermediate products, and the corners of as many jigs as are wanted, at most.
 
     Raises TargetError where none is found.
@@ -53,14 +41,14 @@ def find_jigs(scan: Scan, wanted: Wanted, jigs: Jigs) -> tuple[CornerSearch, lis
     first: CornerSearch | None = None
     left = np.arange(len(scan.points_mm))
     refusal = ""
-    for _ in range(wanted.most + len(jigs.shapes) - 1 + (1 if wanted.most > 1 else 0)):
+    for _ in range(wanted.most + shapes - 1 + (1 if wanted.most > 1 else 0)):
         rest = Scan(scan.name, scan.points_mm[left])
         search = find_corner(rest, jig, scan_sigma_mm=wanted.scan_sigma_mm, options=options)
         searches.append(search)
         corner = search.corner
         if corner is None:
             break
-        reach = reach_mm(rest.points_mm, corner, jig) if jigs.sizes_differ else jig.longest_mm
+        reach = reach_mm(rest.points_mm, corner, jig) if shapes > 1 else jig.longest_mm
         if abs(reach - jig.longest_mm) < _SIZE_SLACK * jig.longest_mm:
             found.append(_found(corner, left, len(scan.points_mm)))
             first = first or _in_whole_scan(search, left, len(scan.points_mm))

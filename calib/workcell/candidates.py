@@ -10,7 +10,7 @@ from calib.errors import CalibError
 from calib.frames import apply
 from calib.kinematics.inverse import StepRule, solve_inverse
 from calib.kinematics.joint_range import wrapped
-from calib.workcell.jig_goals import JigGoals
+from calib.workcell.jig_on_tool import JigGoals
 from calib.workcell.measurable import counted, measurable
 from calib.workcell.scan_field import tilted
 from calib.workcell.workcell import Workcell

@@ -19,9 +19,7 @@ from calib.kinematics.robot import Robot
 from calib.kinematics.tool_point import ending_at_tool_point
 from calib.workcell.bodies.arm_bodies import FIXED, ArmBodies, arm_bodies
 from calib.workcell.bodies.link_mesh import load_link_mesh
-from calib.workcell.evident_field import MAX_INCIDENCE_DEG, evident_field, fitted_scanner_place
-from calib.workcell.in_front import likely_scanner_place
-from calib.workcell.jig_frames import target_T_jig, with_jig
+from calib.workcell.jig_on_tool import target_T_jig, with_jig
 from calib.workcell.measurable import (
     BOX,
     BOX_HIDES,
@@ -32,7 +30,8 @@ from calib.workcell.measurable import (
     incidence_cosines,
     measurable,
 )
-from calib.workcell.scan_field import JANG_FIELD, BoxField, ScanField
+from calib.workcell.scan_field import JANG_FIELD, MAX_INCIDENCE_DEG, BoxField, ScanField, evident_field
+from calib.workcell.scanner_place import fitted_scanner_place, likely_scanner_place
 from calib.workcell.workcell import Workcell
 
 CUBE_CORNER = Jig()

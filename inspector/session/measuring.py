@@ -11,7 +11,7 @@ from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import Observations
 from calib.fitting.pose_residuals import require_orientations
 from calib.identifiability.structural import redundancy
-from calib.measurement.labels import FaceLabels
+from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import label_faces
 from calib.options import RESIDUAL_KINDS
 from calib.targets.batch import finder_of, search_targets_file

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib import frames
 from calib.corners.intersection import Corner
-from calib.measurement.labelling_rules import predicted_attitudes
+from calib.measurement.face_labels import predicted_attitudes
 from tests.support.arms import flange_dataset_of, random_arm
 
 

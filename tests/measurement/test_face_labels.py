@@ -17,8 +17,7 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.frames import mean_rotation
 from calib.jig import Jig, jig_normals
 from calib.kinematics.tool_point import tool_point, with_tool_point
-from calib.measurement.face_labels import label_corners
-from calib.measurement.labels import FaceLabels
+from calib.measurement.face_labels import FaceLabels, label_corners
 from calib.measurement.measured_points import with_corners
 from calib.simulation.measured_dataset import Simulation
 from calib.simulation.simulate import simulate_dataset

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
-from calib.corners.intersection import height_lever, intersect
-from calib.planes.robust_fit import PlaneFit
+from calib.planes.robust_fit import PlaneFit, height_lever
 
 
 @dataclass(frozen=True)
@@ -31,7 +30,7 @@ MESH_NOTE = (
 def apex_variance_mm2(planes: Sequence[PlaneFit], covariance: Array) -> Array:
     """Trace (...) of the covariance of the point where three planes meet. covariance  # (..., 9, 9) of the planes"""
     normals = np.array([plane.normal for plane in planes])
-    apex = intersect(normals, np.array([plane.offset_mm for plane in planes]))
+    apex = np.linalg.solve(normals, np.array([plane.offset_mm for plane in planes]))
     moved = np.linalg.solve(normals, height_lever(planes, apex))
     return np.einsum("jk,...jk->...", moved.T @ moved, covariance)
 

@@ -17,9 +17,10 @@ from calib.corners.intersection import packed
 from calib.errors import TargetError
 from calib.frames import best_fit_rotation, rotation_from_rotvec
 from calib.planes.point_selection import finite_rows
+from calib.planes.robust_fit import PlaneFit
 from calib.scans.scan import Scan
 from calib.target_shapes import PlaneSet
-from calib.targets.flat.patches import Patch, flat_patches
+from calib.targets.flat.patches import flat_patches
 from calib.targets.protocol.finder import FoundPoint, Wanted
 
 _ALIKE = np.radians(1.0)
@@ -36,12 +37,12 @@ _SINGULAR = 0.05
 class _Named:
     """Patches and the planes of the set that they are."""
 
-    patches: tuple[Patch, ...]
+    patches: tuple[PlaneFit, ...]
     planes: tuple[int, ...]
 
     @property
     def points(self) -> int:
-        return sum(len(patch.plane.indices) for patch in self.patches)
+        return sum(len(patch.indices) for patch in self.patches)
 
 
 def find_plane_set(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
@@ -76,13 +77,13 @@ def find_plane_set(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
                 f"{np.linalg.norm(elsewhere.origin_mm - placed.origin_mm):.3g} mm apart; give a fourth plane, or "
                 "planes at angles that differ"
             )
-    inliers = np.concatenate([patch.plane.indices for patch in named.patches])
+    inliers = np.concatenate([patch.indices for patch in named.patches])
     return [
         FoundPoint(
             placed.origin_mm,
             placed.covariance[3:, 3:],
             len(inliers),
-            max(patch.plane.sigma_mm for patch in named.patches),
+            max(patch.sigma_mm for patch in named.patches),
             packed(rows[inliers], len(scan.points_mm)),
             {"planes": float(len(named.planes)), "worst_plane_off_mm": placed.off_mm},
         )
@@ -98,7 +99,7 @@ class _Placed:
     worst: float  # the same over what its noise allows
 
 
-def _namings(patches: Sequence[Patch], normals: Array) -> list[_Named]:
+def _namings(patches: Sequence[PlaneFit], normals: Array) -> list[_Named]:
     """Three patches each whose angles are those of three of the set's planes, with the same hand."""
     out = []
     seen = [np.array([patch.normal for patch in triple]) for triple in combinations(patches, 3)]
@@ -137,7 +138,7 @@ def _placed(named: _Named, normals: Array, offsets: Array) -> _Placed | None:
         normal_matrix, right = np.zeros((6, 6)), np.zeros(6)
         for k, (patch, design) in enumerate(zip(named.patches, moments, strict=True)):
             # The patch's plane sums up its points: heights over it at (1, u, v) of its own axes.
-            axes = np.vstack([np.zeros(3), patch.plane.axes])
+            axes = np.vstack([np.zeros(3), patch.axes])
             places = patch.centre_mm + axes  # 1 mm along each axis
             over = (places - origin) @ there[k] - at[k]
             over = np.array([over[0], over[1] - over[0], over[2] - over[0]])
@@ -156,7 +157,7 @@ def _placed(named: _Named, normals: Array, offsets: Array) -> _Placed | None:
     there = of_set @ turn.T
     off = np.array([abs((p.centre_mm - origin) @ n - d) for p, n, d in zip(named.patches, there, at, strict=True)])
     allowed = [
-        _OFF_MM + _OFF_SIGMAS * (p.plane.sigma_mm / np.sqrt(len(p.plane.indices)) + np.sqrt(n @ covariance[3:, 3:] @ n))
+        _OFF_MM + _OFF_SIGMAS * (p.sigma_mm / np.sqrt(len(p.indices)) + np.sqrt(n @ covariance[3:, 3:] @ n))
         for p, n in zip(named.patches, there, strict=True)
     ]
     return _Placed(
@@ -164,9 +165,8 @@ def _placed(named: _Named, normals: Array, offsets: Array) -> _Placed | None:
     )
 
 
-def _information(patch: Patch) -> Array:
-    """Information (3, 3) of a patch's height and slopes, from its points and their scatter."""
-    plane = patch.plane
+def _information(plane: PlaneFit) -> Array:
+    """Information matrix (3, 3) of a patch's height (mm) and two slopes (rad), from its points and their scatter."""
     design = plane.design(plane.points_mm)
     values = plane.psi_mm / plane.slope
     variance = max(float(values @ values) / max(len(values) - 3, 1), 1e-18)
@@ -174,7 +174,7 @@ def _information(patch: Patch) -> Array:
 
 
 def _with_others(
-    named: _Named, patches: Sequence[Patch], placed: _Placed, normals: Array, offsets: Array, size_mm: float
+    named: _Named, patches: Sequence[PlaneFit], placed: _Placed, normals: Array, offsets: Array, size_mm: float
 ) -> _Named:
     """The naming with all other patches that lie on further planes of the set, near its origin."""
     added, planes = list(named.patches), list(named.planes)

@@ -18,9 +18,10 @@ from calib.array_types import Array, BoolArray, IndexArray
 from calib.corners.intersection import packed
 from calib.errors import TargetError
 from calib.planes.point_selection import finite_rows
+from calib.planes.robust_fit import PlaneFit
 from calib.scans.scan import Scan, seeded_generator
 from calib.target_shapes import Plate
-from calib.targets.flat.patches import Patch, flat_patches
+from calib.targets.flat.patches import flat_patches
 from calib.targets.protocol.finder import FoundPoint, Wanted
 
 _MOST_PATCHES = 10
@@ -101,7 +102,7 @@ def find_plate_corner(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
 class _Flat:
     """A patch in coordinates of its plane."""
 
-    patch: Patch
+    plane: PlaneFit
     uv_mm: Array  # (K, 2) about the patch's middle
     border: BoolArray  # (K,)
     density: float  # points a mm^2
@@ -109,8 +110,7 @@ class _Flat:
     nearer: BoolArray  # (N,) points before the plane, which may hide a part of the plate
 
     @staticmethod
-    def of(patch: Patch, points: Array) -> _Flat:
-        plane = patch.plane
+    def of(plane: PlaneFit, points: Array) -> _Flat:
         uv = (plane.points_mm - plane.centre_mm) @ plane.axes.T
         tree = cKDTree(uv)
         distance, near = (np.asarray(a) for a in tree.query(uv, k=min(_NEIGHBOURS + 1, len(uv))))
@@ -121,11 +121,11 @@ class _Flat:
         along = points @ plane.normal / plane.offset_mm  # 1 on the plane, 0 at the scanner
         meets = along > 1e-3
         seen = (points[meets] / along[meets, None] - plane.centre_mm) @ plane.axes.T
-        return _Flat(patch, uv, gaps.max(axis=1) > _GAP_RAD, density, seen, along[meets] < 1 - _BEFORE)
+        return _Flat(plane, uv, gaps.max(axis=1) > _GAP_RAD, density, seen, along[meets] < 1 - _BEFORE)
 
     def pitch_mm(self, outward: Array) -> float:
         """Distance between neighbouring points in a direction of the plane: larger where it leans to the ray."""
-        plane = self.patch.plane
+        plane = self.plane
         ray = plane.centre_mm / np.linalg.norm(plane.centre_mm)
         across = np.sqrt(abs(ray @ plane.normal) / self.density)
         lean = float(outward @ plane.axes @ ray)
@@ -220,7 +220,7 @@ def _refined(corner: Array, one: _Edge, other: _Edge, flat: _Flat, rows: IndexAr
     turn = np.linalg.inv(np.array([n1, n2]))
     at = turn @ np.array([d1, d2])
     in_plane = turn @ np.diag([v1, v2]) @ turn.T
-    plane = flat.patch.plane
+    plane = flat.plane
     xyz = plane.centre_mm + at @ plane.axes
     design = plane.design(plane.points_mm)
     values = plane.psi_mm / plane.slope

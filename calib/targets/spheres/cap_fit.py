@@ -35,6 +35,7 @@ _BLUR_SIGMAS = 3.5  # of a blur that is taken for one
 _LEAST_COSINE = 0.2
 _BAND_SIGMA = 12.0
 _FEWEST_POINTS = 12
+_LEAST_SIGMA_MM = 1e-6  # of a scan without noise
 _NEIGHBOURS = 12
 _MOST_OFF = 0.34  # share of the points about a place of the surface that may lie off it
 _SHELL = 0.25  # of the radius: how far off the surface points are looked at for that
@@ -53,7 +54,6 @@ class CapFit:
     sigma_mm: float  # of the distances, seen squarely: 1.4826 MAD
     growth: NoiseGrowth
     smooth_factor: float  # sigma of the centre over what white noise alone would make it
-    blur_mm: float  # sqrt(v) of a pixel's footprint; 0 where the distances show none
 
     @property
     def cap_deg(self) -> float:
@@ -73,9 +73,7 @@ def ray_sines(points: Array, centre: Array, radius: float) -> tuple[Array, Array
     return miss / radius, length - along
 
 
-def fit_cap(
-    points: Array, centre: Array, radius: float, band_mm: float, *, held: bool, least_sigma_mm: float = 1e-6
-) -> CapFit | None:
+def fit_cap(points: Array, centre: Array, radius: float, band_mm: float, *, held: bool) -> CapFit | None:
     """Fit centre and, unless it is `held`, radius to the cap's points, from a start that is good to `band_mm`.
 
     points  # (N, 3) scanner frame, the scanner at the origin. None where fewer than 12 points are on the sphere, or
@@ -85,7 +83,7 @@ def fit_cap(
     local = points[near]
     most_sine = np.sin(np.radians(_MOST_INCIDENCE_DEG))
     clear: BoolArray = np.ones(len(near), dtype=bool)
-    growth = NoiseGrowth(max(band_mm / _BAND_SIGMA, least_sigma_mm), np.zeros(2))
+    growth = NoiseGrowth(max(band_mm / _BAND_SIGMA, _LEAST_SIGMA_MM), np.zeros(2))
     pixel = blur_mm2 = 0.0
     blurred = False
     for turn in range(_ROUNDS):
@@ -111,7 +109,7 @@ def fit_cap(
             on &= sine < most_sine
             if np.count_nonzero(on) < _FEWEST_POINTS:
                 return None
-        growth = growth_of(over[on], sine[on], least_sigma_mm)
+        growth = growth_of(over[on], sine[on], _LEAST_SIGMA_MM)
         sigma = growth.sigma(sine[on])
         weight = np.clip(1 - (over[on] / (TUKEY * sigma)) ** 2, 0, None) ** 2
         free = [] if held else [np.ones(np.count_nonzero(on))]
@@ -146,7 +144,6 @@ def fit_cap(
     covariance[:known, :known] = white[:known, :known] * factor**2
     return CapFit(
         centre, radius, covariance, indices, over[on][kept], sine[on][kept], growth.sigma_mm, growth, factor,
-        float(np.sqrt(max(blur_mm2, 0.0))),
     )  # fmt: skip
 
 

@@ -16,9 +16,9 @@ from calib.planes.point_selection import finite_rows, thin_to_voxels
 from calib.scans.scan import Scan, seeded_generator
 from calib.target_shapes import SPHERE_MM, Sphere, Spheres
 from calib.targets.protocol.finder import FoundPoint, Wanted
+from calib.targets.spheres.candidates import SphereCandidate, sphere_candidates
 from calib.targets.spheres.cap_fit import CapFit, fit_cap
 from calib.targets.spheres.doubts import FEWEST_POINTS, doubts_of, why_no_sphere
-from calib.targets.spheres.hypotheses import Hypothesis, hypotheses
 
 _VOXELS_A_RADIUS = (7.0, 12.0, 4.0)  # of the passes, until one finds as many as are wanted
 _MOST_TRIED = 12
@@ -28,7 +28,7 @@ _MOST_OVER_DECLARED = 1.5  # times the declared noise, that a scan may have
 
 
 @dataclass(frozen=True)
-class _Tried:
+class _FittedSphere:
     fit: CapFit
     refusal: str
     score: float
@@ -50,14 +50,14 @@ def find_spheres(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
         )
     rng = seeded_generator(points)
     known_mm = None if shape.diameter_mm is None else shape.diameter_mm / 2
-    accepted: list[_Tried] = []
-    refused: list[_Tried] = []
+    accepted: list[_FittedSphere] = []
+    refused: list[_FittedSphere] = []
     for voxels in _VOXELS_A_RADIUS:
-        for hypothesis, noise_mm in _guesses(points, known_mm, voxels, rng):
+        for candidate, noise_mm in _guesses(points, known_mm, voxels, rng):
             declared_mm = wanted.scan_sigma_mm
             if declared_mm is not None:  # stray points make flat parts look rougher than they are
                 noise_mm = max(declared_mm, min(noise_mm, _MOST_OVER_DECLARED * declared_mm))
-            tried = _tried(points, hypothesis, known_mm, noise_mm)
+            tried = _tried(points, candidate, known_mm, noise_mm)
             if tried is None:
                 continue
             (refused if tried.refusal else accepted).append(tried)
@@ -82,17 +82,17 @@ def _words(shape: Sphere | Spheres) -> str:
 
 def _guesses(
     points: Array, known_mm: float | None, voxels: float, rng: np.random.Generator
-) -> list[tuple[Hypothesis, float]]:
+) -> list[tuple[SphereCandidate, float]]:
     """Spheres that thinned points lie on, each with the noise of the scan's flat parts."""
     ranges = [(known_mm, known_mm)] if known_mm is not None else _radius_ranges(points)
-    out: list[tuple[Hypothesis, float]] = []
+    out: list[tuple[SphereCandidate, float]] = []
     for low, high in ranges:
         middle = np.sqrt(low * high)
         thinned = thin_to_voxels(points, middle / voxels)
         if len(thinned) < NEIGHBOURS:
             continue
         around = estimate_normals(points[thinned])
-        out += [(h, around.noise_mm()) for h in hypotheses(around, (low, high), rng, _MOST_TRIED)]
+        out += [(h, around.noise_mm()) for h in sphere_candidates(around, (low, high), rng, _MOST_TRIED)]
     return out
 
 
@@ -110,8 +110,8 @@ def _radius_ranges(points: Array) -> list[tuple[float, float]]:
     return ranges or [(SPHERE_MM[0] / 2, SPHERE_MM[1] / 2)]
 
 
-def _tried(points: Array, guess: Hypothesis, known_mm: float | None, noise_mm: float) -> _Tried | None:
-    """A hypothesis fitted to all its points, with what speaks against it."""
+def _tried(points: Array, guess: SphereCandidate, known_mm: float | None, noise_mm: float) -> _FittedSphere | None:
+    """A candidate fitted to all its points, with what speaks against it."""
     band = max(guess.band_mm, _LEAST_BAND * guess.radius_mm)
     free = fit_cap(points, guess.centre_mm, guess.radius_mm, band, held=False)
     if free is None and known_mm is None:
@@ -126,12 +126,12 @@ def _tried(points: Array, guess: Hypothesis, known_mm: float | None, noise_mm: f
     refusal, score = why_no_sphere(points, fit, free, known_mm, noise_mm)
     if known_mm is not None and held is None and not refusal:
         return None
-    return _Tried(fit, refusal, score)
+    return _FittedSphere(fit, refusal, score)
 
 
-def _apart(tried: Sequence[_Tried]) -> list[_Tried]:
+def _apart(tried: Sequence[_FittedSphere]) -> list[_FittedSphere]:
     """The best first, without those that share their place with a better one."""
-    out: list[_Tried] = []
+    out: list[_FittedSphere] = []
     for one in sorted(tried, key=lambda t: -t.score):
         if all(
             np.linalg.norm(one.fit.centre_mm - other.fit.centre_mm) > 0.5 * max(one.fit.radius_mm, other.fit.radius_mm)

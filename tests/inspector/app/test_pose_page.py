@@ -20,7 +20,7 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.errors import FitError
-from calib.measurement.labels import FaceLabels
+from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import with_corners
 from calib.options import FitOptions
 from calib.simulation.measured_dataset import write_simulation

@@ -27,7 +27,7 @@ _NORMALS_RAD = np.radians(35)
 
 
 @dataclass(frozen=True)
-class Hypothesis:
+class SphereCandidate:
     """A sphere that some thinned points lie on."""
 
     centre_mm: Array  # (3,)
@@ -36,12 +36,12 @@ class Hypothesis:
     band_mm: float  # within which those lie
 
 
-def hypotheses(
+def sphere_candidates(
     around: Neighbourhoods, radii_mm: tuple[float, float], rng: np.random.Generator, most: int
-) -> list[Hypothesis]:
+) -> list[SphereCandidate]:
     """Spheres with a radius in that range, those with most points first, at most `most` of them."""
     centres, radii = _votes(around, radii_mm, rng)
-    found: list[Hypothesis] = []
+    found: list[SphereCandidate] = []
     for centre, radius in _peaks(centres, radii, radii_mm, most):
         settled = _settled(around, centre, radius, radii_mm)
         if settled is None:
@@ -100,7 +100,9 @@ def _peaks(centres: Array, radii: Array, radii_mm: tuple[float, float], most: in
     return [(centre, radius) for _, centre, radius in peaks]
 
 
-def _settled(around: Neighbourhoods, centre: Array, radius: float, radii_mm: tuple[float, float]) -> Hypothesis | None:
+def _settled(
+    around: Neighbourhoods, centre: Array, radius: float, radii_mm: tuple[float, float]
+) -> SphereCandidate | None:
     """A sphere through the thinned points about a first one, by least squares on points whose normals agree."""
     points, normals = around.points_mm, around.normals
     votes, share = 0, 2 * _BAND
@@ -125,4 +127,4 @@ def _settled(around: Neighbourhoods, centre: Array, radius: float, radii_mm: tup
             float(np.clip(radius + step[3], 0.8 * radii_mm[0], 1.25 * radii_mm[1])),
         )
         share = float(np.clip(6 * scale / radius, 0.02, share))
-    return Hypothesis(centre, radius, votes, share * radius)
+    return SphereCandidate(centre, radius, votes, share * radius)

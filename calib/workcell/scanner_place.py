@@ -5,16 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from calib.array_types import Array
-from calib.frames import make_transform
+from calib.frames import apply, best_fit_transform, make_transform
 from calib.kinematics.chain import forward
 from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Robot
 
+_TRIM = 5.0  # times the median residual: a point farther off says nothing of the scanner's place
 _DRAWN = 8000  # poses
-_NEAR_MM, _FACING = (
-    350.0,
-    0.8,
-)  # of a pose that counts as seen: from the field's middle; cosine to the line of sight
+_NEAR_MM = 350.0  # from the field's middle, of a pose that counts as seen
+_FACING = 0.8  # cosine of its jig's axis to the line of sight
 _FEW = 8  # such poses
 
 
@@ -50,3 +49,11 @@ def likely_scanner_place(robot: Robot, tool_T_jig: Array, distance_mm: float) ->
         x = np.cross([0.0, 0.0, 1.0] if z[2] == 0.0 else [0.0, 1.0, 0.0], z)
         turn = np.column_stack([x, np.cross(z, x), z])
     return make_transform(turn, middle_mm - distance_mm * turn[:, 2])
+
+
+def fitted_scanner_place(base_mm: Array, scanner_mm: Array) -> Array:
+    """base_T_scanner (4, 4) that brings measured points (M, 3) onto the nominal arm's, without what lies far off."""
+    base_T_scanner = best_fit_transform(scanner_mm, base_mm)
+    off_mm = np.linalg.norm(apply(base_T_scanner, scanner_mm) - base_mm, axis=1)
+    keep = off_mm <= _TRIM * np.median(off_mm)
+    return best_fit_transform(scanner_mm[keep], base_mm[keep]) if keep.sum() >= 3 else base_T_scanner

@@ -1,16 +1,37 @@
-"""The inverse problem of a jig's apex and axis: where the scanner wants to have it."""
+"""Where the jig sits on its tool: the frame of its apex and axis."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.frames import make_transform
+from calib.jig import Jig, jig_geometry
 from calib.kinematics.chain import Chain, forward, joint_jacobian
 from calib.kinematics.robot import Robot
 
 _LEVER_MM = 300.0  # weighs one radian of the jig's axis against millimetres
+JIG_HEIGHT_MM = 88.0
+"""From the flange to the jig's apex, Jang's Table 2; taken where a robot's tool row has no length of its own."""
+
+
+def jig_outward(robot: Robot) -> float:
+    """+1 or -1: the side of the tool frame's z axis to which the jig's apex points, away from the flange."""
+    return -1.0 if robot.tool.d_mm < 0 else 1.0
+
+
+def target_T_jig(robot: Robot) -> Array:
+    """(4, 4) the jig's frame (apex, z into the material) in the tool frame, whose origin is the apex too."""
+    return make_transform(np.diag([1.0, -jig_outward(robot), -jig_outward(robot)]), np.zeros(3))
+
+
+def with_jig(robot: Robot, jig: Jig) -> Robot:
+    """The robot with a tool row that reaches from the flange to a jig's apex, where it has none."""
+    if abs(robot.tool.d_mm) > float(np.abs(jig_geometry(jig)[0][:, 2]).mean()) + 1.0:
+        return robot
+    return replace(robot, tool=replace(robot.tool, d_mm=JIG_HEIGHT_MM))
 
 
 @dataclass(frozen=True)
