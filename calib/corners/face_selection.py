@@ -156,7 +156,7 @@ def _what_was_found(planes: Planes, triples: Sequence[FaceTriple], jig: Jig) -> 
             found = f"two faces only, at {np.degrees(np.arccos(cosine)):.0f} deg to each other: {found}"
         return (
             f"{found}, a corner needs 3; turn the jig so that three faces are seen, scan it finer, "
-            f"or check edge_mm ({jig.edge_words()})"
+            f"or check edge_mm ({jig.edges_text()})"
         )
     if not triples:
         return (
@@ -167,6 +167,6 @@ def _what_was_found(planes: Planes, triples: Sequence[FaceTriple], jig: Jig) -> 
     filled = ", ".join(f"{max(w, 0):.0%}" for w in np.sort(best.score))
     return (
         f"found {len(planes.perpendicular_triples)} triples of perpendicular planes, but none with the outline of "
-        f"a jig of {jig.edge_words()} (the best fills {filled} of its faces); check edge_mm, and that the jig is in "
+        f"a jig of {jig.edges_text()} (the best fills {filled} of its faces); check edge_mm, and that the jig is in "
         "full view"
     )

@@ -256,7 +256,7 @@ def _thinned(points_mm: Array, jig: Jig, voxels: int) -> IndexArray:
         )
     extent, edge = extent_of(points_mm), jig.shortest_mm
     if extent < edge / 10:
-        raise CornerError(f"the scan spans {extent:.3g} mm only, the jig has {jig.edge_words()}; scan the pose again")
+        raise CornerError(f"the scan spans {extent:.3g} mm only, the jig has {jig.edges_text()}; scan the pose again")
     if extent > MOST_EDGES * jig.longest_mm:
         raise CornerError(
             f"the scan spans {extent:.4g} mm, {extent / jig.longest_mm:.0f} times the jig's edge of "

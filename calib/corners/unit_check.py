@@ -55,7 +55,7 @@ def failure_with_unit(failure: str, points_mm: Array, jig: Jig, is_found: Callab
         if _LEAST_EDGES * edge <= factor * extent <= MOST_EDGES * longest:
             if is_found(factor * points_mm):
                 return (
-                    f"the scan spans {extent:.3g} mm, the jig has {jig.edge_words()}: the scan seems to be in {unit}, "
+                    f"the scan spans {extent:.3g} mm, the jig has {jig.edges_text()}: the scan seems to be in {unit}, "
                     f"for with coordinates times {factor:g} the jig is found; multiply them by {factor:g}, or "
                     "correct edge_mm in dataset.toml"
                 )

@@ -55,7 +55,7 @@ def find_jigs(scan: Scan, wanted: Wanted, shapes: int) -> tuple[CornerSearch, li
             if len(found) == wanted.most:
                 break
         else:
-            refusal = f"a corner is in view whose faces reach {reach:.3g} mm, the jig has {jig.edge_words()}; "
+            refusal = f"a corner is in view whose faces reach {reach:.3g} mm, the jig has {jig.edges_text()}; "
             refusal += "check edge_mm"
         left = left[~_of_jig(rest.points_mm, corner, jig)]
     if not found:

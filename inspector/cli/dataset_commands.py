@@ -16,7 +16,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import load_dataset
 from calib.effects.catalogue import descriptions
-from calib.errors import shown, visible
+from calib.errors import printable, visible
 from calib.identifiability.structural import free_frame_rank, redundancy
 from calib.measurement.measured_points import (
     counted_reasons,
@@ -126,9 +126,9 @@ def load(path: Path, leave_out: Sequence[str] = (), finder: Path | None = None) 
     if finder is not None:
         dataset = replace(dataset, finder_file=load_finder(finder).path)
     for warning in dataset.warnings:
-        print(f"inspector: warning: {shown(warning)}", file=sys.stderr)
+        print(f"inspector: warning: {printable(warning)}", file=sys.stderr)
     for note in dataset.notes:
-        print(f"inspector: note: {shown(note)}", file=sys.stderr)
+        print(f"inspector: note: {printable(note)}", file=sys.stderr)
     return dataset
 
 

@@ -88,7 +88,7 @@ def require_far_borders(local: Array, planes: Sequence[PlaneFit], jig: Jig, outl
             if share:
                 raise CornerError(
                     f"a face of {legs_mm[0]:g} x {legs_mm[1]:g} mm goes on beyond its {leg_mm:g} mm: the corner of "
-                    f"something larger; correct edge_mm ({jig.edge_words()}) or clear the view"
+                    f"something larger; correct edge_mm ({jig.edges_text()}) or clear the view"
                 )
 
 
