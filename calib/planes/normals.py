@@ -1,4 +1,4 @@
-"""From the whole cloud to the points that sample sets are drawn from: one point a voxel, with a normal each.
+"""Normals of a scan's thinned points, from which sample sets are drawn: trimmed PCA of each point's neighbours.
 
 Normals of a full structured-light cloud take longer than all later steps and improve none of them: a face of the jig
 needs some hundreds of normals, not a hundred thousand.
@@ -34,28 +34,28 @@ class Neighbourhoods:
     radius_mm: Array  # (V,) distance of the farthest of the neighbours
 
     def spacing_mm(self, some: IndexArray | BoolArray) -> float:
-        """Median distance between neighbouring points on the surfaces, of `some` of the points (indices or mask)."""
+        """Median distance between neighbouring points on the surfaces, over the points `some` (indices or mask)."""
         return float(np.median(self.radius_mm[some]) * np.sqrt(np.pi / self.neighbours.shape[1]))
 
     def loose(self) -> BoolArray:
-        """Mask (V,) of points about which others fill space instead of a surface.
+        """Mask (V,) of points whose neighbours fill space instead of a surface.
 
         Uniform stray points have a thickness of 0.2 to 0.4 of the radius, points of a surface one of some hundredths.
         """
         return np.asarray(self.thickness_mm > _LOOSE * self.radius_mm)
 
     def noise_mm(self) -> float:
-        """Noise along the normals in the flat parts of the scene.
+        """Standard deviation of the noise along the normals in the flat parts of the scene.
 
-        The lower quartile, not the median: edges, curved parts and stray points only make neighbourhoods thicker.
+        From the lower quartile, not the median: edges, curved parts and stray points only make neighbourhoods thicker.
         """
         return float(np.quantile(self.thickness_mm, 0.25)) * 1.1
 
 
 def estimate_normals(points_mm: Array, neighbours: int = NEIGHBOURS) -> Neighbourhoods:
-    """Trimmed PCA: the plane through the nearest `neighbours`, twice fitted again to the best 70 % of them.
+    """Neighbourhoods of points (V, 3), V >= 4, with normals by PCA, trimmed twice to the best 70 % of the neighbours.
 
-    points_mm  # (V, 3), V >= 4. The trimming keeps a normal near an edge on its own side of the edge.
+    The trimming keeps a normal near an edge on its own side of the edge.
     """
     tree = cKDTree(points_mm, balanced_tree=False, compact_nodes=False)
     distance, near = (np.asarray(found) for found in tree.query(points_mm, k=min(neighbours, len(points_mm))))
@@ -63,7 +63,7 @@ def estimate_normals(points_mm: Array, neighbours: int = NEIGHBOURS) -> Neighbou
 
 
 def with_fewer_neighbours(around: Neighbourhoods, neighbours: int) -> Neighbourhoods:
-    """The same points with normals by the nearest of their neighbours; they need not be looked up again."""
+    """Neighbourhoods of the same points with fewer neighbours each, which need not be looked up again."""
     if neighbours >= around.neighbours.shape[1]:
         return around
     near = around.neighbours[:, :neighbours]
@@ -72,6 +72,7 @@ def with_fewer_neighbours(around: Neighbourhoods, neighbours: int) -> Neighbourh
 
 
 def _neighbourhoods(points_mm: Array, near: IndexArray, radius_mm: Array) -> Neighbourhoods:
+    """Neighbourhoods from points (V, 3), indices of their neighbours (V, k) and the distance (V,) of the farthest."""
     kept = max(4, round(TRIM_KEPT * near.shape[1]))
     columns = np.ascontiguousarray(points_mm.T)
     # Some at a time, whose neighbours, side by side, a processor's own memory holds.
@@ -86,7 +87,7 @@ def _neighbourhoods(points_mm: Array, near: IndexArray, radius_mm: Array) -> Nei
 
 
 def _trimmed_planes(columns: Array, near: IndexArray, start: int, kept: int) -> _Planes:
-    """Planes through the neighbourhoods of the points from `start` on. columns  # (3, V), near  # (V, k)"""
+    """Planes through the neighbourhoods of one batch of points, from `start` on. columns # (3, V), near # (V, k)"""
     stop = start + _AT_A_TIME
     local = np.stack([x[near[start:stop]] - x[start:stop, None] for x in columns])  # (3, B, k)
     plane = _fit_planes(local, np.ones(local.shape[1:]))
@@ -106,10 +107,10 @@ class _Planes(NamedTuple):
 
 
 def _fit_planes(local: Array, weights: Array) -> _Planes:
-    """Weighted PCA of V neighbourhoods at once. local  # (3, V, k), weights  # (V, k)
+    """Planes by weighted PCA of V neighbourhoods at once. local # (3, V, k), weights # (V, k)
 
     The eigenvalues of each 3 x 3 scatter matrix S come in closed form (Smith 1961); the adjugate of S - l I, l the
-    least of them, is a multiple of n n^T, whose longest column gives the normal n. It takes a tenth of the time of
+    least of them, is a multiple of n n^T, whose longest column gives the normal n. This takes a tenth of the time of
     LAPACK's loop over matrices, and is exact enough: the error is that of rounding relative to the largest eigenvalue.
     """
     total = weights.sum(axis=1)
@@ -140,4 +141,5 @@ def _fit_planes(local: Array, weights: Array) -> _Planes:
 
 
 def _determinant(xx: Array, xy: Array, xz: Array, yy: Array, yz: Array, zz: Array) -> Array:
+    """Determinants (V,) of symmetric 3 x 3 matrices given by their six entries."""
     return xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)

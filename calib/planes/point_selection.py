@@ -1,4 +1,4 @@
-"""Choosing points of a scan: one a voxel without stray points, those near a place, those with finite coordinates."""
+"""Selection of a scan's points: one a voxel without stray points, those near a place, those with finite coordinates."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _AT_A_TIME = 32_768  # points; a processor's own memory holds them through all s
 
 
 def thin_to_voxels(points_mm: Array, voxel_mm: float) -> IndexArray:
-    """Indices of one point per occupied voxel, voxel by voxel; those that hold stray points are left out.
+    """Indices of one point per occupied voxel, voxel by voxel; voxels that hold stray points are left out.
 
-    points_mm  # (N, 3). Stray points (flying pixels, reflections) fill space thinly where surfaces fill it densely. A
-    voxel is left out where the block of 4 x 4 x 4 voxels around holds a twenty-fifth of the points that blocks of
-    surfaces hold, and where it has itself far fewer than the median, if that is four or more. Of a scan so fine that a
-    part of it fills the voxels as well, only every n-th point is used.
+    points_mm # (N, 3). Stray points (flying pixels, reflections) fill space thinly where surfaces fill it densely. A
+    voxel is left out where the block of 4 x 4 x 4 voxels around it holds less than a twenty-fifth of the points that
+    blocks of surfaces hold, or where it has itself far fewer than the median, if that is four or more. In a scan so
+    fine that a part of it fills the voxels as well, only every n-th point is used.
     """
     step = len(points_mm) / _ENOUGH_POINTS
     if step > 2:
@@ -38,7 +38,7 @@ def thin_to_voxels(points_mm: Array, voxel_mm: float) -> IndexArray:
 
 
 def _occupied(points_mm: Array, voxel_mm: float) -> tuple[IndexArray, IndexArray]:
-    """Index of the first point of each voxel that holds no stray points, and how many points the voxel holds."""
+    """Index of the first point of each voxel without stray points, and the number of points in the voxel."""
     kept = np.flatnonzero(finite_rows(points_mm))
     if len(kept) < len(points_mm):
         points_mm = points_mm[kept]
@@ -67,7 +67,7 @@ def _occupied(points_mm: Array, voxel_mm: float) -> tuple[IndexArray, IndexArray
 
 
 def _keys(cell: Sequence[IndexArray]) -> IndexArray:
-    """One integer a cell. cell  # (3, N) from 0"""
+    """One integer (N,) for each cell of three indices from 0. cell # (3, N)"""
     x, y, z = cell
     key = x * (int(y.max()) + 1)
     key += y
@@ -77,7 +77,7 @@ def _keys(cell: Sequence[IndexArray]) -> IndexArray:
 
 
 def _first_of_each(key: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """Where each value of `key` occurs first, in the order of the values, and how often."""
+    """Index of the first occurrence of each value of `key`, in ascending order of the values, and its count."""
     bits = len(key).bit_length()
     if int(key.max()).bit_length() + bits > 63:
         _, first, count = np.unique(key, return_index=True, return_counts=True)
@@ -90,15 +90,15 @@ def _first_of_each(key: IndexArray) -> tuple[IndexArray, IndexArray]:
 
 
 def finite_rows(points_mm: Array) -> BoolArray:
-    """True where a point has three finite coordinates. points_mm  # (N, 3)"""
+    """(N,) whether all three coordinates of points (N, 3) are finite."""
     with np.errstate(invalid="ignore", over="ignore"):
         return np.asarray(np.isfinite(points_mm @ np.ones(3)))  # a sum is quicker than all(axis=1)
 
 
 def points_within(points_mm: Array, centre_mm: Array, radius_mm: float) -> tuple[IndexArray, Array]:
-    """Indices of the points (N, 3) within a radius of a place (3,), ascending, and their way (K, 3) from there.
+    """Ascending indices of the points (N, 3) within a radius of a centre (3,), and their vectors (K, 3) from it.
 
-    A point that is not finite is near nothing.
+    Points with coordinates that are not finite are left out.
     """
     parts = []
     ones = np.ones(3)
