@@ -1,4 +1,4 @@
-"""Quality figures of a corner, the doubts that follow from them, and the limits beyond which there is no corner."""
+"""Quality figures of a corner, the warnings that follow from them, and the limits beyond which there is no corner."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ HIGH_SMOOTH_SHARE = 1.5  # corner's sigma over what white noise alone would give
 
 @dataclass(frozen=True)
 class FaceQuality:
-    """One face."""
+    """Quality figures of one face."""
 
     points: int
     incidence_deg: float  # between the line of sight to the face's middle and its normal
@@ -44,7 +44,7 @@ class FaceQuality:
 
 @dataclass(frozen=True)
 class CornerQuality:
-    """The figures of a corner, and the doubts that follow from them."""
+    """Quality figures of a corner, and the warnings that follow from them."""
 
     faces: tuple[FaceQuality, FaceQuality, FaceQuality]
     angles_deg: tuple[float, float, float]  # as measured, between faces 1-2, 2-3, 3-1
@@ -55,38 +55,38 @@ class CornerQuality:
     smooth_error_mm: float  # standard deviation of the correlated part of the scanner's error
     smooth_length_mm: float  # its correlation length
     smooth_factor: float  # sigma of the apex over what white noise alone would make it
-    rigid: bool  # the faces were held to the certified angles
-    margin_mm: float  # left out along every edge: rounding, blurred and flying pixels
+    rigid: bool  # whether the faces were fitted under the certified angles
+    margin_mm: float  # strip left out along every edge: rounding, blurred and flying pixels
     notes: tuple[str, ...] = field(default=())  # from the search itself
-    smooth_declared_mm: float = 0.0  # what dataset.toml tells of it; 0: nothing
+    smooth_declared_mm: float = 0.0  # as dataset.toml declares it; 0: not declared
     smooth_shown_mm: float = 0.0  # the longest correlation length of which this scan shows anything
 
     def doubts(self) -> tuple[str, ...]:
-        """What should be checked, each with its number and what would help; () where nothing should."""
-        said = list(self.notes)
+        """Warnings about the corner, each with its number and what would help; () where there are none."""
+        warnings = list(self.notes)
         for number, face in enumerate(self.faces, start=1):
             if face.incidence_deg > HIGH_INCIDENCE_DEG:
-                said.append(
+                warnings.append(
                     f"face {number} is seen at {face.incidence_deg:.0f} deg off its normal; turn the jig so that all "
                     f"faces stay below {HIGH_INCIDENCE_DEG:.0f} deg"
                 )
             if face.points < FEW_POINTS:
-                said.append(f"face {number} has {face.points} points only; scan finer or clear the view to it")
+                warnings.append(f"face {number} has {face.points} points only; scan finer or clear the view to it")
             if face.coverage < LOW_COVERAGE:
-                said.append(f"only {face.coverage:.0%} of face {number} is seen; clear the view to it")
+                warnings.append(f"only {face.coverage:.0%} of face {number} is seen; clear the view to it")
             if face.rms_over_scan_sigma is not None and face.rms_over_scan_sigma > HIGH_RMS:
-                said.append(
+                warnings.append(
                     f"face {number} scatters {face.rms_mm:.3g} mm, {face.rms_over_scan_sigma:.1f} times scan_sigma_mm; "
                     "clean the face, check the exposure, or correct scan_sigma_mm"
                 )
         for pair, error, sigma in zip(("1-2", "2-3", "3-1"), self.angle_errors_deg, self.angle_sigmas_deg, strict=True):
             if abs(error) > max(OUT_OF_SQUARE_SIGMA * sigma, 0.02):
-                said.append(
+                warnings.append(
                     f"faces {pair} meet {error:+.3f} deg off the jig's angle ({abs(error) / sigma:.0f} sigma); "
                     "measure the jig and give face_angles_deg, or look for something on the faces"
                 )
         if self.amplification > HIGH_AMPLIFICATION:
-            said.append(
+            warnings.append(
                 f"the apex is {self.amplification:.1f} times less certain than the planes at their middles; "
                 "more of the faces near the apex has to be seen"
             )
@@ -94,32 +94,32 @@ class CornerQuality:
             self.smooth_factor > HIGH_SMOOTH_SHARE
             and self.smooth_error_mm > _MORE_THAN_DECLARED * self.smooth_declared_mm
         ):
-            said.append(
+            warnings.append(
                 f"the scanner's error is smooth over {self.smooth_length_mm:.0f} mm ({self.smooth_error_mm:.3f} mm), "
-                f"which makes the apex {self.smooth_factor:.1f} times less certain; {self._further()}"
+                f"which makes the apex {self.smooth_factor:.1f} times less certain; {self._advice_on_smooth_error()}"
             )
-        return tuple(said)
+        return tuple(warnings)
 
-    def _further(self) -> str:
-        """What would show more of a smooth error than this scan does."""
+    def _advice_on_smooth_error(self) -> str:
+        """Advice on measuring a correlated error further than this scan shows it."""
         if self.smooth_length_mm > _LONG_OF_SHOWN * self.smooth_shown_mm:
             return (
-                "that is as far as this scan shows anything: shots of the same pose with the jig moved in the view "
-                "tell whether it is the scanner, or the shape of a face or of what stands beside"
+                "that is as far as this scan shows anything: repeats of the same pose with the jig moved in the view "
+                "tell whether it is the scanner, or the shape of a face or of a surface around it"
             )
         return (
             f"only repeats with the jig moved in the view show what is smoother than {self.smooth_shown_mm:.0f} mm, "
-            "or correlated_sigma_mm in dataset.toml tells it"
+            "or correlated_sigma_mm in dataset.toml declares it"
         )
 
     def summary(self) -> str:
-        """One line of figures."""
+        """One line with points, incidence and coverage of the faces, their angles, and the amplification."""
         faces = "; ".join(f"{f.points} points at {f.incidence_deg:.0f} deg, {f.coverage:.0%} seen" for f in self.faces)
         angles = ", ".join(f"{a:.3f}" for a in self.angles_deg)
         return f"faces: {faces}; angles {angles} deg; amplification {self.amplification:.1f}"
 
     def document(self) -> dict[str, Any]:
-        """All figures as plain values, and the doubts, for JSON."""
+        """All figures as plain values, and the warnings, for JSON."""
         document = asdict(self)
         document["smooth_told_mm"] = document.pop("smooth_declared_mm")
         document.pop("notes")
@@ -127,9 +127,9 @@ class CornerQuality:
 
 
 def angle_errors(angles_deg: tuple[float, float, float], jig_angles_deg: tuple[float, float, float]) -> Array:
-    """Measured angles less the jig's (3,), the jig's faces labelled so that the errors are least.
+    """Measured angles less the jig's (3,), in degrees, under the labelling of the jig's faces with the least errors.
 
-    Turning or mirroring the numbering of three faces permutes the three angles in every possible way.
+    Rotating or mirroring the numbering of three faces permutes the three angles in every possible way.
     """
     measured = np.array(angles_deg)
     order = np.argsort(measured)
@@ -139,7 +139,7 @@ def angle_errors(angles_deg: tuple[float, float, float], jig_angles_deg: tuple[f
 
 
 def require_faces(planes: Sequence[PlaneFit], covariance: Array, origin: Array, jig: Jig) -> None:
-    """Raise CornerError where the three refined planes cannot be the jig's faces. covariance  # (9, 9) of the planes"""
+    """Raise CornerError where the three refined planes cannot be the jig's faces. covariance # (9, 9) of the planes"""
     for plane in planes:
         seen_at_deg = incidence_deg(plane, origin)
         if seen_at_deg > MOST_INCIDENCE_DEG:
@@ -185,6 +185,6 @@ def require_faces(planes: Sequence[PlaneFit], covariance: Array, origin: Array, 
 
 
 def incidence_deg(plane: PlaneFit, origin: Array) -> float:
-    """Angle between the line of sight to the middle of the plane's points and its normal."""
+    """Angle between the plane's normal and the line of sight to the middle of its points."""
     way = plane.centre_mm + origin
     return float(np.degrees(np.arccos(np.abs(plane.normal @ way) / np.linalg.norm(way))))

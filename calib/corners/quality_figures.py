@@ -1,4 +1,4 @@
-"""How good a refined corner is: its figures from the three planes, their points and their covariance."""
+"""Computation of a refined corner's quality figures, from the three planes, their points and their covariance."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.corners.correlated_noise.plane_uncertainty import PlaneUncertainty
-from calib.corners.faces.certified_angles import angle_derivative, found_angles_deg
+from calib.corners.faces.certified_angles import angle_derivative, fitted_angles_deg
 from calib.corners.faces.face_outline import FaceOutline, outline_shares
 from calib.corners.intersection import intersection_covariance
 from calib.corners.quality import CornerQuality, FaceQuality, angle_errors, incidence_deg
@@ -17,7 +17,7 @@ from calib.planes.robust_fit import PlaneFit, height_lever
 
 
 def height_covariance(planes: Sequence[PlaneFit], covariance: Array, point_mm: Array) -> Array:
-    """Covariance (3, 3) in mm^2 of the three planes' heights at one point (3,). covariance  # (9, 9)"""
+    """Covariance (3, 3) in mm^2 of the three planes' heights at one point (3,). covariance # (9, 9)"""
     lever = height_lever(planes, point_mm)
     return np.asarray(lever @ covariance @ lever.T)
 
@@ -35,10 +35,10 @@ def quality_figures(
     smooth_declared_mm: float,
     notes: tuple[str, ...],
 ) -> CornerQuality:
-    """The figures of a refined corner.
+    """Quality figures of a refined corner.
 
-    covariance  # (9, 9) of the planes as the corner takes them; known.covariance is that before certified angles hold
-    them. origin, apex  # (3,) the first apex in the scanner's frame, and the last one about it.
+    covariance # (9, 9) of the planes as the corner takes them; known.covariance is the one before certified angles
+    constrain them. origin, apex # (3,) the first apex in the scanner's frame, and the last one about it.
     """
     normals = np.array([p.normal for p in planes])
 
@@ -60,7 +60,7 @@ def quality_figures(
             float(np.degrees(np.sqrt(np.linalg.eigvalsh(slopes)[-1]))),
         )  # fmt: skip
 
-    angles = found_angles_deg(planes)
+    angles = fitted_angles_deg(planes)
     derivative = angle_derivative(planes) / np.sin(np.radians(angles))[:, None]
     sigmas = np.degrees(np.sqrt(np.diag(derivative @ known.covariance @ derivative.T)))
     middles = np.sqrt(sum(known.covariance[3 * i, 3 * i] for i in range(3)))

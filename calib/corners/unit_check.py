@@ -19,7 +19,7 @@ _USUAL_EDGES = (1.0, 200.0)
 
 
 def some_finite(points_mm: Array) -> Array:
-    """Some thousands of the finite points of (N, 3), or all of fewer."""
+    """Some thousands of the finite points of (N, 3), or all where there are fewer."""
     some = points_mm[:: max(1, len(points_mm) // (2 * _ENOUGH))]
     some = some[finite_rows(some)]
     if len(some) >= _ENOUGH:
@@ -29,10 +29,7 @@ def some_finite(points_mm: Array) -> Array:
 
 
 def extent_of(points_mm: Array) -> float:
-    """The longest side of the box about points (N, 3), the outer 2 % left out as stray points.
-
-    Zero where there are none.
-    """
+    """Longest side of the box about points (N, 3), the outer 2 % left out as stray points; 0 where there are none."""
     points = some_finite(points_mm)
     if len(points) == 0:
         return 0.0
@@ -41,11 +38,11 @@ def extent_of(points_mm: Array) -> float:
 
 
 def failure_with_unit(failure: str, points_mm: Array, jig: Jig, is_found: Callable[[Array], bool]) -> str:
-    """Why a scan (N, 3) has no corner, with what follows about its unit from its size.
+    """Reason why a scan (N, 3) has no corner, extended by what its size says about its unit.
 
-    Of a scan that is smaller than the jig or far larger, the other units are tried in which its size would do;
-    `is_found` searches points for the jig. A jig has the outline that edge_mm gives it in one unit only, so where it is
-    found that is the unit.
+    For a scan that is smaller than the jig or far larger, the other units are tried in which its size would fit;
+    `is_found` searches points for the jig. A jig has the outline that edge_mm gives it in one unit only, so the unit in
+    which it is found is the scan's.
     """
     extent, edge, longest = extent_of(points_mm), jig.shortest_mm, jig.longest_mm
     if _USUAL_EDGES[0] * edge <= extent <= _USUAL_EDGES[1] * longest or extent <= 0.0:

@@ -1,14 +1,14 @@
-"""Which face of the jig is which, at every pose: what makes orientations of one jig comparable.
+"""Labels of the jig's faces at every pose, which make the orientations of one jig comparable.
 
-Three equal faces look alike under turns by 120 degrees. What tells them apart, in this order:
+Three equal faces look alike under rotations by 120 degrees. What distinguishes them, in this order:
 
 * `robot`: the corners' positions and the nominal arm give the scanner's frame, and so the attitude of the tool to a
-  degree or so. How the jig sits on the tool, tool_R_jig, is unknown but the same at all poses: the right labels are
-  those that make it the same. One cyclic shift of the labels of all poses together remains, a mere convention: face 1
-  is the one whose normal lies nearest the tool's x axis, unless the jig's angles tell its faces apart;
+  degree or so. The hand-eye rotation of the jig on the tool, tool_R_jig, is unknown but the same at all poses: the right
+  labels are those that make it the same. One cyclic shift of the labels of all poses together remains, a mere
+  convention: face 1 is the one whose normal lies nearest the tool's x axis, unless the jig's angles identify its faces;
 * `angles`: a jig whose measured `face_angles_deg` differ by more than the scans' noise;
-* `continuity`: without either, each pose is labelled as the one before it, which holds for small turns between poses of
-  one setup; where the joint angles give another turn than the faces do, the pose is refused.
+* `continuity`: without either, each pose is labelled as the one before it, which holds for small rotations between poses
+  of one setup; where the joint angles give another rotation than the faces do, the pose is refused.
 
 No jig is square to a scan's microradians. Where the mean angles of its faces over all poses differ from the jig's, and
 those are not certified, the mean angles take their place: otherwise the orientation of each pose would be biased in a
@@ -58,7 +58,7 @@ Labellings = tuple[Orientation, Orientation, Orientation]  # one for each cyclic
 
 @dataclass(frozen=True)
 class FaceLabels:
-    """The jig's orientation at each pose, its faces labelled alike at all of them."""
+    """The jig's orientation at each pose, with its faces labelled alike at all poses."""
 
     by: str  # "robot", "angles" or "continuity"
     orientations: Mapping[str, Orientation]  # by pose id
@@ -70,7 +70,7 @@ class FaceLabels:
     lack: str = ""  # of the first refused pose: why it has no labels, and what would help
 
     def summary(self) -> str:
-        """One line: what the labels follow from, the least margin, and how many poses were refused."""
+        """One line: basis of the labels, least margin, and the number of refused poses with the first reason."""
         needed = LEAST_MARGIN_DEG if self.unit == "deg" else LEAST_MISFIT_MARGIN
         least = (
             f", margin {min(self.margin.values()):.4g} {self.unit} or more (needed: {needed:g})" if self.margin else ""
@@ -78,13 +78,13 @@ class FaceLabels:
         first = next(iter(self.refused.items()), None)
         refused = f"; {len(self.refused)} refused, {first[0]}: {first[1]}" if first else ""
         meet = ", ".join(f"{angle:.4f}" for angle in self.found_angles_deg or ())
-        angles = f"; they meet at {meet} deg, which differs from what dataset.toml tells" if meet else ""
+        angles = f"; they meet at {meet} deg, which differs from dataset.toml" if meet else ""
         count = len(self.orientations)
         poses = f"{count} pose{'' if count == 1 else 's'}"
         return f"faces named by {_LABELLED_BY[self.by]} at {poses}{least}{angles}{refused}"
 
     def document(self) -> dict[str, Any]:
-        """The labels as a JSON object; quaternions are w, x, y, z of scanner_R_jig."""
+        """Labels as a JSON object; quaternions are w, x, y, z of scanner_R_jig."""
         return {
             "named_by": self.by,
             "margin_unit": self.unit,
@@ -107,7 +107,7 @@ class FaceLabels:
 
 
 def label_corners(dataset: Dataset, corners: Mapping[str, Corner]) -> FaceLabels:
-    """Label the jig's faces at all poses that have a corner.
+    """Labels of the jig's faces at all poses that have a corner.
 
     Raises CornerError for face angles that no jig can have.
     """
@@ -119,17 +119,17 @@ def label_corners(dataset: Dataset, corners: Mapping[str, Corner]) -> FaceLabels
     contradicted = 0 if labels is None else sum(pose_id in predicted for pose_id in labels.refused)
     if contradicted > max(1.0, _MOST_CONTRADICTED * len(predicted)):
         reason = (
-            f"the nominal robot has the jig stand otherwise at {contradicted} of {len(predicted)} poses; check the "
+            f"the nominal robot predicts another orientation of the jig at {contradicted} of {len(predicted)} poses; check the "
             "joint angles and their signs, of the last joint above all"
         )
         labels, why = None, dict.fromkeys(ids, reason)
     if labels is None:
         labels = (_label_by_angles(three) if unequal else None) or _label_by_continuity(three, why, dataset)
-    return _with_found_angles(labels, corners, dataset.jig)
+    return _with_measured_angles(labels, corners, dataset.jig)
 
 
-def _with_found_angles(labels: FaceLabels, corners: Mapping[str, Corner], jig: Jig) -> FaceLabels:
-    """The same labels; orientations by the mean angles between the faces where those differ from the jig's."""
+def _with_measured_angles(labels: FaceLabels, corners: Mapping[str, Corner], jig: Jig) -> FaceLabels:
+    """Labels with orientations by the mean measured angles between the faces, where those differ from the jig's."""
     before = labels.orientations
     misfit, count = sum(o.misfit for o in before.values()), len(before)
     if jig.certified or count < _LEAST_POSES or misfit < 3.0 * count + _CLEARLY_OFF * np.sqrt(6.0 * count):
@@ -144,15 +144,15 @@ def _with_found_angles(labels: FaceLabels, corners: Mapping[str, Corner], jig: J
 
 
 def _turn_deg(rotation: Array) -> Array:
-    """(...,) by how much rotations (..., 3, 3) turn."""
+    """Angles (...,) in deg of rotations (..., 3, 3)."""
     cosine = 0.5 * (np.trace(rotation, axis1=-2, axis2=-1) - 1.0)
     return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
 def predicted_attitudes(dataset: Dataset, corners: Mapping[str, Corner]) -> tuple[dict[str, Array], dict[str, str]]:
-    """scanner_R_tool (3, 3) by pose id, from the nominal arm and the corners' positions; of the other poses, why not.
+    """scanner_R_tool (3, 3) by pose id, from the nominal arm and the corners; for the other poses the reason why not.
 
-    Only of setups whose corners are spread enough to determine the scanner's frame.
+    Only for setups whose corners are spread enough to determine the scanner's frame.
     """
     points = points_from_corners(
         dataset,
@@ -172,7 +172,7 @@ def predicted_attitudes(dataset: Dataset, corners: Mapping[str, Corner]) -> tupl
     assert observed.scanner_T_base is not None
     base_mm = predict_points(model, x, observed)
     attitude = _nominal_attitudes(dataset)
-    out: dict[str, Array] = {}
+    predicted: dict[str, Array] = {}
     why: dict[str, str] = {}
     for setup, scanner_T_base in observed.scanner_T_base.items():
         rows = np.flatnonzero(observed.setup == setup)
@@ -184,15 +184,15 @@ def predicted_attitudes(dataset: Dataset, corners: Mapping[str, Corner]) -> tupl
             few = f"{len(rows)} corner{'' if len(rows) == 1 else 's'}"
             why |= dict.fromkeys(ids, f"{few} of its setup do not place the scanner; {_MEASURE_MORE}")
         elif rms_mm[0] > _MOST_LOOSE_RAD * rms_mm[1]:
-            words = (
+            reason = (
                 f"the nominal robot has the corners of its setup {rms_mm[0]:.3g} mm (rms) from where they are, too far "
                 "to place the scanner; check robot.toml, the joint angles with their signs, and the order of the poses"
             )
-            why |= dict.fromkeys(ids, words)
+            why |= dict.fromkeys(ids, reason)
         else:
             placed = scanner_T_base[:3, :3]
-            out |= {i: placed @ attitude[pose] for i, pose in zip(ids, points.pose[rows], strict=True)}
-    return out, why
+            predicted |= {i: placed @ attitude[pose] for i, pose in zip(ids, points.pose[rows], strict=True)}
+    return predicted, why
 
 
 def _nominal_attitudes(dataset: Dataset) -> Array:
@@ -208,7 +208,7 @@ def _nominal_attitudes(dataset: Dataset) -> Array:
 def _label_by_robot(
     three: Mapping[str, Labellings], predicted: Mapping[str, Array], why: Mapping[str, str], unequal: bool
 ) -> FaceLabels:
-    """The labels with which the jig sits on the tool alike at all poses.
+    """Labels under which the jig's rotation on the tool is the same at all poses.
 
     `predicted` is scanner_R_tool (3, 3) by pose id, `why` the reason where there is none; `unequal` says whether the
     jig's angles differ.
@@ -223,7 +223,7 @@ def _label_by_robot(
     off, margin = _best_and_margin(turn_deg)
     refused = {i: why[i] for i in three if i not in predicted}
     refused |= {
-        pose_id: f"the jig stands {off[row]:.3g} deg from where the nominal robot has it, the next name "
+        pose_id: f"the jig is {off[row]:.3g} deg from the nominal robot's prediction, under the next labelling "
         f"{off[row] + margin[row]:.3g} deg; check that pose's joint angles, or leave its orientation out"
         for row, pose_id in enumerate(ids)
         if margin[row] < LEAST_MARGIN_DEG
@@ -242,7 +242,10 @@ def _label_by_robot(
 
 
 def _most_agreed(hand_eye: Array) -> Array:
-    """tool_R_jig (3, 3) that most poses agree with under one of their labellings; the mean over those that agree."""
+    """tool_R_jig (3, 3) that most poses agree with under one of their labellings; the mean over those that agree.
+
+    hand_eye # (K, 3, 3, 3) tool_R_jig of each pose under each labelling
+    """
     tried = hand_eye[:: max(1, len(hand_eye) // _HYPOTHESES), 0]
     turns = [_turn_deg(one.T @ hand_eye) for one in tried]  # each (K, 3)
     best = int(np.argmin([np.median(turn.min(axis=1)) for turn in turns]))
@@ -255,7 +258,7 @@ def _most_agreed(hand_eye: Array) -> Array:
 def _common_shift(
     three: Mapping[str, Labellings], ids: list[str], hand_eye: Array, best: IndexArray, unequal: bool
 ) -> int:
-    """The cyclic shift of the labels of all poses: by the jig's angles, else face 1 nearest the tool's x axis."""
+    """Cyclic shift of the labels of all poses: by the jig's angles, else face 1 nearest the tool's x axis."""
     if unequal:
         total = [sum(three[i][(best[row] + k) % 3].misfit for row, i in enumerate(ids)) for k in range(3)]
         least, second = np.sort(total)[:2]
@@ -266,13 +269,13 @@ def _common_shift(
 
 
 def _best_and_margin(values: Array) -> tuple[Array, Array]:
-    """The least value (K,) of each row of (K, 3), and the difference of the next to it (K,)."""
+    """Least value (K,) of each row of (K, 3), and its difference from the second least (K,)."""
     ordered = np.sort(values, axis=1)
     return ordered[:, 0], ordered[:, 1] - ordered[:, 0]
 
 
 def _label_by_angles(three: Mapping[str, Labellings]) -> FaceLabels | None:
-    """The labels with which the jig's unequal angles fit best; None where the noise of a scan hides the difference."""
+    """Labels under which the jig's unequal angles fit best; None where the noise of a scan hides the difference."""
     misfits = np.array([[o.misfit for o in ways] for ways in three.values()]).reshape(-1, 3)
     off, margin = _best_and_margin(misfits)
     if np.any(margin < LEAST_MISFIT_MARGIN):
@@ -288,7 +291,10 @@ def _label_by_angles(three: Mapping[str, Labellings]) -> FaceLabels | None:
 
 
 def _label_by_continuity(three: Mapping[str, Labellings], why: Mapping[str, str], dataset: Dataset) -> FaceLabels:
-    """Each pose labelled as the one before it, where it turned little; the first with face 1 along the scanner's x."""
+    """Labels of each pose like those of the pose before it, where it turned little since.
+
+    At the first pose face 1 is the one nearest the scanner's x axis.
+    """
     labelled: dict[str, Orientation] = {}
     off: dict[str, float] = {}
     margin: dict[str, float] = {}
@@ -307,7 +313,7 @@ def _label_by_continuity(three: Mapping[str, Labellings], why: Mapping[str, str]
         by_joints_deg = float(_turn_deg(attitude[before].T @ attitude[row]))
         help_ = f"{why[pose_id]}, {_MARK_IT}"
         if setup[row] != setup[before]:
-            refused[pose_id] = f"the scanner stands elsewhere than at {last}, and {help_}"
+            refused[pose_id] = f"the scanner's setup is not that of {last}, and {help_}"
         elif more < LEAST_MARGIN_DEG:
             refused[pose_id] = (
                 f"it turned {least:.3g} deg since {last} by one name of the faces, {least + more:.3g} deg by another, "

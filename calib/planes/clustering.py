@@ -54,7 +54,8 @@ def process_2(
 ) -> BoolArray:
     """(K,) whether the vector v from the group's centre to a set's is perpendicular to both normals.
 
-    |v . n| <= |v| sin(tolerance), and alike for the set's own normal. Over a short distance the noise of the centres alone tilts v, so a height below `height_mm` always passes.
+    |v . n| <= |v| sin(tolerance), and alike for the set's own normal. Over a short distance the noise of the centres
+    alone tilts v, so a height below `height_mm` always passes.
     """
     v = centroids_mm - centre_mm
     allowed = np.maximum(np.linalg.norm(v, axis=1) * np.sin(in_plane_rad), height_mm)

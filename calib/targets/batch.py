@@ -1,4 +1,4 @@
-"""The targets of many scans: each loaded from its file and searched, one after the other or on many processes."""
+"""Searches of many scans for all targets: each loaded from its file, one after the other or on many processes."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ def find_targets(
     in_flight: int = 64,
     intermediate: bool = True,
 ) -> CornerBatch:
-    """All targets of a dataset in every pose's scan, by pose id; of a dataset with one jig this is `find_corners`.
+    """All targets of a dataset in every pose's scan, by pose id; for a dataset with one jig this is `find_corners`.
 
     `finder(scan, wanted)` is a function of the caller's, for targets of shape "own", or for all where there is none of
     that shape (`calib.targets.protocol`); with processes it has to be one that can be pickled. Where it is None, the
-    dataset's `finder_file` is used, if any. The rest is as of `find_corners`.
+    dataset's `finder_file` is used, if any. The other arguments are those of `find_corners`.
     """
     search = partial(
         search_targets_file,
@@ -56,7 +56,7 @@ def find_targets(
 
 
 def finder_of(dataset: Dataset) -> UserFinder | None:
-    """The finder of the user's own file that was given for a dataset. Raises CalibError where the file is no finder."""
+    """Finder of the user's own file that was given for a dataset. Raises CalibError where the file is no finder."""
     return None if dataset.finder_file is None else load_finder(dataset.finder_file)
 
 
@@ -70,7 +70,7 @@ def search_targets_file(
     declared: DeclaredNoise = NOTHING_DECLARED,
     intermediate: bool = True,
 ) -> CornerSearch:
-    """`find_targets_in` a scan file; one that cannot be read becomes a failed search with `unreadable` set."""
+    """Search for targets in a scan file; a file that cannot be read gives a failed search with `unreadable` set."""
     try:
         scan = load_scan(path)
     except ScanError as error:

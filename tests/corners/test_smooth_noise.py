@@ -133,7 +133,7 @@ def test_what_would_show_more_is_said() -> None:
     alone = corner(6, smooth_mm=0.04, length_mm=8.0, wall=False).quality
     assert alone.smooth_shown_mm < 70 < short.smooth_shown_mm
     long = corner(6, smooth_mm=0.04, length_mm=25.0, wall=False).quality
-    assert "the shape of a face or of what stands beside" in long.doubts()[0]
+    assert "the shape of a face" in long.doubts()[0]
 
 
 def test_errors_shared_by_neighbours_ask_how_views_were_joined() -> None:

@@ -164,7 +164,7 @@ def test_continuity_refuses_what_it_cannot_know_and_says_what_would_help(simulat
     dataset, corners = two_poses(simulation, 0.0, np.eye(3))
     moved = np.array(["a", "b", *dataset.poses.setup[2:]])
     elsewhere = label_corners(replace(dataset, poses=replace(dataset.poses, setup=moved)), corners)
-    assert "the scanner stands elsewhere than at p01" in elsewhere.refused["p02"]
+    assert "the scanner's setup is not that of p01" in elsewhere.refused["p02"]
     assert "1 corner of its setup" in elsewhere.refused["p02"]
 
 

@@ -1,1 +1,1 @@
-"""What the errors of a scan's points do to the planes, where neighbours share them."""
+"""Covariance of the fitted planes where neighbouring points share errors (spatially correlated noise)."""

@@ -1,4 +1,4 @@
-"""What is known of a scanner's smooth error beforehand, where a scan does not show it."""
+"""Correlated error of a scanner as dataset.toml declares it, where a scan does not show it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from calib.planes.robust_fit import PlaneFit, height_lever
 
 @dataclass(frozen=True)
 class DeclaredNoise:
-    """What `[scanner]` of dataset.toml tells; 0: nothing."""
+    """Correlated error of the scanner as declared under [scanner] of dataset.toml; 0 where nothing is declared."""
 
     correlated_sigma_mm: float = 0.0  # of the error that neighbouring points share, along the ray
     correlation_length_mm: float = 0.0  # l of its correlation exp(-r^2 / 2 l^2)
@@ -28,7 +28,7 @@ MESH_NOTE = (
 
 
 def apex_variance_mm2(planes: Sequence[PlaneFit], covariance: Array) -> Array:
-    """Trace (...) of the covariance of the point where three planes meet. covariance  # (..., 9, 9) of the planes"""
+    """Trace (...) of the covariance of the point where three planes meet. covariance # (..., 9, 9) of the planes"""
     normals = np.array([plane.normal for plane in planes])
     apex = np.linalg.solve(normals, np.array([plane.offset_mm for plane in planes]))
     moved = np.linalg.solve(normals, height_lever(planes, apex))
@@ -47,7 +47,7 @@ def at_least_declared(planes: Sequence[PlaneFit], shown: Array, declared: Array)
 
 
 def registration_covariance(planes: Sequence[PlaneFit], sigma_mm: float) -> Array:
-    """(9, 9) of three planes that are shifted together by an error of sigma_mm in each axis; no scan shows it."""
+    """(9, 9) covariance of three planes that an error of sigma_mm in each axis shifts together; no scan shows it."""
     normals = np.array([plane.normal for plane in planes])
     covariance = np.zeros((9, 9))
     covariance[::3, ::3] = sigma_mm**2 * normals @ normals.T

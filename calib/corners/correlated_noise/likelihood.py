@@ -23,20 +23,20 @@ from calib.corners.correlated_noise.patches import PatchPlaces
 LENGTHS = np.geomspace(1 / 30, 3.0, 14)
 """(L,) Correlation lengths l of the Gaussian kernels, in edges of the jig."""
 ROUGH_FROM = 4
-"""Index of the shortest length of an exponential kernel: shorter ones cannot be told from Gaussian ones by patches."""
+"""Index of the shortest length of an exponential kernel: shorter ones look like Gaussian ones in patches."""
 
 
 def _mixture(length: float) -> Array:
-    """(L,) shares of the Gaussian kernels in exp(-r / length)."""
+    """Shares (L,) of the Gaussian kernels in exp(-r / length)."""
     between = np.sqrt(LENGTHS[1:] * LENGTHS[:-1])
     below = [erf(b / length / sqrt(2)) for b in between]
     return np.diff([0.0, *below, 1.0])
 
 
 SHAPES = np.vstack([np.eye(len(LENGTHS)), [_mixture(length) for length in LENGTHS[ROUGH_FROM:]]])
-"""(S, L) shares of the Gaussian kernels in each shape of kernel: the Gaussian ones, then the exponential ones."""
+"""(S, L) Shares of the Gaussian kernels in each shape of kernel: the Gaussian ones, then the exponential ones."""
 SHAPE_LENGTHS = np.concatenate([LENGTHS, LENGTHS[ROUGH_FROM:]])
-"""(S,) correlation lengths of the shapes, in edges."""
+"""(S,) Correlation lengths of the shapes, in edges of the jig."""
 
 _LEADING = 16  # modes; with all of them the covariance of the apex is the same to some per cent
 _MODES_OF = len(LENGTHS) + int(np.argmin(np.abs(LENGTHS - 1.0))) - ROUGH_FROM  # exponential, an edge long
@@ -45,8 +45,8 @@ _MODES_OF = len(LENGTHS) + int(np.argmin(np.abs(LENGTHS - 1.0))) - ROUGH_FROM  #
 def gaussian_kernels(places: PatchPlaces, lengths_mm: Array) -> Array:
     """(L, B, B) exp(-r^2 / 2 l^2) averaged over the points of each pair of patches, for lengths l (L,).
 
-    With patches taken as Gaussian of their own second moments S the average is closed:
-    l^2 / sqrt(det M) exp(-d . M^-1 d / 2), M = l^2 I + S_b + S_c.
+    With patches taken as Gaussian of their own second moments S the average is closed: l^2 / sqrt(det M) exp(-d . M^-1
+    d / 2), M = l^2 I + S_b + S_c.
     """
     x, y = (centre[:, None] - centre for centre in places.centres_mm.T)
     spreads = places.spreads_mm2
@@ -60,7 +60,7 @@ def gaussian_kernels(places: PatchPlaces, lengths_mm: Array) -> Array:
 
 @dataclass(frozen=True)
 class CorrelationEvidence:
-    """What patches say of smooth errors of S shapes of kernel and W sizes."""
+    """Log likelihood of the patches' means under correlated errors of S shapes of kernel and W sizes."""
 
     log_likelihood: Array  # (S, W) less that of white noise alone
     expected_loss: Array  # (S, W) by how much that is below 0 on average where the noise is white
@@ -69,10 +69,10 @@ class CorrelationEvidence:
 def evidence_of(
     mean_mm: Array, variance_mm2: Array, design: Array, kernels: Array, sizes_mm: Array
 ) -> CorrelationEvidence:
-    """The evidence of patches' means (B,).
+    """Evidence of the patches' mean heights (B,) for each shape and size of a correlated error.
 
-    variance_mm2  # (B,) of the means by white noise; design  # (B, P) of what is free; kernels  # (L, B, B) Gaussian
-    ones of unit variance; sizes_mm  # (W,)
+    variance_mm2 # (B,) of the means by white noise; design # (B, P) of what is free; kernels # (L, B, B) Gaussian ones
+    of unit variance; sizes_mm # (W,)
     """
     root = np.sqrt(variance_mm2)
     basis, triangular = np.linalg.qr(design / root[:, None], mode="complete")

@@ -1,6 +1,6 @@
-"""Patches of a plane's points: their mean heights over it, and what those means have in common with a smooth error.
+"""Patches of a plane's points: their mean heights over it, and the coordinates that the kernels need.
 
-A covariance of some hundred means tells as much of a smooth error as one of a hundred thousand points.
+A covariance of some hundred means shows as much of a correlated error as one of a hundred thousand points.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ _FARTHEST_EYE = 5.0  # edges: a scan whose origin lies nearer to the apex than t
 
 @dataclass(frozen=True)
 class ScannerView:
-    """The scanner's eye, before coordinates around some origin near the apex."""
+    """Direction and distance of the coordinates' origin, near the apex, from the scanner."""
 
     sight: Array  # (3,) unit, from the eye to that origin
     distance_mm: float  # between both
 
     @staticmethod
     def of(origin_mm: Array, edge_mm: float) -> ScannerView:
-        """origin_mm  # (3,) in the scanner's frame"""
+        """View of an origin (3,) in the scanner's frame, from at least five edges away."""
         distance_mm = float(np.linalg.norm(origin_mm))
         sight = origin_mm / distance_mm if distance_mm > 1e-9 * edge_mm else np.array([0.0, 0.0, 1.0])
         return ScannerView(sight, max(distance_mm, _FARTHEST_EYE * edge_mm))
 
     def rays(self, points_mm: Array) -> Array:
-        """Unit directions (N, 3) from the eye to points (N, 3)."""
+        """Unit directions (N, 3) from the scanner to points (N, 3)."""
         way = points_mm + self.distance_mm * self.sight
         return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))
 
     def image_mm(self, points_mm: Array) -> Array:
-        """Where points (N, 3) before the eye stand in its image (N, 2), in mm at the origin's depth."""
+        """Coordinates (N, 2) of points (N, 3) in the scanner's image, in mm at the origin's depth."""
         across = np.linalg.svd(self.sight[None])[2][1:]
         depth = np.maximum(1 + points_mm @ self.sight / self.distance_mm, 0.1)
         return np.asarray(points_mm @ across.T / depth[:, None])
@@ -44,7 +44,7 @@ class ScannerView:
 
 @dataclass(frozen=True)
 class PatchPlaces:
-    """Where B patches lie in some plane of coordinates."""
+    """Centres and spreads of B patches in two-dimensional coordinates: the scanner's image, or the plane."""
 
     centres_mm: Array  # (B, 2)
     spreads_mm2: Array  # (B, 2, 2) second central moments of each patch's points
@@ -64,7 +64,7 @@ class Patches:
     depth: float  # of the plane's middle, over that of the coordinates' origin
 
     def chosen(self, rows: IndexArray) -> Patches:
-        """Some of them."""
+        """The patches with the given indices."""
         image, face = (PatchPlaces(p.centres_mm[rows], p.spreads_mm2[rows]) for p in (self.image, self.face))
         return Patches(
             self.mean_mm[rows], self.count[rows], self.within_mm2[rows], self.design[rows], self.cosine[rows],
@@ -73,7 +73,7 @@ class Patches:
 
 
 def patches_of(plane: PlaneFit, view: ScannerView, along_mm: Array, side_mm: float) -> Patches:
-    """Patches of a plane: square cells of its points' coordinates along_mm (K, 2)."""
+    """Patches of a plane's points: square cells, `side_mm` wide, of their coordinates along_mm (K, 2)."""
     cell = np.floor(along_mm / side_mm).astype(np.int64)
     cell -= cell.min(axis=0)
     key = cell[:, 0] * (int(cell[:, 1].max()) + 1) + cell[:, 1]
@@ -108,5 +108,5 @@ def patches_of(plane: PlaneFit, view: ScannerView, along_mm: Array, side_mm: flo
 
 
 def joined(places: Sequence[PatchPlaces]) -> PatchPlaces:
-    """The places of several planes' patches as one."""
+    """Places of the patches of several planes, one plane after the other."""
     return PatchPlaces(np.concatenate([p.centres_mm for p in places]), np.concatenate([p.spreads_mm2 for p in places]))

@@ -177,7 +177,7 @@ def _stack_by_rows(path: Path, vertex: _Element, content: bytes, start: int, ord
     first_list = next(i for i, types in enumerate(vertex.types) if len(types) > 1)
     if max(columns) > first_list:
         raise ScanError(f"{path}: its vertices hold lists before x, y, z; export the scan as a plain point cloud")
-    if vertex.rows <= len(content):  # else it is told as truncated
+    if vertex.rows <= len(content):  # else it is reported as truncated
         require_bounded(path, vertex.rows)
     starts = np.array(_row_starts(vertex, content, start, order))
     held = int(np.count_nonzero(starts[1:] <= len(content)))

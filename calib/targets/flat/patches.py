@@ -14,7 +14,7 @@ from calib.planes.robust_fit import PlaneFit, fit_plane_robustly
 
 _VOXELS_A_SIZE = 24
 _ALIKE_RAD = np.radians(9)
-_HEIGHT = 0.02  # of the size: by which a neighbour may stand over the plane of a point
+_HEIGHT = 0.02  # of the size: largest height of a neighbour over the plane of a point
 _FEWEST_THINNED = 12
 _FEWEST_POINTS = 30
 _MOST_PATCHES = 40
@@ -63,6 +63,7 @@ def flat_patches(points: Array, size_mm: float) -> list[PlaneFit]:
 
 
 def _patch(points: Array, on: IndexArray, thinned: Array, normals: Array, noise_mm: float) -> PlaneFit | None:
+    """Robust plane through one patch's points `on`; None where too few lie near it. thinned, normals # (K, 3)"""
     normal = np.median(normals, axis=0)
     normal /= np.linalg.norm(normal)
     offset = float(np.median(thinned @ normal))
@@ -78,6 +79,6 @@ def _patch(points: Array, on: IndexArray, thinned: Array, normals: Array, noise_
 
 
 def _spread(points: Array) -> float:
-    """Width of the strip whose points would spread as those of a patch do in its narrower direction: sigma sqrt(12)."""
+    """Width of the strip that spreads like a patch's points in their narrower direction: sigma sqrt(12), mm."""
     some = points[:: max(1, len(points) // 3000)]
     return float(np.sqrt(12 * max(np.linalg.eigvalsh(np.cov(some.T))[1], 0.0)))

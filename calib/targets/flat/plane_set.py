@@ -1,7 +1,7 @@
-"""A set of planes that stand to each other as is known: its frame's origin, which none of them need meet.
+"""Finder of a set of planes in known relative positions: the origin of its frame, in which they need not meet.
 
 Three planes of the scan whose angles are those of three of the set give the frame; the others then have to be where the
-set has them, if they are seen. Turn and shift come from the points of all planes together, six unknowns.
+set has them, if they are seen. Rotation and origin come from the points of all planes together, six unknowns.
 """
 
 from __future__ import annotations
@@ -35,18 +35,19 @@ _SINGULAR = 0.05
 
 @dataclass(frozen=True)
 class _Named:
-    """Patches and the planes of the set that they are."""
+    """Patches, and the plane of the set that each is."""
 
     patches: tuple[PlaneFit, ...]
     planes: tuple[int, ...]
 
     @property
     def points(self) -> int:
+        """Number of scan points on all patches."""
         return sum(len(patch.indices) for patch in self.patches)
 
 
 def find_plane_set(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
-    """The origin of the set's frame. Raises TargetError where three of its planes are not seen, or not told apart."""
+    """Origin of the set's frame. Raises TargetError where three of its planes are not seen or cannot be identified."""
     shape = wanted.shape
     assert isinstance(shape, PlaneSet)
     rows = np.flatnonzero(finite_rows(scan.points_mm))
@@ -64,7 +65,7 @@ def find_plane_set(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
             fits.append((named, placed))
     if not fits:
         raise TargetError(
-            f"{len(patches)} flat patches are in view, no three of them stand as the set's planes do; check that the "
+            f"{len(patches)} flat patches are in view, no three of them meet at the angles of the set's planes; check that the "
             "set is in view, and its planes in dataset.toml"
         )
     fits.sort(key=lambda fit: (-len(fit[0].planes), -fit[0].points))
@@ -92,6 +93,8 @@ def find_plane_set(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
 
 @dataclass(frozen=True)
 class _Placed:
+    """Fitted pose of the set in the scanner's frame."""
+
     origin_mm: Array  # (3,)
     scanner_R_set: Array  # (3, 3)
     covariance: Array  # (6, 6) of turn (rad, about the scanner's axes) and origin (mm)
@@ -100,8 +103,8 @@ class _Placed:
 
 
 def _namings(patches: Sequence[PlaneFit], normals: Array) -> list[_Named]:
-    """Three patches each whose angles are those of three of the set's planes, with the same hand."""
-    out = []
+    """Triples of patches whose angles, and handedness, are those of three of the set's planes."""
+    namings = []
     seen = [np.array([patch.normal for patch in triple]) for triple in combinations(patches, 3)]
     for three in combinations(range(len(normals)), 3):
         of_set = normals[list(three)]
@@ -115,15 +118,15 @@ def _namings(patches: Sequence[PlaneFit], normals: Array) -> list[_Named]:
                     continue
                 angles = np.arccos(np.clip(turned @ turned.T, -1, 1)) - np.arccos(np.clip(of_set @ of_set.T, -1, 1))
                 if np.abs(angles).max() < _ALIKE:
-                    out.append(_Named(tuple(triple[k] for k in order), three))
-    return out
+                    namings.append(_Named(tuple(triple[k] for k in order), three))
+    return namings
 
 
 def _placed(named: _Named, normals: Array, offsets: Array) -> _Placed | None:
-    """Least squares of turn and origin on all points of the planes; None where they do not tell them.
+    """Pose of the set by least squares on all points of the named planes; None where they do not determine it.
 
-    Point p of plane i stands (R n_i) . (p - o) - d_i over it; its derivative is (R n_i) x (p - o) . w for a turn w, and
-    -(R n_i) for a shift of the origin o.
+    Point p of plane i has the height (R n_i) . (p - o) - d_i over it; the derivative is (R n_i) x (p - o) . w by a
+    rotation w, and -(R n_i) by a shift of the origin o.
     """
     of_set, at = normals[list(named.planes)], offsets[list(named.planes)]
     seen = np.array([patch.normal for patch in named.patches])
@@ -176,7 +179,7 @@ def _information(plane: PlaneFit) -> Array:
 def _with_others(
     named: _Named, patches: Sequence[PlaneFit], placed: _Placed, normals: Array, offsets: Array, size_mm: float
 ) -> _Named:
-    """The naming with all other patches that lie on further planes of the set, near its origin."""
+    """Naming extended by all other patches that lie on further planes of the set, near its origin."""
     added, planes = list(named.patches), list(named.planes)
     there = normals @ placed.scanner_R_set.T
     for k in range(len(normals)):
@@ -199,5 +202,6 @@ def _with_others(
 
 
 def _is_near(named: _Named, placed: _Placed, offsets: Array, size_mm: float) -> bool:
+    """Whether all named patches lie within the set's reach of its origin."""
     reach = float(np.abs(offsets).max()) + _REACH * size_mm
     return all(np.linalg.norm(patch.centre_mm - placed.origin_mm) < reach for patch in named.patches)

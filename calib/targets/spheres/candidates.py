@@ -1,7 +1,7 @@
-"""Where spheres may be in a scan: pairs of points whose normals meet in one centre, and where many such centres lie.
+"""Candidates for spheres in a scan: pairs of points whose normals meet in one centre, and clusters of such centres.
 
-Two points of a sphere with normals n_1, n_2 toward the scanner satisfy p_1 - p_2 = r (n_1 - n_2); least squares gives r
-and tells pairs that lie on no sphere by what is left (as Schnabel, Wahl and Klein 2007, section 4.1). Pairs of a
+Two points of a sphere with normals n_1, n_2 toward the scanner satisfy p_1 - p_2 = r (n_1 - n_2); least squares gives
+r, and its residual excludes pairs that lie on no sphere (as Schnabel, Wahl and Klein 2007, section 4.1). Pairs of a
 plane have equal normals and are dropped; those of a cylinder's wall or an edge agree only along a line.
 """
 
@@ -28,7 +28,7 @@ _NORMALS_RAD = np.radians(35)
 
 @dataclass(frozen=True)
 class SphereCandidate:
-    """A sphere that some thinned points lie on."""
+    """Sphere that some thinned points lie on."""
 
     centre_mm: Array  # (3,)
     radius_mm: float
@@ -39,16 +39,16 @@ class SphereCandidate:
 def sphere_candidates(
     around: Neighbourhoods, radii_mm: tuple[float, float], rng: np.random.Generator, most: int
 ) -> list[SphereCandidate]:
-    """Spheres with a radius in that range, those with most points first, at most `most` of them."""
+    """Spheres with a radius in the given range, those with most points first, at most `most` of them."""
     centres, radii = _votes(around, radii_mm, rng)
-    found: list[SphereCandidate] = []
+    candidates: list[SphereCandidate] = []
     for centre, radius in _peaks(centres, radii, radii_mm, most):
         settled = _settled(around, centre, radius, radii_mm)
         if settled is None:
             continue
-        if all(np.linalg.norm(settled.centre_mm - other.centre_mm) > 0.4 * settled.radius_mm for other in found):
-            found.append(settled)
-    return sorted(found, key=lambda h: -h.votes)[:most]
+        if all(np.linalg.norm(settled.centre_mm - other.centre_mm) > 0.4 * settled.radius_mm for other in candidates):
+            candidates.append(settled)
+    return sorted(candidates, key=lambda h: -h.votes)[:most]
 
 
 def _votes(around: Neighbourhoods, radii_mm: tuple[float, float], rng: np.random.Generator) -> tuple[Array, Array]:
@@ -64,9 +64,9 @@ def _votes(around: Neighbourhoods, radii_mm: tuple[float, float], rng: np.random
     turn = around.normals[first] - around.normals[second]
     square = np.einsum("ki,ki->k", turn, turn)
     radius = np.einsum("ki,ki->k", apart, turn) / np.maximum(square, 1e-12)
-    left = np.linalg.norm(apart - radius[:, None] * turn, axis=1)
+    residual = np.linalg.norm(apart - radius[:, None] * turn, axis=1)
     good = square > _LEAST_TURN**2
-    good &= left < _MOST_LEFT * np.linalg.norm(apart, axis=1)
+    good &= residual < _MOST_LEFT * np.linalg.norm(apart, axis=1)
     good &= (radius > 0.8 * radii_mm[0]) & (radius < 1.25 * radii_mm[1])
     first, second, radius = first[good], second[good], radius[good]
     middle = around.points_mm[first] + around.points_mm[second]
@@ -75,7 +75,10 @@ def _votes(around: Neighbourhoods, radii_mm: tuple[float, float], rng: np.random
 
 
 def _peaks(centres: Array, radii: Array, radii_mm: tuple[float, float], most: int) -> list[tuple[Array, float]]:
-    """Where many centres lie, for one range of radii after the other, those with most votes first."""
+    """Centres and radii where many votes meet, those with most votes first.
+
+    Ranges of radii are searched one after the other.
+    """
     peaks: list[tuple[int, Array, float]] = []
     low = 0.8 * radii_mm[0]
     while low < 1.25 * radii_mm[1]:
@@ -103,7 +106,7 @@ def _peaks(centres: Array, radii: Array, radii_mm: tuple[float, float], most: in
 def _settled(
     around: Neighbourhoods, centre: Array, radius: float, radii_mm: tuple[float, float]
 ) -> SphereCandidate | None:
-    """A sphere through the thinned points about a first one, by least squares on points whose normals agree."""
+    """Sphere through thinned points near a first one, by least squares on points whose normals agree; None for few."""
     points, normals = around.points_mm, around.normals
     votes, share = 0, 2 * _BAND
     for _ in range(8):
