@@ -3,12 +3,12 @@
 Three equal faces look alike under rotations by 120 degrees. What distinguishes them, in this order:
 
 * `robot`: the corners' positions and the nominal arm give the scanner's frame, and so the attitude of the tool to a
-  degree or so. The hand-eye rotation of the jig on the tool, tool_R_jig, is unknown but the same at all poses: the right
-  labels are those that make it the same. One cyclic shift of the labels of all poses together remains, a mere
+  degree or so. The hand-eye rotation of the jig on the tool, tool_R_jig, is unknown but the same at all poses: the
+  right labels are those that make it the same. One cyclic shift of the labels of all poses together remains, a mere
   convention: face 1 is the one whose normal lies nearest the tool's x axis, unless the jig's angles identify its faces;
 * `angles`: a jig whose measured `face_angles_deg` differ by more than the scans' noise;
-* `continuity`: without either, each pose is labelled as the one before it, which holds for small rotations between poses
-  of one setup; where the joint angles give another rotation than the faces do, the pose is refused.
+* `continuity`: without either, each pose is labelled as the one before it, which holds for small rotations between
+  poses of one setup; where the joint angles give another rotation than the faces do, the pose is refused.
 
 No jig is square to a scan's microradians. Where the mean angles of its faces over all poses differ from the jig's, and
 those are not certified, the mean angles take their place: otherwise the orientation of each pose would be biased in a
@@ -119,8 +119,8 @@ def label_corners(dataset: Dataset, corners: Mapping[str, Corner]) -> FaceLabels
     contradicted = 0 if labels is None else sum(pose_id in predicted for pose_id in labels.refused)
     if contradicted > max(1.0, _MOST_CONTRADICTED * len(predicted)):
         reason = (
-            f"the nominal robot predicts another orientation of the jig at {contradicted} of {len(predicted)} poses; check the "
-            "joint angles and their signs, of the last joint above all"
+            f"the nominal robot predicts another orientation of the jig at {contradicted} of {len(predicted)} poses; "
+            "check the joint angles and their signs, of the last joint above all"
         )
         labels, why = None, dict.fromkeys(ids, reason)
     if labels is None:

@@ -117,7 +117,7 @@ def test_a_pose_that_the_robot_contradicts_is_refused(simulation):
     corners["p05"] = corner_of(turned.T, np.random.default_rng(8), apex=simulation.apex_mm[4])
     result = label_corners(dataset, corners)
     assert set(result.refused) == {"p05"}
-    assert "deg from where the nominal robot has it" in result.refused["p05"]
+    assert "from the nominal robot's prediction" in result.refused["p05"]
 
 
 def test_without_a_placed_scanner_unequal_angles_name_the_faces(simulation):

@@ -65,8 +65,8 @@ def find_plane_set(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
             fits.append((named, placed))
     if not fits:
         raise TargetError(
-            f"{len(patches)} flat patches are in view, no three of them meet at the angles of the set's planes; check that the "
-            "set is in view, and its planes in dataset.toml"
+            f"{len(patches)} flat patches are in view, no three of them meet at the angles of the set's planes; "
+            "check that the set is in view, and its planes in dataset.toml"
         )
     fits.sort(key=lambda fit: (-len(fit[0].planes), -fit[0].points))
     (named, placed), others = fits[0], fits[1:]

@@ -213,7 +213,7 @@ def test_faces_that_the_robot_contradicts_are_told_and_full_poses_refused(folder
     with idle_app(folder / "contradicted") as app, WireClient(app.server.get_port()) as page:
         first = session(app).calibration
         assert first is not None
-        said = "training poses, and full poses need half of them: the nominal robot predicts another orientation of the jig at"
+        said = "training poses, and full poses need half of them: the nominal robot predicts another orientation"
         shows(
             page,
             "pose cannot be fitted: the jig's faces can be told apart at ",
