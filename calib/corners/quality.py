@@ -1,24 +1,15 @@
-"""Quality figures of a corner, the warnings that follow from them, and the limits beyond which there is no corner."""
+"""Quality figures of a corner, and the warnings that follow from them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
 from calib.array_types import Array
-from calib.errors import CornerError
-from calib.jig import FACE_PAIRS, Jig
 from calib.planes.robust_fit import PlaneFit
 
-SQUARENESS_DEG = 1.0
-MOST_INCIDENCE_DEG = 84.0
-_DEEP = 0.035  # of the edge: points of which nine in ten lie nearer to an edge than this are not a face's
-_ROUGHEST = 10.0  # times the scatter of the other faces; a face seen at 84 deg scatters some 6 times as much
-_ROUGH = 1 / 3000  # of the edge: a scatter below this is not compared
-_MOST_TILT_DEG = 3.0  # standard deviation of a face's direction; a depth camera's of a box are known to 1 to 2
 HIGH_INCIDENCE_DEG = 75.0
 FEW_POINTS = 50
 LOW_COVERAGE = 0.4
@@ -136,52 +127,6 @@ def angle_errors(angles_deg: tuple[float, float, float], jig_angles_deg: tuple[f
     errors = np.empty(3)
     errors[order] = measured[order] - np.sort(jig_angles_deg)
     return errors
-
-
-def require_faces(planes: Sequence[PlaneFit], covariance: Array, origin: Array, jig: Jig) -> None:
-    """Raise CornerError where the three refined planes cannot be the jig's faces. covariance # (9, 9) of the planes"""
-    for plane in planes:
-        seen_at_deg = incidence_deg(plane, origin)
-        if seen_at_deg > MOST_INCIDENCE_DEG:
-            raise CornerError(
-                f"the third face would be seen edge-on ({len(plane.indices)} points, {seen_at_deg:.1f} deg off its "
-                f"normal; beyond {MOST_INCIDENCE_DEG:g} deg stray points along an edge look the same); "
-                "turn the jig so that three faces are seen"
-            )
-    for plane in planes:
-        legs_mm = [np.abs(plane.points_mm @ p.normal - p.offset_mm) for p in planes if p is not plane]
-        deep_mm = float(np.quantile(np.min(legs_mm, axis=0), 0.9))
-        if deep_mm < _DEEP * jig.shortest_mm:
-            raise CornerError(
-                f"the {len(plane.indices)} points taken for one of the faces lie within {deep_mm:.2g} mm of its edges, "
-                "as those of a bevel do; turn the jig so that three faces are seen"
-            )
-    scatter = np.array([plane.sigma_mm for plane in planes])
-    usual_mm = max(float(np.median(scatter)), _ROUGH * jig.shortest_mm)
-    if scatter.max() > _ROUGHEST * usual_mm:
-        rough = planes[int(np.argmax(scatter))]
-        raise CornerError(
-            f"the {len(rough.indices)} points taken for one of the faces scatter {rough.sigma_mm:.2g} mm, those of the "
-            f"others {usual_mm:.2g} mm: they are no plane; turn the jig so that three faces are seen"
-        )
-    slopes = [covariance[3 * i + 1 : 3 * i + 3, 3 * i + 1 : 3 * i + 3] for i in range(3)]
-    tilt_deg = [np.degrees(np.sqrt(np.linalg.eigvalsh(slope)[-1])) for slope in slopes]
-    loose = int(np.argmax(tilt_deg))
-    if tilt_deg[loose] > _MOST_TILT_DEG:  # any angle between the faces would pass
-        raise CornerError(
-            f"the {len(planes[loose].indices)} points taken for one of the faces tell its direction to "
-            f"{tilt_deg[loose]:.2g} deg only, where {_MOST_TILT_DEG:g} deg will do; turn the jig so that three faces "
-            "are seen, or scan it finer"
-        )
-    nominal_slack_deg = SQUARENESS_DEG + jig.out_of_square_deg()
-    for i, j in FACE_PAIRS:
-        off_deg = float(np.degrees(np.arcsin(np.clip(planes[i].normal @ planes[j].normal, -1, 1))))
-        slack_deg = nominal_slack_deg + 3 * np.hypot(tilt_deg[i], tilt_deg[j])
-        if abs(off_deg) > slack_deg:
-            raise CornerError(
-                f"two of the faces meet {abs(off_deg):.2f} deg out of square, more than {slack_deg:.2f} deg; "
-                "look at the chosen planes, and check face_angles_deg in dataset.toml"
-            )
 
 
 def incidence_deg(plane: PlaneFit, origin: Array) -> float:

@@ -24,13 +24,12 @@ from calib.corners.faces.face_outline import (
     along_edges,
     face_points,
     flat_margins_mm,
-    require_far_borders,
     without_far_points,
 )
 from calib.corners.faces.mixed_pixels import refit_narrow_faces
 from calib.corners.intersection import Corner, Face, intersect, intersection_covariance, packed
-from calib.corners.quality import require_faces
 from calib.corners.quality_figures import height_covariance, quality_figures
+from calib.corners.refusals import RefinedFaces, require_faces
 from calib.errors import CornerError
 from calib.jig import Jig, Outline
 from calib.planes.clustering import PlaneGroup
@@ -99,8 +98,7 @@ def refine(
         points_mm, groups, chosen, origin, jig.shortest_mm, max(plane.sigma_mm for plane in planes)
     )
     known = plane_uncertainty(planes, jig, origin, surroundings, options.declared)
-    require_far_borders(local, planes, jig, outline)
-    require_faces(planes, known.covariance, origin, jig)
+    require_faces(RefinedFaces(planes, known.covariance, local, origin, jig, outline))
     covariance, moves = known.covariance, np.zeros(9)
     notes: tuple[str, ...] = ()
     if jig.certified:

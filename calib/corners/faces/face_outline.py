@@ -14,7 +14,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from calib.array_types import Array, BoolArray, IndexArray
-from calib.errors import CornerError
 from calib.jig import Jig, Outline
 from calib.planes.robust_fit import TUKEY, PlaneFit
 
@@ -69,27 +68,6 @@ def face_points(heights: Array, face: int, band_mm: float, jig: Jig, outline: Ou
     one, other = along_edges(heights, face, jig)
     inside = FaceOutline.of(outline, face).inward(one, other) > margin_mm
     return np.asarray(inside & (np.abs(heights[:, face]) <= band_mm))
-
-
-def require_far_borders(local: Array, planes: Sequence[PlaneFit], jig: Jig, outline: Outline) -> None:
-    """Raise CornerError where a refined plane goes on beyond the far border of its rectangle. local # (N, 3)
-
-    The planes before refinement are too inexact for this in noise: a long box leaves their tolerance at its end.
-    """
-    if not outline.rectangular:
-        return
-    heights = np.column_stack([local @ plane.normal - plane.offset_mm for plane in planes])
-    for face, plane in enumerate(planes):
-        on = np.abs(heights[:, face]) < TUKEY * plane.sigma_mm
-        one, other = along_edges(heights[on], face, jig)
-        legs_mm = FaceOutline.of(outline, face).legs_mm
-        a, b = one / legs_mm[0], other / legs_mm[1]
-        for leg_mm, share in zip(legs_mm, (_share_beyond(a, b), _share_beyond(b, a)), strict=True):
-            if share:
-                raise CornerError(
-                    f"a face of {legs_mm[0]:g} x {legs_mm[1]:g} mm goes on beyond its {leg_mm:g} mm: the corner of "
-                    f"something larger; correct edge_mm ({jig.edges_text()}) or clear the view"
-                )
 
 
 def without_far_points(along_mm: Array) -> BoolArray:
@@ -207,10 +185,10 @@ def _goes_on(a: Array, b: Array) -> float:
     a, b # (K,) of the plane's points, in shares of the legs. Strips on both sides of a border are compared by their
     points, so that no density matters. A longer box has the corner of a shorter one, and one end where it ends too.
     """
-    return max(_share_beyond(a, b), _share_beyond(b, a))
+    return max(share_beyond(a, b), share_beyond(b, a))
 
 
-def _share_beyond(along: Array, across: Array) -> float:
+def share_beyond(along: Array, across: Array) -> float:
     """Points of a strip beyond the border along = 1 over those of the strip inside it; 0 where less than half."""
     along_border = (across > _BORDER) & (across < 1 - _BORDER)
     within = int(np.count_nonzero(along_border & (along > 1 - _COLLAR) & (along < 1 - _BORDER)))
