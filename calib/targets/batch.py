@@ -13,8 +13,8 @@ from calib.corners.batch import CornerBatch, brief, declared_noise, find_corners
 from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.corners.search import CornerSearch, failed_search
 from calib.dataset.dataset import Dataset
-from calib.display.progress import OnProgress
 from calib.errors import ScanError
+from calib.progress import OnProgress
 from calib.scans.scan import PointCount, load_scan
 from calib.target_shapes import DeclaredTarget
 from calib.targets.protocol.user_file import UserFinder, load_finder

@@ -108,7 +108,7 @@ def test_a_wall_that_is_bowed_by_itself_is_not_taken_for_the_scanner(bent_mm: fl
     assert np.median(found) < 1.3
 
 
-def test_what_is_told_of_the_scanner_is_the_least_that_a_corner_has() -> None:
+def test_what_is_declared_of_the_scanner_is_the_least_that_a_corner_has() -> None:
     """A shift of 0.03 mm along the sight, over 60 mm: what the apex feels of it, whether the scan shows it or not."""
     declared = DeclaredNoise(0.03, 60.0)
     for smooth_mm in (0.0, 0.1):

@@ -63,7 +63,7 @@ def test_the_nominal_robot_names_the_faces_alike_at_every_pose(simulation, jig):
     assert len(result.document()["poses"]) == 30
 
 
-def test_a_jig_that_is_not_as_told_is_measured_over_all_poses(simulation):
+def test_a_jig_that_is_not_as_declared_is_measured_over_all_poses(simulation):
     """0.03 degrees out of square, untold: 500 microradians beside a noise of 60."""
     real = Jig(face_angles_deg=(90.03, 89.98, 90.01))
     dataset, corners, true = labelled(simulation, np.random.default_rng(14), real, sigma_rad=2e-5)
