@@ -1,4 +1,4 @@
-"""What is hidden in a text is seen wherever it is shown."""
+"""Hidden characters of a text are visible wherever it is shown."""
 
 from __future__ import annotations
 

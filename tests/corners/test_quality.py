@@ -1,4 +1,4 @@
-"""The figures of a corner say what a person would see, and what to do."""
+"""Quality figures of a corner: they and their warnings agree with what is wrong in the scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the scan shows of a smooth error: the likelihood, the kernels, and a wall behind the jig."""
+"""Correlated errors that a scan shows: the likelihood, the kernels, and a wall behind the jig."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def corner(
     bent_mm: float = 0.0,
     declared: DeclaredNoise = NOTHING_DECLARED,
 ) -> Corner:
-    """The corner of a jig of 60 mm, 600 points a face, before a wall of 160 mm across that may be bent by itself."""
+    """Corner of a jig of 60 mm, 600 points a face, before a wall 160 mm wide that may itself be bent."""
     rng = np.random.default_rng(seed)
     edges, normals = jig_geometry(Jig())
     share = rng.uniform(0, 1, (3, 600, 2))
@@ -57,7 +57,7 @@ def squared(found: Corner) -> float:
 
 
 def test_gaussian_kernels_make_an_exponential_one() -> None:
-    """Of points, not patches: exp(-r / l) as near as steps of the square root of 2 in length come."""
+    """Kernels of points, not patches: exp(-r / l) as closely as steps of sqrt(2) in length allow."""
     places = PatchPlaces(np.column_stack([np.geomspace(2, 100, 12), np.zeros(12)]), np.zeros((12, 2, 2)))
     r = np.abs(places.centres_mm[:, None, 0] - places.centres_mm[:, 0])
     kernels = gaussian_kernels(places, 60 * LENGTHS)
@@ -68,7 +68,7 @@ def test_gaussian_kernels_make_an_exponential_one() -> None:
 
 
 def test_the_likelihood_is_that_of_the_contrasts() -> None:
-    """Against scipy's normal density of an orthonormal basis of contrasts."""
+    """Compared with scipy's normal density of an orthonormal basis of contrasts."""
     rng = np.random.default_rng(0)
     places = PatchPlaces(rng.uniform(0, 50, (18, 2)), np.tile(3 * np.eye(2), (18, 1, 1)))
     design = np.column_stack([np.ones(18), places.centres_mm])
@@ -89,7 +89,7 @@ def test_the_likelihood_is_that_of_the_contrasts() -> None:
 
 @pytest.mark.slow
 def test_a_wall_shows_waves_as_long_as_the_jig() -> None:
-    """Honest is 3. The faces alone show nothing of such waves, and the covariance is then too small."""
+    """An honest covariance gives 3. The faces alone show nothing of such errors, and their covariance is too small."""
     seeds = range(16)
     beside = np.mean([squared(corner(seed, smooth_mm=0.03)) for seed in seeds])
     alone = np.mean([squared(corner(seed, smooth_mm=0.03, wall=False)) for seed in seeds])
@@ -109,7 +109,7 @@ def test_a_wall_that_is_bowed_by_itself_is_not_taken_for_the_scanner(bent_mm: fl
 
 
 def test_what_is_declared_of_the_scanner_is_the_least_that_a_corner_has() -> None:
-    """A shift of 0.03 mm along the sight, over 60 mm: what the apex feels of it, whether the scan shows it or not."""
+    """A declared shift of 0.03 mm along the sight, over 60 mm, counts at the apex whether the scan shows it or not."""
     declared = DeclaredNoise(0.03, 60.0)
     for smooth_mm in (0.0, 0.1):
         bare = corner(3, smooth_mm=smooth_mm, wall=False)

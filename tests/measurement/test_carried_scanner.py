@@ -1,4 +1,4 @@
-"""The attitudes by which a jig's faces are labelled, where the arm carries the scanner and the jig is in the room."""
+"""Attitudes by which a jig's faces are labelled, where the arm carries the scanner and the jig is fixed in the cell."""
 
 from __future__ import annotations
 

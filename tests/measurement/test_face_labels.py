@@ -31,7 +31,7 @@ def labelled(
     *,
     sigma_rad: float = 1e-4,
 ) -> tuple[Dataset, dict[str, Corner], np.ndarray]:
-    """The simulation's corners by pose with their faces in any order, and the jig's true orientations (N, 3, 3)."""
+    """Corners of the simulation by pose with their faces in any order, and the jig's true orientations (N, 3, 3)."""
     dataset = replace(simulation.dataset, jig=jig)
     seat = Rotation.random(random_state=3).as_matrix()  # the jig is screwed on anyhow
     true = simulation.scanner_T_jig[:, :3, :3] @ seat
@@ -64,7 +64,7 @@ def test_the_nominal_robot_names_the_faces_alike_at_every_pose(simulation, jig):
 
 
 def test_a_jig_that_is_not_as_declared_is_measured_over_all_poses(simulation):
-    """0.03 degrees out of square, untold: 500 microradians beside a noise of 60."""
+    """The jig is 0.03 degrees out of square, undeclared: 500 microradians, with a noise of 60."""
     real = Jig(face_angles_deg=(90.03, 89.98, 90.01))
     dataset, corners, true = labelled(simulation, np.random.default_rng(14), real, sigma_rad=2e-5)
 
@@ -130,7 +130,7 @@ def test_without_a_placed_scanner_unequal_angles_name_the_faces(simulation):
 
 
 def two_poses(simulation: Simulation, turn_deg: float, second: np.ndarray):
-    """Two poses of a square jig, the second one turned so, and joint 1 by that angle."""
+    """Two poses of a square jig, the second one rotated as given, and joint 1 by the given angle."""
     dataset = replace(simulation.dataset, jig=Jig())
     q = dataset.poses.q.copy()
     q[1] = q[0]
@@ -179,7 +179,7 @@ def test_a_tool_point_far_off_names_the_faces_all_the_same(simulation):
 
 
 def test_a_robot_that_does_not_fit_the_corners_is_told(simulation):
-    """One joint's sign is wrong: what it predicts names nothing, and the reason says where to look."""
+    """One joint's sign is wrong: its predictions label nothing, and the reason says where to look."""
     dataset, corners, _ = labelled(simulation, np.random.default_rng(7))
     q = dataset.poses.q.copy()
     q[:, 2] *= -1.0

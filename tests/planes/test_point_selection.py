@@ -1,4 +1,4 @@
-"""Points near a place, held against distances worked out one by one."""
+"""Points near a place, compared with distances computed one by one."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Sets of planes in scans of the tests' own ray caster: the origin beside its bound, ambiguous sets, refusals."""
+"""Sets of planes in scans of the tests' own ray caster: the origin over its bound, ambiguous sets, refusals."""
 
 from __future__ import annotations
 

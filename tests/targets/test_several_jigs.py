@@ -1,4 +1,4 @@
-"""Several three-faced jigs in one scan: each found, told apart by size, or by the other poses where they are alike."""
+"""Several three-faced jigs in one scan: each found, identified by size, or by the other poses where they are alike."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.support.sphere_scene import one_ball
 
 
 def two_jigs(sizes: tuple[float, float], seed: int) -> tuple[Scan, list[np.ndarray]]:
-    """Two scans of one jig each, side by side in one frame: each is moved off the other's field."""
+    """Scan of two jigs next to each other, made of one scan of each, and their apexes."""
     rng = np.random.default_rng(seed)
     points, apexes = [], []
     for size, side in zip(sizes, (-75.0, 75.0), strict=True):

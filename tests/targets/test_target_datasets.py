@@ -86,7 +86,7 @@ def test_scans_of_balls_are_calibrated(
 def test_a_finder_of_the_users_own(
     balls: tuple[Path, dict[str, np.ndarray]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The user's function here takes the middle of all points; it is asked for every target, as none is `own`."""
+    """The user's function here takes the mean of all points; it is called for every target, as none is `own`."""
     own = tmp_path / "mine.py"
     own.write_text(
         "import numpy as np\n\n\ndef find(scan, wanted):\n"
