@@ -94,7 +94,7 @@ class ModelFileError(CalibError):
 
 
 class FitError(CalibError):
-    """The measurements cannot carry the fit that was asked for."""
+    """The measurements do not determine the fit that was asked for."""
 
 
 class TargetError(CalibError):

@@ -66,7 +66,7 @@ class TriedPairs:
 def face_triples(points_mm: Array, planes: Planes, tried: TriedPairs) -> Iterator[FaceTriple]:
     """Triples of planes with the outline of the jig, the highest score first; triples with a voted face come last.
 
-    points_mm # (N, 3) the whole scan
+    points_mm  # (N, 3) the whole scan
     """
     yield from _like_the_jig(planes.triples, planes.tolerances)
     pairs = tried.new(planes)

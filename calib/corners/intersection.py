@@ -60,7 +60,7 @@ class Corner:
 def intersect(normals: Array, offsets_mm: Array) -> Array:
     """Point p with n_i . p = d_i (eq 2): p = N^-1 [d_1 d_2 d_3], the unit normals n_i being the rows of N.
 
-    normals # (..., 3, 3); offsets_mm # (..., 3), d_i = n_i . p_i for any point p_i of the plane.
+    normals  # (..., 3, 3); offsets_mm  # (..., 3), d_i = n_i . p_i for any point p_i of the plane.
     """
     return np.asarray(np.linalg.solve(normals, offsets_mm[..., None])[..., 0], dtype=np.float64)
 

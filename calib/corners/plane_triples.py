@@ -1,4 +1,4 @@
-"""Three planes that may be the jig's faces, and the score of their likeness to it.
+"""Triples of planes that may be the jig's faces, scored by how well they fit its outline.
 
 A face's score is the share of its outline's area that has points less the share that is wrong: seen through, or with
 points of the same plane beyond its edges. All lengths come from the heights of the scan's thinned points over the
@@ -247,7 +247,7 @@ class Planes:
     ) -> list[FaceTriple]:
         """Triples with scores, one for each of some outlines of the jig.
 
-        shares(i, face) # of face i: filled, spilt over and seen through
+        shares(i, face)  # of face i: filled, spilt over and seen through
         """
         known = cache(shares)
         triples = []

@@ -17,7 +17,7 @@ from calib.planes.robust_fit import PlaneFit, height_lever
 
 
 def height_covariance(planes: Sequence[PlaneFit], covariance: Array, point_mm: Array) -> Array:
-    """Covariance (3, 3) in mm^2 of the three planes' heights at one point (3,). covariance # (9, 9)"""
+    """Covariance (3, 3) in mm^2 of the three planes' heights at one point (3,). covariance  # (9, 9)"""
     lever = height_lever(planes, point_mm)
     return np.asarray(lever @ covariance @ lever.T)
 
@@ -37,8 +37,8 @@ def quality_figures(
 ) -> CornerQuality:
     """Quality figures of a refined corner.
 
-    covariance # (9, 9) of the planes as the corner takes them; known.covariance is the one before certified angles
-    constrain them. origin, apex # (3,) the first apex in the scanner's frame, and the last one about it.
+    covariance  # (9, 9) of the planes as the corner takes them; known.covariance is the one before certified angles
+    constrain them. origin, apex  # (3,) the first apex in the scanner's frame, and the last one about it.
     """
     normals = np.array([p.normal for p in planes])
 

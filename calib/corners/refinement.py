@@ -69,7 +69,7 @@ def refine(
 ) -> Corner:
     """Corner of three plane groups, refined on all inliers.
 
-    points_mm # (N, 3) the whole scan; sigma_mm is the noise along the normals, which sets the first, wide bands;
+    points_mm  # (N, 3) the whole scan; sigma_mm is the noise along the normals, which sets the first, wide bands;
     scan_sigma_mm is the scanner's declared noise, for the quality figures only; outline is that of the faces, in the
     order of the chosen groups.
 
@@ -178,7 +178,7 @@ def _points_of_face(
     outline: Outline,
     options: RefinementOptions,
 ) -> IndexArray:
-    """Rows of the points (K, 3) that lie on a face, inside its outline less a margin. heights # (K, 3) over all faces
+    """Rows of the points (K, 3) that lie on a face, inside its outline less a margin. heights  # (K, 3) over all faces
 
     Where too few remain, as on a narrow strip, the margin is made smaller. Raises CornerError if that does not help.
     """

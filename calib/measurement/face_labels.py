@@ -244,7 +244,7 @@ def _label_by_robot(
 def _most_agreed(hand_eye: Array) -> Array:
     """tool_R_jig (3, 3) that most poses agree with under one of their labellings; the mean over those that agree.
 
-    hand_eye # (K, 3, 3, 3) tool_R_jig of each pose under each labelling
+    hand_eye  # (K, 3, 3, 3) tool_R_jig of each pose under each labelling
     """
     tried = hand_eye[:: max(1, len(hand_eye) // _HYPOTHESES), 0]
     turns = [_turn_deg(one.T @ hand_eye) for one in tried]  # each (K, 3)

@@ -60,7 +60,7 @@ def draw_sample_sets(
 ) -> IndexArray:
     """Indices (count, 4) of the points of each drawn sample set.
 
-    neighbours # (V, k) indices of each point's nearest points. `local` draws each set around a random point, or one of
+    neighbours  # (V, k) indices of each point's nearest points. `local` draws each set around a random point, or one of
     the points `around` (K,), by four walks from neighbour to neighbour: of 2 steps for half of the sets, of `long_walk`
     steps for the other half. Otherwise the four points come from the whole cloud, as in the paper. A set in which a
     point was drawn twice is left to filter 3, which no such set passes.
@@ -102,7 +102,7 @@ def filter_2(point_normals: Array, tolerance_rad: float) -> BoolArray:
 def filter_3(triangles: Array, point_normals: Array, tolerance_rad: float) -> BoolArray:
     """(M,) whether all four triangles' normals agree with the mean of the point normals: |t_i . n| >= cos(tolerance).
 
-    Rejects points on two parallel faces, whose own normals agree. triangles, point_normals # (M, 4, 3) unit.
+    Rejects points on two parallel faces, whose own normals agree. triangles, point_normals  # (M, 4, 3) unit.
     """
     dots = np.einsum("mtc,mc->mt", triangles, _unit(_middle(point_normals)))
     return np.all(np.abs(dots) >= np.cos(tolerance_rad), axis=1)
@@ -117,7 +117,7 @@ def triangle_normals(points_mm: Array) -> Array:
 def apply_filters(points_mm: Array, point_normals: Array, tolerances: FilterTolerances) -> SampleSets:
     """Sample sets with the first of filters 1, 2 and 3 that rejected each, or none.
 
-    points_mm, point_normals # (M, 4, 3)
+    points_mm, point_normals  # (M, 4, 3)
     """
     rejected_by = np.zeros(len(points_mm), dtype=np.uint8)
     remaining = np.arange(len(points_mm))

@@ -22,7 +22,7 @@ _AT_A_TIME = 32_768  # points; a processor's own memory holds them through all s
 def thin_to_voxels(points_mm: Array, voxel_mm: float) -> IndexArray:
     """Indices of one point per occupied voxel, voxel by voxel; voxels that hold stray points are left out.
 
-    points_mm # (N, 3). Stray points (flying pixels, reflections) fill space thinly where surfaces fill it densely. A
+    points_mm  # (N, 3). Stray points (flying pixels, reflections) fill space thinly where surfaces fill it densely. A
     voxel is left out where the block of 4 x 4 x 4 voxels around it holds less than a twenty-fifth of the points that
     blocks of surfaces hold, or where it has itself far fewer than the median, if that is four or more. In a scan so
     fine that a part of it fills the voxels as well, only every n-th point is used.
@@ -67,7 +67,7 @@ def _occupied(points_mm: Array, voxel_mm: float) -> tuple[IndexArray, IndexArray
 
 
 def _keys(cell: Sequence[IndexArray]) -> IndexArray:
-    """One integer (N,) for each cell of three indices from 0. cell # (3, N)"""
+    """One integer (N,) for each cell of three indices from 0. cell  # (3, N)"""
     x, y, z = cell
     key = x * (int(y.max()) + 1)
     key += y

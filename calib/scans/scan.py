@@ -1,4 +1,4 @@
-"""Scans: one point cloud of the jig as the scanner measured it; loading, writing and counting."""
+"""Scans, point clouds as the scanner measured them: loading, writing and counting."""
 
 from __future__ import annotations
 

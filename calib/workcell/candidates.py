@@ -25,7 +25,7 @@ _TOWARDS = StepRule(iterations=14, constant_damping_mm2=400.0, longest_step=0.5,
 
 
 def candidate_poses(cell: Workcell, count: int, *, rng: np.random.Generator) -> Array:
-    """(count, n) poses that `measurable` accepts.
+    """(count, n) joint vectors, rad or mm, that can be measured in the cell.
 
     Where the scanner's pose and field are known, apexes and axes of the jig are drawn in it, and the joints are solved
     for them from random ones of the whole range; they need not arrive, only end where the jig is seen. Otherwise joints

@@ -183,7 +183,7 @@ def _moving(at: _ArmPoses) -> tuple[Array, Array, Array]:
 
 
 def _in_itself(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether two bodies of the arm meet; None where no pair may."""
+    """(N,) whether two bodies of the arm meet; None where no pair of them can."""
     bodies = at.cell.bodies
     if not len(bodies.pairs):
         return None

@@ -28,7 +28,7 @@ MESH_NOTE = (
 
 
 def apex_variance_mm2(planes: Sequence[PlaneFit], covariance: Array) -> Array:
-    """Trace (...) of the covariance of the point where three planes meet. covariance # (..., 9, 9) of the planes"""
+    """Trace (...) of the covariance of the point where three planes meet. covariance  # (..., 9, 9) of the planes"""
     normals = np.array([plane.normal for plane in planes])
     apex = np.linalg.solve(normals, np.array([plane.offset_mm for plane in planes]))
     moved = np.linalg.solve(normals, height_lever(planes, apex))
@@ -36,7 +36,7 @@ def apex_variance_mm2(planes: Sequence[PlaneFit], covariance: Array) -> Array:
 
 
 def at_least_declared(planes: Sequence[PlaneFit], shown: Array, declared: Array) -> Array:
-    """Covariance (9, 9) of three planes by the correlated error that a scan shows, at the least by the declared one.
+    """Covariance (9, 9) of three planes by a correlated error: as a scan shows it, at least as large as declared.
 
     `shown` grows by a share of `declared` where it makes the apex more certain than `declared` alone would.
     """

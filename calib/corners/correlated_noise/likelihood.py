@@ -72,7 +72,7 @@ def evidence_of(
     """Evidence of the patches' mean heights (B,) for each shape and size of a correlated error.
 
     variance_mm2 # (B,) of the means by white noise; design # (B, P) of what is free; kernels # (L, B, B) Gaussian ones
-    of unit variance; sizes_mm # (W,)
+    of unit variance; sizes_mm  # (W,)
     """
     root = np.sqrt(variance_mm2)
     basis, triangular = np.linalg.qr(design / root[:, None], mode="complete")

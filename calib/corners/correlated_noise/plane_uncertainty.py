@@ -117,7 +117,7 @@ def plane_uncertainty(
 ) -> PlaneUncertainty:
     """Joint covariance of three fitted planes under white and correlated noise.
 
-    origin_mm # (3,) of the coordinates of all planes, near the apex, in the scanner's frame; surroundings are flat
+    origin_mm  # (3,) of the coordinates of all planes, near the apex, in the scanner's frame; surroundings are flat
     surfaces around the jig, as in `flat_surroundings`.
     """
     edge_mm = jig.shortest_mm
@@ -217,7 +217,7 @@ def _patches_of_faces(planes: Sequence[PlaneFit], view: ScannerView, edge_mm: fl
 def _evidence_of_faces(
     faces: _Faces, planes: Sequence[PlaneFit], jig: Jig, kernels: Array, sizes_mm: Array
 ) -> CorrelationEvidence:
-    """Evidence for correlated errors from the faces' residuals and the angles between them. kernels # (L, B, B)
+    """Evidence for correlated errors from the faces' residuals and the angles between them. kernels  # (L, B, B)
 
     The angles between the faces are three more measurements of the planes, as exact as the jig was made; not so for a
     certified jig, against which the planes are still to be tested.

@@ -42,7 +42,7 @@ def flat_surroundings(
 ) -> tuple[PlaneFit, ...]:
     """Planes around the jig that scatter about as little as its faces, the largest groups first.
 
-    Coordinates are about the origin (3,) near the apex. points_mm # (N, 3) the whole scan; groups and the three chosen
+    Coordinates are about the origin (3,) near the apex. points_mm  # (N, 3) the whole scan; groups and the three chosen
     ones are the search's; sigma_mm is the scatter of the jig's faces.
     """
     some = points_mm[:: max(1, len(points_mm) // _MOST_POINTS)] - origin_mm

@@ -39,7 +39,7 @@ class FaceOutline:
 
     @staticmethod
     def of(outline: Outline, face: int) -> FaceOutline:
-        """Outline of one face of the three; its edges are those of the two other faces, in their order."""
+        """Outline of one of the jig's faces; its two edges are numbered as the other two faces."""
         one, other = (length for i, length in enumerate(outline.edges_mm) if i != face)
         return FaceOutline((one, other), outline.rectangular)
 
@@ -63,7 +63,7 @@ def along_edges(heights: Array, face: int, jig: Jig) -> tuple[Array, Array]:
 def face_points(heights: Array, face: int, band_mm: float, jig: Jig, outline: Outline, margin_mm: float) -> BoolArray:
     """Mask of the points in the band around a face's plane and inside its outline, less a margin along all edges.
 
-    heights # (K, 3) over the three planes
+    heights  # (K, 3) over the three planes
     """
     one, other = along_edges(heights, face, jig)
     inside = FaceOutline.of(outline, face).inward(one, other) > margin_mm
@@ -71,7 +71,7 @@ def face_points(heights: Array, face: int, band_mm: float, jig: Jig, outline: Ou
 
 
 def without_far_points(along_mm: Array) -> BoolArray:
-    """Mask of a face's points that are not far from the others. along_mm # (K, 2), from the apex along its edges
+    """Mask of a face's points that are not far from the others. along_mm  # (K, 2), from the apex along its edges
 
     Where only a part of a face is seen, a stray point far from it would tilt the plane by its lever alone. Measured by
     the covariance of the points, no point of an evenly covered triangle is farther than sqrt(8) from their middle.
@@ -98,7 +98,7 @@ def without_far_points(along_mm: Array) -> BoolArray:
 def flat_margins_mm(heights: Sequence[Array], planes: Sequence[PlaneFit], jig: Jig, outline: Outline) -> Array:
     """Least margins (3,) along the edges beyond which the faces are flat.
 
-    heights # of each face's points (K, 3) over all faces. A rounded edge lowers the points next to it, and the ring of
+    heights  # of each face's points (K, 3) over all faces. A rounded edge lowers the points next to it, and the ring of
     points along the edges where the rounding begins lies within the noise point by point, but not as a whole. The rings
     are tried from the inside out; all faces as one, as an edge's rounding is, and each by itself: pixels that see
     across the edge reach far into a face that is seen at a flat angle.
@@ -114,7 +114,7 @@ def flat_margins_mm(heights: Sequence[Array], planes: Sequence[PlaneFit], jig: J
 
 
 def flat_margin_mm(heights: Array, face: int, plane: PlaneFit, jig: Jig, outline: Outline) -> float:
-    """Least margin along the edges beyond which one face is flat. heights # (K, 3) of its points over all faces"""
+    """Least margin along the edges beyond which one face is flat. heights  # (K, 3) of its points over all faces"""
     return float(_RINGS[_innermost_off(*_rings(heights, face, plane, jig, outline))] * jig.shortest_mm)
 
 
@@ -152,7 +152,7 @@ def outline_shares(
     along_mm # (K, 2) coordinates of the plane's points along the face's two edges, from the apex; agrees # (K,) whether
     a point's own normal is that of the plane, without which it is not counted as spilt: it may belong to what the plane
     cuts. Only points in a collar around the face count as spilt; farther off the plane may touch other things.
-    through_mm # (M, 2) where the rays of points behind the plane went through it.
+    through_mm  # (M, 2) where the rays of points behind the plane went through it.
 
     All areas are counted in cells of a twelfth of each edge, so that the density of the points does not matter. A cell
     with more points behind it than on it is seen through, unless it has half of the points that a surface has there:
@@ -182,14 +182,14 @@ def outline_shares(
 def _goes_on(a: Array, b: Array) -> float:
     """Larger share of a rectangle's two far borders that its plane goes on beyond, 0 where less than half.
 
-    a, b # (K,) of the plane's points, in shares of the legs. Strips on both sides of a border are compared by their
+    a, b  # (K,) of the plane's points, in shares of the legs. Strips on both sides of a border are compared by their
     points, so that no density matters. A longer box has the corner of a shorter one, and one end where it ends too.
     """
     return max(share_beyond(a, b), share_beyond(b, a))
 
 
 def share_beyond(along: Array, across: Array) -> float:
-    """Points of a strip beyond the border along = 1 over those of the strip inside it; 0 where less than half."""
+    """Points beyond the border along = 1 over points inside it, in strips of equal width; 0 below a half, at most 1."""
     along_border = (across > _BORDER) & (across < 1 - _BORDER)
     within = int(np.count_nonzero(along_border & (along > 1 - _COLLAR) & (along < 1 - _BORDER)))
     beyond = int(np.count_nonzero(along_border & (along > 1 + _BORDER) & (along < 1 + _COLLAR)))

@@ -127,7 +127,7 @@ def refit_narrow_faces(
 ) -> tuple[list[PlaneFit], Array]:
     """Three planes, and margins (3,) left out along their edges, with the narrow faces fitted to corrected points.
 
-    local # (N, 3) about origin (3,), near # (N,) their indices. Planes and margins are returned as given where no
+    local  # (N, 3) about origin (3,), near  # (N,) their indices. Planes and margins are returned as given where no
     pixels mix or no face is narrow. Raises CornerError as `fit` does.
     """
     refitted, margins = list(planes), np.array(margins_mm, dtype=float)
@@ -155,7 +155,7 @@ def find_mixed_pixels(
 ) -> MixedPixels | None:
     """Mixing of the scanner's pixels, estimated from points near the jig's edges; None where none is to be corrected.
 
-    local # (N, 3) points about `origin` (3,), the first estimate of the apex, in the scanner's frame.
+    local  # (N, 3) points about `origin` (3,), the first estimate of the apex, in the scanner's frame.
     """
     if min(len(plane.indices) for plane in planes) > _MOST_POINTS:
         return None

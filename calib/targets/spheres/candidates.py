@@ -52,7 +52,10 @@ def sphere_candidates(
 
 
 def _votes(around: Neighbourhoods, radii_mm: tuple[float, float], rng: np.random.Generator) -> tuple[Array, Array]:
-    """Centres (K, 3) and radii (K,) of pairs of points, one to three steps from neighbour to neighbour apart."""
+    """Centres (K, 3) and radii (K,) of spheres through pairs of nearby points, by the points' normals.
+
+    The two points of a pair are one to three steps from neighbour to neighbour apart.
+    """
     count, neighbours = len(around.points_mm), around.neighbours
     draws = min(_PAIRS_A_POINT, max(1, _MOST_PAIRS // count))
     first = np.tile(np.arange(count), draws)

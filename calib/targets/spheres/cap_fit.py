@@ -76,7 +76,7 @@ def ray_sines(points: Array, centre: Array, radius: float) -> tuple[Array, Array
 def fit_cap(points: Array, centre: Array, radius: float, band_mm: float, *, fixed: bool) -> CapFit | None:
     """Fit of centre and radius to the cap's points, from a start that is good to `band_mm`; None where it fails.
 
-    points # (N, 3) scanner frame, the scanner at the origin. The radius stays as given where it is `fixed`. None where
+    points  # (N, 3) scanner frame, the scanner at the origin. The radius stays as given where it is `fixed`. None where
     fewer than 12 points are on the sphere, or where they do not define it.
     """
     near = np.flatnonzero(_within(points, centre, radius, max(1.5 * band_mm, _SHELL * radius)))
@@ -207,7 +207,7 @@ def _is_lifted(over_sigmas: Array, ring: BoolArray) -> bool:
 
 
 def _clear_of_others(direction: Array, over: Array, sigma: Array) -> BoolArray:
-    """(K,) whether most points about the same place of the surface lie on it. direction # (K, 3) unit, outward"""
+    """(K,) whether most points about the same place of the surface lie on it. direction  # (K, 3) unit, outward"""
     off = np.abs(over) > TUKEY * sigma
     if not off.any():
         return np.ones(len(over), dtype=bool)

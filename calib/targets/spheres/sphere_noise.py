@@ -25,7 +25,7 @@ class NoiseGrowth:
     powers: Array  # (2,) b_1, b_2
 
     def sigma(self, sine: Array) -> Array:
-        """Sigmas (K,) mm at these sines of the incidence."""
+        """Sigmas (K,) of the distances, mm, for sines (K,) of the incidence."""
         g = _lean(sine)
         return np.asarray(
             self.sigma_mm * np.clip(np.exp(self.powers[0] * g + self.powers[1] * g**2), 0.5, _MOST_GROWTH)
@@ -33,7 +33,7 @@ class NoiseGrowth:
 
 
 def _lean(sine: Array) -> Array:
-    """g = -log cos i at these sines of the incidence i."""
+    """g = -log cos i (K,) for sines (K,) of the incidence i."""
     return np.asarray(-0.5 * np.log(np.maximum(1 - np.minimum(sine, 1.0) ** 2, _LEAST_COSINE**2)))
 
 
@@ -65,7 +65,7 @@ def growth_of(over: Array, sine: Array, least_sigma_mm: float) -> NoiseGrowth:
 
 
 def patch_factor(rows: Array, psi: Array, inverse: Array) -> float:
-    """Sigma of the parameters over that by white noise, from sums over patches of the surface; 1 where both agree.
+    """Ratio of the parameters' sigma to that under white noise, from sums over patches; 1 where both agree.
 
     rows # (K, p) of the design over sigma, psi (K,) weighted residuals over sigma, inverse (p, p). Correlated errors of
     neighbours make the sums of a patch larger than those of independent points (the cluster-robust covariance, Liang
