@@ -13,7 +13,7 @@ IDENTITY: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1
 
 
 @dataclass(frozen=True)
-class Wander:
+class CorrelatedDrift:
     """A slow part of the noise that points measured soon after each other share: correlation exp(-|dt| / time).
 
     It moves what is measured as a whole, each axis by itself (an Ornstein-Uhlenbeck process).
@@ -36,7 +36,7 @@ class NoiseShape:
     axes: tuple[Row, Row, Row] = IDENTITY  # symmetric, in the scanner's frame
     growth_per_m: float = 0.0
     distance_mm: float = 0.0
-    wander: Wander | None = None
+    wander: CorrelatedDrift | None = None
     tail: float | None = None  # degrees of freedom of Student's t; None: normal
 
     @property

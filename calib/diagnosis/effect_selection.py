@@ -49,16 +49,16 @@ class FitStep:
     selected: tuple[SelectedEffect, ...]  # in the model, beyond the link errors and whole families
     calibration: Calibration
     effect: str | None = None  # that this step added
-    candidate: Candidate | None = None  # the case for that effect, as it stood before it was added
-    log_evidence_margin: float | None = None  # its lead over the next candidate, where there was one
+    candidate: Candidate | None = None  # that effect as it was ranked before it was added
+    log_bayes_factor: float | None = None  # of the effect over the next candidate; of learned curves over none
     left_out: tuple[str, ...] = ()  # ids of measured poses that this fit did without
     screening: Screening | None = None  # of every effect that is not in its model, once that was asked for
-    runner_up: str = ""  # the candidate that it leads
+    runner_up: str = ""  # the next candidate
 
     @cached_property
     def curves(self) -> LearnedCurves | None:
         """Curves of the joints that explain what the fit leaves over, learned when first asked for."""
-        return curves_beside(self.calibration)
+        return curves_given(self.calibration)
 
 
 def first_step(calibration: Calibration) -> FitStep:
@@ -84,7 +84,7 @@ def learned_curves(calibration: Calibration) -> LearnedCurves | None:
     return learn_joint_curves(calibration) if calibration.options.prior else None
 
 
-def curves_beside(calibration: Calibration) -> LearnedCurves | None:
+def curves_given(calibration: Calibration) -> LearnedCurves | None:
     """Curves of the joints that explain what a fit leaves over.
 
     None where the fit has its curves already, and where no degree of freedom is left to learn from.

@@ -117,7 +117,9 @@ def with_curves(space: SearchSpace, step: FitStep) -> FitStep:
     """The model with curves of the joints, learned from what it leaves over. Raises CalibError without any."""
     curves = curves_to_add(step.calibration)
     selected = (*step.selected, selected_curves(curves))
-    return step_after(step, LEARNED, selected, space.fit(selected, step.calibration), lead=curves.log_evidence)
+    return step_after(
+        step, LEARNED, selected, space.fit(selected, step.calibration), log_bayes_factor=curves.log_evidence
+    )
 
 
 def step_after(
@@ -126,10 +128,10 @@ def step_after(
     selected: tuple[SelectedEffect, ...],
     calibration: Calibration,
     candidate: Candidate | None = None,
-    lead: float | None = None,
+    log_bayes_factor: float | None = None,
 ) -> FitStep:
     """The step that adds an effect to another."""
-    return FitStep(f"+ {name}", selected, calibration, name, candidate, lead, step.left_out)
+    return FitStep(f"+ {name}", selected, calibration, name, candidate, log_bayes_factor, step.left_out)
 
 
 def add_in_turn(

@@ -39,6 +39,7 @@ VIEWS: Mapping[str, str] = {  # class -> function that makes its HTML, tables on
     "calib.validation.comparison.Comparison": "calib.views.later_views:comparison_html",
 }
 TEXTS: Mapping[str, str] = {  # class -> function that makes its plain text, where that is above it
+    "calib.diagnosis.result.Diagnosis": "calib.views.fit_views:diagnosis_summary",
     "calib.planning.plan.Plan": "calib.planning.words:plan_text",
 }
 

@@ -21,8 +21,8 @@ from calib.screening.left_out import cross_validated_rmse_mm
 from calib.screening.member_columns import VisibleColumns, visible_columns
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 
-MIN_LEAD = 3.0  # in log evidence over the nearest rival, from which an effect is named
-MIN_RIVAL_OVERLAP = 0.5  # share of what one effect explains that its rival could explain too
+MIN_LOG_BAYES_FACTOR = 3.0  # in log evidence over the nearest rival, from which an effect is named
+MIN_CONFOUNDED_OVERLAP = 0.5  # share of what one effect explains that its rival could explain too
 
 
 @dataclass(frozen=True)
@@ -111,11 +111,11 @@ def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
                     "poses that differ more: other configurations, wider joint ranges, varied load",
                 )
             )
-        elif columns.narrowest > most_columns(projected.freedom):
+        elif columns.narrowest > most_columns(projected.dof):
             untestable.append(_too_wide(projected, family, columns.narrowest))
         else:
             tested.append(columns)
-    evidence = [columns.evaluate(-projected.residual, projected.freedom) for columns in tested]
+    evidence = [columns.evaluate(-projected.residual, projected.dof) for columns in tested]
     corrected = holm([e.p_value for e in evidence])
     overlaps = _overlaps(tested, evidence)
     plain = cross_validated_rmse_mm(projected)
@@ -130,10 +130,10 @@ def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
 def _too_wide(projected: ProjectedResidual, family: Family, columns: int) -> Untestable:
     """A family of which one member alone has more parameters than the equations bear."""
     poses = len(projected.residuals.observed.used_poses[0])
-    more = int(np.ceil((2 * columns - projected.freedom) / 3))
+    more = int(np.ceil((2 * columns - projected.dof) / 3))
     return Untestable(
         family.name,
-        f"it has {columns} parameters at least, and the fit leaves {projected.freedom} equations to judge them by",
+        f"it has {columns} parameters at least, and the fit leaves {projected.dof} equations to judge them by",
         f"{poses + more} training poses or more",
     )
 

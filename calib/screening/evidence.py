@@ -30,7 +30,7 @@ class FamilyColumns:
 
     residual: Array
     groups: tuple[Array, ...]
-    freedom: int
+    dof: int
     positive: tuple[bool, ...] = ()
 
 
@@ -63,23 +63,23 @@ def evaluate_family(family: FamilyColumns) -> Evidence:
     if triangle.shape[1] == 0 or total <= 0.0:
         nothing = tuple(np.zeros(g.shape[1]) for g in family.groups)
         return Evidence(1.0, 0.0, np.zeros(len(bounds)), nothing, np.zeros_like(family.residual), 0)
-    p_value, rank = _gate(y, rest, triangle, bounds, family.freedom)
+    p_value, rank = _gate(y, rest, triangle, bounds, family.dof)
     tried = []
-    if triangle.shape[1] <= most_columns(family.freedom):
+    if triangle.shape[1] <= most_columns(family.dof):
         together = np.ones(len(bounds), dtype=bool)
         shared_value, shared_scale = _best_scale(
-            y, rest, triangle, np.zeros(triangle.shape[1]), together, bounds, family.freedom
+            y, rest, triangle, np.zeros(triangle.shape[1]), together, bounds, family.dof
         )
         tried.append((shared_value, np.full(len(bounds), shared_scale)))
     if len(bounds) > 1 or not tried:
-        sparse_scales, sparse_value = _choose_members(y, rest, triangle, bounds, family.freedom)
+        sparse_scales, sparse_value = _choose_members(y, rest, triangle, bounds, family.dof)
         tried.append((sparse_value, sparse_scales))
     widths = [b - a for a, b in bounds]
     one_sided = np.repeat(family.positive or [False] * len(bounds), widths)
     found = []
     for found_value, found_scales in tried:
         spread = np.repeat(found_scales, widths)
-        weights, gain = _coefficients(y, rest, triangle, spread, one_sided, family.freedom)
+        weights, gain = _coefficients(y, rest, triangle, spread, one_sided, family.dof)
         found.append((found_value + gain, found_scales, weights))
     value, scales, weights = max(found, key=lambda one: one[0])
     explained = np.concatenate(family.groups, axis=1) @ weights
@@ -87,22 +87,22 @@ def evaluate_family(family: FamilyColumns) -> Evidence:
     return Evidence(p_value, max(value, 0.0), scales, coefficients, explained, rank)
 
 
-def most_columns(freedom: int) -> int:
+def most_columns(dof: int) -> int:
     """The most columns of an effect for so many degrees of freedom: with more there is little left to judge it by."""
-    return freedom // 2
+    return dof // 2
 
 
-def evidence_of(residual: Array, columns: Array, freedom: int) -> float:
+def evidence_of(residual: Array, columns: Array, dof: int) -> float:
     """The log evidence that `evaluate_family` gives a family of one member (R, K), without the rest of it."""
     total = float(residual @ residual)
     if columns.shape[1] == 0 or total <= 0.0:
         return 0.0
-    values = evidence_by_scale(*_spectrum(columns, residual), total, total, freedom)
+    values = evidence_by_scale(*_spectrum(columns, residual), total, total, dof)
     return max(float(np.max(values)), 0.0)
 
 
 def _coefficients(
-    y: Array, rest: float, triangle: Array, spread: Array, one_sided: BoolArray, freedom: int
+    y: Array, rest: float, triangle: Array, spread: Array, one_sided: BoolArray, dof: int
 ) -> tuple[Array, float]:
     """Posterior means (K,), and what their signs add to the log evidence.
 
@@ -122,7 +122,7 @@ def _coefficients(
     shown = one_sided[active] & np.any(columns, axis=0)
     if not shown.any():
         return weights, 0.0
-    variance = max(rest + float(y @ (y - columns @ mean)), 1e-300) / freedom
+    variance = max(rest + float(y @ (y - columns @ mean)), 1e-300) / dof
     covariance = variance * covariance[np.ix_(shown, shown)]
     scale = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(scale, scale)
@@ -143,11 +143,11 @@ def _reduce(residual: Array, groups: tuple[Array, ...]) -> tuple[Array, float, A
     return y, max(float(residual @ residual) - float(y @ y), 0.0), triangle, bounds
 
 
-def _f_test(y: Array, rest: float, columns: Array, freedom: int) -> tuple[float, int]:
+def _f_test(y: Array, rest: float, columns: Array, dof: int) -> tuple[float, int]:
     u, s, _ = np.linalg.svd(columns, full_matrices=False)
     u = u[:, s > 1e-6 * max(float(s[0]), 1e-300)] if len(s) and s[0] > 1e-9 else u[:, :0]
     rank = u.shape[1]
-    left = freedom - rank
+    left = dof - rank
     if rank == 0 or left <= 0:
         return 1.0, rank
     explained = float(np.sum((u.T @ y) ** 2))
@@ -155,12 +155,12 @@ def _f_test(y: Array, rest: float, columns: Array, freedom: int) -> tuple[float,
     return f_sf(explained / rank / (unexplained / left), rank, left), rank
 
 
-def _gate(y: Array, rest: float, triangle: Array, bounds: list[tuple[int, int]], freedom: int) -> tuple[float, int]:
+def _gate(y: Array, rest: float, triangle: Array, bounds: list[tuple[int, int]], dof: int) -> tuple[float, int]:
     """The family's p: twice the smaller of its own and its best member's, the latter times the number of members."""
-    whole, rank = _f_test(y, rest, triangle, freedom)
+    whole, rank = _f_test(y, rest, triangle, dof)
     if len(bounds) == 1:
         return whole, rank
-    single = min(_f_test(y, rest, triangle[:, a:b], freedom)[0] for a, b in bounds)
+    single = min(_f_test(y, rest, triangle[:, a:b], dof)[0] for a, b in bounds)
     return min(1.0, 2.0 * min(whole, len(bounds) * single)), rank
 
 
@@ -171,13 +171,13 @@ def _best_scale(
     spread: Array,
     chosen: BoolArray,
     bounds: list[tuple[int, int]],
-    freedom: int,
+    dof: int,
 ) -> tuple[float, float]:
     """The best common scale of the chosen members beside others of the given spread, and the log evidence there."""
     of = np.repeat(chosen, [b - a for a, b in bounds])
     z, columns, fixed = _beside(y, triangle[:, of], triangle, np.where(of, 0.0, spread))
     lam, h2 = _spectrum(columns, z)
-    values = fixed + evidence_by_scale(lam, h2, rest + float(z @ z), rest + float(y @ y), freedom)
+    values = fixed + evidence_by_scale(lam, h2, rest + float(z @ z), rest + float(y @ y), dof)
     best = int(np.argmax(values))
     return float(values[best]), float(SCALES[best])
 
@@ -192,25 +192,23 @@ def _beside(y: Array, columns: Array, triangle: Array, spread: Array) -> tuple[A
     return whitened[:, 0], whitened[:, 1:], -float(np.sum(np.log(np.diag(root))))
 
 
-def _best_scales(
-    y: Array, rest: float, triangle: Array, spread: Array, width: int, freedom: int
-) -> tuple[Array, Array]:
+def _best_scales(y: Array, rest: float, triangle: Array, spread: Array, width: int, dof: int) -> tuple[Array, Array]:
     """The best scale (`_best_scale`) of each member, `width` columns wide, beside those that have one: (G,), (G,)."""
     z, columns, fixed = _beside(y, triangle, triangle, spread)
     members = columns.T.reshape(-1, width, len(y))
     u, s, _ = np.linalg.svd(np.swapaxes(members, 1, 2), full_matrices=False)
     h2 = np.einsum("grk,r->gk", u, z)[:, None, :] ** 2
-    values = fixed + evidence_by_scale(s[:, None, :] ** 2, h2, rest + float(z @ z), rest + float(y @ y), freedom)
+    values = fixed + evidence_by_scale(s[:, None, :] ** 2, h2, rest + float(z @ z), rest + float(y @ y), dof)
     best = np.argmax(values, axis=1)
     return np.take_along_axis(values, best[:, None], axis=1)[:, 0], SCALES[best]
 
 
-def evidence_by_scale(lam: Array, h2: Array, left: float, total: float, freedom: int) -> Array:
+def evidence_by_scale(lam: Array, h2: Array, left: float, total: float, dof: int) -> Array:
     """Log evidence at each of `SCALES`; `left` is the residual's square beside the other members, `total` alone."""
     grow = 1.0 + SCALES[:, None] ** 2 * lam  # (..., scales, K)
     quadratic = left - np.sum(h2 * (1.0 - 1.0 / grow), axis=-1)
     least = _ROUNDING * max(total, 1e-300)  # exact data: what is left is rounding, and has no logarithm
-    fit = -0.5 * freedom * np.log(np.maximum(quadratic, least) / max(total, 1e-300))
+    fit = -0.5 * dof * np.log(np.maximum(quadratic, least) / max(total, 1e-300))
     return np.asarray(fit - 0.5 * np.sum(np.log(grow), axis=-1) + unusual(SCALES))
 
 
@@ -229,18 +227,18 @@ def unusual(scales: Array) -> Array:
 
 
 def _choose_members(
-    y: Array, rest: float, triangle: Array, bounds: list[tuple[int, int]], freedom: int
+    y: Array, rest: float, triangle: Array, bounds: list[tuple[int, int]], dof: int
 ) -> tuple[Array, float]:
     """Members added one by one while the evidence grows, scales polished; the evidence after paying for the choice."""
     count = len(bounds)
-    cost, most = float(np.log(count)), most_columns(freedom)
+    cost, most = float(np.log(count)), most_columns(dof)
     scales, value = np.zeros(count), 0.0
 
     def best(member: int) -> tuple[float, float]:
         """The evidence with a member at its best scale beside the others at theirs, and that scale."""
         alone = np.arange(count) == member
         spread = np.repeat(scales, [b - a for a, b in bounds])
-        found, scale = _best_scale(y, rest, triangle, spread, alone, bounds, freedom)
+        found, scale = _best_scale(y, rest, triangle, spread, alone, bounds, dof)
         others = scales[~alone & (scales > 0.0)]
         return found + float(np.sum(unusual(others))), scale
 
@@ -253,7 +251,7 @@ def _choose_members(
         if len(widths) > 1 or not free:
             return [(*best(g), g) for g in free]
         width = min(widths)
-        values, found = _best_scales(y, rest, triangle, np.repeat(scales, width), width, freedom)
+        values, found = _best_scales(y, rest, triangle, np.repeat(scales, width), width, dof)
         values = values + float(np.sum(unusual(scales[scales > 0.0])))
         return [(float(values[g]), float(found[g]), g) for g in free]
 
@@ -268,15 +266,13 @@ def _choose_members(
     return scales, value - cost * int(np.count_nonzero(scales))
 
 
-def posterior(
-    columns: Array, residual: Array, spread: Array, one_sided: BoolArray, freedom: int
-) -> tuple[Array, float]:
+def posterior(columns: Array, residual: Array, spread: Array, one_sided: BoolArray, dof: int) -> tuple[Array, float]:
     """Posterior means (K,) of coefficients of columns (R, K), and what their signs add to the log evidence.
 
     spread  # (K,) scale of each, above 0
     """
     y, rest, triangle, _ = _reduce(residual, (columns,))
-    return _coefficients(y, rest, triangle, spread, one_sided, freedom)
+    return _coefficients(y, rest, triangle, spread, one_sided, dof)
 
 
 def holm(p_values: list[float]) -> list[float]:

@@ -46,12 +46,12 @@ def smooth_motion(projected: ProjectedResidual) -> JointFault | None:
             continue
         for span in (*spans, *(_smooth(poses.q[:, [joint]], length_rad) for length_rad in _OWN_RAD)):
             columns = projected.motion_columns(directions[joint], _USUAL * span)
-            tried.append((evidence_of(-projected.residual, columns, projected.freedom), joint, span))
+            tried.append((evidence_of(-projected.residual, columns, projected.dof), joint, span))
     if not tried:
         return None
     _, joint, span = max(tried, key=lambda one: one[0])
     columns = projected.motion_columns(directions[joint], _USUAL * span)
-    evaluated = evaluate_family(FamilyColumns(-projected.residual, (columns,), projected.freedom))
+    evaluated = evaluate_family(FamilyColumns(-projected.residual, (columns,), projected.dof))
     sigma_mm = np.sqrt(np.trace(projected.residuals.observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
     moved_mm = evaluated.explained.reshape(-1, 3) * sigma_mm[:, None]
     size = _USUAL * float(np.sqrt(np.mean((span @ evaluated.coefficients[0]) ** 2)))

@@ -38,15 +38,15 @@ class VisibleColumns:
             counts = np.array([np.count_nonzero(group.any(axis=0)) for group in self.groups])
         return int(min(counts[counts > 0], default=0))
 
-    def evaluate(self, residual: Array, freedom: int) -> Evidence:
+    def evaluate(self, residual: Array, dof: int) -> Evidence:
         """The evidence for the family by what is missing (R,)."""
         if self.stacked is not None:
             one_sided = all(p.positive for p in self.family.members[0].parameters)
             most = self.family.most_members
-            columns = SparseColumns(residual, self.stacked, freedom, one_sided, most, self.shapes, self.of_same)
+            columns = SparseColumns(residual, self.stacked, dof, one_sided, most, self.shapes, self.of_same)
             return evaluate_sparse(columns)
         positive = tuple(all(p.positive for p in member.parameters) for member in self.family.members)
-        return evaluate_family(FamilyColumns(residual, self.groups, freedom, positive))
+        return evaluate_family(FamilyColumns(residual, self.groups, dof, positive))
 
     def shares(self, signals: Array) -> Array:
         """(F,) the share of each signal (R, F) that the family, of a sparse one a single member, could make."""

@@ -40,7 +40,7 @@ class Nuisance:
     log_evidence: float
 
     @classmethod
-    def of(cls, columns: Array, residual: Array, freedom: int) -> Nuisance | None:
+    def of(cls, columns: Array, residual: Array, dof: int) -> Nuisance | None:
         """The nuisance of projected columns (R, K), in units of a projected residual (R,); None where nothing shows."""
         u, s, _ = np.linalg.svd(columns, full_matrices=False)
         shown = s > 1e-9 * np.sqrt(len(residual))
@@ -49,11 +49,11 @@ class Nuisance:
             return None
         along = u.T @ residual
         total = float(residual @ residual)
-        free = freedom - len(s)
-        noise2 = (total - float(along @ along)) / free if free >= _FEWEST_FREE else total / freedom
+        free = dof - len(s)
+        noise2 = (total - float(along @ along)) / free if free >= _FEWEST_FREE else total / dof
         sizes = s / np.sqrt(max(noise2, 1e-300))
         shrunk = total - float(np.sum(along**2 * (1.0 - 1.0 / (1.0 + sizes**2))))
-        gain = -0.5 * float(np.sum(np.log1p(sizes**2))) - 0.5 * freedom * float(np.log(shrunk / total))
+        gain = -0.5 * float(np.sum(np.log1p(sizes**2))) - 0.5 * dof * float(np.log(shrunk / total))
         return cls(u, sizes, gain)
 
     def whitened(self, columns: Array) -> Array:

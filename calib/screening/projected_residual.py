@@ -37,7 +37,7 @@ class ProjectedResidual:
     base_to_residual: Array  # (M, 3, 3)
     residual: Array  # (R,) projected, white beside the nuisance
     basis: Array  # (R, rank) orthonormal: fitted parameters and frames
-    freedom: int
+    dof: int
     nuisance: Nuisance | None = None  # what is uncertain about the effects in the model
     whitening: Whitening | None = None  # beyond the points' own covariances; residual and basis have it
 
@@ -55,7 +55,7 @@ class ProjectedResidual:
     @property
     def sigma(self) -> float:
         """Residual sigma over the declared one."""
-        return float(np.sqrt(self.residual @ self.residual / self.freedom))
+        return float(np.sqrt(self.residual @ self.residual / self.dof))
 
     def project(self, columns: Array) -> Array:
         """White noise (R, K) without what the fit could have absorbed."""
@@ -76,7 +76,7 @@ class ProjectedResidual:
 def project_residual(calibration: Calibration) -> ProjectedResidual:
     """The residual of a calibration, of positions whatever it was fitted by, projected.
 
-    Raises FitError where no degree of freedom is left.
+    Raises FitError where no degree of dof is left.
     """
     model, x, dataset = calibration.model, calibration.fit.x, calibration.fitted_dataset
     observed = with_scanner_frames(Observations.of(dataset), model, x)
@@ -96,8 +96,8 @@ def project_residual(calibration: Calibration) -> ProjectedResidual:
     least = _KNOWN_OF_CURVES if any(map(is_held_by_prior, model.effects)) else _KNOWN
     known = s > max(least * noise, 1e-9 * float(s[0]))
     basis = np.linalg.qr(np.concatenate([frames, q @ turn[:, known]], axis=1))[0]
-    freedom = len(missed) - basis.shape[1]
-    if freedom < 3:
+    dof = len(missed) - basis.shape[1]
+    if dof < 3:
         raise FitError(
             f"dataset {dataset.name}: {len(missed)} equations and {basis.shape[1]} fitted directions leave "
             "nothing to judge a further cause by; measure more poses"
@@ -107,7 +107,7 @@ def project_residual(calibration: Calibration) -> ProjectedResidual:
     loads = load_columns(residuals, x, base_to_residual)
     if whitening is not None:
         loads = whitening.apply(loads)
-    nuisance = Nuisance.of(loads - basis @ (basis.T @ loads), residual, freedom)
+    nuisance = Nuisance.of(loads - basis @ (basis.T @ loads), residual, dof)
     if nuisance is not None:
         residual = nuisance.whitened(residual)
     poses = observed.used_poses[0]
@@ -121,7 +121,7 @@ def project_residual(calibration: Calibration) -> ProjectedResidual:
         base_to_residual=base_to_residual,
         residual=residual,
         basis=basis,
-        freedom=freedom,
+        dof=dof,
         nuisance=nuisance,
         whitening=whitening,
     )

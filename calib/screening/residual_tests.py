@@ -168,23 +168,23 @@ def _lack_of_fit(dataset: Dataset, projected: ProjectedResidual) -> tuple[float 
     residual_mm = projected.sigma * declared_mm
     square = float(projected.residual @ projected.residual)
     repeats = noise_of_repeats(dataset)
-    noise_mm, freedom = repeats or (0.0, 0)
+    noise_mm, dof = repeats or (0.0, 0)
     counts_as = observed.points.counts_as
     if repeats is not None and counts_as is not None:
         # Points are means of repeats, whose scatter is no part of the residual.
         single = observed.covariance_mm2 * counts_as[:, None, None]
         single_mm = float(np.sqrt(np.mean(np.trace(single, axis1=1, axis2=2)) / 3.0))
-        ratio = square / projected.freedom / (noise_mm / single_mm) ** 2
+        ratio = square / projected.dof / (noise_mm / single_mm) ** 2
         mean_noise_mm = noise_mm * declared_mm / single_mm
-        return f_sf(ratio, projected.freedom, freedom), mean_noise_mm, "repeats", residual_mm
+        return f_sf(ratio, projected.dof, dof), mean_noise_mm, "repeats", residual_mm
     if repeats is not None:
         # Repeats are part of the residual; what exceeds them is compared with them.
-        pure = freedom * (noise_mm / declared_mm) ** 2
-        left = projected.freedom - freedom
+        pure = dof * (noise_mm / declared_mm) ** 2
+        left = projected.dof - dof
         if left > 0:
             ratio = max(square - pure, 0.0) / left / (noise_mm / declared_mm) ** 2
-            return f_sf(ratio, left, freedom), noise_mm, "repeats", residual_mm
+            return f_sf(ratio, left, dof), noise_mm, "repeats", residual_mm
     if observed.points.covariance_mm2 is not None or dataset.scanner.point_sigma_mm is not None:
         doubted = square / SIGMA_DOUBT**2
-        return chi2_sf(doubted, projected.freedom), declared_mm, "dataset", residual_mm
+        return chi2_sf(doubted, projected.dof), declared_mm, "dataset", residual_mm
     return None, residual_mm, "fit", residual_mm

@@ -38,7 +38,7 @@ class SparseColumns:
 
     residual: Array
     columns: Array
-    freedom: int
+    dof: int
     positive: bool = False  # whether coefficients are physical with this sign only
     most: int = 8  # members that may carry it
     shapes: Array | None = None  # (G, N) how much of it there is at each pose, where members are shapes of one thing
@@ -109,7 +109,7 @@ def evaluate_sparse(family: SparseColumns) -> Evidence:
     chosen, raw = _Chosen((best,), (float(scales[best]),)), float(values[best])
     paid = raw - mean_likelihood(values) + RARITY
     cost = float(np.log(members)) + RARITY
-    most = min(family.most, members, most_columns(family.freedom) // width)
+    most = min(family.most, members, most_columns(family.dof) // width)
     while len(chosen.members) < most:
         values, scales = _each(family, chosen)
         best = int(np.argmax(values))
@@ -120,7 +120,7 @@ def evaluate_sparse(family: SparseColumns) -> Evidence:
     columns = np.concatenate([family.columns[:, m] for m in chosen.members], axis=1)
     spread = np.repeat(chosen.scales, width)
     one_sided = np.full(len(spread), family.positive)
-    weights, gain = posterior(columns, residual, spread, one_sided, family.freedom)
+    weights, gain = posterior(columns, residual, spread, one_sided, family.dof)
     coefficients, of_member = nothing.copy(), np.zeros(members)
     coefficients[list(chosen.members)] = weights.reshape(-1, width)
     of_member[list(chosen.members)] = chosen.scales
@@ -144,7 +144,7 @@ def _gate(family: SparseColumns) -> tuple[float, int]:
     h2 = np.einsum("gk,gkl->gl", along, directions) ** 2
     explained = np.sum(np.where(shown, h2 / np.where(shown, lengths, 1.0), 0.0), axis=1)
     rank = np.count_nonzero(shown, axis=1)
-    left = family.freedom - rank
+    left = family.dof - rank
     tested = (rank > 0) & (left > 0)
     rest = np.maximum(float(residual @ residual) - explained, 1e-300)
     ratio = np.where(tested, explained / np.maximum(rank, 1) * np.maximum(left, 1) / rest, 0.0)
@@ -155,7 +155,7 @@ def _gate(family: SparseColumns) -> tuple[float, int]:
 
 def _each(family: SparseColumns, chosen: _Chosen) -> tuple[Array, Array]:
     """The log evidence (G,) of the chosen members with each other one beside them, and its best scale (G,)."""
-    residual, freedom = family.residual, family.freedom
+    residual, dof = family.residual, family.dof
     total = float(residual @ residual)
     gram, along, left, fixed = family.gram, np.tensordot(residual, family.columns, axes=1), total, 0.0
     if chosen.members:
@@ -175,7 +175,7 @@ def _each(family: SparseColumns, chosen: _Chosen) -> tuple[Array, Array]:
     h2 = np.where(lengths > 0.0, h2 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
     # Below rounding a direction is hidden, and its share would be noise over noise.
     h2 = np.where(lengths > _SHOWN**2 * np.maximum(lengths[:, -1:], 1e-300), h2, 0.0)
-    values = fixed + evidence_by_scale(lengths[:, None], h2[:, None], left, total, freedom)
+    values = fixed + evidence_by_scale(lengths[:, None], h2[:, None], left, total, dof)
     best = np.argmax(values, axis=1)
     out = np.take_along_axis(values, best[:, None], axis=1)[:, 0]
     for member in chosen.members:

@@ -22,6 +22,7 @@ from calib.display.blocks import (
     Table,
     VerdictLine,
 )
+from calib.planning.discrimination import explanation_of
 from inspector.figures.plots import error_history
 from inspector.markup.learn.effects import last_change
 from inspector.markup.model.fit import before_and_after
@@ -105,7 +106,7 @@ def versions() -> list[tuple[str, str]]:
 
 def _reasons(report: Report) -> list[Block]:
     if report.diagnosis is not None:
-        return list(map(Paragraph, reason_texts(report.diagnosis.explanation)))
+        return list(map(Paragraph, reason_texts(explanation_of(report.diagnosis, report.session.next_poses))))
     sentence, colour = last_change(report.session.history)
     return [
         *([VerdictLine(sentence, colour)] if sentence else []),

@@ -28,7 +28,7 @@ from calib.screening import (
     scan_statistic,
     sparse_evidence,
 )
-from calib.screening.candidates import MIN_LEAD, MIN_RIVAL_OVERLAP
+from calib.screening.candidates import MIN_CONFOUNDED_OVERLAP, MIN_LOG_BAYES_FACTOR
 from calib.screening.curves import curve_evidence, joint_curves
 from calib.screening.noise import find_shape, properties, tails
 from calib.screening.rivals import settling
@@ -67,10 +67,10 @@ SAID = [
     ("screening", f"has to gain {evidence.GAIN:g} more"),
     ("screening", f"by ${evidence._SIGN_PRIOR:g} \\cdot 2^k"),
     ("screening", f"each member costs {sparse_evidence.RARITY:g} nats more"),
-    ("screening", f"From {MIN_RIVAL_OVERLAP:g} on it is a rival"),
+    ("screening", f"From {MIN_CONFOUNDED_OVERLAP:g} on it is a rival"),
     ("decisions", f"has to be below {decision_rules.MAX_P_VALUE:g}"),
     ("decisions", f"Its log evidence has to be above {decision_rules.MIN_LOG_EVIDENCE:g}."),
-    ("decisions", f"more than {MIN_LEAD:g} above that of every rival (overlap above {MIN_RIVAL_OVERLAP:g}"),
+    ("decisions", f"more than {MIN_LOG_BAYES_FACTOR:g} above that of every rival (overlap above {MIN_CONFOUNDED_OVERLAP:g}"),
     ("decisions", f"\\bar c > {decision_rules.MAX_WORSENING:g} \\;"),
     ("decisions", f"shared span above {decision_rules.TWIN_SPAN:g}, difference below {decision_rules.TWIN_LEAD:g}"),
     ("decisions", f"at most {decision_rules.MAX_SIGMAS_LEFT:g} times the noise"),

@@ -68,9 +68,9 @@ class Spectrum:
 class CurveEvidence:
     """log E of curves against a residual, at any sizes and spectrum."""
 
-    def __init__(self, curve: CurveColumns, residual: Array, freedom: int) -> None:
-        """residual  # (R,) measured minus predicted, whitened, projected, with `freedom` degrees of freedom left"""
-        self.curve, self.residual, self.freedom = curve, residual, freedom
+    def __init__(self, curve: CurveColumns, residual: Array, dof: int) -> None:
+        """residual  # (R,) measured minus predicted, whitened, projected, with `dof` degrees of freedom left"""
+        self.curve, self.residual, self.dof = curve, residual, dof
         self.total = float(residual @ residual)
         self.members = int(curve.member.max()) + 1 if len(curve.member) else 0
         x = curve.columns
@@ -125,7 +125,7 @@ class CurveEvidence:
                 inverse = dtrtri(factor, lower=1)[0]
                 share[shown] = 1.0 - np.einsum("ij,ij->j", inverse, inverse)  # (L L^T)^-1 = L^-T L^-1
         quadratic = self.total - float(mean @ (sigma * self.towards))
-        value = -0.5 * self.freedom * float(np.log(max(quadratic, 1e-300) / max(self.total, 1e-300))) - half_log_det
+        value = -0.5 * self.dof * float(np.log(max(quadratic, 1e-300) / max(self.total, 1e-300))) - half_log_det
         return CurvePosterior(value, sigma, mean, quadratic), share
 
     def best(self, starts: tuple[Spectrum, ...] = ()) -> tuple[float, Spectrum]:
@@ -158,7 +158,7 @@ class CurveEvidence:
         """-log E and its gradient by the logarithms."""
         spectrum = Spectrum(logs)
         now, taken = self._at_with_share(spectrum, wanted=True)
-        by_sigma = self.freedom * now.mean**2 / now.quadratic - taken
+        by_sigma = self.dof * now.mean**2 / now.quadratic - taken
         _, relative = self.prior_sigma(spectrum)
         share = np.where(self.curve.shares, by_sigma * relative / (1.0 + relative), 0.0)
         gradient = np.concatenate(
@@ -190,7 +190,7 @@ class CurveEvidence:
             s2 = (unit * _BLOCK_SIZES[:, None]) ** 2
             grow = 1.0 + s2 * np.maximum(square, 0.0)
             left = quadratic - np.sum(along * s2 / grow, axis=1)
-            values = -0.5 * self.freedom * np.log(left / quadratic) - 0.5 * np.sum(np.log(grow), axis=1)
+            values = -0.5 * self.dof * np.log(left / quadratic) - 0.5 * np.sum(np.log(grow), axis=1)
             best = int(np.argmax(values))
             out.append((float(values[best]), float(np.log(unit * _BLOCK_SIZES[best]))))
             start = end

@@ -77,7 +77,7 @@ def find_formula(
             found = tuple((blocks[k], size) for k, size in zip(chosen, sizes, strict=True))
             return FoundFormula(modes, tuple(sizes), found, gain)
         logs = np.concatenate([at.logs[:-2], [gains[best][1]], at.logs[-2:]])
-        beside = CurveEvidence(beside.curve.beside(blocks[best]), evidence.residual, evidence.freedom)
+        beside = CurveEvidence(beside.curve.beside(blocks[best]), evidence.residual, evidence.dof)
         at = Spectrum(logs)
     return None
 

@@ -65,7 +65,7 @@ class _Candidate:
 def learn_joint_curves(calibration: Calibration) -> LearnedCurves | None:
     """A curve for each joint over its angle and, where the data ask for it, over further inputs; None for noise alone.
 
-    Raises FitError where no degree of freedom is left.
+    Raises FitError where no degree of dof is left.
     """
     left = project_residual(calibration)
     chosen = list(_over_angles(left))
@@ -88,7 +88,7 @@ def learn_joint_curves(calibration: Calibration) -> LearnedCurves | None:
     if spectrum is None or value - paid < MIN_LOG_EVIDENCE:
         return None
     members = _told_joint_by_joint(left, chosen, evidence, spectrum)
-    noise = float(np.sqrt(evidence.at(spectrum).quadratic / evidence.freedom))
+    noise = float(np.sqrt(evidence.at(spectrum).quadratic / evidence.dof))
     if not members or not _predict_left_out_poses(left, members, noise):
         return None
     return LearnedCurves(tuple(members), value - paid)
@@ -124,10 +124,10 @@ def _told_joint_by_joint(
             curves.append(k)
             continue
         for columns, log_size in found.blocks:
-            evidence = CurveEvidence(evidence.curve.beside(columns), evidence.residual, evidence.freedom)
+            evidence = CurveEvidence(evidence.curve.beside(columns), evidence.residual, evidence.dof)
             logs = _flat(spectrum, k).logs
             spectrum = Spectrum(np.concatenate([logs[:-2], [log_size], logs[-2:]]))
-        noise = float(np.sqrt(evidence.at(spectrum).quadratic / evidence.freedom))
+        noise = float(np.sqrt(evidence.at(spectrum).quadratic / evidence.dof))
         sigma = np.repeat(np.exp(found.log_sizes) * noise, [len(term.names) for term in found.modes.terms])
         out.append(SmoothJointError(chosen[k].joint, found.modes, tuple(sigma.tolist())))
     posterior = evidence.at(spectrum)
@@ -143,7 +143,7 @@ def _evidence_of(chosen: list[_Candidate], left: ProjectedResidual) -> CurveEvid
     curve = CurveColumns(np.zeros((len(left.residual), 0)), empty, empty, empty.astype(bool))
     for candidate in chosen:
         curve = curve.beside(candidate.columns)
-    return CurveEvidence(curve, -left.residual, left.freedom)
+    return CurveEvidence(curve, -left.residual, left.dof)
 
 
 def _over_angles(left: ProjectedResidual) -> Iterator[_Candidate]:
@@ -233,7 +233,7 @@ def _member(
 ) -> SmoothJointError | None:
     """A curve in the modes of its prior over the measured inputs (Karhunen-Loeve), those that show."""
     of_member = evidence.curve.member == k
-    noise = float(np.sqrt(found.quadratic / evidence.freedom))
+    noise = float(np.sqrt(found.quadratic / evidence.dof))
     spread = found.prior_sigma[of_member] * noise
     at_poses = candidate.modes.at(input_values(left.state, candidate.modes.input)) * spread
     _, size, turn = np.linalg.svd(at_poses, full_matrices=False)

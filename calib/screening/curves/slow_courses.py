@@ -34,7 +34,7 @@ def slow_course(projected: ProjectedResidual, step: Candidate) -> float:
     for course in _courses(_moments(projected)):
         moved = course[row][:, None, :, None] * columns[:, :, None, :]
         visible = projected.visible(moved.reshape(3 * len(row), -1))
-        values.append(evidence_of(-projected.residual, visible, projected.freedom))
+        values.append(evidence_of(-projected.residual, visible, projected.dof))
     return max(values) - float(np.log(len(values)))
 
 

@@ -21,7 +21,7 @@ from calib.fitting.noise.point_covariance import inverse_factors, noise_factors
 from calib.fitting.noise.student import student_weights
 from calib.fitting.noise.time_correlation import Moments, decorrelated
 from calib.fitting.scanner_frame import whitener
-from calib.noise_shape import NoiseShape, Wander
+from calib.noise_shape import CorrelatedDrift, NoiseShape
 from calib.screening.projected_residual import ProjectedResidual
 
 
@@ -57,7 +57,7 @@ class LinearResidual:
         return LinearResidual(self.xyz_mm[keep], self.whiten[keep], self.rows[keep], moments)
 
     @property
-    def freedom(self) -> int:
+    def dof(self) -> int:
         return 3 * len(self.rows) - self.rows.shape[2] + 1
 
     def likelihood(self, shape: NoiseShape, weights: Array | None = None) -> float:
@@ -66,13 +66,15 @@ class LinearResidual:
             return self.likelihoods(shape, (shape.wander,), weights)[0]
         rows, log_det = self._in_units_of(shape, weights)
         flat = rows.reshape(-1, rows.shape[2])
-        return _restricted(flat.T @ flat, self.freedom) - log_det
+        return _restricted(flat.T @ flat, self.dof) - log_det
 
-    def likelihoods(self, shape: NoiseShape, wanders: Sequence[Wander], weights: Array | None = None) -> list[float]:
+    def likelihoods(
+        self, shape: NoiseShape, wanders: Sequence[CorrelatedDrift], weights: Array | None = None
+    ) -> list[float]:
         """The same with each of several wanders."""
         rows, log_det = self._in_units_of(shape, weights)
         return [
-            _restricted(products, self.freedom) - log_det - 1.5 * of_time
+            _restricted(products, self.dof) - log_det - 1.5 * of_time
             for products, of_time in self.moments.products(wanders, rows)
         ]
 
@@ -115,13 +117,13 @@ class LinearResidual:
         return rows if weights is None else rows * np.sqrt(weights)[:, None, None], log_det
 
 
-def _restricted(products: Array, freedom: int) -> float:
+def _restricted(products: Array, dof: int) -> float:
     """-1/2 log det(X^T X) - nu/2 log |y - X b|^2 from the products of y and X (1 + F, 1 + F)."""
     information, along, square = products[1:, 1:], products[1:, 0], float(products[0, 0])
     if not len(along):
-        return -0.5 * freedom * float(np.log(max(square, 1e-300)))
+        return -0.5 * dof * float(np.log(max(square, 1e-300)))
     jitter = 1e-12 * float(np.trace(information)) / len(along)
     root = np.linalg.cholesky(information + jitter * np.eye(len(along)))
     fitted = np.linalg.solve(root, along)
     left = max(square - float(fitted @ fitted), 1e-12 * square, 1e-300)
-    return -float(np.sum(np.log(np.diag(root)))) - 0.5 * freedom * float(np.log(left))
+    return -float(np.sum(np.log(np.diag(root)))) - 0.5 * dof * float(np.log(left))

@@ -34,7 +34,7 @@ class ShownNoise:
 
 
 @dataclass(frozen=True)
-class Added:
+class AddedEffect:
     """An effect that a search added: by which evidence, to explain what."""
 
     effect: str
@@ -51,7 +51,7 @@ def noise_of_repeats(dataset: Dataset) -> ShownNoise | None:
     return None if shown is None else ShownNoise(shown.shape, from_repeats=True)
 
 
-def first_beaten(added: Sequence[Added], outliers: Collection[str]) -> Added | None:
+def first_unproven(added: Sequence[AddedEffect], outliers: Collection[str]) -> AddedEffect | None:
     """The first effect that does not lead a slow wander of the instrument; None where each does.
 
     Args:
@@ -62,7 +62,7 @@ def first_beaten(added: Sequence[Added], outliers: Collection[str]) -> Added | N
 
 
 def noise_of_residual(
-    dataset: Dataset, beaten: Added | None, left: ProjectedResidual, outliers: Collection[str]
+    dataset: Dataset, beaten: AddedEffect | None, left: ProjectedResidual, outliers: Collection[str]
 ) -> ShownNoise | None:
     """The shape that what is left over asks for; None where the noise as it was taken does.
 
@@ -90,7 +90,7 @@ def noise_of_residual(
     return ShownNoise(shape, rival, from_repeats=dataset.noise is not None)
 
 
-def _lead_over_wander(added: Added, outliers: Collection[str]) -> float:
+def _lead_over_wander(added: AddedEffect, outliers: Collection[str]) -> float:
     """Log evidence of the effect over a wander; inf where a wander is worth nothing."""
     kept = np.flatnonzero(~_of_poses(added.left, outliers))
     wander = wander_property(LinearResidual.of(added.left).select(kept), NoiseShape())

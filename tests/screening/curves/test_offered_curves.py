@@ -13,7 +13,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.advice import advice_on
-from calib.diagnosis.decision_rules import CURVES_SHARE, MIN_LEAD, beside_curves, is_convincing
+from calib.diagnosis.decision_rules import CURVES_SHARE, MIN_LOG_BAYES_FACTOR, beside_curves, is_convincing
 from calib.diagnosis.diagnose import AddCurves
 from calib.diagnosis.search_space import add_in_turn
 from calib.diagnosis.words.conclusion_text import advice_text
@@ -93,7 +93,7 @@ def test_a_cause_of_one_place_or_pose_gives_way_to_curves_that_say_more(ranked: 
     assert screening is not None
     assert curves is not None
 
-    least = (curves.log_evidence - MIN_LEAD) / CURVES_SHARE
+    least = (curves.log_evidence - MIN_LOG_BAYES_FACTOR) / CURVES_SHARE
 
     def stays(name: str, lead: float) -> bool:
         one = next(c for c in screening.candidates if c.name == name)
