@@ -179,7 +179,7 @@ def _problem_given_effects(
     variants = [variant([e for e in last.selected if e is not one], one.name) for one in last.selected]
     variants.append(variant(last.selected))
     if diagnosis.refused is not None and diagnosis.refused.why == "nature":
-        # An effect beyond nature was refused, so the search stopped early: each mended dataset gets a search of its own.
+        # An effect beyond nature was refused, so the search stopped early: each mended dataset gets its own search.
         for hypothesis in hypotheses:
             mended = replace(space, dataset=hypothesis.of_dataset(last.calibration.dataset))
             variants.append(variant(search_stepwise(mended, lambda line: None).steps[-1].selected))

@@ -64,7 +64,7 @@ class Diagnosis(Findings, Documented, Viewed):
         return explain(self, self.conclusion)
 
     def to_frame(self) -> pd.DataFrame:
-        """Table of the steps: effect, errors at training and test poses, residual sigma, p, log Bayes factor (margin)."""
+        """Table of the steps: effect, errors at training and test poses, sigma, p-value, log Bayes factor (margin)."""
         rows = []
         for step in self.steps:
             after = step.calibration.after

@@ -10,14 +10,14 @@ import pytest
 
 from calib.corners.noise import correlated_noise, kernels
 from calib.dataset.stands import SIGMA_DOUBT
-from calib.diagnosis import decision_rules, diagnose, search_space
+from calib.diagnosis import decision_rules, diagnose, search_space, verdict
 from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD
 from calib.fitting import robust, trust_region
 from calib.fleet import shared_causes
 from calib.identifiability import redundancy
 from calib.monitoring import alarm, change_tests
 from calib.planes import clustering, robust_fit
-from calib.planning import prediction
+from calib.planning import discrimination, prediction
 from calib.screening import (
     evidence,
     fault_models,
@@ -31,7 +31,6 @@ from calib.screening import (
 from calib.screening.candidates import MIN_CONFOUNDED_OVERLAP, MIN_LOG_BAYES_FACTOR
 from calib.screening.curves import curve_evidence, joint_curves
 from calib.screening.noise import find_shape, properties, tails
-from calib.screening.rivals import settling
 
 ROOT = Path(__file__).parents[2]
 METHOD = ROOT / "docs" / "method"
@@ -70,13 +69,15 @@ SAID = [
     ("screening", f"From {MIN_CONFOUNDED_OVERLAP:g} on it is a rival"),
     ("decisions", f"has to be below {decision_rules.MAX_P_VALUE:g}"),
     ("decisions", f"Its log evidence has to be above {decision_rules.MIN_LOG_EVIDENCE:g}."),
-    ("decisions", f"more than {MIN_LOG_BAYES_FACTOR:g} above that of every rival (overlap above {MIN_CONFOUNDED_OVERLAP:g}"),
+    ("decisions", f"more than {MIN_LOG_BAYES_FACTOR:g} above that of every rival"),
+    ("decisions", f"every rival (overlap above {MIN_CONFOUNDED_OVERLAP:g}"),
     ("decisions", f"\\bar c > {decision_rules.MAX_WORSENING:g} \\;"),
-    ("decisions", f"shared span above {decision_rules.TWIN_SPAN:g}, difference below {decision_rules.TWIN_LEAD:g}"),
-    ("decisions", f"at most {decision_rules.MAX_SIGMAS_LEFT:g} times the noise"),
+    ("decisions", f"shared span above {decision_rules.EQUIVALENT_OVERLAP:g}, difference below"),
+    ("decisions", f"below {decision_rules.EQUIVALENT_LOG_BAYES_FACTOR:g} nats"),
+    ("decisions", f"at most {verdict.MAX_SIGMAS_LEFT:g} times the noise"),
     ("decisions", {3: "three times at most"}[search_space.MAX_EFFECTS]),
     ("decisions", {0.1: "up to a tenth"}[diagnose.MAX_OUTLIER_SHARE]),
-    *(("decisions", f"| `{verdict}` |") for verdict in decision_rules.VERDICTS),
+    *(("decisions", f"| `{name}` |") for name in verdict.VERDICTS),
     ("residual_tests", f"at {scan_statistic._CENTRES} centres"),
     ("residual_tests", f"$w$ = {row(scan_statistic._WIDTHS)}"),
     ("residual_tests", f"{residual_tests.DRAWS} draws of noise"),
@@ -97,7 +98,7 @@ SAID = [
     ("noise", f"tails have to lead wrong points by {find_shape.TAIL_LEAD:g}"),
     ("noise", f"$t$ with {tails._TAILS[0]:g} to {tails._TAILS[-1]:g} degrees"),
     ("planning", f"the band of {percent(prediction.SHARE)} of arms"),
-    ("planning", f"{settling._DRAWS} draws for each rival"),
+    ("planning", f"{discrimination._DRAWS} draws for each rival"),
     ("watching", f"$g - {change_tests._EACH:g} K + 2 \\log w$"),
     ("watching", f"{alarm.UNUSUAL_WEIGHT:g} for lengths, angles and compliances"),
     ("watching", f"{alarm.DRAWS:,} draws of an unchanged cell"),
