@@ -46,7 +46,7 @@ from calib.effects.effect import Family
 from calib.options import FitOptions
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR
 from calib.screening.curves.smooth_joint_error import LEARNED
-from calib.screening.noise.shown_noise import noise_of_repeats, noise_of_residual
+from calib.screening.noise_search import noise_of_repeats, noise_of_residual
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import ResidualTests
 

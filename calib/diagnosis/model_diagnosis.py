@@ -15,10 +15,9 @@ from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, step_after
 from calib.diagnosis.verdict import ConfoundedSet, LearnedModel
 from calib.screening.candidates import screen
-from calib.screening.curves.effect_file import formula_text
-from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError
-from calib.screening.noise.from_repeats import scatter_of_repeats
-from calib.screening.noise.shown_noise import ShownNoise, first_unproven
+from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, formula_text
+from calib.screening.noise_likelihood import scatter_of_repeats
+from calib.screening.noise_search import ShownNoise, first_unproven
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import ResidualTests, run_residual_tests
 

@@ -33,8 +33,8 @@ from calib.diagnosis.search_space import SearchSpace, first_fit, step_after, wit
 from calib.diagnosis.verdict import Refusal
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate, Screening, screen
 from calib.screening.curves.joint_curves import LearnedCurves
-from calib.screening.curves.slow_courses import slow_course
 from calib.screening.curves.smooth_joint_error import LEARNED
+from calib.screening.smooth_motions import slow_course
 
 MAX_TRIED_AHEAD = 4  # contenders that are tried with a successor
 MAX_REFUSED = 3  # effects that are tried in a step

@@ -13,9 +13,9 @@ from calib.consistency.data_problem import DataProblem
 from calib.diagnosis.effect_selection import FitStep
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate, Screening, Untestable
 from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, inputs_of, joints_of
-from calib.screening.fault_models import JointFault
-from calib.screening.noise.shown_noise import AddedEffect, ShownNoise
+from calib.screening.noise_search import AddedEffect, ShownNoise
 from calib.screening.residual_tests import ResidualTests
+from calib.screening.smooth_motions import JointFault
 
 VERDICTS = ("adequate", "named", "ambiguous", "unexplained", "outliers")
 MAX_SIGMAS_LEFT = 1.4  # residual over noise with the best of a tied set in the model, up to which names are claimed

@@ -17,8 +17,8 @@ from calib.documents.calibration_documents import found_tool_document, stands_do
 from calib.effects.catalogue import descriptions
 from calib.planning.discrimination import NextPoses, explanation_of, next_poses
 from calib.screening.candidates import Candidate
-from calib.screening.fault_models import JointFault
 from calib.screening.residual_tests import InputTest
+from calib.screening.smooth_motions import JointFault
 
 
 def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from calib.models.fitted_model import FittedModel
 from calib.models.model_file import save_model
 from calib.planning.discrimination import NextPoses, explanation_of, next_poses
 from calib.robot_formats.programs.point_lists import is_point_list, require_point_list
-from calib.screening.curves.effect_file import effect_file_text
+from calib.screening.curves.fitted_curves import effect_file_text
 from calib.validation.acceptance import check
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import learning_curve

@@ -22,8 +22,8 @@ from calib.diagnosis.words.phrases import fault_text, poses_text
 from calib.diagnosis.words.text import explanation_text, reason_text
 from calib.effects.catalogue import descriptions
 from calib.screening.candidates import Candidate
-from calib.screening.fault_models import JointFault
 from calib.screening.scan_statistic import Channel
+from calib.screening.smooth_motions import JointFault
 
 SWAY = JointFault("smooth", 0, 12.4, 2e-4, "rad", 0.22)
 

@@ -20,17 +20,17 @@ from calib.planes import clustering, robust_fit
 from calib.planning import discrimination, prediction
 from calib.screening import (
     evidence,
-    fault_models,
     member_columns,
+    noise_search,
     nuisance,
     projected_residual,
     residual_tests,
     scan_statistic,
+    smooth_motions,
     sparse_evidence,
 )
 from calib.screening.candidates import MIN_CONFOUNDED_OVERLAP, MIN_LOG_BAYES_FACTOR
 from calib.screening.curves import curve_evidence, joint_curves
-from calib.screening.noise import find_shape, properties, tails
 
 ROOT = Path(__file__).parents[2]
 METHOD = ROOT / "docs" / "method"
@@ -84,8 +84,8 @@ SAID = [
     ("residual_tests", f"Below {residual_tests.STRUCTURE_LEVEL:g} the residual has order"),
     ("residual_tests", f"in {percent(residual_tests.OUTLIER_LEVEL)} of the draws"),
     ("residual_tests", f"From {residual_tests.FAULT_EVIDENCE:g} nats on"),
-    ("residual_tests", f"$l$ = {row(fault_models._OWN_RAD)} rad over its own angle"),
-    ("residual_tests", f"{row(fault_models._ARM_RAD)} rad over the first three"),
+    ("residual_tests", f"$l$ = {row(smooth_motions._OWN_RAD)} rad over its own angle"),
+    ("residual_tests", f"{row(smooth_motions._ARM_RAD)} rad over the first three"),
     ("residual_tests", f"|r|^2 / {SIGMA_DOUBT:g}^2"),
     ("curves", f"harmonics $n$ = {joint_curves._ANGLE_ORDERS[0]} to {joint_curves._ANGLE_ORDERS[-1]}"),
     ("curves", "$n_0$ ({:g} to {:g})".format(*curve_evidence._BANDWIDTHS)),
@@ -94,9 +94,9 @@ SAID = [
     ("curves", f"if it gains {joint_curves._MIN_GAIN:g} nats beyond"),
     ("curves", f"worth less than {joint_curves._MIN_MEMBER_GAIN:g} nats"),
     ("curves", f"move the residual by {joint_curves._MIN_VISIBLE:g} sigma"),
-    ("noise", f"A property gains {find_shape.MIN_GAIN:g} nats, after {properties._PARAMETER_COST:g} nats for each"),
-    ("noise", f"tails have to lead wrong points by {find_shape.TAIL_LEAD:g}"),
-    ("noise", f"$t$ with {tails._TAILS[0]:g} to {tails._TAILS[-1]:g} degrees"),
+    ("noise", f"A property gains {noise_search.MIN_GAIN:g} nats, after {noise_search._PARAMETER_COST:g} nats for each"),
+    ("noise", f"tails have to lead wrong points by {noise_search.MIN_TAIL_GAIN:g}"),
+    ("noise", f"$t$ with {noise_search._TAILS[0]:g} to {noise_search._TAILS[-1]:g} degrees"),
     ("planning", f"the band of {percent(prediction.SHARE)} of arms"),
     ("planning", f"{discrimination._DRAWS} draws for each rival"),
     ("watching", f"$g - {change_tests._EACH:g} K + 2 \\log w$"),

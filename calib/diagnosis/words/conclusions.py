@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from calib.calibration.held_out import HeldOutTest
-from calib.screening.fault_models import JointFault
+from calib.screening.smooth_motions import JointFault
 
 
 @dataclass(frozen=True)

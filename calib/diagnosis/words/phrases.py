@@ -15,7 +15,7 @@ from calib.diagnosis.words.sentences import DiscriminatingPose
 from calib.effects.catalogue.unknown_masses import stiffness
 from calib.effects.effect import Effect, Parameter, has_meaning, meaning_of
 from calib.screening.candidates import Untestable
-from calib.screening.fault_models import JointFault
+from calib.screening.smooth_motions import JointFault
 
 _CONDITIONS = {
     "payload_kg": "the payload",

@@ -14,8 +14,8 @@ from calib.diagnosis.words.conclusions import VerdictSentence
 from calib.diagnosis.words.noise_text import NoiseShaped as NoiseShaped
 from calib.effects.natural_bounds import NaturalBound
 from calib.fitting.tool_point.placement import ToolShift as ToolShift
-from calib.screening.fault_models import JointFault
 from calib.screening.scan_statistic import Channel
+from calib.screening.smooth_motions import JointFault
 
 SMALL_CHANGE = 0.03  # share of the test poses' error below which a change of it counts for nothing
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.dataset.input_names import CONDITIONS, further_inputs, joint_input, summed_joints
-from calib.effects.effect import Parameter
+from calib.effects.effect import Parameter, full_name
 from calib.effects.state import RobotState
 from calib.errors import FitError
 
@@ -152,6 +152,37 @@ def joints_of(members: Iterable[SmoothJointError]) -> tuple[int, ...]:
 def inputs_of(members: Iterable[SmoothJointError]) -> tuple[str, ...]:
     """The inputs that curves run over."""
     return tuple(dict.fromkeys(member.modes.input for member in members))
+
+
+def formula_text(members: Sequence[SmoothJointError], values: Mapping[str, float]) -> str | None:
+    """The members' formulas with their fitted values, or None where one of them is a curve without a formula."""
+    lines = []
+    for member in members:
+        if not isinstance(member.modes, FormulaModes):
+            return None
+        lines.append(_formula_of(member, member.modes, values))
+    return "; ".join(lines)
+
+
+def _formula_of(member: SmoothJointError, modes: FormulaModes, values: Mapping[str, float]) -> str:
+    fitted = iter(values[full_name(member, p)] for p in member.parameters)
+    u = modes.input
+    parts = []
+    for term in modes.terms:
+        if term.kind == "harmonic":
+            parts += [
+                f"{next(fitted):+.3g} sin({term.order} {u})",
+                f"{next(fitted):+.3g} cos({term.order} {u})",
+            ]
+            continue
+        shape = {
+            "bump": f"exp(-(({u} - {term.place:.3g}) / {term.width:.3g})^2 / 2)",
+            "kink": f"abs({u} - {term.place:.3g})",
+            "step": f"({u} > {term.place:.3g})",
+            "square": f"{u} abs({u})",
+        }[term.kind]
+        parts.append(f"{next(fitted):+.3g} {shape}")
+    return f"theta{member.joint + 1} += {' '.join(parts).removeprefix('+')} rad"
 
 
 def input_values(state: RobotState, name: str) -> Array:

@@ -17,7 +17,7 @@ from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words import conclusions, sentences
 from calib.effects.catalogue import effects_for
 from calib.screening.curves.joint_curves import LearnedCurves
-from calib.screening.fault_models import JointFault
+from calib.screening.smooth_motions import JointFault
 from inspector.markup.learn.said import Sentence, advice_said, known_links, reasons_said, residual_said
 from inspector.markup.model.fit import parameters_html
 from inspector.markup.parts import elements
