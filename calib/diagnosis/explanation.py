@@ -44,7 +44,7 @@ from calib.diagnosis.words.sentences import (
 )
 from calib.screening.candidates import Candidate, Screening
 from calib.screening.curves.smooth_joint_error import LEARNED
-from calib.screening.nuisance import TOLD_EVIDENCE
+from calib.screening.nuisance import REPORTED_EVIDENCE
 from calib.screening.residual_tests import ResidualTests
 
 POSES_TOLD = 3
@@ -171,7 +171,7 @@ def noise_told(findings: Findings) -> NoiseShaped | None:
 def residual_sentences(tests: ResidualTests) -> tuple[ResidualSentence, ...]:
     """What a fit leaves, with the figures that it was judged by."""
     out: list[ResidualSentence] = [ResidualSize(tests.residual_mm, tests.noise_mm, tests.noise_from)]
-    if tests.masses_evidence > TOLD_EVIDENCE:
+    if tests.masses_evidence > REPORTED_EVIDENCE:
         out.append(MassesOff(tests.masses_evidence))
     if tests.structured:
         first = tests.inputs[0]

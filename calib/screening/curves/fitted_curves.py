@@ -1,4 +1,4 @@
-"""The learned curves of a fit over their inputs, with their uncertainty: to be drawn, and to be told in a line each."""
+"""Learned curves of a fit over their inputs, with their uncertainty: for figures, in words, as a Python file."""
 
 from __future__ import annotations
 
@@ -23,42 +23,42 @@ from calib.screening.curves.smooth_joint_error import (
     input_values,
 )
 
-_PLACES = 401  # at which a curve is worked out
+_PLACES = 401  # at which a curve is computed
 _BEYOND = 0.12  # of the measured range, on either side
 
 
 @dataclass(frozen=True, eq=False)
 class FittedCurve:
-    """One joint's curve as it was fitted, at G places of its input."""
+    """Fitted curve of one joint, at G places of its input."""
 
     joint: int  # from 0
-    is_revolute: bool  # the joint
+    is_revolute: bool  # whether the joint turns
     input: str
     input_unit: str  # as people read it: deg, mm, Nm, C, s, kg; "" for a column of the user's own
     u: Array  # (G,) rad, mm, Nm, as the input is
     value: Array  # (G,) rad (mm for a prismatic joint)
     sigma: Array  # (G,) of the value, by the fit's covariance
     measured: Array  # (N,) inputs of the training poses, sorted
-    rms: float  # over those
-    known: int  # parameters that the data know to better than half their prior sigma
-    parameters: int
-    formula: str | None  # where it is a short formula
-    shape: str = ""  # its terms in words, where it is one
-    peak: float | None = None  # of the input, where it is one bump
+    rms: float  # of the value, over the training poses
+    known: int  # number of parameters that the data determine to better than half their prior sigma
+    parameters: int  # number of parameters
+    formula: str | None  # with values, where the curve is a short formula
+    shape: str = ""  # the formula's terms in words; "" without a formula
+    peak: float | None = None  # place of the peak, where the formula is one bump
 
     @property
     def unit(self) -> str:
-        """The curve's unit as people read it."""
+        """Unit of the curve as people read it."""
         return "mrad" if self.is_revolute else "mm"
 
     @property
     def scale(self) -> float:
-        """By which values of the curve become its `unit`."""
+        """Factor from values of the curve to its `unit`."""
         return 1e3 if self.is_revolute else 1.0
 
     @property
     def input_scale(self) -> float:
-        """By which values of the input become its `input_unit`."""
+        """Factor from values of the input to its `input_unit`."""
         return 180.0 / np.pi if self.input_unit == "deg" else 1.0
 
     @property
@@ -68,7 +68,7 @@ class FittedCurve:
 
     @property
     def largest(self) -> tuple[float, float]:
-        """Where in the measured range the curve is largest, and what it is there."""
+        """Place in the measured range at which the curve is largest, and its value there."""
         if self.peak is not None and self.measured[0] <= self.peak <= self.measured[-1]:
             return self.peak, float(np.interp(self.peak, self.u, self.value))
         at = int(np.argmax(np.where(self.inside, np.abs(self.value), -1.0)))
@@ -76,12 +76,12 @@ class FittedCurve:
 
 
 def learned_members(calibration: Calibration) -> tuple[SmoothJointError, ...]:
-    """The learned curves in a fit's model; () where there are none."""
+    """Learned curves in a fit's model; () where there are none."""
     return tuple(e for e in calibration.model.added_effects if isinstance(e, SmoothJointError))
 
 
 def fitted_curves(calibration: Calibration) -> tuple[FittedCurve, ...]:
-    """The learned curves in a fit's model, as they were fitted; () where there are none."""
+    """Fitted curves of the learned curves in a fit's model; () where there are none."""
     members = learned_members(calibration)
     if not members:
         return ()
@@ -120,9 +120,9 @@ def fitted_curves(calibration: Calibration) -> tuple[FittedCurve, ...]:
 
 
 def shape_text(member: SmoothJointError, calibration: Calibration) -> str:
-    """ "a bump at 29 deg, 12 deg wide": the terms of a short formula; "" of a curve that has none.
+    """Terms of a short formula in words, as in "a bump at 29 deg, 12 deg wide"; "" for a curve without a formula.
 
-    The same before and after it is fitted: the fit finds the sizes of the terms, not their places.
+    They are the same before and after a fit, which finds the sizes of the terms and not their places.
     """
     modes = member.modes
     if not isinstance(modes, FormulaModes):
@@ -130,7 +130,7 @@ def shape_text(member: SmoothJointError, calibration: Calibration) -> str:
     unit = _input_unit(modes.input, calibration)
     scale = 180.0 / np.pi if unit == "deg" else 1.0
 
-    def told(term: FormulaTerm) -> str:
+    def in_words(term: FormulaTerm) -> str:
         place = f"{scale * term.place:.3g} {unit}".rstrip()
         return {
             "harmonic": f"a wave, {term.order} a turn",
@@ -140,7 +140,7 @@ def shape_text(member: SmoothJointError, calibration: Calibration) -> str:
             "square": "a part that grows with the square",
         }[term.kind]
 
-    return ", ".join(map(told, modes.terms))
+    return ", ".join(map(in_words, modes.terms))
 
 
 def _peak(member: SmoothJointError) -> float | None:
@@ -149,23 +149,23 @@ def _peak(member: SmoothJointError) -> float | None:
 
 
 def without_curves(parameters: pd.DataFrame) -> pd.DataFrame:
-    """The rows of a table of parameters (column `name`) that are no learned curve's."""
+    """Table of parameters (column `name`) without those of learned curves."""
     return parameters[~parameters["name"].str.startswith(f"{LEARNED}.")]
 
 
 def curve_lines(calibration: Calibration) -> list[str]:
-    """A line for each learned curve: joint, input, size, the largest value and where, how much of it is known."""
+    """Line of text for each learned curve: joint, input, size, largest value and its place, number of known modes."""
     return list(map(_line, fitted_curves(calibration)))
 
 
 def _line(curve: FittedCurve) -> str:
     place, largest = curve.largest
     at = f"{curve.input_scale * place:.4g} {curve.input_unit}".rstrip()
-    told = f"; {curve.formula} ({curve.shape})" if curve.formula else ""
+    formula = f"; {curve.formula} ({curve.shape})" if curve.formula else ""
     return (
         f"{LEARNED}: joint {curve.joint + 1} over {curve.input}: rms {curve.scale * curve.rms:.3g} {curve.unit}, "
         f"largest {curve.scale * largest:+.3g} {curve.unit} at {at}, {curve.known} of {curve.parameters} modes known"
-        f"{told}"
+        f"{formula}"
     )
 
 
@@ -240,7 +240,7 @@ def curve_at(curve, u):
 
 
 def effect_file_text(calibration: Calibration, file: str) -> str:
-    """The text of a file with the learned curves of a fit.
+    """Text of a Python file with the learned curves of a fit, to be edited and loaded with --effects-file.
 
     Args:
         calibration: a fit with learned curves in its model.
