@@ -1,6 +1,6 @@
-"""How the noise of measured points is shaped, where it is not the same in every direction, everywhere, all the time.
+"""Shape of the noise of measured points, where it is not the same in every direction, everywhere and all the time.
 
-Only the shape: the mean variance stays what was declared. `calib.fitting.shaped_noise` applies it to points.
+The mean variance stays as declared. `calib.fitting.noise` applies the shape to points.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ IDENTITY: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1
 
 @dataclass(frozen=True)
 class CorrelatedDrift:
-    """A slow part of the noise that points measured soon after each other share: correlation exp(-|dt| / time).
+    """Correlated drift of the instrument (Ornstein-Uhlenbeck): noise with correlation exp(-|dt| / time).
 
-    It moves what is measured as a whole, each axis by itself (an Ornstein-Uhlenbeck process).
+    It moves all that is measured as a whole, each axis by itself.
     """
 
     share: float  # of the noise's variance, 0 ... 1
-    time: float  # s, or poses in the order of measuring
+    time: float  # correlation time, s, or poses in the order of measuring
     in_poses: bool = False  # whether times are not known, so that poses are counted
 
 
@@ -36,7 +36,7 @@ class NoiseShape:
     axes: tuple[Row, Row, Row] = IDENTITY  # symmetric, in the scanner's frame
     growth_per_m: float = 0.0
     distance_mm: float = 0.0
-    wander: CorrelatedDrift | None = None
+    wander: CorrelatedDrift | None = None  # under this name in model.json and session files
     tail: float | None = None  # degrees of freedom of Student's t; None: normal
 
     @property
