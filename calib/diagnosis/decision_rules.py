@@ -80,7 +80,7 @@ def are_equivalent(one: Candidate, other: Candidate, dof: int) -> bool:
 
 def can_stand_for(best: Candidate, others: Sequence[Candidate], dof: int) -> bool:
     """Whether the best may stand in the model for all others of its set, which stay open (`ConfoundedSet`)."""
-    return all(other.name in best.family.open_with or are_equivalent(best, other, dof) for other in others)
+    return all(other.name in best.family.confounded_with or are_equivalent(best, other, dof) for other in others)
 
 
 def equivalent_to(name: str, screening: Screening | None) -> tuple[str, ...]:

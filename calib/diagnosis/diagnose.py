@@ -40,10 +40,10 @@ from calib.diagnosis.moves import (
 )
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import MAX_EFFECTS, SearchSpace, first_fit, step_after
-from calib.display.progress import OnStep, staged
 from calib.effects.catalogue import effects_named
 from calib.effects.effect import Family
 from calib.options import FitOptions
+from calib.progress import OnStep, staged
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.noise_search import noise_of_repeats, noise_of_residual

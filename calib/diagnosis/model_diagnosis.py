@@ -108,7 +108,7 @@ def confounded_sets(space: SearchSpace, steps: Sequence[FitStep]) -> tuple[Confo
         if name is None or family is None or any(name in one.names for one in out):
             continue
         equivalent = _equivalent_in_model(space, last, name, equivalent_to(name, before.screening))
-        untested = [f for f in space.families if f.name in family.open_with and not f.never_testable]
+        untested = [f for f in space.families if f.name in family.confounded_with and not f.never_testable]
         if equivalent or untested:
             would_help = next((f.would_help for f in untested if f.would_help), "")
             out.append(ConfoundedSet(name, equivalent, tuple(f.name for f in untested), would_help))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array, IndexArray
-from calib.effects.catalogue.order_steps import BaseLoosening, JointStep, ScannerStep, TargetStep
+from calib.effects.catalogue.order_steps import Step
 from calib.screening.candidates import Candidate
 from calib.screening.evidence import FamilyColumns, evaluate_family, evidence_of
 from calib.screening.member_columns import displacement_columns
@@ -21,7 +21,6 @@ _USUAL = 3e-4  # rad: as large as errors of drives are
 _SETTLING = (0.1, 0.2, 0.4, 0.8)  # time constants, as shares of the whole session
 _SWAYING = (0.1, 0.2, 0.4, 1.0)  # correlation lengths, as shares of the whole session
 _MOST_ANGLES, _MOST_MOMENTS = 200, 100  # poses that a smooth function is spanned by: memory stays bounded
-_STEPS = (JointStep, TargetStep, ScannerStep, BaseLoosening)
 
 
 # ---- of one joint ---------------------------------------------------------------------------------------------------
@@ -104,7 +103,7 @@ def slow_course(projected: ProjectedResidual, step: Candidate) -> float:
     The best of an even course, settling with one of four time constants, and any smooth course of four correlation
     lengths, which are equally likely. 0 where the candidate is no step.
     """
-    members = [member for member in step.members if isinstance(member, _STEPS)]
+    members = [member for member in step.members if isinstance(member, Step)]
     if not members:
         return 0.0
     columns = displacement_columns(projected, members)  # (M, 3, W)

@@ -7,8 +7,8 @@ import numpy as np
 from calib.corners.batch import CornerBatch
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import ROLES, Dataset
-from calib.display.blocks import Block, Bullets, Facts, KeyFigures, Section, Table
-from calib.display.view_page import view_html
+from calib.present.blocks import Block, Bullets, Facts, KeyFigures, Section, Table
+from calib.views.view_page import view_html
 
 _DIGITS = 2  # of degrees and mm in tables of the robot
 
@@ -72,7 +72,7 @@ def _shown(row: tuple[float, float, float, float, float]) -> list[str]:
 
 def _measured(dataset: Dataset) -> str:
     if dataset.points is None:
-        return f"{len(dataset.poses)} scans of a jig of {dataset.jig.edge_words()}; no points yet"
+        return f"{len(dataset.poses)} scans of a jig of {dataset.jig.edges_text()}; no points yet"
     targets = np.unique(dataset.points.target)
     of = "" if len(targets) == 1 else f" of {len(targets)} targets"
     with_scans = ", and scans" if dataset.scan_folder is not None else ""

@@ -1,4 +1,4 @@
-"""What is told of connections that go wrong: nothing of strangers who speak no HTTP, a line of everything else.
+"""Logging of failed connections: none for clients that speak no HTTP, one line each for all others, bounded in rate.
 
 A port scan opens connections and sends nothing, a TLS greeting or rubbish; websockets logs each with its traceback.
 """
@@ -14,7 +14,7 @@ from typing import Any
 
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, SecurityError
 
-from calib.errors import shown
+from calib.errors import printable
 
 _NO_ROOM = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 _TELL_EVERY_S = 60.0
@@ -29,13 +29,13 @@ class _InOneLine(logging.Filter):
             return False
         if error is not None:
             said = " ".join(f"{record.getMessage()}: {type(error).__name__}: {error}".split())
-            record.msg, record.args = shown(said), None
+            record.msg, record.args = printable(said), None
             record.exc_info = record.exc_text = None
         return True
 
 
 class _Bounded(logging.Filter):
-    """So many lines a minute of all that pages and strangers can cause, then one that says how many were left out."""
+    """Log filter that passes a limited number of lines a minute, then one line that counts the suppressed ones."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -53,7 +53,7 @@ class _Bounded(logging.Filter):
                 self._left_out += 1
                 return False
             words, self._left_out = self._left_out, 0
-        record.msg, record.args = shown(record.getMessage()), None
+        record.msg, record.args = printable(record.getMessage()), None
         if words:
             record.msg += f" (before it {words} lines like this were left out)"
         return True
@@ -63,7 +63,7 @@ _BOUND = _Bounded()
 
 
 def bounded_logger(name: str) -> logging.Logger:
-    """A logger for what comes from outside: at most `_MOST_LINES` a minute with all others of this kind."""
+    """Logger for events that clients can cause; all such loggers share `_MOST_LINES` lines a minute."""
     logger = logging.getLogger(name)
     if _BOUND not in logger.filters:
         logger.addFilter(_BOUND)
@@ -71,7 +71,7 @@ def bounded_logger(name: str) -> logging.Logger:
 
 
 def connection_logger() -> logging.Logger:
-    """The logger to give to websockets' `serve`."""
+    """Logger for websockets' `serve`."""
     name = "inspector.server.connections"
     logger = logging.getLogger(name)
     if not logger.filters:
@@ -80,7 +80,7 @@ def connection_logger() -> logging.Logger:
 
 
 class CrowdTold:
-    """A loop's exception handler: a crowd of connections, more than there may be files, is a line a minute.
+    """Exception handler of an event loop that logs "too many open connections" once a minute.
 
     asyncio tells of each that it cannot accept, with a traceback, a hundred at a time: megabytes in seconds. It tries
     again after a second by itself, and whoever is connected is served on.

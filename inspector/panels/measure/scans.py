@@ -5,18 +5,19 @@ from __future__ import annotations
 import numpy as np
 import viser
 
+from calib.present import numbers
 from calib.scans.scan import Scan
 from inspector.markup.model.comparison import roles_legend
-from inspector.markup.parts import elements, numbers
+from inspector.markup.parts import elements
 from inspector.markup.parts.palette import DOUBT, FAILED, LEFT_OUT, role_colour
 from inspector.panels.base import Actions
 from inspector.session.view import View, corner_of
 
 NOTE = (
     "The selected scan in full, all others in few points, in the colour of their role. Look for scans that miss the "
-    "jig, are noisy, or stand apart from the rest. A pose without a corner is left out of the fit."
+    "jig, are noisy, or lie apart from the rest. A pose without a corner is left out of the fit."
 )
-NO_SCANS = "The points were measured (points.csv). The list says how well each is known."
+NO_SCANS = "The points were measured (points.csv). The list gives the uncertainty of each."
 
 
 class ScansPanel:

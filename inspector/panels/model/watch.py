@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import viser
 
+from calib.present import html
+from calib.present.changes import change_sections, change_verdict
 from inspector.figures.watch_plots import control_chart
-from inspector.markup.model.watch import watch_html
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, by_page, hidden_plot, put
 from inspector.session.side_by_side import WatchedCell
 from inspector.session.view import View
 
 NOTE = (
-    "Is it still right? A few poses measured later, against this calibration: what changed, and what these poses "
-    "could not have seen. Nothing is blamed on the arm that a moved scanner explains."
+    "Is the calibration still right? A few poses measured later tell what changed since, and what they could not have "
+    "detected. The arm is not blamed for what a moved instrument explains."
 )
 NONE, ALL = "–", "all other datasets"
 
@@ -27,9 +28,9 @@ class WatchPanel:
             "Measured later", (NONE,), hint="another dataset of the folder; choose one after the other"
         )
         self.moved = gui.add_checkbox(
-            "The scanner was put up anew", False, hint="its place is no change to be told then"
+            "The instrument was set up again", False, hint="its new place is then not reported as a change"
         )
-        self._clear = gui.add_button("Clear", color="gray", hint="choose anew", visible=False)
+        self._clear = gui.add_button("Clear", color="gray", hint="clear the choice", visible=False)
         self._state = gui.add_html("")
         self._plot = hidden_plot(gui, 0.7, "control chart")
         self._found = gui.add_html("")
@@ -75,7 +76,8 @@ class WatchPanel:
         """What the later measurements say."""
         if self._drawn is not None and self._drawn[0] is cell and self._drawn[1] == view.dark:
             return
-        self._state.content, self._found.content = watch_html(cell.seen, cell.repeats)
+        self._state.content = html.panel(change_verdict(cell.seen))
+        self._found.content = html.panel(change_sections(cell.seen, cell.repeats))
         self._plot.visible = True
         self._plot.figure = control_chart(cell.seen, dark=view.dark)
         self._drawn = (cell, view.dark)

@@ -1,0 +1,63 @@
+"""Poses planned for the model on show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from calib.array_types import Array
+from calib.errors import CalibError
+from calib.planning.plan import Plan, plan_poses
+from calib.planning.purpose import CALIBRATION, WATCH
+from calib.planning.purposes.by_name import purpose_of
+from calib.planning.purposes.confounded_effects import SPLIT, for_confounded
+from calib.planning.start import FromFit
+from inspector.session.session import Session
+
+_LIKELIEST = 5  # effects that may be planned for
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A plan, the session that it was made for, and which of its poses is selected."""
+
+    plan: Plan
+    session: Session
+    pose: int | None = None
+
+    def is_of(self, session: Session) -> bool:
+        """Whether the plan was made for a session's current model."""
+        return session.calibration is self.session.calibration
+
+    @property
+    def scanner_T_base(self) -> Array:
+        """Pose (4, 4) of the base in the scanner's frame, of the setup in which the planned poses are to be
+        measured.
+        """
+        calibration = self.session.calibration
+        assert calibration is not None
+        return calibration.after.scanner_T_base[self.plan.start.setup]
+
+
+def aims_of(session: Session) -> tuple[str, ...]:
+    """Purposes that poses can be planned for (words of `plan --for`), the default first."""
+    if session.calibration is None:
+        return ()
+    is_open = session.diagnosis is not None and bool(session.diagnosis.ambiguous_set)
+    ranked = session.screening.candidates if session.screening is not None else ()
+    likely = [c.name for c in ranked if c.members and not c.family.sparse][:_LIKELIEST]
+    inside = [effect.name for effect in session.effects if effect.members]
+    return ((SPLIT,) if is_open else ()) + (CALIBRATION, WATCH, *dict.fromkeys([*inside, *likely]))
+
+
+def planned_for(session: Session, aim: str, count: int, payload_kg: float | None) -> Planned:
+    """Plan of the next poses for the model on show. Raises CalibError where none can be planned."""
+    if session.calibration is None:
+        raise CalibError(f"dataset {session.dataset.name}: calibrate first, then the next poses can be planned")
+    if aim == SPLIT:
+        if session.diagnosis is None:
+            raise CalibError(f"dataset {session.dataset.name}: find what is missing first; nothing is open yet")
+        open_set = for_confounded(session.diagnosis, payload_kg)
+        return Planned(plan_poses(open_set.start, count, purpose=open_set), session)
+    purpose = purpose_of(aim, payload_kg=None if aim in (CALIBRATION, WATCH) else payload_kg)
+    start = FromFit(session.calibration)
+    return Planned(plan_poses(start, count, purpose=purpose, user_effects=session.user_effects), session)
