@@ -15,9 +15,9 @@ from calib.effects.catalogue.joints import JointDent
 from calib.effects.catalogue.order_steps import JointStep
 from calib.effects.shaped import ShapedEffect
 from calib.screening.candidates import Candidate, screen
-from calib.screening.fault_models import smooth_motion
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import FAULT_EVIDENCE, run_residual_tests
+from calib.screening.smooth_motions import smooth_motion
 from calib.simulation.measured_dataset import Simulation
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.joint_effects import JointDent as TrueDent

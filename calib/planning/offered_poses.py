@@ -15,13 +15,13 @@ from calib.fitting.observations import conditions_at
 from calib.workcell.candidates import candidate_poses
 from calib.workcell.known_cell import workcell_of_dataset
 
-TRIED = 400
+OFFERED = 400
 
 
-def further_poses(calibration: Calibration, *, tried: int = TRIED) -> Poses:
-    """Candidates for the next poses: as far as is known they can be measured from where the scanner stood first.
+def offered_poses(calibration: Calibration, *, count: int = OFFERED) -> Poses:
+    """Candidates (count) for the next poses: measurable, as far as is known, from where the scanner stood first.
 
-    Where no such pose is found they are within the range of the measured joints.
+    Where no such pose exists they lie within the range of the measured joints.
     """
     rng = np.random.default_rng(0)
     dataset = calibration.dataset
@@ -29,11 +29,11 @@ def further_poses(calibration: Calibration, *, tried: int = TRIED) -> Poses:
     setup, scanner_T_base = next(iter(calibration.after.scanner_T_base.items()))
     try:
         cell = workcell_of_dataset(dataset, base_T_scanner=frames.invert(scanner_T_base), setup=setup)
-        q = candidate_poses(cell, tried, rng=rng)
+        q = candidate_poses(cell, count, rng=rng)
     except CalibError:
-        q = rng.uniform(measured.q.min(axis=0), measured.q.max(axis=0), (tried, measured.q.shape[1]))
+        q = rng.uniform(measured.q.min(axis=0), measured.q.max(axis=0), (count, measured.q.shape[1]))
     poses = conditions_at(measured, q)
-    there = replace(poses, role=np.full(tried, "train"), setup=np.full(tried, setup))
+    there = replace(poses, role=np.full(count, "train"), setup=np.full(count, setup))
     return under_conditions(there, measured)
 
 
@@ -45,7 +45,7 @@ def under_conditions(poses: Poses, measured: Poses, payloads_kg: tuple[float, ..
 
     Args:
         poses: to be measured.
-        measured: whose conditions vary as these shall.
+        measured: poses whose conditions vary as the new ones shall.
         payloads_kg: one of which each pose carries where the measured ones carry all the same.
     """
     rng = np.random.default_rng(0)
@@ -62,7 +62,7 @@ def under_conditions(poses: Poses, measured: Poses, payloads_kg: tuple[float, ..
 
 
 def _ends(values: Array | None) -> tuple[float, ...]:
-    """The least and the largest of what varies; () where it does not."""
+    """The least and the largest value of a condition that varies; () where it does not."""
     if values is None or not np.ptp(values) > 0.0:
         return ()
     return float(values.min()), float(values.max())

@@ -11,10 +11,8 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.result import declared_sigma_mm
 from calib.fitting.observations import Observations
 from calib.noise_shape import CorrelatedDrift, NoiseShape
-from calib.screening.noise.find_shape import FoundShape, find_shape
-from calib.screening.noise.from_repeats import scatter_of_repeats
-from calib.screening.noise.likelihood import LinearResidual
-from calib.screening.noise.tails import judge_tails
+from calib.screening.noise_likelihood import LinearResidual, scatter_of_repeats
+from calib.screening.noise_search import FoundShape, find_shape, judge_tails
 from calib.screening.projected_residual import project_residual
 from tests.support.odd_noise import SIGMA_MM, odd_arm
 
@@ -58,7 +56,7 @@ def test_the_likelihood_is_that_of_dense_matrices() -> None:
         logs = [np.linalg.slogdet(covariance)[1], np.linalg.slogdet(information)[1]]
         return float(-0.5 * sum(logs) - 0.5 * (3 * count - x.shape[1]) * np.log(left))
 
-    ours = residual.likelihood(shape) - residual.likelihood(NoiseShape())
+    ours = residual.log_likelihood(shape) - residual.log_likelihood(NoiseShape())
     assert ours == pytest.approx(restricted(whole) - restricted(np.eye(3 * count)), abs=1e-6)
 
 
@@ -128,7 +126,7 @@ def test_repeats_tell_the_shape_whatever_the_arm_does() -> None:
     scatter = scatter_of_repeats(dataset)
     assert scatter is not None
     assert scatter.rows.shape == (80, 3, 1)
-    found = find_shape(scatter, np.zeros(80, dtype=bool), slow=False)
+    found = find_shape(scatter, np.zeros(80, dtype=bool), drifts=False)
     assert found is not None
     assert found.shape.axes[2][2] == pytest.approx(3.0, rel=0.25)
     assert np.mean(scatter.rows**2) == pytest.approx(1.0, rel=0.3)  # whitened by the declared sigma

@@ -8,7 +8,7 @@ from calib.calibration.calibrate import calibrate
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import family_of
 from calib.screening.candidates import screen
-from calib.screening.curves.slow_courses import slow_course
+from calib.screening.smooth_motions import slow_course
 from tests.support.engine.cases import Case, simulate
 
 
