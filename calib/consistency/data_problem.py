@@ -189,7 +189,7 @@ def _units_problem(now: Calibration, refit: Refit, sample: Sample) -> DataProble
 
 
 @dataclass(frozen=True)
-class EffectModel:
+class FitVariant:
     """A model with effects to be fitted to the data as they are and as mended."""
 
     effects: tuple[str, ...]  # in the model
@@ -197,8 +197,8 @@ class EffectModel:
     fit: Callable[[Dataset], Calibration]
 
 
-def weighed(
-    now: Calibration, open_hypotheses: Sequence[DataHypothesis], models: Sequence[EffectModel]
+def problem_given_effects(
+    now: Calibration, open_hypotheses: Sequence[DataHypothesis], models: Sequence[FitVariant]
 ) -> DataProblem | None:
     """Open hypothesis that is clearly more probable than the effects found without it; None where none is.
 

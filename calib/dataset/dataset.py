@@ -22,7 +22,7 @@ from calib.errors import DatasetError
 from calib.jig import Jig
 from calib.kinematics.robot import Robot, Vector
 from calib.noise_shape import NoiseShape
-from calib.target_shapes import Target
+from calib.target_shapes import DeclaredTarget
 
 
 @dataclass(frozen=True)
@@ -237,18 +237,18 @@ class Dataset(Viewed):
     noise: NoiseShape | None = None  # of the points, where it is known to differ from the declared one
     about: About = field(default_factory=About)
     surroundings: Surroundings = field(default_factory=Surroundings)
-    targets: tuple[Target, ...] = ()  # besides the three-faced jig, as dataset.toml describes them
+    targets: tuple[DeclaredTarget, ...] = ()  # besides the three-faced jig, as dataset.toml describes them
     finder_file: Path | None = None  # of a finder of the user's own, for what is to be found in the scans
     read_files: Mapping[str, str] = field(default_factory=dict, compare=False)
     """Hash of each file, scans apart, as it was read, by path below the folder: a file may change under a fit."""
 
     @property
-    def all_targets(self) -> tuple[Target, ...]:
+    def all_targets(self) -> tuple[DeclaredTarget, ...]:
         """Targets to find in the scans: the jig, where it is declared or nothing else is, and the declared others."""
         named = any("jig" in target.names for target in self.targets)
         if self.targets and (named or not self.jig_is_declared):
             return self.targets
-        return (Target("jig", self.jig), *self.targets)
+        return (DeclaredTarget("jig", self.jig), *self.targets)
 
     def summary(self) -> str:
         """Robot, poses by role and number of points, in one line."""

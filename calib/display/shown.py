@@ -35,6 +35,7 @@ VIEWS: Mapping[str, str] = {  # class -> function that makes its HTML, tables on
     "calib.planning.plan.Plan": "calib.views.later_views:plan_html",
 }
 TEXTS: Mapping[str, str] = {  # class -> function that makes its plain text, where that is above it
+    "calib.diagnosis.result.Diagnosis": "calib.views.fit_views:diagnosis_summary",
     "calib.planning.plan.Plan": "calib.planning.words:plan_text",
 }
 

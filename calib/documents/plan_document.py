@@ -32,8 +32,8 @@ def plan_document(plan: Plan) -> dict[str, Any]:
         "with_noise_mm": {"now": plan.now.with_noise_mm, "then": plan.then.with_noise_mm},
         "curve_mm": plan.curve_mm,
         "enough": plan.enough,
-        "settles": plan.settles,
-        "shots": plan.shots,
+        "settles": plan.power,
+        "shots": 1,  # every pose is measured once
         "model": plan.model,
         "told": plan.told,
         "notes": plan.notes,

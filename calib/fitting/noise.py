@@ -24,7 +24,7 @@ from scipy.linalg import cholesky_banded, solve_banded, solve_triangular
 
 from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Poses
-from calib.noise_shape import NoiseShape, Wander
+from calib.noise_shape import CorrelatedDrift, NoiseShape
 
 _ROUNDS = 30
 
@@ -101,7 +101,7 @@ class Moments:
         """Moments for some of the points; the T moments stay the same."""
         return Moments(self.of_point[keep], self.gap, self.in_poses)
 
-    def products(self, wanders: Sequence[Wander], rows: Array) -> Iterator[tuple[Array, float]]:
+    def products(self, wanders: Sequence[CorrelatedDrift], rows: Array) -> Iterator[tuple[Array, float]]:
         """For each drift rows^T C^-1 rows (K, K), summed over the axes, of rows (M, 3, K); and log det C of one axis.
 
         Computed by Woodbury's identity with the drift at each moment as the unknown.
@@ -126,7 +126,7 @@ class Moments:
             found = plain / white - _product(inner.reshape(len(count), 3, -1)) / white**2
             yield found, float(log_det + 2.0 * np.sum(np.log(upper[1])))
 
-    def decorrelator(self, wander: Wander) -> Array:
+    def decorrelator(self, wander: CorrelatedDrift) -> Array:
         """Lower triangular root L (M, M) of C = L L^T, points in the order of `order`."""
         starts = np.isinf(self.gap)
         part = np.cumsum(starts)

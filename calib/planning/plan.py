@@ -54,8 +54,7 @@ class Plan(Documented, Viewed):
     then: Prediction
     curve_mm: Array  # (n + 1,) the predicted error by the number of new poses, from none to beyond the plan
     enough: int | None  # new poses from which five more lower it by less than 5 %; None: not within the curve
-    settles: float | None  # probability that what is open is settled
-    shots: int  # measurements of each pose, of which the mean counts
+    power: float | None  # probability that confounded effects are told apart; None where none are to be
     model: tuple[str, ...]  # families beside the link errors
     told: tuple[str, ...]  # what the plan does for its purpose
     notes: tuple[str, ...]  # what was assumed, and what the prediction cannot know
@@ -121,8 +120,7 @@ def plan_poses(
         then=then,
         curve_mm=curve_mm,
         enough=enough_poses(curve_mm, first=1 if placed_anew else 0),
-        settles=purpose.settles(situation, chosen),
-        shots=purpose.shots(situation, chosen),
+        power=purpose.power(situation, chosen),
         model=unknowns.model.family_names,
         told=purpose.told(situation, chosen),
         notes=(*_too_few(start, count), *_blocked_ways(start, planned), *start.notes),

@@ -52,8 +52,8 @@ def error_lines(plan: Plan) -> list[str]:
         out.append(f"more poses pay: {STEP} more lower it by over {share}, up to {len(plan.curve_mm) - 1} new ones")
     else:
         out.append(f"from {plan.enough} new poses on, {STEP} more lower it by less than {share}")
-    if plan.settles is not None:
-        out.append(f"probability that these poses settle it: {100 * plan.settles:.0f} %")
+    if plan.power is not None:
+        out.append(f"probability that these poses settle it: {100 * plan.power:.0f} %")
     return out
 
 

@@ -29,9 +29,9 @@ def plan_head(plan: Plan) -> list[Block]:
         ("more poses", more),
     ]
     head: list[Block] = [Paragraph(f"{heading(plan)}."), Facts(pairs)]
-    if plan.settles is not None:
-        said = f"Probability that these poses settle it: {100 * plan.settles:.0f} %"
-        head.append(Verdict(said, GOOD if plan.settles >= 0.8 else DOUBT))
+    if plan.power is not None:
+        said = f"Probability that these poses settle it: {100 * plan.power:.0f} %"
+        head.append(Verdict(said, GOOD if plan.power >= 0.8 else DOUBT))
     return [*head, *([Bullets(plan.told)] if plan.told else [])]
 
 

@@ -25,8 +25,7 @@ from calib.models.exported_robot_file import exported_robot_file, require_templa
 from calib.models.exported_table import ExportedTable, exported_table
 from calib.models.fitted_model import FittedModel
 from calib.models.model_file import model_text
-from calib.screening.curves.effect_file import effect_file_text
-from calib.screening.curves.fitted_curves import curve_lines, without_curves
+from calib.screening.curves.fitted_curves import curve_lines, effect_file_text, without_curves
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options import CalibrateOptions, CompareOptions, CorrectOptions, WatchOptions
 from inspector.cli.output_paths import check_outputs

@@ -16,13 +16,15 @@ from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.conclusions import Adequate, Named
 from calib.diagnosis.words.headline import headline_note, headline_of, headline_text
 from calib.diagnosis.words.phrases import listed, untestable_line
+from calib.diagnosis.words.text import explanation_text
 from calib.effects.catalogue import effects_named
 from calib.errors import CalibError, DatasetError, visible
 from calib.measurement.measured_points import require_corners, with_corners
 from calib.models.fitted_model import FittedModel
 from calib.models.model_file import save_model
+from calib.planning.discrimination import NextPoses, explanation_of, next_poses
 from calib.robot_formats.programs import is_point_list, require_point_list
-from calib.screening.curves.effect_file import effect_file_text
+from calib.screening.curves.fitted_curves import effect_file_text
 from calib.validation.acceptance import check
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import learning_curve
@@ -101,9 +103,9 @@ def run_report(options: ReportOptions) -> int:
         found = diagnose(
             given, options.fit_options(), effects=options.effect, user_effects=user_effects, on_step=on_step
         )
-    report = report_of(with_found(session, found))
-    write_text_atomically(options.out, report_html(report, now=datetime.now()))
-    document = documents.diagnosis_document(found) | {"report": str(options.out)}
+    session = with_found(session, found)
+    write_text_atomically(options.out, report_html(report_of(session), now=datetime.now()))
+    document = documents.document_with_poses(found, session.next_poses) | {"report": str(options.out)}
     verdict = verdict_text(found.explanation.verdict, reasons="in the report", tied=listed(found.ambiguous_set, "or"))
     show(options, document, f"{options.out}: {verdict}")
     return 0
@@ -129,9 +131,10 @@ def run_diagnose(options: DiagnoseOptions) -> int:
         )
     if options.model_out is not None:
         require_plausible(result.calibration, options.force)
-    document = documents.diagnosis_document(result)
-    next_steps = planned_next(result, options.path)
-    text = "\n".join([diagnosis_text(result), *next_steps, *without(result.calibration.fitted_dataset)])
+    poses = next_poses(result)
+    document = documents.document_with_poses(result, poses)
+    next_steps = planned_next(result, poses, options.path)
+    text = "\n".join([diagnosis_text(result, poses), *next_steps, *without(result.calibration.fitted_dataset)])
     if options.model_out is not None:
         save_model(result.calibration, options.model_out)
     if options.learned_out is not None and result.learned is not None:
@@ -143,9 +146,9 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     return 0
 
 
-def planned_next(result: Diagnosis, path: Path) -> list[str]:
-    """The poses to plan next: those that settle an open set, or that tell more of the link errors."""
-    if result.split is not None:
+def planned_next(result: Diagnosis, poses: NextPoses | None, path: Path) -> list[str]:
+    """The poses to plan next: those that tell confounded effects apart, or that tell more of the link errors."""
+    if poses is not None:
         return [f"next: inspector plan {path} --for split plans the poses that settle it"]
     verdict = result.explanation.verdict
     if isinstance(verdict, (Adequate, Named)) and verdict.held_out is not None:
@@ -153,7 +156,7 @@ def planned_next(result: Diagnosis, path: Path) -> list[str]:
     return []
 
 
-def diagnosis_text(result: Diagnosis) -> str:
+def diagnosis_text(result: Diagnosis, poses: NextPoses | None) -> str:
     """A diagnosis as the terminal has it: ranking, steps, what cannot be told, the verdict."""
     ranked = result.screenings[0].to_frame()
     ranking = "No effect can be ranked: none is testable with these data."
@@ -163,7 +166,7 @@ def diagnosis_text(result: Diagnosis) -> str:
     silent = "\n".join(map(untestable_line, result.untestable))
     told = headline_of([step.calibration for step in result.steps])
     way = f"{headline_text(told)}\n{headline_note(told)}"
-    return f"{ranking}\n\n{steps}\n\n{silent}\n\n{way}\n\n{result.summary()}"
+    return f"{ranking}\n\n{steps}\n\n{silent}\n\n{way}\n\n{explanation_text(explanation_of(result, poses))}"
 
 
 def run_check(options: CheckOptions) -> int:

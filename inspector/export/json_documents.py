@@ -12,7 +12,7 @@ from calib.documents.calibration_documents import (
 )
 from calib.documents.check_document import check_document
 from calib.documents.corner_documents import corners_document, redundancy_document
-from calib.documents.diagnosis_documents import diagnosis_document, effects_document
+from calib.documents.diagnosis_documents import document_with_poses, effects_document
 
 __all__ = [
     "additions",
@@ -20,7 +20,7 @@ __all__ = [
     "check_document",
     "corners_document",
     "correction_document",
-    "diagnosis_document",
+    "document_with_poses",
     "effects_document",
     "redundancy_document",
     "saved_model_document",

@@ -17,9 +17,9 @@ from calib.effects.catalogue import effects_for
 from calib.errors import FitError
 from calib.fitting.observations import conditions_at
 from calib.options import FitOptions
+from calib.planning.effect_hypotheses import EffectHypothesis, predict
+from calib.planning.offered_poses import offered_poses
 from calib.screening.candidates import Candidate, screen
-from calib.screening.rivals.further_poses import further_poses
-from calib.screening.rivals.predictions import Rival, predict
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import learning_curve
@@ -77,7 +77,7 @@ def test_comparison_takes_no_fit_that_was_asked_otherwise(dataset: Dataset, aske
 
 @pytest.mark.slow
 @pytest.mark.parametrize("asked", ASKED[2:4], ids=str)
-def test_what_rivals_predict_is_what_fits_as_was_asked_predict(dataset: Dataset, asked: FitOptions) -> None:
+def test_what_hypotheses_predict_is_what_fits_as_was_asked_predict(dataset: Dataset, asked: FitOptions) -> None:
     result = calibrate(dataset, asked)
     first, second = (c for c in screen(result, effects_for(dataset)).candidates[:2])
 
@@ -86,9 +86,9 @@ def test_what_rivals_predict_is_what_fits_as_was_asked_predict(dataset: Dataset,
         at_mm = fitted.model.predict(fitted.fit.x, conditions_at(dataset.poses, q))
         return frames.apply(next(iter(fitted.after.scanner_T_base.values())), at_mm)
 
-    poses = further_poses(result, tried=50)
-    predicted = predict(result, (Rival.of(first), Rival.of(second)), poses)
-    one, other = (rival.mean * predicted.sigma_mm for rival in predicted.rivals)
+    poses = offered_poses(result, count=50)
+    predicted = predict(result, (EffectHypothesis.of(first), EffectHypothesis.of(second)), poses)
+    one, other = (hypothesis.mean * predicted.sigma_mm for hypothesis in predicted.hypotheses)
     apart = places(first, poses.q) - places(second, poses.q)
     assert np.linalg.norm(one - other - apart) < 0.3 * np.linalg.norm(apart)
 

@@ -68,7 +68,7 @@ def test_the_next_poses_of_a_dataset(start: FromFit, plan: Plan) -> None:
     )
     assert all(plan.why)
     assert sorted(plan.worth) == [1, 2, 3, 4, 5]
-    assert plan.settles is None
+    assert plan.power is None
     assert not any("missing" in note for note in plan.notes)
 
 

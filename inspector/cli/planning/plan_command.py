@@ -19,7 +19,7 @@ from calib.planning.fitted_start import start_of_dataset
 from calib.planning.plan import plan_poses
 from calib.planning.purpose import WATCH, Purpose
 from calib.planning.purposes.by_name import purpose_of
-from calib.planning.purposes.split import SPLIT, ForSplit, open_set_of
+from calib.planning.purposes.confounded_effects import SPLIT, ForDiscrimination, for_confounded
 from calib.planning.purposes.watching import CHECK_POSES
 from calib.planning.scanner_place import scanner_at
 from calib.planning.start import FromFit, FromRobot
@@ -84,7 +84,7 @@ def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
     return dataset, loaded_effects(options.effects_file, dataset)
 
 
-def _open_set(options: PlanOptions) -> ForSplit:
+def _open_set(options: PlanOptions) -> ForDiscrimination:
     """The set that a diagnosis leaves open."""
     if options.scanner is not None:
         raise CalibError(
@@ -95,7 +95,7 @@ def _open_set(options: PlanOptions) -> ForSplit:
         found = diagnose(
             dataset, options.fit_options(), effects=options.effect, user_effects=user_effects, on_step=on_step
         )
-    return open_set_of(found, options.payload_kg)
+    return for_confounded(found, options.payload_kg)
 
 
 def _dataset_start(options: PlanOptions) -> tuple[FromFit, Sequence[Family]]:

@@ -20,12 +20,10 @@ def promise_html(plan: Plan) -> str:
         ("with these poses", plan.then.words),
         ("more poses", _more(plan)),
     ]
-    if plan.shots > 1:
-        pairs.insert(0, ("measure each pose", f"{plan.shots} times"))
     settled = ""
-    if plan.settles is not None:
-        colour = GOOD if plan.settles >= SURELY else DOUBT
-        said = f"Probability that these poses settle it: {100 * plan.settles:.0f} %"
+    if plan.power is not None:
+        colour = GOOD if plan.power >= SURELY else DOUBT
+        said = f"Probability that these poses settle it: {100 * plan.power:.0f} %"
         settled = elements.alert(said, colour=colour)
     told = elements.bullets(plan.told) if plan.told else ""
     return settled + told + elements.facts(pairs)

@@ -7,7 +7,7 @@ from functools import partial
 import viser
 
 from calib.planning.purpose import CALIBRATION, WATCH
-from calib.planning.purposes.split import SPLIT
+from calib.planning.purposes.confounded_effects import SPLIT
 from inspector.figures.plan_plots import error_by_count
 from inspector.markup.learn.plan import notes_html, poses_html, promise_html
 from inspector.markup.parts import elements
