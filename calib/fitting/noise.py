@@ -101,7 +101,7 @@ class Moments:
         """Moments for some of the points; the T moments stay the same."""
         return Moments(self.of_point[keep], self.gap, self.in_poses)
 
-    def products(self, wanders: Sequence[CorrelatedDrift], rows: Array) -> Iterator[tuple[Array, float]]:
+    def products(self, drifts: Sequence[CorrelatedDrift], rows: Array) -> Iterator[tuple[Array, float]]:
         """For each drift rows^T C^-1 rows (K, K), summed over the axes, of rows (M, 3, K); and log det C of one axis.
 
         Computed by Woodbury's identity with the drift at each moment as the unknown.
@@ -113,9 +113,9 @@ class Moments:
         summed = np.zeros((len(count), 3 * rows.shape[2]))
         summed[seen] = np.add.reduceat(rows[order].reshape(len(rows), -1), starts, axis=0)
         plain = _product(rows)
-        for wander in wanders:
-            white, share = 1.0 - wander.share, wander.share
-            kept = np.exp(-self.gap / wander.time)
+        for drift in drifts:
+            white, share = 1.0 - drift.share, drift.share
+            kept = np.exp(-self.gap / drift.time)
             free = np.maximum(1.0 - kept**2, 1e-9)
             diagonal = 1.0 / free
             diagonal[:-1] += (kept**2 / free)[1:]
@@ -126,15 +126,15 @@ class Moments:
             found = plain / white - _product(inner.reshape(len(count), 3, -1)) / white**2
             yield found, float(log_det + 2.0 * np.sum(np.log(upper[1])))
 
-    def decorrelator(self, wander: CorrelatedDrift) -> Array:
+    def decorrelator(self, drift: CorrelatedDrift) -> Array:
         """Lower triangular root L (M, M) of C = L L^T, points in the order of `order`."""
         starts = np.isinf(self.gap)
         part = np.cumsum(starts)
         at = np.cumsum(np.where(starts, 0.0, self.gap))
         of_point = self.of_point[self.order]
         apart = np.abs(at[of_point][:, None] - at[of_point])
-        kernel = np.where(part[of_point][:, None] == part[of_point], np.exp(-apart / wander.time), 0.0)
-        covariance = wander.share * kernel + (1.0 - wander.share) * np.eye(len(of_point))
+        kernel = np.where(part[of_point][:, None] == part[of_point], np.exp(-apart / drift.time), 0.0)
+        covariance = drift.share * kernel + (1.0 - drift.share) * np.eye(len(of_point))
         return np.asarray(np.linalg.cholesky(covariance), np.float64)
 
     @property

@@ -23,7 +23,7 @@ def model_fitted(calibration: Calibration) -> ModelFitted:
         noise_ratio=fit.reduced_chi if is_declared(dataset) else None,
         train_rmse_mm=train.rmse_mm if train and test else None,
         test_rmse_mm=test.rmse_mm if train and test else None,
-        shots=calibration.repeat_count,
+        repeats=calibration.repeat_count,
         instrument="scanner" if dataset.shows_faces else "instrument",
     )
 

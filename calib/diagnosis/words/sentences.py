@@ -31,7 +31,7 @@ class ModelFitted:
     noise_ratio: float | None  # sigma over the declared one; None where no noise is declared
     train_rmse_mm: float | None  # 3D; None where there are no test poses to compare with
     test_rmse_mm: float | None
-    shots: RepeatCount | None = None  # of the whole dataset, where points are means over standing poses
+    repeats: RepeatCount | None = None  # of the whole dataset, where points are means over repeat groups
     instrument: str = "scanner"  # what measured: "scanner", or "instrument" where no jig with faces was measured
 
 
