@@ -29,8 +29,6 @@ from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.options import FitOptions
 
-MAX_TOLERANCE = 1e6  # mm or rad; `prior=False` is the way to have none
-
 
 @one_blas_thread()
 def calibrate(
@@ -203,13 +201,8 @@ def geometry_of(robot: Robot, observed: Observations, options: FitOptions) -> tu
 
 
 def checked_tolerances(names: Sequence[str], tolerances: Mapping[str, float]) -> Mapping[str, float]:
-    """The tolerances, all of parameters with these names and above 0; FitError otherwise."""
-    for name, value in tolerances.items():
+    """The tolerances, all of parameters with these names; FitError otherwise."""
+    for name in tolerances:
         if name not in names:
             raise FitError(f"no parameter named {name!r}; there are {', '.join(names[:6])} ...")
-        if not 0.0 < value <= MAX_TOLERANCE:
-            raise FitError(
-                f"tolerance of {name}: found {value!r}; a size above 0 and up to {MAX_TOLERANCE:g} is needed, "
-                "in mm or rad"
-            )
     return tolerances

@@ -14,6 +14,7 @@ from calib.calibration.orientation_errors import OrientationErrors, evaluate_ori
 from calib.dataset.dataset import Dataset
 from calib.dataset.stands import ShotCount, without_poses
 from calib.dataset.trained_range import TrainedRange
+from calib.display.brief import Brief, errors_in_short
 from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
 from calib.fitting.fit import Fit
@@ -37,7 +38,7 @@ class IterationErrors:
 
 
 @dataclass(frozen=True)
-class Calibration(Documented, Viewed):
+class Calibration(Brief, Documented, Viewed):
     """A fitted model and how it stands to the measurements."""
 
     dataset: Dataset
@@ -207,6 +208,11 @@ class Calibration(Documented, Viewed):
         if self.faces_named:
             lines.append(self.faces_named)
         return "\n".join([*lines, *self.warnings])
+
+    def _brief(self) -> str:
+        effects = ", ".join(self.model.family_names) or "none"
+        errors = errors_in_short(self.before, self.after)
+        return f"{self.dataset.name}: {len(self.dataset.poses)} poses, {errors}, effects: {effects}"
 
 
 def outlier_words(robust: Calibration) -> str:

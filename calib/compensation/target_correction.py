@@ -35,6 +35,7 @@ from calib.blas_threads import one_blas_thread
 from calib.compensation.attitude import FitKnowledge
 from calib.compensation.tool_problem import ToolProblem
 from calib.dataset.dataset import Poses
+from calib.display.brief import Brief
 from calib.effects.effect import family_name
 from calib.effects.link_errors import TOLERANCE_RAD
 from calib.errors import CalibError, FitError
@@ -58,7 +59,7 @@ _SINGULAR = 0.02
 
 
 @dataclass(frozen=True)
-class Correction:
+class Correction(Brief):
     """Corrected joint vectors of N targets. Errors are of the calibrated arm against the nominal arm's tool frame."""
 
     robot: Robot  # nominal
@@ -138,6 +139,9 @@ class Correction:
                 else self.attitude_sigma_rad,
             }
         )
+
+    def _brief(self) -> str:
+        return f"{self.robot.name}: {int(self.reached.sum())} of {len(self.q)} targets reached ({self.what})"
 
 
 @one_blas_thread()

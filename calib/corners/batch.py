@@ -17,6 +17,7 @@ from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
 from calib.dataset.dataset import Dataset, Scanner
+from calib.display.brief import Brief
 from calib.display.progress import OnProgress, counted
 from calib.display.shown import Documented, Viewed
 from calib.errors import CornerError, DatasetError, ScanError
@@ -26,7 +27,7 @@ from calib.planes.filters import SampleSets
 from calib.scans.scan import PointCount, load_scan
 
 
-class CornerBatch(dict[str, CornerSearch], Documented, Viewed):
+class CornerBatch(Brief, dict[str, CornerSearch], Documented, Viewed):
     """The search of each scan of a dataset, by pose id, in the dataset's order."""
 
     def __init__(self, dataset: Dataset, searches: Mapping[str, CornerSearch] = MappingProxyType({})) -> None:
@@ -59,6 +60,9 @@ class CornerBatch(dict[str, CornerSearch], Documented, Viewed):
         failed = {pose_id: search.failure for pose_id, search in self.items() if search.corner is None}
         lines = [f"{self.dataset.name}: {len(self) - len(failed)} of {len(self)} corners found"]
         return "\n".join([*lines, *(f"{pose_id}: no corner: {why}" for pose_id, why in failed.items())])
+
+    def _brief(self) -> str:
+        return self.summary().partition("\n")[0]
 
 
 def find_corners(

@@ -8,11 +8,12 @@ import numpy as np
 
 from calib.array_types import Array, ByteArray, IndexArray
 from calib.corners.quality import CornerQuality
+from calib.display.brief import Brief
 from calib.jig import Outline
 
 
 @dataclass(frozen=True)
-class Face:
+class Face(Brief):
     """One face of the jig after refinement: the plane normal . p = offset_mm, fitted to all its inliers."""
 
     normal: Array  # (3,) unit, toward the scanner
@@ -42,7 +43,7 @@ def packed(indices: IndexArray, count: int) -> ByteArray:
 
 
 @dataclass(frozen=True)
-class Corner:
+class Corner(Brief):
     """The jig's apex, the feature point, in the scanner's frame."""
 
     xyz_mm: Array  # (3,)
@@ -55,6 +56,10 @@ class Corner:
     def sigma_mm(self) -> float:
         """Standard deviation of the apex, all three axes together: sqrt(trace of the covariance)."""
         return float(np.sqrt(np.trace(self.covariance_mm2)))
+
+    def _brief(self) -> str:
+        x, y, z = self.xyz_mm
+        return f"({x:.4f}, {y:.4f}, {z:.4f}) mm, sigma {self.sigma_mm():.4f} mm"
 
 
 def intersect(normals: Array, offsets_mm: Array) -> Array:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from calib.array_types import Array
+from calib.display.brief import Brief
 from calib.errors import CornerError
 from calib.jig import FACE_PAIRS, Jig
 from calib.planes.robust_fit import PlaneFit
@@ -43,7 +44,7 @@ class FaceQuality:
 
 
 @dataclass(frozen=True)
-class CornerQuality:
+class CornerQuality(Brief):
     """The figures of a corner, and the doubts that follow from them."""
 
     faces: tuple[FaceQuality, FaceQuality, FaceQuality]

@@ -16,6 +16,7 @@ from calib.corners.intersection import Corner
 from calib.corners.plane_triples import Planes, SelectionTolerances
 from calib.corners.refinement import RefinementOptions, refine
 from calib.corners.unit_check import MOST_EDGES, extent_of, failure_with_unit, some_finite
+from calib.display.brief import Brief
 from calib.errors import CornerError
 from calib.jig import Jig
 from calib.planes.clustering import ClusterTolerances, PlaneGroup, cluster, off_planes
@@ -55,7 +56,7 @@ class CornerOptions:
 
 
 @dataclass(frozen=True)
-class CornerSearch:
+class CornerSearch(Brief):
     """Every intermediate product of one search, successful or not, for inspection."""
 
     scan: str
@@ -88,6 +89,9 @@ class CornerSearch:
             f"{self.scan}: corner ({x:.4f}, {y:.4f}, {z:.4f}) mm, sigma {self.corner.sigma_mm():.4f} mm, "
             f"faces of {faces} points, {len(self.groups)} plane groups, {self.seconds:.2f} s"
         )
+
+    def _brief(self) -> str:
+        return self.summary()
 
 
 @one_blas_thread()

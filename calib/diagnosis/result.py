@@ -12,11 +12,12 @@ from calib.diagnosis.explanation import explain
 from calib.diagnosis.findings import Findings
 from calib.diagnosis.words.sentences import Explanation
 from calib.diagnosis.words.text import explanation_text
+from calib.display.brief import Brief, errors_in_short
 from calib.display.shown import Documented, Viewed
 
 
 @dataclass(frozen=True)
-class Diagnosis(Findings, Documented, Viewed):
+class Diagnosis(Brief, Findings, Documented, Viewed):
     """The verdict on a dataset, all that led to it, and why."""
 
     @cached_property
@@ -44,3 +45,8 @@ class Diagnosis(Findings, Documented, Viewed):
                 }
             )
         return pd.DataFrame(rows).astype({"p_value": float, "margin": float})  # None is NaN
+
+    def _brief(self) -> str:
+        last, first = self.calibration, self.steps[0].calibration
+        named = ", ".join(self.named) or "none"
+        return f"{last.dataset.name}: {self.verdict}, effects: {named}; {errors_in_short(first.before, last.after)}"

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 import calib.frames as frames
 from calib.array_types import Array
 from calib.dataset.dataset import Poses
+from calib.display.brief import Brief
 from calib.effects.gravity import GravityLoads
 from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import PARAMETER_KINDS, Robot
@@ -26,7 +27,7 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class RobotState:
+class RobotState(Brief):
     """Everything that decides where the target is, at each of N poses.
 
     Arrays have a leading axis of 1 until something depends on the pose.

@@ -14,11 +14,12 @@ from calib.calibration.evaluation import Evaluation
 from calib.calibration.model_versions import fits_same_points, options_for_links
 from calib.calibration.result import Calibration
 from calib.dataset.files.robot_toml import robot_to_toml
+from calib.display.brief import Brief
 from calib.kinematics.robot import Robot
 
 
 @dataclass(frozen=True)
-class ExportedTable:
+class ExportedTable(Brief):
     """A robot whose table is best without any effect, beside the model that it came from."""
 
     full: Calibration  # the model, its effects included
@@ -65,6 +66,9 @@ class ExportedTable:
         """Raise as `Calibration.require_improvement` does, where the table alone is no improvement."""
         if self.links is not None:
             self.links.require_improvement(force=force)
+
+    def _brief(self) -> str:
+        return f"{self.robot.name}: {self.error_words}"
 
 
 def exported_table(calibration: Calibration, links: Calibration | None = None) -> ExportedTable:

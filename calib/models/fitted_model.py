@@ -19,6 +19,7 @@ from calib.dataset.files.fingerprint import fingerprint
 from calib.dataset.input_names import CONDITIONS, quantity_of
 from calib.dataset.stands import without_poses
 from calib.dataset.trained_range import TrainedRange
+from calib.display.brief import Brief, errors_in_short
 from calib.errors import FitError
 from calib.fitting.model import Model
 from calib.kinematics.robot import Robot
@@ -29,7 +30,7 @@ _SAME_TABLE = 1e-9  # mm or rad
 
 
 @dataclass(frozen=True)
-class RoleErrors:
+class RoleErrors(Brief):
     """Errors of the training poses and of the test poses; None where there are none."""
 
     train: Figures | None
@@ -37,7 +38,7 @@ class RoleErrors:
 
 
 @dataclass(frozen=True)
-class Source:
+class Source(Brief):
     """Where a model comes from."""
 
     dataset: str  # its name
@@ -48,7 +49,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class FittedModel:
+class FittedModel(Brief):
     """A model at its fitted values, which predicts and corrects without a refit. P free parameters."""
 
     model: Model
@@ -220,6 +221,11 @@ class FittedModel:
             if before is not None and after is not None
         ]
         return "\n".join(lines)
+
+    def _brief(self) -> str:
+        effects = ", ".join(self.model.family_names) or "none"
+        errors = errors_in_short(self.before, self.after)
+        return f"{self.model.robot.name}, fitted to {self.source.dataset}: {errors}, effects: {effects}"
 
 
 def program_version() -> str:

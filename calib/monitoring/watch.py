@@ -16,6 +16,7 @@ import numpy as np
 from calib.calibration.result import Calibration
 from calib.consistency.data_problem import DataProblem
 from calib.dataset.dataset import Dataset
+from calib.display.brief import Brief
 from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
 from calib.monitoring.cell import Cell
@@ -47,7 +48,7 @@ MOST = 3  # changes of the arm that are told
 
 
 @dataclass(frozen=True)
-class Watched(Documented, Viewed):
+class Watched(Brief, Documented, Viewed):
     """What a set of check poses says of a cell."""
 
     name: str
@@ -107,6 +108,10 @@ class Watched(Documented, Viewed):
     def summary(self) -> str:
         """The headline, and what these poses could not have seen."""
         return "\n  ".join([self.headline, *self.unseen_words])
+
+    def _brief(self) -> str:
+        errors = f"RMSE {self.rmse_mm:.3g} mm, {self.expected_mm:.3g} mm by noise"
+        return f"{self.name}: {self.verdict}, {self.poses} poses, {errors}"
 
 
 def _words(change: Found) -> str:

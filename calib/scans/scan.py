@@ -10,6 +10,7 @@ from tempfile import NamedTemporaryFile
 import numpy as np
 
 from calib.array_types import Array, BoolArray
+from calib.display.brief import Brief
 from calib.errors import ScanError
 from calib.scans.readers.by_suffix import READERS
 from calib.scans.readers.e57 import split_part
@@ -20,13 +21,16 @@ _BEYOND_ANY_LENGTH_MM = 1e12
 
 
 @dataclass(frozen=True)
-class Scan:
+class Scan(Brief):
     """Points in the scanner's frame: the scanner at the origin, millimetres."""
 
     name: str
     points_mm: Array  # (N, 3) float64
     normals: Array | None = None  # (N, 3) unit, or None
     dropped: int = 0  # rows without a value, left out on loading
+
+    def _brief(self) -> str:
+        return f"{self.name}: {len(self.points_mm)} points"
 
 
 @dataclass(frozen=True)

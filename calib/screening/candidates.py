@@ -15,6 +15,7 @@ import pandas as pd
 from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
 from calib.calibration.result import Calibration
+from calib.display.brief import Brief
 from calib.effects.effect import Effect, Family, full_name
 from calib.screening.evidence import Evidence, holm, most_columns
 from calib.screening.left_out import cross_validated_rmse_mm
@@ -36,7 +37,7 @@ class Value:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Candidate(Brief):
     """A family with the evidence for it."""
 
     family: Family
@@ -55,6 +56,9 @@ class Candidate:
     def name(self) -> str:
         return self.family.name
 
+    def _brief(self) -> str:
+        return f"{self.name}: log evidence {self.log_evidence:.3g}, p {self.p_value:.2g}"
+
 
 @dataclass(frozen=True)
 class Untestable:
@@ -67,7 +71,7 @@ class Untestable:
 
 
 @dataclass(frozen=True)
-class Screening:
+class Screening(Brief):
     """All families tested against one fit, the highest log evidence first."""
 
     projected: ProjectedResidual
@@ -87,6 +91,10 @@ class Screening:
                 "cv_rmse_mm": [c.cv_rmse_mm for c in self.candidates],
             }
         )
+
+    def _brief(self) -> str:
+        best = ", ".join(f"{one.name} {one.log_evidence:.3g}" for one in self.candidates[:3]) or "none"
+        return f"{len(self.candidates)} candidates, best by log evidence: {best}; {len(self.untestable)} untestable"
 
 
 @one_blas_thread()

@@ -18,6 +18,7 @@ from calib.blas_threads import one_blas_thread
 from calib.calibration.noise_level import noise_of_repeats
 from calib.dataset.dataset import Dataset
 from calib.dataset.stands import SIGMA_DOUBT
+from calib.display.brief import Brief
 from calib.distributions import chi2_sf, f_sf
 from calib.screening.fault_models import JointFault, smooth_motion
 from calib.screening.projected_residual import ProjectedResidual
@@ -40,7 +41,7 @@ class InputTest:
 
 
 @dataclass(frozen=True)
-class ResidualTests:
+class ResidualTests(Brief):
     """The results of all tests of one fit's residual."""
 
     lack_of_fit_p: float | None  # of the residual's size against the noise; None where no noise is known

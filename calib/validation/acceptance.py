@@ -21,6 +21,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.conclusion_text import promise_text, verdict_text
 from calib.diagnosis.words.phrases import listed
+from calib.display.brief import Brief
 from calib.display.shown import Documented
 from calib.effects.catalogue import effects_named
 from calib.effects.effect import Family
@@ -63,7 +64,7 @@ class CheckItem:
 
 
 @dataclass(frozen=True)
-class Check(Documented):
+class Check(Brief, Documented):
     """All items of a dataset. It passes where none failed."""
 
     dataset: Dataset  # with the points that were judged
@@ -91,6 +92,11 @@ class Check(Documented):
         count = len(self.warnings)
         more = f", with {count} warning{'s' if count > 1 else ''}" if count else ""
         return "\n".join([*lines, f"{self.dataset.name}: {'passed' if self.passed else 'NOT GOOD ENOUGH'}{more}"])
+
+    def _brief(self) -> str:
+        failed = ", ".join(item.name for item in self.items if item.passed is False)
+        verdict = "passed" if self.passed else f"failed: {failed}"
+        return f"{self.dataset.name}: {verdict}, {len(self.warnings)} warnings"
 
 
 def check(

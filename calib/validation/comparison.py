@@ -20,6 +20,7 @@ from calib import frames
 from calib.array_types import Array
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.result import Calibration
+from calib.display.brief import Brief
 from calib.display.shown import Documented, Viewed
 from calib.distributions import chi2_sf
 from calib.errors import FitError
@@ -62,7 +63,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Comparison(Documented, Viewed):
+class Comparison(Brief, Documented, Viewed):
     """What differs between two calibrations, the second minus the first."""
 
     names: tuple[str, str]
@@ -113,6 +114,10 @@ class Comparison(Documented, Viewed):
             (by, _), (sigma, _) = readable(p.difference, p.unit), readable(p.sigma, p.unit)
             lines.append(f"{p.name:12s} {first:12.6g} -> {second:12.6g} {unit:4s} by {by:+.3g} +- {sigma:.2g}")
         return "\n".join(lines)
+
+    def _brief(self) -> str:
+        changed = ", ".join(change.name for change in self.changes) or "no parameter"
+        return f"{self.names[0]} and {self.names[1]}: {changed} differs, tool point {self.rms_mm:.3g} mm RMS apart"
 
 
 def readable(value: float, unit: str) -> tuple[float, str]:

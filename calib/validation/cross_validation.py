@@ -19,6 +19,7 @@ from calib.calibration.evaluation import Evaluation, Figures
 from calib.calibration.noise_check import SigmaCheck, check_sigma
 from calib.calibration.result import Calibration, figures_line
 from calib.dataset.dataset import Dataset
+from calib.display.brief import Brief
 from calib.display.progress import OnProgress, counted
 from calib.effects.effect import Effect
 from calib.errors import FitError
@@ -30,7 +31,7 @@ SUSPICIOUS = 1.5  # held-out over training error, in multiples of what noise exp
 
 
 @dataclass(frozen=True)
-class Fold:
+class Fold(Brief):
     """One fold: the fit without its poses, and its errors at them."""
 
     poses: tuple[str, ...]  # held out
@@ -40,7 +41,7 @@ class Fold:
 
 
 @dataclass(frozen=True)
-class CrossValidation:
+class CrossValidation(Brief):
     """Errors at every training pose, by the fit without its fold."""
 
     dataset: Dataset
@@ -135,6 +136,9 @@ class CrossValidation:
             for pose, of_pose in points.groupby("pose", sort=False)
         ]
         return pd.DataFrame(rows)
+
+    def _brief(self) -> str:
+        return f"{self.dataset.name}: {len(self.folds)} folds, held-out RMSE {self.held_out.rmse_mm:.3g} mm"
 
 
 def noise_ratio(fit: Fit) -> float:

@@ -18,6 +18,7 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.noise_check import SigmaCheck, check_sigma
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
+from calib.display.brief import Brief
 from calib.display.progress import OnProgress, counted
 from calib.effects.effect import Effect
 from calib.errors import FitError
@@ -51,7 +52,7 @@ class LearningStep:
 
 
 @dataclass(frozen=True)
-class LearningCurve:
+class LearningCurve(Brief):
     """Error against the number of training poses. `steps` rise in poses."""
 
     dataset: Dataset
@@ -149,6 +150,11 @@ class LearningCurve:
         frame = pd.DataFrame([vars(step) for step in self.steps])
         declared = self.sigma.declared_mm
         return frame.assign(declared_sigma_mm=float("nan") if declared is None else declared)
+
+    def _brief(self) -> str:
+        first, last = self.steps[0], self.steps[-1]
+        errors = f"held-out RMSE {first.held_out_rmse_mm:.3g} -> {last.held_out_rmse_mm:.3g} mm"
+        return f"{self.dataset.name}: {first.poses} to {last.poses} poses, {errors}"
 
 
 @one_blas_thread()
