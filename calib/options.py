@@ -60,13 +60,15 @@ class FitOptions:
         for name in ("prior", "robust"):
             if not isinstance(getattr(self, name), bool):
                 _refuse(name, getattr(self, name), "True or False")
-        if isinstance(self.held, str) or not all(isinstance(name, str) for name in self.held):
-            _refuse("held", self.held, "a list of parameters' names, such as ['d5']")
-        object.__setattr__(self, "held", tuple(self.held))
-        if not isinstance(self.tolerances, Mapping):
-            _refuse("tolerances", self.tolerances, "sizes by parameters' names, such as {'a2': 0.1}")
-        for name, size in self.tolerances.items():
-            if not isinstance(size, Real) or not 0.0 < size <= MAX_TOLERANCE:
+        held: object = self.held
+        if not isinstance(held, Collection) or isinstance(held, str) or not all(isinstance(h, str) for h in held):
+            _refuse("held", held, "a list of parameters' names, such as ['d5']")
+        object.__setattr__(self, "held", tuple(held))
+        tolerances: object = self.tolerances
+        if not isinstance(tolerances, Mapping):
+            _refuse("tolerances", tolerances, "sizes by parameters' names, such as {'a2': 0.1}")
+        for name, size in tolerances.items():
+            if not isinstance(size, Real) or not 0.0 < float(size) <= MAX_TOLERANCE:
                 _refuse(f"tolerances[{name!r}]", size, f"a size above 0 and up to {MAX_TOLERANCE:g}, in mm or rad")
         if self.noise is not None and not isinstance(self.noise, NoiseShape):
             _refuse("noise", self.noise, "a NoiseShape")

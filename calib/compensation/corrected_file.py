@@ -34,7 +34,7 @@ def corrected_points(path: Path, correction: Correction, ids: Sequence[str]) -> 
     )
     listed = [JointTarget(*one) for one in zip(ids, commanded, reasons, strict=True)]
     heading = (
-        f"Joint targets of {correction.robot.name}, corrected for the calibrated arm ({correction.what}).",
+        f"Joint targets of {correction.robot.name}, corrected for the calibrated arm ({correction.kind}).",
         f"{int(correction.reached.sum())} of {len(listed)} targets are reached.",
     )
     return point_list(path, listed, heading)

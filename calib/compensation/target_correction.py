@@ -25,6 +25,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import pandas as pd
@@ -44,6 +46,7 @@ from calib.kinematics import chain as kinematics
 from calib.kinematics.inverse import solve_inverse
 from calib.kinematics.robot import PARAMETER_KINDS, Robot
 from calib.options import CORRECTION_KINDS
+from calib.robot_formats.robots import load_robot
 
 POSITION_TOLERANCE_MM = 1e-9
 ORIENTATION_TOLERANCE_RAD = 1e-12
@@ -63,7 +66,7 @@ class Correction(Brief):
     """Corrected joint vectors of N targets. Errors are of the calibrated arm against the nominal arm's tool frame."""
 
     robot: Robot  # nominal
-    what: str  # "position" or "pose"
+    kind: str  # "position" or "pose"
     q_nominal: Array  # (N, n) rad, mm for prismatic joints
     q: Array  # (N, n) corrected; where `reached` is false, the nearest that limits allow
     reached: BoolArray  # (N,) to 1e-9 mm; attitudes that count to 1e-12 rad, near singular ones to their sigma
@@ -96,7 +99,7 @@ class Correction(Brief):
         known, turn = (1e3 * float(np.sqrt(np.mean(a**2))) for a in (self.attitude_sigma_rad, self.uncorrected_rad))
         told = f"the fit knows the tool's attitude to {known:.2g} mrad (sigma), "
         told += f"a correction turns it by {turn:.2g} mrad"
-        if self.what == "pose":
+        if self.kind == "pose":
             return told
         return f"{told}: the positions are corrected and no attitude is claimed"
 
@@ -110,7 +113,7 @@ class Correction(Brief):
             f"{moved[:, ~turning].max(initial=0.0):.3g} mm" if not turning.all() else "",
         ]
         lines = [
-            f"{int(self.reached.sum())} of {len(self.q)} targets reached ({self.what}); without correction the arm "
+            f"{int(self.reached.sum())} of {len(self.q)} targets reached ({self.kind}); without correction the arm "
             f"misses them by {self.uncorrected_mm.mean():.3g} mm on average, {self.uncorrected_mm.max():.3g} mm at "
             f"most; largest change of a joint {' and '.join(filter(None, largest))}"
         ]
@@ -141,55 +144,81 @@ class Correction(Brief):
         )
 
     def _brief(self) -> str:
-        return f"{self.robot.name}: {int(self.reached.sum())} of {len(self.q)} targets reached ({self.what})"
+        return f"{self.robot.name}: {int(self.reached.sum())} of {len(self.q)} targets reached ({self.kind})"
+
+
+@runtime_checkable
+class Corrects(Protocol):
+    """A fitted result that corrects joint vectors by itself: a calibration, a diagnosis, a model from a file."""
+
+    def correct(
+        self,
+        q_nominal: ArrayLike,
+        conditions: Poses | None = None,
+        kind: str | None = None,
+        nominal: Robot | None = None,
+        ids: Sequence[str] | None = None,
+    ) -> Correction:
+        """The correction of joint vectors, by all that the fit knows."""
+        ...
 
 
 @one_blas_thread()
 def corrected_joints(
-    nominal: Robot,
-    calibrated: Robot | Model,
+    nominal: Robot | str | Path,
+    calibrated: Corrects | Robot | Model,
     q_nominal: ArrayLike,
     *,
     x: ArrayLike | None = None,
     conditions: Poses | None = None,
-    what: str | None = None,
+    kind: str | None = None,
     known: FitKnowledge | None = None,
     ids: Sequence[str] | None = None,
 ) -> Correction:
     """Joint vectors that give the calibrated arm the tool frame that the nominal arm has with `q_nominal`.
 
     Args:
-        nominal: the robot that the controller computes with; its joint limits hold.
-        calibrated: the fitted robot, or a model, whose effects are then part of the calibrated arm.
+        nominal: the robot that the controller computes with, its file or name; its joint limits hold.
+        calibrated: a calibration, a diagnosis, a model from a file, a robot, or a `Model` with x.
         q_nominal: (N, n) rad, mm for prismatic joints.
-        x: (P,) the model's fitted parameters; needed with a model.
+        x: (P,) fitted parameters of a `Model`.
         conditions: payload, temperature ... of each target, for effects that depend on them; its own q is not used.
-        what: "pose" (position and orientation of the tool frame) or "position" alone; where None, a pose for six
-            joints and more, unless the fit is known to know the attitude no better than the correction would turn it.
-        known: what the fit of the calibrated arm knows; None: it is taken as exact.
-        ids: names of the targets, for what is told of them.
+        kind: "pose" (position and orientation of the tool frame) or "position" alone; None: a pose for six joints and
+            more, unless the attitude's sigma is not better than the turn that the correction would make.
+        known: covariance and ranges of the fit, for a `Model` or a robot; None: it is taken as exact.
+        ids: names of the targets, for messages.
 
     Raises:
-        FitError: joint vectors of the wrong shape or not finite, arms that differ in their joints, or a model
+        FitError: joint vectors of the wrong shape or not finite, arms that differ in their joints, or a `Model`
             without x.
+
+    >>> import calib
+    >>> fit = calib.calibrate("sample_data/hidden_effect_a")
+    >>> calib.corrected_joints(fit.dataset.robot, fit, fit.dataset.poses.q[:5])
+    Correction(RB5-850: 5 of 5 targets reached (pose))
     """
+    nominal = load_robot(nominal)
+    if isinstance(calibrated, Corrects):
+        if x is not None or known is not None:
+            raise FitError(f"a {type(calibrated).__name__} has its own parameters; leave out x and known")
+        return calibrated.correct(q_nominal, conditions, kind, nominal, ids)
     model, x = _model(calibrated, x)
     q0 = np.array(q_nominal, dtype=float)
     _check(nominal, model, q0, conditions)
-    if what not in (None, *CORRECTION_KINDS):
-        raise FitError(f"cannot correct {what!r}; there are {' and '.join(CORRECTION_KINDS)}")
+    if kind not in (None, *CORRECTION_KINDS):
+        raise FitError(f"cannot correct {kind!r}; there are {' and '.join(CORRECTION_KINDS)}")
     conditions = plain_poses(q0) if conditions is None else replace(conditions, q=q0).measured_later()
     first = nominal.base_T_first
     goal = kinematics.forward(nominal.table, q0, nominal.is_revolute, first).base_T_frame[:, -1]
     problem = ToolProblem(model, x, conditions, goal, False)
     uncorrected_mm, uncorrected_rad = problem.errors(q0)
     sigma_rad = None if known is None or not len(q0) else known.attitude_sigma_rad(model, x, conditions)
-    what = what or _what_is_known(nominal, sigma_rad, uncorrected_rad)
-    problem = replace(problem, with_orientation=what == "pose")
+    kind = kind or _known_kind(nominal, sigma_rad, uncorrected_rad)
+    problem = replace(problem, with_orientation=kind == "pose")
     box = _box(nominal, model, x, q0)
-    q = solve_inverse(problem, q0, *box) if what == "pose" else _at_positions(problem, q0, box)
+    q = solve_inverse(problem, q0, *box) if kind == "pose" else _at_positions(problem, q0, box)
     reached = _reached(problem, q)
-    if sigma_rad is not None and what == "pose":
+    if sigma_rad is not None and kind == "pose":
         q, reached = _with_known_attitude(problem, q0, q, box, sigma_rad, reached)
     error_mm, turn_rad = problem.errors(q)
     everyone = np.arange(len(q))
@@ -197,19 +226,19 @@ def corrected_joints(
     singular = spectrum[:, -1] < _SINGULAR * spectrum[:, 0]
     reasons = []
     for i in everyone:
-        missed = f"{error_mm[i]:.3g} mm" + (f" and {turn_rad[i]:.3g} rad" if what == "pose" else "")
+        missed = f"{error_mm[i]:.3g} mm" + (f" and {turn_rad[i]:.3g} rad" if kind == "pose" else "")
         words = _reason(nominal, q[i], q0[i], (box[0][i], box[1][i]), missed, bool(singular[i]))
         reasons.append("" if reached[i] else words)
     trained = None if known is None else known.trained
     names = [f"target {i + 1}" for i in everyone] if ids is None else ids
     return Correction(
         robot=nominal,
-        what=what,
+        kind=kind,
         q_nominal=q0,
         q=q,
         reached=reached,
         position_error_mm=error_mm,
-        orientation_error_rad=turn_rad if what == "pose" else np.full(len(q), np.nan),
+        orientation_error_rad=turn_rad if kind == "pose" else np.full(len(q), np.nan),
         uncorrected_mm=uncorrected_mm,
         uncorrected_rad=uncorrected_rad,
         reasons=tuple(reasons),
@@ -220,7 +249,7 @@ def corrected_joints(
     )
 
 
-def _what_is_known(nominal: Robot, sigma_rad: Array | None, uncorrected_rad: Array) -> str:
+def _known_kind(nominal: Robot, sigma_rad: Array | None, uncorrected_rad: Array) -> str:
     """A pose where six joints or more can meet one and the fit knows its turn: with a sigma below half of it."""
     if nominal.n_joints < 6:
         return "position"

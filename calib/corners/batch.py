@@ -17,6 +17,7 @@ from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
 from calib.dataset.dataset import Dataset, Scanner
+from calib.dataset.files.folder import as_dataset
 from calib.display.brief import Brief
 from calib.display.progress import OnProgress, counted
 from calib.display.shown import Documented, Viewed
@@ -66,7 +67,7 @@ class CornerBatch(Brief, dict[str, CornerSearch], Documented, Viewed):
 
 
 def find_corners(
-    dataset: Dataset,
+    dataset: Dataset | str | Path,
     *,
     progress: bool = False,
     on_progress: OnProgress | None = None,
@@ -77,17 +78,29 @@ def find_corners(
 ) -> CornerBatch:
     """The corner of every pose's scan, by pose id, in the dataset's order; none of poses that are left out.
 
-    `progress` shows a bar, in a notebook's cell or at the terminal, and `on_progress(done, total, pose_id)` is called
-    after each scan. With an `executor` (threads, processes, Dask's
-    `Client.get_executor()`: any `concurrent.futures.Executor`) the scans are processed by it, `in_flight` with it at a
-    time, which should be twice its workers or more; the result is the same to the bit, as each search multiplies on
-    one BLAS thread wherever it runs. Each job loads its own scan, so no more scans are in memory than jobs run at a
-    time. A scan that cannot be read becomes a failed search with `unreadable` set. Without `intermediate` the
-    searches come back without the arrays that are only shown (some 2 MB a scan of 200,000 points): with the corner,
-    the counts and the reason. `search` is what a job does with a scan's file, where it is to look for other targets.
+    Each job loads its own scan, so no more scans are in memory than jobs run at a time, and uses one BLAS thread
+    wherever it runs, so the result is the same to the bit. A scan that cannot be read becomes a failed search with
+    `unreadable` set.
 
-    Raises DatasetError where the dataset has no scans; CornerError where a process of the executor died.
+    Args:
+        dataset: a dataset with scans, or its folder.
+        progress: show a bar, in a notebook's cell or at the terminal.
+        on_progress: called with (done, total, pose_id) after each scan.
+        executor: runs the jobs: threads, processes, Dask's `Client.get_executor()`, any `concurrent.futures.Executor`.
+        in_flight: jobs that are with the executor at a time; twice its workers or more.
+        intermediate: keep the arrays that are only displayed, some 2 MB for a scan of 200,000 points.
+        search: job done with a scan's file, where it is to look for other targets.
+
+    Raises:
+        DatasetError: the dataset has no scans.
+        CornerError: a process of the executor died.
+
+    >>> import calib
+    >>> dataset = calib.load_dataset("sample_data/rb5_jang")
+    >>> calib.find_corners(dataset.leave_out(dataset.poses.ids[2:]))
+    CornerBatch(rb5_jang: 2 of 2 corners found)
     """
+    dataset = as_dataset(dataset)
     wanted = [i for i, pose_id in enumerate(dataset.poses.ids) if pose_id not in dataset.left_out]
     ids = [dataset.poses.ids[i] for i in wanted]
     paths = [dataset.scan_path(i) for i in wanted]

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import pandas as pd
 
+from calib.calibration.result import FittedResult
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.diagnosis.explanation import explain
 from calib.diagnosis.findings import Findings
@@ -17,7 +18,7 @@ from calib.display.shown import Documented, Viewed
 
 
 @dataclass(frozen=True)
-class Diagnosis(Brief, Findings, Documented, Viewed):
+class Diagnosis(Brief, Findings, FittedResult, Documented, Viewed):
     """The verdict on a dataset, all that led to it, and why."""
 
     @cached_property

@@ -19,9 +19,9 @@ class Brief:
 
     def _brief(self) -> str:
         """The value in a few words, without its class."""
-        if not is_dataclass(self):
-            return f"{len(self)} items" if hasattr(self, "__len__") else ""
-        return ", ".join(f"{one.name}={in_short(getattr(self, one.name))}" for one in fields(self) if one.repr)
+        value: Any = self  # a dataclass or not
+        members = fields(value) if is_dataclass(value) else ()
+        return ", ".join(f"{one.name}={in_short(getattr(value, one.name))}" for one in members if one.repr)
 
     def __repr__(self) -> str:
         inside = " ".join(self._brief().split())

@@ -9,6 +9,7 @@ from msgspec import Meta
 
 from calib.strict_json import Finite, Size, SizeOrSign, Text
 
+KIND, VERSION = "robot-calibration-inspector model", 1
 Row = tuple[Finite, ...]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e300)]
 

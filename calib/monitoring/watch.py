@@ -10,15 +10,18 @@ on the arm that a moved scanner explains, and nothing on the cell that a sheet i
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from calib.calibration.result import Calibration
+from calib.calibration.calibrate import as_calibration
+from calib.calibration.result import FittedResult
 from calib.consistency.data_problem import DataProblem
 from calib.dataset.dataset import Dataset
 from calib.display.brief import Brief
 from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
+from calib.measurement.measured_points import measured
 from calib.monitoring.cell import Cell
 from calib.monitoring.change_tests import (
     ALARM,
@@ -136,13 +139,25 @@ def _detectable_name(d: Detectable) -> str:
     return kind_words_of(d.what, d.joint, d.parameter)
 
 
-def watch(base: Calibration, new: Dataset, *, scanner_moved: bool = False) -> Watched:
-    """Hold new measurements of the same cell against an earlier calibration.
+def watch(
+    base: FittedResult | Dataset | str | Path, new: Dataset | str | Path, *, scanner_moved: bool = False
+) -> Watched:
+    """Changes of a cell between an earlier calibration and new measurements of some check poses.
 
-    scanner_moved: it was put up anew, which is no change to be told; else it stands where that setup stood.
+    Args:
+        base: the earlier calibration or diagnosis, or a dataset or its folder, which is then calibrated.
+        new: the check poses, a dataset or its folder.
+        scanner_moved: whether the scanner was put up anew, which is then no change; else it stands where it stood.
 
-    Raises FitError for another robot, and for fewer than three poses.
+    Raises:
+        FitError: another robot, or fewer than three poses.
+
+    >>> import calib
+    >>> earlier = calib.calibrate("sample_data/hidden_effect_a", effects="transmission_error")
+    >>> calib.watch(earlier, "sample_data/hidden_effect_a").verdict
+    'unchanged'
     """
+    base, new = as_calibration(base), measured(new)
     if new.robot.is_revolute.tolist() != base.dataset.robot.is_revolute.tolist():
         raise FitError(f"dataset {new.name}: its robot has other joints than that of {base.dataset.name}")
     if new.robot.carries_scanner != base.dataset.robot.carries_scanner:

@@ -55,6 +55,10 @@ def load_scan(path: str | Path) -> Scan:
     the jig's size. Of an .e57 with several scans the path names one: `cell.e57#left` or, by its number, `cell.e57#2`.
 
     Raises ScanError: missing, empty, too large, truncated or not of its kind, or without a single point.
+
+    >>> import calib
+    >>> calib.load_scan("sample_data/rb5_jang/scans/p01.ply")
+    Scan(p01: ... points)
     """
     path = Path(path)
     file = scan_file(path)

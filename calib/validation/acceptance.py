@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from calib.calibration.plausibility import implausibility_reason, outlier_hint, 
 from calib.calibration.result import Calibration, declared_sigma_mm, is_declared
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import as_dataset
 from calib.dataset.repeats import Repeats, find_repeats, pooled_sigma_mm, scatter_against_covariances
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
@@ -23,13 +26,14 @@ from calib.diagnosis.words.conclusion_text import promise_text, verdict_text
 from calib.diagnosis.words.phrases import listed
 from calib.display.brief import Brief
 from calib.display.shown import Documented
-from calib.effects.catalogue import effects_named
+from calib.effects.catalogue import EffectChoice, effects_named
 from calib.effects.effect import Family
 from calib.errors import FitError
 from calib.identifiability.structural import fewest_poses
 from calib.measurement.measured_points import failed_searches, with_corners
-from calib.options import FitOptions
+from calib.options import FitFields, FitOptions, fit_options
 from calib.scans.scan import PointCount
+from calib.targets.batch import find_targets
 from calib.targets.search import ScanSearch
 from calib.validation.cross_validation import SUSPICIOUS, noise_ratio
 from calib.validation.remounting import remounting
@@ -100,25 +104,35 @@ class Check(Brief, Documented):
 
 
 def check(
-    dataset: Dataset,
+    dataset: Dataset | str | Path,
     searches: Mapping[str, CornerSearch] | None = None,
-    options: FitOptions = FitOptions(),
+    options: FitOptions | None = None,
     *,
-    effects: Sequence[str] = (),
+    effects: EffectChoice | Sequence[EffectChoice] = (),
     user_effects: Sequence[Family] = (),
     max_test_rmse_mm: float | None = None,
     on_step: Callable[[str], None] | None = None,
+    **keywords: Unpack[FitFields],
 ) -> Check:
-    """Check a dataset from its corners to its held-out error, and diagnose what is missing from the model.
+    """Acceptance of a dataset: every step from its corners to its held-out error, and a diagnosis, passed or failed.
 
     Args:
-        searches: of the scans, by pose id, where the points come from them.
-        options: what is asked of the fit; the diagnosis looks at positions.
-        effects: families that are taken as present, all joints.
+        dataset: a dataset or its folder.
+        searches: searches of its scans by pose id, where it has no points; None: the scans are searched first.
+        options: options of the fit; the diagnosis is of positions.
+        effects: effects that are in the model: names of the catalogue, families, or single members.
         user_effects: families beyond the catalogue.
-        max_test_rmse_mm: the largest 3D RMSE of the test poses that passes; where None, less than before.
+        max_test_rmse_mm: largest 3D RMSE of the test poses that passes; None: any below that of the nominal robot.
         on_step: called with a line of text before each stage of the diagnosis.
+        **keywords: fields of `FitOptions`, in place of those of `options`.
+
+    >>> import calib
+    >>> calib.check("sample_data/hidden_effect_a")
+    Check(hidden_effect_a: passed, 1 warnings)
     """
+    options, dataset = fit_options(options, keywords), as_dataset(dataset)
+    if searches is None and dataset.points is None and dataset.scan_folder is not None:
+        searches = find_targets(dataset, intermediate=False)
     items = [CheckItem("dataset", None, warning, warning=True) for warning in dataset.warnings]
     items += [CheckItem("dataset", None, note) for note in dataset.notes]
     if searches:

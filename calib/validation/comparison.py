@@ -13,13 +13,16 @@ moves the difference by M2's column: that is how one change is told from the man
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from calib import frames
 from calib.array_types import Array
+from calib.calibration.calibrate import as_calibration
 from calib.calibration.evaluation import Evaluation
-from calib.calibration.result import Calibration
+from calib.calibration.result import Calibration, FittedResult
+from calib.dataset.dataset import Dataset
 from calib.display.brief import Brief
 from calib.display.shown import Documented, Viewed
 from calib.distributions import chi2_sf
@@ -141,11 +144,26 @@ def _mm(mm: float) -> str:
     return f"{1e3 * mm:.3g} um" if mm < 0.1 else f"{mm:.3g} mm"
 
 
-def compare(one: Calibration, other: Calibration, names: tuple[str, str] | None = None) -> Comparison:
-    """Compare two calibrations of different measurements of the same kind of robot.
+def compare(
+    one: FittedResult | Dataset | str | Path,
+    other: FittedResult | Dataset | str | Path,
+    names: tuple[str, str] | None = None,
+) -> Comparison:
+    """Differences between two calibrations of different measurements of the same kind of robot.
 
-    names: what they are called, by default their datasets' names. Raises FitError for robots with other joints.
+    Args:
+        one: a calibration or diagnosis, or a dataset or its folder, which is then calibrated.
+        other: the second, whose parameters minus those of the first are the differences.
+        names: names of both in the text; those of their datasets where None.
+
+    Raises:
+        FitError: robots with other joints.
+
+    >>> import calib
+    >>> calib.compare("sample_data/hidden_effect_a", "sample_data/hidden_effect_b").differs
+    True
     """
+    one, other = as_calibration(one), as_calibration(other)
     robots = (one.dataset.robot, other.dataset.robot)
     if robots[0].is_revolute.tolist() != robots[1].is_revolute.tolist():
         kinds = [f"{r.name} ({r.n_joints} joints)" for r in robots]

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 import pandas as pd
@@ -21,10 +23,11 @@ from calib.calibration.result import Calibration, figures_line
 from calib.dataset.dataset import Dataset
 from calib.display.brief import Brief
 from calib.display.progress import OnProgress, counted
-from calib.effects.effect import Effect
+from calib.effects.catalogue import EffectChoice, effects_named
 from calib.errors import FitError
 from calib.fitting.fit import Fit
-from calib.options import DEFAULT_FOLDS, FitOptions
+from calib.measurement.measured_points import measured
+from calib.options import DEFAULT_FOLDS, FitFields, FitOptions, fit_options
 from calib.validation.splits import deal_folds, split_dataset, training_groups
 
 SUSPICIOUS = 1.5  # held-out over training error, in multiples of what noise explains, that calls the model in question
@@ -152,29 +155,38 @@ def noise_ratio(fit: Fit) -> float:
 
 @one_blas_thread()
 def cross_validate(
-    dataset: Dataset,
-    options: FitOptions = FitOptions(),
+    dataset: Dataset | str | Path,
+    options: FitOptions | None = None,
     *,
     folds: int = DEFAULT_FOLDS,
-    effects: Sequence[Effect] = (),
+    effects: EffectChoice | Sequence[EffectChoice] = (),
     rng: np.random.Generator | None = None,
     progress: bool = False,
     on_progress: OnProgress | None = None,
+    **keywords: Unpack[FitFields],
 ) -> CrossValidation:
-    """Fit `folds` times, each time without one fold of the training poses, and evaluate the fold.
+    """Errors at every training pose by a fit without its fold: `folds` fits, each without one fold of the poses.
 
     Args:
-        dataset: with measured points; its test poses are not touched.
-        folds: how many; each has its share of every setup.
-        options: what is asked of every fit.
-        effects: in the model of every fit, beyond the link errors.
+        dataset: a dataset or its folder; its test poses are not touched.
+        folds: number of folds; each has its share of every setup.
+        options: options of every fit.
+        effects: effects in the model of every fit: names of the catalogue, families, or single members.
         rng: deals the poses into folds; always the same where None.
         progress: show a bar, in a notebook's cell or at the terminal.
-        on_progress: called with fits done, fits in all, and what was fitted.
+        on_progress: called with the number of fits done, of all fits, and the name of the fold.
+        **keywords: fields of `FitOptions`, in place of those of `options`.
 
     Raises:
         FitError: no points, fewer than two folds, more folds than poses, or too few poses in a fold's training part.
+
+    >>> import calib
+    >>> calib.cross_validate("sample_data/hidden_effect_a", effects="transmission_error")
+    CrossValidation(hidden_effect_a: 5 folds, held-out RMSE 0.1... mm)
     """
+    options = fit_options(options, keywords)
+    dataset = measured(dataset, orientation=options.residual == "pose")
+    members = effects_named(dataset, effects)
     groups = training_groups(dataset)
     if folds < 2:
         raise FitError(f"found {folds} folds; cross-validation needs 2 at least, 5 is usual")
@@ -190,14 +202,14 @@ def cross_validate(
             "each setup three poses for its frame; ask for fewer folds or measure more poses"
         )
     everything = groups.poses_of(range(len(groups)))
-    whole = calibrate(split_dataset(dataset, everything, everything[:0])[0], options, effects=effects)
+    whole = calibrate(split_dataset(dataset, everything, everything[:0])[0], options, effects=members)
     done: list[Fold] = []
     before, after = [], []
     with counted("fits", "fit", asked=progress, then=on_progress) as tell:
         for fold in dealt:
             held_out = groups.poses_of(fold)
             split, rows = split_dataset(dataset, np.setdiff1d(everything, held_out), held_out)
-            fitted = calibrate(split, options, effects=effects)
+            fitted = calibrate(split, options, effects=members)
             before.append(_held_out(fitted.before, rows, len(dataset.poses)))
             after.append(_held_out(fitted.after, rows, len(dataset.poses)))
             train, test = fitted.after.train, fitted.after.test

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 import pandas as pd
@@ -20,10 +22,11 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.display.brief import Brief
 from calib.display.progress import OnProgress, counted
-from calib.effects.effect import Effect
+from calib.effects.catalogue import EffectChoice, effects_named
 from calib.errors import FitError
 from calib.identifiability.structural import structural_rank
-from calib.options import FitOptions
+from calib.measurement.measured_points import measured
+from calib.options import FitFields, FitOptions, fit_options
 from calib.validation.splits import (
     MIN_FRAME_POSES,
     JointGroups,
@@ -159,34 +162,43 @@ class LearningCurve(Brief):
 
 @one_blas_thread()
 def learning_curve(
-    dataset: Dataset,
-    options: FitOptions = FitOptions(),
+    dataset: Dataset | str | Path,
+    options: FitOptions | None = None,
     *,
     counts: Sequence[int] | None = None,
     repeats: int = 5,
-    effects: Sequence[Effect] = (),
+    effects: EffectChoice | Sequence[EffectChoice] = (),
     rng: np.random.Generator | None = None,
     progress: bool = False,
     on_progress: OnProgress | None = None,
+    **keywords: Unpack[FitFields],
 ) -> LearningCurve:
-    """Fit growing subsets of the training poses and evaluate poses that are always held out.
+    """Held-out error against the number of training poses, by fits to growing subsets of them.
 
     Held out are the test poses where there are any, else one of five folds, another one each repeat. Within a repeat
     each subset contains the smaller ones, so that steps of the curve are due to the added poses alone.
 
     Args:
-        dataset: with measured points.
-        counts: of different training poses; six from the fewest that carry a fit to all where None.
-        repeats: draws of the poses.
-        options: what is asked of every fit.
-        effects: in the model of every fit, beyond the link errors.
+        dataset: a dataset or its folder.
+        counts: numbers of different training poses; None: six, from the fewest that a fit takes to all.
+        repeats: number of draws of the poses.
+        options: options of every fit.
+        effects: effects in the model of every fit: names of the catalogue, families, or single members.
         rng: draws the poses; always the same where None.
         progress: show a bar, in a notebook's cell or at the terminal.
-        on_progress: called with fits done, fits in all, and the count just fitted.
+        on_progress: called with the number of fits done, of all fits, and the count just fitted.
+        **keywords: fields of `FitOptions`, in place of those of `options`.
 
     Raises:
-        FitError: no points, too few poses, or counts that cannot be.
+        FitError: no points, too few poses, or impossible counts.
+
+    >>> import calib
+    >>> calib.learning_curve("sample_data/hidden_effect_a", repeats=2)
+    LearningCurve(hidden_effect_a: 11 to 51 poses, held-out RMSE ... -> 0.415 mm)
     """
+    options = fit_options(options, keywords)
+    dataset = measured(dataset, orientation=options.residual == "pose")
+    members = effects_named(dataset, effects)
     rng = rng or np.random.default_rng(0)
     groups = training_groups(dataset)
     if repeats < 1:
@@ -211,7 +223,7 @@ def learning_curve(
                     continue  # all poses and the same test poses: the same fit again
                 outside = tests if held is None else groups.poses_of(held)
                 split, _ = split_dataset(dataset, groups.poses_of(order[:n]), outside)
-                fits[n].append(calibrate(split, options, effects=effects))
+                fits[n].append(calibrate(split, options, effects=members))
                 if tell is not None:
                     tell(repeat * len(counts) + k + 1, repeats * len(counts), f"{n} poses")
     last = fits[counts[-1]][0]

@@ -19,7 +19,6 @@ from calib.diagnosis.words.phrases import listed, untestable_line
 from calib.effects.catalogue import effects_named
 from calib.errors import CalibError, DatasetError, visible
 from calib.measurement.measured_points import require_corners, with_corners
-from calib.models.fitted_model import FittedModel
 from calib.models.model_file import save_model
 from calib.robot_formats.programs.point_lists import is_point_list, require_point_list
 from calib.screening.curves.effect_file import effect_file_text
@@ -74,9 +73,9 @@ def run_correct(options: CorrectOptions) -> int:
     require_plausible(result, options.force)
     if result.tool_shift is not None:
         print(visible(f"inspector: warning: {result.tool_shift.words}"), file=sys.stderr)
-    model, ids = FittedModel.of(result), targets.poses.ids
+    model, ids = result.fitted_model, targets.poses.ids
     require_conditions(targets, model.needs, result.model.family_names)
-    correction = model.corrected_joints(targets.poses.q, targets.poses, options.what, dataset.robot, ids)
+    correction = model.correct(targets.poses.q, targets.poses, options.what, dataset.robot, ids)
     write_text_atomically(options.out, corrected_file(options.out, targets, correction))
     show(options, documents.correction_document(correction, ids), correction.summary(ids))
     return 0 if correction.reached.all() else 1

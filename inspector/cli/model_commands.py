@@ -50,7 +50,7 @@ def correct_by_model(options: CorrectOptions, path: Path) -> int:
         require_point_list(options.out, dataset.robot.is_revolute.tolist())
     targets = load_targets(options.joints, dataset.robot)
     require_conditions(targets, model.needs, model.model.family_names)
-    correction = model.corrected_joints(targets.poses.q, targets.poses, options.what, dataset.robot, targets.poses.ids)
+    correction = model.correct(targets.poses.q, targets.poses, options.what, dataset.robot, targets.poses.ids)
     write_text_atomically(options.out, corrected_file(options.out, targets, correction))
     ids = targets.poses.ids
     show(options, documents.correction_document(correction, ids), correction.summary(ids))

@@ -28,7 +28,7 @@ IDS = ("p01", "p-02", "3", "P01", "über\n; HALT")
 def correction() -> Correction:
     dataset = arm(1)
     result = calibrate(dataset)
-    found = corrected_joints(dataset.robot, result.model, dataset.poses.q[:5], x=result.fit.x, what="position")
+    found = corrected_joints(dataset.robot, result.model, dataset.poses.q[:5], x=result.fit.x, kind="position")
     reached, reasons = found.reached.copy(), list(found.reasons)
     assert reached.all()
     reached[3], reasons[3] = False, "joint 2 would stand\nbeyond its limit"

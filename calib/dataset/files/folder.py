@@ -54,7 +54,14 @@ def find_datasets(folder: Path) -> list[Path]:
 
 
 def load_dataset(folder: str | Path) -> Dataset:
-    """Read a dataset folder. Raises DatasetError; what is possible but probably a mistake goes to `warnings`."""
+    """A dataset, read from its folder and checked; what is possible but probably a mistake goes to its `warnings`.
+
+    Raises DatasetError, which names file, line and column or key, what was found, and what would do.
+
+    >>> import calib
+    >>> calib.load_dataset("sample_data/hidden_effect_a")
+    Dataset(hidden_effect_a: RB5-850, 6 joints; 64 poses (1 reference, 50 train, 13 test); 64 points)
+    """
     folder = Path(folder)
     top = TomlTable.load(folder / "dataset.toml")
     version = top.number("format")
@@ -122,6 +129,15 @@ def load_dataset(folder: str | Path) -> Dataset:
         targets=targets,
         read_files=table_hashes(folder),
     )
+
+
+def as_dataset(dataset: Dataset | str | Path) -> Dataset:
+    """The dataset, read from its folder where a path is given. Raises DatasetError."""
+    if isinstance(dataset, Dataset):
+        return dataset
+    if isinstance(dataset, str | Path):
+        return load_dataset(dataset)
+    raise DatasetError(f"found a {type(dataset).__name__}, expected a Dataset or the path of its folder")
 
 
 def dataset_files(dataset: Dataset) -> tuple[Path, ...]:

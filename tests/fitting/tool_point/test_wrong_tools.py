@@ -196,7 +196,7 @@ def test_a_tool_that_is_found_keeps_its_attitude(tmp_path: Path) -> None:
     assert loaded.model.tool_found == result.model.tool_found
     assert loaded.robot == result.robot
     for model in (result.model, loaded.model):
-        correction = corrected_joints(robot, model, q, x=result.fit.x, what="pose")
+        correction = corrected_joints(robot, model, q, x=result.fit.x, kind="pose")
         assert correction.reached.all()
         assert np.degrees(np.abs(correction.change)).max() < 3.0
 
