@@ -30,7 +30,7 @@ from calib.fitting.tool_point.fit_task import FitTask, Fitted
 from calib.fitting.tool_point.placement import held_behind_tool_point
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import TOOL_POINT, Robot
-from calib.measurement.measured_points import measured
+from calib.measurement.measured_dataset import measured
 from calib.options import FitFields, FitOptions, fit_options
 
 

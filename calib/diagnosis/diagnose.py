@@ -37,7 +37,7 @@ from calib.diagnosis.stepwise import search_stepwise
 from calib.display.progress import OnStep, staged
 from calib.effects.catalogue import EffectChoice, effects_named
 from calib.effects.effect import Family
-from calib.measurement.measured_points import measured
+from calib.measurement.measured_dataset import measured
 from calib.options import FitFields, FitOptions, fit_options
 from calib.screening.candidates import MIN_LEAD
 from calib.screening.curves.joint_curves import LearnedCurves

@@ -5,40 +5,19 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from calib.corners.intersection import Corner
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset, Orientations, Points, points_from_corners
-from calib.dataset.files.folder import as_dataset
 from calib.errors import CornerError, ScanError
 from calib.measurement.face_labels import label_corners
 from calib.measurement.labels import FaceLabels
 from calib.targets.assignment import Assignment, told_apart
-from calib.targets.batch import find_targets
 from calib.targets.search import ScanSearch
 
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")
-
-
-def measured(dataset: Dataset | str | Path, *, orientation: bool = False) -> Dataset:
-    """A dataset with measured points: read where a path is given, the targets searched for where it holds scans only.
-
-    Scans without a corner are left out, each with a warning in the dataset. `orientation`: see `with_corners`.
-
-    Raises DatasetError; ScanError or CornerError where no scan shows a target.
-    """
-    dataset = as_dataset(dataset)
-    if dataset.points is not None or dataset.scan_folder is None:
-        return dataset
-    searches = find_targets(dataset, intermediate=False)
-    require_corners(dataset, searches)
-    failed = failed_searches(searches).items()
-    warnings = [f"{pose_id} has no corner and is left out: {reason}" for pose_id, reason in failed]
-    warnings += told_apart(dataset, searches).lines()
-    return with_corners(replace(dataset, warnings=(*dataset.warnings, *warnings)), searches, orientation=orientation)
 
 
 def with_corners(

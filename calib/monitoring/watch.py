@@ -21,7 +21,7 @@ from calib.dataset.dataset import Dataset
 from calib.display.brief import Brief
 from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
-from calib.measurement.measured_points import measured
+from calib.measurement.measured_dataset import measured
 from calib.monitoring.cell import Cell
 from calib.monitoring.change_tests import (
     ALARM,

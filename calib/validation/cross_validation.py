@@ -26,7 +26,7 @@ from calib.display.progress import OnProgress, counted
 from calib.effects.catalogue import EffectChoice, effects_named
 from calib.errors import FitError
 from calib.fitting.fit import Fit
-from calib.measurement.measured_points import measured
+from calib.measurement.measured_dataset import measured
 from calib.options import DEFAULT_FOLDS, FitFields, FitOptions, fit_options
 from calib.validation.splits import deal_folds, split_dataset, training_groups
 

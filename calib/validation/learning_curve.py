@@ -25,7 +25,7 @@ from calib.display.progress import OnProgress, counted
 from calib.effects.catalogue import EffectChoice, effects_named
 from calib.errors import FitError
 from calib.identifiability.structural import structural_rank
-from calib.measurement.measured_points import measured
+from calib.measurement.measured_dataset import measured
 from calib.options import FitFields, FitOptions, fit_options
 from calib.validation.splits import (
     MIN_FRAME_POSES,
