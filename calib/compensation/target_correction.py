@@ -195,7 +195,7 @@ def corrected_joints(
     >>> import calib
     >>> fit = calib.calibrate("sample_data/hidden_effect_a")
     >>> calib.corrected_joints(fit.dataset.robot, fit, fit.dataset.poses.q[:5])
-    Correction(RB5-850: 5 of 5 targets reached (pose))
+    Correction(RB5-850: 5 of 5 targets reached (position))
     """
     nominal = load_robot(nominal)
     if isinstance(calibrated, Corrects):

@@ -19,7 +19,7 @@ from calib.kinematics.robot import PARAMETER_KINDS, Robot
 
 
 @dataclass(frozen=True)
-class Seen:
+class Seen(Brief):
     """Where the scanner sees the target at each of N poses; known where something was measured."""
 
     scanner_mm: Array  # (N, 3) measured, in the scanner's frame

@@ -27,7 +27,7 @@ Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Link:
+class Link(Brief):
     """One row of the table: the transform to the next frame (Jang eq 3) at q = 0."""
 
     a_mm: float = 0.0

@@ -40,7 +40,7 @@ def load_robot(
 
     >>> import calib
     >>> calib.load_robot("panda")
-    Robot(Panda: 7 joints RRRRRRR)
+    Robot(Franka Panda: 7 joints RRRRRRR)
     >>> calib.load_robot("sample_data/ur10_ipa/robot.toml").n_joints
     6
     """

@@ -160,7 +160,8 @@ def compare(
         FitError: robots with other joints.
 
     >>> import calib
-    >>> calib.compare("sample_data/hidden_effect_a", "sample_data/hidden_effect_b").differs
+    >>> one, other = (calib.simulate_dataset("rb5", rng=seed).dataset for seed in (0, 1))
+    >>> calib.compare(one, other, names=("before", "after")).differs
     True
     """
     one, other = as_calibration(one), as_calibration(other)

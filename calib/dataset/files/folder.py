@@ -197,7 +197,13 @@ def _check_scans(folder: Path, scan_folder: Path, poses: Poses, poses_path: Path
 
 
 def write_dataset(dataset: Dataset, folder: str | Path) -> None:
-    """Write the folder; `load_dataset` gives the same dataset back. Scans are copied where they lie elsewhere."""
+    """Write a dataset's folder; `load_dataset` gives the same dataset back. Scans are copied where they lie elsewhere.
+
+    >>> import calib
+    >>> calib.write_dataset(calib.load_dataset("sample_data/hidden_effect_a"), "copy")
+    >>> calib.load_dataset("copy").name
+    'hidden_effect_a'
+    """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     if dataset.scan_folder is not None:

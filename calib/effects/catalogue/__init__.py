@@ -69,7 +69,12 @@ CATALOGUE: tuple[type[CatalogueEffect], ...] = (
 
 
 def catalogue_names() -> tuple[str, ...]:
-    """The families' names, in order."""
+    """Names of the effects that a model can have, in the order of the catalogue.
+
+    >>> import calib
+    >>> calib.catalogue_names()[:2]
+    ('joint_compliance', 'link_bending')
+    """
     return tuple(kind.name for kind in CATALOGUE)
 
 

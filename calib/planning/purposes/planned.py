@@ -74,7 +74,7 @@ def plan(
     >>> import calib
     >>> fit = calib.calibrate("sample_data/hidden_effect_a", effects="transmission_error")
     >>> calib.plan(fit, 3)
-    Plan(hidden_effect_a: 3 poses for calibration, predicted RMSE 0.048... -> 0.04... mm)
+    Plan(hidden_effect_a: 3 poses for calibration, predicted RMSE 0.06... -> 0.05... mm)
     """
     options = fit_options(None, keywords)
     place = None if base_T_scanner is None else np.asarray(base_T_scanner, dtype=float)
