@@ -69,8 +69,8 @@ class FitOptions:
             _refuse("tolerances", tolerances, "sizes by parameters' names, such as {'a2': 0.1}")
         for name, size in tolerances.items():
             if not isinstance(size, Real) or not 0.0 < float(size) <= MAX_TOLERANCE:
-                expected = f"a size above 0 and up to {MAX_TOLERANCE:g}, in mm or rad"
-                raise FitError(f"tolerance of {name}: found {size!r:.80}; expected {expected}")
+                needed = f"a size above 0 and up to {MAX_TOLERANCE:g} is needed, in mm or rad"
+                raise FitError(f"tolerance of {name}: found {size!r:.80}; {needed}")
         if self.noise is not None and not isinstance(self.noise, NoiseShape):
             _refuse("noise", self.noise, "a NoiseShape")
 

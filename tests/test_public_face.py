@@ -117,7 +117,7 @@ def test_robots_are_taken_by_name_file_or_folder(tmp_path: Path) -> None:
         ({"prior": 1}, "option prior: found 1; expected True or False"),
         ({"held": "d5"}, "option held: found 'd5'; expected a list"),
         ({"held": [5]}, "option held: found"),
-        ({"tolerances": {"a2": -0.1}}, "tolerance of a2: found -0.1; expected a size above 0"),
+        ({"tolerances": {"a2": -0.1}}, "tolerance of a2: found -0.1; a size above 0"),
         ({"tolerances": ["a2"]}, "option tolerances: found"),
         ({"robust": "yes"}, "option robust: found 'yes'"),
         ({"noise": 0.1}, "option noise: found 0.1; expected a NoiseShape"),
