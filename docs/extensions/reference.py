@@ -176,7 +176,7 @@ def as_restructured(app: Sphinx, what: str, name: str, thing: Any, options: Any,
             section = head[1]
             out.append("")
         elif section and (entry := re.match(r" {4}(?=\S)([^:]+): (.*)", line)):
-            names = [full_error(one) for one in entry[1].split(", ")] if section == "Raises" else [entry[1]]
+            names = [full_error(one) for one in entry[1].split(", ")] if section == "Raises" else [entry[1].replace("*", r"\*")]
             out += [f"{FIELD[section].format(name=one)} {escaped(entry[2])}" for one in names]
         elif section and line.startswith("    "):
             out.append(f"    {escaped(line.strip())}" if out[-1] else f":{section.lower()}: {escaped(line.strip())}")
