@@ -4,17 +4,17 @@ Robot controllers compute with their own table and cannot load another. So the t
 joint vector q0 find q near it with F(q) = F0(q0), where F0 is the nominal and F the calibrated forward
 map, effects included (`calib.kinematics.inverse`). Redundant arms move the least.
 
-A correction claims what the fit knows. Measured points tell how the last joint's axis lies and not how the tool is
-turned behind it: where the attitude's own sigma (`calib.compensation.attitude`) is not better than what a correction
-would turn, the position of the tool frame alone is met, and the free motion weighs the turn that is left, by its sigma,
+A correction is no finer than the fit. Measured points determine the last joint's axis, but not how the tool is turned
+behind it: where the attitude's sigma (`calib.compensation.attitude`) is not smaller than the turn that a correction
+would make, only the position of the tool frame is met, and the free motion balances the remaining turn, by its sigma,
 against the joints' motion, by their tolerance. A pose near a singular posture may take large turns of the wrist for a
-small turn of the tool: there the attitude is met as well as it is known.
+small turn of the tool: there the attitude is met to its sigma.
 
 Joints stay inside a box: their limits and a largest change from q0, six tolerances of an angle or twice the joint's own
-zero error. What needs more is no correction of this arm and is refused.
+zero error. A target that needs more is not reached.
 
-Targets come after all that was measured: an effect that sets in at a pose, or settles in time, is taken as after the
-last pose, and no joint is still on its way.
+Targets count as later than all that was measured: an effect that sets in at a pose, or settles in time, is taken as
+after the last pose, and no joint is still moving.
 
 Limits: with an unknown scanner frame, link errors that only move or turn the base (d1, theta1, beta1) cannot be
 identified and stay nominal, so corrected targets are right relative to each other, up to one motion of the base common
@@ -51,12 +51,12 @@ from calib.robot_formats.robots import load_robot
 POSITION_TOLERANCE_MM = 1e-9
 ORIENTATION_TOLERANCE_RAD = 1e-12
 MAX_CHANGE_RAD, MAX_CHANGE_MM = 6.0 * TOLERANCE_RAD * (1.0 - 1e-9), 50.0
-"""How far a joint may go from its nominal value: 3 deg, less what rounding in degrees may add, or 3 deg at 1 m."""
-_ZEROS = 2.0  # times the error of a joint's own zero, where that is more
+"""Largest change of a joint: 3 deg, less what rounding in degrees may add, or 3 deg at 1 m."""
+_ZEROS = 2.0  # largest change in multiples of the joint's own zero error, where that is more
 _TURN_WEIGHTS = (10.0, 5.0, 3.0, 2.0, 1.0, 0.5, 0.0)
-"""What a turn of the tool counts against the joints' motion, one after another."""
-_MOST_OF_BOX = 0.9  # a motion beyond that share is large, and is tried with the next weight
-_KNOWN = 0.5  # of the turn that a correction makes: a sigma below it knows the turn
+"""Weights of the tool's turn against the joints' motion, tried one after another."""
+_MOST_OF_BOX = 0.9  # share of the box beyond which a motion is large, and the next weight is tried
+_KNOWN = 0.5  # share of a correction's turn below which a sigma makes the turn known
 _SINGULAR = 0.02
 """Smallest over largest singular value of the Jacobian, below which a posture is near singular."""
 
@@ -74,10 +74,10 @@ class Correction(Brief):
     orientation_error_rad: Array  # (N,) with q; nan where only the position counts
     uncorrected_mm: Array  # (N,) position error with q_nominal
     reasons: tuple[str, ...]  # (N,) why a target is not reached, as text; "" where it is
-    uncorrected_rad: Array  # (N,) turn of the tool with q_nominal, as far as the calibrated arm says
-    changed: tuple[str, ...] = ()  # effects that changed the arm as it was measured: it is taken as it was in the end
-    attitude_sigma_rad: Array | None = None  # (N,) how well the fit knows the tool's attitude, if it was said
-    is_outside: BoolArray | None = None  # (N,) a joint is beyond the ranges that were trained, if those were said
+    uncorrected_rad: Array  # (N,) turn of the tool with q_nominal, by the calibrated arm
+    changed: tuple[str, ...] = ()  # effects that changed the arm during the measurements; the last state counts
+    attitude_sigma_rad: Array | None = None  # (N,) sigma of the tool's attitude; None where the fit is unknown
+    is_outside: BoolArray | None = None  # (N,) a joint is beyond the trained ranges; None where these are unknown
     outside_words: str = ""
 
     @property
@@ -93,18 +93,18 @@ class Correction(Brief):
 
     @property
     def attitude_words(self) -> str:
-        """How well the tool's attitude is known, and what is claimed of it; "" where nobody said."""
+        """Sigma of the tool's attitude, and whether it is corrected, as text; "" where the fit is unknown."""
         if self.attitude_sigma_rad is None or not len(self.q):
             return ""
         known, turn = (1e3 * float(np.sqrt(np.mean(a**2))) for a in (self.attitude_sigma_rad, self.uncorrected_rad))
-        told = f"the fit knows the tool's attitude to {known:.2g} mrad (sigma), "
-        told += f"a correction turns it by {turn:.2g} mrad"
+        text = f"the fit knows the tool's attitude to {known:.2g} mrad (sigma), "
+        text += f"a correction turns it by {turn:.2g} mrad"
         if self.kind == "pose":
-            return told
-        return f"{told}: the positions are corrected and no attitude is claimed"
+            return text
+        return f"{text}: the positions are corrected and no attitude is claimed"
 
     def summary(self, ids: Sequence[str] | None = None) -> str:
-        """The correction in words, with the targets' names where they have any."""
+        """Targets reached, errors without correction, and why targets are missed, a line each."""
         if len(self.q) == 0:
             return "no target"
         turning, moved = self.robot.is_revolute, np.abs(self.change[self.reached])
@@ -128,7 +128,7 @@ class Correction(Brief):
         return "\n".join(lines)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a target: reached, errors before and after, and why not."""
+        """One row per target: reached, errors before and after, and why it is missed."""
         return pd.DataFrame(
             {
                 "reached": self.reached,
@@ -250,7 +250,7 @@ def corrected_joints(
 
 
 def _known_kind(nominal: Robot, sigma_rad: Array | None, uncorrected_rad: Array) -> str:
-    """A pose where six joints or more can meet one and the fit knows its turn: with a sigma below half of it."""
+    """The kind of correction that a fit supports: "pose" for six joints and an attitude known to half of its turn."""
     if nominal.n_joints < 6:
         return "position"
     if sigma_rad is None:
@@ -259,7 +259,7 @@ def _known_kind(nominal: Robot, sigma_rad: Array | None, uncorrected_rad: Array)
 
 
 def _at_positions(problem: ToolProblem, q0: Array, box: tuple[Array, Array]) -> Array:
-    """Joint vectors (N, n) that meet the positions; free motion turns the tool towards its goal where that is cheap.
+    """Joint vectors (N, n) that meet the positions; free motion turns the tool towards its goal where that is small.
 
     A turn of the tool counts so much more than a motion of the joints as keeps these small: near a singular posture a
     small turn would take a large motion, and counts less and less.
@@ -279,7 +279,7 @@ def _at_positions(problem: ToolProblem, q0: Array, box: tuple[Array, Array]) -> 
 def _with_known_attitude(
     problem: ToolProblem, q0: Array, q: Array, box: tuple[Array, Array], sigma_rad: Array, reached: BoolArray
 ) -> tuple[Array, BoolArray]:
-    """Targets whose attitude cannot be met exactly by small motions: met to its sigma, their position exactly."""
+    """Joint vectors whose position is exact and whose attitude is met to its sigma, where it needs large motions."""
     near = _at_positions(replace(problem, with_orientation=False), q0, box)
     error_mm, turn_rad = problem.errors(near)
     met = ~reached & (error_mm <= POSITION_TOLERANCE_MM) & (turn_rad <= sigma_rad)
@@ -293,7 +293,7 @@ def _reached(problem: ToolProblem, q: Array) -> BoolArray:
 
 
 def _box(nominal: Robot, model: Model, x: Array, q0: Array) -> tuple[Array, Array]:
-    """From where to where joints may go: inside their limits, and no further than a correction of this arm can be."""
+    """Lower and upper bounds of the joints: their limits, and the largest change that a correction makes."""
     off = np.abs(model.calibrated_robot(x).table - nominal.table)[:-1]
     zero = np.where(nominal.is_revolute, off[:, PARAMETER_KINDS.index("theta")], off[:, PARAMETER_KINDS.index("d")])
     change = np.maximum(np.where(nominal.is_revolute, MAX_CHANGE_RAD, MAX_CHANGE_MM), _ZEROS * zero)
@@ -302,10 +302,10 @@ def _box(nominal: Robot, model: Model, x: Array, q0: Array) -> tuple[Array, Arra
 
 
 def needed_columns(model: Model, x: ArrayLike, poses: Poses) -> tuple[str, ...]:
-    """Columns of poses.csv beside the joints' that the tool's position or orientation depends on, by their names there.
+    """Names of the columns of poses.csv, besides the joints, on which the tool's position or orientation depends.
 
-    A column is needed where the model at x predicts another tool frame without it, or cannot predict. Targets are later
-    than all that was measured.
+    A column is needed where the model at x predicts another tool frame without it, or cannot predict. Targets count as
+    later than all that was measured.
     """
     poses = poses.measured_later()
     n = poses.q.shape[1]
@@ -326,7 +326,7 @@ def needed_columns(model: Model, x: ArrayLike, poses: Poses) -> tuple[str, ...]:
     for columns, fewer in without.items():
         try:
             same = np.array_equal(_tool_frames(model, x, fewer), there)
-        except CalibError:  # of an effect that cannot do without
+        except CalibError:  # an effect that cannot do without the column
             same = False
         needed += [] if same else columns
     return tuple(needed)
@@ -372,13 +372,13 @@ def _limits(robot: Robot) -> tuple[Array, Array]:
 
 
 def plain_poses(q: Array) -> Poses:
-    """Poses at joint vectors q (N, n) of which nothing else is known."""
+    """Poses at joint vectors q (N, n), without conditions."""
     n = len(q)
     return Poses(tuple(map(str, range(n))), np.full(n, "train"), q, np.full(n, ""), ("",) * n).measured_later()
 
 
 def _reason(robot: Robot, q: Array, q_nominal: Array, box: tuple[Array, Array], missed: str, singular: bool) -> str:
-    """Why a target is not reached, as text; `box` has its own lower and upper bounds (n,)."""
+    """Reason why a target is not reached, as text; `box` has its own lower and upper bounds (n,)."""
     held = []
     for k in np.flatnonzero((q <= box[0]) | (q >= box[1])):
         joint = robot.joints[k]

@@ -48,12 +48,12 @@ class ExportedTable(Brief):
 
     @property
     def error_words(self) -> str:
-        """The errors of the table alone."""
+        """Errors of the table alone, as text."""
         return _errors(self.errors)
 
     @property
     def words(self) -> str:
-        """The errors of the table alone and of the full model, in one line; "" where the two are the same."""
+        """Errors of the table alone and of the full model, in one line; "" where the two are the same."""
         if not self.left_out:
             return ""
         names = ", ".join(self.left_out)
@@ -116,7 +116,7 @@ def exported_table(calibration: Calibration, links: Calibration | None = None) -
 
 
 def _errors(evaluation: Evaluation) -> str:
-    """ "test RMSE 0.203 mm (training 0.195)"."""
+    """Errors as text, such as "test RMSE 0.203 mm (training 0.195)"."""
     train, test = evaluation.train, evaluation.test
     if test is None:
         return f"training RMSE {train.rmse_mm:.4g} mm, no test poses" if train else "no poses"

@@ -1,4 +1,4 @@
-"""What a model.json holds, as structs that msgspec checks: lengths mm, angles rad, other values in the unit beside."""
+"""Content of model.json as structs that msgspec checks: lengths mm, angles rad, other values with their unit."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ NotNegative = Annotated[float, Meta(ge=0.0, le=1e300)]
 
 
 class SavedMember(msgspec.Struct, frozen=True):
-    """A member of an effect, see `effect_fields`."""
+    """A member of an effect (`effect_fields`)."""
 
     family: Text
     fields: dict[str, Any]
 
 
 class SavedParameter(msgspec.Struct, frozen=True):
-    """A free parameter. nominal + change is its value."""
+    """A free parameter, whose value is nominal + change."""
 
     name: Text
     unit: str
     nominal: SizeOrSign
     change: SizeOrSign
     prior_sigma: Size
-    sigma: NotNegative | None = None  # null: nothing bounds it
+    sigma: NotNegative | None = None  # null: no bound
 
 
 class SavedFigures(msgspec.Struct, frozen=True):
-    """Errors of a set of poses, as `calib.calibration.evaluation.Figures` has them."""
+    """Errors of a set of poses (`calib.calibration.evaluation.Figures`)."""
 
     points: int
     rmse_mm: NotNegative
@@ -51,23 +51,23 @@ class SavedErrors(msgspec.Struct, frozen=True):
 
 
 class SavedSource(msgspec.Struct, frozen=True):
-    """Which dataset it was."""
+    """The dataset that the model was fitted to."""
 
     name: Text
     files: dict[str, Any]  # hash by file name; checked one by one
     training_poses: tuple[Text, ...]
-    left_out: tuple[Text, ...] = ()  # poses that the fit did not see, as asked or because they stand out
+    left_out: tuple[Text, ...] = ()  # poses left out of the fit, by request or as outliers
 
 
 class SavedRange(msgspec.Struct, frozen=True):
-    """The least and largest value of each joint, rad or mm."""
+    """Least and largest value of each joint, rad or mm."""
 
     low: Row
     high: Row
 
 
 class ModelDocument(msgspec.Struct, frozen=True):
-    """The whole file, beside its format and version."""
+    """The whole file, apart from its format and version."""
 
     program_version: Text
     dataset: SavedSource
@@ -82,8 +82,8 @@ class ModelDocument(msgspec.Struct, frozen=True):
     needs: tuple[Text, ...]  # columns of poses.csv that a prediction depends on
     before: SavedErrors
     after: SavedErrors
-    loads_table: tuple[Row, ...] | None = None  # at whose links gravity's loads are worked out
-    found_tool_mm: Row | None = None  # in the last joint's frame, where robot has the tool point far off
+    loads_table: tuple[Row, ...] | None = None  # links with which gravity's loads are computed
+    found_tool_mm: Row | None = None  # tool point in the last joint's frame, where that of the robot is far off
     trained: SavedRange | None = None  # of the joints at the training poses
     sigma_mm: NotNegative | None = None
     scanner_T_flange: dict[str, Any] = {}  # in place of scanner_T_base where the arm carries the scanner

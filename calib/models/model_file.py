@@ -1,7 +1,7 @@
-"""model.json: a fitted model as a file, format version 1; `model_document` says what stands in it.
+"""Reading of model.json, a fitted model as a file, format version 1 (`model_document`).
 
-It holds no code: members of effects are made from their family's name and plain fields (`effect_fields`), and a user's
-effects come from the user's file. Every value is checked, a file that cannot be used is one line.
+The file holds no code: members of effects are made from their family's name and plain fields (`effect_fields`), and a
+user's effects come from the user's file. Every value is checked; a file that cannot be used raises a one-line error.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from calib.options import FitOptions
 from calib.strict_json import JsonFile, Text
 
 SIZE_LIMIT = 100_000_000  # bytes; a thousand parameters are 10 MB
-_SAME = 1e-9  # mm or rad: how far the table may be from what robot and values give
+_SAME = 1e-9  # mm or rad; largest difference of the table from robot and parameters
 
 
 def save_model(fitted: FittedResult | FittedModel, path: str | Path) -> None:
@@ -149,7 +149,7 @@ def _options(file: JsonFile, document: ModelDocument) -> FitOptions:
 def _model(
     file: JsonFile, document: ModelDocument, robot: Robot, effects: Sequence[Effect], options: FitOptions
 ) -> Model:
-    """The model, whose free parameters have to be those of the file."""
+    """The model of a file. Raises the file's error where its free parameters are not those of the effects."""
     loads = None
     if document.loads_table is not None:
         loads = robot.with_table(_table(file, "loads_table", document.loads_table, robot))
@@ -167,9 +167,9 @@ def _model(
     if found != expected:
         differing = [i for i, (a, b) in enumerate(zip(found, expected, strict=False)) if a != b]
         i = differing[0] if differing else min(len(found), len(expected))
-        told = repr(found[i]) if i < len(found) else "nothing"
+        name = repr(found[i]) if i < len(found) else "nothing"
         needed = repr(expected[i]) if i < len(expected) else "no further parameter"
-        file.fail(["parameters", i, "name"], told, f"these effects have {needed} there")
+        file.fail(["parameters", i, "name"], name, f"these effects have {needed} there")
     return model
 
 
@@ -181,7 +181,7 @@ def _table(file: JsonFile, key: str, rows: Sequence[Row], robot: Robot) -> Array
 
 
 def _require_table(file: JsonFile, document: ModelDocument, model: Model, x: Array) -> None:
-    """The table is written for people and other programs; one that was edited alone would not count."""
+    """Raise the file's error where the table, which is for people and other programs, was edited alone."""
     table = _table(file, "table", document.table, model.robot)
     off = np.abs(table - model.calibrated_robot(x).table)
     if off.max() > _SAME:
@@ -224,7 +224,7 @@ def _errors(saved: SavedErrors) -> RoleErrors:
 
 
 def _trial_state(robot: Robot, needs: Sequence[str]) -> RobotState:
-    """The nominal robot at two poses with all conditions, on which a file's effects are tried."""
+    """State of the nominal robot at two poses with all conditions, for a trial of a file's effects."""
     q = np.zeros((2, robot.n_joints))
     q[1] = 0.1
     extra = pd.DataFrame({name: [0.0, 0.0] for name in needs})
@@ -241,11 +241,11 @@ def _trial_state(robot: Robot, needs: Sequence[str]) -> RobotState:
 
 
 def _try(file: JsonFile, model: Model, x: Array, trial: RobotState) -> None:
-    """Predict once: fields and values that no fit gives, such as a second joint that the arm lacks, end here."""
+    """Predict once; raise the file's error for fields and values that no fit gives, such as a joint too many."""
     try:
         with np.errstate(all="ignore"):
             points_mm = model.at_tool.predict(x, trial.poses, seen=trial.seen)
-    except CalibError as error:  # of a user's effect
+    except CalibError as error:  # a user's effect
         raise ModelFileError(f"{file.path}: {error}") from None
     except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as error:
         file.fail(["effects"], type(error).__name__, "a member has fields that do not fit this arm")

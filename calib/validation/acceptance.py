@@ -40,20 +40,20 @@ from calib.validation.remounting import remounting
 from calib.validation.splits import training_groups
 
 MAX_SIGMA_RATIO = 100.0
-"""Residual sigma over the declared one, beyond which the arm is not calibrated, whatever the improvement."""
-MIN_SIGMA_RATIO = 1.0 / 1.5  # the same, below which sigma was declared too large, unless by chance
+"""Residual sigma over the declared sigma, beyond which the arm is not calibrated, whatever the improvement."""
+MIN_SIGMA_RATIO = 1.0 / 1.5  # ratio below which sigma was declared too large, unless by chance
 MAX_LEFT_RATIO = 10.0
-"""The same for the model that the diagnosis ends with: what is left then has a cause that no one knows."""
+"""Largest ratio for the model at the end of the diagnosis; above it the residual has an unknown cause."""
 UNSETTLED = ("unexplained", "ambiguous", "outliers")
-"""Verdicts that are a warning: something is left that has no name."""
-_NO_NOISE_MM = 1e-6  # where none is declared
-_MORE_SCATTER, _BY_CHANCE = 1.5, 0.001  # of repeats, over what their covariances say
-MAX_SHARE_DROPPED = 0.5  # of a scan's points that have no value; more is a warning
+"""Verdicts that are a warning: the residual has a cause without a name."""
+_NO_NOISE_MM = 1e-6  # floor where no noise is declared
+_MORE_SCATTER, _BY_CHANCE = 1.5, 0.001  # scatter of repeats over their covariances, and its p-value, for a warning
+MAX_SHARE_DROPPED = 0.5  # share of a scan's points without a value; more is a warning
 
 
 @dataclass(frozen=True)
 class CheckItem:
-    """The result of one step. `passed` is None where it is a note only, or a warning."""
+    """Result of one step of a check. `passed` is None for a note or a warning."""
 
     name: str
     passed: bool | None
@@ -69,7 +69,7 @@ class CheckItem:
 
 @dataclass(frozen=True)
 class Check(Brief, Documented):
-    """All items of a dataset. It passes where none failed."""
+    """Items of a dataset's check; it passes where none failed."""
 
     dataset: Dataset  # with the points that were judged
     items: tuple[CheckItem, ...]
@@ -160,7 +160,7 @@ def check(
                 user_effects=user_effects,
                 on_step=on_step,
             )
-            tied = listed(diagnosis.ambiguous_set, "or")  # the reasons are no part of a check
+            tied = listed(diagnosis.ambiguous_set, "or")  # a check lists no reasons
             words = verdict_text(diagnosis.explanation.verdict, reasons="by inspector diagnose", tied=tied)
             if diagnosis.data_problem is not None:
                 items.append(CheckItem("data", False, diagnosis.data_problem.words))
@@ -174,7 +174,7 @@ def check(
 
 
 def _stands(given: Dataset, fitted: Dataset) -> list[CheckItem]:
-    """What is to be said of several shots of one standing pose, where the fit took their mean."""
+    """Warnings and notes on repeats of one pose, where the fit took their mean."""
     warnings, notes = fitted.warnings[len(given.warnings) :], fitted.notes[len(given.notes) :]
     return [
         *(CheckItem("dataset", None, warning, warning=True) for warning in warnings),
@@ -230,10 +230,10 @@ def _repeats(dataset: Dataset, repeats: tuple[Repeats, ...]) -> CheckItem:
 
 
 def _against_training(calibration: Calibration, train: Figures, test: Figures) -> CheckItem:
-    """The test error as a multiple of the training error, against the ratio that noise explains (`noise_ratio`).
+    """The test error over the training error, compared with the ratio that noise explains (`noise_ratio`).
 
-    A warning where it is larger: the training error is then not to be expected elsewhere. None where the test error is
-    no more than the noise, as declared or as repeats show it.
+    It is a warning where the ratio is larger, unless the test error is no more than the noise, declared or by repeats:
+    the training error is then not to be expected elsewhere.
     """
     ratio, expected = test.rmse_mm / train.rmse_mm, noise_ratio(calibration.fit)
     name, words = "test against training", f"{ratio:.2f} times the training error"
@@ -255,7 +255,7 @@ def _against_training(calibration: Calibration, train: Figures, test: Figures) -
 
 
 def _floor_mm(level: NoiseLevel) -> float:
-    """What noise alone leaves; as the fit left it, that is the training error again, which explains nothing."""
+    """Error that noise alone leaves, mm; nearly 0 where the noise is known from the fit's own residual only."""
     return level.floor_mm or _NO_NOISE_MM if level.source != FIT else _NO_NOISE_MM
 
 
@@ -289,10 +289,10 @@ def _test_poses(calibration: Calibration, max_test_rmse_mm: float | None) -> lis
 
 
 def _promise(diagnosis: Diagnosis) -> list[CheckItem]:
-    """Whether the test poses are off by no more than the model that the diagnosis ends with promises."""
+    """Whether the test poses' error is no more than the model at the end of the diagnosis predicts."""
     last, tests = diagnosis.calibration, diagnosis.residual_tests
     noise_mm, noise_from = tests.noise_mm, tests.noise_from
-    if last.sigma_mm > noise_mm:  # what is left beside the noise is told already, and the promise is by all of it
+    if last.sigma_mm > noise_mm:  # an excess over the noise has an item of its own; the promise includes it
         noise_mm, noise_from = last.sigma_mm, "fit"
     test = held_out_test(last, noise_mm, noise_from)
     if test is None:
@@ -304,13 +304,13 @@ def _promise(diagnosis: Diagnosis) -> list[CheckItem]:
 
 
 def _too_good(name: str, calibration: Calibration) -> list[CheckItem]:
-    """A failure of a fit that leaves far less than the declared noise; a warning where none is declared."""
+    """A failure of a fit that leaves far less than the declared noise; a warning where no noise is declared."""
     words, declared = too_good(calibration), is_declared(calibration.dataset)
     return [CheckItem(name, False if declared else None, words, warning=not declared)] if words else []
 
 
 def _left_by_diagnosis(diagnosis: Diagnosis) -> list[CheckItem]:
-    """A failure where the model at the end leaves many times the declared noise, or far too little, or is no arm."""
+    """A failure where the last model leaves many times the declared noise, or far too little, or is implausible."""
     last = diagnosis.calibration
     doubt = implausibility_reason(last) if last.model.added_effects else ""
     if doubt:
@@ -321,14 +321,14 @@ def _left_by_diagnosis(diagnosis: Diagnosis) -> list[CheckItem]:
         return []
     what = " with ".join(["the links", *(["all that was found"] if last.model.family_names else [])])
     words = (
-        f"{last.sigma_mm:.4g} mm a coordinate are left by {what}, {last.fit.noise:.3g} times the declared sigma: "
+        f"{last.sigma_mm:.4g} mm per coordinate are left by {what}, {last.fit.noise:.3g} times the declared sigma: "
         "the arm is not calibrated to what was measured, or sigma was declared far too small"
     )
     return [CheckItem("noise", False, words)]
 
 
-def _beside_the_noise(calibration: Calibration) -> str:
-    """What the residual's sigma is beside the noise, and where that is known from."""
+def _over_noise_text(calibration: Calibration) -> str:
+    """The residual's sigma as a multiple of the noise, as text, and the source of the noise."""
     level = noise_level(calibration)
     if level.is_declared:
         return f", {calibration.fit.noise:.3g} times the declared sigma"
@@ -344,7 +344,7 @@ def _residual(calibration: Calibration) -> list[CheckItem]:
         return []
     meaning = ""
     declared = is_declared(calibration.dataset)
-    ratio_words = _beside_the_noise(calibration)
+    ratio_words = _over_noise_text(calibration)
     doubt = implausibility_reason(calibration)
     if not doubt and (surprise := _too_good("residual", calibration)):
         return surprise
@@ -356,5 +356,5 @@ def _residual(calibration: Calibration) -> list[CheckItem]:
         meaning = ": more than noise is left; something is missing from the model, or sigma was declared too small"
     elif declared and noise < MIN_SIGMA_RATIO and check_sigma(calibration).verdict == "below":
         meaning = ": clearly less than was declared; sigma was declared too large, and small effects are doubted for it"
-    words = f"{calibration.sigma_mm:.4g} mm a coordinate{ratio_words}{meaning}"
+    words = f"{calibration.sigma_mm:.4g} mm per coordinate{ratio_words}{meaning}"
     return [CheckItem("residual", False if doubt else None, words, warning=bool(meaning) and not doubt)]

@@ -30,12 +30,12 @@ from calib.measurement.measured_dataset import measured
 from calib.options import DEFAULT_FOLDS, FitFields, FitOptions, fit_options
 from calib.validation.splits import deal_folds, split_dataset, training_groups
 
-SUSPICIOUS = 1.5  # held-out over training error, in multiples of what noise explains, that calls the model in question
+SUSPICIOUS = 1.5  # held-out over training error, in multiples of its value by noise alone, for a warning
 
 
 @dataclass(frozen=True)
 class Fold(Brief):
-    """One fold: the fit without its poses, and its errors at them."""
+    """Errors of one fold of poses by the fit without them."""
 
     poses: tuple[str, ...]  # held out
     train: Figures
@@ -45,7 +45,7 @@ class Fold(Brief):
 
 @dataclass(frozen=True)
 class CrossValidation(Brief):
-    """Errors at every training pose, by the fit without its fold."""
+    """Errors at every training pose, each by the fit without its fold."""
 
     dataset: Dataset
     residual: str
@@ -67,14 +67,14 @@ class CrossValidation(Brief):
 
     @property
     def ratio(self) -> float:
-        """Held-out RMSE over the training RMSE of the whole fit."""
+        """Held-out RMSE over the training RMSE of the fit to all poses."""
         assert self.whole.after.train is not None
         train = self.whole.after.train.rmse_mm
         return self.held_out.rmse_mm / train if train > 0.0 else float("inf")
 
     @property
     def expected_ratio(self) -> float:
-        """`ratio` where only noise is left."""
+        """Value of `ratio` where only noise is left."""
         return noise_ratio(self.whole.fit)
 
     @property
@@ -122,7 +122,7 @@ class CrossValidation(Brief):
         )
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a held-out pose: setup, fold, points, RMS over its points before and after, distance error."""
+        """One row per held-out pose: setup, fold, points, RMS over its points before and after, distance error."""
         fold_of = {pose: k + 1 for k, fold in enumerate(self.folds) for pose in fold.poses}
         points = self.after.to_frame(self.dataset)
         points["nominal_mm"] = self.before.to_frame(self.dataset)["error_mm"]
@@ -145,7 +145,7 @@ class CrossValidation(Brief):
 
 
 def noise_ratio(fit: Fit) -> float:
-    """Error at other poses over that at the fit's own, where only noise is left: sqrt((R + P) / (R - P)).
+    """Error at other poses over that at the fitted poses, where only noise is left: sqrt((R + P) / (R - P)).
 
     R rows with P parameters fitted; inf where no degree of freedom is left.
     """

@@ -36,27 +36,27 @@ from calib.validation.splits import (
     training_groups,
 )
 
-FLAT = 0.05  # share by which twice the poses have to lower the error to be worth measuring
-_FAR = 2.0  # held-out over training error, from which on the held-out poses are of another kind
+FLAT = 0.05  # least share by which twice the poses lower the error, for them to be worth measuring
+_FAR = 2.0  # held-out over training error from which the held-out poses are of another kind
 _FOLDS = 5
 
 
 @dataclass(frozen=True)
 class LearningStep:
-    """Errors of fits to the same number of training poses, over several draws of these."""
+    """Errors of fits to the same number of training poses, over several draws of poses."""
 
     poses: int  # different ones; repeats of one count once
     fits: int
     train_rmse_mm: float  # 3D, RMS over the fits
     held_out_rmse_mm: float
     spread_mm: float  # standard deviation of the fits' held-out RMSE; 0 of one fit
-    sigma_mm: float  # residual sigma of a coordinate, by degrees of freedom; nan where none are left
+    sigma_mm: float  # residual sigma per coordinate, by degrees of freedom; nan where none are left
     degrees_of_freedom: float  # mean
 
 
 @dataclass(frozen=True)
 class LearningCurve(Brief):
-    """Error against the number of training poses. `steps` rise in poses."""
+    """Error against the number of training poses, which rises from step to step."""
 
     dataset: Dataset
     residual: str
@@ -84,7 +84,7 @@ class LearningCurve(Brief):
         upper = [step for step in self.steps if 2.5 * step.poses >= self.steps[-1].poses]
         upper = upper if len(upper) >= 3 else list(self.steps[-3:])
         square = np.array([step.held_out_rmse_mm**2 for step in upper])
-        weight = 1.0 / np.maximum(square, 1e-300)  # the share of the error counts, not its size
+        weight = 1.0 / np.maximum(square, 1e-300)  # relative errors count, not absolute ones
         columns = np.array([[1.0, 1.0 / step.poses] for step in upper]) * weight[:, None]
         floor, slope = nnls(columns, square * weight)[0]
         return float(floor), float(slope)
@@ -149,7 +149,7 @@ class LearningCurve(Brief):
         )
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a count: poses, fits, training and held-out RMSE, their spread, residual and declared sigma."""
+        """One row per count: poses, fits, training and held-out RMSE, their spread, residual and declared sigma."""
         frame = pd.DataFrame([vars(step) for step in self.steps])
         declared = self.sigma.declared_mm
         return frame.assign(declared_sigma_mm=float("nan") if declared is None else declared)
@@ -234,7 +234,7 @@ def learning_curve(
 def _draws(
     dataset: Dataset, groups: JointGroups, repeats: int, rng: np.random.Generator
 ) -> tuple[str, list[tuple[IndexArray, IndexArray | None]]]:
-    """For each repeat the order in which groups are added, and the groups held out; None: the test poses."""
+    """Order in which groups are added, and the groups held out (None: the test poses), for each repeat."""
     assert dataset.points is not None
     everything = np.arange(len(groups))
     if np.any(dataset.poses.is_test[dataset.points.pose]):
@@ -249,7 +249,7 @@ def _draws(
 
 
 def _fewest(dataset: Dataset, groups: JointGroups, residual: str) -> int:
-    """The fewest groups that can be fitted: two more than parameters and frames need, and three a setup."""
+    """Fewest groups that can be fitted: two more than parameters and frames need, and three per setup."""
     assert dataset.points is not None
     setups = len(np.unique(groups.setup))
     knowable = structural_rank(dataset.robot)

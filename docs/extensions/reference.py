@@ -176,7 +176,9 @@ def as_restructured(app: Sphinx, what: str, name: str, thing: Any, options: Any,
             section = head[1]
             out.append("")
         elif section and (entry := re.match(r" {4}(?=\S)([^:]+): (.*)", line)):
-            names = [full_error(one) for one in entry[1].split(", ")] if section == "Raises" else [entry[1].replace("*", r"\*")]
+            names = [entry[1].replace("*", r"\*")]
+            if section == "Raises":
+                names = [full_error(one) for one in entry[1].split(", ")]
             out += [f"{FIELD[section].format(name=one)} {escaped(entry[2])}" for one in names]
         elif section and line.startswith("    "):
             out.append(f"    {escaped(line.strip())}" if out[-1] else f":{section.lower()}: {escaped(line.strip())}")
@@ -231,7 +233,7 @@ class Room(SphinxDirective):
 
 
 def public_names(module: Any) -> list[str]:
-    """Classes and functions of a module in the order of the source, without the functions that `calib` itself offers."""
+    """Classes and functions of a module in the order of the source, without functions that `calib` itself offers."""
     source = ast.parse(inspect.getsource(module))
     kinds = (ast.ClassDef, ast.FunctionDef)
     names = [node.name for node in source.body if isinstance(node, kinds) and not node.name.startswith("_")]

@@ -6,8 +6,7 @@ import sys
 from datetime import datetime
 from pathlib import Path
 
-from calib.compensation.corrected_file import corrected_file
-from calib.compensation.targets_csv import load_targets, require_conditions
+from calib.compensation.target_files import corrected_file, load_targets, require_conditions
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.diagnosis.diagnose import diagnose

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.calibration.result import figures_line
-from calib.compensation.corrected_file import corrected_file
-from calib.compensation.targets_csv import load_targets, require_conditions
+from calib.compensation.target_files import corrected_file, load_targets, require_conditions
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError
 from calib.models.model_file import load_model

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
-from calib.compensation.corrected_file import corrected_points
 from calib.compensation.target_correction import Correction, corrected_joints
+from calib.compensation.target_files import corrected_points
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
 from calib.robot_formats.programs.point_lists import LONGEST, identifiers, require_point_list

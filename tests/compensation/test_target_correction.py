@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from calib import frames
 from calib.calibration.calibrate import calibrate
 from calib.compensation.target_correction import Correction, corrected_joints
-from calib.compensation.targets_csv import load_targets
+from calib.compensation.target_files import load_targets
 from calib.dataset.dataset import Poses
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
