@@ -32,8 +32,8 @@ class FitOptions:
     Raises FitError, which names the option, the value that was found, and the values that are possible.
 
     >>> from calib import FitOptions
-    >>> FitOptions(residual="pairs", held=["d5"])
-    FitOptions(residual='pairs', prior=True, held=('d5',), tolerances={}, robust=False, noise=None)
+    >>> FitOptions(residual="pairs", fixed=["d5"])
+    FitOptions(residual='pairs', prior=True, fixed=('d5',), tolerances={}, robust=False, noise=None)
     >>> FitOptions("positon")
     Traceback (most recent call last):
     calib.errors.FitError: option residual: found 'positon'; expected position, distance, pairs or pose, ...
@@ -43,7 +43,7 @@ class FitOptions:
     """"position" (scanner frames are free), "distance" (Jang), "pairs", or "pose" (with orientations)."""
     prior: bool = True
     """Whether parameters have a Gaussian prior, with their tolerance as its standard deviation."""
-    held: tuple[str, ...] = ()
+    fixed: tuple[str, ...] = ()
     """Names of parameters that stay at their nominal value."""
     tolerances: Mapping[str, float] = field(default_factory=dict)
     """Tolerances of single link parameters by name, mm or rad, in place of the default of 1 mm and 0.5 deg."""
@@ -60,10 +60,10 @@ class FitOptions:
         for name in ("prior", "robust"):
             if not isinstance(getattr(self, name), bool):
                 _refuse(name, getattr(self, name), "True or False")
-        held: object = self.held
-        if not isinstance(held, Collection) or isinstance(held, str) or not all(isinstance(h, str) for h in held):
-            _refuse("held", held, "a list of parameters' names, such as ['d5']")
-        object.__setattr__(self, "held", tuple(held))
+        fixed: object = self.fixed
+        if not isinstance(fixed, Collection) or isinstance(fixed, str) or not all(isinstance(f, str) for f in fixed):
+            _refuse("fixed", fixed, "a list of parameters' names, such as ['d5']")
+        object.__setattr__(self, "fixed", tuple(fixed))
         tolerances: object = self.tolerances
         if not isinstance(tolerances, Mapping):
             _refuse("tolerances", tolerances, "sizes by parameters' names, such as {'a2': 0.1}")
@@ -79,8 +79,8 @@ class FitOptions:
         return replace(self, residual=residual)
 
     def for_parameters(self, names: Collection[str]) -> FitOptions:
-        """The options for a model that has only parameters of these names; no others can be held in it."""
-        return replace(self, held=tuple(name for name in self.held if name in names))
+        """The options for a model that has only parameters of these names; no others can be fixed in it."""
+        return replace(self, fixed=tuple(name for name in self.fixed if name in names))
 
 
 class FitFields(TypedDict, total=False):
@@ -88,7 +88,7 @@ class FitFields(TypedDict, total=False):
 
     residual: str
     prior: bool
-    held: Sequence[str]
+    fixed: Sequence[str]
     tolerances: Mapping[str, float]
     robust: bool
     noise: NoiseShape | None

@@ -115,8 +115,8 @@ def test_robots_are_taken_by_name_file_or_folder(tmp_path: Path) -> None:
     [
         ({"residual": "positon"}, "option residual: found 'positon'; expected .* most like 'position'"),
         ({"prior": 1}, "option prior: found 1; expected True or False"),
-        ({"held": "d5"}, "option held: found 'd5'; expected a list"),
-        ({"held": [5]}, "option held: found"),
+        ({"fixed": "d5"}, "option fixed: found 'd5'; expected a list"),
+        ({"fixed": [5]}, "option fixed: found"),
         ({"tolerances": {"a2": -0.1}}, "tolerance of a2: found -0.1; a size above 0"),
         ({"tolerances": ["a2"]}, "option tolerances: found"),
         ({"robust": "yes"}, "option robust: found 'yes'"),
@@ -131,8 +131,8 @@ def test_an_impossible_option_is_refused_at_once(keywords: Any, says: str) -> No
 
 
 def test_options_are_keywords_too(dataset: calib.Dataset) -> None:
-    fit = calib.calibrate(dataset, FitOptions("pairs", held=("d5",)), held=["d4"], prior=False)
-    assert fit.options == FitOptions("pairs", held=("d4",), prior=False)
+    fit = calib.calibrate(dataset, FitOptions("pairs", fixed=("d5",)), fixed=["d4"], prior=False)
+    assert fit.options == FitOptions("pairs", fixed=("d4",), prior=False)
     with pytest.raises(FitError, match="no option named 'loss'; the options of a fit are residual, prior"):
         calib.calibrate(dataset, loss="huber")  # type: ignore[call-arg]
 

@@ -80,7 +80,7 @@ def calibrate(
     if robot.carries_scanner:
         _require_placed(dataset, observed)
     geometry = geometry_of(robot, observed, options)
-    held = (*options.held, *held_behind_tool_point(robot, observed))
+    held = (*options.fixed, *held_behind_tool_point(robot, observed))
     model = Model(robot, (*geometry, *members), prior_sigmas=prior_sigmas or {}).hold(held)
     if len(observed.points) < 3:
         raise FitError(f"dataset {dataset.name}: {len(observed.points)} training points; a fit needs many more")

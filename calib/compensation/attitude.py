@@ -25,13 +25,13 @@ class FitKnowledge:
     """Covariance of a fit, and what else decides how far a correction can be trusted."""
 
     covariance: Array  # (P, P) of the model's free parameters
-    held: frozenset[str] = frozenset()  # fixed by the user; others are fixed because no point determines them
+    fixed: frozenset[str] = frozenset()  # fixed by the user; others are fixed because no point determines them
     full_poses: bool = False  # whether orientations were measured and fitted
     trained: TrainedRange | None = None
 
     def attitude_sigma_rad(self, model: Model, x: Array, poses: Poses) -> Array:
         """(N,) rad, standard deviation of the calibrated tool's attitude (3D turn) at each of N poses."""
-        freed = replace(model, held=model.held & self.held)
+        freed = replace(model, held=model.held & self.fixed)
         values = dict(zip((p.name for p in model.parameters), x.tolist(), strict=True))
         fitted = np.array([p.name in values for p in freed.parameters], dtype=bool)
         covariance = np.diag(freed.scales**2)

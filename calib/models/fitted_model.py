@@ -29,7 +29,7 @@ from calib.fitting.model import Model
 from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.kinematics.tool_point import tool_point_of
 from calib.models.effect_fields import member_document
-from calib.models.model_document import KIND, VERSION
+from calib.models.model_document import KIND, VERSION, options_document
 from calib.options import FitOptions
 from calib.strict_json import to_json
 
@@ -153,7 +153,7 @@ class FittedModel(Brief):
         open_ended = np.where(np.isfinite(self.sigma), 0.0, self.model.scales**2)
         covariance = self.covariance + np.diag(open_ended)  # parameters without a bound have their tolerance
         full_poses = self.options.residual == "pose"
-        known = FitKnowledge(covariance, frozenset(self.options.held), full_poses, self.trained)
+        known = FitKnowledge(covariance, frozenset(self.options.fixed), full_poses, self.trained)
         return corrected_joints(
             robot, self.model, q_nominal, x=self.x, conditions=conditions, kind=kind, known=known, ids=ids
         )
@@ -257,7 +257,7 @@ class FittedModel(Brief):
             "before": asdict(self.before),
             "after": asdict(self.after),
             "sigma_mm": self.sigma_mm,
-            "options": asdict(self.options),
+            "options": options_document(self.options),
             "needs": self.needs,
             "robot": msgspec.to_builtins(model.robot),
             "table": self.robot.table,

@@ -2,16 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Annotated, Any
 
 import msgspec
 from msgspec import Meta
 
+from calib.noise_shape import NoiseShape
+from calib.options import FitOptions
 from calib.strict_json import Finite, Size, SizeOrSign, Text
 
 KIND, VERSION = "robot-calibration-inspector model", 1
 Row = tuple[Finite, ...]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e300)]
+
+
+def options_document(options: FitOptions) -> dict[str, Any]:
+    """Options of a fit as they are in the file, where the names of fixed parameters have the key `held`."""
+    document = asdict(options)
+    return document | {"held": document.pop("fixed")}
+
+
+class SavedOptions(msgspec.Struct, frozen=True):
+    """Options of a fit, in the file of `options_document`."""
+
+    residual: str = "position"
+    prior: bool = True
+    held: tuple[str, ...] = ()
+    tolerances: dict[str, float] = {}
+    robust: bool = False
+    noise: NoiseShape | None = None
+
+    def options(self) -> FitOptions:
+        """The options. Raises FitError for a value that no fit can have."""
+        return FitOptions(self.residual, self.prior, self.held, self.tolerances, self.robust, self.noise)
 
 
 class SavedMember(msgspec.Struct, frozen=True):

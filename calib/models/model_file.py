@@ -32,7 +32,7 @@ from calib.kinematics.robot import Robot
 from calib.kinematics.tool_point import with_own_tool_point
 from calib.models.effect_fields import member_from
 from calib.models.fitted_model import FittedModel, RoleErrors, Source
-from calib.models.model_document import KIND, VERSION, ModelDocument, Row, SavedErrors, SavedFigures
+from calib.models.model_document import KIND, VERSION, ModelDocument, Row, SavedErrors, SavedFigures, SavedOptions
 from calib.options import FitOptions
 from calib.strict_json import JsonFile, Text
 
@@ -138,7 +138,7 @@ def _robot(file: JsonFile, document: ModelDocument) -> Robot:
 
 def _options(file: JsonFile, document: ModelDocument) -> FitOptions:
     try:
-        options = file.checked(["options"], document.options, FitOptions)
+        options = file.checked(["options"], document.options, SavedOptions).options()
     except FitError as error:  # of a value that no fit can have
         raise ModelFileError(f"{file.path}: {str(error).replace('option ', 'options.', 1)}") from None
     if options.noise is not None and not options.noise.is_possible:

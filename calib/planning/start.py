@@ -177,7 +177,7 @@ class FromRobot:
             noise_mm=self.noise_mm,
             effects=effects,
             tolerances=self.options.tolerances,
-            held=self.options.held,
+            held=self.options.fixed,
         )
 
     def poses_at(self, q: Array) -> Poses:

@@ -65,7 +65,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 @pytest.fixture(scope="module")
 def fitted(dataset: Dataset) -> Calibration:
-    asked = FitOptions(held=("d5",), tolerances={"a2": 0.1})
+    asked = FitOptions(fixed=("d5",), tolerances={"a2": 0.1})
     return calib.calibrate(dataset, asked, effects=effects_named(dataset, FAMILIES))
 
 

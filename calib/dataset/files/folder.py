@@ -133,11 +133,11 @@ def load_dataset(folder: str | Path) -> Dataset:
 
 def as_dataset(dataset: Dataset | str | Path) -> Dataset:
     """The dataset, read from its folder where a path is given. Raises DatasetError."""
-    if isinstance(dataset, Dataset):
-        return dataset
     if isinstance(dataset, str | Path):
         return load_dataset(dataset)
-    raise DatasetError(f"found a {type(dataset).__name__}, expected a Dataset or the path of its folder")
+    if not hasattr(dataset, "poses"):
+        raise DatasetError(f"found a {type(dataset).__name__}, expected a Dataset or the path of its folder")
+    return dataset
 
 
 def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
