@@ -37,6 +37,7 @@ FIRST_SET, FURTHER = 20, 5
 def plan(
     known: FittedResult | Dataset | Robot | str | Path,
     count: int | None = None,
+    options: FitOptions | None = None,
     *,
     purpose: str = CALIBRATION,
     criterion: str = "I",
@@ -55,6 +56,7 @@ def plan(
     Args:
         known: a calibration or diagnosis, a dataset or its folder, or a robot, its file or its name.
         count: number of poses; None: 20 for a robot, 8 check poses, else 5.
+        options: options of the fit of a dataset or robot.
         purpose: "calibration", "watch" (check poses), "split" (effects that a diagnosis could not tell apart), or names
             of effects with commas between.
         criterion: "I" (least error over the region) or "D" (best known parameters), for a calibration.
@@ -66,7 +68,7 @@ def plan(
         base_T_scanner: (4, 4) place of the scanner, where it is put up anew.
         seed: seed of the candidate poses.
         on_step: called with a line of text before each stage of a diagnosis.
-        **keywords: fields of `FitOptions`.
+        **keywords: fields of `FitOptions`, in place of those of `options`.
 
     Raises:
         CalibError: too few poses can be measured, or a purpose, effect or option that cannot be planned for.
@@ -76,18 +78,16 @@ def plan(
     >>> calib.plan(fit, 3)
     Plan(hidden_effect_a: 3 poses for calibration, predicted RMSE 0.06... -> 0.05... mm)
     """
-    options = fit_options(None, keywords)
+    options = fit_options(options, keywords)
     place = None if base_T_scanner is None else np.asarray(base_T_scanner, dtype=float)
+    start: FromFit | FromRobot
+    aim: Purpose | None = None if purpose == SPLIT else purpose_of(purpose, criterion, payload_kg=payload_kg)
     if isinstance(known, str | Path) and Path(known).is_dir():
         known = measured(known, orientation=options.residual == "pose")
-    start: FromFit | FromRobot
-    aim: Purpose
-    if purpose == SPLIT:
-        found = _diagnosed(known, options, effects, user_effects, on_step)
-        aim = open_set_of(found, payload_kg)
-        start, usual = aim.start, FURTHER
+    if aim is None:
+        split = open_set_of(_diagnosed(known, options, effects, user_effects, on_step), payload_kg)
+        aim, start, usual = split, split.start, FURTHER
     else:
-        aim = purpose_of(purpose, criterion, payload_kg=payload_kg)
         usual = CHECK_POSES if purpose == WATCH else FURTHER
         if isinstance(known, FittedResult):
             start = FromFit(known.calibration, place)
