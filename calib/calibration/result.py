@@ -66,7 +66,7 @@ class FittedResult:
 
     @property
     def parameters(self) -> pd.DataFrame:
-        """One row a free parameter: name, nominal, value, change, sigma, tolerance, unit, known."""
+        """One row per free parameter: name, nominal, value, change, sigma, tolerance, unit, known."""
         return self.calibration.to_frame()
 
     @property
@@ -272,7 +272,7 @@ class Calibration(Brief, FittedResult, Documented, Viewed):
             )
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a free parameter: name, nominal, value, change, sigma, tolerance, unit, and whether it is known.
+        """One row per free parameter: name, nominal, value, change, sigma, tolerance, unit, and whether it is known.
 
         A parameter is known where its sigma is below half of its tolerance.
         """

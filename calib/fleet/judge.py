@@ -62,7 +62,7 @@ class Task:
 
 @dataclass(frozen=True)
 class FoundCorners:
-    """Corners that were found in scans, one a pose."""
+    """Corners that were found in scans, one per pose."""
 
     poses: tuple[str, ...]  # (K,) ids
     xyz_mm: tuple[tuple[float, ...], ...]  # (K, 3)

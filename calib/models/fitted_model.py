@@ -101,7 +101,7 @@ class FittedModel(Brief):
 
     @property
     def parameters(self) -> pd.DataFrame:
-        """One row a free parameter: name, nominal, value, change, sigma, tolerance, unit."""
+        """One row per free parameter: name, nominal, value, change, sigma, tolerance, unit."""
         parameters = self.model.parameters
         return pd.DataFrame(
             {
@@ -241,7 +241,7 @@ class FittedModel(Brief):
         write_text_atomically(Path(path), self.to_json())
 
     def to_json(self) -> str:
-        """The content of model.json, a line a key (`model_document`)."""
+        """Content of model.json, one line per key (`model_document`)."""
         model, source = self.model, self.source
         loads, tool_found = model.loads_of, model.tool_found
         document = {

@@ -18,13 +18,13 @@ NotNegative = Annotated[float, Meta(ge=0.0, le=1e300)]
 
 
 def options_document(options: FitOptions) -> dict[str, Any]:
-    """Options of a fit as they are in the file, where the names of fixed parameters have the key `held`."""
+    """Options of a fit as in the file, where the fixed parameters have the key `held`."""
     document = asdict(options)
     return document | {"held": document.pop("fixed")}
 
 
 class SavedOptions(msgspec.Struct, frozen=True):
-    """Options of a fit, in the file of `options_document`."""
+    """Options of a fit, as `options_document` writes them."""
 
     residual: str = "position"
     prior: bool = True

@@ -62,6 +62,7 @@ class CheckItem:
 
     @property
     def status(self) -> str:
+        """Four characters at the start of the item's line: ok, FAIL, WARN or note."""
         if self.passed is None:
             return "WARN" if self.warning else "note"
         return "ok  " if self.passed else "FAIL"
@@ -79,6 +80,7 @@ class Check(Brief, Documented):
 
     @property
     def passed(self) -> bool:
+        """Whether no item failed."""
         return all(item.passed is not False for item in self.items)
 
     @property
@@ -92,6 +94,7 @@ class Check(Brief, Documented):
         return tuple(f"{f.name}: {f.description}" for f in self.items if f.warning)
 
     def summary(self) -> str:
+        """One line per item, then whether the dataset passed."""
         lines = [f"{f.status}  {f.name}: {f.description}" for f in self.items]
         count = len(self.warnings)
         more = f", with {count} warning{'s' if count > 1 else ''}" if count else ""

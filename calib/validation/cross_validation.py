@@ -57,6 +57,7 @@ class CrossValidation(Brief):
 
     @property
     def held_out(self) -> Figures:
+        """Errors at all held-out points."""
         assert self.after.test is not None
         return self.after.test
 
@@ -79,10 +80,12 @@ class CrossValidation(Brief):
 
     @property
     def sigma(self) -> SigmaCheck:
+        """Residual sigma of the fit to all poses, compared with the declared one."""
         return check_sigma(self.whole)
 
     @property
     def meaning(self) -> str:
+        """What the errors say of the fit, as a sentence."""
         before = self.before.test
         assert before is not None
         if not self.held_out.rmse_mm < before.rmse_mm:
@@ -103,6 +106,7 @@ class CrossValidation(Brief):
         return f"{words}; expect the held-out error at poses like these"
 
     def summary(self) -> str:
+        """Held-out and training errors, the spread of the folds, and what they say, a line each."""
         before, train = self.before.test, self.whole.after.train
         assert before is not None
         assert train is not None

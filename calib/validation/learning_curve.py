@@ -100,6 +100,7 @@ class LearningCurve(Brief):
 
     @property
     def meaning(self) -> str:
+        """Whether more poses would help, or what else would, as a sentence."""
         last = self.steps[-1]
         ratio = last.held_out_rmse_mm / last.train_rmse_mm if last.train_rmse_mm > 0.0 else 1.0
         if ratio < _FAR:
@@ -132,6 +133,7 @@ class LearningCurve(Brief):
         return f"{words}, and none are needed: the residual shows nothing but the declared noise"
 
     def summary(self) -> str:
+        """A table with one row per count, and what the curve says."""
         rows = [
             f"{step.poses:6d} {step.train_rmse_mm:13.4g} {step.held_out_rmse_mm:13.4g} {step.spread_mm:9.2g} "
             f"{step.sigma_mm:9.4g}"
