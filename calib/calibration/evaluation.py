@@ -16,6 +16,7 @@ from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.repeats import in_repeat_groups_of
+from calib.display.brief import Brief
 from calib.fitting.model import Model
 from calib.fitting.observations import (
     Observations,
@@ -40,7 +41,7 @@ class Figures:
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class Evaluation(Brief):
     """Errors of a model at all M measured points of a dataset with N poses, and at its K distances."""
 
     pose: IndexArray  # (M,)

@@ -13,6 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
@@ -40,9 +42,10 @@ from calib.diagnosis.moves import (
 )
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import MAX_EFFECTS, SearchSpace, first_fit, step_after
-from calib.effects.catalogue import effects_named
+from calib.effects.catalogue import EffectChoice, effects_named
 from calib.effects.effect import Family
-from calib.options import FitOptions
+from calib.measurement.measured_dataset import measured
+from calib.options import FitFields, FitOptions, fit_options
 from calib.progress import OnStep, staged
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR
 from calib.screening.curves.smooth_joint_error import LEARNED
@@ -56,32 +59,43 @@ MAX_OUTLIER_SHARE = 0.1  # share of poses that may stand out and still be called
 
 @one_blas_thread()
 def diagnose(
-    dataset: Dataset,
-    options: FitOptions = FitOptions(),
+    dataset: Dataset | str | Path,
+    options: FitOptions | None = None,
     *,
-    effects: Sequence[str] = (),
+    effects: EffectChoice | Sequence[EffectChoice] = (),
     user_effects: Sequence[Family] = (),
     max_steps: int = MAX_EFFECTS,
     progress: bool = False,
     on_step: OnStep | None = None,
+    **keywords: Unpack[FitFields],
 ) -> Diagnosis:
-    """Find what is missing from the five-parameter model.
+    """Verdict on which physical effects are missing from the five-parameter model, with the evidence for each.
 
     Where effects are left that these data cannot tell apart, `calib.planning.discrimination.next_poses` has the poses
     to measure next; the diagnosis' own `summary()` and `to_dict()` include them.
 
     Args:
-        dataset: with measured points; test poses are used to confirm only.
-        options: what is asked of every fit.
-        effects: families that are taken as present from the start, all joints.
+        dataset: a dataset or its folder; test poses only confirm. Where it holds scans only, corners are found first.
+        options: options of every fit.
+        effects: effects that are in the model from the start: names of the catalogue, families, or single members.
         user_effects: families beyond the catalogue.
-        max_steps: effects to add at the most.
+        max_steps: largest number of effects to add.
         progress: show the stage under way, in a notebook's cell or at the terminal.
         on_step: called with a line of text before each stage.
+        **keywords: fields of `FitOptions`, in place of those of `options`.
 
     Raises:
-        FitError, CalibError: too few poses, an unknown name.
+        FitError, CalibError: too few poses, an unknown name, an impossible option.
+
+    >>> import calib
+    >>> found = calib.diagnose("sample_data/hidden_effect_a")
+    >>> found
+    Diagnosis(hidden_effect_a: named, effects: transmission_error; test RMSE 2.32 -> 0.1 mm)
+    >>> found.predict(found.calibration.dataset.poses.q[:2]).shape
+    (2, 3)
     """
+    options = fit_options(options, keywords)
+    dataset = measured(dataset, orientation=options.residual == "pose")
     space = SearchSpace.of(
         dataset,
         options,

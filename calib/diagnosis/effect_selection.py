@@ -16,6 +16,7 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
+from calib.display.brief import Brief
 from calib.effects.catalogue import available_family
 from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError, FitError
@@ -28,7 +29,7 @@ GEOMETRY = "link errors"
 
 
 @dataclass(frozen=True)
-class SelectedEffect:
+class SelectedEffect(Brief):
     """An effect in the model: the members that carry it, and the prior sigmas of their parameters."""
 
     name: str
@@ -42,7 +43,7 @@ class SelectedEffect:
 
 
 @dataclass(frozen=True)
-class FitStep:
+class FitStep(Brief):
     """One fit on the way from the link errors to a model with the effects that are missing from it."""
 
     label: str  # the change of the model: "link errors", "+ backlash", "− backlash"

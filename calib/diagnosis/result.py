@@ -7,15 +7,17 @@ from functools import cached_property
 
 import pandas as pd
 
+from calib.calibration.result import FittedResult
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.diagnosis.explanation import explain
 from calib.diagnosis.verdict import Conclusion, Findings, conclude
 from calib.diagnosis.words.sentences import Explanation
+from calib.display.brief import Brief, errors_in_short
 from calib.display.shown import Documented, Viewed
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis(Findings, Documented, Viewed):
+class Diagnosis(Brief, Findings, FittedResult, Documented, Viewed):
     """The findings on a dataset and the verdict.
 
     Poses that would tell confounded effects apart are chosen on demand: `calib.planning.discrimination.next_poses`.
@@ -79,3 +81,8 @@ class Diagnosis(Findings, Documented, Viewed):
                 }
             )
         return pd.DataFrame(rows).astype({"p_value": float, "margin": float})  # None is NaN
+
+    def _brief(self) -> str:
+        last, first = self.calibration, self.steps[0].calibration
+        named = ", ".join(self.named) or "none"
+        return f"{last.dataset.name}: {self.verdict}, effects: {named}; {errors_in_short(first.before, last.after)}"

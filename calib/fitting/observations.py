@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.dataset.dataset import Dataset, Points, Poses
+from calib.display.brief import Brief
 from calib.effects.state import RobotState, Seen
 from calib.errors import FitError
 from calib.fitting.model import Model, geometric_model, place_of_target
@@ -52,7 +53,7 @@ BEST_SIGMA_MM = 0.01
 
 
 @dataclass(frozen=True)
-class Observations:
+class Observations(Brief):
     """M measured points of some poses with their covariances and, where known, the scanner's frames."""
 
     poses: Poses

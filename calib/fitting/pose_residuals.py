@@ -25,6 +25,7 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.dataset.dataset import Dataset
+from calib.display.brief import Brief
 from calib.effects.effect import Parameter
 from calib.errors import FitError
 from calib.fitting.model import Model
@@ -66,7 +67,7 @@ class FramesAndHandEye:
 
 
 @dataclass(frozen=True)
-class PoseResiduals:
+class PoseResiduals(Brief):
     """Predicted minus measured poses, whitened; scanner frames and hand-eye rotation are solved for at every x."""
 
     model: Model

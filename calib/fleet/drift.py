@@ -1,4 +1,4 @@
-"""What changed of one arm from one dataset to the next, by `calib.monitoring.watch`."""
+"""Changes of one arm from one dataset to the next, by `calib.monitoring.watch`."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from calib.monitoring.kinds import BASE, JIG, NOISE, SCANNER
 from calib.monitoring.watch import watch
 
 NOT_OF_THE_ARM = (SCANNER, BASE, JIG, NOISE)
-"""Changes that are none of the arm itself."""
+"""Kinds of changes that are not of the arm itself."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """One thing that changed, as `watch` has it."""
+    """One change as `watch` found it."""
 
     what: str
     joint: int | None  # counted from 1
@@ -35,20 +35,20 @@ class Change:
 
 @dataclass(frozen=True)
 class Drift:
-    """Two datasets of one arm, the earlier one's calibration held against the later one's points."""
+    """Changes between two datasets of one arm: the later points compared with the earlier calibration."""
 
     base: str  # path
     later: str
     verdict: str  # unchanged, changed, unclear; "" where they cannot be compared
     changes: tuple[Change, ...]
-    rmse_mm: float | None  # of the later points by the earlier calibration
-    expected_mm: float | None  # of that by noise alone
+    rmse_mm: float | None  # 3D error of the later points by the earlier calibration
+    expected_mm: float | None  # part of rmse_mm that noise alone makes
     words: str  # one line
-    settled: bool = True  # whether another try with the same files would say the same
+    settled: bool = True  # whether another try with the same files would give the same
 
     @property
     def of_the_arm(self) -> tuple[Change, ...]:
-        """The changes that the arm must answer for, where that is clear."""
+        """Changes of the arm itself, where the verdict is clear."""
         clear = self.verdict == "changed"
         return tuple(c for c in self.changes if clear and c.what not in NOT_OF_THE_ARM)
 
@@ -60,7 +60,7 @@ class DriftTask:
     folder: str
     base: str
     later: str
-    effects: tuple[str, ...]  # that the earlier dataset's diagnosis claims
+    effects: tuple[str, ...]  # claimed by the earlier dataset's diagnosis
     base_corners: FoundCorners | None
     later_corners: FoundCorners | None
     options: FleetOptions
@@ -68,10 +68,10 @@ class DriftTask:
 
 
 def consecutive(rows: Iterable[Row]) -> list[tuple[Row, Row]]:
-    """Pairs of datasets of one arm: each with the last one of an earlier date that carried a fit.
+    """Pairs of datasets of one arm: each dataset with the last one of an earlier date that was fitted.
 
-    Those without a serial number or a date are in none. A few check poses carry no fit and are held against the last
-    calibration before them.
+    Datasets without a serial number or a date are in no pair. A few check poses are too few for a fit and are compared
+    with the last calibration before them.
     """
     dated = sorted((row for row in rows if row.serial and row.date), key=lambda row: (row.arm, row.date, row.path))
     out = []
@@ -85,7 +85,7 @@ def consecutive(rows: Iterable[Row]) -> list[tuple[Row, Row]]:
 
 
 def compare(task: DriftTask) -> Drift:
-    """Hold the later points against the earlier calibration. What cannot be compared says why."""
+    """Changes between two datasets of an arm; where they cannot be compared, a Drift that says why."""
     if task.own_process:
         one_blas_thread_for_good()
     try:
@@ -100,7 +100,7 @@ def compare(task: DriftTask) -> Drift:
 
 
 def not_compared(task: DriftTask, reason: str) -> Drift:
-    """Two datasets that say nothing of each other."""
+    """The Drift of two datasets that could not be compared, with the reason."""
     return Drift(task.base, task.later, "", (), None, None, one_line(reason), settled=False)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.dataset.dataset import Poses
+from calib.display.brief import Brief
 from calib.display.shown import Documented, Viewed
 from calib.effects.catalogue import family_of
 from calib.effects.effect import Effect, Family, full_name
@@ -41,7 +42,7 @@ _FURTHER = 40  # poses beyond the plan, to see when more no longer pay
 
 
 @dataclass(frozen=True)
-class Plan(Documented, Viewed):
+class Plan(Brief, Documented, Viewed):
     """The poses to measure, in the order of measuring, and what they are good for."""
 
     start: Start
@@ -58,6 +59,10 @@ class Plan(Documented, Viewed):
     model: tuple[str, ...]  # families beside the link errors
     told: tuple[str, ...]  # what the plan does for its purpose
     notes: tuple[str, ...]  # what was assumed, and what the prediction cannot know
+
+    def _brief(self) -> str:
+        error = f"predicted RMSE {self.now.geometry_mm:.3g} -> {self.then.geometry_mm:.3g} mm"
+        return f"{self.start.dataset.name}: {len(self.poses)} poses for {self.purpose.name}, {error}"
 
 
 @one_blas_thread()

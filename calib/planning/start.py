@@ -14,6 +14,7 @@ from calib.array_types import Array
 from calib.calibration.noise_level import check_sigma
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset, Poses
+from calib.display.brief import Brief
 from calib.effects.effect import Effect
 from calib.errors import CalibError
 from calib.fitting.observations import conditions_at
@@ -63,7 +64,7 @@ class Start(Protocol):
 
 
 @dataclass(frozen=True)
-class FromFit:
+class FromFit(Brief):
     """The next poses of a calibration; from where its scanner stood last, or from a further place."""
 
     calibration: Calibration
@@ -176,7 +177,7 @@ class FromRobot:
             noise_mm=self.noise_mm,
             effects=effects,
             tolerances=self.options.tolerances,
-            held=self.options.held,
+            held=self.options.fixed,
         )
 
     def poses_at(self, q: Array) -> Poses:

@@ -8,13 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
-from calib.calibration.result import Calibration
+from calib.calibration.calibrate import as_calibration
+from calib.calibration.result import FittedResult
+from calib.dataset.dataset import Dataset
+from calib.display.brief import Brief
+from calib.effects.catalogue import effects_for
 from calib.effects.effect import Effect, Family, full_name
 from calib.screening.evidence import Evidence, holm, most_columns
 from calib.screening.left_out import cross_validated_rmse_mm
@@ -36,7 +41,7 @@ class Value:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Candidate(Brief):
     """A family with the evidence for it."""
 
     family: Family
@@ -55,6 +60,9 @@ class Candidate:
     def name(self) -> str:
         return self.family.name
 
+    def _brief(self) -> str:
+        return f"{self.name}: log evidence {self.log_evidence:.3g}, p {self.p_value:.2g}"
+
 
 @dataclass(frozen=True)
 class Untestable:
@@ -67,7 +75,7 @@ class Untestable:
 
 
 @dataclass(frozen=True)
-class Screening:
+class Screening(Brief):
     """Tests of all families against the residual of one fit, the highest log evidence first."""
 
     projected: ProjectedResidual
@@ -88,10 +96,25 @@ class Screening:
             }
         )
 
+    def _brief(self) -> str:
+        best = ", ".join(f"{one.name} {one.log_evidence:.3g}" for one in self.candidates[:3]) or "none"
+        return f"{len(self.candidates)} candidates, best by log evidence: {best}; {len(self.untestable)} untestable"
+
 
 @one_blas_thread()
-def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
-    """Test every family that is not in the model of a fit against its residual."""
+def screen(fitted: FittedResult | Dataset | str | Path, families: Sequence[Family] | None = None) -> Screening:
+    """Evidence of every family that is not yet in a model, by the residual of its fit; see `Candidate`.
+
+    Args:
+        fitted: a calibration, or a dataset or its folder, to which the link errors are fitted first.
+        families: candidates; those of the catalogue where None.
+
+    >>> import calib
+    >>> calib.screen("sample_data/hidden_effect_a").candidates[0]
+    Candidate(transmission_error: log evidence 145, p ...)
+    """
+    calibration = as_calibration(fitted)
+    families = effects_for(calibration.dataset) if families is None else families
     projected = project_residual(calibration)
     present = set(calibration.model.family_names)
     untestable: list[Untestable] = []

@@ -10,6 +10,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.calibration.pose_errors import directions_at
 from calib.calibration.result import Calibration
+from calib.display.brief import Brief
 from calib.effects.effect import is_held_by_prior
 from calib.effects.state import RobotState
 from calib.errors import FitError
@@ -24,7 +25,7 @@ _KNOWN_OF_CURVES = 1.0  # with learned curves, which may have more parameters th
 
 
 @dataclass(frozen=True)
-class ProjectedResidual:
+class ProjectedResidual(Brief):
     """Whitened residual of a fit, and the directions that were projected out of it.
 
     N used poses, M measured points, R = 3 M rows, P parameters, S entries of the state.

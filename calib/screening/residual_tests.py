@@ -18,6 +18,7 @@ from calib.blas_threads import one_blas_thread
 from calib.calibration.noise_level import noise_of_repeats
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import SIGMA_DOUBT
+from calib.display.brief import Brief
 from calib.distributions import chi2_sf, f_sf
 from calib.screening.projected_residual import ProjectedResidual
 from calib.screening.scan_statistic import Channel, ScanStatistic, sum_by_pose
@@ -40,7 +41,7 @@ class InputTest:
 
 
 @dataclass(frozen=True)
-class ResidualTests:
+class ResidualTests(Brief):
     """Results of all tests of the residual of one fit."""
 
     lack_of_fit_p: float | None  # of the residual's size against the noise; None where no noise is known

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
@@ -15,39 +17,42 @@ from calib.calibration.plausibility import implausibility_reason, outlier_hint, 
 from calib.calibration.result import Calibration, declared_sigma_mm, is_declared
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import as_dataset
 from calib.dataset.repeats import Repeats, find_repeats, pooled_sigma_mm, scatter_against_covariances
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.conclusion_text import promise_text, verdict_text
 from calib.diagnosis.words.phrases import listed
+from calib.display.brief import Brief
 from calib.display.shown import Documented
-from calib.effects.catalogue import effects_named
+from calib.effects.catalogue import EffectChoice, effects_named
 from calib.effects.effect import Family
 from calib.errors import FitError
 from calib.identifiability.structural import fewest_poses
 from calib.measurement.measured_points import failed_searches, with_corners
-from calib.options import FitOptions
+from calib.options import FitFields, FitOptions, fit_options
 from calib.scans.scan import PointCount
+from calib.targets.batch import find_targets
 from calib.targets.search import ScanSearch
 from calib.validation.cross_validation import SUSPICIOUS, noise_ratio
 from calib.validation.remounting import remounting
 from calib.validation.splits import training_groups
 
 MAX_SIGMA_RATIO = 100.0
-"""Residual sigma over the declared one, beyond which the arm is not calibrated, whatever the improvement."""
-MIN_SIGMA_RATIO = 1.0 / 1.5  # the same, below which sigma was declared too large, unless by chance
+"""Residual sigma over the declared sigma, beyond which the arm is not calibrated, whatever the improvement."""
+MIN_SIGMA_RATIO = 1.0 / 1.5  # ratio below which sigma was declared too large, unless by chance
 MAX_LEFT_RATIO = 10.0
-"""The same for the model that the diagnosis ends with: what is left then has a cause that no one knows."""
+"""Largest ratio for the model at the end of the diagnosis; above it the residual has an unknown cause."""
 UNSETTLED = ("unexplained", "ambiguous", "outliers")
-"""Verdicts that are a warning: something is left that has no name."""
-_NO_NOISE_MM = 1e-6  # where none is declared
-_MORE_SCATTER, _BY_CHANCE = 1.5, 0.001  # of repeats, over what their covariances say
-MAX_SHARE_DROPPED = 0.5  # of a scan's points that have no value; more is a warning
+"""Verdicts that are a warning: the residual has a cause without a name."""
+_NO_NOISE_MM = 1e-6  # floor where no noise is declared
+_MORE_SCATTER, _BY_CHANCE = 1.5, 0.001  # scatter of repeats over their covariances, and its p-value, for a warning
+MAX_SHARE_DROPPED = 0.5  # share of a scan's points without a value; more is a warning
 
 
 @dataclass(frozen=True)
 class CheckItem:
-    """The result of one step. `passed` is None where it is a note only, or a warning."""
+    """Result of one step of a check. `passed` is None for a note or a warning."""
 
     name: str
     passed: bool | None
@@ -56,14 +61,15 @@ class CheckItem:
 
     @property
     def status(self) -> str:
+        """Four characters at the start of the item's line: ok, FAIL, WARN or note."""
         if self.passed is None:
             return "WARN" if self.warning else "note"
         return "ok  " if self.passed else "FAIL"
 
 
 @dataclass(frozen=True)
-class Check(Documented):
-    """All items of a dataset. It passes where none failed."""
+class Check(Brief, Documented):
+    """Items of a dataset's check; it passes where none failed."""
 
     dataset: Dataset  # with the points that were judged
     items: tuple[CheckItem, ...]
@@ -73,6 +79,7 @@ class Check(Documented):
 
     @property
     def passed(self) -> bool:
+        """Whether no item failed."""
         return all(item.passed is not False for item in self.items)
 
     @property
@@ -86,32 +93,48 @@ class Check(Documented):
         return tuple(f"{f.name}: {f.description}" for f in self.items if f.warning)
 
     def summary(self) -> str:
+        """One line per item, then whether the dataset passed."""
         lines = [f"{f.status}  {f.name}: {f.description}" for f in self.items]
         count = len(self.warnings)
         more = f", with {count} warning{'s' if count > 1 else ''}" if count else ""
         return "\n".join([*lines, f"{self.dataset.name}: {'passed' if self.passed else 'NOT GOOD ENOUGH'}{more}"])
 
+    def _brief(self) -> str:
+        failed = ", ".join(item.name for item in self.items if item.passed is False)
+        verdict = "passed" if self.passed else f"failed: {failed}"
+        return f"{self.dataset.name}: {verdict}, {len(self.warnings)} warnings"
+
 
 def check(
-    dataset: Dataset,
+    dataset: Dataset | str | Path,
     searches: Mapping[str, CornerSearch] | None = None,
-    options: FitOptions = FitOptions(),
+    options: FitOptions | None = None,
     *,
-    effects: Sequence[str] = (),
+    effects: EffectChoice | Sequence[EffectChoice] = (),
     user_effects: Sequence[Family] = (),
     max_test_rmse_mm: float | None = None,
     on_step: Callable[[str], None] | None = None,
+    **keywords: Unpack[FitFields],
 ) -> Check:
-    """Check a dataset from its corners to its held-out error, and diagnose what is missing from the model.
+    """Acceptance of a dataset: every step from its corners to its held-out error, and a diagnosis, passed or failed.
 
     Args:
-        searches: of the scans, by pose id, where the points come from them.
-        options: what is asked of the fit; the diagnosis looks at positions.
-        effects: families that are taken as present, all joints.
+        dataset: a dataset or its folder.
+        searches: searches of its scans by pose id, where it has no points; None: the scans are searched first.
+        options: options of the fit; the diagnosis is of positions.
+        effects: effects that are in the model: names of the catalogue, families, or single members.
         user_effects: families beyond the catalogue.
-        max_test_rmse_mm: the largest 3D RMSE of the test poses that passes; where None, less than before.
+        max_test_rmse_mm: largest 3D RMSE of the test poses that passes; None: any below that of the nominal robot.
         on_step: called with a line of text before each stage of the diagnosis.
+        **keywords: fields of `FitOptions`, in place of those of `options`.
+
+    >>> import calib
+    >>> calib.check("sample_data/hidden_effect_a")
+    Check(hidden_effect_a: passed, 1 warnings)
     """
+    options, dataset = fit_options(options, keywords), as_dataset(dataset)
+    if searches is None and dataset.points is None and dataset.scan_folder is not None:
+        searches = find_targets(dataset, intermediate=False)
     items = [CheckItem("dataset", None, warning, warning=True) for warning in dataset.warnings]
     items += [CheckItem("dataset", None, note) for note in dataset.notes]
     if searches:
@@ -139,7 +162,7 @@ def check(
                 user_effects=user_effects,
                 on_step=on_step,
             )
-            tied = listed(diagnosis.ambiguous_set, "or")  # the reasons are no part of a check
+            tied = listed(diagnosis.ambiguous_set, "or")  # a check lists no reasons
             words = verdict_text(diagnosis.explanation.verdict, reasons="by inspector diagnose", tied=tied)
             if diagnosis.data_problem is not None:
                 items.append(CheckItem("data", False, diagnosis.data_problem.words))
@@ -209,10 +232,10 @@ def _repeats(dataset: Dataset, repeats: tuple[Repeats, ...]) -> CheckItem:
 
 
 def _against_training(calibration: Calibration, train: Figures, test: Figures) -> CheckItem:
-    """The test error as a multiple of the training error, against the ratio that noise explains (`noise_ratio`).
+    """The test error over the training error, compared with the ratio that noise explains (`noise_ratio`).
 
-    A warning where it is larger: the training error is then not to be expected elsewhere. None where the test error is
-    no more than the noise, as declared or as repeats show it.
+    It is a warning where the ratio is larger, unless the test error is no more than the noise, declared or by repeats:
+    the training error is then not to be expected elsewhere.
     """
     ratio, expected = test.rmse_mm / train.rmse_mm, noise_ratio(calibration.fit)
     name, words = "test against training", f"{ratio:.2f} times the training error"
@@ -234,7 +257,7 @@ def _against_training(calibration: Calibration, train: Figures, test: Figures) -
 
 
 def _floor_mm(level: NoiseLevel) -> float:
-    """What noise alone leaves; as the fit left it, that is the training error again, which explains nothing."""
+    """Error that noise alone leaves, mm; nearly 0 where the noise is known from the fit's own residual only."""
     return level.floor_mm or _NO_NOISE_MM if level.source != FIT else _NO_NOISE_MM
 
 
@@ -268,10 +291,10 @@ def _test_poses(calibration: Calibration, max_test_rmse_mm: float | None) -> lis
 
 
 def _promise(diagnosis: Diagnosis) -> list[CheckItem]:
-    """Whether the test poses are off by no more than the model that the diagnosis ends with promises."""
+    """Whether the test poses' error is no more than the model at the end of the diagnosis predicts."""
     last, tests = diagnosis.calibration, diagnosis.residual_tests
     noise_mm, noise_from = tests.noise_mm, tests.noise_from
-    if last.sigma_mm > noise_mm:  # what is left beside the noise is told already, and the promise is by all of it
+    if last.sigma_mm > noise_mm:  # an excess over the noise has an item of its own; the promise includes it
         noise_mm, noise_from = last.sigma_mm, "fit"
     test = held_out_test(last, noise_mm, noise_from)
     if test is None:
@@ -283,13 +306,13 @@ def _promise(diagnosis: Diagnosis) -> list[CheckItem]:
 
 
 def _too_good(name: str, calibration: Calibration) -> list[CheckItem]:
-    """A failure of a fit that leaves far less than the declared noise; a warning where none is declared."""
+    """A failure of a fit that leaves far less than the declared noise; a warning where no noise is declared."""
     words, declared = too_good(calibration), is_declared(calibration.dataset)
     return [CheckItem(name, False if declared else None, words, warning=not declared)] if words else []
 
 
 def _left_by_diagnosis(diagnosis: Diagnosis) -> list[CheckItem]:
-    """A failure where the model at the end leaves many times the declared noise, or far too little, or is no arm."""
+    """A failure where the last model leaves many times the declared noise, or far too little, or is implausible."""
     last = diagnosis.calibration
     doubt = implausibility_reason(last) if last.model.added_effects else ""
     if doubt:
@@ -300,14 +323,14 @@ def _left_by_diagnosis(diagnosis: Diagnosis) -> list[CheckItem]:
         return []
     what = " with ".join(["the links", *(["all that was found"] if last.model.family_names else [])])
     words = (
-        f"{last.sigma_mm:.4g} mm a coordinate are left by {what}, {last.fit.reduced_chi:.3g} times the declared sigma: "
-        "the arm is not calibrated to what was measured, or sigma was declared far too small"
+        f"{last.sigma_mm:.4g} mm per coordinate are left by {what}, {last.fit.reduced_chi:.3g} times the declared "
+        "sigma: the arm is not calibrated to what was measured, or sigma was declared far too small"
     )
     return [CheckItem("noise", False, words)]
 
 
-def _beside_the_noise(calibration: Calibration) -> str:
-    """What the residual's sigma is beside the noise, and where that is known from."""
+def _over_noise_text(calibration: Calibration) -> str:
+    """The residual's sigma as a multiple of the noise, as text, and the source of the noise."""
     level = noise_level(calibration)
     if level.is_declared:
         return f", {calibration.fit.reduced_chi:.3g} times the declared sigma"
@@ -323,7 +346,7 @@ def _residual(calibration: Calibration) -> list[CheckItem]:
         return []
     meaning = ""
     declared = is_declared(calibration.dataset)
-    ratio_words = _beside_the_noise(calibration)
+    ratio_words = _over_noise_text(calibration)
     doubt = implausibility_reason(calibration)
     if not doubt and (surprise := _too_good("residual", calibration)):
         return surprise
@@ -335,5 +358,5 @@ def _residual(calibration: Calibration) -> list[CheckItem]:
         meaning = ": more than noise is left; something is missing from the model, or sigma was declared too small"
     elif declared and noise < MIN_SIGMA_RATIO and check_sigma(calibration).verdict == "below":
         meaning = ": clearly less than was declared; sigma was declared too large, and small effects are doubted for it"
-    words = f"{calibration.sigma_mm:.4g} mm a coordinate{ratio_words}{meaning}"
+    words = f"{calibration.sigma_mm:.4g} mm per coordinate{ratio_words}{meaning}"
     return [CheckItem("residual", False if doubt else None, words, warning=bool(meaning) and not doubt)]

@@ -6,8 +6,7 @@ import sys
 from datetime import datetime
 from pathlib import Path
 
-from calib.compensation.corrected_file import corrected_file
-from calib.compensation.targets_csv import load_targets, require_conditions
+from calib.compensation.target_files import corrected_file, load_targets, require_conditions
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.diagnosis.diagnose import diagnose
@@ -20,7 +19,6 @@ from calib.diagnosis.words.text import explanation_text
 from calib.effects.catalogue import effects_named
 from calib.errors import CalibError, DatasetError, visible
 from calib.measurement.measured_points import require_corners, with_corners
-from calib.models.fitted_model import FittedModel
 from calib.models.model_file import save_model
 from calib.planning.discrimination import NextPoses, explanation_of, next_poses
 from calib.robot_formats.programs import is_point_list, require_point_list
@@ -76,9 +74,9 @@ def run_correct(options: CorrectOptions) -> int:
     require_plausible(result, options.force)
     if result.tool_shift is not None:
         print(visible(f"inspector: warning: {result.tool_shift.words}"), file=sys.stderr)
-    model, ids = FittedModel.of(result), targets.poses.ids
+    model, ids = result.fitted_model, targets.poses.ids
     require_conditions(targets, model.needs, result.model.family_names)
-    correction = model.corrected_joints(targets.poses.q, targets.poses, options.what, dataset.robot, ids)
+    correction = model.correct(targets.poses.q, targets.poses, options.what, dataset.robot, ids)
     write_text_atomically(options.out, corrected_file(options.out, targets, correction))
     show(options, documents.correction_document(correction, ids), correction.summary(ids))
     return 0 if correction.reached.all() else 1

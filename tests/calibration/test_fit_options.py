@@ -26,7 +26,7 @@ from calib.validation.learning_curve import learning_curve
 from inspector.session.transitions import Session, with_effect, with_screening, with_steps
 
 ASKED = [
-    FitOptions(held=("a2", "beta3")),
+    FitOptions(fixed=("a2", "beta3")),
     FitOptions(tolerances={"a2": 0.01}),
     FitOptions(robust=True),
     FitOptions(prior=False),
@@ -107,9 +107,9 @@ def test_an_effect_is_added_to_a_session_as_was_asked(dataset: Dataset, asked: F
 def test_comparison_holds_only_what_the_link_errors_have(dataset: Dataset) -> None:
     effects = next(f.members for f in effects_for(dataset) if f.name == "transmission_error")
     held = calibrate(dataset, effects=effects).fit.parameters[-1].name
-    full = calibrate(dataset, FitOptions(held=("a2", held)), effects=effects)
+    full = calibrate(dataset, FitOptions(fixed=("a2", held)), effects=effects)
     links = versions(full)[1].calibration
-    assert links.options == FitOptions(held=("a2",))
+    assert links.options == FitOptions(fixed=("a2",))
     assert versions(full, links)[1].calibration is links
 
 
@@ -124,9 +124,9 @@ def test_every_step_of_a_diagnosis_is_fitted_as_was_asked(dataset: Dataset, aske
 
 @pytest.mark.slow
 def test_every_fold_and_every_draw_is_fitted_as_was_asked(dataset: Dataset) -> None:
-    asked = FitOptions(held=("a2", "beta3"), robust=True)
+    asked = FitOptions(fixed=("a2", "beta3"), robust=True)
     whole = cross_validate(dataset, asked, folds=3).whole
     assert whole.options == asked
     assert whole.fit.x.size == calibrate(dataset).fit.x.size - 2
     with pytest.raises(FitError, match="nix"):
-        learning_curve(dataset, FitOptions(held=("nix",)))
+        learning_curve(dataset, FitOptions(fixed=("nix",)))

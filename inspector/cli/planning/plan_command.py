@@ -20,6 +20,7 @@ from calib.planning.plan import plan_poses
 from calib.planning.purpose import WATCH, Purpose
 from calib.planning.purposes.by_name import purpose_of
 from calib.planning.purposes.confounded_effects import SPLIT, ForDiscrimination, for_confounded
+from calib.planning.purposes.planned import FIRST_SET, FURTHER
 from calib.planning.purposes.watching import CHECK_POSES
 from calib.planning.scanner_place import scanner_at
 from calib.planning.start import FromFit, FromRobot
@@ -36,8 +37,6 @@ from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import stages
 from inspector.cli.robots.reading import reading_of
 from inspector.export.plan_files import check_plan_file, planned_file
-
-FIRST_SET, FURTHER = 20, 5
 
 
 def run_plan(options: PlanOptions) -> int:

@@ -217,7 +217,7 @@ def test_diagnose_writes_its_model_and_the_report_fits_as_asked(
     saved = load_model(model)
     assert saved.after.test is not None
     assert saved.after.test.rmse_mm == pytest.approx(found["steps"][-1]["test_rmse_mm"])
-    assert saved.options.held == ("d5",)
+    assert saved.options.fixed == ("d5",)
     reported = run_json(capsys, "report", points_folder, *asked, "--out", page)
     assert reported["steps"] == found["steps"]
     assert found["left_out"] == reported["left_out"] == [pose]

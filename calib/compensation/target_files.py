@@ -1,6 +1,6 @@
-"""Tables of joint targets: those of a robot program, read, and the corrected ones, written.
+"""Files of joint targets: a robot program's table, read, and the corrected targets as a table or point list, written.
 
-The columns are those of poses.csv; only the joints' are needed. `pose` names a target, conditions (payload_kg,
+Columns are those of poses.csv, and only the joints are required. `pose` names a target, conditions (payload_kg,
 temperature_c, time_s, approach1 ...) are for effects that depend on them, any other column may be for effects of the
 user's own file; all columns are kept.
 """
@@ -30,19 +30,20 @@ from calib.dataset.files.robot_toml import degrees
 from calib.dataset.input_names import CONDITIONS
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
+from calib.robot_formats.programs import JointTarget, is_point_list, point_list, require_point_list
 from calib.text_files.csv_text import frame_csv
 
 
 @dataclass(frozen=True)
 class Targets:
-    """Joint targets as poses, and the file that they came from."""
+    """Joint targets as poses, and the file they were read from."""
 
     poses: Poses
     file: TableFile
 
 
 def load_targets(path: Path, robot: Robot) -> Targets:
-    """Read the joint targets of a robot. Raises DatasetError, naming line and column."""
+    """Joint targets for a robot, read from a table. Raises DatasetError, naming line and column."""
     if path.is_dir():
         raise DatasetError(f"{path}: is a folder; name a table of joint targets")
     if not path.exists():
@@ -70,8 +71,8 @@ def require_conditions(targets: Targets, needed: Sequence[str], families: Sequen
     """Raise DatasetError where the table lacks a column that the calibrated arm depends on.
 
     Args:
-        targets: as they were read.
-        needed: columns, as `calib.compensation.target_correction.needed_columns` finds them.
+        targets: the targets as they were read.
+        needed: columns that `calib.compensation.target_correction.needed_columns` returns.
         families: names of the model's effects.
     """
     missing = [column for column in needed if column not in targets.file]
@@ -83,7 +84,7 @@ def require_conditions(targets: Targets, needed: Sequence[str], families: Sequen
 
 
 def corrected_table(targets: Targets, correction: Correction) -> str:
-    """The table with corrected joints as CSV text; `reached` says which targets are, the joints of others are empty."""
+    """The table with corrected joints as CSV text; `reached` is false for missed targets, whose joints are empty."""
     robot = correction.robot
     cells = targets.file.cells.copy()
     commanded = robot.commands_of(correction.q)
@@ -95,3 +96,28 @@ def corrected_table(targets: Targets, correction: Correction) -> str:
         ]
     cells["reached"] = ["true" if reached else "false" for reached in correction.reached]
     return frame_csv(cells)
+
+
+def corrected_file(path: Path, targets: Targets, correction: Correction) -> str:
+    """Content of a file of corrected targets: a controller's point list by its suffix, else the table."""
+    if is_point_list(path):
+        return corrected_points(path, correction, targets.poses.ids)
+    return corrected_table(targets, correction)
+
+
+def corrected_points(path: Path, correction: Correction, ids: Sequence[str]) -> str:
+    """The reached targets in the language of the file's suffix; the others as comments with the reason.
+
+    Raises as `require_point_list`.
+    """
+    require_point_list(path, correction.robot.is_revolute.tolist())
+    commanded = correction.robot.commands_of(correction.q)
+    reasons = (
+        "" if reached else reason for reached, reason in zip(correction.reached, correction.reasons, strict=True)
+    )
+    listed = [JointTarget(*one) for one in zip(ids, commanded, reasons, strict=True)]
+    heading = (
+        f"Joint targets of {correction.robot.name}, corrected for the calibrated arm ({correction.kind}).",
+        f"{int(correction.reached.sum())} of {len(listed)} targets are reached.",
+    )
+    return point_list(path, listed, heading)
