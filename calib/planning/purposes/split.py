@@ -9,6 +9,7 @@ from calib.dataset.dataset import Poses
 from calib.diagnosis.findings import Findings
 from calib.diagnosis.open_sets import Doubt, doubts_of
 from calib.errors import CalibError
+from calib.planning.outcome import DiscriminationOutcome, SeparationReason
 from calib.planning.purpose import Situation
 from calib.planning.start import FromFit, Start
 from calib.screening.rivals.further_poses import under_conditions
@@ -59,37 +60,25 @@ class ForSplit:
     def shots(self, situation: Situation, chosen: IndexArray) -> int:
         return self._judged(situation, chosen).shots
 
-    def why(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
-        apart_mm = self._judged(situation, chosen).separation_mm
-        return tuple(f"the rivals differ by {mm:.2g} mm here, refitted" for mm in apart_mm)
+    def reasons(self, situation: Situation, chosen: IndexArray) -> tuple[SeparationReason, ...]:
+        return tuple(SeparationReason(float(mm)) for mm in self._judged(situation, chosen).separation_mm)
 
-    def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
+    def outcome(self, situation: Situation, chosen: IndexArray) -> DiscriminationOutcome:
         found = self._judged(situation, chosen, look_on=True)
-        curve = ", ".join(f"{k}: {100 * p:.0f} %" for k, p in enumerate(found.curve) if k)
-        said = [f"to tell {' from '.join(found.rivals)}; probability that they are, by the number of poses: {curve}"]
-        if found.shots > 1:
-            said.append(f"measure each pose {found.shots} times; the mean counts")
-        said += self._what_would(situation, found)
-        return tuple(said)
-
-    def _what_would(self, situation: Situation, found: Split) -> list[str]:
-        """What would settle the set where these poses may not."""
-        said = [
-            f"{one} and {other} make the same of every pose of this kind: none tells them apart"
-            for one, other in found.twins
-        ]
-        if found.settles < ENOUGH and found.enough is not None:
-            said.append(f"{found.enough} poses of this kind would do in {100 * ENOUGH:.0f} % of such cases")
-        if found.settles < ENOUGH and self._helped_by_payload and not self.payload_kg:
-            said.append(f"a known payload at some of the poses tells more (--payload-kg {PAYLOAD_KG:g} or above)")
-        if found.twins or (found.settles < ENOUGH and found.enough is None):
-            confirm = {rival.name: getattr(rival.members[0], "confirm", "") for rival in self.doubt.rivals}
-            said += [f"what shows {name} alone: {text}" for name, text in confirm.items() if text]
-        if self.doubt.untested:
-            names = ", ".join(self.doubt.untested)
-            would = f"; {self.doubt.would_help}" if self.doubt.would_help else ""
-            said.append(f"no pose tells of {names}, which these data cannot test{would}")
-        return said
+        weak = found.settles < ENOUGH
+        hopeless = bool(found.twins) or (weak and found.enough is None)
+        confirm = [(rival.name, str(getattr(rival.members[0], "confirm", ""))) for rival in self.doubt.rivals]
+        return DiscriminationOutcome(
+            hypotheses=found.rivals,
+            power_by_count=found.curve,
+            equivalent=found.twins,
+            enough=found.enough if weak else None,
+            enough_power=ENOUGH,
+            payload_kg=PAYLOAD_KG if weak and self._helped_by_payload and not self.payload_kg else None,
+            confirm=tuple((name, text) for name, text in confirm if text) if hopeless else (),
+            untested=self.doubt.untested,
+            would_help=self.doubt.would_help,
+        )
 
     def _predictions(self, candidates: Poses) -> Predictions:
         if not self._kept or self._kept[0][0] is not candidates:
