@@ -23,7 +23,6 @@ DOCUMENTS: Mapping[str, str] = {  # class -> function that makes its document
     "calib.diagnosis.result.Diagnosis": "calib.documents.diagnosis_documents:diagnosis_document",
     "calib.fleet.result.Fleet": "calib.documents.fleet_document:fleet_document",
     "calib.identifiability.redundancy.Redundancy": "calib.documents.corner_documents:pearson_document",
-    "calib.validation.acceptance.Check": "calib.documents.check_document:check_document",
 }
 VIEWS: Mapping[str, str] = {  # class -> function that makes its HTML, tables only
     "calib.calibration.result.Calibration": "calib.views.fit_views:calibration_html",
