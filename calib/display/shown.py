@@ -21,7 +21,6 @@ DOCUMENTS: Mapping[str, str] = {  # class -> function that makes its document
     "calib.calibration.result.Calibration": "calib.documents.calibration_documents:calibration_document",
     "calib.corners.batch.CornerBatch": "calib.documents.corner_documents:batch_document",
     "calib.diagnosis.result.Diagnosis": "calib.documents.diagnosis_documents:diagnosis_document",
-    "calib.fleet.result.Fleet": "calib.documents.fleet_document:fleet_document",
     "calib.identifiability.redundancy.Redundancy": "calib.documents.corner_documents:pearson_document",
 }
 VIEWS: Mapping[str, str] = {  # class -> function that makes its HTML, tables only

@@ -14,6 +14,7 @@ from calib.errors import CalibError
 from calib.fleet.judge import FleetOptions, FoundCorners, one_blas_thread_for_good, one_line
 from calib.fleet.row import Row
 from calib.fleet.time_limit import OutOfTime, time_limit
+from calib.monitoring.change_tests import Change
 from calib.monitoring.kinds import BASE, JIG, NOISE, SCANNER
 from calib.monitoring.watch import watch
 
@@ -22,20 +23,8 @@ NOT_OF_THE_ARM = (SCANNER, BASE, JIG, NOISE)
 
 
 @dataclass(frozen=True)
-class Change:
-    """One thing that changed, as `watch` has it."""
-
-    what: str
-    joint: int | None  # counted from 1
-    parameter: str
-    size: float
-    sigma: float
-    unit: str
-
-
-@dataclass(frozen=True)
 class Drift:
-    """Two datasets of one arm, the earlier one's calibration held against the later one's points."""
+    """Two datasets of one arm: the later one's points against the predictions of the earlier one's calibration."""
 
     base: str  # path
     later: str
@@ -43,8 +32,9 @@ class Drift:
     changes: tuple[Change, ...]
     rmse_mm: float | None  # of the later points by the earlier calibration
     expected_mm: float | None  # of that by noise alone
-    words: str  # one line
-    settled: bool = True  # whether another try with the same files would say the same
+    poses: int = 0  # of the later dataset that were compared
+    reason: str = ""  # why they cannot be compared, or what is wrong with the later poses.csv; one line
+    settled: bool = True  # whether another try with the same files would give the same
 
     @property
     def of_the_arm(self) -> tuple[Change, ...]:
@@ -85,7 +75,7 @@ def consecutive(rows: Iterable[Row]) -> list[tuple[Row, Row]]:
 
 
 def compare(task: DriftTask) -> Drift:
-    """Hold the later points against the earlier calibration. What cannot be compared says why."""
+    """Compare the later points with the predictions of the earlier calibration; `reason` where that cannot be."""
     if task.own_process:
         one_blas_thread_for_good()
     try:
@@ -100,23 +90,25 @@ def compare(task: DriftTask) -> Drift:
 
 
 def not_compared(task: DriftTask, reason: str) -> Drift:
-    """Two datasets that say nothing of each other."""
-    return Drift(task.base, task.later, "", (), None, None, one_line(reason), settled=False)
+    """Two datasets that cannot be compared."""
+    return Drift(task.base, task.later, "", (), None, None, reason=one_line(reason), settled=False)
 
 
 def _compared(task: DriftTask) -> Drift:
     base = _measured(task, task.base, task.base_corners)
     later = _measured(task, task.later, task.later_corners)
     calibration = add_in_turn(base, task.effects, task.options.fit.with_residual("position"))[-1].calibration
-    seen = watch(calibration, later)
+    report = watch(calibration, later)
+    problem = report.data_problem
     return Drift(
         task.base,
         task.later,
-        seen.verdict,
-        tuple(Change(c.what, c.joint, c.parameter, c.size, c.sigma, c.unit) for c in seen.changes),
-        seen.rmse_mm,
-        seen.expected_mm,
-        one_line(seen.headline),
+        report.verdict,
+        report.changes,
+        report.rmse_mm,
+        report.expected_mm,
+        report.poses,
+        "" if problem is None else one_line(problem.words),
     )
 
 
