@@ -24,7 +24,7 @@ from calib.simulation.scene import CUBE_CORNER
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target, truth_document
 from calib.simulation.truth.mechanism import Conditions
 from calib.simulation.truth.visibility import SimulatedCell
-from calib.workcell.jig_frames import JIG_HEIGHT_MM, target_T_jig
+from calib.workcell.jig_on_tool import JIG_HEIGHT_MM, target_T_jig
 
 _WINDOW_RASTER_MM = 30.0
 

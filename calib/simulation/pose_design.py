@@ -19,11 +19,10 @@ from calib.kinematics.inverse import FROM_ANYWHERE, solve_inverse
 from calib.kinematics.joint_range import joint_range, random_poses, wrapped
 from calib.kinematics.robot import Robot
 from calib.simulation.scene import CUBE_CORNER
-from calib.workcell.in_front import in_front
-from calib.workcell.jig_frames import jig_outward, target_T_jig
-from calib.workcell.jig_goals import JigGoals
+from calib.workcell.jig_on_tool import JigGoals, jig_outward, target_T_jig
 from calib.workcell.measurable import incidence_cosines
 from calib.workcell.scan_field import JANG_FIELD, tilted
+from calib.workcell.scanner_place import in_front
 
 _MAX_TILT_DEG = 22.0  # of the jig's axis from the line of sight, where poses are drawn
 

@@ -42,7 +42,7 @@ from calib.simulation.truth.arm_sampling import (
     effect_name,
 )
 from calib.simulation.truth.mechanism import Conditions
-from calib.workcell.jig_frames import with_jig
+from calib.workcell.jig_on_tool import with_jig
 
 PAYLOADS_KG = (0.0, 1.0, 2.5)
 
