@@ -174,7 +174,7 @@ def observed(name: str) -> Entries:
     if checked.diagnosis is not None:
         out |= diagnosis(checked.diagnosis)
     out["check.passed"] = checked.passed
-    out["check.items"] = [f"{item.status.strip()} {item.name}" for item in checked.items]
+    out["check.items"] = [f"{item.status} {item.name}" for item in checked.items]
     return out
 
 

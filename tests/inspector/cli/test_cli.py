@@ -578,7 +578,7 @@ def test_check_tells_what_is_missing_and_still_passes(capsys: pytest.CaptureFixt
     document = run_json(capsys, "check", hidden_folder)
     assert document["diagnosis"]["missing"] == ["transmission_error"]
     assert main(["check", str(hidden_folder)]) == 0
-    assert "note  diagnosis: What is missing is the transmission error of joint" in capsys.readouterr().out
+    assert "What is missing is the transmission error of joint" in capsys.readouterr().out
 
 
 @pytest.mark.slow
