@@ -63,6 +63,7 @@ def test_else_it_is_what_the_fit_left_and_bands_and_counts_are_those_of_a_declar
     assert 0 < np.count_nonzero(found.error_length_mm > found.length_noise_mm) < 0.2 * len(found.pose_ids)
 
 
+@pytest.mark.slow
 def test_page_figures_headline_and_check_say_where_it_comes_from() -> None:
     dataset = undeclared(arm(3))
     fit = calibrate(dataset)

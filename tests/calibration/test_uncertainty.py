@@ -105,6 +105,7 @@ def test_far_from_the_training_poses_a_prediction_is_worse() -> None:
         prediction_covariance(result, np.zeros((1, 6)), setup="left")
 
 
+@pytest.mark.slow
 def test_a_curve_over_a_further_column_is_predicted_elsewhere_too() -> None:
     """A pressure that turns joint 2; further joint vectors are taken at the first pose's pressure."""
     rng = np.random.default_rng(3)

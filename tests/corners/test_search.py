@@ -403,6 +403,7 @@ def test_a_dataset_without_scans_is_told(tmp_path: Path) -> None:
         find_corners(dataset)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("true_mm", "told_mm"),
     [((60.0, 80.0, 120.0), (60.0, 80.0, 100.0)), ((60.0, 139.0, 224.0), (70.0, 110.0, 160.0))],

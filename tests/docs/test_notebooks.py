@@ -82,6 +82,7 @@ def output(kind: str = "display_data", **given: Any) -> SimpleNamespace:
     return SimpleNamespace(output_type=kind, **given)
 
 
+@pytest.mark.slow
 def test_a_page_shows_what_the_cells_show(pages: Any) -> None:
     import plotly.graph_objects as go
 

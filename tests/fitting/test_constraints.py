@@ -43,6 +43,7 @@ def in_one_socket(sigma_mm: float | None, *, poses: int = 24) -> Dataset:
     return Dataset("socket", nominal, table, points, Scanner(sigma_mm))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma_mm", [0.1, None])
 def test_a_ball_in_a_socket_does_not_shrink_the_arm(sigma_mm: float | None) -> None:
     dataset = in_one_socket(sigma_mm)
@@ -56,6 +57,7 @@ def test_a_ball_in_a_socket_does_not_shrink_the_arm(sigma_mm: float | None) -> N
     assert "times its tolerance" in implausibility_reason(free)
 
 
+@pytest.mark.slow
 def test_exact_data_are_still_met_exactly_and_called_too_good() -> None:
     rng = np.random.default_rng(5)
     robot = jang_arm()

@@ -210,6 +210,7 @@ def without(dataset: Dataset, points: Sequence[int]) -> Dataset:
 SLOW = pytest.mark.slow
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effects", [(), ("joint_compliance", "transmission_error")])
 @pytest.mark.parametrize(
     ("poses", "wrong"),

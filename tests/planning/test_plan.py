@@ -73,6 +73,7 @@ def test_the_next_poses_of_a_dataset(start: FromFit, plan: Plan) -> None:
     assert not any("missing" in note for note in plan.notes)
 
 
+@pytest.mark.slow
 def test_more_poses_never_raise_the_predicted_error(plan: Plan, first_set: Plan) -> None:
     assert np.all(np.diff(plan.curve_mm) < 0.0)
     assert np.all(np.diff(first_set.curve_mm[1:]) < 0.0)

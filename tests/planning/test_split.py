@@ -32,6 +32,7 @@ def doubt() -> Doubt:
     return Doubt(calibration, tuple(Rival.of(candidate) for candidate in ranked))
 
 
+@pytest.mark.slow
 def test_a_plan_that_settles_says_how_surely_and_can_be_measured(doubt: Doubt) -> None:
     purpose = ForSplit(doubt)
     plan = plan_poses(purpose.start, 5, purpose=purpose, candidates=150)
@@ -45,6 +46,7 @@ def test_a_plan_that_settles_says_how_surely_and_can_be_measured(doubt: Doubt) -
     assert plan.poses.payload_kg is None
 
 
+@pytest.mark.slow
 def test_a_payload_tells_more_and_is_mounted_once(doubt: Doubt) -> None:
     bare = plan_poses(ForSplit(doubt).start, 5, purpose=ForSplit(doubt), candidates=150)
     loaded = ForSplit(doubt, payload_kg=5.0)
@@ -58,6 +60,7 @@ def test_a_payload_tells_more_and_is_mounted_once(doubt: Doubt) -> None:
     assert not any("--payload-kg" in line for line in plan.told)
 
 
+@pytest.mark.slow
 def test_where_the_mean_of_several_measurements_counts_it_settles_more(doubt: Doubt) -> None:
     once, often = (
         plan_poses(purpose.start, 5, purpose=purpose, candidates=100)
@@ -81,6 +84,7 @@ def test_exact_twins_are_said_to_be_told_apart_by_no_pose(doubt: Doubt) -> None:
     assert any(line.startswith(f"what shows {first.name} alone: ") for line in plan.told)
 
 
+@pytest.mark.slow
 def test_a_rival_in_the_model_is_taken_out_of_it(doubt: Doubt) -> None:
     """An effect that stands for an open set is in the fit; what would be measured is predicted as without it."""
     first = doubt.rivals[0]

@@ -43,6 +43,7 @@ def cube(size: float) -> bytes:
     return b"\0" * 80 + struct.pack("<I", len(faces)) + body
 
 
+@pytest.mark.slow
 def test_what_says_nothing_of_joints_and_masses_is_left_out(tmp_path: Path) -> None:
     path = tmp_path / "arm.xml"
     path.write_text(model())
@@ -63,6 +64,7 @@ def test_what_says_nothing_of_joints_and_masses_is_left_out(tmp_path: Path) -> N
     assert [joint.mass_kg for joint in whole.joints] == [1.0, 2.0]
 
 
+@pytest.mark.slow
 def test_meshes_weigh_what_mujoco_says(tmp_path: Path) -> None:
     path = tmp_path / "arm.xml"
     (tmp_path / "parts" / "deep").mkdir(parents=True)
@@ -79,6 +81,7 @@ def test_meshes_weigh_what_mujoco_says(tmp_path: Path) -> None:
     assert mine.joints[1].com_mm == pytest.approx(1e3 * theirs.body("hand").ipos, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_includes_stand_where_mujoco_looks_for_them(tmp_path: Path) -> None:
     path = tmp_path / "arm.xml"
     (tmp_path / "sub").mkdir()
@@ -198,6 +201,7 @@ def test_no_model_leads_out_of_its_folder_or_takes_the_machine_for_itself(tmp_pa
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # kB
 
 
+@pytest.mark.slow
 def test_a_model_that_ends_mujoco_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -338,6 +338,7 @@ def test_a_damaged_table_is_told_with_its_line(tmp_path: Path, text: str, said: 
 # ---- MuJoCo ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_mujoco_model_is_what_mujoco_makes_of_it(tmp_path: Path) -> None:
     path = tmp_path / "arm.xml"
     path.write_text(MJCF)
@@ -366,6 +367,7 @@ def test_a_mujoco_model_is_what_mujoco_makes_of_it(tmp_path: Path) -> None:
     assert [j.name for j in part.joints] == ["j3", "j4"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

@@ -131,6 +131,7 @@ def test_no_output_takes_the_place_of_other_inputs_nor_of_another_output(
     assert main(["calibrate", str(cell), "--out", "/dev/null", "--residuals", "/dev/null"]) == 0
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full_is_told_with_the_files_name(
     capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -449,6 +449,7 @@ def test_a_folder_that_is_none_is_one_line(capsys: pytest.CaptureFixture[str], t
     assert str(missing) in captured.err
 
 
+@pytest.mark.slow
 def test_too_few_poses_and_an_unwritable_place(
     capsys: pytest.CaptureFixture[str], points_folder: Path, own_points: Path, tmp_path: Path
 ) -> None:

@@ -82,6 +82,7 @@ def test_correct_gives_the_same_targets_and_needs_no_measurements(folder: Path, 
     assert by_model.read_bytes() == by_fit.read_bytes()
 
 
+@pytest.mark.slow
 def test_targets_lack_what_the_model_depends_on(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -93,6 +94,7 @@ def test_targets_lack_what_the_model_depends_on(
     assert not (tmp_path / "c.csv").exists()
 
 
+@pytest.mark.slow
 def test_a_model_is_not_fitted_again_nor_overwritten(
     folder: Path, model: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -182,6 +184,7 @@ def test_compare_names_the_one_change_between_two_measurements(
     assert "nowhere" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_printed_table_shows_no_rounding_error_for_what_stayed(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -118,6 +118,7 @@ def test_the_figures_hold_the_history_and_every_pose(folder: Path, written: Path
     assert by_pose.count("<title>pose ") == len(measured)
 
 
+@pytest.mark.slow
 def test_no_name_becomes_markup_and_nothing_is_fetched_or_run(written: Path) -> None:
     page = written.read_text()
     for name in (HOSTILE, BROKEN_OUT):

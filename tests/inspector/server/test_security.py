@@ -177,6 +177,7 @@ def test_the_page_writes_nothing_whatever_is_pressed(app: App, folder: Path, mon
     assert paths == []
 
 
+@pytest.mark.slow
 def test_no_message_makes_the_server_take_or_give_a_file(app: App, folder: Path) -> None:
     secret = folder / "secret.txt"
     secret.write_text("secret")

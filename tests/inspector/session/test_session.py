@@ -95,6 +95,7 @@ def test_wrong_names_are_refused_in_words(ranked: Session, added: Session, name:
         sessions.without_effect(ranked, name)
 
 
+@pytest.mark.slow
 def test_a_ranking_is_there_before_its_judgement_and_is_not_judged_twice(ranked: Session) -> None:
     early = sessions.with_ranking(replace(ranked, screening=None, pose_errors=None, residual_tests=None))
     assert early.screening is not None

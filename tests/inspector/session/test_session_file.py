@@ -142,6 +142,7 @@ def test_nothing_fitted_yet_is_a_session_too(folder: Path, tmp_path: Path) -> No
     assert (again.calibration, notes) == (None, ())
 
 
+@pytest.mark.slow
 def test_the_folder_is_told_relative_and_found_when_both_move(worked_on: Session, folder: Path, tmp_path: Path) -> None:
     place = tmp_path / "a"
     shutil.copytree(folder, place / "data" / "cell")

@@ -70,6 +70,7 @@ def packed(given: Path, *names: str) -> Path:
     return given / "my.zip"
 
 
+@pytest.mark.slow
 def test_a_zip_is_enough_and_a_dry_run_writes_nothing(given: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = packed(given, "arm.urdf", "log.csv")
     arguments = ["import", str(given / "cell"), "--from", str(source)]
