@@ -90,7 +90,7 @@ def test_a_measured_arm_in_sockets_keeps_its_links() -> None:
     assert test.rmse_mm == pytest.approx(0.30, abs=0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_soak_of_constraints_accepts_no_arm_that_lost_its_size(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

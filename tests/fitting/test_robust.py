@@ -30,6 +30,7 @@ from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
 from tests.support import ROOT
 from tests.support.fit_cases import SIGMA_RAD, full_poses, seated, with_pose_covariances
+from tests.support.sweeps import sweep
 
 POSES = 50
 SAMPLES = ROOT / "sample_data"
@@ -207,17 +208,29 @@ def without(dataset: Dataset, points: Sequence[int]) -> Dataset:
     return dataset.with_points(dataset.points.select(~np.isin(np.arange(len(dataset.points)), points)))
 
 
-SLOW = pytest.mark.slow
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("effects", [(), ("joint_compliance", "transmission_error")])
 @pytest.mark.parametrize(
-    ("poses", "wrong"),
-    [(25, [7]), pytest.param(25, [0, 8, 19], marks=SLOW), pytest.param(64, [3, 30], marks=SLOW)],
+    ("poses", "wrong", "off_mm", "effects"),
+    sweep(
+        [
+            (poses, wrong, off_mm, effects)
+            for poses, wrong in ((25, (7,)), (25, (0, 8, 19)), (64, (3, 30)))
+            for off_mm in (5.0, 50.0, 500.0)
+            for effects in ((), ("joint_compliance", "transmission_error"))
+        ],
+        every_run=[
+            (25, (7,), 50.0, ()),
+            (25, (7,), 50.0, ("joint_compliance", "transmission_error")),
+            (25, (0, 8, 19), 5.0, ()),
+            (25, (0, 8, 19), 500.0, ("joint_compliance", "transmission_error")),
+            (64, (3, 30), 5.0, ("joint_compliance", "transmission_error")),
+            (64, (3, 30), 500.0, ()),
+        ],
+    ),
 )
-@pytest.mark.parametrize("off_mm", [pytest.param(5.0, marks=SLOW), 50.0, pytest.param(500.0, marks=SLOW)])
-def test_wrong_points_leave_no_trace(poses: int, wrong: list[int], off_mm: float, effects: tuple[str, ...]) -> None:
+def test_wrong_points_leave_no_trace(
+    poses: int, wrong: tuple[int, ...], off_mm: float, effects: tuple[str, ...]
+) -> None:
     """24 good poses of seven joints and one that is 50 mm off: the fit, and the test error, are those of the 24."""
     dataset = measured_arm(len(wrong) + poses, poses, effects)
     found = calibrate(moved(dataset, wrong, off_mm), FitOptions(robust=True))

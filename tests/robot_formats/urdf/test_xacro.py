@@ -221,6 +221,7 @@ def test_a_xacro_runs_nothing_and_takes_no_machine_for_itself(arm: Path, name: s
     assert sorted(path.name for path in folder.iterdir()) == before
 
 
+@pytest.mark.thorough
 def test_macros_that_double_are_given_up(arm: Path) -> None:
     macros = "".join(f'<xacro:macro name="m{k}"><xacro:m{k - 1}/><xacro:m{k - 1}/></xacro:macro>' for k in range(1, 40))
     arm.write_text(f'{HEAD}<xacro:macro name="m0"><link name="x"/></xacro:macro>{macros}<xacro:m39/></robot>')
