@@ -30,7 +30,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.fitting.observations import conditions_at
 from calib.kinematics.joint_range import random_poses
-from calib.monitoring.watch import Watched, watch
+from calib.monitoring.watch import ChangeReport, watch
 from calib.planning.purposes.watching import CHECK_POSES, check_poses, usual_kinds
 from calib.planning.unknowns import unknowns_of_fit
 from calib.simulation.simulate import rounded
@@ -117,18 +117,18 @@ def power(sigmas: float, alarm: float, freedom: int) -> float:
     return float(ncx2.sf(chi2.isf(alarm, freedom), freedom, sigmas**2))
 
 
-def named(seen: Watched, change: Change) -> bool:
+def named(seen: ChangeReport, change: Change) -> bool:
     """This and nothing else, without doubt."""
     return seen.verdict == "changed" and [(c.what, c.joint) for c in seen.changes] == [(change.what, change.joint)]
 
 
-def in_doubt(seen: Watched, change: Change) -> bool:
+def in_doubt(seen: ChangeReport, change: Change) -> bool:
     """Named, or said to be as likely as what is named."""
     name = f"{change.what} {change.joint or ''}".strip()
     return any((c.what, c.joint) == (change.what, change.joint) or name in c.as_well for c in seen.changes)
 
 
-def told(seen: Watched) -> str:
+def told(seen: ChangeReport) -> str:
     """What is said to have changed."""
     return ", ".join(f"{c.what} {c.joint or ''}".strip() for c in seen.changes)
 
@@ -174,7 +174,7 @@ def run(
             q = planned if choose is planned_checks else choose(cell, base, rng)
             return np.repeat(q, shots, axis=0)
 
-        def checked(now: Cell, q: Array, base: Calibration = base, rng: np.random.Generator = rng) -> Watched:
+        def checked(now: Cell, q: Array, base: Calibration = base, rng: np.random.Generator = rng) -> ChangeReport:
             return watch(base, now.measured(rng, q=q))
 
         for _ in range(unchanged):

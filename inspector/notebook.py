@@ -12,14 +12,13 @@ from itertools import count
 
 from calib.calibration.result import Calibration
 from calib.diagnosis.result import Diagnosis
-from calib.display.blocks import Block, Section
-from calib.display.view_page import FIGURES, view_html
 from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import redundancy
-from calib.monitoring.watch import Watched
 from calib.planning.plan import Plan
+from calib.present.blocks import Block, Section
 from calib.views.fit_views import calibration_head, diagnosis_head, parameters, redundancy_head
-from calib.views.later_views import plan_head, plan_sections, watched_head, watched_sections
+from calib.views.later_views import plan_head, plan_sections
+from calib.views.view_page import FIGURES, view_html
 from inspector import figures
 from inspector.report.content import report_of
 from inspector.report.figure_block import Figure, still
@@ -85,13 +84,6 @@ def _of_plan(plan: Plan) -> str:
     """What the poses promise, the error by their number, and the poses."""
     drawn = Figure(figures.plan_curve(plan), "The predicted error by the number of new poses.", height_px=260)
     return _view(f"Plan for {plan.start.dataset.name}", [*plan_head(plan), drawn], plan_sections(plan))
-
-
-@html_with_figures.register
-def _of_watched(seen: Watched) -> str:
-    """What changed, the control chart, and each joint and the tool."""
-    drawn = Figure(figures.control_chart(seen), "The error at the check poses, against its limit.", height_px=260)
-    return _view(f"Watch: {seen.name}", [*watched_head(seen), drawn], watched_sections([seen]))
 
 
 def _view(title: str, head: Sequence[Block], sections: Sequence[Section] = ()) -> str:

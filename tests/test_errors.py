@@ -6,8 +6,8 @@ import json
 
 import pytest
 
-from calib.display.html_text import escape, visible_value
 from calib.errors import is_one_line, shown, visible
+from calib.html_text import escape, visible_value
 from calib.strict_json import to_json
 from calib.text_files.csv_text import rows_csv
 

@@ -17,12 +17,12 @@ from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
 from calib.dataset.dataset import Dataset, Scanner
-from calib.display.progress import OnProgress, counted
 from calib.display.shown import Documented, Viewed
 from calib.errors import CornerError, DatasetError, ScanError
 from calib.jig import Jig
 from calib.parallel import map_as_completed
 from calib.planes.filters import SampleSets
+from calib.progress import OnProgress, counted
 from calib.scans.scan import PointCount, load_scan
 
 

@@ -32,10 +32,10 @@ from calib.diagnosis.moves import Tell
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import MAX_EFFECTS, SearchSpace, first_fit, step_after
 from calib.diagnosis.stepwise import search_stepwise
-from calib.display.progress import OnStep, staged
 from calib.effects.catalogue import effects_named
 from calib.effects.effect import Family
 from calib.options import FitOptions
+from calib.progress import OnStep, staged
 from calib.screening.candidates import MIN_LEAD
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.curves.smooth_joint_error import LEARNED

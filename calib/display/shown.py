@@ -23,10 +23,8 @@ DOCUMENTS: Mapping[str, str] = {  # class -> function that makes its document
     "calib.diagnosis.result.Diagnosis": "calib.documents.diagnosis_documents:diagnosis_document",
     "calib.fleet.result.Fleet": "calib.documents.fleet_document:fleet_document",
     "calib.identifiability.redundancy.Redundancy": "calib.documents.corner_documents:pearson_document",
-    "calib.monitoring.watch.Watched": "calib.documents.comparison_documents:watched_document",
     "calib.planning.plan.Plan": "calib.documents.plan_document:plan_document",
     "calib.validation.acceptance.Check": "calib.documents.check_document:check_document",
-    "calib.validation.comparison.Comparison": "calib.documents.comparison_documents:comparison_document",
 }
 VIEWS: Mapping[str, str] = {  # class -> function that makes its HTML, tables only
     "calib.calibration.result.Calibration": "calib.views.fit_views:calibration_html",
@@ -34,9 +32,7 @@ VIEWS: Mapping[str, str] = {  # class -> function that makes its HTML, tables on
     "calib.dataset.dataset.Dataset": "calib.views.measured_views:dataset_html",
     "calib.diagnosis.result.Diagnosis": "calib.views.fit_views:diagnosis_html",
     "calib.identifiability.redundancy.Redundancy": "calib.views.fit_views:redundancy_html",
-    "calib.monitoring.watch.Watched": "calib.views.later_views:watched_html",
     "calib.planning.plan.Plan": "calib.views.later_views:plan_html",
-    "calib.validation.comparison.Comparison": "calib.views.later_views:comparison_html",
 }
 TEXTS: Mapping[str, str] = {  # class -> function that makes its plain text, where that is above it
     "calib.planning.plan.Plan": "calib.planning.words:plan_text",

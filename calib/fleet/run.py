@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-from calib.display.progress import OnProgress, counted
 from calib.fleet.discovery import Discovered
 from calib.fleet.drift import Drift, DriftTask, compare, consecutive, not_compared
 from calib.fleet.judge import FleetOptions, Judged, Task, Unchanged, judge, one_line, pair_key
@@ -18,6 +17,7 @@ from calib.fleet.result import Fleet
 from calib.fleet.row import Failure, Row
 from calib.fleet.shared_causes import shared_causes
 from calib.parallel import futures_as_completed
+from calib.progress import OnProgress, counted
 
 Asked = TypeVar("Asked")
 Answer = TypeVar("Answer")

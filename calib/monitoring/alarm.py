@@ -13,7 +13,7 @@ import numpy as np
 from scipy import special
 
 from calib.array_types import Array
-from calib.monitoring.kinds import JIG, JOINT_ZERO, SCANNER, TOOL, Kind
+from calib.monitoring.kinds import JIG, JOINT_ZERO, SCANNER, TOOL, ChangeModel
 
 USUAL = (SCANNER, JOINT_ZERO, TOOL, JIG)
 UNUSUAL_WEIGHT = 0.05  # of a length, an angle, a compliance: parts wear and slip more often than they bend
@@ -21,7 +21,7 @@ DRAWS = 10_000
 _SURE = 1e-4  # from here on the bound by the sum is told, draws are too few
 
 
-def weight(kind: Kind) -> float:
+def weight(kind: ChangeModel) -> float:
     """The weight of a kind's p-value."""
     return 1.0 if kind.what in USUAL else UNUSUAL_WEIGHT
 

@@ -19,13 +19,13 @@ from calib.monitoring.change_tests import (
     ALARM,
     ALONE,
     NAMED_BESIDE,
+    Change,
     ChangeTests,
-    Found,
     as_well,
     the_likeliest,
 )
 from calib.monitoring.check_errors import CheckErrors
-from calib.monitoring.kinds import BASE, SCANNER, Kind, kinds_of_the_arm
+from calib.monitoring.kinds import BASE, SCANNER, ChangeModel, kinds_of_the_arm
 from calib.monitoring.prediction_spread import Spread
 
 _FEWEST = 3  # check poses
@@ -37,12 +37,12 @@ _FINEST = 1e-9  # share of the largest coordinate: no number here is known bette
 class Cell:
     """The earlier fit's prediction of the new points, with the scanner where it was and with its place free."""
 
-    kinds: tuple[Kind, ...]
-    kinds_with_scanner: tuple[Kind, ...]
+    kinds: tuple[ChangeModel, ...]
+    kinds_with_scanner: tuple[ChangeModel, ...]
     fixed: ChangeTests
     free: ChangeTests
     scanner_known: bool
-    scanner: Kind
+    scanner: ChangeModel
     errors: CheckErrors
     rmse_free_mm: float
     expected_mm: float
@@ -102,7 +102,7 @@ class Cell:
         )  # fmt: skip
 
         by_frame = before[:3, :3].T @ frame_motion(frames.apply(before, at_mm), prior.centre_mm)
-        scanner = Kind(SCANNER, None, "", "mm", by_frame)
+        scanner = ChangeModel(SCANNER, None, "", "mm", by_frame)
         sigma2 = np.trace(observed.covariance_mm2, axis1=1, axis2=2)
         return cls(
             kinds, (*kinds, scanner), fixed, free, known, scanner, errors, float(np.sqrt(left.mean())),
@@ -116,7 +116,7 @@ class Cell:
             return self.fixed.chance(self.fixed.tests(self.kinds_with_scanner))
         return self.free.chance(self.free.tests(self.kinds))
 
-    def scanner_moved(self, arm: list[Kind]) -> Found | None:
+    def scanner_moved(self, arm: list[ChangeModel]) -> Change | None:
         """The scanner's motion beside these changes of the arm, where it shows; the base's would look the same."""
         if not self.scanner_known:
             return None
@@ -133,20 +133,20 @@ class Cell:
         instead = () if arm else as_well([*self.fixed.tests(self.kinds), test], test)
         return replace(found, size=size, sigma=float(sigma), p_value=test.p_value, as_well=(*self.alike, *instead))
 
-    def beside(self, kind: Kind, arm: list[Kind], *, scanner_moved: bool) -> Found:
+    def beside(self, kind: ChangeModel, arm: list[ChangeModel], *, scanner_moved: bool) -> Change:
         """Size and sigma of a change beside those that were found; the sigma is infinite where nothing shows it."""
         view = self.free if scanner_moved or not self.scanner_known else self.fixed
         others = [other for other in arm if other.key != kind.key]
         if not view.tests((kind,), given=others):
-            return Found(kind.what, kind.joint, kind.parameter, 0.0, np.inf, kind.unit, 1.0, ())
+            return Change(kind.what, kind.joint, kind.parameter, 0.0, np.inf, kind.unit, 1.0, ())
         return view.found(kind, [*others, kind])
 
-    def explains_alone(self, kind: Kind) -> bool:
+    def explains_alone(self, kind: ChangeModel) -> bool:
         """Whether a change of the arm leaves nothing to a scanner that stands where it stood."""
         beside = next(iter(self.fixed.tests((self.scanner,), given=[kind])), None)
         return self.scanner_known and (beside is None or beside.p_value > ALONE)
 
-    def with_the_scanner_where_it_was(self) -> list[Found]:
+    def with_the_scanner_where_it_was(self) -> list[Change]:
         """The change that explains best what a moved scanner may explain as well: nobody knows then which it was."""
         tests = self.fixed.tests(self.kinds_with_scanner)
         best = the_likeliest(tests)

@@ -9,7 +9,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.distributions import f_sf
 from calib.monitoring.alarm import chance_of_least, weight
-from calib.monitoring.kinds import Kind, kind_words
+from calib.monitoring.kinds import ChangeModel, kind_words
 from calib.monitoring.prediction_spread import Spread
 
 ALARM = 0.005  # probability of an alarm where nothing changed, over all kinds
@@ -24,7 +24,7 @@ SEEN_Z = 3.8 + 1.645  # sigmas of a size that passes NAMED 19 times of 20
 
 
 @dataclass(frozen=True)
-class Found:
+class Change:
     """One change. `vector`: of the tool its shift in its own frame, of the scanner shift (mm) and turn (rad)."""
 
     what: str
@@ -51,10 +51,10 @@ class Detectable:
 
 
 @dataclass(frozen=True)
-class KindTest:
+class ChangeTest:
     """One kind against the residuals. `basis`: (3 M, K) what it makes of them, orthonormal."""
 
-    kind: Kind
+    kind: ChangeModel
     gain: float  # of chi squared
     p_value: float
     basis: Array
@@ -70,12 +70,12 @@ class KindTest:
         return self.gain - _EACH * self.kind.count + 2.0 * float(np.log(weight(self.kind)))
 
 
-def the_likeliest(tests: list[KindTest]) -> KindTest | None:
+def the_likeliest(tests: list[ChangeTest]) -> ChangeTest | None:
     """The change that explains most for its numbers, usual kinds before others."""
     return max(tests, key=lambda test: test.score, default=None)
 
 
-def as_well(tests: list[KindTest], best: KindTest) -> tuple[str, ...]:
+def as_well(tests: list[ChangeTest], best: ChangeTest) -> tuple[str, ...]:
     """Changes of no more numbers that explain about as much as the best."""
     return tuple(
         kind_words(t.kind)
@@ -101,19 +101,19 @@ class ChangeTests:
         """The tests for residuals (3 M,) whose covariance is that of `spread`."""
         return cls(spread.whiten(residual), spread, blocks, base_freedom)
 
-    def rows(self, kind: Kind) -> Array:
+    def rows(self, kind: ChangeModel) -> Array:
         """(3 M, K)"""
         moved = np.einsum("mij,mjk->mik", self.blocks, kind.columns)
         return self.spread.whiten(moved.reshape(len(self.y), -1))
 
-    def _rest(self, given: list[Kind]) -> tuple[Array, Array]:
+    def _rest(self, given: list[ChangeModel]) -> tuple[Array, Array]:
         basis = np.zeros((len(self.y), 0))
         if given:
             u, s, _ = np.linalg.svd(np.concatenate([self.rows(k) for k in given], axis=1), full_matrices=False)
             basis = u[:, s > 1e-9 * s[0]]
         return self.y - basis @ (basis.T @ self.y), basis
 
-    def tests(self, kinds: tuple[Kind, ...], given: list[Kind] | None = None) -> list[KindTest]:
+    def tests(self, kinds: tuple[ChangeModel, ...], given: list[ChangeModel] | None = None) -> list[ChangeTest]:
         """The test of each kind given others; kinds that these poses cannot show beside those are left out."""
         rest, basis = self._rest(given or [])
         usual = np.sqrt(self.spread.total_weight(self.blocks) / len(self.y))  # by how much a movement counts
@@ -130,25 +130,25 @@ class ChangeTests:
                 continue
             gain = float(np.sum((u[:, seen].T @ rest) ** 2))
             count = float(seen.sum())
-            out.append(KindTest(kind, gain, f_sf(gain / count, count, self.base_freedom), u[:, seen]))
+            out.append(ChangeTest(kind, gain, f_sf(gain / count, count, self.base_freedom), u[:, seen]))
         return out
 
-    def chance(self, tests: list[KindTest]) -> float:
+    def chance(self, tests: list[ChangeTest]) -> float:
         """Family-wise p-value of the most striking of these tests."""
         least = min((test.weighted for test in tests), default=1.0)
         bases, weights = [t.basis for t in tests], [weight(t.kind) for t in tests]
         return chance_of_least(bases, weights, least, self.base_freedom)
 
-    def freedom(self, given: list[Kind]) -> float:
+    def freedom(self, given: list[ChangeModel]) -> float:
         """Degrees of freedom that are left beside these changes."""
         return float(self.spread.rows - self._rest(given)[1].shape[1])
 
-    def noise_ratio(self, given: list[Kind]) -> float:
+    def noise_ratio(self, given: list[ChangeModel]) -> float:
         """The new noise over the one that was expected."""
         rest, basis = self._rest(given)
         return float(np.sqrt(rest @ rest / max(self.spread.rows - basis.shape[1], 1)))
 
-    def p_rest(self, given: list[Kind]) -> float:
+    def p_rest(self, given: list[ChangeModel]) -> float:
         """p-value of the residual left after fitting the given changes, under the noise that was expected."""
         free = self.freedom(given)
         return f_sf(self.noise_ratio(given) ** 2, free, self.base_freedom) if free >= 1.0 else 1.0
@@ -158,7 +158,7 @@ class ChangeTests:
         """p-value of the residual under the noise that was expected, where nothing changed."""
         return self.p_rest([])
 
-    def noise_explains(self, given: list[Kind], kind: Kind) -> bool:
+    def noise_explains(self, given: list[ChangeModel], kind: ChangeModel) -> bool:
         """Whether more noise explains what this kind would: by the noise that the new points themselves show."""
         if self.p_rest([*given, kind]) > ALARM:
             return False  # with it the noise is as it was
@@ -168,7 +168,7 @@ class ChangeTests:
         own = f_sf(test.gain / count / self.noise_ratio([*given, kind]) ** 2, count, free)
         return own > NAMED_BESIDE
 
-    def found(self, kind: Kind, kinds: list[Kind]) -> Found:
+    def found(self, kind: ChangeModel, kinds: list[ChangeModel]) -> Change:
         """Size and sigma of one of several changes, fitted together."""
         columns = np.concatenate([self.rows(k) for k in kinds], axis=1)
         inverse = np.linalg.pinv(columns, rcond=1e-9)
@@ -180,9 +180,9 @@ class ChangeTests:
         along = vector / max(float(np.linalg.norm(vector)), 1e-300)
         sigma = float(np.sqrt(along @ spread @ along))
         shown = tuple(float(v) for v in vector) if len(vector) > 1 else ()
-        return Found(kind.what, kind.joint, kind.parameter, size, sigma, kind.unit, 1.0, (), shown)
+        return Change(kind.what, kind.joint, kind.parameter, size, sigma, kind.unit, 1.0, (), shown)
 
-    def detectable(self, kind: Kind) -> Detectable:
+    def detectable(self, kind: ChangeModel) -> Detectable:
         """The size that is found 19 times of 20, in the direction that shows least."""
         columns = self.rows(kind)
         whole = np.linalg.norm(kind.columns) / np.sqrt(len(kind.columns))

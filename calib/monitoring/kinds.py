@@ -20,7 +20,7 @@ LENGTH, ANGLE, COMPLIANCE, NOISE = "length", "angle", "compliance", "noise"
 
 
 @dataclass(frozen=True)
-class Kind:
+class ChangeModel:
     """One change that may have happened, of K numbers."""
 
     what: str
@@ -40,7 +40,7 @@ class Kind:
         return self.what, self.joint, self.parameter
 
 
-def kinds_of_the_arm(model: Model, x: Array, observed: Observations) -> tuple[Kind, ...]:
+def kinds_of_the_arm(model: Model, x: Array, observed: Observations) -> tuple[ChangeModel, ...]:
     """Changes of the arm at the observed points: each joint's zero, length, link angle and compliance; the tool.
 
     The tool is one change of three lengths, and so is the jig in the room where the arm carries the scanner. A joint's
@@ -60,24 +60,24 @@ def kinds_of_the_arm(model: Model, x: Array, observed: Observations) -> tuple[Ki
     return tuple(_kinds(model.robot, columns, torques, turn))
 
 
-def _kinds(robot: Robot, columns: dict[str, Array], torques: Array, turn: Array) -> Iterator[Kind]:
+def _kinds(robot: Robot, columns: dict[str, Array], torques: Array, turn: Array) -> Iterator[ChangeModel]:
     for joint, is_revolute in enumerate(robot.is_revolute, 1):
         zero = f"theta{joint}" if is_revolute else f"d{joint}"
-        yield Kind(JOINT_ZERO, joint, zero, "rad" if is_revolute else "mm", columns[zero][..., None])
+        yield ChangeModel(JOINT_ZERO, joint, zero, "rad" if is_revolute else "mm", columns[zero][..., None])
         for name in (f"a{joint}", f"d{joint}", f"alpha{joint}", f"theta{joint}", f"beta{joint}"):
             # What lies behind the last joint is fixed to the flange: a change of it is one of the tool.
             if name != zero and joint < robot.n_joints:
                 length = name[0] in "ad" and not name.startswith("alpha")
                 what, unit = (LENGTH, "mm") if length else (ANGLE, "rad")
-                yield Kind(what, joint, name, unit, columns[name][..., None])
+                yield ChangeModel(what, joint, name, unit, columns[name][..., None])
         if torques.shape[1]:
             unit = "rad/Nm" if is_revolute else "mm/N"
             by_torque = columns[zero] * torques[:, joint - 1, None]
-            yield Kind(COMPLIANCE, joint, "", unit, by_torque[..., None])
-    yield Kind(JIG if robot.carries_scanner else TOOL, None, "", "mm", turn)
+            yield ChangeModel(COMPLIANCE, joint, "", unit, by_torque[..., None])
+    yield ChangeModel(JIG if robot.carries_scanner else TOOL, None, "", "mm", turn)
 
 
-def kind_words(kind: Kind) -> str:
+def kind_words(kind: ChangeModel) -> str:
     """ "joint_zero 3", "tool", "length a2"."""
     return kind_words_of(kind.what, kind.joint, kind.parameter)
 

@@ -27,7 +27,7 @@ from calib.dataset.dataset import Dataset
 from calib.fitting.observations import Observations, predict_points, with_nominal_scanner_frames
 from calib.fitting.scanner_frame import fit_scanner_frame
 from calib.frames import apply
-from calib.monitoring.change_tests import Found
+from calib.monitoring.change_tests import Change
 
 POSE_ORDER = "pose_order"
 _FALLS_TO = 0.1  # share of the error that may be left: no change of an arm looks like another sheet
@@ -59,12 +59,12 @@ def sheet_problem(base: Calibration, new: Dataset) -> DataProblem | None:
     return DataProblem(best, best.of_dataset(new), now_mm, tried[best], np.inf, tuple(rivals))
 
 
-def found_of(problem: DataProblem) -> Found:
+def found_of(problem: DataProblem) -> Change:
     """What is wrong with the sheet as a change of the cell; its size is how many poses or joints it concerns."""
     if problem.kind == ROW_ORDER:
-        return Found(POSE_ORDER, None, "", float(problem.hypothesis.moved_rows), 0.0, "poses", 0.0, ())
+        return Change(POSE_ORDER, None, "", float(problem.hypothesis.moved_rows), 0.0, "poses", 0.0, ())
     joint = problem.joints[0] if len(problem.joints) == 1 else None
-    return Found(problem.kind, joint, "", float(max(len(problem.joints), 1)), 0.0, "joints", 0.0, ())
+    return Change(problem.kind, joint, "", float(max(len(problem.joints), 1)), 0.0, "joints", 0.0, ())
 
 
 def _hypotheses(base: Calibration, new: Dataset, names: tuple[str, ...]) -> Iterable[Hypothesis]:

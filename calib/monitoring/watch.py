@@ -16,7 +16,6 @@ import numpy as np
 from calib.calibration.result import Calibration
 from calib.consistency.data_problem import DataProblem
 from calib.dataset.dataset import Dataset
-from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
 from calib.monitoring.cell import Cell
 from calib.monitoring.change_tests import (
@@ -24,8 +23,8 @@ from calib.monitoring.change_tests import (
     NAMED,
     NAMED_BESIDE,
     NOISIER,
+    Change,
     Detectable,
-    Found,
     as_well,
     the_likeliest,
 )
@@ -37,25 +36,24 @@ from calib.monitoring.kinds import (
     NOISE,
     SCANNER,
     TOOL,
-    Kind,
-    kind_words_of,
-    size_words,
+    ChangeModel,
 )
 from calib.monitoring.sheet import found_of, sheet_problem
+from calib.presented import Presented
 
 MOST = 3  # changes of the arm that are told
 
 
 @dataclass(frozen=True)
-class Watched(Documented, Viewed):
+class ChangeReport(Presented):
     """What a set of check poses says of a cell."""
 
     name: str
     verdict: str  # unchanged, changed, unclear
-    changes: tuple[Found, ...]
+    changes: tuple[Change, ...]
     detectable: tuple[Detectable, ...]
     errors: CheckErrors
-    usual: tuple[Found, ...]  # each joint's zero and the tool, as if that alone had changed, whether it did or not
+    usual: tuple[Change, ...]  # each joint's zero and the tool, as if that alone had changed, whether it did or not
     rmse_free_mm: float  # 3D, the scanner's place fitted anew
     expected_mm: float  # 3D, of what the earlier fit and its noise leave
     p_unchanged: float
@@ -75,63 +73,8 @@ class Watched(Documented, Viewed):
         """Kinds that these poses show only where they move the points by more than three times the noise, or never."""
         return tuple(d for d in self.detectable if d.moves_mm is None or d.moves_mm > 3.0 * self.expected_mm)
 
-    @property
-    def headline(self) -> str:
-        """What changed, in a sentence or two."""
-        off = f"{self.poses} check poses are off by {self.rmse_mm:.3g} mm RMS, {self.expected_mm:.3g} by noise alone"
-        if self.verdict == "unchanged":
-            return f"{self.name}: unchanged. {off} and what the earlier fit leaves open."
-        return f"{self.name}: {self.verdict}. {'; '.join(self.told)}. {off}."
 
-    @property
-    def told(self) -> tuple[str, ...]:
-        """What changed, a phrase each."""
-        if self.data_problem is not None:
-            return (self.data_problem.words,)
-        return tuple(_words(change) for change in self.changes)
-
-    @property
-    def unseen_words(self) -> tuple[str, ...]:
-        """What these poses could not have seen, and which of them the model is not confirmed at, a sentence each."""
-        never = [_detectable_name(d) for d in self.unseen if d.size is None]
-        late = [f"{_detectable_name(d)} below {size_words(d.size, d.unit)}" for d in self.unseen if d.size is not None]
-        out = []
-        if never:
-            out.append(f"never seen by these poses, or taken for the scanner: {', '.join(never)}")
-        if late:
-            out.append(f"not seen by these poses: {', '.join(late)}")
-        if self.outside_words:
-            out.append(self.outside_words)
-        return tuple(out)
-
-    def summary(self) -> str:
-        """The headline, and what these poses could not have seen."""
-        return "\n  ".join([self.headline, *self.unseen_words])
-
-
-def _words(change: Found) -> str:
-    if change.what == NOISE:
-        return f"the noise is {change.size:.2g} times what it was"
-    scanner = "the scanner (or the base) moved" if BASE in change.as_well else "the scanner moved on the flange"
-    where = {"scanner": scanner, "tool": "the tool moved", "jig": "the jig (or the base) moved"}
-    names = {
-        "joint_zero": "the zero",
-        "compliance": "the compliance",
-        "length": "a length",
-        "angle": "an angle",
-    }
-    named = f" ({change.parameter})" if change.parameter else ""
-    what = where.get(change.what) or f"{names[change.what]} of joint {change.joint}{named} changed"
-    others = [name for name in change.as_well if name != BASE]
-    as_well = f", or as well {', '.join(others)}: these poses do not tell" if others else ""
-    return f"{what} by {size_words(change.size, change.unit)} +- {size_words(change.sigma, change.unit)}{as_well}"
-
-
-def _detectable_name(d: Detectable) -> str:
-    return kind_words_of(d.what, d.joint, d.parameter)
-
-
-def watch(base: Calibration, new: Dataset, *, scanner_moved: bool = False) -> Watched:
+def watch(base: Calibration, new: Dataset, *, scanner_moved: bool = False) -> ChangeReport:
     """Hold new measurements of the same cell against an earlier calibration.
 
     scanner_moved: it was put up anew, which is no change to be told; else it stands where that setup stood.
@@ -151,7 +94,7 @@ def watch(base: Calibration, new: Dataset, *, scanner_moved: bool = False) -> Wa
     problem = sheet_problem(base, new)
     changes = _changes(cell, alarmed=p_unchanged < ALARM) if problem is None else (found_of(problem),)
     verdict = "unchanged" if not changes else "unclear" if _mixed(changes) else "changed"
-    return Watched(
+    return ChangeReport(
         name=new.name,
         verdict=verdict,
         changes=changes,
@@ -169,7 +112,7 @@ def watch(base: Calibration, new: Dataset, *, scanner_moved: bool = False) -> Wa
     )
 
 
-def _usual(cell: Cell, changes: tuple[Found, ...]) -> tuple[Found, ...]:
+def _usual(cell: Cell, changes: tuple[Change, ...]) -> tuple[Change, ...]:
     named = {(c.what, c.joint, c.parameter) for c in changes if SCANNER not in c.as_well}
     arm = [kind for kind in cell.kinds if kind.key in named]
     moved = any(c.what == SCANNER for c in changes)
@@ -177,14 +120,14 @@ def _usual(cell: Cell, changes: tuple[Found, ...]) -> tuple[Found, ...]:
     return tuple(cell.beside(kind, arm, scanner_moved=moved) for kind in usual)
 
 
-def _mixed(changes: tuple[Found, ...]) -> bool:
+def _mixed(changes: tuple[Change, ...]) -> bool:
     """Whether the arm and the scanner explain a change equally well: nobody knows then what to mend."""
     return any(change.what == SCANNER and set(change.as_well) - {BASE} for change in changes) or any(
         SCANNER in change.as_well for change in changes
     )
 
 
-def _changes(cell: Cell, *, alarmed: bool) -> tuple[Found, ...]:
+def _changes(cell: Cell, *, alarmed: bool) -> tuple[Change, ...]:
     """What the arm must answer for, with the scanner's place free; then whether the scanner moved, and the noise.
 
     alarmed: whether anything changed; else only the noise can have.
@@ -195,12 +138,12 @@ def _changes(cell: Cell, *, alarmed: bool) -> tuple[Found, ...]:
     if p_noise < NOISIER:
         ratio = cell.free.noise_ratio(kinds)
         sigma = ratio / np.sqrt(2.0 * cell.free.freedom(kinds))
-        found.append(Found(NOISE, None, "", ratio, float(sigma), "times", p_noise, ()))
+        found.append(Change(NOISE, None, "", ratio, float(sigma), "times", p_noise, ()))
     return tuple(found)
 
 
-def _of_arm_and_scanner(cell: Cell) -> list[Found]:
-    arm: list[Kind] = []
+def _of_arm_and_scanner(cell: Cell) -> list[Change]:
+    arm: list[ChangeModel] = []
     said: list[tuple[float, tuple[str, ...]]] = []
     while len(arm) < MOST:
         tests = cell.free.tests(cell.kinds, given=arm)

@@ -14,10 +14,10 @@ from calib.array_types import Array
 from calib.dataset.dataset import Dataset, Orientations, Points, Poses, Scanner
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import write_dataset
-from calib.display.progress import OnProgress, counted
 from calib.errors import CalibError
 from calib.jig import Jig
 from calib.kinematics.robot import Robot
+from calib.progress import OnProgress, counted
 from calib.scans.scan import write_scan
 from calib.simulation.scanner import ScanModel, SimulatedScan, simulate_scan
 from calib.simulation.scene import CUBE_CORNER

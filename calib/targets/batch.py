@@ -13,8 +13,8 @@ from calib.corners.batch import CornerBatch, brief, find_corners, told_noise
 from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
 from calib.corners.search import CornerSearch, failed_search
 from calib.dataset.dataset import Dataset
-from calib.display.progress import OnProgress
 from calib.errors import ScanError
+from calib.progress import OnProgress
 from calib.scans.scan import PointCount, load_scan
 from calib.target_shapes import Target
 from calib.targets.protocol.user_file import UserFinder, load_finder

@@ -12,7 +12,7 @@ moves the difference by M2's column: that is how one change is told from the man
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,10 +20,10 @@ from calib import frames
 from calib.array_types import Array
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.result import Calibration
-from calib.display.shown import Documented, Viewed
 from calib.distributions import chi2_sf
 from calib.errors import FitError
 from calib.kinematics.chain import forward
+from calib.presented import Presented
 from calib.screening.evidence import holm
 
 ALPHA = 0.01  # of a change that is told, over all parameters
@@ -36,7 +36,7 @@ _KNOWN = 1e-6  # share of the largest direction of D below which nothing is know
 class ParameterDifference:
     """One parameter of both; the second minus the first."""
 
-    name: str
+    name: str = field(metadata={"key": "parameter"})
     unit: str
     values: tuple[float, float]
     sigmas: tuple[float, float]
@@ -50,10 +50,10 @@ class ParameterDifference:
 
 
 @dataclass(frozen=True)
-class Change:
+class ParameterChange:
     """One parameter's change that explains the difference best, with those told before."""
 
-    name: str
+    name: str = field(metadata={"key": "parameter"})
     unit: str
     size: float
     sigma: float
@@ -62,7 +62,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Comparison(Documented, Viewed):
+class Comparison(Presented):
     """What differs between two calibrations, the second minus the first."""
 
     names: tuple[str, str]
@@ -70,7 +70,7 @@ class Comparison(Documented, Viewed):
     parameters: tuple[ParameterDifference, ...]
     only_in: tuple[tuple[str, ...], tuple[str, ...]]  # effects in one model and not in the other
     p_same: float  # of a difference at least this large where the arms are the same
-    changes: tuple[Change, ...]
+    changes: tuple[ParameterChange, ...]
     p_rest: float  # of what these changes leave, where the arms are otherwise the same
     rms_mm: float  # of the tool points' difference at all poses of both, after the best rigid motion
     largest_mm: float
@@ -80,60 +80,6 @@ class Comparison(Documented, Viewed):
     def differs(self) -> bool:
         """Whether any change is beyond what noise makes."""
         return bool(self.changes) or any(self.only_in)
-
-    @property
-    def headline(self) -> str:
-        """What differs, in a sentence or two."""
-        where = f"The tool point moves by {_mm(self.rms_mm)} RMS, most {_mm(self.largest_mm)} at {self.largest_pose}"
-        one, other = self.names
-        if not self.changes:
-            return (
-                f"No link parameter differs between {one} and {other} beyond the noise (probability of this much by "
-                f"chance {self.p_same:.2g}). {where}, which the noise explains."
-            )
-        told = [_change_words(change) for change in self.changes]
-        listed = told[0] if len(told) == 1 else f"{'; '.join(told[:-1])}; and {told[-1]}"
-        if self.p_rest < ALPHA:
-            return f"{one} and {other} differ in many link parameters, most of all in {listed}. {where}."
-        return f"From {one} to {other} changed: {listed}. {where}."
-
-    def summary(self) -> str:
-        """The headline, errors of both, and all parameters that differ beyond two sigmas."""
-        lines = [self.headline]
-        for name, (before, after) in zip(self.names, self.errors, strict=True):
-            figures = [(r, getattr(before, r), getattr(after, r)) for r in ("train", "test")]
-            parts = [f"{r} RMSE {b.rmse_mm:.4g} -> {a.rmse_mm:.4g} mm" for r, b, a in figures if a and b]
-            lines.append(f"{name}: {', '.join(parts)}")
-        for name, only in zip(self.names, self.only_in, strict=True):
-            if only:
-                lines.append(f"only in the model of {name}: {', '.join(only)}")
-        apart = [p for p in self.parameters if abs(p.z) >= 2.0]
-        for p in sorted(apart, key=lambda p: -abs(p.z)):
-            (first, unit), (second, _) = (readable(v, p.unit) for v in p.values)
-            (by, _), (sigma, _) = readable(p.difference, p.unit), readable(p.sigma, p.unit)
-            lines.append(f"{p.name:12s} {first:12.6g} -> {second:12.6g} {unit:4s} by {by:+.3g} +- {sigma:.2g}")
-        return "\n".join(lines)
-
-
-def readable(value: float, unit: str) -> tuple[float, str]:
-    """Angles in degrees, as the files have them."""
-    return (float(np.degrees(value)), "deg") if unit == "rad" else (value, unit)
-
-
-def parameter_words(name: str) -> str:
-    """ "theta3" -> "the zero of joint 3 (theta3)"; others by their name."""
-    joint = name.removeprefix("theta")
-    return f"the zero of joint {joint} ({name})" if joint != name and joint.isdigit() else name
-
-
-def _change_words(change: Change) -> str:
-    (size, unit), (sigma, _) = readable(change.size, change.unit), readable(change.sigma, change.unit)
-    alike = f", or as well {', '.join(change.alike)}: these poses do not tell" if change.alike else ""
-    return f"{parameter_words(change.name)} by {size:+.3g} +- {sigma:.2g} {unit}{alike}"
-
-
-def _mm(mm: float) -> str:
-    return f"{1e3 * mm:.3g} um" if mm < 0.1 else f"{mm:.3g} mm"
 
 
 def compare(one: Calibration, other: Calibration, names: tuple[str, str] | None = None) -> Comparison:
@@ -164,7 +110,7 @@ def compare(one: Calibration, other: Calibration, names: tuple[str, str] | None 
 
 def _parameters(
     one: Calibration, other: Calibration
-) -> tuple[tuple[ParameterDifference, ...], tuple[tuple[Change, ...], float, float]]:
+) -> tuple[tuple[ParameterDifference, ...], tuple[tuple[ParameterChange, ...], float, float]]:
     units = {p.name: p.unit for p in one.fit.parameters}
     theirs = {p.name for p in other.fit.parameters}
     names = [p.name for p in one.fit.parameters if p.name in theirs]
@@ -223,7 +169,7 @@ def _changes(
     covariance: Array,
     kernel: Array,
     scales: Array,
-) -> tuple[tuple[Change, ...], float, float]:
+) -> tuple[tuple[ParameterChange, ...], float, float]:
     """The fewest changes of single parameters that explain the difference; how likely it is without any, and the rest.
 
     Generalised least squares along the directions that the data know, one more parameter at a time.
@@ -258,7 +204,7 @@ def _changes(
     p_rest = chi2_sf(float(rest @ rest), max(float(known.sum()) - len(chosen), 1.0))
     spread = np.sqrt(np.diag(np.linalg.inv(columns[:, chosen].T @ columns[:, chosen])))
     changes = tuple(
-        Change(names[k], units[names[k]], float(size * scales[k]), float(s * scales[k]), *said)
+        ParameterChange(names[k], units[names[k]], float(size * scales[k]), float(s * scales[k]), *said)
         for k, size, s, said in zip(chosen, sizes, spread, told, strict=True)
     )
     return changes, p_same, p_rest

@@ -19,11 +19,11 @@ from calib.calibration.evaluation import Evaluation, Figures
 from calib.calibration.noise_check import SigmaCheck, check_sigma
 from calib.calibration.result import Calibration, figures_line
 from calib.dataset.dataset import Dataset
-from calib.display.progress import OnProgress, counted
 from calib.effects.effect import Effect
 from calib.errors import FitError
 from calib.fitting.fit import Fit
 from calib.options import DEFAULT_FOLDS, FitOptions
+from calib.progress import OnProgress, counted
 from calib.validation.splits import deal_folds, split_dataset, training_groups
 
 SUSPICIOUS = 1.5  # held-out over training error, in multiples of what noise explains, that calls the model in question

@@ -18,11 +18,11 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.noise_check import SigmaCheck, check_sigma
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.display.progress import OnProgress, counted
 from calib.effects.effect import Effect
 from calib.errors import FitError
 from calib.identifiability.structural import structural_rank
 from calib.options import FitOptions
+from calib.progress import OnProgress, counted
 from calib.validation.splits import (
     MIN_FRAME_POSES,
     JointGroups,

@@ -10,7 +10,8 @@ from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.headline import headline_note, headline_of, noise_words
 from calib.diagnosis.words.phrases import capitalised, untestable_texts
 from calib.diagnosis.words.text import reason_texts
-from calib.display.blocks import (
+from calib.identifiability.redundancy import Redundancy
+from calib.present.blocks import (
     Block,
     Bullets,
     Facts,
@@ -19,12 +20,11 @@ from calib.display.blocks import (
     Paragraph,
     Section,
     Table,
-    VerdictLine,
+    Verdict,
 )
-from calib.display.colours import BAD, VERDICT_COLOURS
-from calib.display.view_page import view_html
-from calib.identifiability.redundancy import Redundancy
-from calib.validation.comparison import readable
+from calib.present.colours import BAD, VERDICT_COLOURS
+from calib.present.numbers import readable
+from calib.views.view_page import view_html
 
 _FIGURES = (("RMS", "rmse_mm"), ("mean", "mean_mm"), ("maximum", "max_mm"))
 _RANKED = 12
@@ -42,7 +42,7 @@ def calibration_head(calibration: Calibration) -> list[Block]:
     fit, model = calibration.fit, " + ".join(["link errors", *calibration.model.family_names])
     head: list[Block] = [way(calibration), errors(calibration)]
     if calibration.worse_than_nominal:
-        head.insert(1, VerdictLine(capitalised(calibration.worse_than_nominal), BAD))
+        head.insert(1, Verdict(capitalised(calibration.worse_than_nominal), BAD))
     facts: list[tuple[str, object]] = [
         ("model", model),
         ("residual", f"{calibration.residual}, {fit.rows} equations"),
@@ -84,7 +84,7 @@ def parameters(calibration: Calibration) -> list[Block]:
         )
         name = f"{row['name']}{'' if row['known'] else '*'}"
         shown = (f"{nominal:.6g}", f"{value:.6g}", f"{change:+.3g}", f"{sigma:.2g}")
-        rows.append((name, *shown, readable(0.0, unit)[1].replace("deg", "°")))
+        rows.append((name, *shown, readable(0.0, unit)[1]))
     note = "* the data tell next to nothing of it by itself: its tolerance holds the value, or it is shared."
     columns = ("name", "nominal", "fitted", "change", "sigma", "unit")
     return [Table(columns, rows, left=(0, 5)), Paragraph(note, soft=True)]
@@ -121,7 +121,7 @@ def diagnosis_head(diagnosis: Diagnosis) -> list[Block]:
     words = capitalised(verdict_text(diagnosis.explanation.verdict, reasons="below"))
     return [
         way(*(step.calibration for step in diagnosis.steps)),
-        VerdictLine(words, VERDICT_COLOURS[diagnosis.verdict]),
+        Verdict(words, VERDICT_COLOURS[diagnosis.verdict]),
     ]
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from calib.corners.batch import CornerBatch
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import ROLES, Dataset
-from calib.display.blocks import Block, Bullets, Facts, KeyFigures, Section, Table
-from calib.display.view_page import view_html
+from calib.present.blocks import Block, Bullets, Facts, KeyFigures, Section, Table
+from calib.views.view_page import view_html
 
 _DIGITS = 2  # of degrees and mm in tables of the robot
 

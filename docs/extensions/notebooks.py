@@ -20,8 +20,8 @@ from nbclient.exceptions import CellExecutionError
 from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
 
-from calib.display.blocks import Drawing
-from calib.display.view_page import FIGURES, view_html
+from calib.present.blocks import Drawing
+from calib.views.view_page import FIGURES, view_html
 from inspector.figures.svg.figure import svg_of
 from inspector.figures.svg.text import plain
 

@@ -7,11 +7,12 @@ from datetime import datetime
 from pathlib import Path
 
 from calib.dataset.files.atomic_write import write_text_atomically
-from calib.documents.comparison_documents import comparison_document, watch_document
 from calib.errors import CalibError
-from calib.monitoring.control_chart import repeat_lines, repeated_poses, series
+from calib.monitoring.control_chart import repeated_poses
 from calib.monitoring.iso9283 import PoseFigures
-from calib.monitoring.watch import Watched, watch
+from calib.monitoring.watch import ChangeReport, watch
+from calib.present import to_dict
+from calib.present.changes import series, watch_document, worst_repeats
 from calib.text_files.csv_text import frame_csv
 from calib.validation.comparison import compare
 from inspector.cli.calibrate_command import fitted
@@ -27,7 +28,7 @@ def run_compare(options: CompareOptions) -> int:
     datasets = [measured(load(path), orientation=options.residual == "pose") for path in (options.path, options.other)]
     one, other = (fitted(options, dataset)[-1].calibration for dataset in datasets)
     compared = compare(one, other)
-    show(options, comparison_document(compared), compared.summary())
+    show(options, compared.to_dict(), compared.summary())
     return 0
 
 
@@ -47,12 +48,12 @@ def run_watch(options: WatchOptions) -> int:
     repeats = repeated_poses(base, seen)
     for out in options.out:
         _write(out, base.dataset.name, seen, repeats)
-    told = [*(w.summary() for w in seen), *repeat_lines(repeats)]
-    show(options, watch_document(seen, repeats), "\n".join(told))
+    told = [*(w.summary() for w in seen), *worst_repeats(repeats)]
+    show(options, to_dict(watch_document(seen, repeats)), "\n".join(told))
     return 0 if all(w.verdict == "unchanged" for w in seen) else 1
 
 
-def _write(out: Path, base: str, seen: Sequence[Watched], repeats: Sequence[PoseFigures]) -> None:
+def _write(out: Path, base: str, seen: Sequence[ChangeReport], repeats: Sequence[PoseFigures]) -> None:
     if out.suffix.lower() == ".csv":
         write_text_atomically(out, frame_csv(series(seen)))
         return

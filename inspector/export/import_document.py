@@ -10,7 +10,7 @@ from calib.dataset_import.plan import ImportPlan, PlannedColumn
 
 
 def plan_document(plan: ImportPlan, files: Sequence[UserFile] = ()) -> dict[str, Any]:
-    """What was recognised, what is doubtful and what is wrong."""
+    """Planned import as a document: what was recognised, doubts and faults."""
     return {
         "robot": None if plan.robot is None else plan.robot.robot.name,
         "poses": plan.poses,
@@ -38,7 +38,7 @@ def _column(column: PlannedColumn) -> dict[str, Any]:
 
 
 def plan_lines(plan: ImportPlan) -> list[str]:
-    """The plan for a terminal: columns, then what was recognised and what is doubtful."""
+    """Planned import as lines for a terminal: columns, what was recognised, doubts."""
     rows = [("table", "column", "first value", "taken for", "why")]
     rows += [
         (

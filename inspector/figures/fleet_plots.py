@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import plotly.graph_objects as go
 
-from calib.display.html_text import escape
+from calib.html_text import escape
 from inspector.figures.style import figure, log_axis
 from inspector.markup.parts.palette import MODEL_COLOURS
 

@@ -13,7 +13,9 @@ import plotly.graph_objects as go
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array
-from calib.display.html_text import escape
+from calib.html_text import escape
+from calib.present.names import ROLES
+from calib.present.numbers import parameter_label
 from inspector.figures.robust_axis import beyond, robust_range
 from inspector.figures.style import (
     SELECTS_POSE,
@@ -25,8 +27,7 @@ from inspector.figures.style import (
     shortened,
     strong_ink,
 )
-from inspector.markup.parts.numbers import parameter_label
-from inspector.markup.parts.palette import ROLE_COLOURS, ROLE_WORDS, UNKNOWN, role_colour
+from inspector.markup.parts.palette import ROLE_COLOURS, UNKNOWN, role_colour
 
 MOST_TICKS = 16
 
@@ -39,14 +40,14 @@ def correlation_heatmap(
     no_influence: Sequence[str] = (),
     joints: Mapping[str, int] | None = None,
 ) -> go.Figure:
-    """Pearson's r of all pairs. pearson  # (P, P); NaN where a parameter has no influence: those cells are grey.
+    """Heatmap of Pearson's r of all pairs. pearson  # (P, P), NaN where a parameter has no influence: grey cells.
 
     joints: the joint, from 1, of each parameter that belongs to one; a click on its row picks it.
     """
     r = np.asarray(pearson, dtype=float)
-    labels = [parameter_label(name) for name in names]
+    labels = [escape(parameter_label(name)) for name in names]
     missing = np.isnan(r)
-    picks = selects_joint_of_row({parameter_label(n): j for n, j in (joints or {}).items()})
+    picks = selects_joint_of_row({escape(parameter_label(n)): j for n, j in (joints or {}).items()})
     without = [name for name in names if name in set(no_influence)] or [
         name for i, name in enumerate(names) if missing[i].all()
     ]
@@ -88,7 +89,7 @@ def correlation_heatmap(
 
 
 def _why_missing(names: Sequence[str], no_influence: Sequence[str]) -> list[list[str]]:
-    """For each pair, which of the two parameters has no influence."""
+    """Hover texts that tell which parameter of each pair has no influence."""
     without = set(no_influence)
     return [
         [
@@ -119,7 +120,7 @@ def convergence(
         longest = max(longest, len(y))
         traces.append(
             _curve(role, list(range(len(y))), y)
-            | {"hovertemplate": f"iteration %{{x}}<br>{ROLE_WORDS[role]} {what} RMSE %{{y:.4g}} mm<extra></extra>"}
+            | {"hovertemplate": f"iteration %{{x}}<br>{ROLES[role]} {what} RMSE %{{y:.4g}} mm<extra></extra>"}
         )
     return figure(
         traces,
@@ -132,14 +133,14 @@ def convergence(
 
 def _curve(role: str, x: list[int], y: Array) -> dict[str, Any]:
     return {
-        "type": "scatter", "mode": "lines+markers", "name": ROLE_WORDS[role], "x": x, "y": y.tolist(),
+        "type": "scatter", "mode": "lines+markers", "name": ROLES[role], "x": x, "y": y.tolist(),
         "line": {"color": ROLE_COLOURS[role], "width": 2},
         "marker": {"size": 8, "symbol": "circle" if role == "train" else "diamond"}, "cliponaxis": False,
     }  # fmt: skip
 
 
 def _log_ticks(values: Sequence[float]) -> dict[str, Any]:
-    """1, 2, 5, 10, ... over the values' range; only powers of ten where that is wide."""
+    """Ticks 1, 2, 5, 10, ... over the values' range; only powers of ten where it is wide."""
     if not len(values):
         return {}
     low, high = np.floor(np.log10(min(values))), np.ceil(np.log10(max(values)))
@@ -158,13 +159,13 @@ def pose_residuals(
     what: str = "residual",
     dark: bool = False,
 ) -> go.Figure:
-    """One bar a pose, coloured by role, the selected pose outlined. residual_mm  # (N,); NaN leaves a gap."""
+    """Bar for each pose, coloured by role, the selected pose outlined. residual_mm  # (N,); NaN leaves a gap."""
     values = np.asarray(residual_mm, dtype=float)
     names = [escape(name) for name in ids]  # plotly reads a little markup in labels
     traces = []
     for role in sorted(set(roles), key=lambda r: list(ROLE_COLOURS).index(r) if r in ROLE_COLOURS else 99):
         at = [i for i, r in enumerate(roles) if r == role]
-        word = ROLE_WORDS.get(role, role)
+        word = ROLES.get(role, role)
         traces.append(
             {
                 "type": "bar", "x": [names[i] for i in at], "y": values[at].tolist(), "name": word,
@@ -197,7 +198,7 @@ def pose_residuals(
 
 
 def outline(fig: go.Figure, selected: str | None) -> go.Figure:
-    """The same bars with this pose's outlined."""
+    """The bars with another pose outlined."""
     name = None if selected is None else escape(selected)
     for bars in (trace for trace in fig.data if trace.type == "bar"):
         bars.marker.line.width = [2 if x == name else 0 for x in bars.x]
@@ -213,7 +214,7 @@ def error_history(
     noise: str = "noise alone",
     dark: bool = False,
 ) -> go.Figure:
-    """3D RMSE after each change of the model, logarithmic, with the noise as a line. NaN leaves a gap."""
+    """3D RMSE after each change of the model, on a logarithmic axis, with a line at the noise. NaN leaves a gap."""
     traces = []
     steps = list(range(len(labels)))
     names = [escape(label) for label in labels]
@@ -224,7 +225,7 @@ def error_history(
         if not np.isfinite(y).any():
             continue
         shown += y[np.isfinite(y)].tolist()
-        hover = "%{customdata}<br>" + ROLE_WORDS[role] + " 3D RMSE %{y:.4g} mm<extra></extra>"
+        hover = "%{customdata}<br>" + ROLES[role] + " 3D RMSE %{y:.4g} mm<extra></extra>"
         traces.append(
             _curve(role, steps, y)
             | {"customdata": names, "hovertemplate": hover, "ids": list(map(str, steps)), "meta": SHOWS_STEP}

@@ -14,10 +14,11 @@ import plotly.graph_objects as go
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, IndexArray
-from calib.display.html_text import escape
+from calib.html_text import escape
+from calib.present.names import ROLES
 from inspector.figures.robust_axis import beyond, robust_range
 from inspector.figures.style import SELECTS_POSE, SIGNED_SCALE, figure, ink, shortened, strong_ink
-from inspector.markup.parts.palette import ROLE_COLOURS, ROLE_WORDS
+from inspector.markup.parts.palette import ROLE_COLOURS
 
 SELECTED = "selected pose"
 MEDIAN = "training median"
@@ -41,7 +42,7 @@ def residual_against(
     selected: str | None = None,
     dark: bool = False,
 ) -> go.Figure:
-    """What is left at each pose against one input, the noise band behind it. x, y, is_test  # (N,)
+    """Residual of each pose against one input, over the band of the noise. x, y, is_test  # (N,)
 
     `smooth` may have rows of nan: the line stops there. Single values between two (levels of an input) are dashes.
     """
@@ -60,11 +61,11 @@ def residual_against(
     for role, rows in _roles(is_test):
         traces.append(
             {
-                "type": "scatter", "mode": "markers", "name": ROLE_WORDS[role], "x": at[rows].tolist(),
+                "type": "scatter", "mode": "markers", "name": ROLES[role], "x": at[rows].tolist(),
                 "y": values[rows].tolist(), "customdata": [escape(ids[i]) for i in rows],
                 "ids": [escape(ids[i]) for i in rows], "meta": SELECTS_POSE,
                 "marker": {"size": 8, "color": ROLE_COLOURS[role], "symbol": _SYMBOLS[role]},
-                "hovertemplate": f"pose %{{customdata}} ({ROLE_WORDS[role]})<br>{escape(x_title)} %{{x:.5g}}<br>"
+                "hovertemplate": f"pose %{{customdata}} ({ROLES[role]})<br>{escape(x_title)} %{{x:.5g}}<br>"
                 f"{escape(y_title)} %{{y:.4g}}<extra></extra>",
             }
         )  # fmt: skip
@@ -116,7 +117,7 @@ def place_views(
     selected: str | None = None,
     dark: bool = False,
 ) -> go.Figure:
-    """The work space from above and from the side, each pose coloured. place_mm  # (N, 3) base frame; values  # (N,)
+    """Work space from above and from the side, each pose coloured. place_mm  # (N, 3) base frame; values  # (N,)
 
     `title` names the values with their unit. Signed values are coloured symmetrically about zero.
     """
@@ -141,7 +142,7 @@ def place_views(
             scale = {"colorbar": bar, "showscale": True} if not traces else {}
             traces.append(
                 {
-                    "type": "scatter", "mode": "markers", "name": ROLE_WORDS[role], "legendgroup": role,
+                    "type": "scatter", "mode": "markers", "name": ROLES[role], "legendgroup": role,
                     "showlegend": first, "yaxis": letter, "x": place[rows, 0].tolist(), "y": place[rows, axis].tolist(),
                     "customdata": [escape(ids[i]) for i in rows],
                     "ids": [escape(ids[i]) for i in rows], "meta": SELECTS_POSE,
@@ -150,7 +151,7 @@ def place_views(
                         **colour, **scale, "size": 9, "symbol": _SYMBOLS[role], "color": _listed(shown[rows]),
                         "line": {"color": ink(dark), "width": 0.7},
                     },
-                    "hovertemplate": f"pose %{{customdata}} ({ROLE_WORDS[role]})<br>{escape(title)} %{{text}}<br>"
+                    "hovertemplate": f"pose %{{customdata}} ({ROLES[role]})<br>{escape(title)} %{{text}}<br>"
                     f"x %{{x:.0f}} mm, {'xyz'[axis]} %{{y:.0f}} mm<extra></extra>",
                 }
             )  # fmt: skip
@@ -159,15 +160,15 @@ def place_views(
 
 
 def places_by_role(place_mm: ArrayLike, ids: Sequence[str], roles: Sequence[str], *, dark: bool = False) -> go.Figure:
-    """Places from above and from the side, each pose in the colour of its role. place_mm  # (N, 3) base frame"""
+    """Measured places from above and from the side, coloured by role. place_mm  # (N, 3) base frame"""
     place = np.asarray(place_mm, dtype=float)
     traces = [
         {
-            "type": "scatter", "mode": "markers", "name": ROLE_WORDS[role], "legendgroup": role,
+            "type": "scatter", "mode": "markers", "name": ROLES[role], "legendgroup": role,
             "showlegend": letter == "y", "yaxis": letter, "x": place[rows, 0].tolist(), "y": place[rows, axis].tolist(),
             "customdata": [escape(ids[i]) for i in rows],
             "marker": {"size": 8, "color": ROLE_COLOURS[role], "symbol": _SYMBOLS.get(role, "square")},
-            "hovertemplate": f"pose %{{customdata}} ({ROLE_WORDS[role]})<br>x %{{x:.0f}} mm, "
+            "hovertemplate": f"pose %{{customdata}} ({ROLES[role]})<br>x %{{x:.0f}} mm, "
             f"{'xyz'[axis]} %{{y:.0f}} mm<extra></extra>",
         }
         for axis, letter in ((1, "y"), (2, "y2"))
@@ -178,7 +179,7 @@ def places_by_role(place_mm: ArrayLike, ids: Sequence[str], roles: Sequence[str]
 
 
 def _two_views(traces: Sequence[dict[str, Any]], dark: bool) -> go.Figure:
-    """Traces on "y", from above, and on "y2", from the side, to one scale."""
+    """Figure of traces on "y" (from above) and "y2" (from the side), with equal scales."""
     equal = {"scaleanchor": "x", "constrain": "domain"}
     return figure(
         traces,
@@ -191,7 +192,7 @@ def _two_views(traces: Sequence[dict[str, Any]], dark: bool) -> go.Figure:
 
 
 def select(fig: go.Figure, pose_id: str | None) -> go.Figure:
-    """The same figure with the ring about this pose; about none where it is not among the points."""
+    """The figure with the ring around another pose; without it where the pose is not among the points."""
     name = None if pose_id is None else escape(pose_id)
     points = [trace for trace in fig.data if trace.customdata is not None]
     for ring in fig.data:
@@ -254,5 +255,5 @@ def _ring(dark: bool, yaxis: str | None = None) -> dict[str, Any]:
 
 
 def _listed(values: Array) -> list[float | None]:
-    """Plain numbers; None for NaN, where plotly interrupts a line."""
+    """Values as a list, with None for NaN, where plotly interrupts a line."""
     return [float(v) if np.isfinite(v) else None for v in values]

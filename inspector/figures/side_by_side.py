@@ -5,7 +5,7 @@ from __future__ import annotations
 import plotly.graph_objects as go
 
 from calib.array_types import Array
-from calib.display.html_text import escape
+from calib.html_text import escape
 from inspector.figures.style import SELECTS_POSE, figure, shortened
 from inspector.markup.parts.palette import BESIDE_COLOURS
 

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import plotly.graph_objects as go
 
-from calib.display.html_text import escape
+from calib.html_text import escape
 from calib.monitoring.control_chart import in_time, moment
-from calib.monitoring.watch import Watched
+from calib.monitoring.watch import ChangeReport
+from calib.present.changes import change_phrases
 from inspector.figures.style import distinct_labels, figure, log_axis
-from inspector.markup.parts import numbers
 from inspector.markup.parts.palette import BAD, DOUBT, GOOD, NEUTRAL
 
 VERDICTS = {  # colour and marker, so that no verdict is told by its colour alone
@@ -21,8 +21,8 @@ VERDICTS = {  # colour and marker, so that no verdict is told by its colour alon
 _MANY_TIMES = 8.0  # the limit: from there on the axis is logarithmic
 
 
-def control_chart(seen: Sequence[Watched], *, dark: bool = False) -> go.Figure:
-    """The 3D RMSE of each, in the order of time, with what it likely is and its limit where nothing changed."""
+def control_chart(seen: Sequence[ChangeReport], *, dark: bool = False) -> go.Figure:
+    """3D RMSE of each measurement in the order of time, with its likely size and its limit where nothing changed."""
     shown = in_time(seen)
     x = list(range(1, len(shown) + 1))
     limits = [w.errors.limit_mm for w in shown]
@@ -73,5 +73,5 @@ def control_chart(seen: Sequence[Watched], *, dark: bool = False) -> go.Figure:
     )  # fmt: skip
 
 
-def _said(w: Watched) -> str:
-    return escape(numbers.typeset("; ".join((f"{w.name} {w.when}".strip(), *w.told))))
+def _said(w: ChangeReport) -> str:
+    return escape("; ".join((f"{w.name} {w.when}".strip(), *change_phrases(w))))

@@ -6,7 +6,8 @@ Its classes are styled in `server/client/page.css`; the page's script shows it o
 from __future__ import annotations
 
 from calib.diagnosis.words.headline import ErrorStage, Headline, headline_note, noise_words
-from inspector.markup.parts import elements, numbers
+from calib.present import numbers
+from inspector.markup.parts import elements
 from inspector.markup.parts.elements import Html, asking, opening
 from inspector.markup.parts.palette import MODEL_COLOURS
 from inspector.session.loop import FIND, FIT, MEASURE, STEPS, TAKE, Doing, Progress

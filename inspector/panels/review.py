@@ -1,4 +1,4 @@
-"""The left panel: which dataset, which pose, how far the search has come, and what the scene shows."""
+"""The left panel: dataset, pose, progress of the search, and layers of the scene."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ from collections.abc import Sequence
 
 import viser
 
+from calib.present import names, numbers
+from calib.present.names import ROLES
 from calib.targets.search import ScanSearch
-from inspector.markup.parts import elements, numbers
+from inspector.markup.parts import elements
 from inspector.markup.parts.links import Names, linked
-from inspector.markup.parts.palette import DOUBT, FAILED, LEFT_OUT, ROLE_WORDS, role_colour
+from inspector.markup.parts.palette import DOUBT, FAILED, LEFT_OUT, role_colour
 from inspector.panels.base import Actions, ChangedValues, by_page, put
 from inspector.panels.input_checks import clamped, one_of
 from inspector.panels.timeline import TimelinePanel
@@ -50,7 +52,7 @@ LEAVE_OUT, TAKE_IN = "Leave this pose out", "Take this pose in again"
 
 
 class ReviewPanel:
-    """One selection for the whole page."""
+    """Widgets that choose the dataset, the pose and the layers for the whole page."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions, datasets: tuple[str, ...]) -> None:
         self._actions = actions
@@ -134,7 +136,7 @@ class ReviewPanel:
     # ---- showing ----------------------------------------------------------------------------------------------------
 
     def set_poses(self, view: View) -> None:
-        """The poses of a dataset that was just opened, and the views that there is something to see in."""
+        """List the poses of a dataset that was just opened, and the views that have something to show."""
         self._names = Names.of(view.session.dataset)
         has_scans = view.session.dataset.scan_folder is not None
         self._folders["Scan layers"].visible = has_scans
@@ -144,17 +146,17 @@ class ReviewPanel:
         self.list_poses(view)
 
     def list_poses(self, view: View) -> None:
-        """Each pose with its role, and whether it is left out."""
+        """List each pose with its role, and whether it is left out."""
         poses, out = view.session.dataset.poses, view.session.uncounted
         options = tuple(
-            f"{i} · {numbers.role(str(r))}{' · left out' if i in out else ''}"
+            f"{i} · {names.role(str(r))}{' · left out' if i in out else ''}"
             for i, r in zip(poses.ids, poses.role, strict=True)
         )
         if options != tuple(self.pose.options):
             self.pose.options = options
 
     def update(self, view: View) -> None:
-        """Everything that depends on the selected pose or on what has been found."""
+        """Refresh what depends on the selected pose or on what has been found."""
         dataset = view.session.dataset
         poses = dataset.poses
         roles = [str(r) for r in poses.role]
@@ -165,7 +167,7 @@ class ReviewPanel:
                 ("robot", dataset.robot.name),
                 (
                     "poses",
-                    " · ".join(f"{roles.count(r)} {w}" for r, w in ROLE_WORDS.items() if r in roles),
+                    " · ".join(f"{roles.count(r)} {w}" for r, w in ROLES.items() if r in roles),
                 ),
                 *([("left out of these", len(view.session.uncounted))] if view.session.uncounted else []),
                 *([("scanner placements", len(set(poses.setup)))] if len(set(poses.setup)) > 1 else []),
@@ -186,7 +188,7 @@ class ReviewPanel:
 
     def _pose_status(self, view: View) -> str:
         role = str(view.session.dataset.poses.role[view.pose])
-        place = f"{view.pose + 1} of {len(view.session.dataset.poses)}, {numbers.role(role)}"
+        place = f"{view.pose + 1} of {len(view.session.dataset.poses)}, {names.role(role)}"
         out = view.pose_id in view.session.uncounted
         colour = LEFT_OUT if out else role_colour(role)
         rows: list[tuple[str, object]] = [("pose", elements.named_swatch(colour, place))]
@@ -213,11 +215,11 @@ class ReviewPanel:
         return elements.facts(rows) + alert
 
     def list_datasets(self, names: tuple[str, ...]) -> None:
-        """The datasets that can be chosen."""
+        """List the datasets that can be chosen."""
         self.dataset.options, self.dataset.disabled = names, len(names) < 2
 
     def show_nothing(self) -> None:
-        """No dataset could be opened; the reason stands above."""
+        """Show that no dataset could be opened; the reason stands above."""
         self.progress_text.content = elements.note(NOTHING_OPEN)
         self.progress.visible = self.search.visible = False
 
@@ -232,7 +234,9 @@ class ReviewPanel:
         seconds: float | None = None,
         why: str = "",
     ) -> None:
-        """How far the search through the scans has come; ids of poses that failed or have doubts; why all failed."""
+        """Show the search's progress, the poses whose corner is missing or doubtful, and why all failed where they
+        did.
+        """
         if total == 0:
             self.progress_text.content = elements.note("Nothing to search: the points were measured (points.csv).")
             self.progress.visible = self.search.visible = False
@@ -259,25 +263,25 @@ class ReviewPanel:
         self.search.visible = done < total
 
     def show_layers(self, visible: set[str]) -> None:
-        """Tick the layers that are on show."""
+        """Tick the visible layers."""
         for name, box in self.layers.items():
             put(box, name in visible)
 
     def show_legend(self, html: str) -> None:
-        """What the colours in the 3D view mean."""
+        """Show the meaning of the colours in the 3D view."""
         self._legend.content = html
 
     def show_pages(self, pages: int) -> None:
-        """How many browsers look at this, where there are several."""
+        """Show how many browsers are connected, where there are several."""
         self._pages.content = elements.note(PAGES.format(pages)) if pages > 1 else ""
 
     def show_problem(self, text: str) -> None:
-        """The last error, which stays after its notification has gone."""
+        """Show the last error, which stays after its notification has gone."""
         self._problem.content = elements.alert(linked(text, self._names)) if text else ""
 
 
 def few(names: Sequence[str], most: int = 3) -> str:
-    """ "p1, p2, p3 …": the first of many, each short and a link to its pose, as HTML."""
+    """First of many pose ids, shortened and linked: "p1, p2, p3 …", as HTML."""
     limit = elements.LONG_NAME
     short = [name if len(name) <= limit else f"{name[: limit - 1]}…" for name in names[:most]]
     shown = [elements.pose_link(name, text) for name, text in zip(names, short, strict=False)]

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import plotly.graph_objects as go
 
-from calib.display.blocks import Block, Drawing
+from calib.present.blocks import Block, Drawing
 from inspector.figures.svg.figure import svg_of
 
 

@@ -13,7 +13,9 @@ from calib.diagnosis.words.conclusions import Unexplained
 from calib.diagnosis.words.headline import Headline as HeadlineFacts
 from calib.diagnosis.words.headline import headline_note, noise_words
 from calib.diagnosis.words.phrases import capitalised, length_digits, poses_text
-from calib.display.blocks import (
+from calib.effects.catalogue import descriptions
+from calib.present import numbers
+from calib.present.blocks import (
     Block,
     Bullets,
     Drawing,
@@ -21,12 +23,10 @@ from calib.display.blocks import (
     KeyFigures,
     Paragraph,
     Table,
-    VerdictLine,
+    Verdict,
 )
-from calib.display.colours import VERDICT_COLOURS
-from calib.effects.catalogue import descriptions
+from calib.present.colours import VERDICT_COLOURS
 from calib.screening.curves.smooth_joint_error import LEARNED
-from inspector.markup.parts import numbers
 from inspector.markup.parts.palette import NEUTRAL
 from inspector.report.arm_drawing import arm_drawing, stride
 from inspector.report.content import Report, model_name
@@ -69,15 +69,13 @@ def _about(dataset: Dataset, made: str) -> list[tuple[str, object]]:
     return [(name, value) for name, value in told if value]
 
 
-def _verdict(report: Report) -> VerdictLine:
+def _verdict(report: Report) -> Verdict:
     found = report.diagnosis
     if found is None:
-        return VerdictLine(
-            f"No verdict: the model ({model_name(report.calibration)}) was put together by hand.", NEUTRAL
-        )
+        return Verdict(f"No verdict: the model ({model_name(report.calibration)}) was put together by hand.", NEUTRAL)
     tied = numbers.listing(found.ambiguous_set, "or")
     words = verdict_text(found.explanation.verdict, reasons="below", tied=tied)
-    return VerdictLine(capitalised(words), VERDICT_COLOURS[found.verdict])
+    return Verdict(capitalised(words), VERDICT_COLOURS[found.verdict])
 
 
 def _picture(report: Report, told: HeadlineFacts) -> Drawing:

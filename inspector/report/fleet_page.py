@@ -10,7 +10,11 @@ from pathlib import Path
 from urllib.parse import quote
 
 from calib.diagnosis.words.phrases import length_text
-from calib.display.blocks import (
+from calib.fleet.drift import Drift
+from calib.fleet.result import Fleet
+from calib.fleet.row import Row
+from calib.present import numbers
+from calib.present.blocks import (
     Block,
     Bullets,
     Facts,
@@ -19,13 +23,9 @@ from calib.display.blocks import (
     Paragraph,
     Section,
     Table,
-    VerdictLine,
+    Verdict,
 )
-from calib.fleet.drift import Drift
-from calib.fleet.result import Fleet
-from calib.fleet.row import Row
 from inspector.figures.fleet_plots import fleet_errors
-from inspector.markup.parts import numbers
 from inspector.markup.parts.palette import BAD, DOUBT, GOOD
 from inspector.report.figure_block import Figure
 from inspector.report.page import render_page
@@ -95,7 +95,7 @@ def _head(fleet: Fleet, made: str) -> list[Block]:
     verdicts = [(verdict or "without a verdict", count) for verdict, count in fleet.verdicts.items()]
     return [
         KeyFigures(figures),
-        VerdictLine(*_in_short(fleet)),
+        Verdict(*_in_short(fleet)),
         Table(("verdict", "datasets"), verdicts, caption="How the diagnoses end"),
         *_errors(fleet),
     ]
@@ -131,7 +131,7 @@ def _causes(fleet: Fleet) -> list[Block]:
     out: list[Block] = []
     for cause in fleet.shared:
         if cause.groups:
-            out.append(VerdictLine(f"{cause.words}.", DOUBT))
+            out.append(Verdict(f"{cause.words}.", DOUBT))
     rows = [
         (
             cause.where,

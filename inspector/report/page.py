@@ -10,14 +10,21 @@ from collections.abc import Sequence
 from functools import cache
 from itertools import count
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader
 
-from calib.display.blocks import Block, Section
-from calib.display.html_text import visible_value
+from calib.present.blocks import Block, Presentation, Section
+from calib.present.html import drawn, environment
+from inspector.figures.results.places import draw
 from inspector.report.figure_block import still
 
 MARK = '<meta name="generator" content="robot-calibration-inspector">'
 """Tells a report from any other file; among the first characters of the page."""
+
+
+def render(told: Presentation) -> str:
+    """The page of a presentation, with its figures."""
+    names = (f"figure{number}" for number in count(1))
+    return _templates().get_template("page.html").render(mark=MARK, title=told.title, **drawn(told, draw, names))
 
 
 def render_page(title: str, head: Sequence[Block], sections: Sequence[Section]) -> str:
@@ -31,12 +38,4 @@ def render_page(title: str, head: Sequence[Block], sections: Sequence[Section]) 
 
 @cache
 def _templates() -> Environment:
-    return Environment(
-        loader=ChoiceLoader([PackageLoader("inspector.report"), PackageLoader("calib.display")]),
-        autoescape=True,
-        finalize=visible_value,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
+    return environment(PackageLoader("inspector.report"))

@@ -13,19 +13,19 @@ from pathlib import Path
 from calib.calibration.noise_check import check_sigma
 from calib.calibration.noise_level import noise_level
 from calib.diagnosis.words.text import reason_texts
-from calib.display.blocks import (
+from calib.present import names, numbers
+from calib.present.blocks import (
     Block,
     Bullets,
     Facts,
     Paragraph,
     Section,
     Table,
-    VerdictLine,
+    Verdict,
 )
 from inspector.figures.plots import error_history
 from inspector.markup.learn.effects import last_change
 from inspector.markup.model.fit import before_and_after
-from inspector.markup.parts import numbers
 from inspector.report import sections
 from inspector.report.content import Report
 from inspector.report.figure_block import Figure
@@ -108,7 +108,7 @@ def _reasons(report: Report) -> list[Block]:
         return list(map(Paragraph, reason_texts(report.diagnosis.explanation)))
     sentence, colour = last_change(report.session.history)
     return [
-        *([VerdictLine(sentence, colour)] if sentence else []),
+        *([Verdict(sentence, colour)] if sentence else []),
         Paragraph(check_sigma(report.calibration).summary()),
     ]
 
@@ -119,11 +119,11 @@ def _history(report: Report) -> list[Block]:
     labels = [step.label for step in steps]
     train, test = [s.train_rmse_mm for s in steps], [s.test_rmse_mm for s in steps]
     drawn = error_history(labels, train, test, level.floor_mm, noise=level.name)
-    rows = [(s.label, *(numbers.millimetres(v) for v in (s.train_rmse_mm, s.test_rmse_mm, s.sigma_mm))) for s in steps]
+    rows = [(s.label, *(numbers.column_mm(v) for v in (s.train_rmse_mm, s.test_rmse_mm, s.sigma_mm))) for s in steps]
     errors = [
         (
-            f"{numbers.role(role)} {name}",
-            *(numbers.millimetres(value) for value in (before, after)),
+            f"{names.role(role)} {name}",
+            *(numbers.column_mm(value) for value in (before, after)),
             numbers.reduction(before, after),
         )
         for role, name, before, after in before_and_after(report.calibration)

@@ -14,8 +14,9 @@ from calib.calibration.uncertainty import Combination, identifiable_combinations
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.words.phrases import untestable_texts
-from calib.display.blocks import Block, Bullets, Facts, Paragraph, Table
 from calib.measurement.measured_points import failed_searches
+from calib.present import names, numbers
+from calib.present.blocks import Block, Bullets, Facts, Paragraph, Table
 from calib.screening.candidates import Candidate
 from calib.screening.curves.fitted_curves import fitted_curves, learned_members
 from calib.screening.curves.smooth_joint_error import LEARNED
@@ -28,7 +29,6 @@ from inspector.markup.learn.curves import BAND_NOTE, curve_rows, formulas
 from inspector.markup.learn.curves import COLUMNS as CURVE_COLUMNS
 from inspector.markup.learn.residuals import AXES, band_note, input_title, joint_title, shown, turned
 from inspector.markup.model.fit import PARAMETER_COLUMNS, parameter_rows
-from inspector.markup.parts import numbers
 from inspector.report.content import ModelResidual, Report
 from inspector.report.figure_block import Figure
 
@@ -40,7 +40,7 @@ def dataset(report: Report) -> list[Block]:
     """What was measured, where, under which conditions, and what is odd about it."""
     given = report.session.dataset
     poses = given.poses
-    roles = [f"{np.count_nonzero(poses.role == role)} {numbers.role(role)}" for role in ("train", "test")]
+    roles = [f"{np.count_nonzero(poses.role == role)} {names.role(role)}" for role in ("train", "test")]
     setups = [str(name) for name in np.unique(poses.setup)]
     rows: list[tuple[str, object]] = [("dataset", given.name)]
     if given.description:
@@ -115,7 +115,7 @@ def ranking(report: Report) -> list[Block]:
             f"{c.log_evidence:.1f}",
             numbers.probability(c.p_holm),
             f"{100 * c.explained_share:.0f}",
-            numbers.millimetres(c.cv_rmse_mm),
+            numbers.column_mm(c.cv_rmse_mm),
             _likeness(c),
         )
         for c in report.ranking.candidates
@@ -126,7 +126,7 @@ def ranking(report: Report) -> list[Block]:
         Paragraph(
             f"Each effect held against what the model of {report.ranking_of} leaves over. CV: error of a "
             "coordinate when each pose is predicted from the others, "
-            f"{numbers.millimetres(report.ranking.cv_rmse_mm)} mm without any of them."
+            f"{numbers.column_mm(report.ranking.cv_rmse_mm)} mm without any of them."
         ),
         Table(columns, rows, left=(0, 5), mark=next((i for i, c in enumerate(named) if c), None)),
     ]

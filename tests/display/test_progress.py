@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 import calib
-from calib.display import progress
+from calib import progress
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import learning_curve
 

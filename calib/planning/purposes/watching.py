@@ -18,7 +18,7 @@ from calib.dataset.dataset import Poses
 from calib.errors import CalibError
 from calib.fitting.scanner_frame import whitener
 from calib.monitoring.change_tests import SEEN_Z
-from calib.monitoring.kinds import JOINT_ZERO, TOOL, Kind, kind_words, kinds_of_the_arm, size_words
+from calib.monitoring.kinds import JOINT_ZERO, TOOL, ChangeModel, kind_words, kinds_of_the_arm, size_words
 from calib.planning.exchange import ALL, best_poses
 from calib.planning.purpose import WATCH, PlainPurpose, Situation
 from calib.planning.question import Question, inverse
@@ -35,7 +35,7 @@ _NAMED, _TELLS = 2, 0.03  # kinds of a pose's reason, and by which share it lowe
 class CheckedKind:
     """A usual change, its question about all candidates, and whether the scanner's place is free in it."""
 
-    kind: Kind
+    kind: ChangeModel
     question: Question
     free: bool
 
@@ -121,7 +121,7 @@ def usual_kinds(unknowns: Unknowns, candidates: Poses, rows: Array) -> tuple[Che
     return tuple(out)
 
 
-def _all_usual(situation: Situation) -> list[Kind]:
+def _all_usual(situation: Situation) -> list[ChangeModel]:
     unknowns = situation.unknowns
     few = unknowns.as_observed(situation.candidates.select(np.arange(1)))
     kinds = kinds_of_the_arm(unknowns.model, unknowns.x, few)

@@ -1,4 +1,4 @@
-"""`convert`: a robot from one form into another."""
+"""The command `convert`: a robot from one file form into another."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def run_convert(options: ConvertOptions) -> int:
 
 
 def _content(options: ConvertOptions, found: RobotFile) -> tuple[bytes, list[str]]:
-    """What to write, and what is to be said of it."""
+    """Content of the output file, and remarks on it."""
     if options.out.suffix.lower() == ".toml":
         return robot_to_toml(found.robot).encode(), []
     is_urdf = options.out.suffix.lower() == ".urdf"
@@ -50,7 +50,7 @@ def _content(options: ConvertOptions, found: RobotFile) -> tuple[bytes, list[str
 
 
 def _not_in_urdf(robot: Robot) -> list[str]:
-    """What a plain URDF of a robot does not hold."""
+    """What a plain URDF cannot hold of a robot."""
     notes = []
     x, y, z = robot.gravity_m_s2
     if x or y or z > 0.0:
@@ -63,7 +63,7 @@ def _not_in_urdf(robot: Robot) -> list[str]:
 
 
 def _check_out(options: ConvertOptions) -> None:
-    """Refuse places and forms before anything is read."""
+    """Raise CalibError for an output place or form that cannot be written, before anything is read."""
     out: Path = options.out
     if out.suffix.lower() not in _OUTPUTS:
         raise CalibError(f"{out}: expected a name that ends in {' or '.join(_OUTPUTS)}")

@@ -1,4 +1,4 @@
-"""`import`: a dataset folder from a robot and tables, or from a zip or folder that holds them."""
+"""The command `import`: a dataset folder from a robot and tables, or from a zip or folder that holds them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from inspector.export.import_document import plan_document, plan_lines
 
 
 def run_import(options: ImportOptions) -> int:
-    """Make a dataset folder of what a user has."""
+    """Make a dataset folder from a user's files."""
     if options.source is None and (options.robot is None or options.joints is None):
         raise CalibError("give --robot and --joints, or --from with a zip or a folder that holds them")
     if not options.dry_run:
@@ -44,7 +44,7 @@ def run_import(options: ImportOptions) -> int:
 
 
 def _named(options: ImportOptions) -> UserFiles:
-    """What the options name, file by file."""
+    """Files that the options name, with their roles."""
     return UserFiles(Path(), (), {} if options.scans is None else scan_files(options.scans))
 
 
@@ -54,7 +54,7 @@ def _choice(options: ImportOptions) -> Choice:
 
 
 def _told(options: ImportOptions, files: UserFiles, plan: ImportPlan) -> int:
-    """The plan alone; exit code 1 where it has faults."""
+    """Print the plan alone; returns exit code 1 where it has faults."""
     kinds = [f"{file.path.name}: {file.kind}, {file.why}" for file in files.files]
     faults = [f"fault: {fault}" for fault in plan.faults]
     lines = [*kinds, *plan_lines(plan), *faults]
@@ -63,7 +63,7 @@ def _told(options: ImportOptions, files: UserFiles, plan: ImportPlan) -> int:
 
 
 def _ready(options: ImportOptions, files: UserFiles) -> int:
-    """A zip or a folder that holds a dataset's folder already."""
+    """Import a zip or folder that holds a dataset's folder already."""
     if len(files.datasets) > 1:
         named = ", ".join(str(folder.relative_to(files.folder)) for folder in files.datasets)
         raise CalibError(f"{options.source}: holds {len(files.datasets)} datasets ({named}); give one of them")
@@ -77,7 +77,7 @@ def _ready(options: ImportOptions, files: UserFiles) -> int:
 
 
 def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any], lines: list[str]) -> int:
-    """What was made, and with --diagnose what is the matter with it."""
+    """Report what was written, and with --diagnose the verdict on it."""
     warnings = [*dataset.warnings, *dataset.notes]
     for warning in warnings:
         print(visible(f"inspector: warning: {warning}"), file=sys.stderr)

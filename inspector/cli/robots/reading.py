@@ -1,4 +1,4 @@
-"""How a robot's file is read, from a command's options."""
+"""How a command's options say that a robot file is to be read."""
 
 from __future__ import annotations
 
@@ -8,6 +8,6 @@ from inspector.cli.options import RobotFileOptions
 
 
 def reading_of(options: RobotFileOptions, *, named: bool = True) -> Reading:
-    """The options as `read_robot` takes them; a xacro is expanded only where the user `named` the file."""
+    """Options for `read_robot`; a xacro is expanded only where the user `named` the file."""
     xacro = Xacro(dict(options.xacro_arg), dict(options.xacro_package)) if named else None
     return Reading(options.tip, options.base, options.convention, options.model, xacro)

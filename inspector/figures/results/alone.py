@@ -8,9 +8,9 @@ from typing import Any
 
 import plotly.graph_objects as go
 
-from calib.display.html_text import escape
-from calib.display.progress import in_notebook
 from calib.errors import CalibError
+from calib.html_text import escape
+from calib.progress import in_notebook
 from inspector.figures.results.still import to_svg
 from inspector.figures.style import DARK_PAGE, LIGHT_PAGE
 
@@ -48,7 +48,7 @@ class ResultFigure(go.Figure):  # type: ignore[misc]
 
 
 def titled(fig: go.Figure, title: str, *, dark: bool, height_px: int = 0) -> ResultFigure:
-    """The figure to stand alone, light or dark; `height_px` without its title, 0 for the usual."""
+    """Figure with a title and its own background, light or dark; `height_px` without the title, 0 for the default."""
     page = DARK_PAGE if dark else LIGHT_PAGE
     given = fig.to_dict()
     layout = given["layout"]

@@ -19,9 +19,10 @@ from calib.effects.effect import (
     parameters_by_name,
 )
 from calib.kinematics.robot import Robot
+from calib.present import numbers
 from calib.screening.candidates import Candidate, Value
 from calib.screening.rivals.pose_recommendation import DiscriminatingPose
-from inspector.markup.parts import elements, numbers
+from inspector.markup.parts import elements
 from inspector.markup.parts.links import joint_asks, joints_by_parameter
 
 
@@ -40,7 +41,7 @@ def chosen_html(
         likeness = ", ".join(f"{n} {100 * s:.0f}\N{NO-BREAK SPACE}%" for n, s in alike)
         facts.append(("explains, of what is left", f"{100 * candidate.explained_share:.0f} %"))
         if candidate.members:
-            now, then = numbers.millimetres(cv_before_mm), numbers.millimetres(candidate.cv_rmse_mm)
+            now, then = numbers.column_mm(cv_before_mm), numbers.column_mm(candidate.cv_rmse_mm)
             by = numbers.relative_change(cv_before_mm, candidate.cv_rmse_mm)
             facts.append(("held-out error", f"{now} → {then} mm a coordinate ({by})"))
         facts.append(("could also be made by", likeness or "nothing else here"))

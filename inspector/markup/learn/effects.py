@@ -15,14 +15,15 @@ from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.conclusions import Adequate, Named
 from calib.diagnosis.words.phrases import untestable_texts
-from calib.display.colours import VERDICT_COLOURS
+from calib.present import numbers
+from calib.present.colours import VERDICT_COLOURS
 from calib.screening.candidates import Candidate, Screening, Untestable
 from inspector.markup.learn.said import advice_said, known_links, reasons_said
-from inspector.markup.parts import elements, numbers
+from inspector.markup.parts import elements
 from inspector.markup.parts.links import Names, linked
 from inspector.markup.parts.palette import BAD, GOOD, NEUTRAL, PROPOSAL
-from inspector.session.left_out import LEFT_OUT, TAKEN_IN
 from inspector.session.session import Session, StepErrors
+from inspector.session.transitions import LEFT_OUT, TAKEN_IN
 
 NOT_YET = "Not calibrated yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
 SMALL = 0.01  # share of an error below which a change of it counts as none
@@ -47,11 +48,11 @@ def state_html(session: Session, undo: int, redo: int) -> str:
             "model",
             linked(" + ".join(["link errors", *map(effect_label, session.effects)]), Names.of(session.dataset)),
         ),
-        ("training 3D RMSE", f"{numbers.millimetres(last.train_rmse_mm)} mm"),
-        ("test 3D RMSE", f"{numbers.millimetres(test)} mm" if math.isfinite(test) else "no test poses"),
+        ("training 3D RMSE", f"{numbers.column_mm(last.train_rmse_mm)} mm"),
+        ("test 3D RMSE", f"{numbers.column_mm(test)} mm" if math.isfinite(test) else "no test poses"),
         (
             f"{level.name}, 3D",
-            "not declared" if floor is None else f"{numbers.millimetres(floor)} mm{undeclared}",
+            "not declared" if floor is None else f"{numbers.column_mm(floor)} mm{undeclared}",
         ),
         ("changes to undo · redo", f"{undo} · {redo}"),
     ]
@@ -67,7 +68,7 @@ def last_change(history: Sequence[StepErrors]) -> tuple[str, str]:
     tested = math.isfinite(old.test_rmse_mm) and math.isfinite(new.test_rmse_mm)
     before, after = (old.test_rmse_mm, new.test_rmse_mm) if tested else (old.train_rmse_mm, new.train_rmse_mm)
     of = "test error" if tested else "training error (there are no test poses)"
-    figures = f"{numbers.millimetres(before)} → {numbers.millimetres(after)} mm"
+    figures = f"{numbers.column_mm(before)} → {numbers.column_mm(after)} mm"
     if not (before > 0 and math.isfinite(after)):
         return "", NEUTRAL
     share = after / before - 1
@@ -174,7 +175,7 @@ def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:
             "✓ The data speak for it: log evidence above 3 and p below 0.01 (Holm-corrected for the number of "
             "effects). A lead of less than 3 over the next leaves it open. Held-out error: by how much the error falls "
             "where each pose is predicted from the others; it is "
-            f"{numbers.millimetres(before)} mm a coordinate now. {nothing}"
+            f"{numbers.column_mm(before)} mm a coordinate now. {nothing}"
         )
     )
 

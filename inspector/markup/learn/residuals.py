@@ -8,7 +8,7 @@ from calib.array_types import Array
 from calib.calibration.pose_errors import PoseErrors
 from calib.dataset.input_names import PLACES, joint_input
 from calib.kinematics.robot import Robot
-from inspector.markup.parts import numbers
+from calib.present import numbers
 
 LENGTH = "error length"
 AXES = {f"error in {axis} of the scanner": k for k, axis in enumerate("xyz")}

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from calib.corners.intersection import Corner
+from calib.present import numbers
 from calib.targets.search import ScanSearch
-from inspector.markup.parts import elements, numbers
+from inspector.markup.parts import elements
 from inspector.markup.parts.palette import DOUBT, FACE_COLOURS
 from inspector.session.view import View, corner_of
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from calib.corners.search import CornerSearch
+from calib.present import numbers
 from calib.targets.search import ScanSearch
-from inspector.markup.parts import elements, numbers
+from inspector.markup.parts import elements
 from inspector.markup.parts.palette import FACE_COLOURS, FILTER_COLOURS, REJECTED, group_colour
 from inspector.session.view import View
 

@@ -8,8 +8,10 @@ from calib.array_types import Array
 from calib.calibration.evaluation import Figures
 from calib.calibration.model_versions import Version
 from calib.calibration.noise_level import noise_level
-from inspector.markup.parts import colour_scale, elements, numbers
-from inspector.markup.parts.palette import FACE_COLOURS, LEFT_OUT, MODEL_COLOURS, ROLE_COLOURS, ROLE_WORDS
+from calib.present import numbers
+from calib.present.names import ROLES
+from inspector.markup.parts import colour_scale, elements
+from inspector.markup.parts.palette import FACE_COLOURS, LEFT_OUT, MODEL_COLOURS, ROLE_COLOURS
 from inspector.session.view import BY_ERROR, View
 
 ERROR_OF_NONE = "This pose is left out: it counts for nothing, so no error of it is told."
@@ -28,7 +30,7 @@ def figures_html(view: View) -> str:
     ]
     level = noise_level(view.versions[-1].calibration)
     floor = level.floor_mm
-    noise = "not declared" if floor is None else numbers.millimetres(floor)
+    noise = "not declared" if floor is None else numbers.column_mm(floor)
     tested = view.versions[-1].evaluation.test is not None
     return (
         elements.heading("3D errors, mm: RMSE and largest")
@@ -42,7 +44,7 @@ def figures_html(view: View) -> str:
 def _of(figures: Figures | None) -> tuple[str, str]:
     if figures is None:
         return "–", "–"
-    return numbers.millimetres(figures.rmse_mm), numbers.millimetres(figures.max_mm)
+    return numbers.column_mm(figures.rmse_mm), numbers.column_mm(figures.max_mm)
 
 
 def exaggeration(view: View) -> str:
@@ -95,7 +97,7 @@ def _pose_row(view: View, version: Version) -> tuple[object, ...] | None:
     return (
         elements.named_swatch(MODEL_COLOURS[version.name], version.name),
         *(f"{e:+.4f}" for e in error),
-        numbers.millimetres(float(np.linalg.norm(error))),
+        numbers.column_mm(float(np.linalg.norm(error))),
     )
 
 
@@ -129,7 +131,7 @@ def roles_legend(view: View) -> str:
     """Which colour is which role that these poses have, and which are left out, where some are."""
     present = set(map(str, view.session.dataset.poses.role))
     out = [(LEFT_OUT, "left out")] if view.session.uncounted else []
-    return elements.legend([*((ROLE_COLOURS[r], w) for r, w in ROLE_WORDS.items() if r in present), *out])
+    return elements.legend([*((ROLE_COLOURS[r], w) for r, w in ROLES.items() if r in present), *out])
 
 
 def error_limit_mm(view: View) -> float:

@@ -8,12 +8,13 @@ import numpy as np
 
 from calib.calibration.result import Calibration
 from calib.models.exported_table import exported_table
+from calib.present import names, numbers
+from calib.present.numbers import parameter_label
 from calib.screening.curves.fitted_curves import learned_members, without_curves
 from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.markup.learn.curves import curves_table_html
-from inspector.markup.parts import elements, numbers
+from inspector.markup.parts import elements
 from inspector.markup.parts.links import Names, joint_asks, joints_by_parameter, linked
-from inspector.markup.parts.numbers import parameter_label
 from inspector.markup.parts.palette import ROLE_COLOURS
 from inspector.session.measuring import measured_kinds, no_full_poses
 from inspector.session.session import Session
@@ -84,8 +85,8 @@ def figures_html(result: Calibration) -> str:
     """Before and after, training and test, with the reduction."""
     rows = [
         (
-            elements.named_swatch(ROLE_COLOURS[role], f"{numbers.role(role)} {name}"),
-            *(numbers.millimetres(value) for value in (before, after)),
+            elements.named_swatch(ROLE_COLOURS[role], f"{names.role(role)} {name}"),
+            *(numbers.column_mm(value) for value in (before, after)),
             numbers.reduction(before, after),
         )
         for role, name, before, after in before_and_after(result)
@@ -116,7 +117,7 @@ def attitude_rows(result: Calibration) -> list[tuple[object, ...]]:
         if was is None or now is None:
             continue
         for name, b, a in (("RMSE", was.rmse_rad, now.rmse_rad), ("max", was.max_rad, now.max_rad)):
-            named = elements.named_swatch(ROLE_COLOURS[role], f"{numbers.role(role)} {name}")
+            named = elements.named_swatch(ROLE_COLOURS[role], f"{names.role(role)} {name}")
             rows.append((named, f"{1e3 * b:.4f}", f"{1e3 * a:.4f}", numbers.reduction(b, a)))
     return rows
 
@@ -152,8 +153,8 @@ def parameters_html(result: Calibration) -> str:
     rows = parameter_rows(result)
     links = [row for row in rows if "." not in row[0]]
     of_joint = joints_by_parameter(result.model.robot, result.model.added_effects)
-    names = without_curves(result.to_frame())["name"]  # as the fit calls them, a row each
-    asks = joint_asks(of_joint.get(str(name)) for name in names)
+    own = without_curves(result.to_frame())["name"]  # as the fit calls them, a row each
+    asks = joint_asks(of_joint.get(str(name)) for name in own)
     effects: dict[str, list[tuple[object, ...]]] = {}
     asks_of: dict[str, list[elements.Html]] = {}
     for (name, _, fitted, _, sigma, unit), ask in zip(rows[len(links) :], asks[len(links) :], strict=True):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calib.display.html_text import escape
+from calib.html_text import escape
 from inspector.markup.parts.palette import UNKNOWN, rgb
 
 ERROR_ON_LIGHT = ("#1F9E89", "#26828E", "#31688E", "#3E4989", "#482878", "#440154")

@@ -5,13 +5,12 @@ Roles and models are near Okabe and Ito's set, each as light as stands out from 
 
 from __future__ import annotations
 
-from calib.display.colours import BAD as BAD
-from calib.display.colours import DOUBT as DOUBT  # a corner, or a verdict, that deserves a second look
-from calib.display.colours import GOOD as GOOD
-from calib.display.colours import NEUTRAL as NEUTRAL
+from calib.present.colours import BAD as BAD
+from calib.present.colours import DOUBT as DOUBT  # a corner, or a verdict, that deserves a second look
+from calib.present.colours import GOOD as GOOD
+from calib.present.colours import NEUTRAL as NEUTRAL
 
 ROLE_COLOURS = {"reference": "#2DA587", "train": "#0F96D2", "test": "#B43C00"}
-ROLE_WORDS = {"reference": "reference", "train": "training", "test": "test"}
 FACE_COLOURS = ("#0072B2", "#E69F00", "#CC79A7")  # the three chosen faces, in the order of the corner's faces
 GROUP_COLOURS = (
     "#88CCEE",

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import viser
 
+from calib.present import numbers
 from calib.scans.scan import Scan
 from inspector.markup.model.comparison import roles_legend
-from inspector.markup.parts import elements, numbers
+from inspector.markup.parts import elements
 from inspector.markup.parts.palette import DOUBT, FAILED, LEFT_OUT, role_colour
 from inspector.panels.base import Actions
 from inspector.session.view import View, corner_of

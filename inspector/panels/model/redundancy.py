@@ -8,10 +8,11 @@ import numpy as np
 import viser
 
 from calib.identifiability.redundancy import Redundancy
+from calib.present import numbers
+from calib.present.numbers import parameter_label
 from inspector.figures.plots import correlation_heatmap
-from inspector.markup.parts import elements, numbers
+from inspector.markup.parts import elements
 from inspector.markup.parts.links import Names, joints_by_parameter, linked
-from inspector.markup.parts.numbers import parameter_label
 from inspector.panels.base import Actions, ChosenByDataset, by_page, hidden_plot, offer, put
 from inspector.panels.input_checks import one_of
 from inspector.session.measuring import measured_kinds

@@ -5,9 +5,10 @@ from __future__ import annotations
 import viser
 
 from calib.calibration.result import Calibration
+from calib.present import html
+from calib.present.changes import comparison_head, errors, parameters
 from inspector.figures.side_by_side import errors_beside
 from inspector.markup.learn.residuals import input_title, turned
-from inspector.markup.model.side_by_side import headline_html, tables_html
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, by_page, hidden_plot, put
 from inspector.session.side_by_side import Beside, compared
@@ -71,8 +72,8 @@ class SideBySidePanel:
         if drawing == self._drawn and all(a is b for a, b in zip(fits, self._fits, strict=True)):
             return
         found = compared(one, other)
-        self._state.content = elements.note(SAME_POINTS) if found is None else headline_html(found)
-        self._differences.content = "" if found is None else tables_html(found)
+        self._state.content = elements.note(SAME_POINTS) if found is None else html.panel(comparison_head(found))
+        self._differences.content = "" if found is None else html.panel([errors(found), *parameters(found)])
         self._plot.visible = title in inputs
         if title in inputs:
             name, robot = inputs[title], view.session.dataset.robot

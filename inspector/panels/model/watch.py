@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import viser
 
+from calib.present import html
+from calib.present.changes import change_sections, change_verdict
 from inspector.figures.watch_plots import control_chart
-from inspector.markup.model.watch import watch_html
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, by_page, hidden_plot, put
 from inspector.session.side_by_side import WatchedCell
@@ -75,7 +76,8 @@ class WatchPanel:
         """What the later measurements say."""
         if self._drawn is not None and self._drawn[0] is cell and self._drawn[1] == view.dark:
             return
-        self._state.content, self._found.content = watch_html(cell.seen, cell.repeats)
+        self._state.content = html.panel(change_verdict(cell.seen))
+        self._found.content = html.panel(change_sections(cell.seen, cell.repeats))
         self._plot.visible = True
         self._plot.figure = control_chart(cell.seen, dark=view.dark)
         self._drawn = (cell, view.dark)

@@ -14,13 +14,13 @@ import pandas as pd
 import pytest
 
 from calib.errors import DatasetError
+from calib.present import numbers
+from calib.present.numbers import parameter_label
 from inspector.app.app import App
 from inspector.app.page.dataset_list import names_of
 from inspector.app.page.tabs import STEPS
 from inspector.app.serving import serving
 from inspector.markup.measure.planes import group_colours
-from inspector.markup.parts import numbers
-from inspector.markup.parts.numbers import parameter_label
 from inspector.markup.parts.palette import ROLE_COLOURS
 from inspector.panels.model.redundancy import ALL, ANGLES, LENGTHS, group_sentence
 from inspector.panels.review import NEXT, PREVIOUS
@@ -372,7 +372,7 @@ def test_fit_tab_shows_the_calibrations_own_numbers(app: App, page: WireClient) 
     assert after is not None
     text = plain(page)
     for number in (before.rmse_mm, after.rmse_mm, before.distance_max_mm, after.distance_max_mm):
-        assert numbers.millimetres(number) in text
+        assert numbers.column_mm(number) in text
     assert numbers.reduction(before.rmse_mm, after.rmse_mm) in text
     curves = {trace["name"]: trace for trace in figure(page, "scatter")}
     assert set(curves) == {"training", "test"}
@@ -528,5 +528,5 @@ def test_words() -> None:
     assert numbers.reduction(4.256, 0.291) == "93.16 %"
     assert numbers.reduction(0, 1) == "–"
     assert numbers.listing(("a", "b", "c")) == "a, b and c"
-    assert numbers.millimetres(2.5e-13) == "2.5e-13"
+    assert numbers.column_mm(2.5e-13) == "2.5e-13"
     assert ROLE_COLOURS.keys() == {"reference", "train", "test"}

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 import viser
 
+from calib.present import numbers
 from inspector.app.app import App
 from inspector.app.serving import serving
-from inspector.markup.parts import numbers
 from inspector.panels.model.compare import SHOW_ARM, SHOW_DISTANCE
 from inspector.panels.review import NEXT, PREVIOUS
 from inspector.scene.scene_view import ROOT
@@ -129,7 +129,7 @@ def test_compare_tab_has_each_versions_figures_and_draws_the_arm(page: Any, app:
     open_tab(page, "Compare")
     for version in app.state.now.versions:
         assert version.evaluation.test is not None
-        says(page, numbers.millimetres(version.evaluation.test.rmse_mm))
+        says(page, numbers.column_mm(version.evaluation.test.rmse_mm))
     says(page, "noise alone")
     page.get_by_role("button", name=SHOW_ARM).click()
     node_drawn(page, f"{ROOT}/arm/cylinders")
@@ -161,7 +161,7 @@ def test_fit_tab_has_curves_table_and_bars(page: Any, app: App) -> None:
     assert result is not None
     assert result.before.train is not None
     assert result.after.train is not None
-    says(page, numbers.millimetres(result.before.train.rmse_mm))
+    says(page, numbers.column_mm(result.before.train.rmse_mm))
     says(page, numbers.reduction(result.before.train.rmse_mm, result.after.train.rmse_mm))
     page.locator(".js-plotly-plot .scatterlayer .trace").first.wait_for(state="attached", timeout=MS)
     page.locator(".js-plotly-plot .barlayer .point").first.wait_for(state="attached", timeout=MS)

@@ -23,13 +23,13 @@ from calib.errors import FitError
 from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import with_corners
 from calib.options import FitOptions
+from calib.present import numbers
 from calib.simulation.measured_dataset import write_simulation
 from calib.simulation.simulate import simulate_dataset
 from inspector.app.app import App
 from inspector.app.serving import serving
 from inspector.cli.parser import main
 from inspector.export.csv_and_png import corners_csv
-from inspector.markup.parts import numbers
 from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.reopening import opening, reopened

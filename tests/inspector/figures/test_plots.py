@@ -10,6 +10,7 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
+from calib.present.numbers import parameter_label
 from inspector.figures.plots import (
     convergence,
     correlation_heatmap,
@@ -26,7 +27,6 @@ from inspector.figures.residual_plots import (
     select,
 )
 from inspector.figures.style import shortened
-from inspector.markup.parts.numbers import parameter_label
 from inspector.markup.parts.palette import (
     FACE_COLOURS,
     FILTER_COLOURS,
@@ -121,7 +121,8 @@ def test_a_hostile_pose_name_stays_text() -> None:
     bar = pose_residuals([name], ["train"], [0.1]).data[0]
     assert bar.x[0] == html.escape(name)
     assert "<" not in bar.x[0]
-    assert "<" not in parameter_label(name)
+    heatmap = correlation_heatmap((name, "a1"), np.eye(2), no_influence=())
+    assert "<a" not in heatmap.to_json()
 
 
 IDS = ["p1", "p2", "p3", "p4"]

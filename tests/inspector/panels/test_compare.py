@@ -12,10 +12,10 @@ import pytest
 from calib.calibration.model_versions import EFFECTS, LINKS, NOMINAL, Version
 from calib.corners.jig_distance import face_distances
 from calib.dataset.files.folder import load_dataset, write_dataset
+from calib.present import numbers
 from calib.scans.scan import load_scan
 from inspector.app.app import App
 from inspector.markup.model.comparison import distance_limit_mm, error_limit_mm
-from inspector.markup.parts import numbers
 from inspector.markup.parts.palette import MODEL_COLOURS, ROLE_COLOURS, rgb
 from inspector.panels.model.compare import SHOW_ARM
 from inspector.scene.arm_shape import arm_of
@@ -112,7 +112,7 @@ def test_key_figures_are_those_of_each_version_with_the_noise(app: App, page: Wi
     for name in (NOMINAL, LINKS, EFFECTS):
         for figures in (version(app, name).evaluation.train, version(app, name).evaluation.test):
             assert figures is not None
-            row = f"{numbers.millimetres(figures.rmse_mm)} {numbers.millimetres(figures.max_mm)}"
+            row = f"{numbers.column_mm(figures.rmse_mm)} {numbers.column_mm(figures.max_mm)}"
             assert row in " ".join(plain(page).split())
         error = version(app, name).pose_error_vectors_mm()[0]
         assert " ".join(f"{e:+.4f}" for e in error) in " ".join(plain(page).split())

@@ -15,13 +15,13 @@ import pytest
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.words.phrases import untestable_texts
+from calib.present import numbers
 from calib.screening.candidates import Untestable
 from calib.screening.rivals.pose_recommendation import discriminating_poses, nearest_rival
 from inspector.app.app import App
 from inspector.figures.residual_plots import SELECTED
 from inspector.markup.learn.effects import verdict_html
 from inspector.markup.learn.residuals import input_title
-from inspector.markup.parts import numbers
 from inspector.markup.parts.links import Names
 from inspector.panels.learn.missing_effects import FIND, REDO, REMOVE, UNDO
 from inspector.panels.learn.residuals import PLACES
@@ -74,7 +74,7 @@ def test_add_undo_redo_and_remove(app: App, page: WireClient) -> None:
     fallen = history(page)
     assert fallen["test"][2] < 0.5 * fallen["test"][1]
     assert fallen["test"][:2] == start["test"]
-    assert numbers.millimetres(session(app).history[-1].test_rmse_mm) in plain(page)
+    assert numbers.column_mm(session(app).history[-1].test_rmse_mm) in plain(page)
     shows(page, "It is in the model. Fitted together")
     result = session(app).calibration
     assert result is not None
@@ -149,7 +149,7 @@ def test_the_ranking_is_the_commands_too(folder: Path, page: WireClient) -> None
     assert page.props("Effect")["options"][0] == candidates[0]["effect"] == HIDDEN
     text = plain(page)
     assert f"{candidates[0]['log_evidence']:.1f}" in text
-    assert numbers.millimetres(candidates[0]["cv_rmse_mm"]) in text
+    assert numbers.column_mm(candidates[0]["cv_rmse_mm"]) in text
     for parameter in candidates[0]["parameters"]:
         assert parameter["name"].partition(".")[2] in text
     assert "scanner_scale: a scale error of the scanner equals" in text

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
+from calib.present import numbers
 from inspector.app.app import App
-from inspector.markup.parts import numbers
 from inspector.panels.learn.missing_effects import FIND, REDO, REMOVE, UNDO
 from inspector.scene.scene_view import ROOT
 from inspector.server.viser_server import url_of
@@ -69,13 +69,13 @@ def test_points_alone_open_on_the_model_with_points_and_arrows(page: Any) -> Non
 @pytest.mark.slow
 def test_the_loop_add_fall_undo_redo(page: Any, folder: Path) -> None:
     told = command("diagnose", folder)
-    before, after = (numbers.millimetres(step["test_rmse_mm"]) for step in told["steps"])
+    before, after = (numbers.column_mm(step["test_rmse_mm"]) for step in told["steps"])
     assert fact(page, "test 3D RMSE") == f"{before} mm"
     steps_drawn(page, 2)
     press(page, ADD)
     says(page, f"+ {HIDDEN}: the test error fell")
     assert fact(page, "test 3D RMSE") == f"{after} mm"
-    assert fact(page, "training 3D RMSE") == f"{numbers.millimetres(told['steps'][1]['train_rmse_mm'])} mm"
+    assert fact(page, "training 3D RMSE") == f"{numbers.column_mm(told['steps'][1]['train_rmse_mm'])} mm"
     steps_drawn(page, 3)
     press(page, UNDO)
     steps_drawn(page, 2)
@@ -96,7 +96,7 @@ def test_find_what_is_missing_ends_with_the_commands_verdict(page: Any, app: App
     assert app.worker.wait_idle(IDLE_S)
     assert told["verdict"] == "named"
     assert fact(page, "model") == f"link errors + {HIDDEN} (joints 1, 2, 3, 4, 5, 6)"
-    assert fact(page, "test 3D RMSE") == f"{numbers.millimetres(told['steps'][-1]['test_rmse_mm'])} mm"
+    assert fact(page, "test 3D RMSE") == f"{numbers.column_mm(told['steps'][-1]['test_rmse_mm'])} mm"
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ def test_the_change_between_two_datasets_is_named(app: App) -> None:
     assert "Choose what to see beside" in beside(app, NONE)
     said = beside(app, "before")
     assert "From before to after changed: the zero of joint 3 (theta3) by +0.0" in said
-    assert "Parameters that differ by 2 sigmas or more" in said
+    assert "θ3" in said.split("difference ± sigma")[1]
     figure = app.panels.side_by_side._plot.figure
     assert [trace.name for trace in figure.data] == ["after", "before"]
     assert figure.data[0].ids is not None

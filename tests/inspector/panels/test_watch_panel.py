@@ -53,7 +53,7 @@ def test_what_changed_since_the_calibration_on_show(app: App) -> None:
     assert "2 june" not in panel.later.options
     said = watched(app, "3 october")
     assert panel.chosen == ("2 june", "3 october")
-    assert "3 october: changed. the zero of joint 3 (theta3) changed by 0.0" in said
+    assert "The zero of joint 3 (theta3) changed by 0.0" in said
     assert "What these poses could not see" in said
     assert "no certificate" in said
     names = [trace.name for trace in panel._plot.figure.data]

@@ -16,9 +16,9 @@ import pytest
 
 from calib.dataset.dataset import About, Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.display.blocks import Table
+from calib.present.blocks import Table
+from calib.present.numbers import column_mm
 from inspector.cli.parser import main
-from inspector.markup.parts.numbers import millimetres
 from inspector.report.arm_drawing import stride
 from inspector.report.content import report_of
 from inspector.report.page import render_page
@@ -75,7 +75,7 @@ def test_it_says_what_diagnose_says(folder: Path, written: Path, capsys: pytest.
         assert " ".join(paragraph.split()).replace(" above", " below")[:60] in words.replace(" above", " below")
     for step in found["steps"]:
         for key in ("train_rmse_mm", "test_rmse_mm", "sigma_mm"):
-            assert millimetres(step[key]) in words
+            assert column_mm(step[key]) in words
     for candidate in found["candidates"]:
         assert candidate["effect"] in words
     for silent in found["untestable"]:

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from typing import Protocol
 
-from calib.display.html_text import escape
+from calib.html_text import escape
 
 OnProgress = Callable[[int, int, str], None]  # done, in all, what was just done
 OnStep = Callable[[str], None]  # what is about to be done

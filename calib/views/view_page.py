@@ -11,10 +11,10 @@ import zlib
 from collections.abc import Sequence
 from functools import cache
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment
 
-from calib.display.blocks import Block, Section
-from calib.display.html_text import visible_value
+from calib.present.blocks import Block, Section
+from calib.present.html import environment
 
 FIGURES = "figures-of-this-view"  # begins the ids of drawings; each view has its own in its stead
 
@@ -27,11 +27,4 @@ def view_html(title: str, head: Sequence[Block], sections: Sequence[Section] = (
 
 @cache
 def _templates() -> Environment:
-    return Environment(
-        loader=PackageLoader("calib.display"),
-        autoescape=True,
-        finalize=visible_value,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    return environment()

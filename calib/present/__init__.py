@@ -1,0 +1,11 @@
+"""How results are told: once, as blocks, which are rendered as text, as HTML, and by `inspector` with figures.
+
+A module here makes the blocks of one kind of result; a panel of the page, a section of the report and a notebook's view
+are a choice of them. `results.presentation` and `results.document` find what belongs to a result by its class.
+"""
+
+from calib.present import calibration as calibration
+from calib.present import changes as changes
+from calib.present.results import document, headline, notebook_html, presentation, summary, to_dict
+
+__all__ = ["document", "headline", "notebook_html", "presentation", "summary", "to_dict"]

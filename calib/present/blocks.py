@@ -1,0 +1,191 @@
+"""What the telling of a result consists of: paragraphs, lists, tables, places of figures.
+
+A sentence is a text, or a sequence of texts and references. A reference names a pose, a joint, an effect or a model of
+the dataset: the page makes it a link that selects it, everywhere else it is its own words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+LONG_NAME = 22  # characters of a word that stays in one line
+_SHORT_NAME = 14  # characters
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A name within a sentence or a cell that a reader may follow: a click on it selects what it names."""
+
+    kind: Literal["pose", "joint", "effect", "planned", "step", "setup"]
+    value: str | int  # a pose's id, a joint's number from 1, an effect's key, an index
+    words: str
+
+    def __str__(self) -> str:
+        return self.words
+
+
+@dataclass(frozen=True)
+class Link:
+    """A name within a sentence or a cell that leads to another page."""
+
+    words: str
+    address: str  # relative to the page, quoted as addresses are
+
+    def __str__(self) -> str:
+        return self.words
+
+
+Span = str | Reference | Link
+Words = Span | Sequence[Span]  # a sentence, or a cell of a table
+
+
+def plain(words: Words) -> str:
+    """The text of a sentence, its references as their own words."""
+    return str(words) if isinstance(words, str | Reference | Link) else "".join(map(str, words))
+
+
+def pose(pose_id: object, words: str = "") -> Reference:
+    """A pose by its id."""
+    return Reference("pose", str(pose_id), words or str(pose_id))
+
+
+def joint(number: int, words: str = "") -> Reference:
+    """A joint by its number, counted from 1."""
+    return Reference("joint", number, words or str(number))
+
+
+def effect(key: str, words: str = "") -> Reference:
+    """An effect by its key in the catalogue."""
+    return Reference("effect", key, words or key)
+
+
+@dataclass(frozen=True)
+class Block:
+    """Part of a report, a panel or a notebook's view; `templates/blocks.html` has a macro for each kind."""
+
+    kind: ClassVar[str]  # the name of that macro
+
+
+@dataclass(frozen=True)
+class Paragraph(Block):
+    """A sentence or several; `soft` ones are smaller and grey, a `heading` stands over what follows."""
+
+    kind: ClassVar[str] = "paragraph"
+    words: Words
+    soft: bool = False
+    heading: bool = False
+
+
+@dataclass(frozen=True)
+class Bullets(Block):
+    """A plain list."""
+
+    kind: ClassVar[str] = "bullets"
+    sentences: Sequence[Words]
+
+
+@dataclass(frozen=True)
+class Table(Block):
+    """A table: the columns in `left` hold words, the others numbers; row `mark` is emphasised.
+
+    rows_select: what a click on each row selects, one a row; None where it selects nothing.
+    height: CSS length from which the page lets the table scroll by itself; "" shows all of it.
+    """
+
+    kind: ClassVar[str] = "table"
+    headers: Sequence[str]
+    rows: Sequence[Sequence[object]]
+    caption: str = ""
+    left: Sequence[int] = (0,)
+    mark: int | None = None
+    rows_select: Sequence[Reference | None] = ()
+    height: str = ""
+
+    def cell_class(self, column: int, value: object) -> str:
+        """The CSS class of a cell: a number, a short name, words, or words of which one is too long for a line."""
+        if column not in self.left:
+            return "num"
+        words = plain(value) if isinstance(value, tuple | list) else str(value)
+        if "-" in words and " " not in words and len(words) <= _SHORT_NAME:
+            return "wide short"  # a date, a serial number: not to be broken at its hyphens
+        return "wide long" if max(map(len, words.split()), default=0) > LONG_NAME else "wide"
+
+
+@dataclass(frozen=True)
+class Facts(Block):
+    """Name and value, a row each."""
+
+    kind: ClassVar[str] = "facts"
+    pairs: Sequence[tuple[str, object]]
+
+
+@dataclass(frozen=True)
+class KeyFigures(Block):
+    """A few numbers to be seen first."""
+
+    kind: ClassVar[str] = "key_figures"
+    pairs: Sequence[tuple[str, object]]
+
+
+@dataclass(frozen=True)
+class Headline(Block):
+    """How the error fell: figure and name of each stage, the noise, and a note below."""
+
+    kind: ClassVar[str] = "headline"
+    stages: Sequence[tuple[str, str]]
+    noise: str
+    note: str
+    good: bool  # whether the last error is what noise leaves
+
+
+@dataclass(frozen=True)
+class Verdict(Block):
+    """The answer, marked with a colour of the palette (never one from outside)."""
+
+    kind: ClassVar[str] = "verdict"
+    words: Words
+    colour: str
+
+
+@dataclass(frozen=True)
+class Drawing(Block):
+    """A picture that is SVG already, whose words were escaped by the one who drew it."""
+
+    kind: ClassVar[str] = "drawing"
+    svg: str
+    caption: str
+
+
+@dataclass(frozen=True)
+class FigurePlace(Block):
+    """The place of a figure, which whoever has a plotting library draws; a text has none.
+
+    figure: what draws it, a function's name in `inspector.figures`; it is called with `of`.
+    """
+
+    kind: ClassVar[str] = "figure"
+    figure: str
+    of: tuple[object, ...]
+    caption: str
+    height_px: int = 330
+    width_px: int = 850
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading and the blocks below it; a `brief` one is part of the text that a terminal prints, too."""
+
+    heading: str
+    blocks: Sequence[Block]
+    brief: bool = False
+
+
+@dataclass(frozen=True)
+class Presentation:
+    """All that is told of a result: a title, what is seen first, and sections that a notebook opens with a click."""
+
+    title: str
+    head: Sequence[Block]
+    sections: Sequence[Section] = ()

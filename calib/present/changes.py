@@ -1,0 +1,363 @@
+"""Two calibrations compared, and a cell measured again: what differs, what changed, what could not be seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import pandas as pd
+
+from calib.calibration.evaluation import Evaluation
+from calib.monitoring.change_tests import Change, Detectable
+from calib.monitoring.control_chart import in_time, size_in_degrees, usual_name
+from calib.monitoring.iso9283 import CAVEAT, PoseFigures
+from calib.monitoring.kinds import BASE, NOISE, kind_words_of
+from calib.monitoring.watch import ChangeReport
+from calib.present import names, numbers
+from calib.present.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Table, Verdict
+from calib.present.colours import DOUBT, GOOD, VERDICT_COLOURS
+from calib.present.results import document, presentation
+from calib.validation.comparison import ALPHA, Comparison, ParameterChange, ParameterDifference
+
+APART = 2.0  # sigmas from which a parameter is listed as different
+
+# ---- two calibrations -----------------------------------------------------------------------------------------------
+
+
+@presentation.register
+def _comparison(compared: Comparison) -> Presentation:
+    return Presentation(
+        " and ".join(compared.names),
+        comparison_head(compared),
+        [Section("Errors", [errors(compared)], brief=True), Section("Parameters", parameters(compared), brief=True)],
+    )
+
+
+def comparison_head(compared: Comparison) -> list[Block]:
+    """What differs, and which effects stand in one model only."""
+    only = [
+        f"Only in the model of {name}: {numbers.listing(effects)}."
+        for name, effects in zip(compared.names, compared.only_in, strict=True)
+        if effects
+    ]
+    head: list[Block] = [Verdict(comparison_verdict(compared), DOUBT if compared.differs else GOOD)]
+    return [*head, *map(Paragraph, only)]
+
+
+def comparison_verdict(compared: Comparison) -> str:
+    """What differs between two calibrations, in a sentence or two."""
+    where = (
+        f"The tool point moves by {numbers.length(compared.rms_mm)} RMS, at the most by "
+        f"{numbers.length(compared.largest_mm)} at {compared.largest_pose}"
+    )
+    one, other = compared.names
+    if not compared.changes:
+        return (
+            f"No link parameter differs between {one} and {other} beyond the noise (probability of this much by "
+            f"chance: {numbers.probability(compared.p_same)}). {where}, which the noise explains."
+        )
+    changes = [_parameter_change(change) for change in compared.changes]
+    listed = changes[0] if len(changes) == 1 else f"{'; '.join(changes[:-1])}; and {changes[-1]}"
+    if compared.p_rest < ALPHA:
+        return f"{one} and {other} differ in many link parameters, most of all in {listed}. {where}."
+    return f"From {one} to {other} changed: {listed}. {where}."
+
+
+def _parameter_change(change: ParameterChange) -> str:
+    joint = change.name.removeprefix("theta")
+    name = f"the zero of joint {joint} ({change.name})" if joint != change.name and joint.isdigit() else change.name
+    return f"{name} by {numbers.with_sigma(change.size, change.sigma, change.unit, sign=True)}{_or(change.alike)}"
+
+
+def _or(others: Sequence[str]) -> str:
+    return f", or {numbers.listing(others, 'or')}, which are indistinguishable at these poses" if others else ""
+
+
+def errors(compared: Comparison) -> Table:
+    """3D RMSE before and after of both calibrations, of training and test poses."""
+    rows = [
+        (f"{name}, {names.role(role)}", *(numbers.column_mm(_rmse_mm(figures, role)) for figures in stages))
+        for name, stages in zip(compared.names, compared.errors, strict=True)
+        for role in ("train", "test")
+        if _rmse_mm(stages[1], role) is not None
+    ]
+    return Table(("3D RMSE, mm", "nominal", "fitted"), rows)
+
+
+def _rmse_mm(evaluation: Evaluation, role: str) -> float | None:
+    figures = evaluation.train if role == "train" else evaluation.test
+    return None if figures is None else figures.rmse_mm
+
+
+def parameters(compared: Comparison) -> list[Block]:
+    """The parameters that differ by two sigmas or more, the surest first."""
+    apart = sorted((p for p in compared.parameters if abs(p.z) >= APART), key=lambda p: -abs(p.z))
+    if not apart:
+        return [Paragraph(f"No single parameter differs by {APART:g} sigma or more.")]
+    columns = ("parameter", *compared.names, "difference ± sigma", "unit")
+    caption = f"parameters that differ by {APART:g} sigma or more"
+    return [
+        Table(columns, [_difference(p) for p in apart], caption=caption, left=(0, 4), height="300px"),
+        Paragraph(
+            "Of many parameters one in twenty is beyond two sigma by chance, and a real change of one moves those that "
+            "it is correlated with; the sentence above accounts for both.",
+            soft=True,
+        ),
+    ]
+
+
+def _difference(p: ParameterDifference) -> tuple[str, ...]:
+    (first, unit), (second, _) = (numbers.readable(value, p.unit) for value in p.values)
+    by = numbers.with_sigma(p.difference, p.sigma, p.unit, sign=True).removesuffix(unit).rstrip()
+    return (numbers.parameter_label(p.name), f"{first:z.6g}", f"{second:z.6g}", by, unit)
+
+
+@document.register
+def _comparison_document(compared: Comparison) -> dict[str, Any]:
+    return {
+        "names": compared.names,
+        "differs": compared.differs,
+        "p_same": compared.p_same,
+        "p_rest": compared.p_rest,
+        "changes": compared.changes,
+        "parameters": compared.parameters,
+        "only_in": compared.only_in,
+        "tool_point": {"rms_mm": compared.rms_mm, "max_mm": compared.largest_mm, "pose": compared.largest_pose},
+        "errors": [{"before": before, "after": after} for before, after in compared.errors],
+        "explanation": comparison_verdict(compared),
+    }
+
+
+# ---- a cell measured again ------------------------------------------------------------------------------------------
+
+_WHAT = {
+    "joint_zero": "the zero",
+    "compliance": "the compliance",
+    "length": "a length",
+    "angle": "an angle",
+}
+METHOD = (
+    "The earlier fit predicts each check pose. The limit is what the noise and the uncertainty of the fit's parameters "
+    "and of the scanner's frame would make. Each possible change is fitted by generalised least squares, once with the "
+    "scanner where it was and once with its place free; the arm is not blamed for what a moved scanner explains.",
+    "Of unchanged cells fewer than one in a hundred is called changed, over all kinds of change together.",
+)
+_SIZES_NOTE = "Each size is estimated given the changes named above, whether it changed or not."
+
+
+@presentation.register
+def _change_report(report: ChangeReport) -> Presentation:
+    head: list[Block] = [*change_verdict([report]), Facts(_limits(report)), control_chart([report])]
+    return Presentation(f"Watch: {report.name}", head, change_sections([report]))
+
+
+def change_verdict(reports: Sequence[ChangeReport]) -> list[Block]:
+    """What the last of several measurements says of the cell."""
+    return [Verdict(change_headline(reports[-1]), VERDICT_COLOURS[reports[-1].verdict])]
+
+
+def change_headline(report: ChangeReport) -> str:
+    """What changed in a cell, in a sentence or two."""
+    off = (
+        f"{report.poses} check poses are off by {numbers.length(report.rmse_mm)} RMS, where the noise and the earlier "
+        f"fit's uncertainty make {numbers.length(report.expected_mm)}"
+    )
+    if report.verdict == "unchanged":
+        return f"{report.name}: unchanged. {off}."
+    return f"{report.name}: {report.verdict}. {numbers.capitalised('; '.join(change_phrases(report)))}. {off}."
+
+
+def change_phrases(report: ChangeReport) -> tuple[str, ...]:
+    """What changed, a phrase each."""
+    if report.data_problem is not None:
+        return (report.data_problem.words,)
+    return tuple(_change(change) for change in report.changes)
+
+
+def _change(change: Change) -> str:
+    if change.what == NOISE:
+        return f"the noise is {numbers.times(change.size)} what it was"
+    moved = {
+        "scanner": "the scanner (or the base) moved" if BASE in change.as_well else "the scanner moved on the flange",
+        "tool": "the tool moved",
+        "jig": "the jig (or the base) moved",
+    }
+    parameter = f" ({change.parameter})" if change.parameter else ""
+    what = moved.get(change.what) or f"{_WHAT[change.what]} of joint {change.joint}{parameter} changed"
+    others = [name for name in change.as_well if name != BASE]
+    return f"{what} by {numbers.with_sigma(change.size, change.sigma, change.unit)}{_or(others)}"
+
+
+def _limits(report: ChangeReport) -> list[tuple[str, object]]:
+    return [
+        ("check poses", report.poses),
+        ("3D error, RMS", numbers.length(report.rmse_mm)),
+        ("limit where nothing changed", numbers.length(report.errors.limit_mm)),
+    ]
+
+
+def control_chart(reports: Sequence[ChangeReport]) -> FigurePlace:
+    """The place of the control chart."""
+    caption = "The error at the check poses of each measurement, against its limit."
+    return FigurePlace("control_chart", (tuple(reports),), caption)
+
+
+def change_sections(reports: Sequence[ChangeReport], repeats: Sequence[PoseFigures] = ()) -> list[Section]:
+    """Each measurement, the size of every usual change, what could not be seen, and repeats where there are any."""
+    last = reports[-1]
+    unseen = unseen_sentences(last)
+    return [
+        *([Section("Each measurement", [measurements(reports)])] if len(reports) > 1 else []),
+        Section("Every joint and the tool", [usual_sizes(reports), Paragraph(_SIZES_NOTE, soft=True)]),
+        *([Section("What these poses could not see", [Bullets(unseen)], brief=True)] if unseen else []),
+        *([Section("Repeats", repeat_blocks(repeats))] if repeats else []),
+    ]
+
+
+def measurements(reports: Sequence[ChangeReport]) -> Table:
+    """The verdict and error of each measurement, a row each; the dates where they are known."""
+    dated = any(report.when for report in reports)
+    rows = [
+        (
+            report.name,
+            *([report.when.replace("-", "\N{NON-BREAKING HYPHEN}") or numbers.MISSING] if dated else []),
+            report.verdict,
+            "; ".join(change_phrases(report)) or numbers.MISSING,
+            numbers.column_mm(report.rmse_mm),
+            numbers.column_mm(report.errors.limit_mm),
+        )
+        for report in reports
+    ]
+    columns = ("", *(["date"] if dated else []), "", "what changed", "error, mm", "limit, mm")
+    return Table(columns, rows, left=range(len(columns) - 2))
+
+
+def usual_sizes(reports: Sequence[ChangeReport]) -> Table:
+    """The change of each joint's zero and of the tool, with its sigma, a column a measurement."""
+    rows = []
+    for k, usual in enumerate(reports[-1].usual):
+        name = "tool" if usual.joint is None else f"zero of joint {usual.joint}"
+        unit = numbers.readable(0.0, usual.unit)[1]
+        sizes = [report.usual[k] for report in reports]
+        shown = [numbers.with_sigma(c.size, c.sigma, c.unit, sign=True).removesuffix(unit).rstrip() for c in sizes]
+        rows.append((f"{name}, {unit}", *shown))
+    return Table(("change ± sigma", *(report.name for report in reports)), rows)
+
+
+def unseen_sentences(report: ChangeReport) -> list[str]:
+    """What the poses could not have seen, and which of them lie where the model is not confirmed."""
+    never = [_kind(d) for d in report.unseen if d.size is None]
+    small = [f"{_kind(d)} below {numbers.size(d.size, d.unit)}" for d in report.unseen if d.size is not None]
+    return [
+        *([f"Never seen by these poses, or taken for the scanner: {', '.join(never)}."] if never else []),
+        *([f"Not seen by these poses: {', '.join(small)}."] if small else []),
+        *([report.outside_words] if report.outside_words else []),
+    ]
+
+
+def _kind(detectable: Detectable) -> str:
+    return kind_words_of(detectable.what, detectable.joint, detectable.parameter)
+
+
+def repeat_blocks(repeats: Sequence[PoseFigures]) -> list[Block]:
+    """ISO 9283's figures of poses that were visited again; RP and AP of the last session, drift over all."""
+    rows = [
+        (
+            pose.pose,
+            f"{sum(s.visits for s in pose.sessions)} in {len(pose.sessions)}",
+            *map(
+                numbers.column_mm,
+                (pose.sessions[-1].rp_mm, pose.sessions[-1].ap_mm, pose.dap_mm, pose.drp_mm, pose.moved_mm),
+            ),
+        )
+        for pose in repeats
+    ]
+    columns = ("pose, mm", "visits", "RP", "AP", "dAP", "dRP", "moved")
+    return [Table(columns, rows, height="220px"), Paragraph(CAVEAT, soft=True)]
+
+
+def worst_repeats(repeats: Sequence[PoseFigures]) -> list[str]:
+    """The worst of RP, dAP and dRP in a sentence; nothing where no pose was visited again."""
+    if not repeats:
+        return []
+    worst = {
+        "RP": [s.rp_mm for pose in repeats for s in pose.sessions],
+        "dAP": [pose.dap_mm for pose in repeats],
+        "dRP": [pose.drp_mm for pose in repeats],
+    }
+    figures = [
+        f"{name} {numbers.length(max(known))}"
+        for name, values in worst.items()
+        if (known := [value for value in values if value is not None])
+    ]
+    visited = numbers.count(len(repeats), "pose was", "poses were")
+    return [f"{visited} visited again, at the most {', '.join(figures)}. {CAVEAT}"]
+
+
+def series(reports: Sequence[ChangeReport]) -> pd.DataFrame:
+    """A row for each measurement in the order of time: error, limit, verdict, what changed, usual changes' sizes."""
+    rows = []
+    for report in in_time(reports):
+        row: dict[str, object] = {
+            "name": report.name,
+            "date": report.when,
+            "verdict": report.verdict,
+            "poses": report.poses,
+            "rmse_mm": report.rmse_mm,
+            "likely_mm": report.errors.likely_mm,
+            "limit_mm": report.errors.limit_mm,
+            "p_unchanged": report.p_unchanged,
+            "changes": "; ".join(change_phrases(report)),
+        }
+        for usual in report.usual:
+            name, unit = usual_name(usual).rsplit("_", 1)
+            size, sigma = size_in_degrees(usual)
+            known = (size, sigma) if math.isfinite(sigma) else (None, None)  # an empty cell: not seen by these poses
+            row |= dict(zip((f"{name}_{unit}", f"{name}_sigma_{unit}"), known, strict=True))
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+@document.register
+def _change_document(report: ChangeReport) -> dict[str, Any]:
+    return {
+        "name": report.name,
+        "verdict": report.verdict,
+        "changes": report.changes,
+        "unseen": report.unseen,
+        "detectable": report.detectable,
+        "date": report.when,
+        "usual": [_usual_document(usual) for usual in report.usual],
+        "limit_mm": report.errors.limit_mm,
+        "rmse_mm": report.rmse_mm,
+        "rmse_scanner_free_mm": report.rmse_free_mm,
+        "expected_mm": report.expected_mm,
+        "p_unchanged": report.p_unchanged,
+        "poses": report.poses,
+        "data_problem": report.data_problem,
+        "outside": report.outside,
+        "explanation": change_headline(report),
+    }
+
+
+def _usual_document(usual: Change) -> dict[str, Any]:
+    seen = math.isfinite(usual.sigma)  # else these poses do not show it
+    keys = ("what", "joint", "size", "sigma", "unit")
+    return {key: getattr(usual, key) if seen or key not in ("size", "sigma") else None for key in keys}
+
+
+def watch_document(reports: Sequence[ChangeReport], repeats: Sequence[PoseFigures] = ()) -> dict[str, Any]:
+    """What `inspector watch --json` prints: the last measurement, all of them in order under "new", and repeats."""
+    return {**document(reports[-1]), "new": reports, "iso9283": [_repeats_document(pose) for pose in repeats]}
+
+
+def _repeats_document(pose: PoseFigures) -> dict[str, Any]:
+    keys = {"name": "session", "pose": "pose", "visits": "visits", "rp_mm": "rp_mm", "ap_mm": "ap_mm"}
+    return {
+        "pose": pose.pose,
+        "sessions": [{key: getattr(s, name) for key, name in keys.items()} for s in pose.sessions],
+        "dap_mm": pose.dap_mm,
+        "drp_mm": pose.drp_mm,
+        "barycentre_moved_mm": pose.moved_mm,
+    }

@@ -1,0 +1,148 @@
+"""Blocks as HTML: a view in a notebook's cell, a part of a page of its own, a part of a panel.
+
+Every value is escaped by jinja2. A view takes the colours of text and background from where it stands, so that it is
+light where that is light and dark where that is dark; it holds no script and asks no network, and its rules of style
+count below `.calib-view` only. In a panel a reference is a link that selects what it names: an element with `data-ask`
+and `data-value`, which the page's own script sends to the server.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import cache
+from itertools import count
+
+from jinja2 import BaseLoader, ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from calib.html_text import escape, visible_value
+from calib.present.blocks import (
+    Block,
+    Bullets,
+    Drawing,
+    FigurePlace,
+    Link,
+    Paragraph,
+    Presentation,
+    Reference,
+    Section,
+    Verdict,
+    Words,
+)
+
+Draw = Callable[[FigurePlace, str], str]  # a place and the name that begins its ids -> SVG
+Recognise = Callable[[str], Words]  # a text -> the same with the names in it as references
+
+_IDS = "figures-of-this-view"  # begins the ids of drawings; each view has its own in its stead
+
+
+def view(told: Presentation, draw: Draw | None = None) -> str:
+    """A result's presentation for a notebook: a `<div>` that can stand in any page.
+
+    draw: what draws its figures; without it they are left out.
+    """
+    names = (f"{_IDS}-{number}" for number in count(1))
+    html = _templates(links=False).get_template("view.html").render(title=told.title, **drawn(told, draw, names))
+    return html.replace(_IDS, f"view{zlib.crc32(html.encode()):08x}")
+
+
+def panel(told: Sequence[Block | Section], recognise: Recognise | None = None) -> str:
+    """Blocks and sections for a panel of the page; figures are left out, since a panel has widgets for them.
+
+    recognise: what finds the names of poses and joints in a text, so that they are links, too.
+    """
+    blocks = [block for part in told for block in (_headed(part) if isinstance(part, Section) else (part,))]
+    shown = with_figures(blocks, None, iter(()))
+    template = _templates(links=True).get_template("panel.html")
+    return template.render(blocks_shown=[_recognised(block, recognise) for block in shown] if recognise else shown)
+
+
+def _headed(section: Section) -> list[Block]:
+    return [Paragraph(section.heading, heading=True), *section.blocks]
+
+
+def drawn(told: Presentation, draw: Draw | None, names: Iterator[str]) -> dict[str, object]:
+    """Head and sections of a presentation with every figure drawn, by the names of a template's variables.
+
+    names: a name a figure, which its ids begin with.
+    """
+    sections = [Section(s.heading, with_figures(s.blocks, draw, names)) for s in told.sections]
+    return {"head": with_figures(told.head, draw, names), "sections": sections}
+
+
+def with_figures(blocks: Sequence[Block], draw: Draw | None, names: Iterator[str]) -> list[Block]:
+    """The blocks with each figure's place taken by its drawing, or left out where nothing draws."""
+    return [
+        Drawing(draw(block, next(names)), block.caption) if draw and isinstance(block, FigurePlace) else block
+        for block in blocks
+        if draw or not isinstance(block, FigurePlace)
+    ]
+
+
+def environment(*loaders: BaseLoader, links: bool = False) -> Environment:
+    """What renders templates that use the blocks' macros (`blocks.html`), from these loaders and from here.
+
+    links: whether references are links that select what they name.
+    """
+    made = Environment(
+        loader=ChoiceLoader([*loaders, PackageLoader("calib.present")]),
+        autoescape=True,
+        finalize=visible_value,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=bool(loaders),
+    )
+    made.filters["words"] = lambda words: Markup(_words_html(words, links))
+    made.filters["selecting"] = lambda reference: Markup(_asks(reference) if links and reference else "")
+    return made
+
+
+@cache
+def _templates(links: bool) -> Environment:
+    return environment(links=links)
+
+
+def _words_html(words: object, links: bool) -> str:
+    match words:
+        case Reference():
+            return f'<a class="asks"{_asks(words)}>{escape(words.words)}</a>' if links else escape(words.words)
+        case Link():
+            return f'<a href="{escape(words.address)}">{escape(words.words)}</a>'
+        case list() | tuple():
+            return "".join(_words_html(span, links) for span in words)
+        case _ if hasattr(words, "__html__"):
+            return str(words)
+        case _:
+            return escape(words)
+
+
+def _asks(reference: Reference) -> str:
+    """Attributes of an element that selects what a reference names when it is clicked, or chosen by key."""
+    asked = f'data-ask="{reference.kind}" data-value="{escape(reference.value)}"'
+    return f' {asked} role="button" tabindex="0"'
+
+
+def _recognised(block: Block, recognise: Recognise) -> Block:
+    """A block whose sentences have the names in them as references."""
+
+    def spans(words: Words) -> Words:
+        if isinstance(words, str):
+            return recognise(words)
+        if isinstance(words, Reference | Link):
+            return words
+        out: list[str | Reference | Link] = []
+        for span in words:
+            found = recognise(span) if isinstance(span, str) else span
+            out += [found] if isinstance(found, str | Reference | Link) else found
+        return tuple(out)
+
+    match block:
+        case Bullets():
+            return replace(block, sentences=[spans(sentence) for sentence in block.sentences])
+        case Paragraph() | Verdict():
+            return replace(block, words=spans(block.words))
+        case _:
+            return block

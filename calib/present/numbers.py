@@ -1,0 +1,151 @@
+"""How numbers are written, the same on terminal, page, report and notebook.
+
+In a sentence a length has the digits that a person reads (two significant ones, two decimals above one) and the unit
+that fits it; in a column, whose unit is in its heading, it has four decimals. A size with its sigma has the digits that
+the sigma leaves. Angles are in degrees. U+2212 is the minus sign.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+MISSING = "–"
+_MINUS = "\N{MINUS SIGN}"
+_GREEK = {"alpha": "α", "beta": "β", "theta": "θ"}
+_MICRO_BELOW_MM = 0.1
+_NOTHING_MM = 1e-6  # a nanometre: less is rounding
+_UNSEEN = 1e6  # a sigma from which a size says nothing, in its unit
+
+
+def length(mm: float) -> str:
+    """A length in a sentence: "0.68 mm"; "12 µm" below a tenth of a millimetre."""
+    if not math.isfinite(mm):
+        return MISSING
+    if abs(mm) < _NOTHING_MM:
+        return "0 µm"
+    if abs(mm) < _MICRO_BELOW_MM:
+        return f"{float(f'{1e3 * mm:.2g}'):g} µm".replace("-", _MINUS)
+    return f"{digits(mm)} mm"
+
+
+def length_change(before_mm: float, after_mm: float) -> str:
+    """How an error changed, in one unit: "from 0.68 to 0.041 mm"."""
+    if max(abs(before_mm), abs(after_mm)) < _MICRO_BELOW_MM:
+        return f"from {length(before_mm).removesuffix(' µm')} to {length(after_mm)}"
+    return f"from {digits(before_mm)} to {digits(after_mm)} mm"
+
+
+def digits(value: float) -> str:
+    """A number with the digits that a person reads: two significant ones, two decimals above one."""
+    if not math.isfinite(value):
+        return MISSING
+    size = abs(value)
+    if size == 0.0 or size >= 99.95:
+        written = f"{value:.0f}"
+    elif size >= 0.995:
+        written = f"{value:.1f}" if size >= 9.995 else f"{value:.2f}"
+    else:
+        written = f"{value:.{1 - math.floor(math.log10(float(f'{size:.1e}')))}f}"
+    return written.replace("-", _MINUS)
+
+
+def column_mm(mm: float | None) -> str:
+    """A length in a column of millimetres; a power of ten where it is next to nothing."""
+    if mm is None or not math.isfinite(mm):
+        return MISSING
+    written = f"{mm:.1e}" if 0 < abs(mm) < 1e-4 else f"{mm:.4f}" if abs(mm) < 10 else f"{mm:.3f}"
+    return written.replace("-", _MINUS) if mm < 0 else written
+
+
+def readable(value: float, unit: str) -> tuple[float, str]:
+    """A value and its unit as people read them: angles in degrees."""
+    return (math.degrees(value), "°") if unit == "rad" else (value, unit)
+
+
+def size(value: float, unit: str) -> str:
+    """A size with its unit: "0.12°", "0.5 mm", "3 × 10⁻⁵ rad/Nm" as "3e-05 rad/Nm"."""
+    shown, unit = readable(value, unit)
+    return f"{shown:.3g}{_unit(unit)}".replace("-", _MINUS, 1 if shown < 0 else 0)
+
+
+def with_sigma(value: float, sigma: float, unit: str = "", *, sign: bool = False) -> str:
+    """A value and its sigma to the second digit of the sigma: "0.120 ± 0.011°"; "not seen" where it says nothing."""
+    shown, read_unit = readable(value, unit)
+    spread, _ = readable(sigma, unit)
+    if not math.isfinite(spread) or spread >= _UNSEEN:
+        return "not seen"
+    plus = "+" if sign else ""
+    if spread <= 0.0:
+        return f"{shown:{plus}.4g} ± 0{_unit(read_unit)}".replace("-", _MINUS)
+    decimals = 1 - math.floor(math.log10(float(f"{spread:.1e}")))
+    if decimals > 6:
+        exponent = math.floor(math.log10(max(abs(shown), spread)))
+        scaled = max(0, decimals + exponent)
+        written = f"({shown / 10**exponent:{plus}.{scaled}f} ± {spread / 10**exponent:.{scaled}f})e{exponent}"
+        return f"{written}{_unit(read_unit)}".replace("-", _MINUS)
+    decimals = max(0, decimals)
+    return f"{shown:{plus}z.{decimals}f} ± {spread:.{decimals}f}{_unit(read_unit)}".replace("-", _MINUS)
+
+
+def _unit(unit: str) -> str:
+    return unit if unit in ("", "°") else "" if unit == "1" else f" {unit}"
+
+
+def share(fraction: float) -> str:
+    """A part of a whole in percent: "12 %"."""
+    return f"{100 * fraction:.0f} %"
+
+
+def reduction(before: float, after: float) -> str:
+    """By how much an error fell, in percent of what it was."""
+    if not (math.isfinite(before) and math.isfinite(after)) or before <= 0:
+        return MISSING
+    return f"{100 * (1 - after / before):.2f} %".replace("-", _MINUS)
+
+
+def relative_change(before: float, after: float) -> str:
+    """How an error changed, in percent of what it was: "−63 %"."""
+    if not (before > 0 and math.isfinite(after)):
+        return MISSING
+    percent = round(100 * (after / before - 1))
+    return ("0 %" if percent == 0 else f"{percent:+d} %").replace("-", _MINUS).replace(" ", "\N{NO-BREAK SPACE}")
+
+
+def probability(p: float) -> str:
+    """A probability or a p-value: "0.012"; a power of ten below 0.001: "5e-31"."""
+    return f"{p:.0e}" if p < 0.001 else f"{p:.2g}"
+
+
+def times(ratio: float) -> str:
+    """A ratio in a sentence: "6.4 times", "120 times"."""
+    return f"{float(f'{ratio:.2g}'):.7g} times"
+
+
+def count(number: int, one: str, several: str = "") -> str:
+    """A number with its noun: "1 scan", "2 scans"; `several` where that is not the noun and an s."""
+    return f"{number:,} {one if number == 1 else several or one + 's'}"
+
+
+def listing(names: Sequence[object], last: str = "and") -> str:
+    """Names in a sentence: "a, b and c"."""
+    said = [str(name) for name in names]
+    return f"{', '.join(said[:-1])} {last} {said[-1]}" if len(said) > 1 else "".join(said)
+
+
+def capitalised(words: str) -> str:
+    """A sentence with a capital letter first."""
+    return words[:1].upper() + words[1:]
+
+
+def parameter_label(name: str) -> str:
+    """A parameter's short name as tables and axes have it: "alpha3" is "α3"."""
+    for word, letter in _GREEK.items():
+        if name.startswith(word):
+            return letter + name[len(word) :]
+    return name
+
+
+def typeset(words: str) -> str:
+    """A sentence with the signs of this module: ±, µm, ° and a minus sign."""
+    return words.replace("+-", "±").replace(" um", " µm").replace(" -", f" {_MINUS}").replace(" deg", "°")

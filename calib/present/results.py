@@ -1,0 +1,93 @@
+"""What is told of each kind of result: its presentation and its document, by the class of the result."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache, singledispatch
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from calib.present import blocks
+from calib.present import html as blocks_html
+from calib.present import text as blocks_text
+from calib.present.blocks import Presentation
+from calib.strict_json import plain
+
+FIGURES = "calib.figures"  # entry points of this group draw figures in notebooks: `Draw` of `present/html.py`
+
+
+@singledispatch
+def presentation(result: object) -> Presentation:
+    """All that is told of a result, as blocks."""
+    raise TypeError(f"nothing is told of a {type(result).__name__}")
+
+
+@singledispatch
+def document(result: object) -> Mapping[str, Any]:
+    """The keys of a command's `--json` for a result; values are made plain by `to_dict`.
+
+    A dataclass is the document of its fields. A field's metadata may give its key (`key="name"`), or keep it out
+    (`key=None`).
+    """
+    if not is_dataclass(result):
+        raise TypeError(f"a {type(result).__name__} has no document")
+    keys = {field.name: field.metadata.get("key", field.name) for field in fields(result)}
+    return {key: getattr(result, name) for name, key in keys.items() if key is not None}
+
+
+@document.register(Mapping)
+def _keys(made: Mapping[str, Any]) -> Mapping[str, Any]:
+    return made
+
+
+def to_dict(result: object) -> dict[str, Any]:
+    """A result as strings, numbers, lists, dicts and None."""
+    plain_document = plain(nested(document(result)))
+    assert isinstance(plain_document, dict)
+    return plain_document
+
+
+def nested(value: object) -> object:
+    """A document's value with every dataclass and table in it as dicts and lists."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return nested(document(value))
+    if isinstance(value, pd.DataFrame):
+        return value.to_dict(orient="records")
+    if isinstance(value, Mapping):
+        return {str(key): nested(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [nested(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return value
+
+
+def headline(result: object) -> str:
+    """What matters most of a result, in a sentence or two: the first verdict in its presentation."""
+    return next(blocks.plain(block.words) for block in presentation(result).head if isinstance(block, blocks.Verdict))
+
+
+def summary(result: object) -> str:
+    """A result in a few lines of plain text."""
+    return blocks_text.text(presentation(result))
+
+
+def notebook_html(result: object) -> str:
+    """A result as HTML for a notebook's cell, with figures where a plotting library is installed."""
+    return blocks_html.view(presentation(result), _installed_draw())
+
+
+@cache
+def _installed_draw() -> blocks_html.Draw | None:
+    """What draws figures here: `inspector` says so by an entry point, and needs plotly; None without it."""
+    for entry in metadata.entry_points(group=FIGURES):
+        try:
+            draw: blocks_html.Draw = entry.load()
+        except ModuleNotFoundError:  # the package that draws comes without its plotting library
+            continue
+        return draw
+    return None

@@ -1,0 +1,13 @@
+"""Figures at the places that `calib.present` leaves for them: SVG in the page's colours, without a script."""
+
+from __future__ import annotations
+
+from calib.present.blocks import FigurePlace
+from inspector import figures
+from inspector.figures.svg.figure import svg_of
+
+
+def draw(place: FigurePlace, name: str) -> str:
+    """The figure of a place as SVG; `name` begins its ids."""
+    drawn = getattr(figures, place.figure)(*place.of)
+    return svg_of(drawn, place.width_px, place.height_px, name=name, title=place.caption)
