@@ -6,7 +6,6 @@ import html
 import json
 import shutil
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -41,12 +40,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_tiny(tmp_path_factory.mktemp("datasets"))
 
 
-@pytest.fixture(scope="module")
-def running(folder: Path) -> Iterator[App]:
-    with idle_app(folder) as app:
-        yield app
-
-
 @pytest.fixture
 def app(running: App) -> App:
     """The app on the dataset with scans, all of them searched, at its first pose."""
@@ -55,12 +48,6 @@ def app(running: App) -> App:
     running.dark(False)
     assert running.worker.wait_idle(IDLE_S)
     return running
-
-
-@pytest.fixture
-def page(app: App) -> Iterator[WireClient]:
-    with WireClient(app.server.get_port()) as client:
-        yield client
 
 
 def session(app: App) -> Session:

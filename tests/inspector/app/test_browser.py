@@ -16,24 +16,18 @@ from inspector.panels.review import NEXT, PREVIOUS
 from inspector.scene.scene_view import ROOT
 from inspector.server.viser_server import url_of
 from tests.support.app import IDLE_S, without_reflections
-from tests.support.browser import MS, colours_in, need_chromium, node_drawn, open_page, open_tab, says
+from tests.support.browser import MS, colours_in, need_chromium, node_drawn, open_tab, says
 from tests.support.tiny_dataset import BROKEN, HOSTILE, POSES, write_tiny
 
 pytestmark = pytest.mark.browser
 
 
 @pytest.fixture(scope="module")
-def app(chromium: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
+def running(chromium: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
     del chromium  # first: without a browser there is nothing to prepare
-    with serving(write_tiny(tmp_path_factory.mktemp("datasets")), port=0) as running:
-        without_reflections(running)
-        yield running
-
-
-@pytest.fixture(scope="module")
-def page(chromium: Any, app: App) -> Iterator[Any]:
-    with open_page(chromium, url_of(app.server)) as opened:
-        yield opened
+    with serving(write_tiny(tmp_path_factory.mktemp("datasets")), port=0) as app:  # opened while it works
+        without_reflections(app)
+        yield app
 
 
 @pytest.mark.parametrize(("ci", "outcome"), [("true", pytest.fail.Exception), ("", pytest.skip.Exception)])

@@ -67,12 +67,6 @@ def app(folder: Path) -> Iterator[App]:
         yield app
 
 
-@pytest.fixture
-def page(app: App) -> Iterator[WireClient]:
-    with WireClient(app.server.get_port()) as client:
-        yield client
-
-
 def session(app: App) -> Session:
     assert app.state.view is not None
     return app.state.view.session

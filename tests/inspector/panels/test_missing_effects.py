@@ -28,27 +28,16 @@ from inspector.panels.learn.residuals import PLACES
 from inspector.scene.scene_view import ROOT
 from inspector.session.session import Session
 from tests.support.app import ADD, IDLE_S, command, idle_app, plain, shows
-from tests.support.hidden_dataset import HIDDEN, write_hidden
+from tests.support.hidden_dataset import HIDDEN
 from tests.support.wire_client import WireClient
 
 pytestmark = pytest.mark.slow  # a whole app, running
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_hidden(tmp_path_factory.mktemp("hidden"))
 
 
 @pytest.fixture
 def app(folder: Path) -> Iterator[App]:
     with idle_app(folder) as running:
         yield running
-
-
-@pytest.fixture
-def page(app: App) -> Iterator[WireClient]:
-    with WireClient(app.server.get_port()) as client:
-        yield client
 
 
 def session(app: App) -> Session:

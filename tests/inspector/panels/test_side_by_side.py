@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ import pytest
 from calib.dataset.files.folder import write_dataset
 from inspector.app.app import App
 from inspector.panels.model.side_by_side import NONE, VERSION
-from tests.support.app import IDLE_S, idle_app, plain
+from tests.support.app import IDLE_S, plain
 from tests.support.checked_cell import measured_twice
 from tests.support.wire_client import WireClient
 
@@ -19,14 +19,13 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("beside")
     for dataset in measured_twice(5, {"theta3": np.radians(0.04)}):
         write_dataset(dataset, folder / dataset.name)
     panda = measured_twice(6, robot="panda")[0]
     write_dataset(replace(panda, name="panda"), folder / "other arm")
-    with idle_app(folder) as running:
-        yield running
+    return folder
 
 
 def beside(app: App, choice: str) -> str:

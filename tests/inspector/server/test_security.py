@@ -73,9 +73,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def app(folder: Path) -> Iterator[App]:
-    with idle_app(folder / "served", effects_file=folder / "own.py") as running:
-        yield running
+def running(folder: Path) -> Iterator[App]:
+    with idle_app(folder / "served", effects_file=folder / "own.py") as app:
+        yield app
 
 
 # ---- names ----------------------------------------------------------------------------------------------------------
