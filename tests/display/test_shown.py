@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from IPython.core.formatters import PlainTextFormatter
 
 import calib
 from calib.corners.batch import CornerBatch
@@ -217,7 +216,7 @@ def test_views_tell_the_numbers_of_the_results(dataset: Dataset, found: Diagnosi
 def test_ipython_shows_the_summary_as_plain_text(
     dataset: Dataset, found: Diagnosis, plan: Plan, corners: CornerBatch, compared: Comparison
 ) -> None:
-    plain_text = PlainTextFormatter()
+    plain_text = pytest.importorskip("IPython.core.formatters").PlainTextFormatter()
     results: list[Viewed] = [
         dataset, found, found.calibration, plan, corners, compared, redundancy(dataset),
     ]  # fmt: skip

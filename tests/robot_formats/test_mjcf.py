@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -18,6 +17,8 @@ from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain
 from calib.robot_formats.robot_file import Reading, read_robot
 from inspector.cli.parser import main
 from tests.support.robot_texts import MJCF
+
+mujoco = pytest.importorskip("mujoco")
 
 JOINT = '<joint name="j{0}" axis="0 {0} 1"/><inertial pos="0 0 0.1" mass="{0}" diaginertia="1 1 1"/>'
 HAND = '<body name="hand" pos="0 0 1">' + JOINT.format(2) + "</body>"

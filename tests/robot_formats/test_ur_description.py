@@ -12,13 +12,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from scipy.spatial.transform import Rotation
 
 from calib.robot_formats.robot_file import Reading, read_robot
 from calib.robot_formats.ur_calibration import MODELS, nominal_rows
 from inspector.cli.parser import main
 from tests.support.robot_texts import DELTAS, FAR_DELTAS, conf_of
+
+yaml = pytest.importorskip("yaml")
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 HALF = math.pi / 2

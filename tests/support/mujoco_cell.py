@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from calib.dataset.surroundings import Box
 from calib.kinematics.robot import Robot
+from tests.support.mujoco_arm import mujoco
 
 JIG, FLOOR = "jig", "floor"
 _AZIMUTHS = np.radians([180.0, 300.0, 60.0])  # of the edges opposite to faces 1, 2, 3; normal 1 is at 0
@@ -80,11 +80,11 @@ class MujocoCell:
             middle, half = _text((high + low) / 2.0), _text((high - low) / 2.0)
             around += f'<geom name="{box.name}" type="box" size="{half}" pos="{middle}"/>'
         vertices = _text(np.concatenate([np.zeros((1, 3)), self.edges]).ravel())
-        self.model = mujoco.MjModel.from_xml_string(
+        self.model = mujoco().MjModel.from_xml_string(
             f'<mujoco><compiler angle="radian"/><asset><mesh name="{JIG}" vertex="{vertices}"/></asset>'
             f"<worldbody>{around}<body {_pose(first)}>{inner}</body></worldbody></mujoco>"
         )
-        self.data = mujoco.MjData(self.model)
+        self.data = mujoco().MjData(self.model)
 
     def stand(self, q: ArrayLike) -> None:
         """Put the arm to joints (n,), rad or mm."""
@@ -92,7 +92,7 @@ class MujocoCell:
         for rod in self.rods:
             self._place(rod, q)
         self.data.qpos[:] = np.where(self.robot.is_revolute, q, q / 1e3)
-        mujoco.mj_kinematics(self.model, self.data)
+        mujoco().mj_kinematics(self.model, self.data)
 
     def _place(self, rod: Rod, q: NDArray) -> None:
         geom = self.model.geom(rod.name)
@@ -138,7 +138,7 @@ class MujocoCell:
             for s in steps:
                 for t in steps[steps + s < 0.97]:
                     ray = frame.xpos + s * edges[one] + t * edges[other] - eye
-                    share = mujoco.mj_ray(self.model, self.data, eye, ray, None, 1, -1, what)
+                    share = mujoco().mj_ray(self.model, self.data, eye, ray, None, 1, -1, what)
                     if 0.0 <= share < 1.0 - _MISS_M:
                         met.append(self.model.geom(int(what[0])).name)
         return met
@@ -146,7 +146,7 @@ class MujocoCell:
     def meet(self, one: str, other: str) -> bool:
         """Whether two bodies touch, by the engine's distance of two solids."""
         first, second = self.model.geom(one).id, self.model.geom(other).id
-        return mujoco.mj_geomDistance(self.model, self.data, first, second, 0.1, None) < 0.0
+        return mujoco().mj_geomDistance(self.model, self.data, first, second, 0.1, None) < 0.0
 
 
 def _row(row: NDArray) -> NDArray:

@@ -13,7 +13,7 @@ from tests.support.clicks import joint_selected, selected
 # The id of a point that Plotly has drawn: of the trace's list, by the point's index.
 ID = "node => node.closest('.trace').__data__[0].trace.ids[(node.__data__ ?? node.parentNode.__data__).i]"
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 def test_a_row_of_the_table_selects_its_pose(page: Any, app: App) -> None:

@@ -16,7 +16,7 @@ from tests.support.browser import open_page, open_tab
 from tests.support.clicks import selected
 from tests.support.hidden_dataset import write_hidden
 
-pytestmark = pytest.mark.thorough
+pytestmark = [pytest.mark.browser, pytest.mark.thorough]
 WILD, OFF_MM = 9, 12.0  # a row of points.csv, and how far its point is off
 
 
