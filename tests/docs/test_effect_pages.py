@@ -84,7 +84,7 @@ def test_a_page_that_is_as_it_was_is_not_written_again(effects: ModuleType, tmp_
 def test_a_note_of_no_effect_is_refused(effects: ModuleType, tmp_path: Path):
     notes = tmp_path / "notes.toml"
     notes.write_text('[joint_complience]\ntext = "soft"\n', encoding="utf-8")
-    with pytest.raises(ValueError, match="no effect is named joint_complience"):
+    with pytest.raises(ValueError, match="joint_complience"):
         effects.write_pages(tmp_path, notes)
 
 

@@ -112,7 +112,7 @@ def test_a_suspected_effect_is_known_better_by_poses_planned_for_it(start: FromF
     told = [line for line in for_it.told if ".J2." in line]
     before, after = (float(word) for word in told[0].split(": ")[1].split(" rad")[0].split(" -> "))
     assert after < before
-    with pytest.raises(CalibError, match="joint_dent is at few of"):
+    with pytest.raises(CalibError, match="joint_dent"):
         plan_poses(start, 5, candidates=100, purpose=ForEffects(("joint_dent",)))
 
 
@@ -121,7 +121,7 @@ def test_an_effect_is_planned_under_the_conditions_that_it_shows_under(start: Fr
     both = plan_poses(start, 6, candidates=80, purpose=purpose_of("backlash"))
     assert both.poses.approach is not None
     assert set(np.unique(both.poses.approach)) == {-1.0, 1.0}
-    assert "poses.csv needs it of the measured poses too" in both.told[0]
+    assert "poses.csv" in both.told[0]
     loads = plan_poses(start, 6, candidates=80, purpose=purpose_of("joint_compliance", payload_kg=2.0))
     assert loads.poses.payload_kg is not None
     assert loads.poses.payload_kg.tolist() == sorted(loads.poses.payload_kg)  # mounted once
@@ -132,7 +132,7 @@ def test_an_effect_is_planned_under_the_conditions_that_it_shows_under(start: Fr
 def test_a_fit_that_leaves_more_than_noise_is_told(start: FromFit) -> None:
     dataset = start.calibration.dataset
     finer = replace(dataset, scanner=replace(dataset.scanner, point_sigma_mm=0.005))
-    assert "times the declared noise, so something is missing" in FromFit(calibrate(finer)).notes[0]
+    assert "declared noise" in FromFit(calibrate(finer)).notes[0]
 
 
 def test_a_further_place_of_the_scanner_is_a_setup_of_its_own(start: FromFit) -> None:

@@ -28,7 +28,7 @@ def test_a_pose_is_left_out_by_its_button_and_said_everywhere(page: Any, app: Ap
     button(page, TAKE_IN).wait_for(timeout=MS)
     row = page.locator(f'tr[data-value="{POSE}"]').first
     row.get_by_text("left out").wait_for(timeout=MS)
-    says(page, "no fit and no figure takes it")
+    says(page, "no figure takes it")
     open_tab(page, "What is missing")
     says(page, f"− pose {POSE}: the test error is")
     assert app.worker.wait_idle(IDLE_S)

@@ -68,7 +68,7 @@ def test_validate_tells_the_errors_of_the_model_as_it_is(
     assert later["test"]["max_mm"] == pytest.approx(3.0, abs=0.3)
     capsys.readouterr()
     assert main(["validate", str(tmp_path / "later"), "--model", str(model)]) == 0
-    assert "not the files that it was fitted to" in capsys.readouterr().out
+    assert "not the files" in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -100,11 +100,11 @@ def test_a_model_is_not_fitted_again_nor_overwritten(
 ) -> None:
     for extra in (["--robust"], ["--effect", HIDDEN], ["--hold", "a2"], ["--no-prior"], ["--folds", "3"]):
         line = refused(capsys, "validate", folder, "--model", model, *extra)
-        assert f"--model: the model is used as it was fitted; leave out {extra[0]}" in line
+        assert f"leave out {extra[0]}" in line
     before = model.read_bytes()
     targets = folder / "poses.csv"
     line = refused(capsys, "correct", folder, "--model", model, "--joints", targets, "--out", model)
-    assert "is what this command reads" in line
+    assert "this command reads" in line
     assert model.read_bytes() == before
 
 
@@ -173,7 +173,7 @@ def test_compare_names_the_one_change_between_two_measurements(
         write_dataset(dataset, tmp_path / dataset.name)
     folders = [str(tmp_path / name) for name in ("before", "after")]
     assert main(["compare", *folders]) == 0
-    assert "From before to after changed: the zero of joint 3 (theta3)" in capsys.readouterr().out
+    assert "zero of joint 3 (theta3)" in capsys.readouterr().out
     assert main(["compare", *folders, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["differs"]

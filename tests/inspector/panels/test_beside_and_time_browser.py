@@ -30,7 +30,7 @@ def test_another_dataset_stands_beside(page: Any, app: App) -> None:
     open_tab(page, "Beside")
     page.get_by_role("textbox", name="Beside").or_(page.get_by_label("Beside")).locator("visible=true").first.click()
     page.get_by_role("option", name="before").click()
-    says(page, "From before to after changed: the zero of joint 3")
+    says(page, "changed: the zero of joint 3")
     names = page.locator(".js-plotly-plot:visible .legendtext").all_text_contents()
     assert names == ["after", "before"]
 

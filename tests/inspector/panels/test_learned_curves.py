@@ -52,7 +52,7 @@ def test_they_are_offered_added_with_a_click_and_taken_back(app: App, page: Wire
     assert page.props("Effect")["options"][0] == LEARNED
     assert not curves_drawn(page)
     page.set("Effect", LEARNED)
-    shows(page, "No named effect explains what is left", "log evidence, all together")
+    shows(page, "No named effect", "log evidence")
     page.click(ADD_CURVES)
     shows(page, f"+ {LEARNED}: the test error fell", f"Curves of {LEARNED}", "sin(23 q1)")
     page.wait(curves_drawn)

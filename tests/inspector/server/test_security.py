@@ -227,5 +227,5 @@ def test_a_dataset_names_no_file_outside_its_folder(folder: Path, tmp_path: Path
     text = (there / "dataset.toml").read_text()
     kept = "\n".join(line for line in text.splitlines() if not line.startswith(f"{key} ="))
     (there / "dataset.toml").write_text(kept.replace("format = 1", f'format = 1\n{key} = "{path}"'))
-    with pytest.raises(DatasetError, match="not below the dataset's folder"):
+    with pytest.raises(DatasetError, match="not below"):
         load_dataset(there)
