@@ -11,7 +11,7 @@ from inspector.panels.base import Actions
 
 NOTE = (
     "Each is made when you press and goes to your browser's downloads; nothing is written where the server runs. "
-    "Behind each stands the command that does the same."
+    "The command that does the same is given with each."
 )
 SCREENSHOT = "Screenshot (PNG)"
 ITEMS: dict[str, tuple[str, str]] = {  # what the button is called: icon, what the file holds

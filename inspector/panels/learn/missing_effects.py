@@ -44,7 +44,7 @@ class MissingEffectsPanel:
             icon=viser.Icon.SEARCH,
             hint="starts from the link errors alone; Undo brings your model back",
         )
-        self.choice = gui.add_dropdown("Effect", (NONE,), hint="the best first; the tables are about it")
+        self.choice = gui.add_dropdown("Effect", (NONE,), hint="the best first; the tables below describe it")
         self.add = gui.add_button("Add to the model", icon=viser.Icon.PLUS)
         self.change = gui.add_button_group(
             "Model", (UNDO,), visible=False, hint=f"up to {UNDO_STEPS} changes back; keys: Ctrl+Z, Ctrl+Y"

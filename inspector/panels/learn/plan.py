@@ -16,8 +16,8 @@ from inspector.panels.input_checks import clamped
 from inspector.session.planned import Planned
 
 NOTE = (
-    "The next poses to measure: only those that scanner and cell allow. Choose what they are for and press the button; "
-    "a click on a row shows the arm there. Command: inspector plan"
+    "The next poses to measure, of those that instrument and cell allow. Choose what they are for and press the "
+    "button; a click on a row shows the arm there. Command: inspector plan"
 )
 NOT_YET = "Nothing to plan for yet: poses are planned from a fit."
 STALE = "The model has changed since; plan again."
@@ -37,7 +37,7 @@ class PlanPanel:
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
-        self.aim = gui.add_dropdown("For", (NONE,), hint="what the poses are to tell")
+        self.aim = gui.add_dropdown("For", (NONE,), hint="the purpose of the poses")
         self.count = gui.add_number("Poses", 5, min=1, max=MOST, step=1, hint="how many to measure")
         self.payload = gui.add_number(
             "Payload, kg",
@@ -45,7 +45,7 @@ class PlanPanel:
             min=0.0,
             max=1000.0,
             step=0.5,
-            hint="a known one that some poses may carry; 0: none",
+            hint="a known mass that some poses may carry; 0: none",
         )
         self.make = gui.add_button(MAKE, icon=viser.Icon.ROUTE)
         self._doing = gui.add_html("")

@@ -37,7 +37,7 @@ def test_another_dataset_stands_beside(page: Any, app: App) -> None:
 
 def test_another_dataset_is_held_against_the_calibration(page: Any, app: App) -> None:
     open_tab(page, "Watch")
-    page.get_by_text("The scanner was put up anew").locator("visible=true").first.click()
+    page.get_by_text("The instrument was set up again").locator("visible=true").first.click()
     page.get_by_label("Measured later").locator("visible=true").first.click()
     page.get_by_role("option", name="before").click()
     says(page, "before: changed. the zero of joint 3")
