@@ -32,7 +32,7 @@ CANDIDATES = 800
 
 
 def main() -> None:
-    """One line an arm."""
+    """Print one line for each arm."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--places", type=int, default=25, help="drawn places of the scanner, each arm")
     places = parser.parse_args().places

@@ -48,7 +48,7 @@ class Server:
         return self._process.stdout.readline()
 
     def peak_mb(self) -> float:
-        """Once it has nothing left to do."""
+        """Peak memory of the server, once it has nothing left to do."""
         assert self._process.stdin is not None
         self._process.stdin.write("\n")
         self._process.stdin.flush()
@@ -197,7 +197,7 @@ def write_scans(folder: Path, points: int, count: int) -> None:
 
 
 def main() -> None:
-    """All that is asked for, in this order: points, then each size of scan."""
+    """Run the cases that are asked for: points, then each size of scan."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--dataset", type=Path, default=ROOT / "sample_data" / "hidden_effect_b")

@@ -38,7 +38,7 @@ UNIT_INERTIA = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
 
 @dataclass
 class Worst:
-    """Over all arms."""
+    """Largest deviations over all arms."""
 
     arms: int = 0
     weighed: int = 0  # of them with torques compared
@@ -127,7 +127,7 @@ def mujoco_model(arm: ArmPath) -> Any:
 
 
 def compare(path: Path, tip: str | None, oracle: str, vectors: int, worst: Worst, folder: Path) -> None:
-    """One arm of one file."""
+    """Compare one arm of one file with the peer's reading of it."""
     reading = Reading(tip=tip)
     found, arm = read_robot(path, reading), read_arm(path, tip=tip)
     (folder / "robot.toml").write_text(robot_to_toml(found.robot))

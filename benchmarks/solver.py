@@ -249,7 +249,7 @@ def observed_of(
 
 
 def pairs() -> None:
-    """What Park's pairs find and miss, at 40 random poses of the nominal arm, as he takes them."""
+    """Print what Park's pairs find and miss, at 40 random poses of the nominal arm, as he takes them."""
     print("\nPark's pairwise redundancy against the truth, 40 random poses, positions in the base frame")
     print(f"{'':8} {'parameters':>10} {'pairs keep':>10} {'no influence':>12} {'rank':>5}   kept, yet redundant")
     reports = []

@@ -37,7 +37,7 @@ class Cell:
         return cls(nominal.with_table(table), nominal, _anywhere(rng))
 
     def with_changes(self, changes: dict[str, float]) -> Cell:
-        """What each parameter of the table gained."""
+        """The same cell with each named parameter of the table increased by its value."""
         table = self.true.table.copy()
         for name, by in changes.items():
             table[np.unravel_index(self.nominal.parameter_names.index(name), table.shape)] += by
@@ -69,7 +69,7 @@ class Cell:
         return frames.apply(self.scanner_T_base, tool_mm)
 
     def measured(self, rng: np.random.Generator, poses: int = 8, name: str = "new", q: Array | None = None) -> Dataset:
-        """At random poses, or at joints q (N, n)."""
+        """Dataset of the cell with noise, at random poses or at joints q (N, n)."""
         q = rounded(self.nominal, random_poses(self.nominal, poses, rng=rng)) if q is None else q
         seen_mm = self.seen_mm(q)
         noisy_mm = seen_mm + self.noise_mm * rng.normal(size=seen_mm.shape)

@@ -38,7 +38,7 @@ class Rod:
 
 
 class MujocoCell:
-    """One cell, put to one pose after another."""
+    """A cell in MuJoCo that is put to one pose after another."""
 
     def __init__(
         self,
@@ -120,7 +120,7 @@ class MujocoCell:
         return 1e3 * self.data.body(JIG).xpos
 
     def steepest_deg(self, eye_mm: ArrayLike) -> float:
-        """Of the three faces at the apex, from the line to the eye (3,)."""
+        """Largest angle, deg, between the line to the eye (3,) and the normal of a face at the apex."""
         frame = self.data.body(JIG)
         edges = self.edges @ frame.xmat.reshape(3, 3).T
         sight = np.asarray(eye_mm) / 1e3 - frame.xpos
@@ -128,7 +128,7 @@ class MujocoCell:
         return float(np.degrees(np.arccos(np.clip(normals @ sight / np.linalg.norm(sight), -1.0, 1.0)).max()))
 
     def hidden(self, eye_mm: ArrayLike, per_edge: int = 6) -> list[str]:
-        """What a ray from the eye (3,) meets before a point of a face, for each point of a raster where it does."""
+        """Names of the bodies that rays from the eye (3,) meet before the points of a raster over the faces."""
         frame = self.data.body(JIG)
         edges = self.edges @ frame.xmat.reshape(3, 3).T
         eye = np.asarray(eye_mm, dtype=float) / 1e3
