@@ -3,9 +3,9 @@
     python benchmarks/many_scans.py [--scans 64] [--points 200000] [--processes 1 2] [--dask 2] [--folder DIR]
 
 The scans are those of the tests' ray caster: eight scenes, and turns of them about the scanner, written once to a
-folder that goes away afterwards. Each row is a process of its own that loads the dataset and searches all. `cores`
-is the processor time of it and its children over the wall time: the share of the machine that it got and used; `search`
-is the sum of the searches' own seconds over the wall time. Memory is the peak of the parent, and of the largest child.
+folder that goes away afterwards. Each row is a process of its own that loads the dataset and searches all. `cores` is
+the processor time of it and its children over the wall time: the share of the machine that it got and used; `search` is
+the sum of the searches' own seconds over the wall time. Memory is the peak of the parent, and of the largest child.
 """
 
 from __future__ import annotations

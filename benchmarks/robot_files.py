@@ -3,10 +3,10 @@
     python benchmarks/robot_files.py FOLDER [--oracle mujoco|pinocchio] [--vectors 100] [--tips 20] [--tell]
 
 For each file and each of its tips: the tool's place and attitude by robot.toml, written and read again, at random joint
-vectors; gravity's torques where the file has masses; and whether the file comes back byte for byte where
-nothing is calibrated. MuJoCo gets the file without shapes, with joints beside the arm fixed and other inertias, as many
-files have some that no body can have; links without mass get one, and torques are then not compared. Pinocchio (`pip
-install pin`) gets the file as it is.
+vectors; gravity's torques where the file has masses; and whether the file comes back byte for byte where nothing is
+calibrated. MuJoCo gets the file without shapes, with joints beside the arm fixed and other inertias, as many files have
+some that no body can have; links without mass get one, and torques are then not compared. Pinocchio (`pip install pin`)
+gets the file as it is.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Causes that MuJoCo puts into the measurements: springs in the joints under the links' weight, an uneven gear.
 
-Nothing of the simulation in `calib` makes these data but the chain that the table makes: the engine weighs the arm,
-and its springs come to rest by MuJoCo's own forces.
+Nothing of the simulation in `calib` makes these data but the chain that the table makes: the engine weighs the arm, and
+its springs come to rest by MuJoCo's own forces.
 """
 
 from __future__ import annotations

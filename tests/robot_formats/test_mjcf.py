@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import resource
 import struct
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -194,11 +193,9 @@ def test_no_model_leads_out_of_its_folder_or_takes_the_machine_for_itself(tmp_pa
     write, said = REFUSED[name]
     write(folder)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    started = time.monotonic()
     with pytest.raises(RobotFileError, match=said) as caught:
         read_robot(folder / "arm.xml", Reading(tip="hand"))
     assert "\n" not in str(caught.value)
-    assert time.monotonic() - started < 70
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # kB
 
 

@@ -1,7 +1,7 @@
 """A small ray caster for tests and benchmarks: analytic ray-patch and ray-cylinder intersections in numpy.
 
-It shares no code with the product's own simulator, so that the two check each other. The scanner sits at the origin
-and looks along +z. The jig is the corner of a cube of edge `edge_mm`, cut off along the diagonal, on a round flange.
+It shares no code with the product's own simulator, so that the two check each other. The scanner sits at the origin and
+looks along +z. The jig is the corner of a cube of edge `edge_mm`, cut off along the diagonal, on a round flange.
 """
 
 from __future__ import annotations

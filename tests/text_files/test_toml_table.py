@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import tomllib
 import tracemalloc
 from pathlib import Path
@@ -40,10 +39,8 @@ def test_keys_of_thousands_of_parts_and_deep_nests_are_refused_before_parsing(tm
     path = tmp_path / "dataset.toml"
     path.write_text(HOSTILE[name])
     tracemalloc.start()
-    started = time.monotonic()
     with pytest.raises(DatasetError, match=r"line \d: (a key of more than 20 parts|nested too deep)"):
         TomlTable.load(path)
-    assert time.monotonic() - started < 2
     assert tracemalloc.get_traced_memory()[1] < 20e6
     tracemalloc.stop()
 
