@@ -33,17 +33,18 @@ from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset, Points, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
-from calib.effects.catalogue import effects_named
+from calib.effects.catalogue import CATALOGUE, catalogue_names, effects_named
 from calib.errors import CalibError
 from calib.simulation.measured_dataset import Simulation
 from calib.simulation.simulate import simulate_dataset
-from calib.simulation.truth.arm_sampling import OUTSIDE_EFFECTS, SIMULATED_EFFECTS
+from calib.simulation.truth.arm_sampling import OUTSIDE_EFFECTS
 from calib.simulation.truth.equilibrium import scanner_T_target
 from calib.simulation.truth.mechanism import Conditions
 
 NOISE_MM = 0.05
 POSES = 80  # of which 16 are held out
-TESTABLE = tuple(name for name in SIMULATED_EFFECTS if name != "scanner_scale")
+TESTABLE = tuple(kind.name for kind in CATALOGUE if kind.testable)
+OUTSIDE = tuple(dict.fromkeys(("hose_pull", "field_bump", "rough_gear", "fine_ripple", *OUTSIDE_EFFECTS)))  # seeds
 SPREAD = TESTABLE[:15]  # of every joint or pose: what is there always
 PAIRS = tuple(combinations(SPREAD, 2))
 SIZES = (0.5, 1.0, 3.0)
@@ -62,7 +63,7 @@ class Trial:
     number: int
 
     def simulate(self) -> Simulation:
-        names = (*SIMULATED_EFFECTS, *OUTSIDE_EFFECTS)
+        names = (*catalogue_names(), *OUTSIDE)
         key = [len(self.kind), *(names.index(e) for e in self.effects), int(100 * self.size), self.number]
         arm = ("rb5", "panda")[self.number % 2]
         return simulate_dataset(
@@ -129,9 +130,7 @@ def trials(singles: int, nulls: int, pairs: int, outside: int) -> list[Trial]:
     out += [Trial("null", (), 0.0, declared, k) for declared in DECLARED for k in range(nulls)]
     order = np.random.default_rng(0).permutation(len(PAIRS))
     out += [Trial("pair", PAIRS[order[k % len(PAIRS)]], 3.0, 1.0, k) for k in range(pairs)]
-    out += [
-        Trial("outside", (e,), size, 1.0, k) for size in OUTSIDE_SIZES for e in OUTSIDE_EFFECTS for k in range(outside)
-    ]
+    out += [Trial("outside", (e,), size, 1.0, k) for size in OUTSIDE_SIZES for e in OUTSIDE for k in range(outside)]
     return out
 
 

@@ -18,7 +18,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from calib.corners.batch import told_noise
+from calib.corners.batch import declared_noise
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, find_corner
 from calib.dataset.files.robot_toml import builtin_robot
@@ -33,7 +33,7 @@ def line(seed: int, mount: str, effects: list[str], model: ScanModel) -> str:
     robot = replace(builtin_robot(("rb5", "panda")[seed % 2]), carries_scanner=mount == "flange")
     made = simulate_dataset(robot, rng=np.random.default_rng(seed), scans=True, effects=effects, scan_model=model)
     scanner = made.dataset.scanner
-    options = CornerOptions(refinement=RefinementOptions(told=told_noise(scanner)))
+    options = CornerOptions(refinement=RefinementOptions(declared=declared_noise(scanner)))
     searches: dict[str, CornerSearch] = {}
     for pose, pose_id in enumerate(made.dataset.poses.ids):
         scan = made.scan(pose).scan

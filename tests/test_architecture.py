@@ -1,4 +1,4 @@
-"""The house: imports go down only, never in a circle; `import calib` is a quick face."""
+"""Rules of imports: down only, never in a circle; `import calib` is quick."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def graph() -> Any:
 
 
 def circle(graph: Any, box: Callable[[str], str]) -> list[str]:
-    """One circle of imports between boxes of modules; nothing where there is none."""
+    """One circle of imports between boxes of modules; empty where there is none."""
     below: dict[str, set[str]] = {box(module): set() for module in graph.modules}
     for module in graph.modules:
         for imported in graph.find_modules_directly_imported_by(module):

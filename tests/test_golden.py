@@ -1,7 +1,4 @@
-"""What the program says of every sample dataset is what it said when somebody last looked: tests/golden, a file each.
-
-A change that is meant is written by `python benchmarks/golden.py --renew` and seen in review, a line an entry.
-"""
+"""Output for every sample dataset, compared with the reviewed files in tests/golden."""
 
 from __future__ import annotations
 
@@ -20,7 +17,7 @@ REAL = ("ur10_ipa", "mukca_panda_2_clean")
 
 
 def assert_golden(name: str, now: golden.Entries, *starts: str) -> None:
-    """Hold a result, or the parts of it that start so, against the file."""
+    """Compare a result, or its parts that start with the given keys, with the golden file."""
     stored = golden.below(golden.load(name), *starts) if starts else golden.load(name)
     assert stored, f"{name}: no such entries"
     found = golden.differences(name, stored, now)

@@ -181,7 +181,7 @@ def _require_placed(dataset: Dataset, observed: Observations) -> None:
             f"dataset {dataset.name}: target {unknown[0]!r} is measured at no training pose, so its place in the room "
             "is not known; give it training poses, or leave it out"
         )
-    if room_placement(dataset.robot, observed).open_turns:
+    if room_placement(dataset.robot, observed).undetermined_rotation:
         raise FitError(
             f"dataset {dataset.name}: the training points do not tell how the scanner is turned on the flange: they "
             "lie in one place or on one line, seen from the scanner; measure poses that differ in more directions"

@@ -12,8 +12,7 @@ import numpy as np
 from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration, is_declared, outlier_words
 from calib.distributions import chi2_ppf
-from calib.effects.effect import full_name
-from calib.effects.natural_bounds import exceeded_bound
+from calib.effects.effect import exceeded_bound, full_name
 from calib.errors import FitError
 from calib.fitting.observations import BEST_SIGMA_MM, Observations
 from calib.kinematics.robot import LENGTH_KINDS, PARAMETER_KINDS

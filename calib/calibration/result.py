@@ -120,7 +120,7 @@ class Calibration(Documented, Viewed):
         """What the poses leave open of the places of a scanner on the flange and its targets; "" where nothing."""
         if not self.model.robot.carries_scanner:
             return ""
-        return room_placement(self.dataset.robot, Observations.of(self.fitted_dataset)).words
+        return room_placement(self.dataset.robot, Observations.of(self.fitted_dataset)).ambiguity
 
     @property
     def sigma_mm(self) -> float:

@@ -19,7 +19,7 @@ from calib.calibration.result import Calibration
 from calib.errors import FitError
 from calib.fitting.observations import Observations, conditions_at, linearise_points
 from calib.fitting.scanner_frame import frame_motion, whitener
-from calib.identifiability.structural import redundancy, taken_up_by_scanner
+from calib.identifiability.structural import absorbed_by_scanner_frame, redundancy
 
 CORRELATED = 0.8
 
@@ -89,7 +89,7 @@ def identifiable_combinations(calibration: Calibration) -> tuple[Combination, ..
     scanner's frame can replace (d1, theta1 - beta1).
     """
     found = redundancy(calibration.dataset)
-    blind = set(taken_up_by_scanner(calibration.dataset))
+    blind = set(absorbed_by_scanner_frame(calibration.dataset))
     names = {p.name for p in calibration.fit.parameters}
     row = {name: i for i, name in enumerate(found.parameters)}
     out = []

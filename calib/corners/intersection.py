@@ -1,4 +1,4 @@
-"""Three planes and the point where they meet (Jang 2025, eq 2), with the uncertainty of that point."""
+"""Intersection of three planes (Jang 2025, eq 2), with its covariance: the corner."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class Face:
 
     @property
     def inliers(self) -> IndexArray:
-        """(points,) indices into the scan's points."""
+        """Indices (points,) of the inliers in the scan."""
         return np.flatnonzero(np.unpackbits(self.inlier_bits))
 
 
 def packed(indices: IndexArray, count: int) -> ByteArray:
-    """(count / 8,) which of `count` points are meant, a bit each, as in `Face.inlier_bits`."""
+    """Bits (count / 8,) that mark the given indices among `count` points, as in `Face.inlier_bits`."""
     mask = np.zeros(count, dtype=bool)
     mask[indices] = True
     return np.packbits(mask)
@@ -43,7 +43,7 @@ def packed(indices: IndexArray, count: int) -> ByteArray:
 
 @dataclass(frozen=True)
 class Corner:
-    """The jig's apex, the feature point, in the scanner's frame."""
+    """The jig's apex, the measured point, in the scanner's frame."""
 
     xyz_mm: Array  # (3,)
     covariance_mm2: Array  # (3, 3)
@@ -53,12 +53,12 @@ class Corner:
     outline: Outline  # of the faces in this order
 
     def sigma_mm(self) -> float:
-        """Standard deviation of the apex, all three axes together: sqrt(trace of the covariance)."""
+        """Standard deviation of the apex over all three axes: sqrt(trace of the covariance)."""
         return float(np.sqrt(np.trace(self.covariance_mm2)))
 
 
 def intersect(normals: Array, offsets_mm: Array) -> Array:
-    """The point p with n_i . p = d_i (eq 2): p = N^-1 [d_1 d_2 d_3], the unit normals n_i being the rows of N.
+    """Point p with n_i . p = d_i (eq 2): p = N^-1 [d_1 d_2 d_3], the unit normals n_i being the rows of N.
 
     normals  # (..., 3, 3); offsets_mm  # (..., 3), d_i = n_i . p_i for any point p_i of the plane.
     """
@@ -68,8 +68,8 @@ def intersect(normals: Array, offsets_mm: Array) -> Array:
 def intersection_covariance(normals: Array, height_covariance_mm2: Array) -> Array:
     """Covariance (3, 3) of the intersection: N^-1 H N^-T.
 
-    H (3, 3) is the covariance of the planes' heights **at the apex**, so a plane's tilt is in it with its lever: to
-    first order a plane moves the apex by its height there and by nothing else.
+    H (3, 3) is the covariance of the planes' heights **at the apex**, so that the lever of a plane's tilt is included:
+    to first order a plane moves the apex by its height there and by nothing else.
     """
     inverse = np.linalg.inv(normals)
     return np.asarray(inverse @ height_covariance_mm2 @ inverse.T)

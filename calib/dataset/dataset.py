@@ -23,7 +23,7 @@ from calib.errors import DatasetError
 from calib.jig import Jig
 from calib.kinematics.robot import Robot
 from calib.noise_shape import NoiseShape
-from calib.target_shapes import Target
+from calib.target_shapes import DeclaredTarget
 
 ROLES = ("reference", "train", "test")
 
@@ -215,18 +215,18 @@ class Dataset(Viewed):
     noise: NoiseShape | None = None  # of the points, where it is known to differ from the declared one
     about: About = field(default_factory=About)
     surroundings: Surroundings = field(default_factory=Surroundings)
-    targets: tuple[Target, ...] = ()  # besides the three-faced jig, as dataset.toml describes them
+    targets: tuple[DeclaredTarget, ...] = ()  # besides the three-faced jig, as dataset.toml describes them
     finder_file: Path | None = None  # of a finder of the user's own, for what is to be found in the scans
     read_files: Mapping[str, str] = field(default_factory=dict, compare=False)
     """Hash of each file, scans apart, as it was read, by path below the folder: a file may change under a fit."""
 
     @property
-    def all_targets(self) -> tuple[Target, ...]:
+    def all_targets(self) -> tuple[DeclaredTarget, ...]:
         """What is looked for in the scans: the jig, where one is declared or nothing else is, and the other targets."""
         named = any("jig" in target.names for target in self.targets)
         if self.targets and (named or not self.jig_is_declared):
             return self.targets
-        return (Target("jig", self.jig), *self.targets)
+        return (DeclaredTarget("jig", self.jig), *self.targets)
 
     def summary(self) -> str:
         """One line: robot, poses by role, what was measured."""

@@ -78,7 +78,7 @@ def are_twins(one: Candidate, other: Candidate, freedom: int) -> bool:
 
 def can_stand_for(best: Candidate, others: Sequence[Candidate], freedom: int) -> bool:
     """Whether the best may stand in the model for all others of a tied set, which stay open (`open_sets`)."""
-    return all(other.name in best.family.open_with or are_twins(best, other, freedom) for other in others)
+    return all(other.name in best.family.confounded_with or are_twins(best, other, freedom) for other in others)
 
 
 def twins_of(name: str, screening: Screening | None) -> tuple[str, ...]:

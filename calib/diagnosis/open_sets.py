@@ -36,10 +36,10 @@ def open_sets(space: SearchSpace, steps: Sequence[FitStep]) -> tuple[OpenSet, ..
         if name is None or family is None or any(name in found.names for found in out):
             continue
         twins = _twins_beside_all(space, last, name, twins_of(name, before.screening))
-        open_with = [f for f in space.families if f.name in family.open_with and not f.never_testable]
-        if twins or open_with:
-            would_help = next((f.would_help for f in open_with if f.would_help), "")
-            out.append(OpenSet(name, twins, tuple(f.name for f in open_with), would_help))
+        confounded_with = [f for f in space.families if f.name in family.confounded_with and not f.never_testable]
+        if twins or confounded_with:
+            would_help = next((f.would_help for f in confounded_with if f.would_help), "")
+            out.append(OpenSet(name, twins, tuple(f.name for f in confounded_with), would_help))
     return tuple(out)
 
 

@@ -9,9 +9,9 @@ from calib.corners.batch import CornerBatch
 from calib.corners.search import CornerSearch
 from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import FreeFrameRank
-from calib.measurement.labels import FaceLabels
+from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import failed_searches, label_faces
-from calib.targets.assignment import Assignment, told_apart
+from calib.targets.assignment import Assignment, assign_targets
 
 
 def corners_document(searches: Mapping[str, CornerSearch], labels: FaceLabels, named: Assignment) -> dict[str, Any]:
@@ -79,7 +79,7 @@ def _targets_document(named: Assignment) -> dict[str, Any]:
 
 def batch_document(batch: CornerBatch) -> dict[str, Any]:
     """What `corners --json` prints, of the searches of a dataset's scans."""
-    return corners_document(batch, label_faces(batch.dataset, batch), told_apart(batch.dataset, batch))
+    return corners_document(batch, label_faces(batch.dataset, batch), assign_targets(batch.dataset, batch))
 
 
 def redundancy_document(redundancy: Redundancy, unknown: FreeFrameRank) -> dict[str, Any]:

@@ -27,8 +27,7 @@ from calib.effects.effect import (
     state_derivative,
 )
 from calib.effects.link_errors import LinkErrors, target_parameter_names
-from calib.effects.seen_from_flange import room_target, room_target_by_state, room_turn_by_state
-from calib.effects.state import RobotState, Seen
+from calib.effects.state import RobotState, Seen, world_target, world_target_by_state, world_turn_by_state
 from calib.errors import FitError
 from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import TOOL_POINT, Robot
@@ -204,7 +203,7 @@ def geometric_model(robot: Robot) -> Model:
 def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array]:
     """A target's position (N, 3) and its derivative by `state.vector` (N, 3, S): the chain's analytic Jacobian."""
     if state.robot.carries_scanner:
-        return room_target_by_state(state, target)
+        return world_target_by_state(state, target)
     chain_mm = _target_mm(state, target)
     if _is_row_end(state, target):
         by_table = kinematics.point_jacobian(state.chain, chain_mm)  # (N, 3, n + 1, 5)
@@ -234,7 +233,7 @@ def _by_offset(state: RobotState, target: str) -> Array:
 def turn_by_state(state: RobotState) -> Array:
     """The tool's small turn about the base's axes by `state.vector` (N, 3, S), rad; or the room's, of a flange."""
     if state.robot.carries_scanner:
-        return room_turn_by_state(state)
+        return world_turn_by_state(state)
     by_table = kinematics.turn_jacobian(state.chain)
     by_table = by_table.reshape(*by_table.shape[:2], -1)
     eye = np.broadcast_to(np.eye(3), (len(by_table), 3, 3))
@@ -252,7 +251,7 @@ def turn_by_state(state: RobotState) -> Array:
 
 def place_of_target(state: RobotState, target: str = "jig") -> Array:
     """A target's position (N, 3), mm in the base frame, or in the flange's where that carries the scanner."""
-    return room_target(state, target) if state.robot.carries_scanner else state.place(_target_mm(state, target))
+    return world_target(state, target) if state.robot.carries_scanner else state.place(_target_mm(state, target))
 
 
 def _target_mm(state: RobotState, target: str) -> Array:

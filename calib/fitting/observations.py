@@ -19,8 +19,8 @@ from calib.fitting.noise.point_covariance import noise_factors, shaped_covarianc
 from calib.fitting.pose_means import mean_by_pose, points_by_pose
 from calib.fitting.scanner_frame import fit_scanner_frame
 from calib.kinematics import chain as kinematics
+from calib.kinematics.hand_eye import HandEye, solve_hand_eye, with_world_targets
 from calib.kinematics.robot import Robot
-from calib.kinematics.room_placement import RoomPlacement, place_in_room, with_room_targets
 from calib.noise_shape import NoiseShape
 
 UNDECLARED_SIGMA_MM = 1.0
@@ -192,16 +192,16 @@ def in_room(robot: Robot, observed: Observations) -> Robot:
     known = {target.name for target in robot.targets if target.in_room}
     if not robot.carries_scanner or known >= set(observed.targets):
         return robot
-    return with_room_targets(robot, room_placement(robot, observed).place_mm)
+    return with_world_targets(robot, room_placement(robot, observed).position_mm)
 
 
-def room_placement(robot: Robot, observed: Observations) -> RoomPlacement:
+def room_placement(robot: Robot, observed: Observations) -> HandEye:
     """Where the scanner sits on the flange and the targets stand in the room, by the robot's table alone."""
     poses, row = observed.used_poses
     chain = kinematics.forward(robot.table, poses.q, robot.is_revolute, robot.base_T_first)
     points = observed.points
     turns = None if points.orientations is None else points.orientations.scanner_R_jig
-    return place_in_room(chain.base_T_flange[row], points.xyz_mm, observed.setup, points.target, turns)
+    return solve_hand_eye(chain.base_T_flange[row], points.xyz_mm, observed.setup, points.target, turns)
 
 
 def nominal_state(dataset: Dataset) -> RobotState:

@@ -14,13 +14,8 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from calib.effects.catalogue import CATALOGUE
-from calib.effects.catalogue.unknown_masses import (
-    BaseComplianceUnknownMasses,
-    JointComplianceUnknownMasses,
-    LinkBendingUnknownMasses,
-)
-from calib.effects.checked_apply import is_users
+from calib.effects.catalogue import MEMBER_KINDS as CATALOGUE_MEMBERS
+from calib.effects.checked_apply import is_user_defined
 from calib.effects.effect import Effect, Family, family_name
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import CalibError
@@ -31,10 +26,7 @@ from calib.strict_json import JsonFile, Place
 MEMBER_KINDS: tuple[tuple[str, type], ...] = (
     (LinkErrors.name, LinkErrors),
     (TargetOffsets.name, TargetOffsets),
-    *((kind.name, kind) for kind in CATALOGUE),
-    (JointComplianceUnknownMasses.name, JointComplianceUnknownMasses),
-    (LinkBendingUnknownMasses.name, LinkBendingUnknownMasses),
-    (BaseComplianceUnknownMasses.name, BaseComplianceUnknownMasses),
+    *((kind.name, kind) for kind in CATALOGUE_MEMBERS),
     (SmoothJointError.name, SmoothJointError),
 )
 """Families and the classes of their members; of several in a family the fields tell which is meant."""
@@ -45,7 +37,7 @@ _ROBOT = "robot"  # a field that is the model's robot is not saved again
 
 def member_document(effect: Effect) -> dict[str, Any]:
     """Family and fields of a member. Raises CalibError for a user's effect with a field that is no plain data."""
-    if not is_users(effect) and type(effect) not in [kind for _, kind in MEMBER_KINDS]:
+    if not is_user_defined(effect) and type(effect) not in [kind for _, kind in MEMBER_KINDS]:
         raise CalibError(f"effect {family_name(effect)} cannot be saved in a model file")
     try:
         value: object = effect  # a user's effect is what has its methods, a dataclass or not

@@ -16,11 +16,11 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from calib.bounded_process import Limits, ProcessFailed, ask
+from calib.bounded_process import ProcessFailed, ProcessLimits, ask
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
 from calib.robot_formats.urdf.safe_xml import Element, XmlFile, parse_xml, read_bytes
 
-_LIMITS = Limits(seconds=60.0, memory_bytes=2 * 1024**3)
+_LIMITS = ProcessLimits(seconds=60.0, memory_bytes=2 * 1024**3)
 _MOST_FILES = 500
 _MOST_BYTES = 512 * 1024**2  # of all meshes
 _MOST_ELEMENTS = 100_000

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from calib.errors import DatasetError, shown, visible
+from calib.errors import DatasetError, printable, visible
 
 MOST_BYTES = 200_000_000
 MOST_CELLS = 10_000_000  # a hundred thousand poses with a hundred columns
@@ -113,5 +113,5 @@ def rows_csv(rows: Sequence[Sequence[str]]) -> str:
 
 def names_in_short(names: Sequence[str], most: int = 30) -> str:
     """Names with commas between, the first `most` of them, each cut."""
-    told = ", ".join(shown(name[:60]) for name in names[:most])
+    told = ", ".join(printable(name[:60]) for name in names[:most])
     return told + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -72,7 +72,7 @@ def _shown(row: tuple[float, float, float, float, float]) -> list[str]:
 
 def _measured(dataset: Dataset) -> str:
     if dataset.points is None:
-        return f"{len(dataset.poses)} scans of a jig of {dataset.jig.edge_words()}; no points yet"
+        return f"{len(dataset.poses)} scans of a jig of {dataset.jig.edges_text()}; no points yet"
     targets = np.unique(dataset.points.target)
     of = "" if len(targets) == 1 else f" of {len(targets)} targets"
     with_scans = ", and scans" if dataset.scan_folder is not None else ""

@@ -144,7 +144,7 @@ def _calibration_text(steps: Sequence[FitStep], table: ExportedTable) -> str:
     parameters = as_printed(in_file_units(without_curves(result.to_frame())))
     lines = [parameters.to_string(index=False, float_format=lambda v: f"{v:.6g}"), *curve_lines(result)]
     lines += [_known(c) for c in identifiable_combinations(result)]
-    lines.append(tool_rows(result.dataset, residual=result.residual, model=result.model).words)
+    lines.append(tool_rows(result.dataset, residual=result.residual, model=result.model).summary())
     if len(steps) > 1:
         lines.append(f"link errors: {_errors(steps[0].calibration)}")
         lines += [f"{step.label}: {_errors(step.calibration)}" for step in steps[1:]]

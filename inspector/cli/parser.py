@@ -15,7 +15,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
 
-from calib.errors import CalibError, shown
+from calib.errors import CalibError, printable
 from inspector.cli.subcommands import SUBCOMMANDS, Subcommand
 
 EXTRA_OF = {
@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _refused(words: str) -> int:
     """Print an error on stderr; returns the exit code for it."""
-    print(f"inspector: {shown(words)}", file=sys.stderr)
+    print(f"inspector: {printable(words)}", file=sys.stderr)
     return 2
 
 
@@ -100,7 +100,7 @@ class _Parser(argparse.ArgumentParser):
     """Argument parser that reports wrong usage in one line."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"inspector: {shown(message)}; see {self.prog} --help\n")
+        self.exit(2, f"inspector: {printable(message)}; see {self.prog} --help\n")
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -66,7 +66,7 @@ def _measured(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> str:
     if dataset.points is not None:
         return f"{numbers.count(len(dataset.points), 'point')} given in the dataset's table of points"
     found = len(searches) - len(failed_searches(searches))
-    jig = f"a jig of {dataset.jig.edge_words()}"
+    jig = f"a jig of {dataset.jig.edges_text()}"
     return f"the corner of {jig} in {found} of {numbers.count(len(searches), 'scan')}"
 
 

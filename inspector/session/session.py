@@ -20,7 +20,7 @@ from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.headline import Headline, headline_of
 from calib.effects.effect import Family
 from calib.identifiability.redundancy import Redundancy
-from calib.measurement.labels import FaceLabels
+from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import with_corners
 from calib.screening.candidates import Screening
 from calib.screening.curves.joint_curves import LearnedCurves

@@ -19,8 +19,8 @@ from calib.diagnosis.search_space import SearchSpace, first_fit
 from calib.diagnosis.words.conclusion_text import advice_text, residual_summary_text
 from calib.diagnosis.words.phrases import input_text, length_text, meaning
 from calib.effects.catalogue import effects_for
-from calib.effects.catalogue.compliance import JointCompliance, ToolSag
 from calib.effects.catalogue.joints import JointScale, TransmissionError
+from calib.effects.catalogue.loads import JointCompliance, ToolSag
 from calib.effects.catalogue.scanner import ScannerDrift
 from calib.effects.catalogue.thermal import ThermalGrowth
 from calib.effects.effect import Effect, Parameter

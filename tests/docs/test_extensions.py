@@ -150,4 +150,4 @@ def test_a_name_in_a_signature_leads_to_what_it_names():
     assert full_names("ArrayLike | None", select) == "ArrayLike | None"
     assert full_names("Array", select) == "Array"
     assert full_names("Mapping[str, Robot]", select) == "collections.abc.Mapping[str, calib.kinematics.robot.Robot]"
-    assert full_names("Sequence[Wanted]", simulate).endswith("Sequence[calib.simulation.simulate.Wanted]")
+    assert full_names("Sequence[EffectRequest]", simulate).endswith("Sequence[calib.simulation.simulate.EffectRequest]")

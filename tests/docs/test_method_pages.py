@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.corners.noise import correlated_noise, kernels
+from calib.corners.correlated_noise import likelihood, plane_uncertainty
 from calib.dataset.stands import SIGMA_DOUBT
 from calib.diagnosis import decision_rules, diagnose, search_space
 from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD
@@ -52,7 +52,7 @@ SAID = [
     ("corners", f"$s$ = {robust_fit.MAD_TO_SIGMA:g} times the median"),
     ("corners", f"( h / {robust_fit.TUKEY:g} s )^2"),
     ("corners", f"$h$ of {row(clustering._NARROWING)} sigmas"),
-    ("corners", f"{len(kernels.LENGTHS)} lengths $l$ and {len(correlated_noise._SIZES)} sizes"),
+    ("corners", f"{len(likelihood.LENGTHS)} lengths $l$ and {len(plane_uncertainty._SIZES)} sizes"),
     ("redundancy", rf"$|r| \ge 1 - 10^{{{np.log10(redundancy._SAME):.0f}}}$"),
     ("redundancy", f"$10^{{{np.log10(redundancy._ZERO):.0f}}}$ of the largest"),
     ("redundancy", f"A rest below $10^{{{np.log10(redundancy._DEPENDENT):.0f}}}$"),
@@ -131,7 +131,7 @@ def test_modules_that_a_page_names_are_there(page: Path):
 
 def test_every_page_has_its_parts():
     for page in METHOD.glob("*.md"):
-        if page.stem in ("index", "references"):
+        if page.stem in ("index", "glossary", "references"):
             continue
         text = page.read_text(encoding="utf-8")
         assert "$$" in text, page

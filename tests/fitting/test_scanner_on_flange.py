@@ -109,7 +109,7 @@ def test_the_tool_and_the_last_row_do_not_show() -> None:
     other = replace(dataset, robot=replace(robot, carries_scanner=True))
     assert calibrate(other).before.train.rmse_mm < 1e-9
     assert set(redundancy(dataset).no_influence) == {"aTCP", "alphaTCP", "dTCP", "thetaTCP", "betaTCP"}
-    assert "does not see the tool" in tool_rows(dataset).words
+    assert "does not see the tool" in tool_rows(dataset).summary()
     unknown = free_frame_rank(dataset)
     assert unknown.here == unknown.best["position"]
     assert "on the flange unknown" in unknown.summary()

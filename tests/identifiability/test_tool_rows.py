@@ -39,7 +39,7 @@ def test_what_moves_no_point_is_said_to_be_unseen(tool: Tool) -> None:
     assert set(found.unseen) == {name for name, moves in zip(kinds, moved, strict=True) if not moves}
     assert set(found.unseen) | set(found.known) | set(found.sums) == set(kinds)
     assert "d6" in found.sums["dTCP"]  # along one axis
-    assert "not known, as a point has" in found.words
+    assert "not known, as a point has" in found.summary()
 
 
 def test_a_parameter_that_nothing_replaces_is_known_alone() -> None:

@@ -35,7 +35,7 @@ from calib.fitting.observations import nominal_state
 from calib.models.effect_fields import MEMBER_KINDS, member_document, member_from
 from calib.models.fitted_model import FittedModel
 from calib.models.model_file import load_model, save_model
-from calib.noise_shape import NoiseShape, Wander
+from calib.noise_shape import CorrelatedDrift, NoiseShape
 from calib.options import FitOptions
 from calib.screening.curves.smooth_joint_error import CurveModes, FormulaModes, FormulaTerm, SmoothJointError
 from calib.simulation.simulate import simulate_dataset
@@ -198,7 +198,7 @@ def test_a_selected_effect_keeps_its_prior_sigmas(dataset: Dataset, tmp_path: Pa
 
 
 def test_the_shape_of_the_noise_comes_back(dataset: Dataset, tmp_path: Path) -> None:
-    shape = NoiseShape(0.5, 3.0, wander=Wander(0.5, 80.0), tail=4.0)
+    shape = NoiseShape(0.5, 3.0, wander=CorrelatedDrift(0.5, 80.0), tail=4.0)
     save_model(calib.calibrate(dataset, FitOptions(noise=shape)), tmp_path / "m.json")
     assert load_model(tmp_path / "m.json").options.noise == shape
     text = (tmp_path / "m.json").read_text("utf-8").replace('"depth": 3.0', '"depth": 0.0')

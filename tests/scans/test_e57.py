@@ -1,4 +1,4 @@
-"""E57 files as pye57 and libE57 write them; which scan of several; damaged files; without the library."""
+"""E57 files as pye57 and libE57 write them; choice among several scans; damaged files; the library missing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every format that a scan may come in, read as other libraries wrote it; what has no value is dropped and counted."""
+"""Every format of scans, read as other libraries wrote it; rows without a value are dropped and counted."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ def test_lzf_repeats_what_it_has_just_written() -> None:
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(values=st.lists(st.integers(0, 3), min_size=1, max_size=300), stride=st.integers(1, 9))
 def test_compressed_clouds_that_repeat_themselves(tmp_path: Path, values: list[int], stride: int) -> None:
-    """Few values in a row make long and overlapping repeats. Open3D packs, we unpack."""
+    """Few values in a row make long and overlapping repeats. Open3D packs them, our reader unpacks them."""
     import open3d
 
     points = np.repeat(np.array(values, dtype=np.float64), stride)[:, None] * [1.0, 2.0, 0.0] + [1, 0, 0]
@@ -333,7 +333,7 @@ def test_pixels_at_the_scanners_own_place_have_no_depth(tmp_path: Path) -> None:
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.filterwarnings("error")
 def test_a_nan_that_signals_is_a_nan(tmp_path: Path, order: str) -> None:
-    """Any bits are a number; those of a signalling NaN make numpy warn wherever it touches them."""
+    """The bits of a signalling NaN make numpy warn wherever it converts them."""
     signalling = (0x7FF0000000000001).to_bytes(8, {"<": "little", ">": "big"}[order])
     body = (POINTS[:4].astype(order + "f8").tobytes() + signalling * 3) * 2
     kind = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]

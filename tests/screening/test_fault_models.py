@@ -11,7 +11,7 @@ from calib.calibration.calibrate import calibrate
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_for
-from calib.effects.catalogue.joint_shapes import JointDent
+from calib.effects.catalogue.joints import JointDent
 from calib.effects.catalogue.order_steps import JointStep
 from calib.effects.shaped import ShapedEffect
 from calib.screening.candidates import Candidate, screen

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.simulation.scanner import STRUCTURED_LIGHT
-from calib.simulation.smooth_noise import smooth_noise
+from calib.simulation.scanner import STRUCTURED_LIGHT, smooth_noise
 
 # How views of one sheet differ that a structured-light scanner took (RegHEC, data/Plane, aligned in the sheet's frame):
 # correlation of the median pair over that at 2.2 mm, by distance in mm. All views share the sheet's own shape.

@@ -1,4 +1,4 @@
-"""Spheres in scans of a ray caster of the tests' own: the centre beside its bound, its covariance, and refusals."""
+"""Spheres in scans of the tests' own ray caster: the centre over its bound, its covariance, and refusals."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def centre_of(scene: BallScan, diameter_mm: float | None) -> FoundPoint:
 
 
 def judged(scenes: list[BallScan], *, known: bool) -> tuple[float, float]:
-    """RMS of error over bound, mean squared Mahalanobis distance."""
+    """RMS of the error over its bound, and mean squared Mahalanobis distance."""
     ratios, distances = [], []
     for scene in scenes:
         ball = scene.balls[0]
@@ -59,7 +59,7 @@ def test_many_centres_are_at_their_bound(diameter_mm: float, known: bool) -> Non
 
 @pytest.mark.thorough
 def test_an_error_along_the_ray_biases_no_free_radius() -> None:
-    """A fit of the distances of measured points to the centre comes out 0.0035 mm too small here, by Monte Carlo."""
+    """A fit of measured points' distances to the centre would be 0.0035 mm too small here, by Monte Carlo."""
     rng = np.random.default_rng(3)
     ball = Ball(np.array([3.0, -2.0, 700.0]), 20.0)
     depth = []

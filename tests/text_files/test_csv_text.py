@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from calib.dataset.files.csv_table import TableFile
 from calib.dataset.files.folder import load_dataset
 from calib.effects.catalogue.user_file import load_effects
-from calib.errors import MOST_CHARACTERS, CalibError, DatasetError, is_one_line, shown
+from calib.errors import MOST_CHARACTERS, CalibError, DatasetError, is_one_line, printable
 from calib.fitting.observations import nominal_state
 from calib.text_files.csv_text import as_number, csv_rows, frame_csv, rows_csv
 from calib.user_tables.user_table import load_table
@@ -135,7 +135,7 @@ def test_names_from_strangers_hide_nothing(tmp_path: Path) -> None:
 def test_names_of_all_scripts_are_names() -> None:
     for name in ("Zelle 3", "左腕", "می‌خواهم", "क्‍ष", "p\u00a01", "α-β_γ"):
         assert is_one_line(name)
-        assert shown(name) == name
+        assert printable(name) == name
 
 
 def test_a_long_line_keeps_what_stands_at_its_ends() -> None:

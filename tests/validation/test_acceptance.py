@@ -15,8 +15,7 @@ from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.jig import Jig
-from calib.scans.readers.by_suffix import READERS
-from calib.scans.scan import PointCount, write_scan
+from calib.scans.scan import READERS, PointCount, write_scan
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import CheckItem, check, thin_scans
 from inspector.cli.parser import main

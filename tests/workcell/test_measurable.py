@@ -1,4 +1,4 @@
-"""Poses called measurable, against MuJoCo: rays to every face, distances of every body, in cells built there anew."""
+"""Poses called measurable, compared with MuJoCo in rebuilt cells: rays to every face, distances of every body."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ FRANKA = (
 
 @pytest.mark.slow
 def test_franka_s_own_volumes_hide_no_face_of_a_pose_called_measurable() -> None:
-    """Points every few millimetres of each line of sight, against the distance from each volume's axis."""
+    """Points every few millimetres of each line of sight, compared with the distance from each volume's axis."""
     cell = workcell_of_robot(ARMS["panda"])
     assert cell.base_T_scanner is not None
     eye_mm = cell.base_T_scanner[:3, 3]

@@ -1,4 +1,4 @@
-"""An order of poses: every pose once, ways near the shortest, around what stands between."""
+"""Order of poses: every pose once, paths near the shortest, around obstacles."""
 
 from __future__ import annotations
 

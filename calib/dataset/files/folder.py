@@ -101,7 +101,7 @@ def load_dataset(folder: str | Path) -> Dataset:
         raise scanner_table.error(
             "scan_sigma_mm",
             f"found {scanner.scan_sigma_mm:g} mm",
-            f"of a jig of {jig.edge_words()} nothing is seen above {jig.shortest_mm / 10.0:g} mm",
+            f"of a jig of {jig.edges_text()} nothing is seen above {jig.shortest_mm / 10.0:g} mm",
         )
     return Dataset(
         name=name,

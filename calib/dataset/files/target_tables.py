@@ -14,6 +14,7 @@ from calib.jig import Jig
 from calib.kinematics.robot import Robot
 from calib.target_shapes import (
     SPHERE_MM,
+    DeclaredTarget,
     OwnShape,
     PlaneSet,
     Plate,
@@ -21,7 +22,6 @@ from calib.target_shapes import (
     Socket,
     Sphere,
     Spheres,
-    Target,
 )
 from calib.text_files.toml_table import TomlTable
 
@@ -30,9 +30,9 @@ _FARTHEST_MM = 1e4
 _LEAST_TURN = 0.17  # of three planes' normals: the smallest singular value
 
 
-def load_targets(jig: TomlTable, tables: Sequence[TomlTable], robot: Robot) -> tuple[Target, ...]:
+def load_targets(jig: TomlTable, tables: Sequence[TomlTable], robot: Robot) -> tuple[DeclaredTarget, ...]:
     """The targets besides a three-faced [jig]; a [jig] of another shape is the first. Raises DatasetError."""
-    targets: list[Target] = []
+    targets: list[DeclaredTarget] = []
     if jig.data.get("shape") in _READERS and jig.data.get("shape") != "trihedral":
         targets.append(_target(jig, "jig"))
     if len(tables) > _MOST_TARGETS:
@@ -56,7 +56,7 @@ def load_targets(jig: TomlTable, tables: Sequence[TomlTable], robot: Robot) -> t
     return tuple(targets)
 
 
-def _target(table: TomlTable, name: str) -> Target:
+def _target(table: TomlTable, name: str) -> DeclaredTarget:
     kind = table.text("shape", choices=tuple(_READERS))
     if kind is None:
         raise table.error("shape", "the key is missing", f"give one of {', '.join(_READERS)}")
@@ -64,7 +64,7 @@ def _target(table: TomlTable, name: str) -> Target:
     if not name or not is_one_line(name):
         found = "the key is missing or empty" if not name else f"found {name!r}"
         raise table.error("name", found, "give the name that the target has in robot.toml, in one line")
-    return Target(name, _READERS[kind](table))
+    return DeclaredTarget(name, _READERS[kind](table))
 
 
 def _length(table: TomlTable, key: str, least: float = 0.0, most: float = _FARTHEST_MM) -> float | None:
@@ -175,7 +175,7 @@ _READERS: dict[str, Callable[[TomlTable], Shape]] = {
 }
 
 
-def target_document(target: Target) -> dict[str, Any]:
+def target_document(target: DeclaredTarget) -> dict[str, Any]:
     """One of [[targets]] as it is written; `load_targets` gives the same target back."""
     shape = target.shape
     if isinstance(shape, Jig):

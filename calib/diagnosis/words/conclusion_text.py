@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 
 from calib.calibration.held_out import HeldOutTest
 from calib.diagnosis.words import conclusions as facts
-from calib.diagnosis.words.causes import NOUNS
 from calib.diagnosis.words.noise_text import noise_text
 from calib.diagnosis.words.phrases import (
     capitalised,
@@ -73,12 +72,12 @@ def missing_text(effects: Sequence[str], causes: Sequence[facts.Cause] = ()) -> 
 
 def cause_text(cause: facts.Cause) -> str:
     """Joint, name, size, and where it shows the most."""
-    noun = NOUNS.get(cause.effect, f"{cause.effect} of joint" if cause.joints else cause.effect)
+    noun = cause.noun or (f"{cause.effect} of joint" if cause.joints else cause.effect)
     if noun.endswith("joint"):
         noun = f"{noun} {cause.joints[0]}" if cause.joints else noun.removesuffix(" of joint")
     rest = sorted(cause.joints[1:])
     more = f", less of {'joints' if len(rest) > 1 else 'joint'} {listed(list(map(str, rest)))}" if rest else ""
-    name = f" ({cause.effect})" if cause.effect in NOUNS else ""
+    name = f" ({cause.effect})" if cause.noun else ""
     facts_of_it = ", ".join(filter(None, [cause.size, at_pose_text(cause.largest)]))
     return f"{noun}{more}{name}{': ' if facts_of_it else ''}{facts_of_it}"
 

@@ -25,6 +25,7 @@ class Cause:
     joints: tuple[int, ...]  # that carry it, counted from 1, the one that moves the tool the most first
     size: str  # of that joint, with its unit, in words
     largest: AtPose | None  # where it changes what is predicted the most
+    noun: str = ""  # the effect in a sentence; one that ends in "joint" is followed by its number
 
 
 @dataclass(frozen=True)

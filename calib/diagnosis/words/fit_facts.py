@@ -7,8 +7,7 @@ import numpy as np
 from calib.calibration.result import Calibration, is_declared
 from calib.diagnosis.words.phrases import meaning
 from calib.diagnosis.words.sentences import ErrorChange, FittedValue, ModelFitted
-from calib.effects.effect import parameters_by_name
-from calib.effects.natural_bounds import exceeded_bound
+from calib.effects.effect import exceeded_bound, parameters_by_name
 from calib.screening.candidates import Candidate
 
 

@@ -11,7 +11,7 @@ from calib.array_types import BoolArray
 from calib.calibration.result import Calibration
 from calib.dataset.input_names import PLACES, joint_input
 from calib.dataset.stands import ShotCount
-from calib.effects.catalogue.unknown_masses import stiffness
+from calib.effects.catalogue.loads import stiffness
 from calib.effects.effect import Effect, Parameter, has_meaning, meaning_of
 from calib.screening.candidates import Untestable
 from calib.screening.fault_models import JointFault

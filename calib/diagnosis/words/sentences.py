@@ -12,7 +12,7 @@ from calib.array_types import BoolArray
 from calib.dataset.stands import ShotCount
 from calib.diagnosis.words.conclusions import VerdictSentence
 from calib.diagnosis.words.noise_text import NoiseShaped as NoiseShaped
-from calib.effects.natural_bounds import NaturalBound
+from calib.effects.effect import NaturalBound
 from calib.fitting.tool_point.placement import ToolShift as ToolShift
 from calib.screening.fault_models import JointFault
 from calib.screening.rivals.pose_recommendation import DiscriminatingPose

@@ -16,7 +16,7 @@ from scipy.linalg import cholesky_banded, solve_banded, solve_triangular
 
 from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Poses
-from calib.noise_shape import Wander
+from calib.noise_shape import CorrelatedDrift
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Moments:
         """The same for some of the points; the moments stay."""
         return Moments(self.of_point[keep], self.gap, self.in_poses)
 
-    def products(self, wanders: Sequence[Wander], rows: Array) -> Iterator[tuple[Array, float]]:
+    def products(self, wanders: Sequence[CorrelatedDrift], rows: Array) -> Iterator[tuple[Array, float]]:
         """For each wander rows^T C^-1 rows, summed over the axes, of rows (M, 3, K): (K, K); and log det C of one axis.
 
         By Woodbury's identity with the wander at each moment as the unknown.
@@ -68,7 +68,7 @@ class Moments:
             found = plain / white - _product(inner.reshape(len(count), 3, -1)) / white**2
             yield found, float(log_det + 2.0 * np.sum(np.log(upper[1])))
 
-    def decorrelator(self, wander: Wander) -> Array:
+    def decorrelator(self, wander: CorrelatedDrift) -> Array:
         """(M, M) lower triangular L with C = L L^T, in the order of `order`."""
         starts = np.isinf(self.gap)
         part = np.cumsum(starts)

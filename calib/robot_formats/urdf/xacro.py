@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from calib.bounded_process import Limits, ProcessFailed, ask
+from calib.bounded_process import ProcessFailed, ProcessLimits, ask
 from calib.robot_formats.chain.serial_chain import RobotFileError
 from calib.robot_formats.urdf.safe_xml import Element, XmlFile, parse_xml, read_bytes
 
@@ -51,7 +51,7 @@ def expanded_xacro(path: Path, given: Xacro) -> XmlFile:
         "folders": [str(whole.parent), *packages.values()],
     }
     try:
-        answer = ask("calib.robot_formats.urdf.xacro_process:answer", request, Limits(seconds=_MOST_SECONDS))
+        answer = ask("calib.robot_formats.urdf.xacro_process:answer", request, ProcessLimits(seconds=_MOST_SECONDS))
     except ProcessFailed as error:
         raise RobotFileError(f"{path}: the xacro {error}; look for macros that repeat without end") from None
     if "error" in answer:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from calib.array_types import Array
-from calib.effects.catalogue.order_steps import BaseLoosening, JointStep, ScannerStep, TargetStep
+from calib.effects.catalogue.order_steps import Step
 from calib.screening.candidates import Candidate
 from calib.screening.evidence import evidence_of
 from calib.screening.member_columns import displacement_columns
@@ -16,7 +16,6 @@ from calib.screening.projected_residual import ProjectedResidual
 _SETTLING = (0.1, 0.2, 0.4, 0.8)  # time constants, of the whole session
 _SWAYING = (0.1, 0.2, 0.4, 1.0)  # correlation lengths
 _MOST = 100  # moments that a smooth course is spanned by
-_STEPS = (JointStep, TargetStep, ScannerStep, BaseLoosening)
 
 
 def slow_course(projected: ProjectedResidual, step: Candidate) -> float:
@@ -25,7 +24,7 @@ def slow_course(projected: ProjectedResidual, step: Candidate) -> float:
     An even one, settling with one of four time constants, or any smooth one of four correlation lengths. 0 where the
     candidate is no step.
     """
-    members = [member for member in step.members if isinstance(member, _STEPS)]
+    members = [member for member in step.members if isinstance(member, Step)]
     if not members:
         return 0.0
     columns = displacement_columns(projected, members)  # (M, 3, W)

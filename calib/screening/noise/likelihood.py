@@ -21,7 +21,7 @@ from calib.fitting.noise.point_covariance import inverse_factors, noise_factors
 from calib.fitting.noise.student import student_weights
 from calib.fitting.noise.time_correlation import Moments, decorrelated
 from calib.fitting.scanner_frame import whitener
-from calib.noise_shape import NoiseShape, Wander
+from calib.noise_shape import CorrelatedDrift, NoiseShape
 from calib.screening.projected_residual import ProjectedResidual
 
 
@@ -68,7 +68,9 @@ class LinearResidual:
         flat = rows.reshape(-1, rows.shape[2])
         return _restricted(flat.T @ flat, self.freedom) - log_det
 
-    def likelihoods(self, shape: NoiseShape, wanders: Sequence[Wander], weights: Array | None = None) -> list[float]:
+    def likelihoods(
+        self, shape: NoiseShape, wanders: Sequence[CorrelatedDrift], weights: Array | None = None
+    ) -> list[float]:
         """The same with each of several wanders."""
         rows, log_det = self._in_units_of(shape, weights)
         return [

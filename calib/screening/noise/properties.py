@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
 from calib.array_types import Array
-from calib.noise_shape import IDENTITY, NoiseShape, Row, Wander
+from calib.noise_shape import IDENTITY, CorrelatedDrift, NoiseShape, Row
 from calib.screening.noise.likelihood import LinearResidual
 
 _PARAMETER_COST = 2.5  # nats for each parameter of a property beyond its first: half the log of the equations
@@ -73,7 +73,7 @@ def wander_property(residual: LinearResidual, shape: NoiseShape) -> FoundShape |
     sessions = len(moments.gap) - len(gaps)
     longest = 0.5 * float(np.sum(gaps)) / sessions
     times = np.geomspace(min(0.7 * float(np.median(gaps)), 0.5 * longest), longest, _TIMES)
-    wanders = [Wander(share, float(time), moments.in_poses) for time in times for share in _SHARES]
+    wanders = [CorrelatedDrift(share, float(time), moments.in_poses) for time in times for share in _SHARES]
     weights = residual.weights(shape)
     values = np.array(residual.likelihoods(shape, wanders, weights))
     top = int(np.argmax(values))

@@ -20,7 +20,7 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.errors import FitError
-from calib.measurement.labels import FaceLabels
+from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import with_corners
 from calib.options import FitOptions
 from calib.present import numbers
@@ -207,7 +207,7 @@ def test_faces_that_the_robot_contradicts_are_told_and_full_poses_refused(folder
     with idle_app(folder / "contradicted") as app, WireClient(app.server.get_port()) as page:
         first = session(app).calibration
         assert first is not None
-        said = "training poses, and full poses need half of them: the nominal robot has the jig stand otherwise at"
+        said = "training poses, and full poses need half of them: the nominal robot predicts another orientation"
         shows(
             page,
             "pose cannot be fitted: the jig's faces can be told apart at ",

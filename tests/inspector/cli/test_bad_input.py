@@ -118,7 +118,7 @@ def test_no_output_takes_the_place_of_other_inputs_nor_of_another_output(
     targets = tmp_path / "targets.csv"
     shutil.copy(cell / "poses.csv", targets)
     line = refused(capsys, "correct", cell, "--joints", targets, "--out", targets)
-    assert "targets.csv: this command reads" in line
+    assert "targets.csv: is what" in line
     assert targets.read_bytes() == (cell / "poses.csv").read_bytes()
     effects = tmp_path / "mine.py"
     effects.write_text("raise SystemExit\n")

@@ -188,7 +188,7 @@ def test_a_pose_that_is_left_out_counts_for_nothing_and_is_told(
     same = run_json(capsys, "calibrate", own_points)
     assert ours["parameters"] == same["parameters"]
     assert ours["test"] == same["test"]
-    assert f"asked: {pose}" in ours["warnings"]
+    assert any(f"asked: {pose}" in warning for warning in ours["warnings"])
     source = json.loads(model.read_text())["dataset"]
     assert source["left_out"] == [pose]
     assert pose not in source["training_poses"]

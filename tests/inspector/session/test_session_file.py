@@ -16,7 +16,7 @@ import pytest
 from calib.dataset.files.fingerprint import fingerprint
 from calib.diagnosis.effect_selection import calibrate_with
 from calib.errors import CalibError
-from calib.noise_shape import NoiseShape, Wander
+from calib.noise_shape import CorrelatedDrift, NoiseShape
 from calib.options import FitOptions
 from inspector.cli.parser import main
 from inspector.session import measuring
@@ -91,7 +91,7 @@ def test_a_diagnosis_comes_back_with_its_words(folder: Path, tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_the_shape_of_the_noise_comes_back(worked_on: Session, folder: Path, tmp_path: Path) -> None:
-    shape = NoiseShape(0.5, 3.0, growth_per_m=0.1, distance_mm=900.0, wander=Wander(0.5, 80.0), tail=4.0)
+    shape = NoiseShape(0.5, 3.0, growth_per_m=0.1, distance_mm=900.0, wander=CorrelatedDrift(0.5, 80.0), tail=4.0)
     options = FitOptions(noise=shape)
     fits = [calibrate_with(worked_on.dataset, s.selected, options) for s in worked_on.steps]
     steps = [replace(step, calibration=fit) for step, fit in zip(worked_on.steps, fits, strict=True)]

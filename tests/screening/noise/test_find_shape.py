@@ -10,7 +10,7 @@ import pytest
 from calib.calibration.calibrate import calibrate
 from calib.calibration.result import declared_sigma_mm
 from calib.fitting.observations import Observations
-from calib.noise_shape import NoiseShape, Wander
+from calib.noise_shape import CorrelatedDrift, NoiseShape
 from calib.screening.noise.find_shape import FoundShape, find_shape
 from calib.screening.noise.from_repeats import scatter_of_repeats
 from calib.screening.noise.likelihood import LinearResidual
@@ -30,7 +30,7 @@ def found_in(kind: str, seed: int) -> FoundShape | None:
 
 def test_the_likelihood_is_that_of_dense_matrices() -> None:
     residual = left_over("white", 0)
-    wander = Wander(0.4, 120.0)
+    wander = CorrelatedDrift(0.4, 120.0)
     axes = ((1.3, 0.1, 0.0), (0.1, 0.9, 0.2), (0.0, 0.2, 1.1))
     shape = NoiseShape(1.2, 2.0, axes, growth_per_m=0.4, distance_mm=1000.0, wander=wander)
 

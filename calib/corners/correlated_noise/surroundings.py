@@ -1,7 +1,7 @@
 """Other flat surfaces in the scan: a wall behind the jig shows errors that are smoother than the jig is large.
 
-They have the same scanner's errors and reach farther. A wall may be bent by itself, so what it shows is believed in
-part only; that it shows nothing is believed.
+They have the same scanner's errors and reach farther. A wall may be bent by itself, so an error that it shows is
+believed only in part; the absence of one is believed.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.array_types import Array, IndexArray
-from calib.corners.noise.patches import Patches, View, patches_of
+from calib.corners.correlated_noise.patches import Patches, ScannerView, patches_of
 from calib.planes.clustering import PlaneGroup
 from calib.planes.robust_fit import PlaneFit, fit_plane_robustly
 
@@ -22,7 +22,7 @@ _MOST_ON_PLANE = (1_500, 5_000)
 _FEWEST_POINTS = 300
 _BANDS_SIGMA = (20.0, 8.0)  # at first about the group's plane, which few sets make
 _REACH = 1.1  # edges about the apex that are left to the jig
-_MOST_SIGMA = 4.0  # times the jig's faces'; what stands farther off scatters more
+_MOST_SIGMA = 4.0  # times the jig's faces'; surfaces farther away scatter more
 _DEPTHS = (0.6, 1.7)  # of the apex's depth
 _CELLS = 8  # patches across
 _LEAST_SIDE = 1 / 6  # of a patch, in edges
@@ -40,15 +40,15 @@ def flat_surroundings(
     edge_mm: float,
     sigma_mm: float,
 ) -> tuple[PlaneFit, ...]:
-    """Planes beside the jig that are as sharp as its faces, around the origin near the apex; the largest groups first.
+    """Planes around the jig that scatter about as little as its faces, the largest groups first.
 
-    points_mm  # (N, 3) the whole scan; groups and the three chosen ones are the search's; sigma_mm is the scatter of
-    the jig's faces.
+    Coordinates are about the origin (3,) near the apex. points_mm  # (N, 3) the whole scan; groups and the three chosen
+    ones are the search's; sigma_mm is the scatter of the jig's faces.
     """
     some = points_mm[:: max(1, len(points_mm) // _MOST_POINTS)] - origin_mm
     free = some[np.einsum("ni,ni->n", some, some) > (_REACH * edge_mm) ** 2]
     others = [group for number, group in enumerate(groups) if number not in chosen and len(group.sets)]
-    found: list[PlaneFit] = []
+    planes: list[PlaneFit] = []
     for group in others[:_MOST_TRIED]:
         normal, offset_mm = group.normal, float(group.offset_mm - group.normal @ origin_mm)
         scatter_mm = sigma_mm
@@ -61,15 +61,15 @@ def flat_surroundings(
             normal, offset_mm, scatter_mm = plane.normal, plane.offset_mm, plane.sigma_mm
         else:
             if scatter_mm < _MOST_SIGMA * sigma_mm:
-                found.append(plane)
+                planes.append(plane)
                 free = np.delete(free, on, axis=0)
-        if len(found) == _MOST_PLANES:
+        if len(planes) == _MOST_PLANES:
             break
-    return tuple(found)
+    return tuple(planes)
 
 
-def patches_of_surroundings(plane: PlaneFit, view: View, edge_mm: float) -> Patches | None:
-    """Its patches in the scanner's image, without those that hold anything else; None where too few are left."""
+def patches_of_surroundings(plane: PlaneFit, view: ScannerView, edge_mm: float) -> Patches | None:
+    """Patches of a flat surface in the scanner's image, without those that hold other things; None where few remain."""
     image_mm = view.image_mm(plane.points_mm)
     side_mm = max(float(np.sqrt(np.prod(np.ptp(image_mm, axis=0)))) / _CELLS, _LEAST_SIDE * edge_mm)
     patches = patches_of(plane, view, image_mm, side_mm)

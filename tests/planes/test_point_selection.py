@@ -1,8 +1,8 @@
-"""Points near a place, held against distances worked out one by one."""
+"""Points near a place, compared with distances computed one by one."""
 
 import numpy as np
 
-from calib.planes.near_points import points_within
+from calib.planes.point_selection import points_within
 
 
 def test_points_within_a_radius_are_those_whose_distance_is_less() -> None:

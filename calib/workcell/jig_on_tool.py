@@ -1,21 +1,42 @@
-"""The inverse problem of a jig's apex and axis: where the scanner wants to have it."""
+"""The jig on its tool: its frame there, and the inverse problem of bringing its apex and axis to a goal."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.frames import make_transform
+from calib.jig import Jig, jig_geometry
 from calib.kinematics.chain import Chain, forward, joint_jacobian
 from calib.kinematics.robot import Robot
 
 _LEVER_MM = 300.0  # weighs one radian of the jig's axis against millimetres
+JIG_HEIGHT_MM = 88.0
+"""From the flange to the jig's apex, Jang's Table 2; taken where a robot's tool row has no length of its own."""
+
+
+def jig_outward(robot: Robot) -> float:
+    """Sign, +1 or -1, of the tool frame's z axis on the side to which the jig's apex points, away from the flange."""
+    return -1.0 if robot.tool.d_mm < 0 else 1.0
+
+
+def target_T_jig(robot: Robot) -> Array:
+    """Pose (4, 4) of the jig's frame (apex, z into the material) in the tool frame, whose origin is the apex too."""
+    return make_transform(np.diag([1.0, -jig_outward(robot), -jig_outward(robot)]), np.zeros(3))
+
+
+def with_jig(robot: Robot, jig: Jig) -> Robot:
+    """The robot with a tool row that reaches from the flange to a jig's apex, added where it has none."""
+    if abs(robot.tool.d_mm) > float(np.abs(jig_geometry(jig)[0][:, 2]).mean()) + 1.0:
+        return robot
+    return replace(robot, tool=replace(robot.tool, d_mm=JIG_HEIGHT_MM))
 
 
 @dataclass(frozen=True)
 class JigGoals:
-    """The jig's apex at N points and its axis along N directions; its turn about that axis does not matter."""
+    """Goals for the jig: its apex at N points and its axis along N directions; rotation about that axis is free."""
 
     robot: Robot
     axis_in_tool: Array  # (3,) unit, tool frame: from the jig towards its open side
@@ -25,14 +46,18 @@ class JigGoals:
 
     @property
     def joint_units(self) -> Array:
+        """(n,) unit of each joint: 1 rad, or the length in mm that counts as much."""
         return np.where(self.robot.is_revolute, 1.0, self.prismatic_unit_mm)
 
     def pointing(self, chain: Chain) -> Array:
-        """(K, 3) the jig's axis, base frame."""
+        """Direction (K, 3) of the jig's axis, base frame."""
         return chain.base_T_frame[:, -1, :3, :3] @ self.axis_in_tool
 
     def linearise(self, q: Array, rows: IndexArray) -> tuple[Array, Array]:
-        """The apex's error and the sine of the axis's, times `_LEVER_MM`; what turns about the axis is taken out."""
+        """Errors of apex (mm) and axis, and their Jacobian by the joints.
+
+        The axis' error is its sine times `_LEVER_MM`; rotations about the axis are taken out.
+        """
         chain = forward(self.robot.table, q, self.robot.is_revolute, self.robot.base_T_first)
         moved, axes = joint_jacobian(chain, self.robot.is_revolute)
         off_mm = self.apex_mm[rows] - chain.target_mm
@@ -47,7 +72,7 @@ class JigGoals:
         return error, np.concatenate([moved, _LEVER_MM * axes], axis=1) * self.joint_units
 
     def reached(self, q: Array) -> BoolArray:
-        """(N,) whether apex and axis are where they should be, to 1 mm and 0.02 rad."""
+        """(N,) whether apex and axis are at their goals, to 1 mm and 0.02 rad."""
         chain = forward(self.robot.table, q, self.robot.is_revolute, self.robot.base_T_first)
         near = np.linalg.norm(self.apex_mm - chain.target_mm, axis=1) < 1.0
         if self.outward is None:

@@ -1,4 +1,4 @@
-"""Where a scanner on the flange and targets in the room are, by points alone: exact, wherever they are."""
+"""A scanner on the flange and targets in the world, located by points alone: exact, wherever they are."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calib.kinematics.room_placement import RoomPlacement, place_in_room
+from calib.kinematics.hand_eye import HandEye, solve_hand_eye
 from tests.support.arms import random_transform
 
 
 def _seen(
     rng: np.random.Generator, count: int, setups: int, targets: int, *, flat: bool = False
-) -> tuple[RoomPlacement, np.ndarray, np.ndarray, RoomPlacement]:
+) -> tuple[HandEye, np.ndarray, np.ndarray, HandEye]:
     """The placement by exact points of flanges that stand anyhow, those flanges, the points, and the truth."""
     mounted = np.stack([random_transform(rng) for _ in range(setups)])
     places = rng.normal(size=(targets, 3)) * 1500.0
@@ -29,13 +29,13 @@ def _seen(
     points = np.linalg.inv(base_T_scanner) @ np.concatenate([places[target], np.ones((count, 1))], axis=1)[..., None]
     points = points[:, :3, 0]
     names = np.array(["A", "B", "C"])[setup], np.array(["jig", "west"])[target]
-    truth = RoomPlacement(
+    truth = HandEye(
         {"ABC"[k]: mounted[k] for k in range(setups)},
         {("jig", "west")[k]: places[k] for k in range(targets)},
         False,
         np.zeros((0, 3)),
     )
-    return place_in_room(flange, points, *names), flange, points, truth
+    return solve_hand_eye(flange, points, *names), flange, points, truth
 
 
 @pytest.mark.slow
@@ -45,10 +45,10 @@ def test_any_mount_and_any_place_is_found_exactly(seed: int, setups: int, target
     found, _, _, truth = _seen(np.random.default_rng(seed), 8 * setups * targets, setups, targets)
     for name, flange_T_scanner in truth.flange_T_scanner.items():
         np.testing.assert_allclose(found.flange_T_scanner[name], flange_T_scanner, atol=1e-6)
-    for name, place_mm in found.place_mm.items():
-        np.testing.assert_allclose(place_mm, truth.place_mm[name], atol=1e-6)
-    assert found.words == ""
-    assert not found.open_turns
+    for name, position_mm in found.position_mm.items():
+        np.testing.assert_allclose(position_mm, truth.position_mm[name], atol=1e-6)
+    assert found.ambiguity == ""
+    assert not found.undetermined_rotation
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -57,9 +57,9 @@ def test_points_in_a_plane_place_the_scanner_too(seed: int) -> None:
     found, flange, points, _ = _seen(np.random.default_rng(seed), 20, 1, 1, flat=True)
     seen = points @ found.flange_T_scanner["A"][:3, :3].T + found.flange_T_scanner["A"][:3, 3]
     base_mm = np.einsum("mij,mj->mi", flange[:, :3, :3], seen) + flange[:, :3, 3]
-    np.testing.assert_allclose(base_mm, np.broadcast_to(found.place_mm["jig"], base_mm.shape), atol=1e-6)
-    np.testing.assert_allclose(np.abs(found.open_shifts), [[0.0, 0.0, 1.0]], atol=1e-9)
-    assert not found.open_turns
+    np.testing.assert_allclose(base_mm, np.broadcast_to(found.position_mm["jig"], base_mm.shape), atol=1e-6)
+    np.testing.assert_allclose(np.abs(found.undetermined_shifts), [[0.0, 0.0, 1.0]], atol=1e-9)
+    assert not found.undetermined_rotation
 
 
 def test_orientations_tell_what_points_at_one_place_do_not() -> None:
@@ -71,9 +71,9 @@ def test_orientations_tell_what_points_at_one_place_do_not() -> None:
     flange[:, :3, 3] = jig[:3, 3] - np.einsum("mij,j->mi", flange[:, :3, :3], [100.0, -50.0, 300.0])
     seen = np.linalg.inv(flange @ mounted) @ jig
     names = np.full(12, "A"), np.full(12, "jig")
-    alone = place_in_room(flange, seen[:, :3, 3], *names)
-    assert alone.open_turns
-    found = place_in_room(flange, seen[:, :3, 3], *names, seen[:, :3, :3])
-    assert not found.open_turns
+    alone = solve_hand_eye(flange, seen[:, :3, 3], *names)
+    assert alone.undetermined_rotation
+    found = solve_hand_eye(flange, seen[:, :3, 3], *names, seen[:, :3, :3])
+    assert not found.undetermined_rotation
     np.testing.assert_allclose(found.flange_T_scanner["A"], mounted, atol=1e-6)
-    np.testing.assert_allclose(found.place_mm["jig"], jig[:3, 3], atol=1e-6)
+    np.testing.assert_allclose(found.position_mm["jig"], jig[:3, 3], atol=1e-6)

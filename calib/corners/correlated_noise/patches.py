@@ -1,6 +1,6 @@
-"""Patches of a plane's points: their mean heights over it, and what those means have in common with a smooth error.
+"""Patches of a plane's points: their mean heights over it, and the coordinates that the kernels need.
 
-A covariance of some hundred means tells as much of a smooth error as one of a hundred thousand points.
+A covariance of some hundred means shows as much of a correlated error as one of a hundred thousand points.
 """
 
 from __future__ import annotations
@@ -17,34 +17,34 @@ _FARTHEST_EYE = 5.0  # edges: a scan whose origin lies nearer to the apex than t
 
 
 @dataclass(frozen=True)
-class View:
-    """The scanner's eye, before coordinates around some origin near the apex."""
+class ScannerView:
+    """Direction and distance of the coordinates' origin, near the apex, from the scanner."""
 
     sight: Array  # (3,) unit, from the eye to that origin
     distance_mm: float  # between both
 
     @staticmethod
-    def of(origin_mm: Array, edge_mm: float) -> View:
-        """origin_mm  # (3,) in the scanner's frame"""
+    def of(origin_mm: Array, edge_mm: float) -> ScannerView:
+        """View of an origin (3,) in the scanner's frame, from at least five edges away."""
         distance_mm = float(np.linalg.norm(origin_mm))
         sight = origin_mm / distance_mm if distance_mm > 1e-9 * edge_mm else np.array([0.0, 0.0, 1.0])
-        return View(sight, max(distance_mm, _FARTHEST_EYE * edge_mm))
+        return ScannerView(sight, max(distance_mm, _FARTHEST_EYE * edge_mm))
 
     def rays(self, points_mm: Array) -> Array:
-        """Unit directions (N, 3) from the eye to points (N, 3)."""
+        """Unit directions (N, 3) from the scanner to points (N, 3)."""
         way = points_mm + self.distance_mm * self.sight
         return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))
 
     def image_mm(self, points_mm: Array) -> Array:
-        """Where points (N, 3) before the eye stand in its image (N, 2), in mm at the origin's depth."""
+        """Coordinates (N, 2) of points (N, 3) in the scanner's image, in mm at the origin's depth."""
         across = np.linalg.svd(self.sight[None])[2][1:]
         depth = np.maximum(1 + points_mm @ self.sight / self.distance_mm, 0.1)
         return np.asarray(points_mm @ across.T / depth[:, None])
 
 
 @dataclass(frozen=True)
-class Places:
-    """Where B patches lie in some plane of coordinates."""
+class PatchPlaces:
+    """Centres and spreads of B patches in two-dimensional coordinates: the scanner's image, or the plane."""
 
     centres_mm: Array  # (B, 2)
     spreads_mm2: Array  # (B, 2, 2) second central moments of each patch's points
@@ -59,21 +59,21 @@ class Patches:
     within_mm2: Array  # (B,) sums of squared heights about the patch's mean
     design: Array  # (B, 3) mean of the design's rows
     cosine: Array  # (B,) of the incidence
-    image: Places  # in the scanner's image
-    face: Places  # in the plane
+    image: PatchPlaces  # in the scanner's image
+    face: PatchPlaces  # in the plane
     depth: float  # of the plane's middle, over that of the coordinates' origin
 
     def chosen(self, rows: IndexArray) -> Patches:
-        """Some of them."""
-        image, face = (Places(p.centres_mm[rows], p.spreads_mm2[rows]) for p in (self.image, self.face))
+        """The patches with the given indices."""
+        image, face = (PatchPlaces(p.centres_mm[rows], p.spreads_mm2[rows]) for p in (self.image, self.face))
         return Patches(
             self.mean_mm[rows], self.count[rows], self.within_mm2[rows], self.design[rows], self.cosine[rows],
             image, face, self.depth,
         )  # fmt: skip
 
 
-def patches_of(plane: PlaneFit, view: View, along_mm: Array, side_mm: float) -> Patches:
-    """Patches of a plane: square cells of its points' coordinates along_mm (K, 2)."""
+def patches_of(plane: PlaneFit, view: ScannerView, along_mm: Array, side_mm: float) -> Patches:
+    """Patches of a plane's points: square cells, `side_mm` wide, of their coordinates along_mm (K, 2)."""
     cell = np.floor(along_mm / side_mm).astype(np.int64)
     cell -= cell.min(axis=0)
     key = cell[:, 0] * (int(cell[:, 1].max()) + 1) + cell[:, 1]
@@ -84,13 +84,13 @@ def patches_of(plane: PlaneFit, view: View, along_mm: Array, side_mm: float) -> 
     def mean(column: Array) -> Array:
         return np.asarray(np.bincount(patch, column) / count)
 
-    def places(coordinates_mm: Array) -> Places:
+    def places(coordinates_mm: Array) -> PatchPlaces:
         centres = np.column_stack([mean(column) for column in coordinates_mm.T])
         spreads = np.empty((len(count), 2, 2))
         for i, j in ((0, 0), (0, 1), (1, 1)):
             moment = mean(coordinates_mm[:, i] * coordinates_mm[:, j]) - centres[:, i] * centres[:, j]
             spreads[:, i, j] = spreads[:, j, i] = moment
-        return Places(centres, spreads)
+        return PatchPlaces(centres, spreads)
 
     values = plane.psi_mm / plane.slope
     means = mean(values)
@@ -107,6 +107,6 @@ def patches_of(plane: PlaneFit, view: View, along_mm: Array, side_mm: float) -> 
     )
 
 
-def joined(places: Sequence[Places]) -> Places:
-    """The places of several planes' patches as one."""
-    return Places(np.concatenate([p.centres_mm for p in places]), np.concatenate([p.spreads_mm2 for p in places]))
+def joined(places: Sequence[PatchPlaces]) -> PatchPlaces:
+    """Places of the patches of several planes, one plane after the other."""
+    return PatchPlaces(np.concatenate([p.centres_mm for p in places]), np.concatenate([p.spreads_mm2 for p in places]))

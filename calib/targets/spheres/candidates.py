@@ -1,7 +1,7 @@
-"""Where spheres may be in a scan: pairs of points whose normals meet in one centre, and where many such centres lie.
+"""Candidates for spheres in a scan: pairs of points whose normals meet in one centre, and clusters of such centres.
 
-Two points of a sphere with normals n_1, n_2 toward the scanner satisfy p_1 - p_2 = r (n_1 - n_2); least squares gives r
-and tells pairs that lie on no sphere by what is left (as Schnabel, Wahl and Klein 2007, section 4.1). Pairs of a
+Two points of a sphere with normals n_1, n_2 toward the scanner satisfy p_1 - p_2 = r (n_1 - n_2); least squares gives
+r, and its residual excludes pairs that lie on no sphere (as Schnabel, Wahl and Klein 2007, section 4.1). Pairs of a
 plane have equal normals and are dropped; those of a cylinder's wall or an edge agree only along a line.
 """
 
@@ -27,8 +27,8 @@ _NORMALS_RAD = np.radians(35)
 
 
 @dataclass(frozen=True)
-class Hypothesis:
-    """A sphere that some thinned points lie on."""
+class SphereCandidate:
+    """Sphere that some thinned points lie on."""
 
     centre_mm: Array  # (3,)
     radius_mm: float
@@ -36,23 +36,26 @@ class Hypothesis:
     band_mm: float  # within which those lie
 
 
-def hypotheses(
+def sphere_candidates(
     around: Neighbourhoods, radii_mm: tuple[float, float], rng: np.random.Generator, most: int
-) -> list[Hypothesis]:
-    """Spheres with a radius in that range, those with most points first, at most `most` of them."""
+) -> list[SphereCandidate]:
+    """Spheres with a radius in the given range, those with most points first, at most `most` of them."""
     centres, radii = _votes(around, radii_mm, rng)
-    found: list[Hypothesis] = []
+    candidates: list[SphereCandidate] = []
     for centre, radius in _peaks(centres, radii, radii_mm, most):
         settled = _settled(around, centre, radius, radii_mm)
         if settled is None:
             continue
-        if all(np.linalg.norm(settled.centre_mm - other.centre_mm) > 0.4 * settled.radius_mm for other in found):
-            found.append(settled)
-    return sorted(found, key=lambda h: -h.votes)[:most]
+        if all(np.linalg.norm(settled.centre_mm - other.centre_mm) > 0.4 * settled.radius_mm for other in candidates):
+            candidates.append(settled)
+    return sorted(candidates, key=lambda h: -h.votes)[:most]
 
 
 def _votes(around: Neighbourhoods, radii_mm: tuple[float, float], rng: np.random.Generator) -> tuple[Array, Array]:
-    """Centres (K, 3) and radii (K,) of pairs of points, one to three steps from neighbour to neighbour apart."""
+    """Centres (K, 3) and radii (K,) of spheres through pairs of nearby points, by the points' normals.
+
+    The two points of a pair are one to three steps from neighbour to neighbour apart.
+    """
     count, neighbours = len(around.points_mm), around.neighbours
     draws = min(_PAIRS_A_POINT, max(1, _MOST_PAIRS // count))
     first = np.tile(np.arange(count), draws)
@@ -64,9 +67,9 @@ def _votes(around: Neighbourhoods, radii_mm: tuple[float, float], rng: np.random
     turn = around.normals[first] - around.normals[second]
     square = np.einsum("ki,ki->k", turn, turn)
     radius = np.einsum("ki,ki->k", apart, turn) / np.maximum(square, 1e-12)
-    left = np.linalg.norm(apart - radius[:, None] * turn, axis=1)
+    residual = np.linalg.norm(apart - radius[:, None] * turn, axis=1)
     good = square > _LEAST_TURN**2
-    good &= left < _MOST_LEFT * np.linalg.norm(apart, axis=1)
+    good &= residual < _MOST_LEFT * np.linalg.norm(apart, axis=1)
     good &= (radius > 0.8 * radii_mm[0]) & (radius < 1.25 * radii_mm[1])
     first, second, radius = first[good], second[good], radius[good]
     middle = around.points_mm[first] + around.points_mm[second]
@@ -75,7 +78,10 @@ def _votes(around: Neighbourhoods, radii_mm: tuple[float, float], rng: np.random
 
 
 def _peaks(centres: Array, radii: Array, radii_mm: tuple[float, float], most: int) -> list[tuple[Array, float]]:
-    """Where many centres lie, for one range of radii after the other, those with most votes first."""
+    """Centres and radii where many votes meet, those with most votes first.
+
+    Ranges of radii are searched one after the other.
+    """
     peaks: list[tuple[int, Array, float]] = []
     low = 0.8 * radii_mm[0]
     while low < 1.25 * radii_mm[1]:
@@ -100,8 +106,10 @@ def _peaks(centres: Array, radii: Array, radii_mm: tuple[float, float], most: in
     return [(centre, radius) for _, centre, radius in peaks]
 
 
-def _settled(around: Neighbourhoods, centre: Array, radius: float, radii_mm: tuple[float, float]) -> Hypothesis | None:
-    """A sphere through the thinned points about a first one, by least squares on points whose normals agree."""
+def _settled(
+    around: Neighbourhoods, centre: Array, radius: float, radii_mm: tuple[float, float]
+) -> SphereCandidate | None:
+    """Sphere through thinned points near a first one, by least squares on points whose normals agree; None for few."""
     points, normals = around.points_mm, around.normals
     votes, share = 0, 2 * _BAND
     for _ in range(8):
@@ -125,4 +133,4 @@ def _settled(around: Neighbourhoods, centre: Array, radius: float, radii_mm: tup
             float(np.clip(radius + step[3], 0.8 * radii_mm[0], 1.25 * radii_mm[1])),
         )
         share = float(np.clip(6 * scale / radius, 0.02, share))
-    return Hypothesis(centre, radius, votes, share * radius)
+    return SphereCandidate(centre, radius, votes, share * radius)
