@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from IPython.core.formatters import PlainTextFormatter
 
 import calib
 from calib.corners.batch import CornerBatch
@@ -135,6 +134,7 @@ def numbers_in(value: object) -> list[float]:
     return [value] if isinstance(value, float) else []
 
 
+@pytest.mark.slow
 def test_to_dict_is_what_the_command_prints(
     dataset: Dataset, found: Diagnosis, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -160,6 +160,7 @@ def test_the_dict_and_the_frame_of_corners_agree_and_both_are_pickled(corners: C
     assert list(again) == list(corners)
 
 
+@pytest.mark.slow
 def test_dicts_are_strict_whatever_is_missing(
     dataset: Dataset, plan: Plan, compared: Comparison, corners: CornerBatch
 ) -> None:
@@ -179,6 +180,7 @@ def hostile(dataset: Dataset) -> Dataset:
     return replace(named, poses=poses, robot=replace(dataset.robot, name=HOSTILE))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("with_figures", [False, True])
 def test_views_escape_every_name(
     dataset: Dataset, corners: CornerBatch, with_figures: bool, monkeypatch: pytest.MonkeyPatch
@@ -200,6 +202,7 @@ def test_views_escape_every_name(
     assert drawn == [with_figures and of in (1, 2, 4, 6) for of in range(len(told))]
 
 
+@pytest.mark.slow
 def test_views_tell_the_numbers_of_the_results(dataset: Dataset, found: Diagnosis) -> None:
     of_dataset = safe(dataset._repr_html_()).text
     assert f"{dataset.robot.name}, {dataset.robot.n_joints} joints" in of_dataset
@@ -215,7 +218,7 @@ def test_views_tell_the_numbers_of_the_results(dataset: Dataset, found: Diagnosi
 def test_ipython_shows_the_summary_as_plain_text(
     dataset: Dataset, found: Diagnosis, plan: Plan, corners: CornerBatch, compared: Comparison
 ) -> None:
-    plain_text = PlainTextFormatter()
+    plain_text = pytest.importorskip("IPython.core.formatters").PlainTextFormatter()
     results: list[Viewed | Presented] = [
         dataset, found, found.calibration, plan, corners, compared, redundancy(dataset),
     ]  # fmt: skip

@@ -75,6 +75,7 @@ def test_the_next_poses_of_a_dataset(start: FromFit, plan: Plan) -> None:
     assert not any("missing" in note for note in assumptions(plan))
 
 
+@pytest.mark.slow
 def test_more_poses_never_raise_the_predicted_error(plan: Plan, first_set: Plan) -> None:
     assert np.all(np.diff(plan.curve_mm) < 0.0)
     assert np.all(np.diff(first_set.curve_mm[1:]) < 0.0)
@@ -113,7 +114,7 @@ def test_a_suspected_effect_is_known_better_by_poses_planned_for_it(start: FromF
     assert isinstance(for_it.outcome, EffectOutcome)
     assert all(c.after < c.before for c in for_it.outcome.coefficients if ".J2." in c.name)
     assert outcome_sentences(for_it)[0].startswith("sigma of joint_compliance.J")
-    with pytest.raises(CalibError, match="joint_dent is at few of"):
+    with pytest.raises(CalibError, match="joint_dent"):
         plan_poses(start, 5, candidates=100, purpose=ForEffects(("joint_dent",)))
 
 
@@ -135,7 +136,7 @@ def test_a_fit_that_leaves_more_than_noise_is_told(start: FromFit) -> None:
     dataset = start.calibration.dataset
     finer = replace(dataset, scanner=replace(dataset.scanner, point_sigma_mm=0.005))
     next_poses = plan_poses(FromFit(calibrate(finer)), 2, candidates=60)
-    assert "times the declared noise, so something is missing" in assumptions(next_poses)[0]
+    assert "declared noise" in assumptions(next_poses)[0]
 
 
 def test_a_further_place_of_the_scanner_is_a_setup_of_its_own(start: FromFit) -> None:

@@ -81,6 +81,7 @@ def test_no_more_than_noise_is_well_however_small_the_training_error() -> None:
     assert exact.passed
 
 
+@pytest.mark.slow
 def test_points_of_another_arm_fail_without_test_poses_too() -> None:
     dataset = measured()
     assert dataset.points is not None
