@@ -54,7 +54,7 @@ DECLARED = (1.0, 0.8, 1.2)  # declared sigma over the true one
 
 @dataclass(frozen=True)
 class Trial:
-    """One dataset to diagnose. Its seed is all of this, so that a trial is the same whatever else is run."""
+    """A dataset to diagnose; its fields are its seed, so that it is the same whatever else is run."""
 
     kind: str  # single, null, pair, outside
     effects: tuple[str, ...]
@@ -194,7 +194,7 @@ def tell_singles(rows: pd.DataFrame) -> None:
 
 
 def tell_confusion(rows: pd.DataFrame) -> None:
-    """All sizes together. Rows: what is hidden. Columns: what ranks first. At the end what is claimed wrongly."""
+    """Print the confusion matrix over all sizes: hidden effects in rows, first candidates in columns; wrong claims."""
     head = "".join(f"{i + 1:4d}" for i in range(len(TESTABLE)))
     print(f"  {'hidden (row), ranked first (column)':38s}{head}")
     for i, name in enumerate(TESTABLE):
@@ -208,7 +208,7 @@ def tell_confusion(rows: pd.DataFrame) -> None:
 
 
 def tell_nulls(rows: pd.DataFrame) -> None:
-    """Nothing is hidden."""
+    """Print how often a cause is named or suggested where nothing is hidden."""
     print("nothing hidden")
     for declared, of_sigma in rows.groupby("declared"):
         alarm = [bool(r.missing or r.ambiguous) for r in of_sigma.itertuples()]
@@ -217,7 +217,7 @@ def tell_nulls(rows: pd.DataFrame) -> None:
 
 
 def tell_pairs(rows: pd.DataFrame) -> None:
-    """Two effects at once."""
+    """Print how often two hidden effects are found."""
     exact = [set(r.missing) == set(r.effects) for r in rows.itertuples()]
     wrong = [bool(set(r.missing) - set(r.effects)) for r in rows.itertuples()]
     certain = rows[rows["verdict"] == "named"]

@@ -64,7 +64,7 @@ def parameters_of(step: FitStep) -> dict[str, set[str]]:
 
 
 def differences(session: Session, found: Diagnosis) -> list[str]:
-    """In what the two ends differ."""
+    """Names of what differs between the two ends."""
     here = session.diagnosis
     if here is None:
         return ["no verdict"]

@@ -1,4 +1,4 @@
-"""From simulated scans with a structured-light scanner's noise to the verdict, nothing or one cause hidden.
+"""Verdicts on simulated scans with a structured-light scanner's noise, nothing or one cause hidden.
 
     python benchmarks/noisy_scans.py [--arms 3] [--effect joint_compliance] [--white]
 
@@ -29,7 +29,7 @@ from calib.simulation.simulate import simulate_dataset
 
 
 def line(seed: int, mount: str, effects: list[str], model: ScanModel) -> str:
-    """One arm, its scans, its corners and its diagnosis."""
+    """Line of the table for one arm: its scans, its corners and its diagnosis."""
     robot = replace(builtin_robot(("rb5", "panda")[seed % 2]), carries_scanner=mount == "flange")
     made = simulate_dataset(robot, rng=np.random.default_rng(seed), scans=True, effects=effects, scan_model=model)
     scanner = made.dataset.scanner

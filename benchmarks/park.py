@@ -58,7 +58,7 @@ def table_7_or_8(arm: str, cases: tuple[str, ...], file: str) -> None:
 
 
 def sums() -> None:
-    """What Tables 9 and 10 show."""
+    """Print the content of Tables 9 and 10."""
     print("\nTables 9 and 10: the sums, whichever parameter is kept (paper: 111.21 mm and 0.00075 rad)")
     for arm, cases in (("rb5", RB5_CASES), ("panda", PANDA_CASES)):
         robot = park_arm(arm)
@@ -77,7 +77,7 @@ def sums() -> None:
 
 
 def ranks() -> None:
-    """How many parameters the pairwise method keeps, and how many there are to know."""
+    """Print how many parameters the pairwise method keeps, and how many can be known."""
     print("\nRedundancy: Park's kept parameters against the rank")
     for arm in ("rb5", "panda"):
         rng = np.random.default_rng(0)

@@ -48,7 +48,7 @@ class Arm:
     seed: int
 
     def simulate(self) -> tuple[Simulation, str, float]:
-        """What was measured, the effect, and what the arm may carry."""
+        """Measured dataset, its effect, and what the arm may carry."""
         rng = np.random.default_rng(self.seed)
         name = list(ROBOTS)[self.seed % 2]
         effect = EFFECTS[(self.seed // 2) % 3]
@@ -109,7 +109,7 @@ def outcome(dataset: Dataset, effect: str) -> str:
 
 
 def run(arm: Arm, count: int, bare: bool) -> dict[str, object] | None:
-    """One row for an arm whose diagnosis ends open; None else."""
+    """Row of the table for an arm whose diagnosis ends open; None for others."""
     simulation, effect, payload_kg = arm.simulate()
     found = diagnose(simulation.dataset)
     if found.verdict != "ambiguous":

@@ -2,10 +2,9 @@
 
     python benchmarks/solver.py [exact] [missing] [sigmas] [pairs] [--robots 100]
 
-exact    noise-free, Park 2022's set-up: how far, how fast, how surely
-missing  0.05 mm noise and joints that yield by 1e-4 rad/Nm, which the model does not know: does anything diverge
-sigmas   are the sigmas true, and is the error at the Cramer-Rao bound
-pairs    Park's pairwise redundancy against the rank: RB5, Panda, UR10, a SCARA
+exact    noise-free, Park 2022's set-up: how far, how fast, how surely missing  0.05 mm noise and joints that yield by
+1e-4 rad/Nm, which the model does not know: does anything diverge sigmas   are the sigmas true, and is the error at the
+Cramer-Rao bound pairs    Park's pairwise redundancy against the rank: RB5, Panda, UR10, a SCARA
 
 Robot k of a part is the same at any count. `--robots 200` is what the README quotes.
 """
@@ -249,7 +248,7 @@ def observed_of(
 
 
 def pairs() -> None:
-    """What Park's pairs find and miss, at 40 random poses of the nominal arm, as he takes them."""
+    """Print what Park's pairs find and miss, at 40 random poses of the nominal arm, as he takes them."""
     print("\nPark's pairwise redundancy against the truth, 40 random poses, positions in the base frame")
     print(f"{'':8} {'parameters':>10} {'pairs keep':>10} {'no influence':>12} {'rank':>5}   kept, yet redundant")
     reports = []

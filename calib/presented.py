@@ -9,6 +9,8 @@ from __future__ import annotations
 from types import ModuleType
 from typing import Any, Protocol
 
+from calib.brief import Brief
+
 
 class Printer(Protocol):
     """What IPython hands to `_repr_pretty_`."""
@@ -17,7 +19,7 @@ class Printer(Protocol):
         """Print a text."""
 
 
-class Presented:
+class Presented(Brief):
     """A result that can be had as plain data, as text and as HTML."""
 
     def to_dict(self) -> dict[str, Any]:

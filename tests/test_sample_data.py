@@ -144,6 +144,7 @@ def test_seed_gives_the_same_scan(name: str, pose: int, made: dict[str, Simulati
     assert np.mean(cKDTree(anew_mm).query(stored_mm)[0] < 1e-3) > 0.999
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_every_scan_shows_three_faces(name: str, made: dict[str, Simulation]) -> None:
     simulation = made[name]

@@ -14,9 +14,9 @@ import pandas as pd
 
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.brief import Brief
 from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.repeats import in_repeat_groups_of
-from calib.display.brief import Brief
 from calib.fitting.model import Model
 from calib.fitting.observations import (
     Observations,

@@ -34,11 +34,11 @@ from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
+from calib.brief import Brief
 from calib.compensation.attitude import FitKnowledge
 from calib.compensation.tool_problem import ToolProblem
 from calib.dataset.dataset import Poses
 from calib.dataset.input_names import CONDITIONS
-from calib.display.brief import Brief
 from calib.effects.effect import family_name
 from calib.effects.link_errors import TOLERANCE_RAD
 from calib.errors import CalibError, FitError

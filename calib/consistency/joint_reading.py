@@ -60,7 +60,7 @@ def simple_readings(is_revolute: BoolArray) -> tuple[JointReading, ...]:
         patterns = (replace(plain, signs=tuple(-1.0 if k in pair else 1.0 for k in range(n)))
                     for pair in combinations(range(n), 2))  # fmt: skip
     out += [reading for reading in patterns if reading.edits]
-    if is_revolute.all():
+    if is_revolute.all() and n > 1:
         out.append(replace(plain, order=tuple(reversed(range(n)))))
     return tuple(dict.fromkeys(out))
 

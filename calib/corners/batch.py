@@ -13,12 +13,12 @@ import numpy as np
 import pandas as pd
 
 from calib.blas_threads import one_blas_thread
+from calib.brief import Brief
 from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.folder import as_dataset
-from calib.display.brief import Brief
 from calib.display.shown import Documented, Viewed
 from calib.errors import CornerError, DatasetError, ScanError
 from calib.jig import Jig

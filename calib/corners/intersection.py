@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, ByteArray, IndexArray
+from calib.brief import Brief
 from calib.corners.quality import CornerQuality
-from calib.display.brief import Brief
 from calib.errors import CornerError
 from calib.jig import Outline
 

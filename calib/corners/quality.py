@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from calib.array_types import Array
-from calib.display.brief import Brief
+from calib.brief import Brief
 from calib.planes.robust_fit import PlaneFit
 
 HIGH_INCIDENCE_DEG = 75.0

@@ -12,12 +12,12 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
+from calib.brief import Brief
 from calib.corners.face_selection import TriedPairs, face_triples, why_no_triple
 from calib.corners.intersection import Corner
 from calib.corners.plane_triples import Planes, SelectionTolerances
 from calib.corners.refinement import RefinementOptions, refine
 from calib.corners.unit_check import MOST_EDGES, extent_of, failure_with_unit, some_finite
-from calib.display.brief import Brief
 from calib.errors import CornerError
 from calib.jig import Jig
 from calib.planes.clustering import ClusterTolerances, PlaneGroup, cluster, off_planes

@@ -17,7 +17,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from calib.array_types import Array, BoolArray, IndexArray
-from calib.display.brief import Brief
+from calib.brief import Brief
 from calib.display.shown import Viewed
 from calib.errors import DatasetError
 from calib.jig import Jig

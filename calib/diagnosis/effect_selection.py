@@ -12,11 +12,11 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.brief import Brief
 from calib.calibration.calibrate import calibrate
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.display.brief import Brief
 from calib.effects.catalogue import available_family
 from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError, FitError

@@ -7,12 +7,12 @@ from functools import cached_property
 
 import pandas as pd
 
+from calib.brief import Brief, errors_in_short
 from calib.calibration.result import FittedResult
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.diagnosis.explanation import explain
 from calib.diagnosis.verdict import Conclusion, Findings, conclude
 from calib.diagnosis.words.sentences import Explanation
-from calib.display.brief import Brief, errors_in_short
 from calib.display.shown import Documented, Viewed
 
 

@@ -33,8 +33,8 @@ from typing import Any, ClassVar, Protocol, TypeGuard, runtime_checkable
 import numpy as np
 
 from calib.array_types import Array
+from calib.brief import Brief
 from calib.dataset.dataset import Dataset
-from calib.display.brief import Brief
 from calib.effects.checked_apply import checked_apply, checked_meaning, is_user_defined
 from calib.effects.state import RobotState
 from calib.kinematics.robot import Robot

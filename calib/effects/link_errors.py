@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.array_types import Array
-from calib.display.brief import Brief
+from calib.brief import Brief
 from calib.effects.effect import Parameter
 from calib.effects.state import RobotState
 from calib.kinematics.robot import LENGTH_KINDS, PARAMETER_KINDS, Robot, Target

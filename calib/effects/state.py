@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike
 
 import calib.frames as frames
 from calib.array_types import Array
+from calib.brief import Brief
 from calib.dataset.dataset import Poses
-from calib.display.brief import Brief
 from calib.effects.gravity import GravityLoads
 from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import PARAMETER_KINDS, Robot

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.array_types import Array, IndexArray
-from calib.display.brief import Brief
+from calib.brief import Brief
 from calib.effects.effect import Parameter
 from calib.errors import FitError
 from calib.fitting.model import Model

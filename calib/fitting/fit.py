@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array, BoolArray
-from calib.display.brief import Brief
+from calib.brief import Brief
 from calib.effects.effect import Parameter
 
 

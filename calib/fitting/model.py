@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from calib import frames
 from calib.array_types import Array, BoolArray
+from calib.brief import Brief
 from calib.dataset.dataset import Poses
-from calib.display.brief import Brief
 from calib.effects.effect import (
     Effect,
     Parameter,

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.brief import Brief
 from calib.dataset.dataset import Dataset, Points, Poses
-from calib.display.brief import Brief
 from calib.effects.state import RobotState, Seen
 from calib.errors import FitError
 from calib.fitting.model import Model, geometric_model, place_of_target

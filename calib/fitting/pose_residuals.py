@@ -24,8 +24,8 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.brief import Brief
 from calib.dataset.dataset import Dataset
-from calib.display.brief import Brief
 from calib.effects.effect import Parameter
 from calib.errors import FitError
 from calib.fitting.model import Model

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array, IndexArray
-from calib.display.brief import Brief
+from calib.brief import Brief
 from calib.effects.effect import Parameter
 from calib.fitting.model import Model
 from calib.fitting.observations import (

@@ -14,23 +14,12 @@ from calib.errors import CalibError
 from calib.fleet.judge import FleetOptions, FoundCorners, one_blas_thread_for_good, one_line
 from calib.fleet.row import Row
 from calib.fleet.time_limit import OutOfTime, time_limit
+from calib.monitoring.change_tests import Change
 from calib.monitoring.kinds import BASE, JIG, NOISE, SCANNER
 from calib.monitoring.watch import watch
 
 NOT_OF_THE_ARM = (SCANNER, BASE, JIG, NOISE)
 """Kinds of changes that are not of the arm itself."""
-
-
-@dataclass(frozen=True)
-class Change:
-    """One change as `watch` found it."""
-
-    what: str
-    joint: int | None  # counted from 1
-    parameter: str
-    size: float
-    sigma: float
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -43,7 +32,8 @@ class Drift:
     changes: tuple[Change, ...]
     rmse_mm: float | None  # 3D error of the later points by the earlier calibration
     expected_mm: float | None  # part of rmse_mm that noise alone makes
-    words: str  # one line
+    poses: int = 0  # of the later dataset that were compared
+    reason: str = ""  # why they cannot be compared, or what is wrong with the later poses.csv; one line
     settled: bool = True  # whether another try with the same files would give the same
 
     @property
@@ -101,22 +91,24 @@ def compare(task: DriftTask) -> Drift:
 
 def not_compared(task: DriftTask, reason: str) -> Drift:
     """The Drift of two datasets that could not be compared, with the reason."""
-    return Drift(task.base, task.later, "", (), None, None, one_line(reason), settled=False)
+    return Drift(task.base, task.later, "", (), None, None, reason=one_line(reason), settled=False)
 
 
 def _compared(task: DriftTask) -> Drift:
     base = _measured(task, task.base, task.base_corners)
     later = _measured(task, task.later, task.later_corners)
     calibration = add_in_turn(base, task.effects, task.options.fit.with_residual("position"))[-1].calibration
-    seen = watch(calibration, later)
+    report = watch(calibration, later)
+    problem = report.data_problem
     return Drift(
         task.base,
         task.later,
-        seen.verdict,
-        tuple(Change(c.what, c.joint, c.parameter, c.size, c.sigma, c.unit) for c in seen.changes),
-        seen.rmse_mm,
-        seen.expected_mm,
-        one_line(seen.headline),
+        report.verdict,
+        report.changes,
+        report.rmse_mm,
+        report.expected_mm,
+        report.poses,
+        "" if problem is None else one_line(problem.words),
     )
 
 

@@ -34,7 +34,7 @@ from calib.options import FitOptions
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.strict_json import to_json
 from calib.targets.batch import find_targets
-from calib.validation.acceptance import Check, check
+from calib.validation.acceptance import Check, TooFewPoses, check
 
 LONGEST_REASON = 400  # characters
 PACKAGES = ("numpy", "scipy", "pandas")
@@ -151,7 +151,8 @@ def row_of(path: str, checked: Check, without_corner: tuple[str, ...] = ()) -> R
     told = None if last is None else headline_of([last])
     words = "" if found is None else verdict_text(found.explanation.verdict)
     if found is None:
-        words = next((f.description for f in checked.items if f.description.startswith("not tried")), "")
+        tried = (i for i in checked.items if i.name == "diagnosis" or isinstance(i.evidence, TooFewPoses))
+        words = next((item.headline for item in tried), "")
     return Row(
         path=path,
         name=dataset.name,
@@ -168,7 +169,7 @@ def row_of(path: str, checked: Check, without_corner: tuple[str, ...] = ()) -> R
         test=_rmse(links, last, test=True),
         noise_ratio=None if told is None or told.noise.source == FIT else told.noise_ratio,
         passed=checked.passed,
-        reasons=tuple(map(one_line, checked.reasons)),
+        reasons=tuple(one_line(f"{item.name}: {item.headline}") for item in checked.failed),
         verdict="" if found is None else found.verdict,
         missing=() if found is None else found.missing,
         suspected=() if found is None else found.suspected,

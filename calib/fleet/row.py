@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from calib.display.brief import Brief
+from calib.brief import Brief
 
 
 @dataclass(frozen=True)

@@ -40,12 +40,6 @@ class Group:
     outside: tuple[int, int]
     p_value: float  # family-wise (Holm), over all tests
 
-    @property
-    def words(self) -> str:
-        """Text such as "8 of 10 with serial numbers A-041 to A-050, 1 of 50 others (p = 1e-07)"."""
-        (a, n), (b, m) = self.inside, self.outside
-        return f"{a} of {n} with {self.what} {self.value}, {b} of {m} others (p = {self.p_value:.1g})"
-
 
 @dataclass(frozen=True)
 class SharedCause:
@@ -58,18 +52,6 @@ class SharedCause:
     of: int  # arms of that model
     moves_mm: float  # median over the arms
     groups: tuple[Group, ...]  # those that stand out, the surest first
-
-    @property
-    def where(self) -> str:
-        """Effect and joint, such as "joint_compliance of joint 2"."""
-        return self.effect if self.joint is None else f"{self.effect} of joint {self.joint}"
-
-    @property
-    def words(self) -> str:
-        """Text such as "joint_compliance of joint 2 in 9 of 60 arms RB5: 8 of 10 with gear lot 17, 1 of 50 others"."""
-        robot = f" {self.robot}" if self.robot else ""
-        said = "; ".join(group.words for group in self.groups) or "no group of them stands out"
-        return f"{self.where} in {len(self.arms)} of {self.of} arms{robot}: {said}"
 
 
 def shared_causes(rows: Iterable[Row]) -> tuple[SharedCause, ...]:

@@ -18,7 +18,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray
-from calib.display.brief import Brief
+from calib.brief import Brief
 from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray
-from calib.display.brief import Brief
+from calib.brief import Brief
 from calib.frames import make_transform, rotation_from_rpy
 
 PARAMETER_KINDS = ("a", "alpha", "d", "theta", "beta")

@@ -10,13 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from calib.brief import Brief
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.model_versions import fits_same_points, options_for_links
 from calib.calibration.result import Calibration
 from calib.dataset.files.atomic_write import write_bytes_atomically
 from calib.dataset.files.robot_toml import robot_to_toml
-from calib.display.brief import Brief
 from calib.kinematics.robot import Robot
 from calib.models.fitted_model import PROGRAM, program_version
 from calib.robot_formats.calibrated_file import CalibratedFile, calibrated_urdf, calibrated_yaml

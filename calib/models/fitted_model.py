@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array
+from calib.brief import Brief, errors_in_short
 from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
 from calib.calibration.result import Calibration
 from calib.compensation.attitude import FitKnowledge
@@ -23,7 +24,6 @@ from calib.dataset.files.fingerprint import fingerprint
 from calib.dataset.input_names import CONDITIONS, quantity_of
 from calib.dataset.repeats import without_poses
 from calib.dataset.trained_range import TrainedRange
-from calib.display.brief import Brief, errors_in_short
 from calib.errors import FitError
 from calib.fitting.model import Model
 from calib.kinematics.robot import TOOL_POINT, Robot

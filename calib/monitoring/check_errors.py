@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array, IndexArray
+from calib.brief import Brief
 from calib.dataset.dataset import Poses
-from calib.display.brief import Brief
 from calib.distributions import chi2_ppf
 from calib.monitoring.iso9283 import Visits
 from calib.monitoring.prediction_spread import ErrorCovariance

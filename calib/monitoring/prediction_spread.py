@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
+from calib.brief import Brief
 from calib.calibration.uncertainty import covariance_root
-from calib.display.brief import Brief
 
 _ROUNDING = 1e-12  # share of a column's size: what is below is rounding, no direction
 

@@ -18,7 +18,6 @@ from calib.calibration.calibrate import as_calibration
 from calib.calibration.result import FittedResult
 from calib.consistency.data_problem import DataProblem
 from calib.dataset.dataset import Dataset
-from calib.display.brief import Brief
 from calib.errors import FitError
 from calib.measurement.measured_dataset import measured
 from calib.monitoring.cell import Cell
@@ -49,7 +48,7 @@ MOST = 3  # changes of the arm that are told
 
 
 @dataclass(frozen=True)
-class ChangeReport(Brief, Presented):
+class ChangeReport(Presented):
     """What a set of check poses says of a cell."""
 
     name: str

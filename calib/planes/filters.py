@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from calib.array_types import Array, BoolArray, ByteArray, IndexArray
-from calib.display.brief import Brief
+from calib.brief import Brief
 
 PASSED = 0
 SHORT_WALK, LONG_WALK = 2, 8  # steps from neighbour to neighbour: as far as 36 and 160 nearest points reach

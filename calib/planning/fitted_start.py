@@ -12,7 +12,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import EffectChoice, effects_named
 from calib.effects.effect import Family
 from calib.options import FitOptions
-from calib.planning.start import FromFit
+from calib.planning.start import DiagnosedModel, FromFit
 from calib.planning.unknowns import require_scanner_in_world
 
 
@@ -38,12 +38,5 @@ def start_of_dataset(
     if members or check.verdict != "excess" or not check.declared_mm:
         return FromFit(calibration, scanner_place)
     found = diagnose(dataset, options, user_effects=user_effects, on_step=on_step)
-    added = ", ".join(found.calibration.model.family_names) or "nothing that holds"
-    said = (
-        f"the link errors alone leave {check.sigma_mm / check.declared_mm:.3g} times the declared noise; the model is "
-        f"that of the diagnosis, which added {added}"
-    )
-    notes = [said]
-    if found.verdict == "ambiguous":
-        notes.append("the diagnosis left a set of causes open: --for split plans the poses that settle it")
-    return FromFit(found.calibration, scanner_place, tuple(notes))
+    chosen = DiagnosedModel(check.sigma_mm / check.declared_mm, found.verdict == "ambiguous")
+    return FromFit(found.calibration, scanner_place, chosen)

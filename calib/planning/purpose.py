@@ -13,6 +13,7 @@ from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Poses
 from calib.planning.exchange import best_poses
 from calib.planning.offered_poses import under_conditions
+from calib.planning.outcome import Outcome, PoseReason
 from calib.planning.prediction import Region
 from calib.planning.question import VARIANCE, VOLUME, Question, condensed
 from calib.planning.start import Start
@@ -69,12 +70,12 @@ class Purpose(Protocol):
         """Probability that these candidates tell confounded effects apart; None where none are to be told apart."""
         ...
 
-    def why(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
-        """A few words on each chosen candidate; () where those of `calib.planning.reasons` say it."""
+    def reasons(self, situation: Situation, chosen: IndexArray) -> tuple[PoseReason, ...]:
+        """Why each candidate was chosen; () where that is the parameters it tells most of."""
         ...
 
-    def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
-        """What the chosen candidates do for the purpose, a sentence each."""
+    def outcome(self, situation: Situation, chosen: IndexArray) -> Outcome | None:
+        """What the chosen candidates achieve for the purpose; None where the predicted error says it all."""
         ...
 
 
@@ -87,11 +88,11 @@ class PlainPurpose:
     def power(self, situation: Situation, chosen: IndexArray) -> float | None:
         return None
 
-    def why(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
+    def reasons(self, situation: Situation, chosen: IndexArray) -> tuple[PoseReason, ...]:
         return ()
 
-    def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
-        return ()
+    def outcome(self, situation: Situation, chosen: IndexArray) -> Outcome | None:
+        return None
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from tempfile import NamedTemporaryFile
 import numpy as np
 
 from calib.array_types import Array, BoolArray
-from calib.display.brief import Brief
+from calib.brief import Brief
 from calib.errors import ScanError
 from calib.scans.readers.e57 import SUFFIX, read_e57, split_part
 from calib.scans.readers.mesh import read_obj, read_stl

@@ -15,10 +15,10 @@ import pandas as pd
 
 from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
+from calib.brief import Brief
 from calib.calibration.calibrate import as_calibration
 from calib.calibration.result import FittedResult
 from calib.dataset.dataset import Dataset
-from calib.display.brief import Brief
 from calib.effects.catalogue import effects_for
 from calib.effects.effect import Effect, Family, full_name
 from calib.screening.evidence import Evidence, holm, most_columns

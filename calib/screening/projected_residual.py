@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
+from calib.brief import Brief
 from calib.calibration.pose_errors import directions_at
 from calib.calibration.result import Calibration
-from calib.display.brief import Brief
 from calib.effects.effect import is_held_by_prior
 from calib.effects.state import RobotState
 from calib.errors import FitError

@@ -15,10 +15,10 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
+from calib.brief import Brief
 from calib.calibration.noise_level import noise_of_repeats
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import SIGMA_DOUBT
-from calib.display.brief import Brief
 from calib.distributions import chi2_sf, f_sf
 from calib.screening.projected_residual import ProjectedResidual
 from calib.screening.scan_statistic import Channel, ScanStatistic, sum_by_pose

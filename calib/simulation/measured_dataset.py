@@ -11,10 +11,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calib.array_types import Array
+from calib.brief import Brief
 from calib.dataset.dataset import Dataset, Orientations, Points, Poses, Scanner
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import write_dataset
-from calib.display.brief import Brief
 from calib.errors import CalibError
 from calib.jig import Jig
 from calib.kinematics.robot import Robot

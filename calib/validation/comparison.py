@@ -23,7 +23,6 @@ from calib.calibration.calibrate import as_calibration
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.result import Calibration, FittedResult
 from calib.dataset.dataset import Dataset
-from calib.display.brief import Brief
 from calib.distributions import chi2_sf
 from calib.errors import FitError
 from calib.kinematics.chain import forward
@@ -66,7 +65,7 @@ class ParameterChange:
 
 
 @dataclass(frozen=True)
-class Comparison(Brief, Presented):
+class Comparison(Presented):
     """What differs between two calibrations, the second minus the first."""
 
     names: tuple[str, str]

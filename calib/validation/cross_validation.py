@@ -16,12 +16,12 @@ import pandas as pd
 
 from calib.array_types import IndexArray
 from calib.blas_threads import one_blas_thread
+from calib.brief import Brief
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Evaluation, Figures
 from calib.calibration.noise_level import SigmaCheck, check_sigma
 from calib.calibration.result import Calibration, figures_line
 from calib.dataset.dataset import Dataset
-from calib.display.brief import Brief
 from calib.effects.catalogue import EffectChoice, effects_named
 from calib.errors import FitError
 from calib.fitting.fit import Fit

@@ -193,6 +193,6 @@ def run_check(options: CheckOptions) -> int:
             print(visible(results[-1].summary()), flush=True)
     passed = all(result.passed for result in results)
     if options.json:
-        each = [documents.check_document(result) for result in results]
+        each = [result.to_dict() for result in results]
         show(options, each[0] if len(each) == 1 else {"passed": passed, "datasets": each}, "")
     return 0 if passed else 1

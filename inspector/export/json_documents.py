@@ -10,14 +10,12 @@ from calib.documents.calibration_documents import (
     table_document,
     validation_document,
 )
-from calib.documents.check_document import check_document
 from calib.documents.corner_documents import corners_document, redundancy_document
 from calib.documents.diagnosis_documents import document_with_poses, effects_document
 
 __all__ = [
     "additions",
     "calibration_document",
-    "check_document",
     "corners_document",
     "correction_document",
     "document_with_poses",

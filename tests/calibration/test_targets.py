@@ -175,7 +175,7 @@ def test_a_target_sits_on_a_joint_that_there_is(tmp_path: Path, joint: str) -> N
     path.write_text(robot_to_toml(robot))
     assert load_robot(path).targets == robot.targets
     path.write_text(robot_to_toml(robot).replace("joint = 4", f"joint = {joint}"))
-    with pytest.raises(DatasetError, match=rf"1\.joint: found {joint}; a joint's number is 1 to 6"):
+    with pytest.raises(DatasetError, match=rf"joint: found {joint}; .* 1 to 6"):
         load_robot(path)
 
 

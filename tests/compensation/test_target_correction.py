@@ -77,7 +77,7 @@ def held_to_the_truth(result: Correction, true: Robot) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(joints=st.integers(2, 8), slide=st.integers(-1, 7), seed=st.integers(0, 999))
 def test_the_true_arm_stands_where_the_nominal_one_was_meant_to(joints: int, slide: int, seed: int) -> None:
     """Any arm: what is called reached is reached; what is not is short of it, and says why."""
@@ -215,6 +215,7 @@ def test_beyond_limits_beyond_reach_and_singular() -> None:
     assert wrist.position_error_mm[0] <= 1.0  # and still closer than without
 
 
+@pytest.mark.slow
 def test_a_calibration_corrects_the_real_arm_up_to_the_base() -> None:
     """From measurements to targets: the arm that was measured reproduces the nominal places, up to one rigid motion."""
     rng = np.random.default_rng(5)
@@ -334,6 +335,7 @@ def write_targets(path: Path, q: np.ndarray, **more: object) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_the_command(capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: Path) -> None:
     q = np.array([[0.3, 0.4, 1.1, 0.2, 0.9, 0.1], [-1.0, 0.2, 1.4, 0.5, -1.1, 2.0]])
     joints = write_targets(tmp_path / "targets.csv", q, pose=["grip", "place"], note=["a", "b"])
@@ -490,6 +492,7 @@ def test_targets_have_the_conditions_that_poses_may_have(
         assert not out.exists()
 
 
+@pytest.mark.slow
 def test_full_poses_know_the_attitude_that_points_do_not() -> None:
     rng = np.random.default_rng(3)
     robot = builtin_robot("rb5")
@@ -524,6 +527,7 @@ def test_a_joint_whose_zero_is_far_off_may_be_corrected_by_as_much() -> None:
     assert np.median(np.degrees(result.change[:, 2])) == pytest.approx(-5.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_position_is_met_with_the_tool_turned_as_little_as_small_motions_allow() -> None:
     """The free motion lessens the tool's turn, where the least motion alone would add to it."""
     rng = np.random.default_rng(8)

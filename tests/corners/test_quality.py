@@ -54,6 +54,7 @@ def test_what_is_poor_is_said(name: str, sigma_mm: float, said: str) -> None:
     assert said in " ".join(corner.quality.doubts())
 
 
+@pytest.mark.slow
 def test_a_smooth_error_is_a_doubt_where_it_is_clearly_more_than_is_told() -> None:
     made = make_scene(np.random.default_rng(2), 12_000, waves_mm=0.02)
     for told_mm, doubted in ((0.0, True), (0.005, True), (0.02, False)):

@@ -97,11 +97,13 @@ def test_a_wall_shows_waves_as_long_as_the_jig() -> None:
     assert alone > 2.5 * beside
 
 
+@pytest.mark.slow
 def test_a_flat_wall_leaves_white_noise_white() -> None:
     found = [corner(seed).quality.smooth_factor for seed in range(8)]
     assert np.median(found) < 1.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bent_mm", [0.05, 0.5])
 def test_a_wall_that_is_bowed_by_itself_is_not_taken_for_the_scanner(bent_mm: float) -> None:
     found = [corner(seed, bent_mm=bent_mm).quality.smooth_factor for seed in range(6)]

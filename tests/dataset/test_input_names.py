@@ -78,6 +78,7 @@ def test_every_odd_column_is_kept_and_offered_under_its_name(tmp_path: Path) -> 
         assert any(np.array_equal(table[c], dataset.poses.extra[name]) for c in kept), name
 
 
+@pytest.mark.slow
 def test_odd_columns_make_no_error_in_learning_and_in_the_diagnosis() -> None:
     dataset = with_columns(arm(4), *ODD_COLUMNS)
     learn_joint_curves(calibrate(dataset))

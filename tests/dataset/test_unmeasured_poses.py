@@ -74,6 +74,7 @@ def test_check_and_diagnosis_take_them_as_a_note(folder: Path) -> None:
     assert diagnose(dataset).explanation.verdict is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["calibrate", "diagnose"])
 def test_the_commands_print_it(folder: Path, command: str, capsys: pytest.CaptureFixture[str]) -> None:
     hide(folder, [5, 39])

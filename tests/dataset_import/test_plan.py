@@ -19,6 +19,7 @@ from calib.kinematics.robot import Robot
 from calib.robot_formats.conventions import RobotReading, robot_readings
 from calib.robot_formats.robot_file import ReadOptions, RobotFile
 from calib.simulation.simulate import simulate_dataset
+from tests.support.sweeps import sweep
 
 ROBOT = builtin_robot("rb5")
 ASKED = (RobotReading("", RobotFile(ROBOT, None)),)
@@ -68,7 +69,7 @@ READINGS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], dict[str, str]]] =
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", READINGS)
+@pytest.mark.parametrize("name", sweep(READINGS, every_run=["as it is", "a sign and a zero", "backwards"]))
 def test_signs_zeros_and_order_that_the_points_speak_for_are_taken_and_said(
     truth: Dataset, tmp_path: Path, name: str
 ) -> None:

@@ -77,6 +77,7 @@ def test_the_effect_that_leads_is_to_be_added(hidden: tuple[Calibration, Screeni
     assert "transmission_error explains it best" in advice_text(advice)
 
 
+@pytest.mark.slow
 def test_noise_is_the_end(clean: tuple[Calibration, Screening, ResidualTests]) -> None:
     found = judged(clean[0].dataset)
     assert isinstance(found, Diagnosis)
@@ -120,6 +121,7 @@ def test_causes_that_are_alike_are_not_decided(hidden: tuple[Calibration, Screen
     assert (stands_for_both.name, stands_for_both.log_bayes_factor) == ("transmission_error", None)
 
 
+@pytest.mark.slow
 def test_as_many_effects_as_were_asked_for_are_added(
     hidden: tuple[Calibration, Screening, ResidualTests],
 ) -> None:
@@ -195,6 +197,7 @@ def test_parameters_say_what_they_do_on_the_arm(hidden: tuple[Calibration, Scree
     assert said(TransmissionError(0, 1), 0.0) == ""
 
 
+@pytest.mark.slow
 def test_where_two_causes_differ_most_they_do_differ(
     hidden: tuple[Calibration, Screening, ResidualTests],
 ) -> None:

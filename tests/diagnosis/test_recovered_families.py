@@ -99,6 +99,7 @@ def slipped() -> tuple[Dataset, Calibration]:
     return dataset, add_in_turn(dataset, ["joint_step"])[-1].calibration
 
 
+@pytest.mark.slow
 def test_a_slip_is_saved_with_its_pose_and_read_again(slipped: tuple[Dataset, Calibration], tmp_path: Path) -> None:
     dataset, fitted = slipped
     save_model(fitted, tmp_path / "model.json")

@@ -64,6 +64,7 @@ def test_pairs_are_all_distances_with_the_covariance_they_have() -> None:
     np.testing.assert_allclose(at.jacobian.T @ at.residual, right, atol=1e-4 * np.abs(right).max())
 
 
+@pytest.mark.slow
 @settings(max_examples=10)
 @given(SEEDS)
 def test_pairs_and_positions_are_one_fit_whatever_the_frame(seed: int) -> None:

@@ -31,6 +31,7 @@ from calib.validation.cross_validation import cross_validate
 from inspector.cli.parser import main
 from inspector.markup.model.fit import state_html
 from tests.support.arms import random_arm
+from tests.support.sweeps import sweep
 
 
 def simulated(robot: Robot, seed: int = 7, **more: object) -> Dataset:
@@ -69,7 +70,12 @@ def test_wrong_tools_end_where_the_right_one_does(residual: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("arm", ["rb5", "panda", "five joints", "six joints", "a slide at the end"])
+@pytest.mark.parametrize(
+    "arm",
+    sweep(
+        ["rb5", "panda", "five joints", "six joints", "a slide at the end"], every_run=["panda", "a slide at the end"]
+    ),
+)
 def test_forty_wrong_tools_of_an_arm_end_where_the_right_one_does(arm: str) -> None:
     rng = np.random.default_rng(5)
     robot = {

@@ -38,6 +38,7 @@ def _seen(
     return solve_hand_eye(flange, points, *names), flange, points, truth
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), setups=st.integers(1, 3), targets=st.integers(1, 2))
 def test_any_mount_and_any_place_is_found_exactly(seed: int, setups: int, targets: int) -> None:

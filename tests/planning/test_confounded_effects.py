@@ -13,7 +13,8 @@ from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_for
 from calib.errors import CalibError
 from calib.planning.effect_hypotheses import EffectHypothesis, HypothesisSet
-from calib.planning.plan import plan_poses
+from calib.planning.outcome import DiscriminationOutcome, SeparationReason
+from calib.planning.plan import Plan, plan_poses
 from calib.planning.purposes.confounded_effects import ForDiscrimination, for_confounded
 from calib.screening.candidates import screen
 from calib.simulation.simulate import simulate_dataset
@@ -31,14 +32,19 @@ def confounded() -> HypothesisSet:
     return HypothesisSet(calibration, tuple(EffectHypothesis.of(candidate) for candidate in ranked))
 
 
+def outcome_of(plan: Plan) -> DiscriminationOutcome:
+    assert isinstance(plan.outcome, DiscriminationOutcome)
+    return plan.outcome
+
+
 def test_a_plan_has_its_power_and_can_be_measured(confounded: HypothesisSet) -> None:
     purpose = ForDiscrimination(confounded)
     plan = plan_poses(purpose.start, 5, purpose=purpose, candidates=150)
     assert plan.power is not None
     assert 0.0 < plan.power < 0.9
     assert len(plan.poses) == 5
-    assert any("--payload-kg" in line for line in plan.told)
-    assert all("the rivals differ by" in words for words in plan.why)
+    assert outcome_of(plan).payload_kg is not None
+    assert all(isinstance(reason, SeparationReason) for reason in plan.reasons)
     assert measurable(purpose.start.cell, plan.poses.q).ok.all()
     assert plan.poses.payload_kg is None
 
@@ -53,7 +59,7 @@ def test_a_payload_tells_more_and_is_mounted_once(confounded: HypothesisSet) -> 
     payload_kg = plan.poses.payload_kg
     assert payload_kg is not None
     assert np.all(np.diff(payload_kg) >= 0.0)
-    assert not any("--payload-kg" in line for line in plan.told)
+    assert outcome_of(plan).payload_kg is None
 
 
 def test_equivalent_effects_are_said_to_be_told_apart_by_no_pose(confounded: HypothesisSet) -> None:
@@ -63,8 +69,8 @@ def test_equivalent_effects_are_said_to_be_told_apart_by_no_pose(confounded: Hyp
     plan = plan_poses(purpose.start, 3, purpose=purpose, candidates=100)
     assert plan.power is not None
     assert plan.power < 0.5
-    assert f"{first.name} and its twin make the same of every pose of this kind: none tells them apart" in plan.told
-    assert any(line.startswith(f"what shows {first.name} alone: ") for line in plan.told)
+    assert (first.name, "its twin") in outcome_of(plan).equivalent
+    assert first.name in dict(outcome_of(plan).confirm)
 
 
 def test_a_hypothesis_in_the_model_is_taken_out_of_it(confounded: HypothesisSet) -> None:

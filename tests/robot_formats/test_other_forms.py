@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
-import yaml
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
@@ -21,6 +19,7 @@ from calib.robot_formats.chain.serial_chain import RobotFileError
 from calib.robot_formats.robot_file import ReadOptions, read_robot
 from calib.robot_formats.ur_calibration import MODELS, nominal_rows
 from tests.support.chains import joint, link, urdf_of
+from tests.support.mujoco_arm import mujoco
 from tests.support.robot_texts import DELTAS, FAR_DELTAS, FRANKA, MJCF, UR10_CONF, UR_YAML, conf_of
 
 
@@ -121,7 +120,7 @@ def test_a_kinematics_file_is_read_about_fixed_axes_and_the_exporters_error_is_t
     path = tmp_path / "ur10.yaml"
     path.write_text(UR_YAML)
     found = read_robot(path)
-    blocks = {k: v for k, v in yaml.safe_load(UR_YAML)["kinematics"].items() if k != "hash"}
+    blocks = {k: v for k, v in pytest.importorskip("yaml").safe_load(UR_YAML)["kinematics"].items() if k != "hash"}
     q = joints_at_random(50, 6)
     for values, mine in zip(q, tips(found.robot, q), strict=True):
         theirs = np.eye(4)
@@ -338,6 +337,7 @@ def test_a_damaged_table_is_told_with_its_line(tmp_path: Path, text: str, said: 
 # ---- MuJoCo ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_mujoco_model_is_what_mujoco_makes_of_it(tmp_path: Path) -> None:
     path = tmp_path / "arm.xml"
     path.write_text(MJCF)
@@ -350,14 +350,14 @@ def test_a_mujoco_model_is_what_mujoco_makes_of_it(tmp_path: Path) -> None:
     ]
     assert robot.joints[0].max == pytest.approx(np.pi / 2)
     assert robot.joints[2].max == pytest.approx(400.0)
-    model = mujoco.MjModel.from_xml_path(str(path))
-    data = mujoco.MjData(model)
+    model = mujoco().MjModel.from_xml_path(str(path))
+    data = mujoco().MjData(model)
     q = np.random.default_rng(0).uniform(-1, 1, (50, 4))
     chain = forward(robot.table, q * [1, 1, 1e3, 1], robot.is_revolute, robot.base_T_first)
     torques = GravityLoads(robot, chain, None).joint_torques
     for values, mine, torque in zip(q, chain.base_T_frame[:, -1], torques, strict=True):
         data.qpos[:] = values
-        mujoco.mj_forward(model, data)
+        mujoco().mj_forward(model, data)
         assert mine[:3, 3] == pytest.approx(1e3 * data.site("tcp").xpos, abs=1e-9)
         assert mine[:3, :3] == pytest.approx(data.site("tcp").xmat.reshape(3, 3), abs=1e-12)
         assert torque == pytest.approx(-data.qfrc_bias, abs=1e-9)
@@ -366,6 +366,7 @@ def test_a_mujoco_model_is_what_mujoco_makes_of_it(tmp_path: Path) -> None:
     assert [j.name for j in part.joints] == ["j3", "j4"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

@@ -18,6 +18,7 @@ from calib.screening.candidates import screen
 from calib.screening.nuisance import REPORTED_EVIDENCE, Nuisance
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 from calib.simulation.simulate import simulate_dataset
+from tests.support.sweeps import sweep
 
 
 def simulated(effects: Sequence[tuple[str, float]], *, robot: str = "rb5", seed: int = 2, off: bool = True) -> Dataset:
@@ -45,7 +46,10 @@ def left_with(dataset: Dataset, effect: str) -> ProjectedResidual:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "robot", "seed"),
-    [("joint_compliance", "rb5", 2), ("base_compliance", "rb5", 0), ("link_bending", "panda", 2)],
+    sweep(
+        [("joint_compliance", "rb5", 2), ("base_compliance", "rb5", 0), ("link_bending", "panda", 2)],
+        every_run=[("joint_compliance", "rb5", 2)],
+    ),
 )
 def test_the_errors_of_a_strong_first_effect_are_given_no_second_name(effect: str, robot: str, seed: int) -> None:
     found = diagnose(simulated([(effect, 20.0)], robot=robot, seed=seed))

@@ -20,6 +20,7 @@ def raster(step_mm: float, side_mm: float = 150.0) -> NDArray:
     return np.stack(np.meshgrid(steps, steps), axis=-1)
 
 
+@pytest.mark.slow
 def test_its_correlation_is_that_of_a_measured_sheet() -> None:
     """The estimate over 120 fields is good to 0.01 to 0.04."""
     rng = np.random.default_rng(0)
@@ -38,6 +39,7 @@ def test_its_correlation_is_that_of_a_measured_sheet() -> None:
         assert found[way_mm] / found[NEXT_MM] == pytest.approx(measured, abs=0.12)
 
 
+@pytest.mark.slow
 def test_it_has_variance_one_and_does_not_repeat_across_the_view() -> None:
     rng = np.random.default_rng(1)
     corners = np.array([[0.0, 0.0], [150.0, 0.0], [0.0, 150.0], [75.0, 75.0]])

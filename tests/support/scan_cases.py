@@ -1,4 +1,4 @@
-"""The cases that a corner finder meets: kind and unkind scenes of the ray caster in scan_scene.py, by name."""
+"""Kind and unkind scenes of the ray caster in scan_scene.py, by name, for tests of the corner finder."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Make = Callable[[np.random.Generator, int], SceneScan]
 
 @dataclass(frozen=True)
 class Case:
-    """One kind of scene: how it is made from a generator and a number of rays, and what the finder is told."""
+    """A kind of scene: how it is made from a generator and a number of rays, and what the finder is given."""
 
     make: Make
     jig: Jig = Jig()

@@ -60,6 +60,7 @@ def test_two_equal_jigs_are_both_found_and_share_their_names() -> None:
     assert max(nearest) < 0.05
 
 
+@pytest.mark.slow
 def test_a_sphere_beside_what_is_no_jig() -> None:
     scene = one_ball(np.random.default_rng(3), rays=12_000)
     search = found_in(scene.scan, DeclaredTarget("jig", Jig()), DeclaredTarget("b", Sphere(40.0)))

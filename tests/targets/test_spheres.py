@@ -70,6 +70,7 @@ def test_an_error_along_the_ray_biases_no_free_radius() -> None:
     assert abs(np.mean(depth)) < 4 / np.sqrt(12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("diameter_mm", [40.0, None])
 def test_no_sphere_is_found_where_there_is_none(diameter_mm: float | None) -> None:
     scene = one_ball(np.random.default_rng(5), rays=6_000, absent=True)
@@ -77,6 +78,7 @@ def test_no_sphere_is_found_where_there_is_none(diameter_mm: float | None) -> No
         find_spheres(scene.scan, wanted(diameter_mm))
 
 
+@pytest.mark.slow
 def test_a_sphere_of_another_size_is_told() -> None:
     scene = one_ball(np.random.default_rng(6), rays=RAYS, diameter_mm=40.0)
     with pytest.raises(TargetError, match=r"a sphere of 40.* mm is in view, diameter_mm is 38\.1"):
@@ -93,6 +95,7 @@ def test_several_spheres_are_found_each_once() -> None:
     assert max(nearest) < 0.05
 
 
+@pytest.mark.slow
 def test_inliers_are_points_of_the_ball_and_same_scan_same_centre() -> None:
     scene = one_ball(np.random.default_rng(8), rays=RAYS)
     holed = np.insert(scene.scan.points_mm, [0, 500, 500], np.nan, axis=0)

@@ -154,6 +154,7 @@ def test_a_table_of_hundreds_of_columns_is_not_told_whole(tmp_path: Path) -> Non
     assert len(said) < 600
 
 
+@pytest.mark.slow
 def test_a_million_columns_are_refused_and_a_spreadsheet_s_empty_ones_are_not(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     for text in (

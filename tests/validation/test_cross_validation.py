@@ -103,6 +103,7 @@ def test_a_split_keeps_points_with_their_poses_and_one_reference() -> None:
     assert split.poses.ids[split.poses.reference] == dataset.poses.ids[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("residual", ["position", "distance"])
 def test_held_out_poses_have_no_say_in_their_own_fold(residual: str) -> None:
     """Moving one measurement by 3 mm shows in its own held-out error in full; leaked, the fit would bend to it."""

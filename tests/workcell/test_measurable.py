@@ -31,12 +31,13 @@ from calib.workcell.measurable import (
 from calib.workcell.scan_field import JANG_FIELD
 from calib.workcell.workcell import Workcell
 from tests.support.checked_cells import ARMS, BOXES, in_mujoco, is_fine, looking_from
+from tests.support.sweeps import sweep
 
 ROBOTS = Path(__file__).parents[2] / "calib" / "robots"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", sweep(ARMS, every_run=["panda", "gantry"]))
 def test_an_independent_ray_caster_finds_no_hidden_face_and_no_collision(name: str) -> None:
     rng = np.random.default_rng(7)
     told = Surroundings(-400.0, BOXES)

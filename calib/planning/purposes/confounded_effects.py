@@ -11,6 +11,7 @@ from calib.errors import CalibError
 from calib.planning.discrimination import ENOUGH_POWER, Discrimination, choose, evaluated
 from calib.planning.effect_hypotheses import HypothesisPredictions, HypothesisSet, hypothesis_sets, predict
 from calib.planning.offered_poses import under_conditions
+from calib.planning.outcome import DiscriminationOutcome, SeparationReason
 from calib.planning.purpose import Situation
 from calib.planning.start import FromFit, Start
 from calib.workcell.pose_conditions import PAYLOAD_KG, conditions_for
@@ -53,38 +54,26 @@ class ForDiscrimination:
     def power(self, situation: Situation, chosen: IndexArray) -> float | None:
         return self._evaluated(situation, chosen).power
 
-    def why(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
-        apart_mm = self._evaluated(situation, chosen).separation_mm
-        return tuple(f"the rivals differ by {mm:.2g} mm here, refitted" for mm in apart_mm)
+    def reasons(self, situation: Situation, chosen: IndexArray) -> tuple[SeparationReason, ...]:
+        return tuple(SeparationReason(float(mm)) for mm in self._evaluated(situation, chosen).separation_mm)
 
-    def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
+    def outcome(self, situation: Situation, chosen: IndexArray) -> DiscriminationOutcome:
         found = self._evaluated(situation, chosen, look_on=True)
-        curve = ", ".join(f"{k}: {100 * p:.0f} %" for k, p in enumerate(found.power_by_count) if k)
-        names = " from ".join(found.hypotheses)
-        return (
-            f"to tell {names}; probability that they are, by the number of poses: {curve}",
-            *self._what_would_help(found),
-        )
-
-    def _what_would_help(self, found: Discrimination) -> list[str]:
-        """What would discriminate where these poses may not."""
-        out = [
-            f"{one} and {other} make the same of every pose of this kind: none tells them apart"
-            for one, other in found.equivalent
-        ]
         weak = found.power < ENOUGH_POWER
-        if weak and found.enough is not None:
-            out.append(f"{found.enough} poses of this kind would do in {100 * ENOUGH_POWER:.0f} % of such cases")
-        if weak and self._helped_by_payload and not self.payload_kg:
-            out.append(f"a known payload at some of the poses tells more (--payload-kg {PAYLOAD_KG:g} or above)")
-        if found.equivalent or (weak and found.enough is None):
-            confirm = {h.name: getattr(h.members[0], "confirm", "") for h in self.hypothesis_set.hypotheses}
-            out += [f"what shows {name} alone: {text}" for name, text in confirm.items() if text]
-        if self.hypothesis_set.untested:
-            names, would_help = ", ".join(self.hypothesis_set.untested), self.hypothesis_set.would_help
-            more = f"; {would_help}" if would_help else ""
-            out.append(f"no pose tells of {names}, which these data cannot test{more}")
-        return out
+        hopeless = bool(found.equivalent) or (weak and found.enough is None)
+        hypotheses = self.hypothesis_set.hypotheses
+        confirm = [(one.name, str(getattr(one.members[0], "confirm", ""))) for one in hypotheses if one.members]
+        return DiscriminationOutcome(
+            hypotheses=found.hypotheses,
+            power_by_count=found.power_by_count,
+            equivalent=found.equivalent,
+            enough=found.enough if weak else None,
+            enough_power=ENOUGH_POWER,
+            payload_kg=PAYLOAD_KG if weak and self._helped_by_payload and not self.payload_kg else None,
+            confirm=tuple((name, text) for name, text in confirm if text) if hopeless else (),
+            untested=self.hypothesis_set.untested,
+            would_help=self.hypothesis_set.would_help,
+        )
 
     def _predictions(self, candidates: Poses) -> HypothesisPredictions:
         if not self._kept or self._kept[0][0] is not candidates:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array
-from calib.display.brief import Brief
+from calib.brief import Brief
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.simulation.truth.effect import TrueEffect

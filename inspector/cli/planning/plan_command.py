@@ -10,7 +10,6 @@ from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.diagnosis.diagnose import diagnose
-from calib.documents.plan_document import plan_document
 from calib.effects.effect import Family
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
@@ -25,7 +24,6 @@ from calib.planning.purposes.watching import CHECK_POSES
 from calib.planning.scanner_place import scanner_at
 from calib.planning.start import FromFit, FromRobot
 from calib.planning.unknowns import DEFAULT_NOISE_MM
-from calib.planning.words import plan_text
 from calib.robot_formats.robot_file import named_robot
 from calib.workcell.known_cell import workcell_of_dataset, workcell_of_robot
 from calib.workcell.scan_field import JANG_FIELD
@@ -67,7 +65,7 @@ def run_plan(options: PlanOptions) -> int:
     )
     if options.out is not None:
         write_text_atomically(options.out, planned_file(options.out, plan))
-    show(options, plan_document(plan), plan_text(plan))
+    show(options, plan.to_dict(), plan.summary())
     return 0
 
 

@@ -60,7 +60,7 @@ def test_a_pose_that_is_approached_from_a_side_is_come_to_from_there(plan: Plan)
 
 
 def test_forms_that_do_not_fit_are_refused(plan: Plan) -> None:
-    with pytest.raises(CalibError, match=re.escape("poses.txt: a plan is written as .csv (poses.csv), .script")):
+    with pytest.raises(CalibError, match=re.escape("poses.txt: a plan is")):
         planned_file(Path("poses.txt"), plan)
-    with pytest.raises(CalibError, match="holds six turning joints, this arm has 7"):
+    with pytest.raises(CalibError, match="arm has 7"):
         planned_file(Path("poses.script"), planned("panda"))

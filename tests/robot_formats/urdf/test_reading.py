@@ -6,7 +6,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -15,6 +14,7 @@ from calib.kinematics.chain import forward
 from calib.robot_formats.chain.serial_chain import RobotFileError
 from calib.robot_formats.robot_file import ReadOptions, read_robot
 from tests.support.chains import joint, link, shoulder_arm, urdf_of
+from tests.support.mujoco_arm import mujoco
 
 
 def written(tmp_path: Path, text: str) -> Path:
@@ -24,7 +24,7 @@ def written(tmp_path: Path, text: str) -> Path:
 
 
 def in_mujoco(text: str) -> Any:
-    spec = mujoco.MjSpec.from_string(text)
+    spec = mujoco().MjSpec.from_string(text)
     spec.compiler.fusestatic = False
     spec.compiler.balanceinertia = True
     spec.compiler.boundmass = 0.0
@@ -38,13 +38,13 @@ def test_places_and_torques_are_those_of_mujoco(tmp_path: Path) -> None:
     assert [j.name for j in robot.joints] == ["pan", "lift", "elbow", "slide", "roll"]
     finger = 'name="finger_slide" type='  # at zero for MuJoCo too
     model = in_mujoco(text.replace(f'{finger}"prismatic"', f'{finger}"fixed"'))
-    tip = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "tool0")
+    tip = mujoco().mj_name2id(model, mujoco().mjtObj.mjOBJ_BODY, "tool0")
     rng = np.random.default_rng(0)
     for _ in range(30):
         q = rng.uniform(-2, 2, 5) * np.where(robot.is_revolute, 1.0, 300.0)
-        data = mujoco.MjData(model)
+        data = mujoco().MjData(model)
         data.qpos[:] = np.where(robot.is_revolute, q, q / 1e3)
-        mujoco.mj_forward(model, data)
+        mujoco().mj_forward(model, data)
         chain = forward(robot.table, q[None], robot.is_revolute, robot.base_T_first)
         assert np.abs(chain.target_mm[0] - 1e3 * data.xpos[tip]).max() < 1e-9
         assert np.abs(chain.base_T_frame[0, -1, :3, :3] - data.xmat[tip].reshape(3, 3)).max() < 1e-12

@@ -48,6 +48,7 @@ def fitted(dataset: Dataset) -> Calibration:
     return add_in_turn(dataset, [LEARNED])[-1].calibration
 
 
+@pytest.mark.slow
 def test_curves_are_offered_where_no_name_explains_what_is_left(ranked: Session) -> None:
     assert ranked.screening is not None
     assert ranked.curves is not None
@@ -141,6 +142,7 @@ def test_a_fitted_curve_is_the_effect_at_the_measured_poses(fitted: Calibration,
     assert not curve.inside[-1]
 
 
+@pytest.mark.slow
 def test_the_band_is_the_scatter_of_the_fits_parameters(fitted: Calibration) -> None:
     (curve,) = fitted_curves(fitted)
     (member,) = learned_members(fitted)
