@@ -290,7 +290,7 @@ def test_every_simple_reading_of_the_joints_changes_something(joints: int) -> No
     readings = simple_readings(np.ones(joints, dtype=bool))
     assert readings
     assert all(reading.edits for reading in readings)
-    assert all(of_reading(reading, column_names(ARMS["rb5"])[:joints]).mend for reading in readings)
+    assert all(of_reading(reading, column_names(ARMS["rb5"])[:joints]).remedy for reading in readings)
 
 
 @pytest.mark.parametrize("count", [5, 40])
