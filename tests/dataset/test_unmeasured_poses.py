@@ -15,6 +15,7 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.errors import DatasetError
 from calib.options import FitOptions
+from calib.present.checks import item_sentence
 from calib.validation.acceptance import check
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
@@ -69,7 +70,7 @@ def test_check_and_diagnosis_take_them_as_a_note(folder: Path) -> None:
     checked = check(dataset)
     (item,) = [item for item in checked.items if item.name == "dataset"]
     assert (item.passed, item.warning) == (None, False)
-    assert "no point for 2 of 40 poses" in item.description
+    assert "no point for 2 of 40 poses" in item_sentence(item)
     assert checked.passed
     assert diagnose(dataset).explanation.verdict is not None
 
