@@ -12,11 +12,11 @@ from itertools import count
 
 from calib.calibration.result import Calibration
 from calib.diagnosis.result import Diagnosis
-from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import redundancy
 from calib.planning.plan import Plan
 from calib.present.blocks import Block, Section
-from calib.views.fit_views import calibration_head, diagnosis_head, parameters, redundancy_head
+from calib.present.redundancy import redundancy_section
+from calib.views.fit_views import calibration_head, diagnosis_head, parameters
 from calib.views.later_views import plan_head, plan_sections
 from calib.views.view_page import FIGURES, view_html
 from inspector import figures
@@ -58,25 +58,13 @@ def _of_calibration(calibration: Calibration) -> str:
     analysis = redundancy(calibration.dataset, residual=calibration.residual)
     sections = [
         Section("Parameters", parameters(calibration)),
-        Section("Which parameters can be known", _redundant(analysis)),
+        redundancy_section(analysis),
         Section(
             "Convergence",
             [Figure(figures.convergence(calibration), "Error at each iteration.", height_px=280)],
         ),
     ]
     return _view(f"Calibration of {calibration.dataset.name}", [*calibration_head(calibration), drawn], sections)
-
-
-@html_with_figures.register
-def _of_redundancy(analysis: Redundancy) -> str:
-    """The matrix, and in words which parameters act alike."""
-    return _view("Which parameters can be known", _redundant(analysis))
-
-
-def _redundant(analysis: Redundancy) -> list[Block]:
-    caption = "Pearson's r between the columns of the nominal Jacobian; grey: no influence."
-    drawn = Figure(figures.redundancy_heatmap(analysis), caption, height_px=600, width_px=640)
-    return [*redundancy_head(analysis), drawn]
 
 
 @html_with_figures.register

@@ -22,7 +22,6 @@ DOCUMENTS: Mapping[str, str] = {  # class -> function that makes its document
     "calib.corners.batch.CornerBatch": "calib.documents.corner_documents:batch_document",
     "calib.diagnosis.result.Diagnosis": "calib.documents.diagnosis_documents:diagnosis_document",
     "calib.fleet.result.Fleet": "calib.documents.fleet_document:fleet_document",
-    "calib.identifiability.redundancy.Redundancy": "calib.documents.corner_documents:pearson_document",
     "calib.planning.plan.Plan": "calib.documents.plan_document:plan_document",
     "calib.validation.acceptance.Check": "calib.documents.check_document:check_document",
 }
@@ -31,7 +30,6 @@ VIEWS: Mapping[str, str] = {  # class -> function that makes its HTML, tables on
     "calib.corners.batch.CornerBatch": "calib.views.measured_views:corners_html",
     "calib.dataset.dataset.Dataset": "calib.views.measured_views:dataset_html",
     "calib.diagnosis.result.Diagnosis": "calib.views.fit_views:diagnosis_html",
-    "calib.identifiability.redundancy.Redundancy": "calib.views.fit_views:redundancy_html",
     "calib.planning.plan.Plan": "calib.views.later_views:plan_html",
 }
 TEXTS: Mapping[str, str] = {  # class -> function that makes its plain text, where that is above it

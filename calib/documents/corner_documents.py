@@ -1,4 +1,4 @@
-"""What `corners --json` and `redundancy --json` print. Nothing here computes."""
+"""What `corners --json` prints. Nothing here computes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from typing import Any
 
 from calib.corners.batch import CornerBatch
 from calib.corners.search import CornerSearch
-from calib.identifiability.redundancy import Redundancy
-from calib.identifiability.structural import FreeFrameRank
 from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import failed_searches, label_faces
 from calib.targets.assignment import Assignment, told_apart
@@ -80,30 +78,3 @@ def _targets_document(named: Assignment) -> dict[str, Any]:
 def batch_document(batch: CornerBatch) -> dict[str, Any]:
     """What `corners --json` prints, of the searches of a dataset's scans."""
     return corners_document(batch, label_faces(batch.dataset, batch), told_apart(batch.dataset, batch))
-
-
-def redundancy_document(redundancy: Redundancy, unknown: FreeFrameRank) -> dict[str, Any]:
-    """What `redundancy --json` prints; `unknown` is what is left where the scanner's place is unknown."""
-    return {
-        "residual": unknown.residual,
-        **pearson_document(redundancy),
-        "rank_unknown_frame": unknown.best[unknown.residual],
-        "rank_unknown_frame_here": unknown.here,
-    }
-
-
-def pearson_document(redundancy: Redundancy) -> dict[str, Any]:
-    """The keys of `redundancy --json` that are of the parameters alone."""
-    return {
-        "seen_by": redundancy.measured_by,
-        "parameters": redundancy.parameters,
-        "pearson": redundancy.pearson,
-        "no_influence": redundancy.no_influence,
-        "groups": redundancy.groups,
-        "mixed_groups": redundancy.mixed_groups,
-        "combinations": [{"parameters": relation} for relation in redundancy.combinations],
-        "rank": redundancy.rank,
-        "kept": redundancy.kept,
-        "independent": redundancy.independent,
-        "dropped": redundancy.dropped,
-    }

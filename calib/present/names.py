@@ -2,9 +2,31 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
+
+from calib.present.blocks import Span, joint
+from calib.present.numbers import parameter_label
+
 ROLES = {"reference": "reference", "train": "training", "test": "test"}
+_OF_JOINT = re.compile(r"(?:a|alpha|d|theta|beta)(\d+)")  # a parameter of the arm's table
 
 
 def role(name: str) -> str:
     """The role of a pose: "training" of "train"."""
     return ROLES.get(name, name)
+
+
+def parameter(name: str) -> Span:
+    """A parameter's short name; a parameter of a joint's row in the table refers to its joint."""
+    of_joint = _OF_JOINT.fullmatch(name)
+    return joint(int(of_joint[1]), parameter_label(name)) if of_joint else parameter_label(name)
+
+
+def parameters(found: Sequence[str], last: str = "") -> tuple[Span, ...]:
+    """Parameters' short names in a row: "a1, a2 and d3" with `last` "and", else "a1, a2, d3"."""
+    spans: list[Span] = []
+    for k, name in enumerate(found):
+        between = f" {last} " if last and k == len(found) - 1 else ", "
+        spans += [*([between] if k else []), parameter(name)]
+    return tuple(spans)

@@ -1,4 +1,4 @@
-"""What was found, as a notebook shows it without figures: a calibration, a diagnosis, which parameters can be known."""
+"""What was found, as a notebook shows it without figures: a calibration, a diagnosis."""
 
 from __future__ import annotations
 
@@ -10,11 +10,9 @@ from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.headline import headline_note, headline_of, noise_words
 from calib.diagnosis.words.phrases import capitalised, untestable_texts
 from calib.diagnosis.words.text import reason_texts
-from calib.identifiability.redundancy import Redundancy
 from calib.present.blocks import (
     Block,
     Bullets,
-    Facts,
     Headline,
     KeyFigures,
     Paragraph,
@@ -123,21 +121,6 @@ def diagnosis_head(diagnosis: Diagnosis) -> list[Block]:
         way(*(step.calibration for step in diagnosis.steps)),
         Verdict(words, VERDICT_COLOURS[diagnosis.verdict]),
     ]
-
-
-def redundancy_html(redundancy: Redundancy) -> str:
-    """Which parameters act alike, and how many can be known."""
-    return view_html("Which parameters can be known", redundancy_head(redundancy))
-
-
-def redundancy_head(redundancy: Redundancy) -> list[Block]:
-    """The counts, and a sentence for each group that acts together."""
-    rows: list[tuple[str, object]] = [
-        ("parameters", len(redundancy.parameters)),
-        ("independent (rank)", redundancy.rank),
-        ("carry all the information", ", ".join(redundancy.independent)),
-    ]
-    return [Facts(rows), Bullets(redundancy.relations())]
 
 
 def _digits(value: float) -> str:

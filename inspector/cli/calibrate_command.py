@@ -25,6 +25,8 @@ from calib.models.exported_robot_file import exported_robot_file, require_templa
 from calib.models.exported_table import ExportedTable, exported_table
 from calib.models.fitted_model import FittedModel
 from calib.models.model_file import model_text
+from calib.present.blocks import plain
+from calib.present.redundancy import tool_sentence
 from calib.screening.curves.effect_file import effect_file_text
 from calib.screening.curves.fitted_curves import curve_lines, without_curves
 from inspector.cli.dataset_commands import load, measured, show
@@ -144,7 +146,7 @@ def _calibration_text(steps: Sequence[FitStep], table: ExportedTable) -> str:
     parameters = as_printed(in_file_units(without_curves(result.to_frame())))
     lines = [parameters.to_string(index=False, float_format=lambda v: f"{v:.6g}"), *curve_lines(result)]
     lines += [_known(c) for c in identifiable_combinations(result)]
-    lines.append(tool_rows(result.dataset, residual=result.residual, model=result.model).words)
+    lines.append(plain(tool_sentence(tool_rows(result.dataset, residual=result.residual, model=result.model))))
     if len(steps) > 1:
         lines.append(f"link errors: {_errors(steps[0].calibration)}")
         lines += [f"{step.label}: {_errors(step.calibration)}" for step in steps[1:]]

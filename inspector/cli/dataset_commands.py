@@ -25,6 +25,9 @@ from calib.measurement.measured_points import (
     require_corners,
     with_corners,
 )
+from calib.present.blocks import Paragraph
+from calib.present.redundancy import free_frame_sentence, redundancy_blocks
+from calib.present.text import block_text
 from calib.strict_json import to_json
 from calib.targets.assignment import told_apart
 from calib.targets.batch import find_targets
@@ -103,7 +106,8 @@ def run_redundancy(options: RedundancyOptions) -> int:
         write_text_atomically(options.out, redundancy_csv(result))
     unknown = free_frame_rank(dataset, residual=options.residual)
     document = documents.redundancy_document(result, unknown) | {"left_out": dataset.left_out}
-    show(options, document, "\n".join([result.summary(), unknown.summary(), *without(dataset)]))
+    text = block_text(*redundancy_blocks(result), Paragraph(free_frame_sentence(unknown)))
+    show(options, document, "\n".join([text, *without(dataset)]))
     return 0
 
 

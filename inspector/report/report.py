@@ -23,6 +23,7 @@ from calib.present.blocks import (
     Table,
     Verdict,
 )
+from calib.present.redundancy import redundancy_section
 from inspector.figures.plots import error_history
 from inspector.markup.learn.effects import last_change
 from inspector.markup.model.fit import before_and_after
@@ -87,7 +88,7 @@ def finding_sections(report: Report) -> tuple[Section, ...]:
         Section("Where the model is off", residuals),
         *([Section("Learned curves of the joints", curves)] if curves else []),
         Section("Residual by pose", sections.by_pose(report)),
-        Section("Which parameters can be known", sections.redundancy(report)),
+        redundancy_section(report.redundancy),
         Section("Parameters", sections.parameters(report)),
     )
 

@@ -22,7 +22,7 @@ from calib.screening.curves.fitted_curves import fitted_curves, learned_members
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.residual_tests import InputTest
 from inspector.figures.curve_plots import height_px, joint_curves
-from inspector.figures.plots import correlation_heatmap, pose_residuals
+from inspector.figures.plots import pose_residuals
 from inspector.figures.residual_plots import SELECTED, residual_against
 from inspector.markup.learn.candidate import value_row
 from inspector.markup.learn.curves import BAND_NOTE, curve_rows, formulas
@@ -218,25 +218,6 @@ def by_pose(report: Report) -> list[Block]:
     ids, roles = frame["pose"].tolist(), frame["role"].tolist()
     drawn = pose_residuals(ids, roles, frame["error_mm"].to_numpy(), what="3D error after")
     return [Figure(drawn, "Predicted minus measured, length in mm, with everything above in the model.")]
-
-
-def redundancy(report: Report) -> list[Block]:
-    """Which parameters act alike, and how many can be known."""
-    analysis = report.redundancy
-    drawn = correlation_heatmap(analysis.parameters, analysis.pearson, no_influence=analysis.no_influence)
-    rows: list[tuple[str, object]] = [
-        ("parameters", len(analysis.parameters)),
-        ("independent (rank)", analysis.rank),
-        ("kept by pairs, as Park does", f"{len(analysis.kept)}: {', '.join(analysis.kept)}"),
-        ("carry all the information", ", ".join(analysis.independent)),
-    ]
-    caption = "Pearson's r between the columns of the nominal Jacobian; grey: no influence."
-    return [
-        Paragraph(f"Seen by {analysis.measured_by}."),
-        Facts(rows),
-        Bullets(analysis.relations()),
-        Figure(drawn, caption, height_px=660, width_px=700),
-    ]
 
 
 def parameters(report: Report) -> list[Block]:

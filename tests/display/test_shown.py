@@ -24,6 +24,7 @@ from calib.identifiability.structural import redundancy
 from calib.options import FitOptions
 from calib.planning.fitted_start import start_of_dataset
 from calib.planning.plan import Plan, plan_poses
+from calib.present.numbers import parameter_label
 from calib.strict_json import plain, to_json
 from calib.validation.acceptance import check
 from calib.validation.comparison import Comparison, compare
@@ -184,6 +185,7 @@ def test_views_escape_every_name(
 ) -> None:
     if not with_figures:  # as where the extra `page` is not installed
         monkeypatch.setattr("calib.display.shown.NEEDS", ("no_such_package",))
+        monkeypatch.setattr("calib.present.results._installed_draw", lambda: None)
     names = hostile(dataset)
     found = calib.diagnose(names)
     odd = CornerBatch(names, {HOSTILE: failed_search(HOSTILE, HOSTILE), **corners})
@@ -207,7 +209,7 @@ def test_views_tell_the_numbers_of_the_results(dataset: Dataset, found: Diagnosi
     of_diagnosis = safe(found._repr_html_()).text
     assert found.missing[0] in of_diagnosis
     for name in found.calibration.to_frame()["name"]:
-        assert name in of_diagnosis
+        assert parameter_label(name) in of_diagnosis
 
 
 def test_ipython_shows_the_summary_as_plain_text(

@@ -143,7 +143,7 @@ def test_compare_tab_has_each_versions_figures_and_draws_the_arm(page: Any, app:
 @pytest.mark.slow
 def test_redundancy_tab_has_the_heatmap_and_the_groups(page: Any) -> None:
     open_tab(page, "Redundancy")
-    says(page, "a6 and aTCP always act together (r = 1): keep a6")
+    says(page, "a6 and aTCP are indistinguishable: only a6 + aTCP can be known; keep a6.")
     image = page.locator(".js-plotly-plot .heatmaplayer image").last
     image.wait_for(timeout=MS)
     box = image.bounding_box()

@@ -81,7 +81,7 @@ def test_targets_by_name_are_calibrated_and_what_the_tool_row_tells_is_said(
     assert places["elbow.y"] == pytest.approx(50.2, abs=0.1)
     assert {"alphaTCP", "betaTCP"} <= set(found["tool"]["unseen"])
     assert main(["calibrate", str(cell / "cell")]) == 0
-    assert "\ntool: known in sums only: aTCP" in capsys.readouterr().out
+    assert "\nTool: known in sums only: aTCP" in capsys.readouterr().out
 
 
 def test_nothing_is_missing_where_only_links_are_off(cell: Path, capsys: pytest.CaptureFixture[str]) -> None:
