@@ -8,6 +8,7 @@ beside itself.
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
 
@@ -19,12 +20,11 @@ from inspector.app.controllers.dataset_controller import DatasetController
 from inspector.app.controllers.downloads import Downloads
 from inspector.app.controllers.imports import Imports
 from inspector.app.controllers.model_controller import ModelController
-from inspector.app.controllers.others.side_by_side_controller import SideBySideController
-from inspector.app.controllers.others.watch_controller import WatchController
 from inspector.app.controllers.plan_controller import PlanController
 from inspector.app.controllers.selection import Selection
+from inspector.app.controllers.side_by_side_controller import SideBySideController
 from inspector.app.controllers.stage import Stage
-from inspector.app.model_requests import ModelRequests
+from inspector.app.controllers.watch_controller import WatchController
 from inspector.app.page.dataset_list import has_scans, names_of
 from inspector.app.page.page_state import PageState
 from inspector.app.page.playback import Playback
@@ -32,18 +32,18 @@ from inspector.app.page.tabs import add_panels
 from inspector.panels.input_checks import whole_number
 from inspector.scene.scene_view import LAYERS
 from inspector.server.viser_server import InspectorServer, tell
-from inspector.server.worker import Worker
+from inspector.server.worker import LongWork, Worker
 from inspector.session.reopening import Opening
 from inspector.session.scan_cache import ScanCache
 from inspector.session.session_file import Shown
 from inspector.session.user_effects import UserEffects, Watch
-from inspector.session.view import SIDES, VIEW_OF_TAB, VIEWS
+from inspector.session.view import RESIDUALS, SIDES, VIEW_OF_TAB, VIEWS
 
 log = logging.getLogger(__name__)
 
 
-class App(ModelRequests):
-    """The page with its thread; `serving` makes one."""
+class App:
+    """The page and its worker thread; made by `serving`."""
 
     def __init__(
         self,
@@ -55,7 +55,8 @@ class App(ModelRequests):
         data: Path | None = None,
     ) -> None:
         """data: where datasets that pages import are written; None: pages import none."""
-        super().__init__()
+        self._asking = threading.Lock()
+        self._moves = 0  # changes of the model to go back (below 0) or forward
         self.server = server
         named = dict(zip(names_of(folders), folders, strict=True))
         self._folders = named
@@ -105,11 +106,11 @@ class App(ModelRequests):
         self.open(start)
 
     def _count_pages(self, _: viser.ClientHandle) -> None:
-        """Say it where several pages are open: one server shows the same in all of them."""
+        """Tell the user where several pages are open: one server shows the same in all of them."""
         self.worker.submit("pages", lambda: self.panels.review.show_pages(len(self.server.get_clients())))
 
     def close(self) -> None:
-        """End the work and the server."""
+        """End the work, the threads and the server."""
         self._watch.stop()
         self._playback.stop()
         self.imports.close()
@@ -122,7 +123,7 @@ class App(ModelRequests):
         self.server.stop()
 
     def _failed(self, key: Hashable, error: Exception) -> None:
-        """Tell the user of a job that failed: in every page now, and in the left panel for those who come later."""
+        """Report a failed job: as a notification in every open page, and in the left panel for pages opened later."""
         if isinstance(error, CalibError):
             text = str(error)
         else:
@@ -131,15 +132,15 @@ class App(ModelRequests):
         self.panels.review.show_problem(text)
         tell(self.server, "That did not work", text)
 
-    # ---- what widgets ask for ---------------------------------------------------------------------------------------
+    # ---- what widgets ask for: the page, the pose, the view ---------------------------------------------------------
 
     def open(self, name: str) -> None:
-        """Show another dataset."""
+        """Open another dataset of the list."""
         if name in self._folders:
             self.worker.submit("open", lambda: self.dataset.open(name))
 
     def _imported(self, folder: Path) -> None:
-        """List a dataset that was just written, and show it."""
+        """Add a dataset that was just written to the list, and open it."""
         name = folder.name if folder.name not in self._folders else str(folder)
         self._folders[name] = folder
         self.panels.review.list_datasets(tuple(self._folders))
@@ -161,7 +162,7 @@ class App(ModelRequests):
         self.show_plan()
 
     def _show_again(self, shown: Shown) -> None:
-        """What a saved session had on show."""
+        """Restore the selections of a saved session."""
         if shown.pose is not None:
             self.select_id(shown.pose)
         if shown.view is not None:
@@ -170,13 +171,13 @@ class App(ModelRequests):
             self.dark(shown.dark)
 
     def _recount(self, changed: frozenset[str]) -> None:
-        """Show which poses are left out, and the redundancy of the parameters at the others."""
+        """Redraw which poses are left out, and analyse redundancy at the others."""
         self.stage.draw_left_out(changed)
         if self.state.session.redundancy is None:
             self.dataset.analyse_as_chosen()
 
     def take(self, what: str, client: viser.ClientHandle) -> None:
-        """Make a file and send it to the page that asks."""
+        """Make a file and send it to the page that asked for it."""
         self.downloads.take(what, client)
 
     def select(self, pose: int) -> None:
@@ -190,16 +191,16 @@ class App(ModelRequests):
             self.select(view.session.dataset.poses.index(pose_id))
 
     def select_joint(self, number: int | None) -> None:
-        """Select a joint, counted from 1; the same again, or None, lets it go."""
+        """Select a joint by its number, counted from 1; the selected one again, or None, deselects."""
         self.worker.submit("joint", lambda: self.selection.joint(number))
 
     def show_step(self, number: int | None) -> None:
-        """Show the model as it was after a step: 0 is the nominal robot."""
+        """Show the model after a step, 0 for the nominal robot."""
         if number is not None:
             self.worker.submit("version", lambda: self.selection.step(number))
 
     def step(self, by: int) -> None:
-        """Go on to the next poses or back; each press counts."""
+        """Select a later pose, or an earlier one (below 0); presses add up."""
         self._want(lambda current: current + by)
 
     def at_time(self, seconds: float) -> None:
@@ -207,7 +208,7 @@ class App(ModelRequests):
         self._playback.at_time(seconds)
 
     def play(self, start: bool) -> None:
-        """Walk through the poses in the order of their time; or stop."""
+        """Play the poses in the order of their time, or stop."""
         if start:
             self._playback.play()
         else:
@@ -226,42 +227,42 @@ class App(ModelRequests):
         self.worker.submit("select", lambda: self.dataset.select(self._wanted))
 
     def show_view(self, name: str) -> None:
-        """Show the layers of a view and put the camera there."""
+        """Show the layers of a view and move the camera to it."""
         if name in VIEWS:
             self.worker.submit("view", lambda: self.stage.choose_view(name))
 
     def tabs(self, names: str) -> None:
-        """Show what belongs to the tabs that the user has opened, "Review/Learn/What is missing"."""
+        """Show the view that belongs to the opened tabs, given as "Review/Learn/What is missing"."""
         name = next((VIEW_OF_TAB[tab] for tab in reversed(names.split("/")) if tab in VIEW_OF_TAB), None)
         if name is not None:
             self.worker.submit("view", lambda: self.stage.follow(name))
 
     def keep_view(self, keep: bool) -> None:
-        """Whether the 3D view stays as it is when another tab is opened."""
+        """Choose whether the 3D view stays as it is when another tab is opened."""
         self.worker.submit("keep view", lambda: self.stage.keep_view(keep))
 
     def look_from(self, side: str) -> None:
-        """Look at what is on show from the front, the side, the top, or as at first."""
+        """Move the camera to the front, the side, the top, or back to where it was at first."""
         if side in SIDES:
             self.worker.submit("look", lambda: self.stage.look_from(side))
 
     def layer(self, name: str, visible: bool) -> None:
-        """Show or hide one layer."""
+        """Show or hide one layer of the 3D view."""
         if name in LAYERS:
             self.worker.submit(("layer", name), lambda: self.stage.layer(name, visible))
 
     def dark(self, dark: bool) -> None:
-        """Page and figures dark or light."""
+        """Draw page and figures dark or light."""
         self.worker.submit("dark", lambda: self.stage.dark(dark))
         self.beside()
         self.show_plan()
 
     def factor(self, factor: float) -> None:
-        """How much larger the uncertainty is drawn."""
+        """Set how many times enlarged uncertainty ellipsoids are drawn."""
         self.worker.submit("factor", lambda: self.stage.change(factor=factor))
 
     def arrows(self, factor: float | None) -> None:
-        """How much longer residuals are drawn; None: as suits what is drawn."""
+        """Set how many times enlarged residuals are drawn; None chooses the factor by their size."""
         self.worker.submit("arrows", lambda: self.stage.change_arrows(factor))
 
     def version(self, name: str) -> None:
@@ -269,7 +270,7 @@ class App(ModelRequests):
         self.worker.submit("version", lambda: self.selection.version(name))
 
     def prediction(self, name: str, shown: bool) -> None:
-        """Show or hide what a version of the model predicts."""
+        """Show or hide the points that a version of the model predicts."""
         self.worker.submit(("prediction", name), lambda: self.stage.comparison.show(name, shown))
 
     def colouring(self, by: str) -> None:
@@ -277,16 +278,117 @@ class App(ModelRequests):
         self.worker.submit("colouring", lambda: self.stage.comparison.colour_by(by))
 
     def grey_rejected(self, grey: bool) -> None:
-        """Grey for the plane groups that were not chosen, or each in its own colour."""
+        """Draw plane groups that were not chosen in grey, or each in its own colour."""
         self.worker.submit("grey", lambda: self.stage.change(grey_rejected=grey))
 
     def point_size(self, size_mm: float) -> None:
-        """Diameter of the points."""
+        """Set the diameter of the drawn points, mm."""
         self.worker.submit("point size", lambda: self.stage.scene.point_size(size_mm))
 
     def search(self, go_on: bool) -> None:
-        """Stop searching the scans, or go on."""
+        """Continue or stop the search of the scans."""
         if go_on:
             self.worker.submit("open", self.dataset.process)
         elif self.worker.cancel("open"):
             self.worker.submit("stopped", self.dataset.stopped)
+
+    # ---- what widgets ask for: fits, effects, plans, other datasets --------------------------------------------------
+
+    def failure(self) -> None:
+        """Plot the residual against the chosen input."""
+        self.worker.submit("failure", lambda: self.panels.residuals.update(self.state.now))
+
+    def beside(self) -> None:
+        """Show the chosen dataset or version beside the calibration on show, and the chosen later measurements."""
+        if self.state.view is not None:
+            self.worker.submit("beside", self.side_by_side.show)
+            self.watch()
+
+    def watch(self, forget: bool = False) -> None:
+        """Show what changed between the calibration on show and the chosen later datasets; `forget` clears the
+        choice.
+        """
+        if self.state.view is not None:
+            self.worker.submit("watch", lambda: self.watching.show(forget))
+
+    def plan(self) -> None:
+        """Plan poses as chosen in the tab Plan."""
+        if self.state.view is not None:
+            self.worker.submit("plan", self.planning.make)
+
+    def settle(self) -> None:
+        """Plan the poses that discriminate between the effects that the diagnosis left open."""
+        if self.state.view is not None:
+            self.worker.submit("plan", self.planning.settle)
+
+    def show_plan(self) -> None:
+        """Show the purposes that can be planned for, and the model's plan."""
+        if self.state.view is not None:
+            self.worker.submit("show plan", self.planning.show)
+
+    def select_planned(self, pose: int | None) -> None:
+        """Select a pose of the plan by its index."""
+        self.worker.submit("planned", lambda: self.planning.select(pose))
+
+    def take_plan(self, what: str, client: viser.ClientHandle) -> None:
+        """Send a file of the plan to the page that asked for it."""
+        self.worker.submit(("take plan", what, client.client_id), lambda: self.planning.take(what, client))
+
+    def redundancy(self, residual: str) -> None:
+        """Analyse the redundancy of the parameters for a kind of residual."""
+        if residual in RESIDUALS:
+            self.worker.submit("redundancy", lambda: self.dataset.analyse(residual))
+
+    def correlation(self) -> None:
+        """Show the chosen part of the correlation matrix."""
+        self.worker.submit("correlation", lambda: self.panels.redundancy.update(self.state.now))
+
+    def calibrate(self, residual: str) -> None:
+        """Fit the robot's parameters with a kind of residual."""
+        if residual in RESIDUALS:
+            self.worker.submit("calibrate", lambda: self.model.calibrate(residual))
+
+    def find(self, start: bool) -> None:
+        """Run the whole diagnosis, or stop it."""
+        if start:
+            self.worker.submit("find", lambda: self.model.find())
+        else:
+            self.worker.cancel("find")
+
+    def effects(self) -> None:
+        """Rank the effects again, with the user's own effects as their file has them now."""
+        if self.state.view is not None:
+            self.worker.submit("effects", lambda: self.model.rank())
+
+    def candidate(self) -> None:
+        """Show the details of the chosen candidate effect."""
+        self.worker.submit("candidate", lambda: self.model.compare())
+
+    def follow(self) -> None:
+        """Make the advised move."""
+        self.worker.submit("follow", lambda: self.model.follow())
+
+    def add_effect(self, name: str) -> None:
+        """Add an effect to the model; once it is in the model nothing happens."""
+        self.worker.submit(("add", name), lambda: self.model.add(name))
+
+    def remove_effect(self, name: str) -> None:
+        """Remove an effect from the model."""
+        self.worker.submit(("remove", name), lambda: self.model.remove(name))
+
+    def leave_out(self, pose_id: str, out: bool) -> None:
+        """Leave a pose out of all fits and tests, or use it again."""
+        view = self.state.view
+        if view is not None and pose_id in view.session.dataset.poses.ids:
+            self.worker.submit(("leave out", pose_id), lambda: self.model.leave_out(pose_id, out))
+
+    def move(self, by: int) -> None:
+        """Undo (below 0) or redo changes of the model; presses add up."""
+        with self._asking:
+            self._moves += by
+        self.worker.submit("move", self._move)
+
+    def _move(self) -> LongWork:
+        with self._asking:
+            by, self._moves = self._moves, 0
+        return self.model.move(by)

@@ -26,7 +26,7 @@ def serving(
     saved: Opening | None = None,
     data: Path | None = None,
 ) -> Iterator[App]:
-    """The app on a dataset folder or a folder of datasets, while inside.
+    """Context manager that serves the app on a dataset folder or a folder of datasets.
 
     `data`: a folder, made when it is needed, to which pages may import datasets; those in it are listed, too.
 
@@ -65,7 +65,7 @@ def serve(
     saved: Opening | None = None,
     data: Path | None = None,
 ) -> None:
-    """Serve until interrupted (Ctrl-C); says on stdout where the page is.
+    """Serve the app until it is interrupted (Ctrl-C); the page's address is printed on stdout.
 
     Raises: as `serving`.
     """

@@ -14,7 +14,7 @@ from inspector.markup.parts.palette import GOOD, HIGHLIGHT, MEASURE, rgb
 from inspector.scene import model_nodes
 from inspector.scene.arm_shape import arm_shape
 from inspector.scene.scene_view import SceneView, cloud, to_scene
-from inspector.session.plans.planned import Planned
+from inspector.session.planned import Planned
 from inspector.session.view import View
 
 PLAN = "plan"  # the layer

@@ -1,4 +1,6 @@
-"""Files that a page sent: put below a folder, and what can be chosen of them."""
+"""Files that a page has uploaded: storing them below a folder, and the robots and datasets that can be chosen from
+them.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +19,13 @@ _BUILT_IN = {f"{name} (built in)": name for name in BUILTIN_ROBOTS}
 
 
 def robots_of(files: UserFiles) -> dict[str, str]:
-    """The robots to choose from, by their words: what `Choice.robot` is."""
+    """Robot files that can be chosen, by the label that the page shows for each."""
     own = {str(path.relative_to(files.folder)): str(path) for path in files.robots}
     return own | _BUILT_IN
 
 
 def tips_or_none(robot: str | None) -> tuple[str, ...]:
-    """The links that an arm of a URDF may end at; () where there is no choice."""
+    """Links of a URDF at which the arm may end; () where the file leaves no choice."""
     try:
         return () if robot is None or robot in BUILTIN_ROBOTS else tips_of(Path(robot))
     except CalibError:  # it is told as a fault of the plan
@@ -31,7 +33,7 @@ def tips_or_none(robot: str | None) -> tuple[str, ...]:
 
 
 def dataset_faults(files: UserFiles) -> tuple[str, ...]:
-    """What keeps a ready dataset from being opened."""
+    """Reasons why an uploaded folder that looks like a dataset cannot be opened."""
     if len(files.datasets) > 1:
         return (f"These are {len(files.datasets)} datasets; drop one of them alone.",)
     try:
@@ -42,7 +44,9 @@ def dataset_faults(files: UserFiles) -> tuple[str, ...]:
 
 
 def add_file(path: Path, name: str, folder: Path, room_bytes: int) -> None:
-    """Put what came below the folder, a zip's files as far as there is room; a file of the same name gives way."""
+    """Store an uploaded file below the folder, unpacking a zip as far as there is room; a file of the same name is
+    replaced.
+    """
     folder.mkdir(exist_ok=True)
     if not name.lower().endswith(".zip"):
         os.replace(path, folder / name)

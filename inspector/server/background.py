@@ -1,4 +1,4 @@
-"""Work on other threads; the app's own thread goes on with what else is asked for meanwhile."""
+"""Threads for long work, so that the app's own thread can answer other requests meanwhile."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ TURN_S = 0.02  # how long one look at work in the background takes; the app's th
 
 
 class Background:
-    """Threads for work that takes seconds."""
+    """Pool of threads for work that takes seconds."""
 
     def __init__(self, name: str, threads: int = 1) -> None:
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix=f"inspector-{name}")
 
     def close(self) -> None:
-        """Drop what has not begun; wait for nothing."""
+        """Drop the work that has not begun, without waiting for the rest."""
         self._pool.shutdown(wait=False, cancel_futures=True)
 
     def submit(self, compute: Callable[[], T]) -> Future[T]:
-        """Begin as soon as a thread is free."""
+        """Start a computation as soon as a thread is free."""
         return self._pool.submit(compute)
 
     def run(
         self, compute: Callable[[], T], wanted: Callable[[], bool] = lambda: True
     ) -> Generator[None, None, T | None]:
-        """The result of `compute`, once it is there; None as soon as it is not `wanted` any more."""
+        """Long work that ends with the result of `compute`, or with None as soon as `wanted` is false."""
         future = self.submit(compute)
         try:
             return (yield from until_done(future, wanted))
@@ -36,7 +36,7 @@ class Background:
 
 
 def until_done(future: Future[T], wanted: Callable[[], bool]) -> Generator[None, None, T | None]:
-    """Long work (`worker.LongWork`) that waits for a result; None as soon as it is not `wanted` any more."""
+    """Long work (`worker.LongWork`) that waits for a future; it ends with None as soon as `wanted` is false."""
     while not future.done():
         wait([future], TURN_S)
         yield

@@ -1,4 +1,4 @@
-"""What is told of connections that go wrong: nothing of strangers who speak no HTTP, a line of everything else.
+"""Logging of failed connections: none for clients that speak no HTTP, one line each for all others, bounded in rate.
 
 A port scan opens connections and sends nothing, a TLS greeting or rubbish; websockets logs each with its traceback.
 """
@@ -35,7 +35,7 @@ class _InOneLine(logging.Filter):
 
 
 class _Bounded(logging.Filter):
-    """So many lines a minute of all that pages and strangers can cause, then one that says how many were left out."""
+    """Log filter that passes a limited number of lines a minute, then one line that counts the suppressed ones."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -63,7 +63,7 @@ _BOUND = _Bounded()
 
 
 def bounded_logger(name: str) -> logging.Logger:
-    """A logger for what comes from outside: at most `_MOST_LINES` a minute with all others of this kind."""
+    """Logger for events that clients can cause; all such loggers share `_MOST_LINES` lines a minute."""
     logger = logging.getLogger(name)
     if _BOUND not in logger.filters:
         logger.addFilter(_BOUND)
@@ -71,7 +71,7 @@ def bounded_logger(name: str) -> logging.Logger:
 
 
 def connection_logger() -> logging.Logger:
-    """The logger to give to websockets' `serve`."""
+    """Logger for websockets' `serve`."""
     name = "inspector.server.connections"
     logger = logging.getLogger(name)
     if not logger.filters:
@@ -80,7 +80,7 @@ def connection_logger() -> logging.Logger:
 
 
 class CrowdTold:
-    """A loop's exception handler: a crowd of connections, more than there may be files, is a line a minute.
+    """Exception handler of an event loop that logs "too many open connections" once a minute.
 
     asyncio tells of each that it cannot accept, with a traceback, a hundred at a time: megabytes in seconds. It tries
     again after a second by itself, and whoever is connected is served on.

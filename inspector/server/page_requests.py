@@ -1,4 +1,4 @@
-"""What the page's own script asks, beside viser's widgets: clicks on plots, rows of tables and words of sentences.
+"""Requests of the page's own script, beside viser's widgets: clicks on plots, table rows and words of sentences.
 
 Viser's plots and HTML send nothing to Python. The page is therefore served with a script of ours (`client/*.js`), and
 what it asks (`GET inspector/ask?name=pose&value=p37`) is answered here. Only this server's own page can ask: a request
@@ -38,17 +38,17 @@ Ask = Callable[[str], None]
 
 
 class PageRequests:
-    """The requests that the page's script may make, by name. An `Ask` only says what is to be done, and returns."""
+    """Registry of the requests that the page's script may make, by name; a handler returns at once."""
 
     def __init__(self) -> None:
         self._asks: dict[str, Ask] = {}
 
     def on(self, name: str, ask: Ask) -> None:
-        """Call `ask` with the value of each request of this name."""
+        """Register the handler of all requests with this name; it is called with the request's value."""
         self._asks[name] = ask
 
     def respond(self, target: str, headers: Headers, *, own_host: bool) -> Response | None:
-        """The answer to a GET of `target` (path and query); None where it is not for here.
+        """HTTP response to a GET of `target` (path and query); None where viser itself has to answer.
 
         own_host: whether the request was sent to a name of this machine.
         """
@@ -69,7 +69,7 @@ class PageRequests:
 
 
 def with_script(page: Response) -> Response:
-    """Viser's page with our script, style and title."""
+    """Viser's page with the inspector's script, style sheet and title added."""
     compressed = page.headers.get("Content-Encoding") == "gzip"
     body = _scripted(bytes(page.body), compressed)
     headers = _headers(page.headers["Content-Type"], body, compressed)
@@ -97,7 +97,7 @@ def _scripted(body: bytes, compressed: bool) -> bytes:
 
 @functools.cache
 def script() -> bytes:
-    """All of `client/*.js` in the order of their names, page.js first."""
+    """Concatenated text of all `client/*.js`, page.js first."""
     files = sorted(SCRIPTS.glob("*.js"), key=lambda file: (file.name != "page.js", file.name))
     return b"\n".join(file.read_bytes() for file in files)
 
@@ -109,7 +109,7 @@ def _answer(status: http.HTTPStatus, body: bytes, kind: str = "text/plain", aske
 
 
 def guarded(answer: Response) -> Response:
-    """An answer that no other page may show in a frame, guess the kind of, or be told the address of."""
+    """HTTP response with headers that forbid framing, content sniffing and referrers."""
     for name, value in _GUARDS.items():
         if name not in answer.headers:
             answer.headers[name] = value

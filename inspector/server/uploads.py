@@ -1,4 +1,4 @@
-"""Files that a page sends, let in by the one button that was made for them, within limits, and straight to a folder.
+"""File uploads of pages: accepted through one button only, within limits, and written straight to a folder.
 
 Viser keeps all parts in memory, of any number, from anyone, for any widget. Here a transfer has to come from the upload
 button, of a size that is told and held to, its parts whole and in order, one transfer a page at a time; what arrives is
@@ -34,7 +34,7 @@ _STALLED_S = 60.0  # without a part; another transfer may then take its place
 
 @dataclass(frozen=True)
 class UploadLimits:
-    """What pages may send."""
+    """Limits of what a page may upload."""
 
     page_bytes: int = 1_000_000_000  # of one page until it imports or gives up, as its files lie here: unpacked
     total_bytes: int = 2_000_000_000  # of all pages
@@ -45,7 +45,7 @@ class UploadLimits:
 
 @dataclass(frozen=True)
 class Upload:
-    """A file that came whole."""
+    """A file that was uploaded completely."""
 
     client: int
     name: str  # its last part, a plain file name
@@ -65,12 +65,12 @@ class _Transfer:
     last: float = field(default_factory=time.monotonic)
 
     def bytes_of(self, part: int) -> int:
-        """How long a part has to be."""
+        """Expected length of a part, bytes."""
         return PART_BYTES if part < self.parts - 1 else self.size - PART_BYTES * (self.parts - 1)
 
 
 class Uploads:
-    """The transfers of all pages. Its methods are called on the server's event loop, but for `release` and `close`."""
+    """The uploads of all pages. All methods but `release` and `close` are called on the server's event loop."""
 
     def __init__(
         self,
@@ -97,7 +97,7 @@ class Uploads:
     # ---- what pages send ----
 
     def start(self, client: int, message: _messages.FileTransferStartUpload) -> None:
-        """A page announces a file."""
+        """Handle a page's announcement of a file."""
         before = self._now.get(client)
         if before is not None and time.monotonic() - before.last < _STALLED_S:
             log.warning("client %s: refused a second transfer beside the first", client)
@@ -131,7 +131,7 @@ class Uploads:
             self._finish(client)
 
     def part(self, client: int, message: _messages.FileTransferPart) -> None:
-        """A page sends the next piece of its file."""
+        """Handle the next part of a page's file."""
         transfer = self._now.get(client)
         if transfer is None or message.transfer_uuid != transfer.uuid:
             return
@@ -165,7 +165,7 @@ class Uploads:
             self._finish(client)
 
     def leave(self, client: int) -> None:
-        """A page is gone."""
+        """Handle the end of a page's connection."""
         self._drop(client)
         self.release(client)
 
@@ -203,7 +203,7 @@ class Uploads:
             self._held[client] -= transfer.size
 
     def room_bytes(self, client: int) -> int:
-        """How much more may be written for a page, 0 at least. It looks through the folder: not for the event loop."""
+        """Bytes that may still be written for a page, at least 0. It walks the folder: not for the event loop."""
         limits, held = self.limits, sum(self._held.values())
         return max(
             0,
@@ -217,7 +217,9 @@ class Uploads:
 
     @contextmanager
     def writing(self, client: int) -> Iterator[int]:
-        """While a page's files are unpacked: how many bytes they may have. What is there then is what counts."""
+        """Context in which a page's files are unpacked; it yields their size limit in bytes and counts what is there
+        afterwards.
+        """
         try:
             yield self.room_bytes(client)
         finally:
@@ -229,7 +231,7 @@ class Uploads:
                 self.release(client)
 
     def refuse_copy(self, client: int) -> None:
-        """Raise CalibError where a dataset of a page's files, beside them and its draft, has no room."""
+        """Raise CalibError where there is no room for a dataset beside the page's files and its draft."""
         needed = 2 * self._held.get(client, 0)
         free = shutil.disk_usage(self._place()).free - self.limits.free_bytes
         if needed > min(free, self.limits.folder_bytes - size_bytes(self.folder)):
@@ -249,19 +251,19 @@ class Uploads:
         return self._staging
 
     def of(self, client: int) -> Path:
-        """The folder of a page's files."""
+        """Folder of a page's uploaded files."""
         place = self._place() / str(int(client))
         place.mkdir(exist_ok=True)
         return place
 
     def release(self, client: int) -> None:
-        """Remove what a page sent."""
+        """Remove the files that a page uploaded."""
         self._held.pop(client, None)
         if self._staging is not None:
             shutil.rmtree(self._staging / str(int(client)), ignore_errors=True)
 
     def close(self) -> None:
-        """Remove all that arrived and was not imported."""
+        """Remove all uploaded files that were not imported."""
         for client in list(self._now):
             self._drop(client)
         if self._staging is not None:
@@ -275,7 +277,7 @@ class Uploads:
 
 
 def clear_leftovers(folder: Path) -> None:
-    """Remove what programs that were killed left half arrived in a folder, but not what one that runs holds."""
+    """Remove partial uploads that killed programs left in a folder; those of running programs stay."""
     for staging in folder.glob(f"{_STAGING}*") if folder.is_dir() else ():
         if staging.is_symlink() or not staging.is_dir():
             continue
@@ -286,7 +288,9 @@ def clear_leftovers(folder: Path) -> None:
 
 
 def _locked(folder: Path) -> int | None:
-    """A handle that holds a folder until it is closed; None where another program holds it, or nothing can."""
+    """Handle that locks a folder until it is closed; None where another program holds the lock or locks do not
+    exist.
+    """
     try:
         import fcntl
     except ImportError:
@@ -303,7 +307,7 @@ def _locked(folder: Path) -> int | None:
 
 
 def size_bytes(folder: Path) -> int:
-    """What the files below a folder take on the disk; links are not followed."""
+    """Disk space of all files below a folder, bytes; links are not followed."""
     total = 0
     for place, _, names in os.walk(folder):
         for name in names:
@@ -315,7 +319,7 @@ def size_bytes(folder: Path) -> int:
 
 
 def take_uploads(server: viser.ViserServer, button: viser.GuiUploadButtonHandle, uploads: Uploads) -> None:
-    """Let files in by one button, as far as `uploads` takes them."""
+    """Accept files uploaded through one button, within the limits of `uploads`."""
     uploads.button = button._impl.uuid
     handlers = server.gui._websock_interface._incoming_handlers
     handlers[_messages.FileTransferStartUpload] = [uploads.start]  # type: ignore[list-item]
@@ -328,14 +332,16 @@ def take_uploads(server: viser.ViserServer, button: viser.GuiUploadButtonHandle,
 
 
 def answer(server: viser.ViserServer, client_id: int, message: _messages.Message) -> None:
-    """Send a message to one page, if it is still there."""
+    """Send a message to one page, if it is still connected."""
     client = server.get_clients().get(client_id)
     if client is not None:
         client._websock_connection.queue_message(message)
 
 
 def plain_name(name: str) -> str:
-    """A file's name without folders and without what a name should not hold; "file" where nothing is left."""
+    """File name without folders and without characters that file names should not have; "file" where nothing is
+    left.
+    """
     last = PurePosixPath(name.replace("\\", "/")).name
     kept = "".join(c if c.isprintable() and c not in ':*?"<>|' else "_" for c in last).strip(" .")
     stem, suffix = Path(kept).stem, Path(kept).suffix
@@ -343,7 +349,7 @@ def plain_name(name: str) -> str:
 
 
 def _is_sound(message: _messages.FileTransferStartUpload) -> bool:
-    """Whether an announcement has the types and the number of parts that a page sends."""
+    """Whether an upload's announcement has the field types and the number of parts that viser's page sends."""
     counts: tuple[object, ...] = (message.size_bytes, message.part_count)
     texts: tuple[object, ...] = (message.filename, message.transfer_uuid, message.source_component_uuid)
     return (

@@ -1,4 +1,4 @@
-"""Caches of what viser looks up again and again."""
+"""Caches for lookups that viser repeats for every request."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _type_hints = functools.cache(get_type_hints)
 
 @functools.cache
 def _opened(path: Path) -> contextlib.AbstractContextManager[zipfile.ZipFile]:
-    """A zip file that stays open."""
+    """Zip file that stays open between lookups."""
     return contextlib.nullcontext(zipfile.ZipFile(path))
 
 
 def cache_lookups() -> None:
-    """Cache in viser what takes it noticeable time.
+    """Add caches to the functions of viser that take noticeable time.
 
     It works out the types of a kind of node for every node (a sixth of a turn of the page), and reads the directory of
     its four thousand icons for every icon (more than half a second of the start).

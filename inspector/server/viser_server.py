@@ -1,4 +1,4 @@
-"""A viser server that only its own page can drive.
+"""A viser server that accepts connections and widget values from its own page only.
 
 Viser as it comes binds every interface, moves to the next port when the asked one is taken, accepts websocket
 connections that any web page in the user's browser opens, lets any client open a public share tunnel, and applies
@@ -43,11 +43,11 @@ TEXT_LIMIT = 1000  # characters that a text field may hold
 
 
 class ServerError(CalibError):
-    """The address cannot be served on."""
+    """Raised where an address cannot be served on."""
 
 
 def bind(host: str, port: int) -> socket.socket:
-    """The listening socket on exactly host:port; port 0 takes any free one.
+    """Listening socket on exactly host:port; port 0 takes any free port.
 
     Raises:
         ServerError: port out of range, taken or not permitted, or a host that is not this machine's.
@@ -74,7 +74,7 @@ def _host_name(netloc: str) -> str:
 
 
 def _is_own_name(name: str, bound_host: str) -> bool:
-    """Whether `name` can only mean this machine: never a public name that someone points at 127.0.0.1."""
+    """Whether a host name can only mean this machine: never a public name that may resolve to 127.0.0.1."""
     if name == "localhost" or name == bound_host.lower():
         return True
     try:
@@ -95,7 +95,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def origin_allowed(origin: str | None, host_header: str | None, *, bound_host: str) -> bool:
-    """Whether a request from the web page at `origin` is this server's own page, or no web page at all.
+    """Whether the web page at `origin` is this server's own page; True where no web page made the request.
 
     The page's host:port has to be the one that the request went to (so a forwarded port works), and that host has to
     be this machine's own name: a foreign name that resolves to 127.0.0.1 (DNS rebinding) is refused.
@@ -117,7 +117,7 @@ def origin_allowed(origin: str | None, host_header: str | None, *, bound_host: s
 
 
 def _value_fits(props: Any, current: object, value: object, is_button: bool) -> bool:
-    """Whether a widget with these props can have sent `value`."""
+    """Whether a widget with these properties can have sent `value`."""
     if getattr(props, "disabled", False) or not getattr(props, "visible", True):
         return False
     if isinstance(props, (_messages.GuiDropdownProps, _messages.GuiButtonGroupProps)):
@@ -137,7 +137,7 @@ def _value_fits(props: Any, current: object, value: object, is_button: bool) -> 
 
 
 def guard_gui(gui: viser.GuiApi) -> None:
-    """Let through only changes of `value` that the widget on the page could have made."""
+    """Reject widget messages except changes of `value` that the widget on the page could have made."""
     handlers = gui._websock_interface._incoming_handlers
     apply = gui._handle_gui_updates
 
@@ -180,7 +180,7 @@ ProcessRequest = Callable[[ServerConnection, Request], Response | None]
 
 @contextlib.contextmanager
 def _serving_on(listener: socket.socket, bound_host: str, requests: PageRequests) -> Iterator[None]:
-    """While inside, a viser server that starts listens on `listener`, refuses foreign origins and answers `requests`.
+    """Context in which a starting viser server uses `listener`, refuses foreign origins and answers `requests`.
 
     Viser opens its own port inside a function that cannot be reached from outside, so the module that it takes
     `serve` from is swapped in viser's own namespace (nobody else's) until the server is up.
@@ -248,12 +248,12 @@ def _serving_on(listener: socket.socket, bound_host: str, requests: PageRequests
 
 
 class InspectorServer(viser.ViserServer):
-    """A viser server that only its own page can drive; `start_server` makes one."""
+    """A viser server that accepts connections from its own page only; made by `start_server`."""
 
     requests: PageRequests  # what the page's own script may ask
 
     def request_share_url(self, verbose: bool = True) -> str | None:
-        """Refused: scans and robots stay on this machine."""
+        """Refuse viser's public tunnel: scans and robots stay on this machine."""
         del verbose
         raise ServerError("public share links are switched off; forward the port instead (ssh -L 8080:localhost:8080)")
 
@@ -263,7 +263,7 @@ class InspectorServer(viser.ViserServer):
 
 
 def start_server(host: str = LOOPBACK, port: int = 8080, *, label: str | None = None) -> InspectorServer:
-    """Serve on exactly host:port, for this server's own pages.
+    """Start a server on exactly host:port that accepts connections from its own pages only.
 
     Raises:
         ServerError: the address cannot be bound (`bind`).
@@ -283,7 +283,7 @@ def start_server(host: str = LOOPBACK, port: int = 8080, *, label: str | None = 
 
 
 def url_of(server: viser.ViserServer) -> str:
-    """The address to type into a browser on this machine."""
+    """Address of the page for a browser on this machine."""
     host = server.get_host()
     if host in ("0.0.0.0", "::", ""):
         host = "localhost"
@@ -291,6 +291,6 @@ def url_of(server: viser.ViserServer) -> str:
 
 
 def tell(server: viser.ViserServer, title: str, body: str) -> None:
-    """A notification in every open page (plain text, viser shows it unformatted)."""
+    """Show a notification in every open page, as plain text."""
     for client in server.get_clients().values():
         client.add_notification(title, body, color="red", auto_close_seconds=15.0)

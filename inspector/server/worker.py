@@ -1,4 +1,4 @@
-"""One thread that does all the work of the app, in order.
+"""The app's single worker thread, which does all work in order.
 
 Viser calls back on 32 threads at once: twenty slider messages arrive shuffled and one button runs beside itself. So a
 callback only says what is to be done (`Worker.submit`), and one thread does it: in the order of asking, with the latest
@@ -24,14 +24,14 @@ T = TypeVar("T")
 
 
 class WorkEnded(Exception):
-    """Work that tried to end its thread, as by sys.exit()."""
+    """Raised where work tried to end its thread, as by sys.exit()."""
 
     def __init__(self, cause: BaseException) -> None:
         super().__init__(f"the work ended with {type(cause).__name__}: {cause}".rstrip(": "))
 
 
 class Worker:
-    """Runs jobs on one thread; `on_error(key, exception)` is called for every job that fails, on that same thread."""
+    """Runs jobs on one thread; `on_error(key, exception)` is called on that thread for every job that fails."""
 
     def __init__(self, on_error: Callable[[Hashable, Exception], None]) -> None:
         self._on_error = on_error
@@ -49,7 +49,7 @@ class Worker:
         return thread
 
     def submit(self, key: Hashable, job: Job) -> None:
-        """Do `job` soon. A waiting or long-running job with the same key gives way to this one.
+        """Queue a job. A waiting or long-running job with the same key is dropped.
 
         A replaced job's place in the queue is lost: the new one is done when its own turn comes. After `stop` nothing
         is accepted, silently, because pages may still be sending.
@@ -67,7 +67,7 @@ class Worker:
             self._changed.notify_all()
 
     def cancel(self, key: Hashable) -> bool:
-        """Forget the waiting job and end the long work with this key; whether there was any."""
+        """Drop the waiting job and end the long work with this key; True where there was any."""
         with self._changed:
             waiting = self._waiting.pop(key, None) is not None
             running = any(k == key for k, _ in self._long)
@@ -77,17 +77,17 @@ class Worker:
             return waiting or running
 
     def running(self, key: Hashable) -> bool:
-        """Whether a job with this key waits or long work with it goes on."""
+        """Whether a job with this key is waiting, or long work with it is running."""
         with self._changed:
             return key in self._waiting or any(k == key and k not in self._dropped for k, _ in self._long)
 
     def wait_idle(self, timeout_s: float) -> bool:
-        """Block until nothing waits or runs; False if that took longer than the timeout."""
+        """Block until no job waits or runs; False where the timeout passed first."""
         with self._changed:
             return self._changed.wait_for(lambda: not (self._waiting or self._long or self._busy), timeout_s)
 
     def stop(self, timeout_s: float = 5.0) -> bool:
-        """Finish the step at hand, drop everything else, end the thread; whether it ended in time."""
+        """Finish the current step, drop all other jobs and end the thread; True where it ended within the timeout."""
         with self._changed:
             self._stopping = True
             self._waiting.clear()

@@ -1,1 +1,1 @@
-"""What is known of a dataset and what is on show, and the session file. No viser."""
+"""State of the page without viser: the session of a dataset, the view on it, undo, and the session file."""

@@ -1,4 +1,4 @@
-"""The four steps of the work, and how far a session has come in them: measure, fit, find, take away."""
+"""The four steps of the work (measure, fit, find, take away), and how far a session has come in them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ STEPS = (MEASURE, FIT, FIND, TAKE)
 
 @dataclass(frozen=True)
 class Doing:
-    """What the program is at, beside what the session knows."""
+    """What the program is working on, as far as the session itself does not tell."""
 
     searching: bool = False  # scan after scan
     finding: bool = False  # the whole diagnosis
@@ -25,14 +25,14 @@ IDLE = Doing()
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a session has come."""
+    """The steps that a session has done, and the next one."""
 
     done: frozenset[str]  # of STEPS
     next: str  # of STEPS: what is being done, or what leads on
 
     @classmethod
     def of(cls, session: Session, doing: Doing = IDLE) -> Progress:
-        """The step after those that are done; what is done is done for the model on show."""
+        """The progress of a session, counted for the model on show."""
         done = []
         if not session.needed:
             done.append(MEASURE)

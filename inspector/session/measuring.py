@@ -1,4 +1,4 @@
-"""Functions from a session to the next while it is measured: a scan searched, faces labelled, parameters compared."""
+"""Changes of a session while it is measured: search a scan, label the jig's faces, analyse redundancy."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from inspector.session.session import Session, untested
 
 
 def open_session(folder: Path) -> Session:
-    """A session on a dataset folder. Raises DatasetError."""
+    """New session on a dataset folder. Raises DatasetError."""
     return Session(load_dataset(folder))
 
 
 def with_search(session: Session, pose: int) -> Session:
-    """Search the scan of one pose for its corner."""
+    """Session after searching one pose's scan for its corner."""
     path = session.dataset.scan_path(pose)
     if path is None:
         raise DatasetError(f"dataset {session.dataset.name}: it has no scans to search")
@@ -43,7 +43,7 @@ def with_search(session: Session, pose: int) -> Session:
 
 
 def with_face_labels(session: Session) -> Session:
-    """Label the jig's faces in the corners found so far, where that is not done yet; points.csv needs no labels.
+    """Session with the jig's faces labelled in the corners found so far; unchanged where points.csv gives the points.
 
     Raises CornerError for face angles that no jig can have.
     """
@@ -51,12 +51,14 @@ def with_face_labels(session: Session) -> Session:
 
 
 def find_face_labels(session: Session) -> FaceLabels:
-    """Which face of the jig is which in the corners found so far. Raises as `with_face_labels`."""
+    """Labels that tell which face of the jig is which in the corners found so far. Raises as `with_face_labels`."""
     return label_faces(session.dataset, session.searches)
 
 
 def no_full_poses(session: Session) -> str:
-    """Why full poses cannot be fitted to what is known so far, in a sentence that says what would help; else ""."""
+    """Why full poses cannot be fitted to the session's data, in a sentence that says what would help; "" where they
+    can.
+    """
     measured = session.measured_for("pose")
     try:
         require_orientations(measured, Observations.of(measured))
@@ -66,7 +68,9 @@ def no_full_poses(session: Session) -> str:
 
 
 def measured_kinds(session: Session) -> tuple[str, ...]:
-    """The residuals that these data could have: full poses only of a jig that is scanned, or with orientations."""
+    """Residuals that the session's data allow: full poses need a scanned jig with faces, or orientations in
+    points.csv.
+    """
     points = session.dataset.points
     scanned = points is None and session.dataset.shows_faces
     full = scanned or (points is not None and points.orientations is not None and bool(points.orientations.known.any()))
@@ -74,5 +78,5 @@ def measured_kinds(session: Session) -> tuple[str, ...]:
 
 
 def with_redundancy(session: Session, residual: str = "position") -> Session:
-    """Find which parameters act alike at the dataset's poses."""
+    """Session with the redundancy analysis of the parameters at the dataset's poses."""
     return replace(session, redundancy=redundancy(session.counted, residual=residual))

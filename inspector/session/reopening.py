@@ -1,4 +1,4 @@
-"""Opens a saved session again: finds its dataset, does its fits once more, and tells what is not as it was."""
+"""Reopening of a saved session: find its dataset, repeat its fits, and report what differs from the saved figures."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ SAME = 1e-6  # share by which a figure may differ and still be the same
 
 
 def dataset_of(saved: Saved, root: Path) -> Path:
-    """The session's dataset, at or below `root`: where the file says, else the one with the same dataset.toml.
+    """Folder of a saved session's dataset, at or below `root`: where the file says, else the one with the same
+    dataset.toml.
 
     Raises SessionFileError where there is none. Nothing outside `root` is looked at.
     """
@@ -52,14 +53,14 @@ def dataset_of(saved: Saved, root: Path) -> Path:
 
 @dataclass(frozen=True)
 class Opening:
-    """A saved session with the dataset folder that it belongs to."""
+    """A saved session and the dataset folder that it belongs to."""
 
     session: Saved
     folder: Path
 
 
 def opening(saved: Saved, root: Path, effects_file: Path | None = None) -> tuple[Opening, tuple[str, ...]]:
-    """The session with its dataset at or below `root`, checked as far as that can be before its scans are searched.
+    """Saved session with its dataset at or below `root`, checked as far as possible before the scans are searched.
 
     Returns what is not as it was, too. Raises CalibError.
     """
@@ -83,7 +84,8 @@ def _changed_files(saved: Saved, dataset: Dataset) -> tuple[str, ...]:
 
 
 def reopened(session: Session, saved: Saved) -> tuple[Session, tuple[str, ...]]:
-    """The fits of the saved session once more, on what is measured now, and what is not as it was, a line each.
+    """Session with the saved fits repeated on the present measurements, and a line for each difference to the saved
+    figures.
 
     Raises SessionFileError where an effect or a pose of it is unknown here.
     """
@@ -103,7 +105,7 @@ def reopened(session: Session, saved: Saved) -> tuple[Session, tuple[str, ...]]:
 
 
 def replayed(session: Session, history: Sequence[SavedStep]) -> Session:
-    """The fits of a saved model once more, on what is measured now; its figures are not read.
+    """Steps of a saved model fitted again to the present measurements; the saved figures are not read.
 
     Steps that the session has already, from the first on, are taken over as they are.
 
@@ -125,7 +127,7 @@ def replayed(session: Session, history: Sequence[SavedStep]) -> Session:
 
 
 def _in_common(session: Session, history: Sequence[SavedStep]) -> Iterator[FitStep]:
-    """The session's own steps as far as a saved model has the same."""
+    """Steps of the session that a saved model shares with it."""
     for step, ours, saved in zip(session.steps, saved_history(session)[1:], history[1:], strict=False):
         if ours != msgspec.structs.replace(saved, **dict(zip(FIGURES, ours.figures, strict=True))):
             return
@@ -133,14 +135,14 @@ def _in_common(session: Session, history: Sequence[SavedStep]) -> Iterator[FitSt
 
 
 def _to_leave_out(session: Session, step: SavedStep) -> tuple[str, ...]:
-    """Ids of poses that a step did without as asked; a dataset may have been loaded without some."""
+    """Ids of poses that a saved step left out on request and that the dataset has."""
     return tuple(pose_id for pose_id in step.asked_out if pose_id not in session.dataset.left_out)
 
 
 def _selections(
     history: Sequence[SavedStep], dataset: Dataset, own: Sequence[Family]
 ) -> list[tuple[SelectedEffect, ...]]:
-    """The effects of each step. Raises CalibError for an effect or a pose that the dataset does not have."""
+    """Effects of each saved step. Raises CalibError for an effect or a pose that the dataset does not have."""
     out = []
     for step in history:
         out.append(tuple(recalled(dataset, effect.name, effect.sizes, own) for effect in step.effects))
@@ -150,7 +152,7 @@ def _selections(
 
 
 def _differences(saved: Saved, history: Sequence[StepErrors]) -> list[str]:
-    """What came out otherwise than was saved."""
+    """One line for each figure of the repeated fits that differs from the saved one."""
     before, now = [s.label for s in saved.history], [s.label for s in history]
     if before != now:
         return [f"The steps are now {', '.join(now)}; saved were {', '.join(before)}."]

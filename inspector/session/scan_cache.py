@@ -1,4 +1,4 @@
-"""The scans of the dataset on show: one is kept in full, of the others only where they lie."""
+"""Cache of the scans of the dataset on show: one scan in full, of the others only their position."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from calib.scans.scan import Scan, load_scan
 
 
 class ScanCache:
-    """Loads scans, each once as long as it is the selected one."""
+    """Loads scans; the selected one is kept in memory."""
 
     def __init__(self) -> None:
         self._dataset: Dataset | None = None
@@ -19,11 +19,11 @@ class ScanCache:
         self.medians: dict[int, Array] = {}
 
     def open(self, dataset: Dataset) -> None:
-        """Another dataset: nothing of it is loaded yet."""
+        """Forget the scans of the dataset before."""
         self._dataset, self._kept, self.medians = dataset, None, {}
 
     def load(self, pose: int, *, keep: bool) -> Scan | None:
-        """A pose's scan; None where there is none. Raises ScanError."""
+        """Scan of a pose; None where there is none. Raises ScanError."""
         if self._kept is not None and self._kept[0] == pose:
             return self._kept[1]
         path = None if self._dataset is None else self._dataset.scan_path(pose)
@@ -35,12 +35,12 @@ class ScanCache:
         return scan
 
     def worked_on(self, pose: int, scan: Scan | None) -> None:
-        """Remember where a scan lies, or that it cannot be read."""
+        """Remember a scan's position, or that the scan cannot be read."""
         empty = scan is None or not len(scan.points_mm)
         self.medians[pose] = np.full(3, np.nan) if empty else np.median(scan.points_mm, axis=0)  # type: ignore[union-attr]
 
     def next(self, first: int, tried: set[int]) -> int | None:
-        """The next scan to work on: that of pose `first`, then on from there."""
+        """Next scan to search: that of pose `first` or the first one after it."""
         if self._dataset is None:
             return None
         for k in range(len(self._dataset.poses)):

@@ -1,4 +1,4 @@
-"""A session: one dataset and what was made of it; frozen."""
+"""A session: one dataset and all results obtained from it, as a frozen value."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from calib.screening.rivals.pose_recommendation import DiscriminatingPose
 
 @dataclass(frozen=True)
 class StepErrors:
-    """How far a model is from the measurements."""
+    """Errors of one model of the session's history."""
 
     label: str  # what was changed: "nominal", "link errors", "+ backlash"
     train_rmse_mm: float  # 3D
@@ -40,7 +40,7 @@ class StepErrors:
 
 @dataclass(frozen=True)
 class Separation:
-    """Where to measure to tell a candidate of the screening from the one most like it."""
+    """Poses at which a candidate effect and the one most like it predict most different points."""
 
     rival: str
     poses: tuple[DiscriminatingPose, ...]
@@ -48,7 +48,7 @@ class Separation:
 
 @dataclass(frozen=True)
 class Session:
-    """What is known so far. A new corner makes an old calibration stale, so it is dropped with it."""
+    """All results known for one dataset. A new corner drops the calibration, which is then out of date."""
 
     dataset: Dataset
     searches: Mapping[str, CornerSearch] = field(default_factory=dict)  # by pose id
@@ -71,50 +71,50 @@ class Session:
 
     @property
     def counted(self) -> Dataset:
-        """The dataset without what was measured at poses that are left out as asked."""
+        """Dataset without the points of poses that are left out on request."""
         return self.dataset.leave_out(self.left_out) if self.left_out else self.dataset
 
     @property
     def asked_out(self) -> tuple[str, ...]:
-        """Ids of all poses that are left out as asked, here or when the dataset was loaded."""
+        """Ids of all poses that are left out on request, in the session or when the dataset was loaded."""
         return tuple(dict.fromkeys((*self.dataset.left_out, *self.left_out)))
 
     @property
     def uncounted(self) -> frozenset[str]:
-        """Ids of poses that count for nothing: as asked, or because the search found that they stand out."""
+        """Ids of poses that no fit or test uses: left out on request, or found to be outliers."""
         found = self.calibration.fitted_dataset.left_out if self.calibration is not None else ()
         return frozenset((*self.asked_out, *found))
 
     @property
     def history(self) -> tuple[StepErrors, ...]:
-        """The errors of the nominal robot, then those after each step; () before the first fit."""
+        """Errors of the nominal robot, then of the model after each step; () before the first fit."""
         return (_nominal(self.steps[0].calibration), *map(_errors_after, self.steps)) if self.steps else ()
 
     @property
     def headline(self) -> Headline | None:
-        """The errors on the way to the model on show, and what noise alone leaves; None before the first fit."""
+        """Errors from the nominal arm to the model on show, and the noise; None before the first fit."""
         return headline_of([step.calibration for step in self.steps]) if self.steps else None
 
     @property
     def curves(self) -> LearnedCurves | None:
-        """Curves of the joints that may be added, where no named effect explains what is left."""
+        """Learned curves of joints that may be added where no effect of the catalogue explains the residual."""
         move = self.advice.move if self.advice is not None else None
         return move.curves if isinstance(move, AddCurves) else None
 
     @property
     def links_alone(self) -> Calibration | None:
-        """The fit of the link errors alone, where the versions side by side or the first step have it."""
+        """Fit of the link errors alone, taken from the model's versions or from the first step."""
         of_versions = next((v.calibration for v in self.versions if v.name == LINKS), None)
         first = self.steps[0].calibration if self.steps else None
         return of_versions or (None if first is None or first.model.added_effects else first)
 
     @property
     def measured(self) -> Dataset:
-        """The dataset with its points as the fit takes them: those of points.csv, else the corners found so far."""
+        """Dataset with the points that a fit takes: those of points.csv, else the corners found so far."""
         return self.measured_for(self.calibration.residual if self.calibration is not None else "position")
 
     def measured_for(self, residual: str) -> Dataset:
-        """The same as a fit of this residual needs them: full poses only where those are to be fitted."""
+        """Dataset with points as a fit of this residual needs them; orientations only for full poses."""
         counted = self.counted
         if counted.points is not None:
             return counted
@@ -123,29 +123,29 @@ class Session:
 
     @property
     def unlabelled(self) -> bool:
-        """Whether full poses would have to wait until the jig's faces are named in the corners found so far."""
+        """Whether a fit of full poses has to wait until the jig's faces are labelled in the corners found so far."""
         return self.dataset.points is None and self.face_labels is None and self.dataset.shows_faces
 
     @property
     def waiting(self) -> tuple[int, ...]:
-        """Poses whose scan was not searched yet."""
+        """Poses whose scan has not been searched yet."""
         if self.dataset.scan_folder is None:
             return ()
         return tuple(i for i, pose_id in enumerate(self.dataset.poses.ids) if pose_id not in self.searches)
 
     @property
     def needed(self) -> tuple[int, ...]:
-        """Poses whose corner has to come from their scan; where points.csv has them, scans are only looked at."""
+        """Poses whose point has to come from their scan, and whose scan has not been searched yet."""
         return self.waiting if self.dataset.points is None else ()
 
     @property
     def scans(self) -> int:
-        """How many poses have a scan."""
+        """Number of poses that have a scan."""
         return 0 if self.dataset.scan_folder is None else len(self.dataset.poses)
 
 
 def asked_out(step: FitStep) -> tuple[str, ...]:
-    """Ids of poses that a step's fit did without as asked; not those that the search found to stand out."""
+    """Ids of poses that a step's fit left out on request, without those that the search found to be outliers."""
     dataset = step.calibration.dataset
     found = np.flatnonzero(of_stands(dataset, step.left_out)) if step.left_out else ()
     stand_out = {dataset.poses.ids[i] for i in found}
@@ -168,6 +168,6 @@ def _errors(result: Calibration, *, before: bool = False) -> tuple[float, float]
 
 
 def untested(session: Session) -> Session:
-    """A new fit, of which nothing more is known yet."""
+    """History step of a new fit whose residual is not tested yet."""
     unknown = replace(session, screening=None, pose_errors=None, residual_tests=None, advice=None)
     return replace(unknown, diagnosis=None, searched=False, separations={}, versions=())

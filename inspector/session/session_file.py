@@ -1,4 +1,4 @@
-"""A session as a file: which dataset, what was added to the model step by step, and what was on show. JSON, version 1.
+"""Session files: the dataset, the model's steps with their figures, undo, and what was on show. JSON, version 1.
 
 No figure in it is believed: the fits are done again from the dataset, and where its files or the figures are not those
 of before, that is said. It names a dataset by folder and content; only one at or below the folder that the user serves
@@ -46,11 +46,11 @@ Places = Annotated[tuple[int, ...], Meta(max_length=LIST_LIMIT)]  # of steps in 
 
 
 class SessionFileError(CalibError):
-    """A session file cannot be used."""
+    """Raised where a session file cannot be used."""
 
 
 class Shown(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What was on the page; None: nothing is known of it."""
+    """Selections on the page when the session was saved; None where one is not known."""
 
     pose: Text | None = None  # id
     view: Text | None = msgspec.field(default=None, name="look")  # its name
@@ -63,14 +63,14 @@ NOTHING_SHOWN = Shown()
 
 
 class SavedEffect(msgspec.Struct, frozen=True):
-    """An effect of a model."""
+    """One effect of a saved model, with its members and prior sigmas."""
 
     name: Text
     sizes: dict[str, Any]  # prior sigma by full parameter name; checked one by one
 
 
 class SavedStep(msgspec.Struct, frozen=True):
-    """One state of the model: what was fitted, and the figures that it had."""
+    """One step of a saved model: what was fitted, and its errors."""
 
     label: Text
     residual: Text  # of RESIDUAL_KINDS
@@ -84,18 +84,18 @@ class SavedStep(msgspec.Struct, frozen=True):
 
     @property
     def figures(self) -> tuple[float | None, float | None, float | None]:
-        """Training and test RMSE, residual sigma; mm."""
+        """Training RMSE, test RMSE and residual sigma, mm."""
         return self.train_rmse_mm, self.test_rmse_mm, self.sigma_mm
 
 
 class SavedModel(msgspec.Struct, frozen=True):
-    """A model that can be gone back to: the steps that led to it, the nominal robot first."""
+    """A model that undo or redo leads to: its steps, the nominal robot first."""
 
     history: tuple[SavedStep, ...]
 
 
 class SavedUndo(msgspec.Struct, frozen=True):
-    """The models that undo and redo lead to, each by the places of its steps in one list; the last is the next."""
+    """Models of undo and redo, each as indices into one list of steps; the last of a list comes next."""
 
     steps: Annotated[tuple[SavedStep, ...], Meta(max_length=LIST_LIMIT)] = ()
     past: Annotated[tuple[Places, ...], Meta(max_length=LIST_LIMIT)] = ()
@@ -103,7 +103,7 @@ class SavedUndo(msgspec.Struct, frozen=True):
 
 
 class SavedDataset(msgspec.Struct, frozen=True):
-    """Which dataset it was."""
+    """Name, folder and fingerprint of the session's dataset."""
 
     name: Text
     folder: Text  # relative to the session file
@@ -111,7 +111,7 @@ class SavedDataset(msgspec.Struct, frozen=True):
 
 
 class _Document(msgspec.Struct, frozen=True):
-    """The whole file, beside its format and version."""
+    """All keys of the file but its format and version."""
 
     dataset: SavedDataset
     history: Annotated[tuple[SavedStep, ...], Meta(max_length=LIST_LIMIT)]
@@ -123,7 +123,7 @@ class _Document(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class Saved:
-    """A session file, read and checked for what can be checked without its dataset."""
+    """A session file that was read and checked as far as possible without its dataset."""
 
     path: Path
     folder: str
@@ -148,7 +148,7 @@ def session_text(
     past: Sequence[Session | SavedModel] = (),
     future: Sequence[Session | SavedModel] = (),
 ) -> str:
-    """The file's content.
+    """Text of the session file.
 
     beside: the folder that the dataset's path is told relative to.
     past, future: what undo and redo lead to, the next last.
@@ -177,7 +177,7 @@ def session_text(
 
 
 def save_session(path: Path, session: Session, shown: Shown = NOTHING_SHOWN) -> None:
-    """Write the session, whole or not at all."""
+    """Write the session file atomically."""
     write_text_atomically(path, session_text(session, beside=path.parent, shown=shown))
 
 
@@ -189,7 +189,7 @@ def _relative(folder: Path, beside: Path) -> str:
 
 
 def saved_history(session: Session) -> tuple[SavedStep, ...]:
-    """The nominal robot, which was fitted to nothing, then the steps."""
+    """Saved steps of a session: the nominal robot, then one for each fit."""
     if not session.steps:
         return ()
     nominal, *errors = session.history
@@ -198,13 +198,13 @@ def saved_history(session: Session) -> tuple[SavedStep, ...]:
 
 
 def _plain(step: SavedStep) -> dict[str, Any]:
-    """A step as plain values; what most steps have none of stands there only where there is some."""
+    """Saved step as plain values, without keys that have their default."""
     values: dict[str, Any] = msgspec.to_builtins(step)
     return {key: v for key, v in values.items() if v or key not in ("noise", "asked_out")}
 
 
 def saved_step(step: FitStep, after: StepErrors) -> SavedStep:
-    """A step and the errors after it."""
+    """Saved form of a step and of the errors after it."""
     saved = SavedStep(
         label=step.label,
         residual=step.calibration.residual,
@@ -226,7 +226,7 @@ def _with_figures(step: SavedStep, errors: StepErrors) -> SavedStep:
 
 
 def _saved_undo(past: Sequence[Session | SavedModel], future: Sequence[Session | SavedModel]) -> SavedUndo:
-    """Models share most of their steps, which are written once."""
+    """Saved form of undo and redo; steps that models share are written once."""
     steps: list[SavedStep] = []
 
     def places(entry: Session | SavedModel) -> tuple[int, ...]:
@@ -264,7 +264,7 @@ def load_session(path: Path) -> Saved:
 
 
 def _require_possible(file: JsonFile, place: Place, step: SavedStep) -> None:
-    """Raise SessionFileError for a residual, a noise or sizes that no step can have."""
+    """Raise SessionFileError for a residual, a noise or prior sigmas that no step can have."""
     if step.residual not in RESIDUAL_KINDS:
         expected = f"expected {' or '.join(RESIDUAL_KINDS)}"
         file.fail([*place, "residual"], repr(step.residual), expected)
@@ -279,7 +279,7 @@ def _require_possible(file: JsonFile, place: Place, step: SavedStep) -> None:
 
 
 def _models(file: JsonFile, key: str, steps: Sequence[SavedStep], models: Sequence[Places]) -> tuple[SavedModel, ...]:
-    """The models that undo or redo leads to. Raises SessionFileError for a step that is not there."""
+    """Models that undo or redo leads to. Raises SessionFileError for an index without a step."""
     for i, places in enumerate(models):
         wrong = next((place for place in places if not 0 <= place < len(steps)), None)
         if wrong is not None or len(places) < 2:

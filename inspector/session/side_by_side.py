@@ -1,4 +1,4 @@
-"""What stands beside the calibration on show: another dataset's, an earlier version, later measurements of the cell."""
+"""Results shown beside the calibration on show: another dataset's, an earlier version, or later measurements."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from inspector.session.session import Session
 
 @dataclass(frozen=True)
 class Beside:
-    """One of the two that are shown: errors of N poses, and what they may depend on."""
+    """Errors of N poses of one calibration, and the inputs that they are plotted against."""
 
     name: str
     calibration: Calibration | None  # None for a version of the same measurements
@@ -37,13 +37,13 @@ class Beside:
 
     @classmethod
     def of(cls, name: str, calibration: Calibration, errors: PoseErrors | None = None) -> Beside:
-        """The entry of a calibration."""
+        """Errors of a calibration at its measured poses."""
         errors = errors or pose_errors_of(calibration)
         return cls(name, calibration, errors.pose_ids, errors.error_length_mm, errors.inputs)
 
 
 def measured_dataset(folder: Path, *, orientation: bool = False) -> Dataset:
-    """A dataset that is not open, its scans searched where it has no points. Raises CalibError."""
+    """Dataset of a folder that is not open, its scans searched where it has no points. Raises CalibError."""
     dataset = load_dataset(folder)
     if dataset.points is None:
         dataset = with_corners(dataset, find_targets(dataset, intermediate=False), orientation=orientation)
@@ -51,7 +51,7 @@ def measured_dataset(folder: Path, *, orientation: bool = False) -> Dataset:
 
 
 def beside_of_folder(name: str, folder: Path, residual: str) -> Beside:
-    """A dataset that is not open, its link errors fitted.
+    """Errors of a dataset that is not open, with its link errors fitted.
 
     Raises CalibError where it cannot be read or fitted.
     """
@@ -60,14 +60,14 @@ def beside_of_folder(name: str, folder: Path, residual: str) -> Beside:
 
 
 def beside_of_session(name: str, session: Session) -> Beside:
-    """The model that a session shows. Raises CalibError where it has none yet."""
+    """Errors of the model that a session shows. Raises CalibError where it has none yet."""
     if session.calibration is None:
         raise CalibError(f"dataset {name}: it is not calibrated yet")
     return Beside.of(name, session.calibration, session.pose_errors)
 
 
 def beside_of_version(session: Session, name: str) -> Beside | None:
-    """A version of the session's model, at the poses that were measured; None where there is none of this name."""
+    """Errors of one version of the session's model; None where there is none of this name."""
     version = next((v for v in session.versions if v.name == name), None)
     if version is None or session.pose_errors is None:
         return None
@@ -77,7 +77,7 @@ def beside_of_version(session: Session, name: str) -> Beside | None:
 
 
 def compared(shown: Beside, beside: Beside) -> Comparison | None:
-    """What changed from the one beside to the one on show; None for two models of the same measurements.
+    """Comparison of the calibration on show with the one beside it; None for two models of the same measurements.
 
     Raises FitError as `compare`.
     """
@@ -88,13 +88,13 @@ def compared(shown: Beside, beside: Beside) -> Comparison | None:
 
 @dataclass(frozen=True)
 class WatchedCell:
-    """What later measurements say, in the order of time, and the poses that were visited again."""
+    """Change reports of later measurements in the order of time, and figures of poses that were visited again."""
 
     seen: tuple[ChangeReport, ...]
     repeats: tuple[PoseFigures, ...]
 
 
 def watched_cell(base: Calibration, later: Sequence[Dataset], *, scanner_moved: bool) -> WatchedCell:
-    """Raises FitError as `watch`."""
+    """Change reports of later datasets against a calibration. Raises FitError as `watch` does."""
     seen = in_time([watch(base, dataset, scanner_moved=scanner_moved) for dataset in later])
     return WatchedCell(seen, repeated_poses(base, seen))

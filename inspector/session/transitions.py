@@ -1,14 +1,16 @@
-"""Functions from a session to the next: a fit, an effect added or removed, a diagnosis."""
+"""Functions from one session to the next: fits, effects added or removed, diagnoses, poses left out."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from calib.calibration.model_versions import versions
 from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
-from calib.dataset.stands import without_poses
+from calib.dataset.stands import of_stands, without_poses
 from calib.diagnosis.advice import Advice, Move, advice_or_verdict
 from calib.diagnosis.diagnose import AddCurves, SearchAgain, SearchWithNoise, diagnose
 from calib.diagnosis.effect_selection import (
@@ -37,13 +39,13 @@ RANKED_STEPS = 8  # the last ones, which keep their rankings; a search has five 
 
 
 def seen_since(session: Session, now: Session) -> Session:
-    """A session of the same dataset, with what was looked at meanwhile."""
+    """Session with the searches, face labels and redundancy that a later state of the same dataset has."""
     seen = replace(session, searches=now.searches, face_labels=now.face_labels)
     return replace(seen, redundancy=now.redundancy if session.left_out == now.left_out else None)
 
 
 def with_calibration(session: Session, residual: str = "position") -> Session:
-    """Fit the five-parameter model, and the effects that were added, to what is measured so far."""
+    """Session with the links and the added effects fitted to the points measured so far."""
     session = with_face_labels(session) if residual == "pose" else session
     asked = FitOptions() if session.calibration is None else session.calibration.options
     asked = asked if session.effects else replace(asked, noise=None)  # what is left in the end tells it
@@ -57,12 +59,12 @@ def with_calibration(session: Session, residual: str = "position") -> Session:
 
 
 def with_screening(session: Session) -> Session:
-    """Test every effect, the catalogue's and the user's, against the calibration's residual; then test that itself."""
+    """Session with every effect ranked against the calibration's residual, and the residual tested."""
     return with_residual_tests(with_ranking(session))
 
 
 def with_ranking(session: Session) -> Session:
-    """The first half of `with_screening`: where the calibration is off, and what each effect would make of it."""
+    """Session with the pose errors, and with every effect ranked against the calibration's residual."""
     calibration = _calibrated(session)
     step = search_space(session).ranked(replace(session.steps[-1], screening=None))
     return replace(
@@ -78,7 +80,7 @@ def with_ranking(session: Session) -> Session:
 
 
 def with_residual_tests(session: Session) -> Session:
-    """The second half: tests of the residual, and what to do next: the search's next move, or the verdict.
+    """Session with the residual tested, and with the next move of the search or the verdict as advice.
 
     Nothing new where they are known or nothing was ranked.
     """
@@ -92,13 +94,13 @@ def with_residual_tests(session: Session) -> Session:
 
 
 def search_space(session: Session) -> SearchSpace:
-    """What the automatic search would have in common with the model on show."""
+    """Search space of an automatic search that has the same data, options and effects as the model on show."""
     options = _calibrated(session).options
     return SearchSpace.of(session.measured, options, user_effects=session.user_effects)
 
 
 def separation(session: Session, name: str) -> Separation | None:
-    """The poses at which a candidate and its nearest rival differ most; None where it is none or has no rival.
+    """Poses at which a candidate and its nearest rival differ most; None where it is no candidate or has no rival.
 
     Raises CalibError where there are too few poses to fit either one whole.
     """
@@ -114,7 +116,7 @@ def separation(session: Session, name: str) -> Separation | None:
 
 
 def with_versions(session: Session, before: Session) -> Session:
-    """The model's versions side by side, where the session has a model.
+    """Session with the model's versions side by side, where it has a model.
 
     With effects in the model the link errors alone are fitted to the same points, unless the session `before` has that
     fit already.
@@ -125,7 +127,7 @@ def with_versions(session: Session, before: Session) -> Session:
 
 
 def with_user_effects(session: Session, effects: tuple[Family, ...]) -> Session:
-    """The user's own effects as they are now. Those in the model are fitted again as they are now, or taken out."""
+    """Session with the user's effects as given; those in the model are fitted again, or removed where they are gone."""
     ours = {family.name for family in (*session.user_effects, *effects)}
     session = replace(session, user_effects=effects, screening=None, separations={}, diagnosis=None)
     if session.calibration is None or not any(added.name in ours for added in session.effects):
@@ -141,7 +143,7 @@ def with_user_effects(session: Session, effects: tuple[Family, ...]) -> Session:
 
 
 def with_effect(session: Session, name: str) -> Session:
-    """Add an effect as the screening proposes it, or curves that are learned, and fit everything again.
+    """Session with an effect added as the screening proposes it, or with learned curves, and all fitted again.
 
     Members of the effects inside are chosen anew beside it, as the automatic search does.
     """
@@ -164,13 +166,13 @@ def with_effect(session: Session, name: str) -> Session:
 
 
 def _advised(session: Session, name: str) -> Move | None:
-    """The advised move, where it is about this effect."""
+    """The advised move, where it adds this effect; else None."""
     advice = session.advice if session.screening is not None else None
     return advice.move if advice is not None and advice.effect == name else None
 
 
 def without_effect(session: Session, name: str) -> Session:
-    """Take an effect out of the model, and fit the rest again."""
+    """Session with an effect removed from the model, and the rest fitted again."""
     kept = tuple(added for added in session.effects if added.name != name)
     if len(kept) == len(session.effects):
         inside = ", ".join(added.name for added in session.effects) or "only the link errors"
@@ -183,7 +185,7 @@ def without_effect(session: Session, name: str) -> Session:
 
 
 def with_advice_followed(session: Session) -> Session:
-    """The move that leads on. Raises CalibError where there is none."""
+    """Session after the advised move. Raises CalibError where there is none."""
     if session.advice is None:
         raise CalibError("there is nothing to follow: no move leads on from this model")
     move = session.advice.move
@@ -196,7 +198,7 @@ def with_advice_followed(session: Session) -> Session:
 
 
 def with_diagnosis(session: Session, on_step: Callable[[str], None] | None = None) -> Session:
-    """Find what is missing from the link errors alone, to the end, and take the model that this leads to.
+    """Session with the diagnosis that starts from the link errors alone, and with the model that it ends with.
 
     `on_step` is called with a line of text before each stage; what it raises ends the work.
     """
@@ -204,13 +206,13 @@ def with_diagnosis(session: Session, on_step: Callable[[str], None] | None = Non
 
 
 def with_found(session: Session, found: Diagnosis) -> Session:
-    """Take over a diagnosis of what is measured, and the model that it leads to."""
+    """Session with a diagnosis made elsewhere, and with the model that it ends with."""
     dropped = session.dropped if found.noise is None else session.dropped | {found.noise.rival}
     return replace(_judged(with_steps(session, found.steps), found), searched=True, dropped=dropped)
 
 
 def _judged(session: Session, found: Diagnosis) -> Session:
-    """The verdict on the model on show."""
+    """Diagnosis of the model on show, without a search."""
     return replace(
         session,
         screening=found.screenings[-1],
@@ -221,7 +223,7 @@ def _judged(session: Session, found: Diagnosis) -> Session:
 
 
 def with_steps(session: Session, steps: Sequence[FitStep]) -> Session:
-    """Take over fits that were made, the last as the model; nothing more is known of that yet."""
+    """Session with these fits as its steps, the last as the model; rankings and tests are dropped."""
     calibration, effects = steps[-1].calibration, steps[-1].selected
     if len(steps) > HISTORY_STEPS:
         steps = (steps[0], *steps[1 - HISTORY_STEPS :])
@@ -230,7 +232,7 @@ def with_steps(session: Session, steps: Sequence[FitStep]) -> Session:
 
 
 def without_ranking(step: FitStep) -> FitStep:
-    """The step without its ranking of the effects, which is most of what it holds and can be made again."""
+    """Step without its ranking of effects, which takes most of its memory and can be made again."""
     return step if step.screening is None else replace(step, screening=None)
 
 
@@ -247,8 +249,55 @@ def _changed(session: Session, effects: tuple[SelectedEffect, ...], label: str) 
 
 
 def start_of(last: FitStep, effects: Sequence[SelectedEffect]) -> Calibration | None:
-    """The fit that one with these effects goes on from.
+    """Fit to start from when a model with these effects is fitted.
 
     The last one where effects are added; none where one is taken out, so that the fit ends where it was before.
     """
     return last.calibration if len(effects) > len(last.selected) else None
+
+
+# ---- a pose left out, and taken in again ------------------------------------------------------------
+
+LEFT_OUT, TAKEN_IN = "− pose ", "+ pose "  # labels of the steps, before the pose's id
+
+
+def with_pose_left_out(session: Session, pose_id: str) -> Session:
+    """Session with a pose left out of training and test, and the same model fitted to the others.
+
+    Raises CalibError for an unknown pose, one that is left out already, and where the others are too few to fit.
+    """
+    session.dataset.poses.index(pose_id)
+    if pose_id in session.uncounted:
+        raise CalibError(f"pose {pose_id} is left out already")
+    return _fitted_again(replace(session, left_out=(*session.left_out, pose_id)), f"{LEFT_OUT}{pose_id}")
+
+
+def with_pose_taken_in(session: Session, pose_id: str) -> Session:
+    """Session with a pose used again that was left out on request or as an outlier, and the same model fitted.
+
+    Raises CalibError for an unknown pose and one that is not left out.
+    """
+    session.dataset.poses.index(pose_id)
+    if pose_id not in session.uncounted:
+        raise CalibError(f"pose {pose_id} is not left out")
+    if pose_id in session.dataset.left_out:
+        raise CalibError(f"pose {pose_id} was left out when the dataset was loaded; load it with the pose")
+    kept = tuple(other for other in session.left_out if other != pose_id)
+    return _fitted_again(replace(session, left_out=kept), f"{TAKEN_IN}{pose_id}", pose_id)
+
+
+def _fitted_again(session: Session, label: str, taken_in: str = "") -> Session:
+    """Session with the last step's model fitted to the poses in use; unchanged before the first calibration."""
+    if session.calibration is None:
+        return replace(session, redundancy=None)
+    last = session.steps[-1]
+    # The shots of one standing pose stand out together, and are taken in together.
+    alone = {taken_in} if taken_in else set()
+    if taken_in and last.left_out:
+        ids, of_stand = session.dataset.poses.ids, of_stands(session.dataset, [taken_in])
+        alone = {ids[i] for i in np.flatnonzero(of_stand)}
+    gone = alone | set(session.left_out)
+    stand_out = tuple(pose_id for pose_id in last.left_out if pose_id not in gone)
+    space = search_space(session).without(stand_out)
+    step = FitStep(label, last.selected, space.fit(last.selected, None), left_out=stand_out)
+    return replace(with_steps(session, (*session.steps, step)), redundancy=None)

@@ -1,4 +1,4 @@
-"""The user's own effects, from a file that is read again whenever it changes on disk."""
+"""The user's own effects, read again whenever their file changes on disk."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _Version = tuple[int, int] | None
 
 
 class UserEffects:
-    """The families of one file, made for each dataset. What cannot be read leaves the last good."""
+    """Families of one effects file, made for each dataset; a file with an error leaves the last good families."""
 
     def __init__(self, path: Path | None = None) -> None:
         self.path = path
@@ -25,14 +25,14 @@ class UserEffects:
         self._good: dict[str, tuple[_Version, tuple[Family, ...]]] = {}  # by dataset, with the file's version
 
     def stale(self, name: str, known: tuple[Family, ...]) -> bool:
-        """Whether a dataset's families have to be asked for again: the file is another, or they are not `known`."""
+        """Whether a dataset's families are out of date: the file changed, or `known` are not its families."""
         if self.path is None:
             return False
         version, families = self._good.get(name, (None, ()))
         return name not in self._good or version != self.version or families is not known
 
     def families(self, name: str, dataset: Dataset) -> tuple[Family, ...]:
-        """The families as the file has them now; those of before where it has an error, which `problem` then tells."""
+        """Families as the file has them now; the last good ones where it has an error, which is in `problem`."""
         if self.path is None:
             return ()
         version = self.version
@@ -50,7 +50,7 @@ class UserEffects:
 
     @property
     def version(self) -> _Version:
-        """When the file was changed last, and its size; None where there is none."""
+        """Modification time and size of the file; None where it does not exist."""
         try:
             status = self.path.stat() if self.path is not None else None
         except OSError:
@@ -59,7 +59,7 @@ class UserEffects:
 
 
 class Watch:
-    """Calls `on_change` soon after the file's version changes, on a thread of its own, until stopped."""
+    """Thread that calls `on_change` after the file changed, until stopped."""
 
     def __init__(self, effects: UserEffects, on_change: Callable[[], None]) -> None:
         self._effects, self._on_change = effects, on_change
@@ -69,7 +69,7 @@ class Watch:
             threading.Thread(target=self._run, name="inspector-watch", daemon=True).start()
 
     def stop(self) -> None:
-        """No more calls after this one, but one that has begun."""
+        """End the thread; a call that has begun is finished."""
         self._stop.set()
 
     def _run(self) -> None:

@@ -48,7 +48,7 @@ FACTORS = (1, 3, 10, 30, 100, 300, 1000, 3000, 10000)  # enlargements of the unc
 
 @dataclass(frozen=True)
 class View:
-    """What is on show: one session, one pose, everywhere the same."""
+    """What is on show: a session, the selected pose and joint, and how the model is drawn."""
 
     session: Session
     pose: int = 0
@@ -66,17 +66,17 @@ class View:
 
     @property
     def pose_id(self) -> str:
-        """The id of the selected pose."""
+        """Id of the selected pose."""
         return self.session.dataset.poses.ids[self.pose]
 
     @property
     def search(self) -> CornerSearch | None:
-        """What was found in the selected pose's scan, as far as it has been searched."""
+        """Corner search of the selected pose's scan; None where it has not been searched."""
         return self.session.searches.get(self.pose_id)
 
     @property
     def versions(self) -> tuple[Version, ...]:
-        """The versions of the session's model, as far as the step on show; none before it is calibrated."""
+        """Versions of the session's model up to the step on show; none before it is calibrated."""
         known = self.session.versions
         if self.step is None or not known or self.step >= len(self.session.steps):
             return known
@@ -85,18 +85,18 @@ class View:
 
     @property
     def version(self) -> Version | None:
-        """The version of the model whose arm and errors are shown."""
+        """Version of the model whose arm and errors are shown."""
         return next((v for v in self.versions if v.name == self.chosen), self.versions[-1] if self.versions else None)
 
     @property
     def calibration(self) -> Calibration | None:
-        """The fit of the version on show; of the nominal robot, which is none's, that of the model."""
+        """Fit of the version on show; the model's fit where the nominal robot is shown."""
         version = self.version
         return self.session.calibration if version is None else version.calibration
 
     @property
     def shows_last(self) -> bool:
-        """Whether the model itself is shown, none of the versions before it."""
+        """Whether the latest version of the model is shown."""
         return not self.is_nominal and self.calibration is self.session.calibration
 
     @property
@@ -106,7 +106,9 @@ class View:
 
     @property
     def shown_step(self) -> int | None:
-        """Which model is shown: 0 is the nominal robot, k that after `session.steps[k - 1]`; None where none is."""
+        """Index of the shown model: 0 is the nominal robot, k the model after `session.steps[k - 1]`; None before a
+        fit.
+        """
         version = self.version
         if version is None or version.name == NOMINAL:
             return None if version is None else 0
@@ -116,14 +118,14 @@ class View:
         return next(known, next(links, None) if version.name == LINKS else None)
 
     def version_of_step(self, number: int) -> str:
-        """Which of the versions the model after a step is; steps counted as in `shown_step`."""
+        """Name of the version that the model after a step belongs to; steps counted as in `shown_step`."""
         steps = self.session.steps
         if number == 0:
             return NOMINAL
         return EFFECTS if steps[number - 1].selected else LINKS
 
     def at_step(self, number: int) -> View:
-        """The same view of the model after a step, with its arrows: 0 is the nominal robot, k `session.steps[k - 1]`.
+        """View of the model after a step, with its arrows: 0 is the nominal robot, k `session.steps[k - 1]`.
 
         Nothing changes where there is no such step.
         """
@@ -135,7 +137,7 @@ class View:
         return replace(self, step=step, chosen=chosen, compared=frozenset({chosen}))
 
     def with_session(self, session: Session) -> View:
-        """The same view of another session. What showed the latest version of the model goes on doing so."""
+        """View of another session; a view of the latest version stays one of the latest version."""
         newest = session.versions[-1].name if session.versions else ""
         before = self.session.versions[-1].name if self.session.versions else ""
         chosen, compared = self.chosen, self.compared
@@ -147,13 +149,13 @@ class View:
 
 
 def _same_fits(one: Session, other: Session) -> bool:
-    """Whether the same changes of the model led to both."""
+    """Whether two sessions have the same steps of the model."""
     pairs = zip(one.steps, other.steps, strict=False)
     return len(one.steps) == len(other.steps) and all(a.calibration is b.calibration for a, b in pairs)
 
 
 def corner_of(view: View, pose: int) -> tuple[Array, Array | None] | None:
-    """The measured point of a pose, (3,) mm, and its covariance (3, 3): from points.csv, else from its scan.
+    """Measured point of a pose, (3,) mm, and its covariance (3, 3), from points.csv or from its scan.
 
     Where points.csv has no covariance, the scanner's declared sigma stands for it.
     """

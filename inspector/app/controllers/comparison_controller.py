@@ -1,4 +1,4 @@
-"""What is shown of the model's versions. Runs on the worker's thread only."""
+"""Drawing of the model's versions: arm, predictions, and the tab Compare. Runs on the worker's thread only."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from inspector.session.view import COLOURINGS
 
 
 class ComparisonController:
-    """The arm, the predictions and the tab that compares them, for the view on show."""
+    """Draws the arm, the predicted points and the tab Compare for the view on show."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class ComparisonController:
         self._drawn = False  # whether they are in the scene
 
     def draw(self) -> None:
-        """What the versions predict, at the selected pose."""
+        """Draw what each chosen version predicts, and the errors at the selected pose."""
         view = self._state.now
         factor = view.arrows if view.arrows_chosen else fitting_arrows(view)
         if factor != view.arrows:
@@ -51,7 +51,7 @@ class ComparisonController:
         self._show_legend()
 
     def draw_scan(self, scan: Scan | None, visible: set[str]) -> None:
-        """The jig's model over the selected pose's scan."""
+        """Draw the jig's model over the selected pose's scan."""
         view = self._state.now
         self._scan, self._distances_mm, self._drawn = scan, jig_distances(view, scan), False
         draw_jig(self._scene, view)
@@ -59,7 +59,7 @@ class ComparisonController:
         self._panel.update_distance(view, self._distances_mm)
 
     def draw_distance(self, visible: set[str]) -> None:
-        """The scan's points by their distance to the jig, sent only once their layer is on show."""
+        """Colour the scan's points by their distance to the jig; sent only once the layer is visible."""
         if "distance" in visible and not self._drawn:
             draw_distance(self._scene, self._scan, self._distances_mm)
             self._drawn = True
@@ -68,16 +68,18 @@ class ComparisonController:
 
     @property
     def distances_mm(self) -> Array | None:
-        """(N,) of the selected pose's scan to the jig, nan beside it; None where there is no corner."""
+        """Distances (N,) of the selected scan's points to the jig, mm, NaN off the jig; None where no corner was
+        found.
+        """
         return self._distances_mm
 
     def change(self, **what: float | str | frozenset[str] | None) -> None:
-        """Change how the model is shown (`View.arrows`, `arrows_chosen`, `chosen`, `compared`, `colouring`)."""
+        """Change how the model is drawn (`View.arrows`, `arrows_chosen`, `chosen`, `compared`, `colouring`)."""
         self._state.change(**what)
         self.draw()
 
     def choose(self, name: str) -> None:
-        """Show the arm, the errors and the arrows of a version, where there is one of this name.
+        """Show the arm, errors and arrows of the version with this name, where there is one.
 
         Of the arrows only those to others that the user has ticked stay.
         """
@@ -86,7 +88,7 @@ class ComparisonController:
             self.change(chosen=name, compared=view.compared - {view.version.name} | {name}, step=None)
 
     def show(self, name: str, shown: bool) -> None:
-        """Show or hide what a version predicts."""
+        """Show or hide the points that a version predicts."""
         if name in VERSIONS:
             compared = self._state.now.compared
             self.change(compared=compared | {name} if shown else compared - {name})

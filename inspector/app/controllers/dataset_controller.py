@@ -1,4 +1,4 @@
-"""Opens a dataset, searches its scans and selects among its poses. Runs on the worker's thread only.
+"""Opens a dataset, searches its scans and selects its poses. Runs on the worker's thread only.
 
 Scans are searched one by one (`open` and `process` are long work), so that what is ready can be looked at meanwhile.
 """
@@ -25,7 +25,7 @@ WAITING = "The fit starts when all scans have been searched. Calibrate takes the
 
 
 class DatasetController:
-    """Works through the dataset on show, and selects among its poses."""
+    """Opens datasets, works through their scans, and selects poses."""
 
     def __init__(
         self,
@@ -46,7 +46,7 @@ class DatasetController:
     # ---- datasets ---------------------------------------------------------------------------------------------------
 
     def open(self, name: str) -> LongWork:
-        """Show a dataset, at once, and work through it."""
+        """Show a dataset at once, then search its scans and fit the arm."""
         state, review = self._state, self._panels.review
         review.show_problem("")
         try:
@@ -76,7 +76,7 @@ class DatasetController:
         return self.process()
 
     def _draw(self) -> None:
-        """Everything of a dataset that was just opened."""
+        """Draw a dataset that was just opened."""
         self._show_progress(running=True)
         self._stage.draw_pose()
         self._panels.redundancy.update(self._state.now)
@@ -84,7 +84,9 @@ class DatasetController:
         self._model.show()
 
     def process(self) -> LongWork:
-        """What this dataset still lacks: redundancy, all scans' overview and corners, the fit."""
+        """Long work that fills what the dataset on show lacks: redundancy, overview and corners of all scans, the
+        fit.
+        """
         fit = self._panels.fit
         if self._state.session.redundancy is None:
             self.analyse_as_chosen()
@@ -108,16 +110,16 @@ class DatasetController:
             yield from self._model.rank()
 
     def stopped(self) -> None:
-        """The user has stopped the search."""
+        """Show that the user has stopped the search."""
         self._show_progress(running=False)
 
     def analyse(self, residual: str) -> None:
-        """Redundancy of the parameters for this kind of residual."""
+        """Analyse the redundancy of the parameters for a kind of residual."""
         self._state.keep(measuring.with_redundancy(self._state.session, residual))
         self._panels.redundancy.update(self._state.now)
 
     def analyse_as_chosen(self) -> None:
-        """Redundancy as it is measured by what is chosen in its tab; none where too few poses count for that."""
+        """Analyse redundancy for the residual chosen in its tab; none where too few poses are in use."""
         try:
             self.analyse(str(self._panels.redundancy.residual.value))
         except CalibError:
@@ -164,7 +166,7 @@ class DatasetController:
     # ---- poses ------------------------------------------------------------------------------------------------------
 
     def select(self, pose: int) -> None:
-        """Show another pose, everywhere."""
+        """Select a pose and redraw everything that belongs to it."""
         session = self._state.session
         if not 0 <= pose < len(session.dataset.poses):
             return

@@ -34,7 +34,7 @@ DAY, NIGHT = (255, 255, 255), (24, 26, 30)  # behind the 3D view
 
 @dataclass(frozen=True)
 class Asked:
-    """What there is to make a file from, as it was when the button was pressed."""
+    """The session, view and options that a file is made from, as they were when the button was pressed."""
 
     view: View
     view_name: str
@@ -53,7 +53,7 @@ class Asked:
 
 
 class Downloads:
-    """The files of the session on show."""
+    """Makes the files of the session on show."""
 
     def __init__(
         self,
@@ -76,7 +76,7 @@ class Downloads:
         self._pictures.close()
 
     def take(self, what: str, client: viser.ClientHandle) -> None:
-        """Make one of `panels.downloads.ITEMS` for this page; of several presses the last counts."""
+        """Make one of `panels.downloads.ITEMS` for a page; of several presses the last counts."""
         if what in ITEMS:
             self._worker.submit(("take", what, client.client_id), lambda: self._take(what, client))
 

@@ -1,4 +1,4 @@
-"""Finds out which face of the jig is which in the corners found so far, so that full poses can be fitted."""
+"""Labelling of the jig's faces in the corners found so far, which fits of full poses need."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from inspector.session.session import Session
 
 
 class FaceLabelling:
-    """Works in the background, on a thread of its own: who asks for full poses waits for no ranking or diagnosis."""
+    """Labels faces on a thread of its own, so that a fit of full poses waits for no ranking or diagnosis."""
 
     def __init__(self, state: PageState, panel: FitPanel) -> None:
         self._state, self._panel = state, panel
@@ -28,7 +28,7 @@ class FaceLabelling:
         self._background.close()
 
     def require(self) -> LongWork:
-        """Keep the labels in the session, worked out once for all who ask for the same corners. Raises CalibError."""
+        """Long work that adds face labels to the session, once for all who need them. Raises CalibError."""
         session = self._state.session
         if not (session.unlabelled and session.searches):
             return
@@ -41,7 +41,7 @@ class FaceLabelling:
             self._last = None
 
     def try_it(self) -> LongWork:
-        """Label them where nothing has yet; the tab Fit says why full poses cannot be fitted, where that fails."""
+        """Long work that labels the faces; where that fails, the tab Fit tells why full poses cannot be fitted."""
         try:
             yield from self.require()
         except CalibError as error:  # nothing that the user asked for: no notification

@@ -1,4 +1,6 @@
-"""Imports what pages send: recognise, plan, show, correct, write, open. On the worker's thread, but for the asking."""
+"""Imports of uploaded files: recognise, plan, show, correct, write, open. Runs on the worker's thread, except
+requests.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,7 @@ from inspector.server.worker import LongWork, Worker
 
 @dataclass
 class _Import:
-    """What one page is about to import."""
+    """State of one page's import."""
 
     client: int
     window: YourDataWindow
@@ -48,7 +50,7 @@ class _Import:
 
 
 class Imports:
-    """The imports of all pages, each in a window of its own."""
+    """The imports of all pages, each in its own window."""
 
     def __init__(
         self,
@@ -89,26 +91,26 @@ class Imports:
         self._tell(client, "That file was not taken", why)
 
     def _explain(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-        """Say how the server is to be started so that pages may import."""
+        """Show how the server has to be started so that pages may import."""
         if event.client is None:
             return
         guard_gui(event.client.gui)
         explain(event.client.gui)
 
     def choose(self, client: int) -> None:
-        """Plan again with what is chosen in the window now."""
+        """Plan again with the options chosen in the window."""
         self._worker.submit(("import", client), lambda: self._chosen(client))
 
     def column(self, client: int, column: str, words: str) -> None:
-        """Take a column for something else."""
+        """Read a column as something else."""
         self._worker.submit(("import column", client, column), lambda: self._corrected(client, column, words))
 
     def finish(self, client: int) -> None:
-        """Write the dataset and open it."""
+        """Write the planned dataset and open it."""
         self._worker.submit(("import finish", client), lambda: self._finish(client))
 
     def cancel(self, client: int) -> None:
-        """Give up."""
+        """Cancel the page's import and remove its files."""
         self._worker.submit(("import cancel", client), lambda: self._end(client))
 
     # ---- on the worker's thread ----
@@ -119,7 +121,7 @@ class Imports:
             page.add_notification(title, body, color="red", auto_close_seconds=15.0)
 
     def _take(self, upload: Upload) -> LongWork:
-        """A file has come: open the page's window, or add to what is there."""
+        """Handle an uploaded file: open the page's window, or add the file to the import that is open."""
         page = self._server.get_clients().get(upload.client)
         for gone in [client for client in self._open if client not in self._server.get_clients()]:
             self._end(gone)
@@ -151,7 +153,7 @@ class Imports:
             add_file(upload.path, upload.name, folder, room_bytes)
 
     def _plan(self, at: _Import) -> LongWork:
-        """Recognise and plan anew, and show it."""
+        """Recognise the uploaded files, plan the dataset, and show the plan."""
         at.plans += 1
         number, choice, folder = at.plans, at.choice, at.folder
 

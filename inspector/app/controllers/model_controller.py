@@ -1,4 +1,4 @@
-"""Every change of the model: fits, effects added and removed, undo and redo. Runs on the worker's thread only.
+"""All changes of the model: fits, effects added and removed, undo and redo. Runs on the worker's thread only.
 
 A fit is quick and done at once. Ranking the effects and the whole diagnosis take seconds: they are done in the
 background, while the worker goes on with what else is asked for. Their result counts only if the model is still the
@@ -19,10 +19,10 @@ from inspector.app.page.page_state import PageState
 from inspector.app.page.tabs import Panels
 from inspector.server.worker import LongWork
 from inspector.session import transitions as sessions
-from inspector.session.left_out import with_pose_left_out, with_pose_taken_in
 from inspector.session.reopening import reopened
 from inspector.session.session import Session
 from inspector.session.session_file import Saved, Shown
+from inspector.session.transitions import with_pose_left_out, with_pose_taken_in
 from inspector.session.undo import Undo
 from inspector.session.user_effects import UserEffects
 
@@ -30,11 +30,11 @@ POSITION = "position"  # what any measured points can be fitted by
 
 
 class Stopped(Exception):
-    """Raised inside work in the background that nobody waits for any more."""
+    """Raised inside background work whose result is no longer needed."""
 
 
 class ModelController:
-    """What changes the calibration of the session on show, and shows it in the model's tabs.
+    """Changes the calibration of the session on show, and shows it in the model's tabs.
 
     redraw: draws the model in the 3D view and in the tab Compare; told whether it is the dataset's first.
     recount: shows which poses are left out; told of which that has changed.
@@ -65,7 +65,7 @@ class ModelController:
 
     @property
     def steps(self) -> Undo:
-        """The changes of the model on show that can be taken back or made again."""
+        """Undo and redo of the model on show."""
         return self._shown.steps
 
     @property
@@ -73,21 +73,21 @@ class ModelController:
         return self._state.session
 
     def show(self) -> None:
-        """The tabs about what is missing and where the model fails, as the session stands."""
+        """Redraw the tabs about missing effects and about where the model fails."""
         self._shown.show()
 
     def rank(self) -> LongWork:
-        """Rank the effects and test the residual, where that is not done yet."""
+        """Long work that ranks the effects and tests the residual, where that is not done yet."""
         return self._ranking.rank()
 
     def compare(self) -> LongWork:
-        """Where the chosen candidate and its nearest rival differ most."""
+        """Long work that finds where the chosen candidate and its nearest rival differ most."""
         return self._ranking.compare()
 
     # ---- the first fit ---------------------------------------------------------------------------------------------
 
     def start(self, residual: str) -> LongWork:
-        """The first fits of a dataset: those of a saved session where one waits for it, else the link errors.
+        """Long work that makes a dataset's first fits: those of a saved session, else the link errors.
 
         What can wait, names of the jig's faces that no fit has asked for yet, comes last.
         """
@@ -100,7 +100,9 @@ class ModelController:
         yield from self._labelling.try_it()
 
     def _first_fit(self, residual: str) -> LongWork:
-        """The link errors; by positions where these data cannot be fitted as was chosen with another dataset."""
+        """Long work that fits the link errors, by positions where the residual chosen before does not fit these
+        data.
+        """
         try:
             yield from self.calibrate(residual)
         except CalibError:
@@ -134,7 +136,7 @@ class ModelController:
     # ---- the link errors --------------------------------------------------------------------------------------------
 
     def calibrate(self, residual: str) -> LongWork:
-        """Fit the parameters to this kind of residual, then rank what could be missing."""
+        """Long work that fits the parameters with a kind of residual, then ranks what could be missing."""
         dataset = self._session.dataset
         self._panels.fit.busy(True)
         self._panels.headline.doing(problem="")
@@ -158,7 +160,7 @@ class ModelController:
     # ---- poses ------------------------------------------------------------------------------------------------------
 
     def leave_out(self, pose_id: str, out: bool) -> LongWork:
-        """Leave a pose out, or take it in again; nothing happens where it is so already."""
+        """Long work that leaves a pose out, or uses it again; nothing happens where that is so already."""
         session = self._session
         if (pose_id in session.uncounted) != out:
             changed = (with_pose_left_out if out else with_pose_taken_in)(session, pose_id)
@@ -172,7 +174,7 @@ class ModelController:
     # ---- effects ----------------------------------------------------------------------------------------------------
 
     def add(self, name: str) -> LongWork:
-        """Add an effect to the model; nothing happens where it is in it already."""
+        """Long work that adds an effect to the model, unless it is in it."""
         if any(added.name == name for added in self._session.effects):
             yield from self.rank()
             return
@@ -183,7 +185,7 @@ class ModelController:
         yield from self.rank()
 
     def follow(self) -> LongWork:
-        """Do what the advice says; nothing happens where there is none any more."""
+        """Long work that makes the advised move, where there is one."""
         if self._session.advice is not None:
             self._shown.change(sessions.with_advice_followed(self._session))
             self._choose_last()
@@ -191,13 +193,13 @@ class ModelController:
         yield from self.rank()
 
     def _choose_last(self) -> None:
-        """What was found is what the tables are about."""
+        """Select the effect that was added last in the tables."""
         if self._session.effects:
             self._panels.missing_effects.choose(self._session.effects[-1].name)
             self.show()
 
     def remove(self, name: str) -> LongWork:
-        """Take an effect out of the model; nothing happens where it is not in it."""
+        """Long work that removes an effect from the model, where it is in it."""
         if all(added.name != name for added in self._session.effects):
             yield from self.rank()
             return
@@ -206,7 +208,7 @@ class ModelController:
         yield from self.rank()
 
     def move(self, by: int) -> LongWork:
-        """Go back by so many changes of the model (below 0), or forward again."""
+        """Long work that goes back by so many changes of the model (below 0), or forward."""
         session = self._shown.steps.move(self._session, by)
         if session is not self._session:
             self._shown.replace(sessions.seen_since(session, self._session))
@@ -218,7 +220,7 @@ class ModelController:
         self._panels.headline.doing(finding=running)
 
     def find(self) -> LongWork:
-        """The whole diagnosis, from the link errors alone."""
+        """Long work that runs the whole diagnosis, starting from the link errors alone."""
         session = self._session
         stop, said = threading.Event(), ["fitting the geometry"]
 

@@ -1,4 +1,4 @@
-"""Plans poses beside the page's work, and shows them. Runs on the worker's thread only."""
+"""Plans of poses, made in the background and shown. Runs on the worker's thread only."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from inspector.scene.draw_plan import PlanDrawing
 from inspector.scene.scene_view import SceneView
 from inspector.server.background import Background
 from inspector.server.worker import LongWork
-from inspector.session.plans.planned import Planned, aims_of, planned_for
+from inspector.session.planned import Planned, aims_of, planned_for
 
 
 class PlanController:
-    """The plan of each dataset, the last that was made."""
+    """Keeps the last plan of each dataset, and shows it."""
 
     def __init__(self, state: PageState, scene: SceneView, panel: PlanPanel) -> None:
         self._state, self._panel = state, panel
@@ -34,12 +34,12 @@ class PlanController:
 
     @property
     def _planned(self) -> Planned | None:
-        """The plan for the model on show."""
+        """The plan for the model on show; None where there is none."""
         known = self._plans.get(self._state.name)
         return known if known is not None and known.is_of(self._state.session) else None
 
     def show(self) -> None:
-        """What can be planned for the model on show, and its plan."""
+        """Show the purposes that can be planned for, and the plan of the model on show."""
         view, planned = self._state.now, self._planned
         self._panel.offer(aims_of(view.session))
         self._drawing.draw(view, planned)
@@ -51,7 +51,7 @@ class PlanController:
             self._panel.clear(STALE if self._state.name in self._plans else "")
 
     def make(self) -> LongWork:
-        """Plan what is asked."""
+        """Long work that plans poses as chosen in the tab."""
         name, session = self._state.name, self._state.session
         aim, count, payload_kg = self._panel.asked
         self._panel.say("Planning …")
@@ -69,13 +69,13 @@ class PlanController:
             self.show()
 
     def settle(self) -> LongWork:
-        """Plan the poses that settle what the diagnosis left open."""
+        """Long work that plans the poses that discriminate between the effects left open."""
         self._panel.offer(aims_of(self._state.session))
         self._panel.choose(SPLIT)
         yield from self.make()
 
     def select(self, pose: int | None) -> None:
-        """Look at one of the planned poses; the same again lets it go."""
+        """Select one of the planned poses; the selected one again deselects."""
         planned = self._planned
         if planned is not None and pose is not None and pose < len(planned.plan.poses):
             again = pose == planned.pose
@@ -83,7 +83,9 @@ class PlanController:
             self.show()
 
     def take(self, what: str, client: viser.ClientHandle) -> None:
-        """Send a file of the plan to the page that asks. Raises CalibError for an arm that its form cannot hold."""
+        """Send a file of the plan to the page that asked. Raises CalibError for an arm that the file's form cannot
+        describe.
+        """
         planned, name = self._planned, FILES.get(what)
         if planned is not None and name is not None:
             content = planned_file(Path(name), planned.plan).encode()

@@ -1,4 +1,4 @@
-"""What could be missing from the model on show: ranked and judged in the background. On the worker's thread only."""
+"""Ranking of the effects missing from the model on show, in the background. Runs on the worker's thread only."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from calib.errors import CalibError
 from inspector.app.controllers.shown_model import ShownModel
 from inspector.server.worker import LongWork
 from inspector.session import transitions as sessions
-from inspector.session.plans.planned import aims_of
+from inspector.session.planned import aims_of
 from inspector.session.session import Session
 
 
 class Ranking:
-    """The effects ranked by what they explain of the residual, the residual tested, candidates compared."""
+    """Ranks effects by what they explain of the residual, tests the residual, and compares candidates."""
 
     def __init__(self, shown: ShownModel) -> None:
         self._shown = shown
         self._state, self._panel = shown.state, shown.panels.missing_effects
 
     def rank(self) -> LongWork:
-        """Rank the effects by what they explain of the residual and test that, where it is not done yet."""
+        """Long work that ranks the effects and tests the residual, where that is not done yet."""
         session = self._shown.session
         stale = self._shown.user_effects.stale(self._state.name, session.user_effects)
         if session.calibration is None or (session.screening is not None and not stale):
@@ -47,7 +47,7 @@ class Ranking:
         yield from self.compare()
 
     def _test_residual(self) -> LongWork:
-        """Test the residual, where that is not done yet; the ranking is on show meanwhile."""
+        """Long work that tests the residual, where that is not done yet; the ranking is on show meanwhile."""
         session = self._shown.session
         if session.screening is None or session.residual_tests is not None:
             return
@@ -65,12 +65,12 @@ class Ranking:
         return session if session.screening is not None else sessions.with_ranking(session)
 
     def with_user_effects(self, session: Session) -> Session:
-        """The session with the user's own effects as their file has them now."""
+        """Session with the user's own effects as their file has them now."""
         effects = self._shown.user_effects.families(self._state.name, session.measured)
         return session if effects is session.user_effects else sessions.with_user_effects(session, effects)
 
     def compare(self) -> LongWork:
-        """Where the chosen candidate and its nearest rival differ most, worked out in the background."""
+        """Long work that finds the poses at which the chosen candidate and its nearest rival differ most."""
         session, name = self._shown.session, self._panel.chosen
         self._panel.update_choice(self._state.now)
         if session.screening is None or name in session.separations:

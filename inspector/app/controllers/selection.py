@@ -1,4 +1,4 @@
-"""What is selected beside the pose: a joint of the arm, and a step on the model's way. On the worker's thread only."""
+"""Selection of a joint and of a step of the model. Runs on the worker's thread only."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ MODEL_VIEWS = (ARM, "All corners")  # where the model's errors are seen
 
 
 class Selection:
-    """Selects a joint, everywhere on the page, and shows the model as it was after a step."""
+    """Selects a joint everywhere on the page, and shows the model as it was after a step."""
 
     def __init__(self, state: PageState, panels: Panels, stage: Stage) -> None:
         self._state, self._panels, self._stage = state, panels, stage
 
     def joint(self, number: int | None) -> None:
-        """Select a joint, counted from 1; the same again, or None, lets it go."""
+        """Select a joint, counted from 1; the selected one again, or None, deselects."""
         view = self._state.now
         joint = None if number is None or number - 1 == view.joint else number - 1
         if joint == view.joint or (joint is not None and not 0 <= joint < view.session.dataset.robot.n_joints):
@@ -29,7 +29,7 @@ class Selection:
         self._panels.missing_effects.update_curves(view)
 
     def step(self, number: int) -> None:
-        """Show the arm and the errors of the nominal robot (0), or of the model after a step, counted from 1.
+        """Show the arm and errors of the nominal robot (0), or of the model after a step, counted from 1.
 
         In 3D, too, where something else is looked at.
         """
@@ -41,11 +41,11 @@ class Selection:
             self._stage.follow(ARM)
 
     def version(self, name: str) -> None:
-        """Show the arm, the errors and the arrows of a version of the model."""
+        """Show the arm, errors and arrows of a version of the model."""
         self._stage.comparison.choose(name)
         self._show_version()
 
     def _show_version(self) -> None:
-        """The plots and tables of the version on show."""
+        """Redraw plots and tables for the version on show."""
         self._panels.fit.update(self._state.now)
         self._panels.residuals.update(self._state.now)

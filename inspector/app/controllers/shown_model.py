@@ -1,4 +1,4 @@
-"""The model on show: the session of the dataset on show, the way back, and the tabs and the scene that show it.
+"""The model on show: its session, undo, and the tabs and the scene that show it.
 
 Runs on the worker's thread only.
 """
@@ -12,7 +12,7 @@ from inspector.app.page.page_state import PageState
 from inspector.app.page.tabs import Panels
 from inspector.server.background import Background
 from inspector.session import transitions as sessions
-from inspector.session.plans.planned import aims_of
+from inspector.session.planned import aims_of
 from inspector.session.session import Session
 from inspector.session.undo import Undo
 from inspector.session.user_effects import UserEffects
@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 class ShownModel:
-    """What all changes of the model have in common.
+    """Session, undo and drawing shared by all controllers that change the model.
 
     redraw: draws the model in the 3D view and in the tab Compare; told whether it is the dataset's first.
     recount: shows which poses are left out; told of which that has changed.
@@ -52,19 +52,19 @@ class ShownModel:
 
     @property
     def steps(self) -> Undo:
-        """The changes of the model on show that can be taken back or made again."""
+        """Undo and redo of the model on show."""
         return self._undo.setdefault(self.state.name, Undo())
 
     def forget_steps(self) -> None:
-        """Nothing can be taken back any more."""
+        """Clear undo and redo of the dataset on show."""
         self._undo.pop(self.state.name, None)
 
     def reopen_steps(self, steps: Undo) -> None:
-        """What could be taken back, or made again, when the session on show was saved."""
+        """Restore undo and redo from a saved session."""
         self._undo[self.state.name] = steps
 
     def show(self) -> None:
-        """The tabs about what is missing and where the model fails, as the session stands."""
+        """Redraw the tabs about missing effects and about where the model fails."""
         steps = self.steps
         self.panels.missing_effects.update(
             self.state.now, undo=len(steps.past), redo=len(steps.future), own=self.user_effects.problem
@@ -74,12 +74,12 @@ class ShownModel:
         self.panels.headline.doing(words="")
 
     def change(self, session: Session) -> None:
-        """A new model, with the way back to the one before."""
+        """Show a changed model, and remember the one before for undo."""
         self.steps.changed(self.session)
         self.replace(session)
 
     def replace(self, session: Session) -> None:
-        """Another model of the same dataset, everywhere."""
+        """Show another model of the same dataset everywhere."""
         before = self.session
         self.state.keep(sessions.with_versions(session, before))
         self._redraw(before.calibration is None)
@@ -89,7 +89,7 @@ class ShownModel:
         self.show()
 
     def beside(self, compute: Callable[[], T], started: Session) -> Generator[None, None, T | None]:
-        """The result, once it is there; None where the model on show is not the one it began with any more."""
+        """Long work that ends with the result of `compute`; None where the model has been changed meanwhile."""
 
         def wanted() -> bool:
             now = self.session

@@ -1,4 +1,4 @@
-"""Draws the view: the 3D scene and the panels that show a pose. Runs on the worker's thread only."""
+"""Drawing of the 3D scene and of the panels that show a pose. Runs on the worker's thread only."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ALL_SCANS, ARM = "All scans", "Arm"
 
 
 class Stage:
-    """The 3D view, the camera, and the panels of the selected pose."""
+    """Draws the 3D view, moves the camera, and fills the panels of the selected pose."""
 
     def __init__(
         self,
@@ -55,14 +55,14 @@ class Stage:
         self.theme(dark=False)
 
     def theme(self, *, dark: bool) -> None:
-        """The page itself, light or dark."""
+        """Make the page itself light or dark."""
         brand = rgb(BRAND_ON_DARK if dark else BRAND_ON_LIGHT)
         self._server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False, brand_color=brand)
 
     # ---- what is drawn ----------------------------------------------------------------------------------------------
 
     def load(self, pose: int) -> Scan | None:
-        """A pose's scan; None where there is none, or none that can be read (`View.failures` says why)."""
+        """Scan of a pose; None where it has none or it cannot be read (`View.failures` tells why)."""
         view = self._state.now
         pose_id = view.session.dataset.poses.ids[pose]
         try:
@@ -74,7 +74,7 @@ class Stage:
             return None
 
     def draw_pose(self) -> None:
-        """Everything that belongs to the selected pose."""
+        """Draw everything that belongs to the selected pose."""
         scan = self.load(self._state.now.pose)
         view = self._state.now
         with self._server.atomic():
@@ -90,11 +90,11 @@ class Stage:
         self._panels.corner.update(view)
 
     def show_corner(self) -> None:
-        """What the tab Corner says of the selected pose, anew."""
+        """Refresh the tab Corner for the selected pose."""
         self._panels.corner.update(self._state.now)
 
     def draw_model(self, first: bool) -> None:
-        """What the model predicts, in 3D and side by side; `first`: until now the dataset had none."""
+        """Draw what the model predicts, in 3D and in the tab Compare; `first` where the dataset had no model before."""
         self.comparison.draw()
         if first and self._camera.name == ARM and not self._camera.kept:
             self._camera.at(self._state.now, self._scans.medians)
@@ -103,7 +103,7 @@ class Stage:
         self._camera.measure(self._state.now, self._scans.medians)
 
     def draw_left_out(self, changed: Collection[str]) -> None:
-        """Which poses are left out, where that has changed for some: lists, legend, the scans among all scans."""
+        """Redraw which poses are left out, in lists, legend and the overview of scans, where that has changed."""
         view = self._state.now
         self._panels.review.list_poses(view)
         self._panels.review.update(view)
@@ -116,13 +116,13 @@ class Stage:
         self.show_legend()
 
     def choose_factor(self) -> None:
-        """Enlarge the ellipsoids so that the first corner's is about a centimetre large."""
+        """Choose the enlargement of ellipsoids at which the first corner's is about a centimetre large."""
         factor = fitting_ellipsoids(self._state.now)
         put(self._panels.review.factor, f"{factor:g}")
         self._state.change(factor=factor)
 
     def show_legend(self) -> None:
-        """What the colours on show mean."""
+        """Show the meaning of the colours in the 3D view."""
         view = self._state.view
         if view is not None:
             self._panels.review.show_legend(legend_html(view, self._camera.visible, self.comparison.distances_mm))
@@ -135,7 +135,7 @@ class Stage:
         self.draw_pose()
 
     def draw_as(self, shown: Shown) -> None:
-        """Draw residuals and uncertainties as long as a saved session had them."""
+        """Restore the enlargement of residuals and uncertainties from a saved session."""
         if shown.arrows in FACTORS:
             self.change_arrows(shown.arrows)
         if shown.factor in FACTORS:
@@ -143,14 +143,14 @@ class Stage:
             self.change(factor=shown.factor)
 
     def change_arrows(self, factor: float | None) -> None:
-        """Draw residuals so many times too long; None: as suits what is drawn."""
+        """Draw residuals enlarged by a factor; None chooses it by their size."""
         if factor is None:
             self.comparison.change(arrows_chosen=False)
         else:
             self.comparison.change(arrows=factor, arrows_chosen=True)
 
     def dark(self, dark: bool) -> None:
-        """Dark or light, with new figures: they do not follow the page by themselves."""
+        """Draw everything dark or light, with new figures, which do not follow the page by themselves."""
         self.theme(dark=dark)
         self.scene.dark(dark)
         panels = self._panels
@@ -174,7 +174,7 @@ class Stage:
         self.show_legend()
 
     def show_view(self, name: str) -> None:
-        """Show the layers of a view and put the camera where they are seen well."""
+        """Show the layers of a view and move the camera to where they are seen well."""
         self._camera.choose(name)
         view = self._state.view
         if view is not None:
@@ -184,7 +184,7 @@ class Stage:
             self.show_legend()
 
     def open_view(self) -> None:
-        """What is looked at first in a dataset that was just opened: the arm, or the scans until there is a model."""
+        """Show the first view of a dataset that was just opened: the arm, or the scans until there is a model."""
         self._camera.settled = False
         view = self._state.now
         if not self._camera.kept or view.session.dataset.scan_folder is None:
@@ -192,17 +192,17 @@ class Stage:
             self.show_view(ALL_SCANS if scans_first else ARM)
 
     def aim_again(self) -> None:
-        """Put the camera where the view is seen well now that more is known of it."""
+        """Move the camera again now that more of the dataset is known."""
         if not self._camera.kept:
             self.show_view(self._camera.name)
 
     def choose_view(self, name: str) -> None:
-        """What the user wants to look at."""
+        """Show the view that the user has chosen."""
         self._camera.settled = True
         self.show_view(name)
 
     def follow(self, name: str) -> None:
-        """Show the view of a tab that was opened, where there is something to see in it."""
+        """Show the view of an opened tab, where it has something to show."""
         view = self._state.view
         if view is None or self._camera.kept or name == self._camera.name:
             return
@@ -213,24 +213,24 @@ class Stage:
         self.show_view(name)
 
     def keep_view(self, keep: bool) -> None:
-        """Whether the view stays as it is when another tab is opened."""
+        """Choose whether the view stays as it is when another tab is opened."""
         self._camera.kept = keep
         put(self._panels.review.keep, keep)
 
     def look_from(self, side: str) -> None:
-        """Look at what is on show from one of SIDES."""
+        """Move the camera to one of SIDES."""
         view = self._state.view
         if view is not None:
             self._camera.at(view, self._scans.medians, side)
 
     @property
     def view_name(self) -> str:
-        """The view on show."""
+        """Name of the view on show."""
         return self._camera.name
 
 
 def _require_as_searched(scan: Scan | None, search: CornerSearch | None) -> None:
-    """Raise ScanError where a scan's file has changed since it was searched: found faces are of other points."""
+    """Raise ScanError where a scan's file has changed since it was searched, since its faces are of other points."""
     if scan is None or search is None or search.count is None or search.count.points == len(scan.points_mm):
         return
     raise ScanError(

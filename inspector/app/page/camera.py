@@ -1,4 +1,4 @@
-"""Which layers are on show, and where the camera stands."""
+"""Visible layers and the camera's position for each view."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SCALE_BELOW = 0.55  # of that radius: how far below the middle of a scan its sca
 
 @dataclass(frozen=True)
 class Field:
-    """What a view looks at. Directions are unit vectors (3,) in the scanner's frame, where the camera may stand."""
+    """Region that a view looks at, with the directions (3,), unit vectors in the scanner's frame, of its camera."""
 
     middle_mm: Array  # (3,)
     distance_mm: float  # of the camera
@@ -38,7 +38,7 @@ class Field:
     up: Array
 
     def towards(self, side: str) -> Array:
-        """Where the camera stands for a look from there."""
+        """Camera position (3,) for a direction of view."""
         if side == RESET:
             return self.usual
         if side == FRONT:
@@ -47,7 +47,7 @@ class Field:
 
 
 class Camera:
-    """The layers of the view on show; the user may switch each of them."""
+    """Chooses the layers and the camera's position for the view on show."""
 
     def __init__(self, scene: SceneView, review: ReviewPanel) -> None:
         self._scene, self._review = scene, review
@@ -58,7 +58,7 @@ class Camera:
         self._show()
 
     def choose(self, name: str) -> None:
-        """The layers of a view, where another one was on show."""
+        """Make the layers of a view visible, where another view was on show."""
         if name != self.name:
             self.name = name
             self.visible = set(VIEW_LAYERS[name])
@@ -75,14 +75,14 @@ class Camera:
             self._scene.show(name, name in self.visible)
 
     def at(self, view: View, medians: Mapping[int, Array], side: str = RESET) -> None:
-        """Put the camera where this view is seen well. medians: the middle (3,) of each scan loaded, by pose, mm."""
+        """Move the camera to where a view is seen well. medians: centre (3,) of each loaded scan, by pose, mm."""
         field = self._field(view, medians)
         self._scene.focus(self._middle(view, medians, field))
         self._scene.aim_camera(field.distance_mm, field.towards(side), up=field.up)
         self._measure(view, medians, field)
 
     def turn_to(self, view: View, medians: Mapping[int, Array]) -> None:
-        """The middle of everything for an overview, else the corner of the selected pose, in the middle of the view."""
+        """Turn the camera to the middle of an overview, else to the selected pose's corner."""
         field = self._field(view, medians)
         self._scene.focus(self._middle(view, medians, field))
         self._measure(view, medians, field)
@@ -109,7 +109,7 @@ class Camera:
         return Field(middle, distance, usual, front, right, up)
 
     def measure(self, view: View, medians: Mapping[int, Array]) -> None:
-        """The floor's grid and the bar of known length, where this view can show them."""
+        """Draw the floor's grid and the scale bar, where the view shows them."""
         self._measure(view, medians, self._field(view, medians))
 
     def _measure(self, view: View, medians: Mapping[int, Array], field: Field) -> None:
@@ -128,7 +128,7 @@ class Camera:
         draw_scale(self._scene, middle - SCALE_BELOW * radius * field.up, along, field.up, radius)
 
     def _middle(self, view: View, medians: Mapping[int, Array], field: Field) -> Array:
-        """What is in the middle of the view (3,)."""
+        """Point (3,) in the middle of the view."""
         if self.name in WIDE_VIEWS:
             return field.middle_mm
         found = corner_of(view, view.pose)
@@ -139,17 +139,17 @@ class Camera:
 
 
 def unit(vector: Array) -> Array:
-    """The same direction, of length 1."""
+    """Unit vector in the same direction."""
     return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-9))
 
 
 def arm_beside(middle_mm: Array, up: Array) -> Array:
-    """Where the arm is looked at from, beside the scanner (3,)."""
+    """Direction (3,) from which the arm is looked at, beside the scanner."""
     return np.asarray(ARM_BESIDE * unit(np.cross(-middle_mm, up)) + ARM_ABOVE * up)
 
 
 def close_beside(view: View) -> Array:
-    """Where one scan is looked at from, beside the scanner (3,): where all three faces of the jig can be seen."""
+    """Direction (3,) from which all three faces of the jig in one scan can be seen, beside the scanner."""
     corner = None if view.search is None else view.search.corner
     if corner is None:
         return CLOSE_BESIDE
@@ -158,7 +158,7 @@ def close_beside(view: View) -> Array:
 
 
 def arm_frame(view: View) -> Array | None:
-    """scanner_T_base (4, 4) as the chosen version of the model has it; None before there is one."""
+    """scanner_T_base (4, 4) of the chosen version of the model; None before there is one."""
     if view.version is None:
         return None
     placed = view.version.scanner_T_base[view.pose]
@@ -166,7 +166,7 @@ def arm_frame(view: View) -> Array | None:
 
 
 def arm_middle(view: View, scanner_T_base: Array, medians: Mapping[int, Array]) -> tuple[Array, float]:
-    """The middle (3,) of the smallest ball about the robot's base and the ball of the points, and its radius, mm."""
+    """Centre (3,) and radius, mm, of the smallest ball around the robot's base and the measured points."""
     points, radius = middle_of(view, medians)
     away = scanner_T_base[:3, 3] - points
     distance = max(float(np.linalg.norm(away)), 1e-9)

@@ -1,4 +1,4 @@
-"""Datasets as the page lists them: a name for each, and whether it has scans."""
+"""The page's list of datasets: a name for each, and whether it has scans."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from calib.errors import CalibError, shown
 
 
 def has_scans(folder: Path) -> bool:
-    """Whether a dataset has scans to look at; a folder that cannot be read tells its reason when it is opened."""
+    """Whether a dataset has scans; False for a folder that cannot be read, which tells why when it is opened."""
     try:
         return load_dataset(folder).scan_folder is not None
     except CalibError:
@@ -18,6 +18,6 @@ def has_scans(folder: Path) -> bool:
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
-    """A name for each dataset folder, its own where that tells them apart."""
+    """A distinct name for each dataset folder, its own where that is enough."""
     names = [shown(folder.resolve().name) for folder in folders]
     return [shown(str(folder)) if names.count(name) > 1 else name for folder, name in zip(folders, names, strict=True)]

@@ -1,4 +1,4 @@
-"""What the page shows: the view, and the sessions of all datasets opened so far. For the worker's thread only."""
+"""The page's state: the view, and the sessions of all datasets opened so far. For the worker's thread only."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from inspector.session.view import View
 
 
 class PageState:
-    """What the controllers and the stage share. Who changes it draws what depends on it."""
+    """State shared by the controllers and the stage; whoever changes it redraws what depends on it."""
 
     def __init__(self, on_change: Callable[[View], None]) -> None:
         self._on_change = on_change  # told of every new view
@@ -22,22 +22,22 @@ class PageState:
 
     @property
     def now(self) -> View:
-        """The view. Raises DatasetError where no dataset is open."""
+        """The view on show. Raises DatasetError where no dataset is open."""
         if self.view is None:
             raise DatasetError("no dataset is open; choose one in the list at the top left")
         return self.view
 
     @property
     def session(self) -> Session:
-        """The session on show. Raises as `now`."""
+        """The session on show. Raises as `now` does."""
         return self.now.session
 
     def known(self, name: str) -> Session | None:
-        """The session of a dataset that was opened before."""
+        """The session of a dataset that was opened before; None of any other."""
         return self._sessions.get(name)
 
     def open(self, name: str, session: Session) -> None:
-        """Show a dataset at its first pose, drawn as it was left; of the one before only what is the page's stays."""
+        """Show a dataset at its first pose, drawn as it was left; settings of the page itself stay."""
         view = View(Session(session.dataset))
         if self.view is not None:
             self._views[self.name] = self.view
@@ -47,7 +47,7 @@ class PageState:
         self._on_change(self.view)
 
     def keep(self, session: Session) -> None:
-        """What is known of the dataset on show from now on."""
+        """Replace the session of the dataset on show."""
         self.view = self.now.with_session(session)
         self._sessions[self.name] = session
         self._on_change(self.view)

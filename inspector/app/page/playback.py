@@ -1,4 +1,4 @@
-"""The poses in the order of their time: the one nearest to a time, and from one to the next until it is stopped."""
+"""Playback of the poses in the order of their time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ INTERVAL_S = 0.5
 
 
 class Playback:
-    """Asks for poses; draws nothing itself.
+    """Selects poses in the order of their time; it draws nothing itself.
 
     times: of the dataset's poses, s; None where it has none or none is open. wanted: the index of the pose asked for
     last. select: asks for a pose. drawing: whether the one asked for last is not drawn yet.
@@ -36,17 +36,17 @@ class Playback:
 
     @property
     def running(self) -> bool:
-        """Whether it plays."""
+        """Whether playback is running."""
         return not self._stopped.is_set()
 
     def at_time(self, seconds: float) -> None:
-        """Select the pose that was measured nearest to this time."""
+        """Select the pose that was measured nearest to a time."""
         time_s, order = self._times(), in_time(self._times())
         if time_s is not None and len(order):
             self._select(int(order[np.argmin(np.abs(time_s[order] - seconds))]))
 
     def play(self) -> None:
-        """Go from pose to pose as they were measured, from the first where the last is selected."""
+        """Start playback at the selected pose, or at the first where the last is selected."""
         order = in_time(self._times())
         if self.running or len(order) < 2:
             return
@@ -57,7 +57,7 @@ class Playback:
         threading.Thread(target=self._run, args=(self._stopped,), name="inspector-play", daemon=True).start()
 
     def stop(self) -> None:
-        """End, at once."""
+        """Stop playback at once."""
         self._stopped.set()
 
     def _run(self, stopped: threading.Event) -> None:
@@ -67,7 +67,7 @@ class Playback:
         self._panel.playing(False)
 
     def _forward(self) -> bool:
-        """Select the next pose; whether there is one."""
+        """Select the next pose; False at the last."""
         order = in_time(self._times()).tolist()
         at = self._wanted()
         after = order[order.index(at) + 1 :] if at in order else order

@@ -63,7 +63,7 @@ class Panels:
     downloads: DownloadsPanel
 
     def say(self, words: str) -> None:
-        """What is being done with the model, or why it cannot be."""
+        """Show what is being done with the model, or why it cannot be done."""
         self.missing_effects.say(words)
         self.headline.doing(words=words)
 
@@ -76,7 +76,7 @@ def add_panels(
     scans_first: bool,
     takes_data: bool = False,
 ) -> Panels:
-    """The page's panels in the order in which they are read."""
+    """Create the page's panels in reading order."""
     left = gui.add_panel()
     with left.add_tab("Review", icon=viser.Icon.LIST_SEARCH):
         own_data = OwnDataButton(gui, takes_data=takes_data)
@@ -131,7 +131,7 @@ def add_panels(
 
 
 def add_tabs(gui: viser.GuiApi, *, scans_first: bool) -> dict[str, viser.GuiTabHandle]:
-    """A tab for each name in STEPS, to be filled.
+    """Create a tab for each name in STEPS, still empty.
 
     Tabs cannot be moved or hidden later: where there is no scan to look at first, the model's steps come first.
     """

@@ -22,8 +22,8 @@ from inspector.markup.learn.said import advice_said, known_links, reasons_said
 from inspector.markup.parts import elements
 from inspector.markup.parts.links import Names, linked
 from inspector.markup.parts.palette import BAD, GOOD, NEUTRAL, PROPOSAL
-from inspector.session.left_out import LEFT_OUT, TAKEN_IN
 from inspector.session.session import Session, StepErrors
+from inspector.session.transitions import LEFT_OUT, TAKEN_IN
 
 NOT_YET = "Not calibrated yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
 SMALL = 0.01  # share of an error below which a change of it counts as none

@@ -13,7 +13,7 @@ from inspector.markup.learn.plan import notes_html, poses_html, promise_html
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, hidden_plot, offer, put
 from inspector.panels.input_checks import clamped
-from inspector.session.plans.planned import Planned
+from inspector.session.planned import Planned
 
 NOTE = (
     "The next poses to measure: only those that scanner and cell allow. Choose what they are for and press the button; "

@@ -13,10 +13,10 @@ from calib.errors import CalibError
 from inspector.cli.parser import main
 from inspector.session import measuring
 from inspector.session import transitions as sessions
-from inspector.session.left_out import with_pose_left_out, with_pose_taken_in
 from inspector.session.reopening import reopened
 from inspector.session.session import Session, StepErrors, asked_out
 from inspector.session.session_file import SavedModel, load_session, save_session, session_text
+from inspector.session.transitions import with_pose_left_out, with_pose_taken_in
 from inspector.session.undo import UNDO_STEPS, Undo
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 

@@ -18,26 +18,28 @@ _LIKELIEST = 5  # effects that may be planned for
 
 @dataclass(frozen=True)
 class Planned:
-    """A plan, for which model it was made, and which of its poses is looked at."""
+    """A plan, the session that it was made for, and which of its poses is selected."""
 
     plan: Plan
     session: Session
     pose: int | None = None
 
     def is_of(self, session: Session) -> bool:
-        """Whether it is for the model of a session."""
+        """Whether the plan was made for a session's current model."""
         return session.calibration is self.session.calibration
 
     @property
     def scanner_T_base(self) -> Array:
-        """(4, 4) of the placement of the scanner that the poses are measured from."""
+        """Pose (4, 4) of the base in the scanner's frame, of the setup in which the planned poses are to be
+        measured.
+        """
         calibration = self.session.calibration
         assert calibration is not None
         return calibration.after.scanner_T_base[self.plan.start.setup]
 
 
 def aims_of(session: Session) -> tuple[str, ...]:
-    """What poses can be planned for: the words of --for; the first where nothing else is asked."""
+    """Purposes that poses can be planned for (words of `plan --for`), the default first."""
     if session.calibration is None:
         return ()
     is_open = session.diagnosis is not None and bool(session.diagnosis.ambiguous_set)
@@ -48,7 +50,7 @@ def aims_of(session: Session) -> tuple[str, ...]:
 
 
 def planned_for(session: Session, aim: str, count: int, payload_kg: float | None) -> Planned:
-    """The next poses for the model on show. Raises CalibError where none can be planned for that."""
+    """Plan of the next poses for the model on show. Raises CalibError where none can be planned."""
     if session.calibration is None:
         raise CalibError(f"dataset {session.dataset.name}: calibrate first, then the next poses can be planned")
     if aim == SPLIT:

@@ -1,4 +1,4 @@
-"""What stands beside the calibration on show. Runs on the worker's thread only."""
+"""Another dataset or version beside the calibration on show. Runs on the worker's thread only."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CHOOSE = "Choose what to see beside this calibration."
 
 
 class SideBySideController:
-    """Fits what is not open, beside the page's work, and shows both."""
+    """Fits the chosen dataset in the background where it is not open, and shows both calibrations."""
 
     def __init__(self, folders: Mapping[str, Path], state: PageState, panel: SideBySidePanel) -> None:
         self._folders, self._state, self._panel = folders, state, panel
@@ -29,7 +29,7 @@ class SideBySideController:
         self._background.close()
 
     def show(self) -> LongWork:
-        """What is chosen now, beside the model on show."""
+        """Long work that shows the chosen dataset or version beside the model on show."""
         view = self._state.now
         names = [version.name for version in view.versions if version is not view.session.versions[-1]]
         self._panel.offer(tuple(n for n in self._folders if n != self._state.name), tuple(names))
@@ -47,7 +47,7 @@ class SideBySideController:
             self._panel.say(str(error), bad=True)
 
     def _other(self, chosen: str) -> Generator[None, None, Beside | None]:
-        """What is to stand beside, fitted first where it is not open; None where there is no such thing any more."""
+        """Long work that ends with the errors of the chosen dataset or version; None where it no longer exists."""
         session = self._state.session
         if chosen.startswith(VERSION):
             return beside_of_version(session, chosen.removeprefix(VERSION))

@@ -1,1 +1,0 @@
-"""What other datasets say beside the one on show."""
