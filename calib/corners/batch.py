@@ -17,16 +17,16 @@ from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
 from calib.dataset.dataset import Dataset, Scanner
-from calib.display.shown import Documented, Viewed
 from calib.errors import CornerError, DatasetError, ScanError
 from calib.jig import Jig
 from calib.parallel import map_as_completed
 from calib.planes.filters import SampleSets
+from calib.presented import Presented
 from calib.progress import OnProgress, counted
 from calib.scans.scan import PointCount, load_scan
 
 
-class CornerBatch(dict[str, CornerSearch], Documented, Viewed):
+class CornerBatch(dict[str, CornerSearch], Presented):
     """The search of each scan of a dataset, by pose id, in the dataset's order."""
 
     def __init__(self, dataset: Dataset, searches: Mapping[str, CornerSearch] = MappingProxyType({})) -> None:
@@ -53,12 +53,6 @@ class CornerBatch(dict[str, CornerSearch], Documented, Viewed):
                 }
             )
         return pd.DataFrame(rows)
-
-    def summary(self) -> str:
-        """How many scans have a corner, and why the others have none."""
-        failed = {pose_id: search.failure for pose_id, search in self.items() if search.corner is None}
-        lines = [f"{self.dataset.name}: {len(self) - len(failed)} of {len(self)} corners found"]
-        return "\n".join([*lines, *(f"{pose_id}: no corner: {why}" for pose_id, why in failed.items())])
 
 
 def find_corners(

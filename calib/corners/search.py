@@ -27,6 +27,7 @@ from calib.planes.normals import (
     thin_to_voxels,
     with_fewer_neighbours,
 )
+from calib.presented import Presented
 from calib.scans.scan import PointCount, Scan
 from calib.scans.seeding import seeded
 
@@ -55,7 +56,7 @@ class CornerOptions:
 
 
 @dataclass(frozen=True)
-class CornerSearch:
+class CornerSearch(Presented):
     """Every intermediate product of one search, successful or not, for inspection."""
 
     scan: str
@@ -77,17 +78,6 @@ class CornerSearch:
         return {
             "drawn": len(self.sets), "filter1": first, "filter2": second, "filter3": third, "passed": passed,
         }  # fmt: skip
-
-    def summary(self) -> str:
-        """One line: the corner with its uncertainty and faces, or why there is none."""
-        if self.corner is None:
-            return f"{self.scan}: no corner: {self.failure}"
-        x, y, z = self.corner.xyz_mm
-        faces = ", ".join(str(f.points) for f in self.corner.faces)
-        return (
-            f"{self.scan}: corner ({x:.4f}, {y:.4f}, {z:.4f}) mm, sigma {self.corner.sigma_mm():.4f} mm, "
-            f"faces of {faces} points, {len(self.groups)} plane groups, {self.seconds:.2f} s"
-        )
 
 
 @one_blas_thread()

@@ -19,7 +19,6 @@ from calib.strict_json import plain
 
 DOCUMENTS: Mapping[str, str] = {  # class -> function that makes its document
     "calib.calibration.result.Calibration": "calib.documents.calibration_documents:calibration_document",
-    "calib.corners.batch.CornerBatch": "calib.documents.corner_documents:batch_document",
     "calib.diagnosis.result.Diagnosis": "calib.documents.diagnosis_documents:diagnosis_document",
     "calib.fleet.result.Fleet": "calib.documents.fleet_document:fleet_document",
     "calib.planning.plan.Plan": "calib.documents.plan_document:plan_document",
@@ -27,7 +26,6 @@ DOCUMENTS: Mapping[str, str] = {  # class -> function that makes its document
 }
 VIEWS: Mapping[str, str] = {  # class -> function that makes its HTML, tables only
     "calib.calibration.result.Calibration": "calib.views.fit_views:calibration_html",
-    "calib.corners.batch.CornerBatch": "calib.views.measured_views:corners_html",
     "calib.dataset.dataset.Dataset": "calib.views.measured_views:dataset_html",
     "calib.diagnosis.result.Diagnosis": "calib.views.fit_views:diagnosis_html",
     "calib.planning.plan.Plan": "calib.views.later_views:plan_html",

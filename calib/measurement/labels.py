@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from calib.corners.orientation import Orientation
 
@@ -34,36 +33,14 @@ class FaceLabels:
 
     def summary(self) -> str:
         """One line: what the labels follow from, the least margin, and how many poses were refused."""
-        needed = LEAST_MARGIN_DEG if self.unit == "deg" else LEAST_MISFIT_MARGIN
-        least = (
-            f", margin {min(self.margin.values()):.4g} {self.unit} or more (needed: {needed:g})" if self.margin else ""
-        )
+        unit, needed = f" {self.unit}", f"{LEAST_MISFIT_MARGIN:g}"
+        if self.unit == "deg":
+            unit, needed = "°", f"{LEAST_MARGIN_DEG:g}°"
+        least = f", margin {min(self.margin.values()):.4g}{unit} or more (needed: {needed})" if self.margin else ""
         first = next(iter(self.refused.items()), None)
         refused = f"; {len(self.refused)} refused, {first[0]}: {first[1]}" if first else ""
-        meet = ", ".join(f"{angle:.4f}" for angle in self.found_angles_deg or ())
-        angles = f"; they meet at {meet} deg, which differs from what dataset.toml tells" if meet else ""
+        meet = ", ".join(f"{angle:.4f}°" for angle in self.found_angles_deg or ())
+        angles = f"; they meet at {meet}, which differs from what dataset.toml tells" if meet else ""
         count = len(self.orientations)
         poses = f"{count} pose{'' if count == 1 else 's'}"
         return f"faces named by {_LABELLED_BY[self.by]} at {poses}{least}{angles}{refused}"
-
-    def document(self) -> dict[str, Any]:
-        """The labels as a JSON object; quaternions are w, x, y, z of scanner_R_jig."""
-        return {
-            "named_by": self.by,
-            "margin_unit": self.unit,
-            "found_angles_deg": self.found_angles_deg,
-            "poses": [
-                {
-                    "pose": pose_id,
-                    "quaternion": found.quaternion(),
-                    "covariance_rad2": found.covariance_rad2,
-                    "sigma_rad": found.sigma_rad(),
-                    "faces": found.order,
-                    "misfit": found.misfit,
-                    "off": self.off.get(pose_id),
-                    "margin": self.margin.get(pose_id),
-                }
-                for pose_id, found in self.orientations.items()
-            ],
-            "refused": [{"pose": pose_id, "reason": reason} for pose_id, reason in self.refused.items()],
-        }

@@ -58,6 +58,11 @@ def column_mm(mm: float | None) -> str:
     return written.replace("-", MINUS) if mm < 0 else written
 
 
+def coordinate(mm: float) -> str:
+    """A coordinate in millimetres, in a column or a sentence: three decimals, as many as a point is known to."""
+    return f"{mm:z.3f}".replace("-", MINUS)
+
+
 def readable(value: float, unit: str) -> tuple[float, str]:
     """A value and its unit as people read them: angles in degrees."""
     return (math.degrees(value), "°") if unit == "rad" else (value, unit)

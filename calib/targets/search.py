@@ -60,19 +60,6 @@ class ScanSearch(CornerSearch):
         missing = sum(bool(one.failure) for one in self.found)
         return f"found, {missing} missing" if missing else "found"
 
-    def summary(self) -> str:
-        """One line: how many of which targets were found, or why none."""
-        said = []
-        for search in self.found:
-            names = ", ".join(search.names)
-            if search.failure:
-                said.append(f"{names}: {search.failure}")
-                continue
-            each = ", ".join(f"{p.sigma_mm():.4f} mm of {p.points} points" for p in search.places)
-            count = f"{len(search.places)} of {len(search.names)} found" if len(search.names) > 1 else "found"
-            said.append(f"{names}: {count}, sigma {each}")
-        return f"{self.scan}: {' | '.join(said)} | {self.seconds:.2f} s"
-
 
 def wanted_of(targets: Sequence[Target], scan_sigma_mm: float | None) -> list[Wanted]:
     """Targets of equal shape together: they are looked for at once, and told apart later."""

@@ -1,11 +1,9 @@
-"""What was measured, as a notebook shows it: a dataset, and the corners in its scans."""
+"""What was measured, as a notebook shows it: a dataset."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from calib.corners.batch import CornerBatch
-from calib.corners.search import CornerSearch
 from calib.dataset.dataset import ROLES, Dataset
 from calib.present.blocks import Block, Bullets, Facts, KeyFigures, Section, Table
 from calib.views.view_page import view_html
@@ -77,33 +75,3 @@ def _measured(dataset: Dataset) -> str:
     of = "" if len(targets) == 1 else f" of {len(targets)} targets"
     with_scans = ", and scans" if dataset.scan_folder is not None else ""
     return f"{len(dataset.points)} points{of}{with_scans}"
-
-
-def corners_html(batch: CornerBatch) -> str:
-    """The searches of scans as HTML: how many corners, why some scans have none, and each corner with its sigma."""
-    found = {pose_id: search for pose_id, search in batch.items() if search.corner is not None}
-    failed = [(pose_id, search.failure) for pose_id, search in batch.items() if search.corner is None]
-    sigmas = [search.corner.sigma_mm() for search in found.values() if search.corner is not None]
-    pairs: list[tuple[str, object]] = [("corners", f"{len(found)} of {len(batch)} scans")]
-    if sigmas:
-        pairs.append(("sigma, median", f"{1e3 * float(np.median(sigmas)):.1f} µm"))
-    pairs.append(("search", f"{sum(search.seconds for search in batch.values()):.1f} s in all"))
-    head: list[Block] = [KeyFigures(pairs)]
-    if failed:
-        head.append(Table(("scan without a corner", "why"), failed, left=(0, 1)))
-    columns = ("scan", "x, mm", "y, mm", "z, mm", "sigma, µm", "points on the faces", "deserves a look")
-    rows = [_row(pose_id, search) for pose_id, search in found.items()]
-    sections = [Section("Each corner, in the scanner's frame", [Table(columns, rows, left=(0, 5, 6))])]
-    return view_html(f"Corners of {batch.dataset.name}", head, sections if rows else [])
-
-
-def _row(pose_id: str, search: CornerSearch) -> tuple[object, ...]:
-    corner = search.corner
-    assert corner is not None
-    return (
-        pose_id,
-        *(f"{value:.3f}" for value in corner.xyz_mm),
-        f"{1e3 * corner.sigma_mm():.1f}",
-        ", ".join(str(face.points) for face in corner.faces),
-        "; ".join(corner.quality.doubts()) or "–",
-    )

@@ -11,8 +11,8 @@ from calib.documents.calibration_documents import (
     validation_document,
 )
 from calib.documents.check_document import check_document
-from calib.documents.corner_documents import corners_document
 from calib.documents.diagnosis_documents import diagnosis_document, effects_document
+from calib.present.corners import corners_document
 from calib.present.redundancy import redundancy_document
 
 __all__ = [

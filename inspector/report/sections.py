@@ -17,6 +17,7 @@ from calib.diagnosis.words.phrases import untestable_texts
 from calib.measurement.measured_points import failed_searches
 from calib.present import names, numbers
 from calib.present.blocks import Block, Bullets, Facts, Paragraph, Table
+from calib.present.corners import scan_sentences
 from calib.screening.candidates import Candidate
 from calib.screening.curves.fitted_curves import fitted_curves, learned_members
 from calib.screening.curves.smooth_joint_error import LEARNED
@@ -53,7 +54,8 @@ def dataset(report: Report) -> list[Block]:
         ("noise declared", _noise(report.calibration)),
         ("conditions written down", numbers.listing(_conditions(given)) or "none"),
     ]
-    notes = [*report.calibration.warnings, *_of_scans(given, report.session.searches)]
+    of_scans = scan_sentences(report.session.searches) if given.points is None else []
+    notes = [*report.calibration.warnings, *of_scans]
     return [Facts(rows), *([Bullets(notes)] if notes else [])]
 
 
@@ -68,22 +70,6 @@ def _measured(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> str:
     found = len(searches) - len(failed_searches(searches))
     jig = f"a jig of {dataset.jig.edge_words()}"
     return f"the corner of {jig} in {found} of {numbers.count(len(searches), 'scan')}"
-
-
-def _of_scans(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> list[str]:
-    """Why scans have no corner, and which corners deserve a second look; nothing where points.csv has the points."""
-    if dataset.points is not None:
-        return []
-    failed = failed_searches(searches)
-    doubts = {
-        pose_id: doubts
-        for pose_id, search in searches.items()
-        if search.corner is not None and (doubts := search.corner.quality.doubts())
-    }
-    return [
-        *(f"{pose_id} has no corner and is left out: {reason}." for pose_id, reason in failed.items()),
-        *(f"The corner of {pose_id} deserves a look: {'; '.join(said)}." for pose_id, said in doubts.items()),
-    ]
 
 
 def _noise(calibration: Calibration) -> str:

@@ -309,8 +309,8 @@ def test_corner_tab_gives_position_and_sigma_with_units(app: App, page: WireClie
     assert corner is not None
     text = plain(page)
     for axis in range(3):
-        assert f"{corner.xyz_mm[axis]:.4f}" in text
-        assert numbers.length(float(np.sqrt(corner.covariance_mm2[axis, axis]))) in text
+        assert numbers.coordinate(corner.xyz_mm[axis]) in text
+        assert numbers.column_mm(float(np.sqrt(corner.covariance_mm2[axis, axis]))) in text
     label = page.scene[f"{ROOT}/corner/label"]["props"]["text"]
     factor = page.value("Ellipsoids ×")
     assert f"1σ × {factor}" in label

@@ -107,7 +107,7 @@ def test_corner_tab_shows_the_corner(page: Any, app: App) -> None:
     assert search is not None
     assert search.corner is not None
     for value in search.corner.xyz_mm:
-        says(page, f"{value:.4f}")
+        says(page, numbers.coordinate(value))
     page.get_by_role("button", name="Show the corner").click()
     node_drawn(page, f"{ROOT}/corner/ellipsoid")
     says(page, "times larger than one standard deviation")
