@@ -18,11 +18,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.dataset.surroundings import Surroundings
-from calib.display.shown import Viewed
 from calib.errors import DatasetError
 from calib.jig import Jig
 from calib.kinematics.robot import Robot
 from calib.noise_shape import NoiseShape
+from calib.presented import Presented
 from calib.target_shapes import Target
 
 ROLES = ("reference", "train", "test")
@@ -195,7 +195,7 @@ class Points:
 
 
 @dataclass(frozen=True)
-class Dataset(Viewed):
+class Dataset(Presented):
     """What belongs together. Either `points` is there, or scans to find them in, or both (then points win)."""
 
     name: str
@@ -227,13 +227,6 @@ class Dataset(Viewed):
         if self.targets and (named or not self.jig_is_declared):
             return self.targets
         return (Target("jig", self.jig), *self.targets)
-
-    def summary(self) -> str:
-        """One line: robot, poses by role, what was measured."""
-        roles = ", ".join(f"{n} {role}" for role in ROLES if (n := int(np.sum(self.poses.role == role))))
-        measured = "scans, no points yet" if self.points is None else f"{len(self.points)} points"
-        arm = f"{self.robot.name}, {self.robot.n_joints} joints"
-        return f"{self.name}: {arm}; {len(self.poses)} poses ({roles}); {measured}"
 
     def scan_path(self, pose: int) -> Path | None:
         """Where the scan of a pose lies; None where the dataset has no scans."""

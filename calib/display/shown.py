@@ -26,7 +26,6 @@ DOCUMENTS: Mapping[str, str] = {  # class -> function that makes its document
 }
 VIEWS: Mapping[str, str] = {  # class -> function that makes its HTML, tables only
     "calib.calibration.result.Calibration": "calib.views.fit_views:calibration_html",
-    "calib.dataset.dataset.Dataset": "calib.views.measured_views:dataset_html",
     "calib.diagnosis.result.Diagnosis": "calib.views.fit_views:diagnosis_html",
     "calib.planning.plan.Plan": "calib.views.later_views:plan_html",
 }

@@ -30,3 +30,8 @@ def parameters(found: Sequence[str], last: str = "") -> tuple[Span, ...]:
         between = f" {last} " if last and k == len(found) - 1 else ", "
         spans += [*([between] if k else []), parameter(name)]
     return tuple(spans)
+
+
+def joint_with_unit(number: int, unit: str = "") -> Span:
+    """A joint at the head of a row: "joint 3, °"."""
+    return joint(number, f"joint {number}" + (f", {unit}" if unit else ""))

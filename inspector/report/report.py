@@ -23,6 +23,7 @@ from calib.present.blocks import (
     Table,
     Verdict,
 )
+from calib.present.dataset import measured_blocks
 from calib.present.redundancy import redundancy_section
 from inspector.figures.plots import error_history
 from inspector.markup.learn.effects import last_change
@@ -83,7 +84,7 @@ def finding_sections(report: Report) -> tuple[Section, ...]:
     return (
         Section("How the verdict was reached", _reasons(report)),
         Section(HISTORY, _history(report)),
-        Section("Dataset and how it was measured", sections.dataset(report)),
+        Section("Dataset and how it was measured", measured_blocks(report.calibration, report.session.searches)),
         Section("What could be missing", sections.ranking(report)),
         Section("Where the model is off", residuals),
         *([Section("Learned curves of the joints", curves)] if curves else []),

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import plotly.graph_objects as go
 
-from calib.calibration.noise_level import noise_level
 from calib.calibration.pose_errors import running_median
 from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import Combination, identifiable_combinations
-from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.words.phrases import untestable_texts
-from calib.measurement.measured_points import failed_searches
-from calib.present import names, numbers
-from calib.present.blocks import Block, Bullets, Facts, Paragraph, Table
-from calib.present.corners import scan_sentences
+from calib.present import numbers
+from calib.present.blocks import Block, Bullets, Paragraph, Table
 from calib.screening.candidates import Candidate
 from calib.screening.curves.fitted_curves import fitted_curves, learned_members
 from calib.screening.curves.smooth_joint_error import LEARNED
@@ -35,62 +29,6 @@ from inspector.report.figure_block import Figure
 
 SHOWN_INPUTS = 2
 _P = 0.01
-
-
-def dataset(report: Report) -> list[Block]:
-    """What was measured, where, under which conditions, and what is odd about it."""
-    given = report.session.dataset
-    poses = given.poses
-    roles = [f"{np.count_nonzero(poses.role == role)} {names.role(role)}" for role in ("train", "test")]
-    setups = [str(name) for name in np.unique(poses.setup)]
-    rows: list[tuple[str, object]] = [("dataset", given.name)]
-    if given.description:
-        rows.append(("description", given.description))
-    rows += [
-        ("robot", f"{given.robot.name}, {given.robot.n_joints} joints"),
-        ("poses", f"{len(poses)}: 1 reference, {numbers.listing(roles)}"),
-        ("measured", _measured(given, report.session.searches)),
-        (f"placements of the {instrument(given)}", len(setups)),
-        ("noise declared", _noise(report.calibration)),
-        ("conditions written down", numbers.listing(_conditions(given)) or "none"),
-    ]
-    of_scans = scan_sentences(report.session.searches) if given.points is None else []
-    notes = [*report.calibration.warnings, *of_scans]
-    return [Facts(rows), *([Bullets(notes)] if notes else [])]
-
-
-def instrument(dataset: Dataset) -> str:
-    """What measured: a scanner, or, where no jig with faces was measured, whatever it was."""
-    return "scanner" if dataset.shows_faces else "instrument"
-
-
-def _measured(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> str:
-    if dataset.points is not None:
-        return f"{numbers.count(len(dataset.points), 'point')} given in the dataset's table of points"
-    found = len(searches) - len(failed_searches(searches))
-    jig = f"a jig of {dataset.jig.edge_words()}"
-    return f"the corner of {jig} in {found} of {numbers.count(len(searches), 'scan')}"
-
-
-def _noise(calibration: Calibration) -> str:
-    level = noise_level(calibration)
-    length = f"{numbers.length(level.sigma_mm)} a coordinate of a measured point"
-    return length if level.is_declared else f"no: {level.name}, {length}"
-
-
-def _conditions(dataset: Dataset) -> list[str]:
-    poses = dataset.poses
-    out = []
-    for name, values, unit in (
-        ("payload", poses.payload_kg, "kg"),
-        ("temperature", poses.temperature_c, "°C"),
-        ("time", poses.time_s, "s"),
-    ):
-        if values is not None:
-            out.append(f"{name} {values.min():g} to {values.max():g} {unit}")
-    if poses.approach is not None:
-        out.append("side of approach")
-    return [*out, *map(str, poses.extra.columns)]
 
 
 def ranking(report: Report) -> list[Block]:

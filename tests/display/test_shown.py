@@ -222,7 +222,7 @@ def test_ipython_shows_the_summary_as_plain_text(
     for result in results:
         assert plain_text(result) == result.summary()
         assert len(result.summary()) < 20_000
-    assert "64 poses (1 reference" in dataset.summary()
+    assert "64: 1 reference, 50 training and 13 test" in dataset.summary()
 
 
 def test_drawings_of_two_results_on_one_page_have_ids_of_their_own(found: Diagnosis) -> None:
