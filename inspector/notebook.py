@@ -10,13 +10,10 @@ from collections.abc import Sequence
 from functools import singledispatch
 from itertools import count
 
-from calib.calibration.result import Calibration
 from calib.diagnosis.result import Diagnosis
-from calib.identifiability.structural import redundancy
 from calib.planning.plan import Plan
 from calib.present.blocks import Block, Section
-from calib.present.redundancy import redundancy_section
-from calib.views.fit_views import calibration_head, diagnosis_head, parameters
+from calib.views.fit_views import diagnosis_head
 from calib.views.later_views import plan_head, plan_sections
 from calib.views.view_page import FIGURES, view_html
 from inspector import figures
@@ -49,22 +46,6 @@ def _drawn_above(section: Section) -> Section:
     if section.heading != HISTORY:
         return section
     return Section(HISTORY, [block for block in section.blocks if not isinstance(block, Figure)])
-
-
-@html_with_figures.register
-def _of_calibration(calibration: Calibration) -> str:
-    """The errors, a bar a pose; how the fit went, its parameters, and which of them act alike."""
-    drawn = Figure(figures.error_bars(calibration), "3D error of each pose after the fit.", height_px=260)
-    analysis = redundancy(calibration.dataset, residual=calibration.residual)
-    sections = [
-        Section("Parameters", parameters(calibration)),
-        redundancy_section(analysis),
-        Section(
-            "Convergence",
-            [Figure(figures.convergence(calibration), "Error at each iteration.", height_px=280)],
-        ),
-    ]
-    return _view(f"Calibration of {calibration.dataset.name}", [*calibration_head(calibration), drawn], sections)
 
 
 @html_with_figures.register

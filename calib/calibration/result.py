@@ -9,12 +9,11 @@ import numpy as np
 import pandas as pd
 
 from calib.array_types import Array
-from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
-from calib.calibration.orientation_errors import OrientationErrors, evaluate_orientations, orientation_lines
+from calib.calibration.evaluation import Evaluation, evaluate_all
+from calib.calibration.orientation_errors import OrientationErrors, evaluate_orientations
 from calib.dataset.dataset import Dataset
 from calib.dataset.stands import ShotCount, without_poses
 from calib.dataset.trained_range import TrainedRange
-from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
 from calib.fitting.fit import Fit
 from calib.fitting.model import Model
@@ -22,6 +21,7 @@ from calib.fitting.observations import Observations, room_placement
 from calib.fitting.tool_point.placement import ToolShift, tool_shift
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
+from calib.presented import Presented
 
 _TOLD = 8  # outlying poses that are told one by one
 
@@ -37,7 +37,7 @@ class IterationErrors:
 
 
 @dataclass(frozen=True)
-class Calibration(Documented, Viewed):
+class Calibration(Presented):
     """A fitted model and how it stands to the measurements."""
 
     dataset: Dataset
@@ -156,7 +156,7 @@ class Calibration(Documented, Viewed):
                 if not after.rmse_mm > before.rmse_mm:
                     return ""
                 return (
-                    f"the fit is worse than robot.toml on the {role} poses: RMSE {before.rmse_mm:.4g} -> "
+                    f"the fit is worse than robot.toml on the {role} poses: RMSE from {before.rmse_mm:.4g} to "
                     f"{after.rmse_mm:.4g} mm; do not put it on the robot, find out why first (too few or too similar "
                     "poses for what is fitted, another residual, no prior)"
                 )
@@ -172,7 +172,7 @@ class Calibration(Documented, Viewed):
         before, after = self.before.test, self.after.test
         if before is not None and after is not None and after.rmse_mm >= before.rmse_mm:
             raise FitError(
-                f"dataset {self.dataset.name}: the test poses got worse, RMSE {before.rmse_mm:.4g} -> "
+                f"dataset {self.dataset.name}: the test poses got worse, RMSE from {before.rmse_mm:.4g} to "
                 f"{after.rmse_mm:.4g} mm; {way_out}"
             )
 
@@ -192,22 +192,6 @@ class Calibration(Documented, Viewed):
             }
         )
 
-    def summary(self) -> str:
-        """Errors before and after on training and test poses, and what there is to be warned of."""
-        fit = self.fit.summary(declared=is_declared(self.dataset))
-        lines = [f"{self.dataset.name}: {self.residual} residual, {fit}"]
-        for label, before, after in (
-            ("train", self.before.train, self.after.train),
-            ("test ", self.before.test, self.after.test),
-        ):
-            if before is not None and after is not None:
-                lines.append(f"{label} {figures_line(before, after)}")
-        if self.orientation_errors is not None:
-            lines += orientation_lines(*self.orientation_errors)
-        if self.faces_named:
-            lines.append(self.faces_named)
-        return "\n".join([*lines, *self.warnings])
-
 
 def outlier_words(robust: Calibration) -> str:
     """Which poses a robust fit left out, and how far they are off."""
@@ -219,23 +203,6 @@ def outlier_words(robust: Calibration) -> str:
     more = f" and {len(robust.outliers) - _TOLD} more" if len(robust.outliers) > _TOLD else ""
     poses = "1 pose stands" if len(robust.outliers) == 1 else f"{len(robust.outliers)} poses stand"
     return f"{poses} out of all others, {', '.join(told)}{more}"
-
-
-def figures_line(before: Figures, after: Figures) -> str:
-    """Before and after in one line, with the change in per cent."""
-
-    def fall(name: str, a: float, b: float) -> str:
-        share = f" ({100.0 * (b / a - 1.0):+.1f} %)" if a > 0.0 else ""
-        return f"{name} {a:.4g} -> {b:.4g} mm{share}"
-
-    return ", ".join(
-        [
-            fall("RMSE", before.rmse_mm, after.rmse_mm),
-            fall("max", before.max_mm, after.max_mm),
-            fall("distance max", before.distance_max_mm, after.distance_max_mm),
-            fall("distance mean", before.distance_mean_mm, after.distance_mean_mm),
-        ]
-    )
 
 
 def is_declared(dataset: Dataset) -> bool:

@@ -18,14 +18,12 @@ from typing import Any, Protocol
 from calib.strict_json import plain
 
 DOCUMENTS: Mapping[str, str] = {  # class -> function that makes its document
-    "calib.calibration.result.Calibration": "calib.documents.calibration_documents:calibration_document",
     "calib.diagnosis.result.Diagnosis": "calib.documents.diagnosis_documents:diagnosis_document",
     "calib.fleet.result.Fleet": "calib.documents.fleet_document:fleet_document",
     "calib.planning.plan.Plan": "calib.documents.plan_document:plan_document",
     "calib.validation.acceptance.Check": "calib.documents.check_document:check_document",
 }
 VIEWS: Mapping[str, str] = {  # class -> function that makes its HTML, tables only
-    "calib.calibration.result.Calibration": "calib.views.fit_views:calibration_html",
     "calib.diagnosis.result.Diagnosis": "calib.views.fit_views:diagnosis_html",
     "calib.planning.plan.Plan": "calib.views.later_views:plan_html",
 }
@@ -45,7 +43,8 @@ class Documented:
 
         `json.dumps(result.to_dict(), allow_nan=False)` always works. Keys are only ever added.
         """
-        document = plain(_maker(DOCUMENTS[_name_of(type(self))])(self))
+        made = _maker(DOCUMENTS[_name_of(type(self))])(self)
+        document = plain(_maker("calib.present.results:nested")(made))
         assert isinstance(document, dict)
         return document
 

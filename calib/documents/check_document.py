@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from calib.dataset.repeats import repeats_frame
-from calib.documents.calibration_documents import calibration_document
 from calib.documents.diagnosis_documents import diagnosis_document
+from calib.present.calibration import calibration_document
 from calib.validation.acceptance import Check
 
 

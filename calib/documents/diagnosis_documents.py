@@ -13,8 +13,8 @@ from calib.diagnosis.findings import Learned
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.noise_text import NoiseShaped, noise_text
 from calib.diagnosis.words.phrases import fault_text
-from calib.documents.calibration_documents import found_tool_document, stands_document
 from calib.effects.catalogue import descriptions
+from calib.present.calibration import found_tool_document, stands_document
 from calib.screening.candidates import Candidate
 from calib.screening.fault_models import JointFault
 from calib.screening.residual_tests import InputTest

@@ -23,6 +23,7 @@ from calib.errors import FitError
 from calib.fitting.model import Model
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
+from calib.presented import Presented
 
 PROGRAM = "robot-calibration-inspector"
 _SAME_TABLE = 1e-9  # mm or rad
@@ -48,7 +49,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class FittedModel:
+class FittedModel(Presented):
     """A model at its fitted values, which predicts and corrects without a refit. P free parameters."""
 
     model: Model
@@ -205,21 +206,6 @@ class FittedModel:
     def is_fitted_to(self, dataset: Dataset) -> bool:
         """Whether the files of a dataset are those that the model was fitted to."""
         return bool(self.source.files) and dict(self.source.files) == fingerprint(dataset)
-
-    def summary(self) -> str:
-        """What the model is, and its errors, in two lines."""
-        what = " + ".join(["link errors", *self.model.family_names])
-        without = f" without {', '.join(self.source.left_out)}" if self.source.left_out else ""
-        lines = [f"{what}, fitted to {self.source.dataset}{without}"]
-        lines += [
-            f"{name} RMSE {before.rmse_mm:.4g} -> {after.rmse_mm:.4g} mm"
-            for name, before, after in (
-                ("train", self.before.train, self.after.train),
-                ("test ", self.before.test, self.after.test),
-            )
-            if before is not None and after is not None
-        ]
-        return "\n".join(lines)
 
 
 def program_version() -> str:

@@ -9,6 +9,7 @@ from calib.present import changes as changes
 from calib.present import corners as corners
 from calib.present import dataset as dataset
 from calib.present import redundancy as redundancy
+from calib.present import validation as validation
 from calib.present.results import document, headline, notebook_html, presentation, summary, to_dict
 
 __all__ = ["document", "headline", "notebook_html", "presentation", "summary", "to_dict"]

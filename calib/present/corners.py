@@ -237,7 +237,7 @@ def _face_tables(corner: Corner, colours: Sequence[str]) -> Iterator[Table]:
     yield Table(("face", "points", "rms, mm", "seen at", "covered"), faces)
     pairs = ("1–2", "2–3", "3–1")
     angles = [
-        (f"faces {pair}", f"{angle:.3f}°", f"{error:+z.3f}°".replace("-", numbers.MINUS), f"{sigma:.3f}°")
+        (f"faces {pair}", f"{angle:.3f}°", f"{numbers.signed(error, '+z.3f')}°", f"{sigma:.3f}°")
         for pair, angle, error, sigma in zip(
             pairs, quality.angles_deg, quality.angle_errors_deg, quality.angle_sigmas_deg, strict=True
         )

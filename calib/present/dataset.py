@@ -114,7 +114,7 @@ def joint_ranges(dataset: Dataset) -> Table:
     units = ["°" if turns else "mm" for turns in robot.is_revolute]
     shown = np.where(robot.is_revolute, np.degrees(q), q).T
     rows = [
-        (names.joint_with_unit(k + 1, unit), *(f"{v:.1f}".replace("-", numbers.MINUS) for v in (low, high, high - low)))
+        (names.joint_with_unit(k + 1, unit), *(numbers.signed(v, "z.1f") for v in (low, high, high - low)))
         for k, (unit, low, high) in enumerate(zip(units, shown.min(axis=1), shown.max(axis=1), strict=True))
     ]
     return Table(("", "from", "to", "range"), rows)
@@ -130,7 +130,7 @@ def robot_table(dataset: Dataset) -> Table:
 def _row(row: tuple[float, float, float, float, float]) -> list[str]:
     a_mm, alpha, d_mm, theta, beta = row
     values = (a_mm, np.degrees(alpha), d_mm, np.degrees(theta), np.degrees(beta))
-    return [f"{v:z.2f}".replace("-", numbers.MINUS) for v in values]
+    return [numbers.signed(v, "z.2f") for v in values]
 
 
 @document.register

@@ -97,7 +97,7 @@ def environment(*loaders: BaseLoader, links: bool = False) -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=bool(loaders),
     )
-    made.filters["words"] = lambda words: Markup(_words_html(words, links))
+    made.filters["words"] = lambda words: Markup(words_html(words, links))
     made.filters["selecting"] = lambda reference: Markup(_asks(reference) if links and reference else "")
     return made
 
@@ -107,7 +107,8 @@ def _templates(links: bool) -> Environment:
     return environment(links=links)
 
 
-def _words_html(words: object, links: bool) -> str:
+def words_html(words: object, links: bool) -> str:
+    """A sentence or a cell, escaped; with `links` its references are links that select what they name."""
     match words:
         case Reference():
             return f'<a class="asks"{_asks(words)}>{escape(words.words)}</a>' if links else escape(words.words)
@@ -116,7 +117,7 @@ def _words_html(words: object, links: bool) -> str:
         case Coloured():
             return f'<i class="swatch" style="background:{escape(words.colour)}"></i>&nbsp;{escape(words.words)}'
         case list() | tuple():
-            return "".join(_words_html(span, links) for span in words)
+            return "".join(words_html(span, links) for span in words)
         case _ if hasattr(words, "__html__"):
             return str(words)
         case _:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from calib.effects.effect import Effect, parameters_by_name
+from calib.kinematics.robot import PARAMETER_KINDS, Robot
 from calib.present.blocks import Span, joint
 from calib.present.numbers import parameter_label
 
@@ -35,3 +37,14 @@ def parameters(found: Sequence[str], last: str = "") -> tuple[Span, ...]:
 def joint_with_unit(number: int, unit: str = "") -> Span:
     """A joint at the head of a row: "joint 3, °"."""
     return joint(number, f"joint {number}" + (f", {unit}" if unit else ""))
+
+
+def joints_by_parameter(robot: Robot, effects: Sequence[Effect] = ()) -> dict[str, int]:
+    """The joint, from 1, of each parameter that belongs to one: of the table's rows and of these effects."""
+    of_table = {f"{kind}{j + 1}": j + 1 for j in range(robot.n_joints) for kind in PARAMETER_KINDS}
+    of_effects = {
+        name: int(joint) + 1
+        for name, (effect, _) in parameters_by_name(effects).items()
+        if (joint := getattr(effect, "joint", None)) is not None
+    }
+    return of_table | of_effects

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 MISSING = "–"
 MINUS = "\N{MINUS SIGN}"
 _GREEK = {"alpha": "α", "beta": "β", "theta": "θ"}
-_MICRO_BELOW_MM = 0.1
+_MICRO_BELOW_MM = 0.0995  # what is nearer to a tenth of a millimetre is written as that
 _NOTHING_MM = 1e-6  # a nanometre: less is rounding
 _UNSEEN = 1e6  # a sigma from which a size says nothing, in its unit
 
@@ -58,9 +58,15 @@ def column_mm(mm: float | None) -> str:
     return written.replace("-", MINUS) if mm < 0 else written
 
 
+def signed(value: float, spec: str) -> str:
+    """A number by a format's specification, with the minus sign of this module before it."""
+    written = f"{value:{spec}}"
+    return MINUS + written[1:] if written.startswith("-") else written
+
+
 def coordinate(mm: float) -> str:
     """A coordinate in millimetres, in a column or a sentence: three decimals, as many as a point is known to."""
-    return f"{mm:z.3f}".replace("-", MINUS)
+    return signed(mm, "z.3f")
 
 
 def readable(value: float, unit: str) -> tuple[float, str]:

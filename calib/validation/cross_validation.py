@@ -17,12 +17,13 @@ from calib.blas_threads import one_blas_thread
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Evaluation, Figures
 from calib.calibration.noise_check import SigmaCheck, check_sigma
-from calib.calibration.result import Calibration, figures_line
+from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.effects.effect import Effect
 from calib.errors import FitError
 from calib.fitting.fit import Fit
 from calib.options import DEFAULT_FOLDS, FitOptions
+from calib.presented import Presented
 from calib.progress import OnProgress, counted
 from calib.validation.splits import deal_folds, split_dataset, training_groups
 
@@ -40,7 +41,7 @@ class Fold:
 
 
 @dataclass(frozen=True)
-class CrossValidation:
+class CrossValidation(Presented):
     """Errors at every training pose, by the fit without its fold."""
 
     dataset: Dataset
@@ -76,46 +77,6 @@ class CrossValidation:
     @property
     def sigma(self) -> SigmaCheck:
         return check_sigma(self.whole)
-
-    @property
-    def meaning(self) -> str:
-        before = self.before.test
-        assert before is not None
-        if not self.held_out.rmse_mm < before.rmse_mm:
-            return "the calibration does not help: poses it did not see are no better than with the nominal robot"
-        if not all(fold.converged for fold in self.folds):
-            return "not every fold's fit converged: do not trust these figures"
-        if self.ratio > SUSPICIOUS * self.expected_ratio:
-            return (
-                "the fit does better on its own poses than parameters and noise explain: too few poses, or physics "
-                "that is not in the model; expect the held-out error, not the training error, elsewhere"
-            )
-        words = "poses left out come out as well as noise allows: the fit does not bend to its own poses"
-        if self.sigma.verdict == "excess":
-            return (
-                f"{words}; that holds for poses like the training poses, and since more than noise is left, the error "
-                "elsewhere can be larger: look at test poses of another kind"
-            )
-        return f"{words}; expect the held-out error at poses like these"
-
-    def summary(self) -> str:
-        before, train = self.before.test, self.whole.after.train
-        assert before is not None
-        assert train is not None
-        each = [fold.held_out.rmse_mm for fold in self.folds]
-        return "\n".join(
-            [
-                f"{self.dataset.name}: {len(self.folds)} folds over {len(np.unique(self.after.pose))} training poses, "
-                f"{self.residual} residual",
-                f"held out {figures_line(before, self.held_out)}",
-                f"folds    RMSE {min(each):.4g} to {max(each):.4g} mm, spread {self.spread_mm:.2g} mm",
-                f"training RMSE {train.rmse_mm:.4g} mm; held out is {self.ratio:.3g} times that, "
-                f"{self.expected_ratio:.3g} is what noise explains",
-                self.sigma.summary(),
-                *self.notes,
-                f"=> {self.meaning}",
-            ]
-        )
 
     def to_frame(self) -> pd.DataFrame:
         """One row a held-out pose: setup, fold, points, RMS over its points before and after, distance error."""

@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 from calib.documents.calibration_documents import (
-    additions,
-    calibration_document,
     correction_document,
-    saved_model_document,
-    table_document,
-    validation_document,
 )
 from calib.documents.check_document import check_document
 from calib.documents.diagnosis_documents import diagnosis_document, effects_document
@@ -16,15 +11,10 @@ from calib.present.corners import corners_document
 from calib.present.redundancy import redundancy_document
 
 __all__ = [
-    "additions",
-    "calibration_document",
     "check_document",
     "corners_document",
     "correction_document",
     "diagnosis_document",
     "effects_document",
     "redundancy_document",
-    "saved_model_document",
-    "table_document",
-    "validation_document",
 ]

@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-import numpy as np
 import plotly.graph_objects as go
 
 from calib.calibration.pose_errors import running_median
-from calib.calibration.result import Calibration
-from calib.calibration.uncertainty import Combination, identifiable_combinations
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.words.phrases import untestable_texts
 from calib.present import numbers
 from calib.present.blocks import Block, Bullets, Paragraph, Table
+from calib.present.curves import BAND_NOTE, curve_blocks
+from calib.present.residuals import AXES, band_note, input_title, joint_title, shown, turned
 from calib.screening.candidates import Candidate
-from calib.screening.curves.fitted_curves import fitted_curves, learned_members
-from calib.screening.curves.smooth_joint_error import LEARNED
+from calib.screening.curves.fitted_curves import fitted_curves
 from calib.screening.residual_tests import InputTest
 from inspector.figures.curve_plots import height_px, joint_curves
-from inspector.figures.plots import pose_residuals
 from inspector.figures.residual_plots import SELECTED, residual_against
 from inspector.markup.learn.candidate import value_row
-from inspector.markup.learn.curves import BAND_NOTE, curve_rows, formulas
-from inspector.markup.learn.curves import COLUMNS as CURVE_COLUMNS
-from inspector.markup.learn.residuals import AXES, band_note, input_title, joint_title, shown, turned
-from inspector.markup.model.fit import PARAMETER_COLUMNS, parameter_rows
 from inspector.report.content import ModelResidual, Report
 from inspector.report.figure_block import Figure
 
@@ -120,53 +113,11 @@ def _hide(trace: go.Scatter) -> None:
 
 def learned_curves(report: Report) -> list[Block]:
     """The learned curves in the model: their formulas, sizes, and the figure; [] where there are none."""
-    calibration = report.calibration
-    curves = fitted_curves(calibration)
+    curves = fitted_curves(report.calibration)
     if not curves:
         return []
     columns = min(len(curves), 2)
-    equation = learned_members(calibration)[0].equation
-    height = height_px(len(curves), columns)
     drawn = joint_curves(curves, report.dataset.robot, columns=columns)
-    return [
-        Paragraph(f"{LEARNED}: {equation}. It names no cause."),
-        *map(Paragraph, formulas(calibration)),
-        Table(CURVE_COLUMNS, curve_rows(calibration), left=(0, 1)),
-        Figure(drawn, BAND_NOTE, height_px=height, width_px=850 if columns > 1 else 560),
-    ]
-
-
-def by_pose(report: Report) -> list[Block]:
-    """The error of each pose after the last fit."""
-    frame = report.calibration.after.to_frame(report.dataset)
-    ids, roles = frame["pose"].tolist(), frame["role"].tolist()
-    drawn = pose_residuals(ids, roles, frame["error_mm"].to_numpy(), what="3D error after")
-    return [Figure(drawn, "Predicted minus measured, length in mm, with everything above in the model.")]
-
-
-def parameters(report: Report) -> list[Block]:
-    """All parameters, and the sums that are known better than their parts."""
-    out: list[Block] = [
-        Table(PARAMETER_COLUMNS, parameter_rows(report.calibration), left=(0, 5)),
-        Paragraph(
-            "* the data tell next to nothing of it by itself: the value is held by its tolerance, or shared.",
-            soft=True,
-        ),
-    ]
-    if learned_members(report.calibration):
-        out.append(Paragraph(f"The modes of {LEARNED} are told as curves, in the section of their own.", soft=True))
-    if report.table.words:
-        out.append(Paragraph(f"What robot.toml can hold: {report.table.words}."))
-    sums = identifiable_combinations(report.calibration)
-    if sums:
-        out.append(Paragraph("Sums that the data know better than their parts:"))
-        out.append(Bullets([_sum(c, report.calibration) for c in sums]))
-    return out
-
-
-def _sum(known: Combination, calibration: Calibration) -> str:
-    """A sum of parameters of one unit; angles in degrees, as in the table."""
-    units = {p.name: p.unit for p in calibration.fit.parameters}
-    angle = units[next(iter(known.coefficients))] == "rad"
-    scale, unit = (float(np.degrees(1.0)), "°") if angle else (1.0, " mm")
-    return f"{known.description} = {scale * known.value:.6g}{unit} ± {scale * known.sigma:.2g}{unit}"
+    width_px = 850 if columns > 1 else 560
+    figure = Figure(drawn, BAND_NOTE, height_px=height_px(len(curves), columns), width_px=width_px)
+    return [*curve_blocks(report.calibration), figure]

@@ -18,12 +18,12 @@ from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import redundancy
 from calib.kinematics.chain import target_points
 from calib.kinematics.robot import Robot
+from calib.present.residuals import AXES, LENGTH, input_title, joint_title, shown, turned
 from inspector.figures import (
     plots,
     residual_plots,
 )
 from inspector.figures.results.alone import titled
-from inspector.markup.learn.residuals import AXES, LENGTH, input_title, joint_title, shown, turned
 
 _TALL_PX = 620  # of figures of one scale both ways
 

@@ -7,23 +7,25 @@ from collections.abc import Iterable
 from calib.diagnosis.words import conclusions, sentences
 from calib.diagnosis.words.conclusion_text import advice_text
 from calib.diagnosis.words.text import reason_text
+from calib.present.blocks import Reference
+from calib.present.references import Names, references_to
 from inspector.markup.parts.elements import Html
-from inspector.markup.parts.links import Names, linked, links_to
+from inspector.markup.parts.links import linked
 
 Sentence = sentences.Reason | conclusions.AdviceSentence | conclusions.VerdictSentence
 
 
-def known_links(sentence: Sentence) -> dict[str, Html]:
+def known_links(sentence: Sentence) -> dict[str, Reference]:
     """The poses and inputs of a sentence, by the words that it names them with."""
     match sentence:
         case sentences.PosesStandOut(poses):
-            return links_to(poses)
+            return references_to(poses)
         case conclusions.Outliers() | conclusions.LeaveOut():
-            return links_to(sentence.poses)
+            return references_to(sentence.poses)
         case conclusions.ResidualSummary():
-            return links_to(sentence.outlier_poses)
+            return references_to(sentence.outlier_poses)
         case sentences.ResidualOrder() | sentences.CurvesLearned() | conclusions.AddCurves():
-            return links_to((), sentence.inputs)
+            return references_to((), sentence.inputs)
         case _:
             return {}
 

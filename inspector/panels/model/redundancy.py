@@ -7,10 +7,10 @@ import viser
 
 from calib.identifiability.redundancy import Redundancy
 from calib.present import html
+from calib.present.names import joints_by_parameter
 from calib.present.redundancy import redundancy_blocks
 from inspector.figures.plots import correlation_heatmap
 from inspector.markup.parts import elements
-from inspector.markup.parts.links import joints_by_parameter
 from inspector.panels.base import Actions, ChosenByDataset, by_page, hidden_plot, offer, put
 from inspector.panels.input_checks import one_of
 from inspector.session.measuring import measured_kinds
