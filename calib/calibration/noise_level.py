@@ -89,23 +89,6 @@ class SigmaCheck:
             return "excess"
         return "below" if self.declared_mm > self.high_mm else "as declared"
 
-    def summary(self) -> str:
-        if not np.isfinite(self.sigma_mm):
-            return "residual sigma: no degree of freedom is left to tell it"
-        found = (
-            f"residual sigma {self.sigma_mm:.4g} mm a coordinate "
-            f"(95 %: {self.low_mm:.4g} to {self.high_mm:.4g}, {self.degrees_of_freedom:.0f} degrees of freedom)"
-        )
-        if self.declared_mm is None:
-            return f"{found}; no sigma is declared, so this holds noise and missing physics together"
-        meaning = {
-            "excess": "more than noise is left: physics is missing from the model, or sigma was declared too small",
-            "as declared": "nothing but noise is left",
-            "below": "less than declared: sigma was declared too large",
-        }[self.verdict]
-        ratio = self.sigma_mm / self.declared_mm
-        return f"{found}, {ratio:.3g} times the declared {self.declared_mm:.4g} mm: {meaning}"
-
 
 def check_sigma(calibration: Calibration) -> SigmaCheck:
     """Residual sigma of a calibration with its 95 % interval, for comparison with the declared sigma."""

@@ -55,15 +55,3 @@ def evaluate_orientations(model: Model, x: Array, dataset: Dataset) -> Orientati
         return OrientationFigures(len(off), float(np.sqrt(np.mean(off**2))), float(off.max()))
 
     return OrientationErrors(figures(~is_test), figures(is_test))
-
-
-def orientation_lines(before: OrientationErrors, after: OrientationErrors) -> list[str]:
-    """Orientation errors before and after as text, a line for training poses and one for test poses."""
-    lines = []
-    for label, was, now in (("train", before.train, after.train), ("test ", before.test, after.test)):
-        if was is not None and now is not None:
-            lines.append(
-                f"{label} attitude RMSE {1e3 * was.rmse_rad:.4g} -> {1e3 * now.rmse_rad:.4g} mrad, "
-                f"max {1e3 * was.max_rad:.4g} -> {1e3 * now.max_rad:.4g} mrad"
-            )
-    return lines

@@ -13,13 +13,12 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array
-from calib.brief import Brief, errors_in_short
-from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
-from calib.calibration.orientation_errors import OrientationErrors, evaluate_orientations, orientation_lines
+from calib.brief import errors_in_short
+from calib.calibration.evaluation import Evaluation, evaluate_all
+from calib.calibration.orientation_errors import OrientationErrors, evaluate_orientations
 from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.repeats import RepeatCount, without_poses
 from calib.dataset.trained_range import TrainedRange
-from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
 from calib.fitting.fit import Fit
 from calib.fitting.model import Model
@@ -27,6 +26,7 @@ from calib.fitting.observations import Observations, observed_hand_eye
 from calib.fitting.tool_point import ToolShift, tool_shift
 from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.options import FitOptions
+from calib.presented import Presented
 
 if TYPE_CHECKING:
     from calib.compensation.target_correction import Correction
@@ -127,7 +127,7 @@ class FittedResult:
 
 
 @dataclass(frozen=True)
-class Calibration(Brief, FittedResult, Documented, Viewed):
+class Calibration(FittedResult, Presented):
     """A fitted model with its dataset, options, fit, and errors at the measurements before and after."""
 
     dataset: Dataset
@@ -251,7 +251,7 @@ class Calibration(Brief, FittedResult, Documented, Viewed):
                 if not after.rmse_mm > before.rmse_mm:
                     return ""
                 return (
-                    f"the fit is worse than robot.toml on the {role} poses: RMSE {before.rmse_mm:.4g} -> "
+                    f"the fit is worse than robot.toml on the {role} poses: RMSE from {before.rmse_mm:.4g} to "
                     f"{after.rmse_mm:.4g} mm; do not put it on the robot, find out why first (too few or too similar "
                     "poses for what is fitted, another residual, no prior)"
                 )
@@ -267,7 +267,7 @@ class Calibration(Brief, FittedResult, Documented, Viewed):
         before, after = self.before.test, self.after.test
         if before is not None and after is not None and after.rmse_mm >= before.rmse_mm:
             raise FitError(
-                f"dataset {self.dataset.name}: the test poses got worse, RMSE {before.rmse_mm:.4g} -> "
+                f"dataset {self.dataset.name}: the test poses got worse, RMSE from {before.rmse_mm:.4g} to "
                 f"{after.rmse_mm:.4g} mm; {way_out}"
             )
 
@@ -290,22 +290,6 @@ class Calibration(Brief, FittedResult, Documented, Viewed):
             }
         )
 
-    def summary(self) -> str:
-        """Errors before and after on training and test poses, and warnings, as text."""
-        fit = self.fit.summary(declared=is_declared(self.dataset))
-        lines = [f"{self.dataset.name}: {self.residual} residual, {fit}"]
-        for label, before, after in (
-            ("train", self.before.train, self.after.train),
-            ("test ", self.before.test, self.after.test),
-        ):
-            if before is not None and after is not None:
-                lines.append(f"{label} {figures_line(before, after)}")
-        if self.orientation_errors is not None:
-            lines += orientation_lines(*self.orientation_errors)
-        if self.faces_named:
-            lines.append(self.faces_named)
-        return "\n".join([*lines, *self.warnings])
-
     def _brief(self) -> str:
         effects = ", ".join(self.model.family_names) or "none"
         errors = errors_in_short(self.before, self.after)
@@ -322,23 +306,6 @@ def outlier_words(robust: Calibration) -> str:
     more = f" and {len(robust.outliers) - _MOST_NAMED} more" if len(robust.outliers) > _MOST_NAMED else ""
     poses = "1 pose stands" if len(robust.outliers) == 1 else f"{len(robust.outliers)} poses stand"
     return f"{poses} out of all others, {', '.join(named)}{more}"
-
-
-def figures_line(before: Figures, after: Figures) -> str:
-    """Error statistics before and after in one line, with the change in per cent."""
-
-    def fall(name: str, a: float, b: float) -> str:
-        share = f" ({100.0 * (b / a - 1.0):+.1f} %)" if a > 0.0 else ""
-        return f"{name} {a:.4g} -> {b:.4g} mm{share}"
-
-    return ", ".join(
-        [
-            fall("RMSE", before.rmse_mm, after.rmse_mm),
-            fall("max", before.max_mm, after.max_mm),
-            fall("distance max", before.distance_max_mm, after.distance_max_mm),
-            fall("distance mean", before.distance_mean_mm, after.distance_mean_mm),
-        ]
-    )
 
 
 def is_declared(dataset: Dataset) -> bool:

@@ -13,22 +13,21 @@ import numpy as np
 import pandas as pd
 
 from calib.blas_threads import one_blas_thread
-from calib.brief import Brief
 from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.folder import as_dataset
-from calib.display.shown import Documented, Viewed
 from calib.errors import CornerError, DatasetError, ScanError
 from calib.jig import Jig
 from calib.parallel import map_as_completed
 from calib.planes.filters import SampleSets
+from calib.presented import Presented
 from calib.progress import OnProgress, counted
 from calib.scans.scan import PointCount, load_scan
 
 
-class CornerBatch(Brief, dict[str, CornerSearch], Documented, Viewed):
+class CornerBatch(dict[str, CornerSearch], Presented):
     """Corner searches of a dataset's scans by pose id, in the dataset's order."""
 
     def __init__(self, dataset: Dataset, searches: Mapping[str, CornerSearch] = MappingProxyType({})) -> None:
@@ -59,14 +58,9 @@ class CornerBatch(Brief, dict[str, CornerSearch], Documented, Viewed):
             )
         return pd.DataFrame(rows)
 
-    def summary(self) -> str:
-        """Number of scans with a corner, and a line for each of the others with the reason."""
-        failed = {pose_id: search.failure for pose_id, search in self.items() if search.corner is None}
-        lines = [f"{self.dataset.name}: {len(self) - len(failed)} of {len(self)} corners found"]
-        return "\n".join([*lines, *(f"{pose_id}: no corner: {why}" for pose_id, why in failed.items())])
-
     def _brief(self) -> str:
-        return self.summary().partition("\n")[0]
+        found = sum(search.corner is not None for search in self.values())
+        return f"{self.dataset.name}: {found} of {len(self)} corners found"
 
 
 def find_corners(

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -59,13 +58,13 @@ class CornerQuality(Brief):
         for number, face in enumerate(self.faces, start=1):
             if face.incidence_deg > HIGH_INCIDENCE_DEG:
                 warnings.append(
-                    f"face {number} is seen at {face.incidence_deg:.0f} deg off its normal; turn the jig so that all "
-                    f"faces stay below {HIGH_INCIDENCE_DEG:.0f} deg"
+                    f"face {number} is seen at {face.incidence_deg:.0f}° off its normal; turn the jig so that all "
+                    f"faces stay below {HIGH_INCIDENCE_DEG:.0f}°"
                 )
             if face.points < FEW_POINTS:
                 warnings.append(f"face {number} has {face.points} points only; scan finer or clear the view to it")
             if face.coverage < LOW_COVERAGE:
-                warnings.append(f"only {face.coverage:.0%} of face {number} is seen; clear the view to it")
+                warnings.append(f"only {100 * face.coverage:.0f} % of face {number} is seen; clear the view to it")
             if face.rms_over_scan_sigma is not None and face.rms_over_scan_sigma > HIGH_RMS:
                 warnings.append(
                     f"face {number} scatters {face.rms_mm:.3g} mm, {face.rms_over_scan_sigma:.1f} times scan_sigma_mm; "
@@ -74,7 +73,7 @@ class CornerQuality(Brief):
         for pair, error, sigma in zip(("1-2", "2-3", "3-1"), self.angle_errors_deg, self.angle_sigmas_deg, strict=True):
             if abs(error) > max(OUT_OF_SQUARE_SIGMA * sigma, 0.02):
                 warnings.append(
-                    f"faces {pair} meet {error:+.3f} deg off the jig's angle ({abs(error) / sigma:.0f} sigma); "
+                    f"faces {pair} meet {error:+.3f}° off the jig's angle ({abs(error) / sigma:.0f} sigma); "
                     "measure the jig and give face_angles_deg, or look for something on the faces"
                 )
         if self.amplification > HIGH_AMPLIFICATION:
@@ -103,19 +102,6 @@ class CornerQuality(Brief):
             f"only repeats with the jig moved in the view show what is smoother than {self.smooth_shown_mm:.0f} mm, "
             "or correlated_sigma_mm in dataset.toml declares it"
         )
-
-    def summary(self) -> str:
-        """One line with points, incidence and coverage of the faces, their angles, and the amplification."""
-        faces = "; ".join(f"{f.points} points at {f.incidence_deg:.0f} deg, {f.coverage:.0%} seen" for f in self.faces)
-        angles = ", ".join(f"{a:.3f}" for a in self.angles_deg)
-        return f"faces: {faces}; angles {angles} deg; amplification {self.amplification:.1f}"
-
-    def document(self) -> dict[str, Any]:
-        """All figures as plain values, and the warnings, for JSON."""
-        document = asdict(self)
-        document["smooth_told_mm"] = document.pop("smooth_declared_mm")
-        document.pop("notes")
-        return {**document, "doubts": list(self.doubts())}
 
 
 def angle_errors(angles_deg: tuple[float, float, float], jig_angles_deg: tuple[float, float, float]) -> Array:

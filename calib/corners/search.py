@@ -12,7 +12,6 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
-from calib.brief import Brief
 from calib.corners.face_selection import TriedPairs, face_triples, why_no_triple
 from calib.corners.intersection import Corner
 from calib.corners.plane_triples import Planes, SelectionTolerances
@@ -22,8 +21,14 @@ from calib.errors import CornerError
 from calib.jig import Jig
 from calib.planes.clustering import ClusterTolerances, PlaneGroup, cluster, off_planes
 from calib.planes.filters import FilterTolerances, SampleSets, apply_filters, draw_sample_sets, walk_for
-from calib.planes.normals import NEIGHBOURS, Neighbourhoods, estimate_normals, with_fewer_neighbours
+from calib.planes.normals import (
+    NEIGHBOURS,
+    Neighbourhoods,
+    estimate_normals,
+    with_fewer_neighbours,
+)
 from calib.planes.point_selection import thin_to_voxels
+from calib.presented import Presented
 from calib.scans.scan import PointCount, Scan, load_scan, seeded_generator
 
 MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
@@ -51,7 +56,7 @@ class CornerOptions:
 
 
 @dataclass(frozen=True)
-class CornerSearch(Brief):
+class CornerSearch(Presented):
     """Every intermediate product of one search for a corner, successful or not, for inspection."""
 
     scan: str
@@ -74,19 +79,11 @@ class CornerSearch(Brief):
             "drawn": len(self.sets), "filter1": first, "filter2": second, "filter3": third, "passed": passed,
         }  # fmt: skip
 
-    def summary(self) -> str:
-        """One line: the corner with its uncertainty and faces, or the reason why there is none."""
+    def _brief(self) -> str:
         if self.corner is None:
             return f"{self.scan}: no corner: {self.failure}"
         x, y, z = self.corner.xyz_mm
-        faces = ", ".join(str(f.points) for f in self.corner.faces)
-        return (
-            f"{self.scan}: corner ({x:.4f}, {y:.4f}, {z:.4f}) mm, sigma {self.corner.sigma_mm():.4f} mm, "
-            f"faces of {faces} points, {len(self.groups)} plane groups, {self.seconds:.2f} s"
-        )
-
-    def _brief(self) -> str:
-        return self.summary()
+        return f"{self.scan}: corner ({x:.4f}, {y:.4f}, {z:.4f}) mm, sigma {self.corner.sigma_mm():.4f} mm"
 
 
 @one_blas_thread()

@@ -18,11 +18,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.brief import Brief
-from calib.display.shown import Viewed
 from calib.errors import DatasetError
 from calib.jig import Jig
 from calib.kinematics.robot import Robot, Vector
 from calib.noise_shape import NoiseShape
+from calib.presented import Presented
 from calib.target_shapes import DeclaredTarget
 
 
@@ -226,7 +226,7 @@ class Points(Brief):
 
 
 @dataclass(frozen=True)
-class Dataset(Brief, Viewed):
+class Dataset(Presented):
     """A robot, its poses and what was measured: `points`, or scans to find them in, or both (the points are used)."""
 
     name: str
@@ -258,13 +258,6 @@ class Dataset(Brief, Viewed):
         if self.targets and (named or not self.jig_is_declared):
             return self.targets
         return (DeclaredTarget("jig", self.jig), *self.targets)
-
-    def summary(self) -> str:
-        """Robot, poses by role and number of points, in one line."""
-        roles = ", ".join(f"{n} {role}" for role in ROLES if (n := int(np.sum(self.poses.role == role))))
-        measured = "scans, no points yet" if self.points is None else f"{len(self.points)} points"
-        arm = f"{self.robot.name}, {self.robot.n_joints} joints"
-        return f"{self.name}: {arm}; {len(self.poses)} poses ({roles}); {measured}"
 
     def scan_path(self, pose: int) -> Path | None:
         """Path of the scan of a pose; None where the dataset has no scans."""

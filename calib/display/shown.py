@@ -18,17 +18,10 @@ from typing import Any, Protocol
 from calib.strict_json import plain
 
 DOCUMENTS: Mapping[str, str] = {  # class -> function that makes its document
-    "calib.calibration.result.Calibration": "calib.documents.calibration_documents:calibration_document",
-    "calib.corners.batch.CornerBatch": "calib.documents.corner_documents:batch_document",
     "calib.diagnosis.result.Diagnosis": "calib.documents.diagnosis_documents:diagnosis_document",
-    "calib.identifiability.redundancy.Redundancy": "calib.documents.corner_documents:pearson_document",
 }
 VIEWS: Mapping[str, str] = {  # class -> function that makes its HTML, tables only
-    "calib.calibration.result.Calibration": "calib.views.fit_views:calibration_html",
-    "calib.corners.batch.CornerBatch": "calib.views.measured_views:corners_html",
-    "calib.dataset.dataset.Dataset": "calib.views.measured_views:dataset_html",
     "calib.diagnosis.result.Diagnosis": "calib.views.fit_views:diagnosis_html",
-    "calib.identifiability.redundancy.Redundancy": "calib.views.fit_views:redundancy_html",
 }
 TEXTS: Mapping[str, str] = {  # class -> function that makes its plain text, where that is above it
     "calib.diagnosis.result.Diagnosis": "calib.views.fit_views:diagnosis_summary",
@@ -46,7 +39,8 @@ class Documented:
 
         `json.dumps(result.to_dict(), allow_nan=False)` always works. Keys are only ever added.
         """
-        document = plain(_maker(DOCUMENTS[_name_of(type(self))])(self))
+        made = _maker(DOCUMENTS[_name_of(type(self))])(self)
+        document = plain(_maker("calib.present.results:nested")(made))
         assert isinstance(document, dict)
         return document
 

@@ -13,9 +13,9 @@ from calib.diagnosis.verdict import ConfoundedSet, LearnedModel
 from calib.diagnosis.words.noise_text import NoiseShaped, noise_text
 from calib.diagnosis.words.phrases import fault_text
 from calib.diagnosis.words.text import explanation_text
-from calib.documents.calibration_documents import found_tool_document, stands_document
 from calib.effects.catalogue import descriptions
 from calib.planning.discrimination import NextPoses, explanation_of, next_poses
+from calib.present.calibration import found_tool_document, stands_document
 from calib.screening.candidates import Candidate
 from calib.screening.residual_tests import InputTest
 from calib.screening.smooth_motions import JointFault

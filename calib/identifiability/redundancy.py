@@ -18,9 +18,8 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray
-from calib.brief import Brief
-from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
+from calib.presented import Presented
 
 _SAME = 1e-8  # |r| this close to 1 is redundant
 _ZERO = 1e-9  # norm of a column, as a share of the largest of its unit, below which it has no influence
@@ -28,7 +27,7 @@ _DEPENDENT = 1e-8  # norm of a unit column after projection, below which it depe
 
 
 @dataclass(frozen=True)
-class Redundancy(Brief, Documented, Viewed):
+class Redundancy(Presented):
     """Linear dependencies between the columns of a Jacobian (R, P)."""
 
     parameters: tuple[str, ...]  # (P,)
@@ -61,34 +60,6 @@ class Redundancy(Brief, Documented, Viewed):
     def to_frame(self) -> pd.DataFrame:
         """Pearson matrix with the parameters' names."""
         return pd.DataFrame(self.pearson, index=self.parameters, columns=self.parameters)
-
-    def summary(self) -> str:
-        """Text of the result: redundant groups, parameters without influence, dependencies of three and more."""
-        how = f", seen by {self.measured_by}" if self.measured_by else ""
-        counts = (
-            f"{len(self.parameters)} parameters{how}; Park's pairwise method keeps {len(self.kept)}, "
-            f"the rank says that {self.rank} can be known."
-        )
-        return "\n".join([counts, *self.relations()])
-
-    def relations(self) -> list[str]:
-        """Sentences on each redundant group, the parameters without influence, and dependencies of three and more."""
-        lines = [self._group_sentence(group) for group in (*self.groups, *self.mixed_groups)]
-        if self.no_influence:
-            lines.append(f"No influence on {self.observed}: {', '.join(self.no_influence)}.")
-        for relation in self.combinations:
-            terms = " ".join(f"{value:+.6g} {name}" for name, value in relation.items())
-            lines.append(f"Cancel each other, although no two are alike: corrections in the ratio {terms}.")
-        return lines
-
-    def _group_sentence(self, group: tuple[str, ...]) -> str:
-        """Sentence on a group of parameters of which only one sum can be identified."""
-        row = {name: i for i, name in enumerate(self.parameters)}
-        signs = ["+" if self.pearson[row[group[0]], row[name]] > 0 else "-" for name in group]
-        same_unit = len({self.units[row[name]] for name in group}) == 1
-        total = " ".join(f"{sign} {name}" for sign, name in zip(signs, group, strict=True)).removeprefix("+ ")
-        what = total if same_unit else f"one weighted sum of {', '.join(group)}"
-        return f"{', '.join(group)} act alike: only {what} can be known; keep {group[0]}."
 
     def _brief(self) -> str:
         return f"{len(self.parameters)} parameters, rank {self.rank}, {len(self.dropped)} dropped"

@@ -94,28 +94,6 @@ class FreeFrameRank:
     best: Mapping[str, int]  # by kind of residual, at generic poses of this arm
     on_flange: bool = False  # the arm carries the scanner
 
-    def summary(self) -> str:
-        """Ranks at these poses and at best, as text."""
-        best = self.best[self.residual]
-        if self.on_flange:
-            what = "full poses" if self.residual == "pose" else "positions"
-            return (
-                f"With the scanner's place on the flange unknown, {what} tell {self.here} at these poses, and {best} "
-                "at best (this arm at generic poses), the targets' positions in the world among them. What moves the "
-                "flange alone, or the base together with the targets, is not determined: errors of the last row of the "
-                "arm and of the tool are absorbed by the scanner's place, those at the base by the targets'."
-            )
-        if self.residual in _OBSERVED:
-            what, option = ("full poses", " --residual pose") if self.residual == "pose" else ("positions", "")
-            return (
-                f"With the scanner's place unknown, as `calibrate{option}` has it, {what} tell {self.here} at these "
-                f"poses, and {best} at best (this arm at generic poses)."
-            )
-        return (
-            f"At best, this arm at generic poses, such distances tell {best}; positions from an unknown scanner's "
-            f"place {self.best['position']}, full poses {self.best['pose']}."
-        )
-
 
 def free_frame_rank(dataset: Dataset, *, residual: str = "position") -> FreeFrameRank:
     """Number of parameters that can be identified where the scanner's frame is unknown, here and at best."""

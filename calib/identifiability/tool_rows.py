@@ -16,11 +16,6 @@ from calib.fitting.tool_point import behind_last_axis
 from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import redundancy
 
-_ATTITUDE = {
-    "pose": "the jig's orientation on the tool is unknown",
-    "position": "a point has a place and no attitude",
-}
-_NOT_SEEN = "a scanner on the flange does not see the tool"
 _ROW = "TCP"
 
 
@@ -34,25 +29,6 @@ class ToolRows:
     residual: str
     on_flange: bool = False  # the arm carries the scanner
     point: tuple[str, ...] = ()  # coordinates of a measured point of its own, that is not the end of the row
-
-    def summary(self) -> str:
-        """Identifiable, summed and unidentifiable parameters in one line of text."""
-        if self.point:
-            return (
-                f"tool: the measured point is one of its own, {', '.join(self.point)} in the last joint's frame; how "
-                f"the tip sits behind the last joint's axis is not known, as {_ATTITUDE['position']}: "
-                f"{', '.join(self.unseen)} stay as in robot.toml"
-            )
-        parts = []
-        if self.known:
-            parts.append(f"known each alone: {', '.join(self.known)}")
-        if self.sums:
-            sums = [f"{name} (with {', '.join(others)})" for name, others in self.sums.items()]
-            parts.append(f"known in sums only: {', '.join(sums)}")
-        if self.unseen:
-            why = _NOT_SEEN if self.on_flange else _ATTITUDE.get(self.residual, _ATTITUDE["position"])
-            parts.append(f"not known, as {why}: {', '.join(self.unseen)}, which stay as in robot.toml")
-        return f"tool: {'; '.join(parts)}"
 
 
 def tool_rows(dataset: Dataset, *, residual: str = "position", model: Model | None = None) -> ToolRows:

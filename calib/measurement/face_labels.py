@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -82,28 +81,6 @@ class FaceLabels:
         count = len(self.orientations)
         poses = f"{count} pose{'' if count == 1 else 's'}"
         return f"faces named by {_LABELLED_BY[self.by]} at {poses}{least}{angles}{refused}"
-
-    def document(self) -> dict[str, Any]:
-        """Labels as a JSON object; quaternions are w, x, y, z of scanner_R_jig."""
-        return {
-            "named_by": self.by,
-            "margin_unit": self.unit,
-            "found_angles_deg": self.found_angles_deg,
-            "poses": [
-                {
-                    "pose": pose_id,
-                    "quaternion": found.quaternion(),
-                    "covariance_rad2": found.covariance_rad2,
-                    "sigma_rad": found.sigma_rad(),
-                    "faces": found.order,
-                    "misfit": found.misfit,
-                    "off": self.off.get(pose_id),
-                    "margin": self.margin.get(pose_id),
-                }
-                for pose_id, found in self.orientations.items()
-            ],
-            "refused": [{"pose": pose_id, "reason": reason} for pose_id, reason in self.refused.items()],
-        }
 
 
 def label_corners(dataset: Dataset, corners: Mapping[str, Corner]) -> FaceLabels:

@@ -31,6 +31,7 @@ from calib.kinematics.tool_point import tool_point_of
 from calib.models.effect_fields import member_document
 from calib.models.model_document import KIND, VERSION, options_document
 from calib.options import FitOptions
+from calib.presented import Presented
 from calib.strict_json import to_json
 
 PROGRAM = "robot-calibration-inspector"
@@ -57,7 +58,7 @@ class Source(Brief):
 
 
 @dataclass(frozen=True)
-class FittedModel(Brief):
+class FittedModel(Presented):
     """A model at its fitted values of P free parameters, which predicts and corrects without its dataset."""
 
     model: Model
@@ -283,21 +284,6 @@ class FittedModel(Brief):
         }
         lines = (to_json({key: value})[1:-1] for key, value in document.items())
         return "{\n" + ",\n".join(lines) + "\n}\n"
-
-    def summary(self) -> str:
-        """Effects, dataset, and errors before and after, a line each."""
-        what = " + ".join(["link errors", *self.model.family_names])
-        without = f" without {', '.join(self.source.left_out)}" if self.source.left_out else ""
-        lines = [f"{what}, fitted to {self.source.dataset}{without}"]
-        lines += [
-            f"{name} RMSE {before.rmse_mm:.4g} -> {after.rmse_mm:.4g} mm"
-            for name, before, after in (
-                ("train", self.before.train, self.after.train),
-                ("test ", self.before.test, self.after.test),
-            )
-            if before is not None and after is not None
-        ]
-        return "\n".join(lines)
 
     def _brief(self) -> str:
         effects = ", ".join(self.model.family_names) or "none"

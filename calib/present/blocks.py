@@ -37,13 +37,24 @@ class Link:
         return self.words
 
 
-Span = str | Reference | Link
+@dataclass(frozen=True)
+class Coloured:
+    """A name with the colour that it has in the 3D scene and in figures (one of the palette, never from outside)."""
+
+    words: str
+    colour: str
+
+    def __str__(self) -> str:
+        return self.words
+
+
+Span = str | Reference | Link | Coloured
 Words = Span | Sequence[Span]  # a sentence, or a cell of a table
 
 
 def plain(words: Words) -> str:
     """The text of a sentence, its references as their own words."""
-    return str(words) if isinstance(words, str | Reference | Link) else "".join(map(str, words))
+    return str(words) if isinstance(words, Span) else "".join(map(str, words))
 
 
 def pose(pose_id: object, words: str = "") -> Reference:

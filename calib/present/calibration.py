@@ -1,12 +1,390 @@
-"""A calibration as it is told, and the documents of the figures that others are told with."""
+"""A calibration: its errors before and after, how the fit ended, every parameter, and the sums that are known."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from calib.calibration.evaluation import Evaluation
+from calib.calibration.noise_level import SigmaCheck
+from calib.calibration.result import Calibration, is_declared
+from calib.calibration.uncertainty import Combination, correlated_pairs, identifiable_combinations
 from calib.consistency.data_problem import DataProblem
-from calib.present.results import document
+from calib.diagnosis.effect_selection import FitStep
+from calib.diagnosis.words.headline import headline_note, headline_of, noise_words
+from calib.identifiability.structural import redundancy
+from calib.identifiability.tool_rows import tool_rows
+from calib.models.exported_table import ExportedTable
+from calib.models.fitted_model import RoleErrors
+from calib.present import names, numbers
+from calib.present.blocks import (
+    Block,
+    Bullets,
+    Coloured,
+    Facts,
+    FigurePlace,
+    Headline,
+    Paragraph,
+    Presentation,
+    Reference,
+    Section,
+    Table,
+    Verdict,
+    Words,
+)
+from calib.present.colours import BAD
+from calib.present.curves import curve_table, formulas
+from calib.present.redundancy import redundancy_section, tool_sentence
+from calib.present.results import document, presentation
+from calib.screening.curves.fitted_curves import learned_members, without_curves
+
+FIGURES = (
+    ("rmse_mm", "3D RMSE"),
+    ("mean_mm", "3D mean"),
+    ("max_mm", "3D max"),
+    ("distance_mean_mm", "distance mean"),
+    ("distance_max_mm", "distance max"),
+)
+_NOT_KNOWN = "* next to nothing is known of it by itself: its tolerance fixes the value, or it is shared."
+_CHANGES = ("before", "after", "reduction")
+_UNCHANGED = 1e-6  # sigmas: a change below this is rounding
+
+
+@presentation.register
+def _calibration(calibration: Calibration) -> Presentation:
+    falls = FigurePlace("convergence", (calibration,), "Error at each iteration.", height_px=280)
+    analysis = redundancy(calibration.dataset, residual=calibration.residual)
+    sections = [
+        Section("Parameters", parameters(calibration)),
+        redundancy_section(analysis),
+        Section("Convergence", [falls]),
+    ]
+    return Presentation(
+        f"Calibration of {calibration.dataset.name}",
+        [*calibration_head(calibration), pose_errors(calibration)],
+        sections,
+    )
+
+
+def calibration_head(calibration: Calibration, way: Sequence[Calibration] = ()) -> list[Block]:
+    """How the error fell on the `way` to a calibration, all its errors, how the fit ended, and what to be warned of."""
+    worse = calibration.worse_than_nominal
+    warnings = [words for words in calibration.warnings if words != worse]
+    return [
+        error_way(*(way or (calibration,))),
+        *([Verdict(numbers.capitalised(worse), BAD)] if worse else []),
+        *error_tables(calibration),
+        Facts(fit_facts(calibration)),
+        *([Bullets(warnings)] if warnings else []),
+    ]
+
+
+def error_way(*calibrations: Calibration) -> Headline:
+    """From the arm as delivered to the last of the fits."""
+    told = headline_of(calibrations)
+    stages = [(told.shown(stage.error_mm), stage.name) for stage in told.stages]
+    return Headline(stages, noise_words(told), headline_note(told), told.reached_noise)
+
+
+def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
+    """What was fitted by which equations, how the fit ended, and the noise that it leaves."""
+    fit = calibration.fit
+    facts: list[tuple[str, object]] = [
+        ("model", " + ".join(["link errors", *calibration.model.family_names])),
+        ("residual", f"{calibration.residual}, {numbers.count(fit.rows, 'equation')}"),
+        ("parameters", f"{len(fit.parameters)}, of which {fit.rank} can be known (rank)"),
+        ("fit", f"{'converged' if fit.converged else 'not converged'} after {_iterations(calibration)}: {fit.reason}"),
+    ]
+    if np.isfinite(calibration.sigma_mm):
+        times = f", {numbers.times(fit.reduced_chi)} the declared" if is_declared(calibration.dataset) else ""
+        facts.append(("residual sigma", f"{numbers.length(calibration.sigma_mm)} per coordinate{times}"))
+    if calibration.faces_named:
+        facts.append(("faces of the jig", calibration.faces_named))
+    return facts
+
+
+def _iterations(calibration: Calibration) -> str:
+    return numbers.count(len(calibration.fit.iterations) - 1, "iteration")
+
+
+# ---- errors ---------------------------------------------------------------------------------------------------------
+
+
+def error_tables(calibration: Calibration, colours: Mapping[str, str] | None = None) -> list[Block]:
+    """All errors before and after; those of the jig's attitude, too, where full poses were fitted.
+
+    colours: of training and test poses in figures, by role.
+    """
+    attitudes = _attitude_rows(calibration, colours)
+    distances = "Distances are to the reference pose."
+    return [
+        error_table(calibration.before, calibration.after, colours),
+        Paragraph(distances, soft=True),
+        *([Table(("attitude of the jig, mrad", *_CHANGES), attitudes)] if attitudes else []),
+    ]
+
+
+def error_table(
+    before: Evaluation | RoleErrors,
+    after: Evaluation | RoleErrors,
+    colours: Mapping[str, str] | None = None,
+    test: str = "test",
+) -> Table:
+    """3D and distance errors before and after, of training and of test poses, or whatever `test` calls these."""
+    rows = [
+        (
+            _of_role(test if role == "test" else role, name, colours),
+            *map(numbers.column_mm, (was, now)),
+            numbers.reduction(was, now),
+        )
+        for role, first, last in (("train", before.train, after.train), ("test", before.test, after.test))
+        if first is not None and last is not None
+        for key, name in FIGURES
+        for was, now in [(float(getattr(first, key)), float(getattr(last, key)))]
+    ]
+    return Table(("errors, mm", *_CHANGES), rows)
+
+
+def _attitude_rows(calibration: Calibration, colours: Mapping[str, str] | None) -> list[tuple[Words, ...]]:
+    if calibration.orientation_errors is None:
+        return []
+    before, after = calibration.orientation_errors
+    return [
+        (_of_role(role, name, colours), f"{1e3 * was:.4f}", f"{1e3 * now:.4f}", numbers.reduction(was, now))
+        for role, first, last in (("train", before.train, after.train), ("test", before.test, after.test))
+        if first is not None and last is not None
+        for name, was, now in (("RMSE", first.rmse_rad, last.rmse_rad), ("max", first.max_rad, last.max_rad))
+    ]
+
+
+def _of_role(role: str, figure: str, colours: Mapping[str, str] | None) -> str | Coloured:
+    words = f"{names.role(role)} {figure}"
+    return words if colours is None else Coloured(words, colours[role])
+
+
+def pose_errors(calibration: Calibration) -> FigurePlace:
+    """The place of the error of each pose."""
+    caption = "3D error of each pose after the fit, with everything in the model: predicted minus measured, length."
+    return FigurePlace("error_bars", (calibration,), caption, height_px=280)
+
+
+def step_table(steps: Sequence[tuple[str, float, float, float]]) -> Table:
+    """3D RMSE after each change of the model: its label, training and test RMSE and residual sigma, mm."""
+    rows = [(label, *map(numbers.column_mm, figures)) for label, *figures in steps]
+    columns = ("model", "training, mm", "test, mm", "residual sigma, mm")
+    return Table(columns, rows, caption="3D RMSE after each change of the model; the sigma is of one coordinate")
+
+
+def fit_steps(steps: Sequence[FitStep]) -> list[tuple[str, float, float, float]]:
+    """The rows of `step_table` of fits one after the other."""
+    nan = math.nan
+    return [
+        (
+            step.label,
+            step.calibration.after.train.rmse_mm if step.calibration.after.train else nan,
+            step.calibration.after.test.rmse_mm if step.calibration.after.test else nan,
+            step.calibration.sigma_mm,
+        )
+        for step in steps
+    ]
+
+
+def evaluation_sentence(evaluation: Evaluation) -> str:
+    """The RMSE of test and training poses in a phrase: "test RMSE 0.20 mm (training 0.19 mm)"."""
+    train, test = evaluation.train, evaluation.test
+    if test is None:
+        return f"training RMSE {numbers.length(train.rmse_mm)}, no test poses" if train else "no poses"
+    training = f" (training {numbers.length(train.rmse_mm)})" if train else ""
+    return f"test RMSE {numbers.length(test.rmse_mm)}{training}"
+
+
+def table_alone(table: ExportedTable) -> list[Block]:
+    """What robot.toml alone is worth beside the whole model; nothing where the model has no more than a table."""
+    if not table.left_out:
+        return []
+    effects = numbers.listing(table.left_out)
+    return [
+        Paragraph(
+            f"What robot.toml can hold, the table alone, fitted without {effects}: "
+            f"{evaluation_sentence(table.errors)}; the model with {effects}: {evaluation_sentence(table.full.after)}."
+        )
+    ]
+
+
+def sigma_sentence(check: SigmaCheck) -> str:
+    """The residual sigma with its 95 % interval, beside the declared one, and what that means."""
+    if not math.isfinite(check.sigma_mm):
+        return "Residual sigma: no degree of freedom is left to tell it."
+    low, high = numbers.length(check.low_mm), numbers.length(check.high_mm)
+    found = (
+        f"Residual sigma {numbers.length(check.sigma_mm)} per coordinate (95 %: {low} to {high}, "
+        f"{check.degrees_of_freedom:.0f} degrees of freedom)"
+    )
+    if check.declared_mm is None:
+        return f"{found}; no sigma is declared, so this holds noise and missing physics together."
+    meaning = {
+        "excess": "more than noise is left: physics is missing from the model, or sigma was declared too small",
+        "as declared": "nothing but noise is left",
+        "below": "less than declared: sigma was declared too large",
+    }[check.verdict]
+    times = numbers.times(check.sigma_mm / check.declared_mm)
+    return f"{found}, {times} the declared {numbers.length(check.declared_mm)}: {meaning}."
+
+
+# ---- parameters -----------------------------------------------------------------------------------------------------
+
+
+def parameters(calibration: Calibration, table: ExportedTable | None = None) -> list[Block]:
+    """Every parameter with its sigma, learned curves, the sums that are known, and what is known of the tool."""
+    sums = identifiable_combinations(calibration)
+    tool = tool_rows(calibration.dataset, residual=calibration.residual, model=calibration.model)
+    return [
+        *parameter_tables(calibration),
+        *([] if table is None else table_alone(table)),
+        *([Paragraph("Sums that are known better than their parts:")] if sums else []),
+        *([Bullets([_sum(known) for known in sums])] if sums else []),
+        Paragraph(tool_sentence(tool)),
+    ]
+
+
+def parameter_tables(calibration: Calibration, height: str = "") -> list[Block]:
+    """The parameters of the arm, those of each effect, and the learned curves; `height` as of `Table`."""
+    return [*_tables(calibration, height), Paragraph(_NOT_KNOWN, soft=True)]
+
+
+def _tables(calibration: Calibration, height: str) -> Iterator[Block]:
+    rows: dict[str, list[tuple[str, ...]]] = {}
+    selects: dict[str, list[Reference | None]] = {}
+    joints = names.joints_by_parameter(calibration.model.robot, calibration.model.added_effects)
+    for row in without_curves(calibration.to_frame()).to_dict("records"):
+        full_name = str(row["name"])
+        effect, dot, short = full_name.partition(".")
+        key = effect if dot else ""
+        rows.setdefault(key, []).append(
+            _row({str(key): value for key, value in row.items()}, short if dot else full_name, of_arm=not dot)
+        )
+        joint = joints.get(full_name)
+        selects.setdefault(key, []).append(None if joint is None else Reference("joint", joint, full_name))
+    columns = ("name", "nominal", "fitted", "change", "sigma", "unit")
+    for key, of_key in rows.items():
+        caption = f"{key}" if key else ""
+        yield Table(columns, of_key, caption=caption, left=(0, 5), rows_select=selects[key], height=height)
+    if learned_members(calibration):
+        yield replace(curve_table(calibration), caption="learned curves of the joints")
+        yield from map(Paragraph, formulas(calibration))
+
+
+def _row(row: Mapping[str, Any], name: str, *, of_arm: bool) -> tuple[str, ...]:
+    """A parameter: angles of the arm in degrees with the four decimals of a data sheet; an effect's three digits."""
+    unit = numbers.readable(0.0, row["unit"])[1] if of_arm else str(row["unit"])
+    scale = math.degrees(1.0) if of_arm and row["unit"] == "rad" else 1.0
+    nominal, value, change, sigma = (scale * float(row[key]) for key in ("nominal", "value", "change", "sigma"))
+    if abs(change) < _UNCHANGED * sigma:
+        value, change = nominal, 0.0
+    digits = "z.4f" if of_arm else "z.3g"
+    known = "" if row["known"] else " *"
+    return (
+        numbers.parameter_label(name),
+        numbers.signed(nominal, digits),
+        numbers.signed(value, digits),
+        numbers.signed(change, f"+{digits}"),
+        f"{sigma:.2g}{known}",
+        unit,
+    )
+
+
+def _sum(known: Combination) -> Words:
+    """A sum of parameters of one unit; angles in degrees."""
+    terms: list[Any] = []
+    for name, coefficient in known.coefficients.items():
+        sign = numbers.MINUS if coefficient < 0 else "+"
+        terms.append(f" {sign} " if terms else (sign if coefficient < 0 else ""))
+        if abs(abs(coefficient) - 1.0) >= 1e-9:
+            terms.append(f"{abs(coefficient):.6g} ")
+        terms.append(names.parameter(name))
+    return (*terms, f" = {numbers.with_sigma(known.value, known.sigma, known.unit)}")
+
+
+# ---- documents ------------------------------------------------------------------------------------------------------
+
+
+@document.register
+def calibration_document(calibration: Calibration) -> dict[str, Any]:
+    """What `calibrate --json` prints."""
+    fit, attitudes = calibration.fit, calibration.orientation_errors
+    return {
+        "dataset": calibration.dataset.name,
+        "residual": calibration.residual,
+        "effects": calibration.model.family_names,
+        "iterations": [
+            {
+                "rmse_mm": step.train_rmse_mm,
+                "test_rmse_mm": step.test_rmse_mm,
+                "distance_rmse_mm": step.train_distance_rmse_mm,
+                "test_distance_rmse_mm": step.test_distance_rmse_mm,
+            }
+            for step in calibration.iteration_errors
+        ],
+        "converged": fit.converged,
+        "worse_than_nominal": calibration.worse_than_nominal or None,
+        "reason": fit.reason,
+        "rank": fit.rank,
+        **document(calibration.after),
+        "before": calibration.before,
+        **found_tool_document(calibration),
+        "attitudes": attitudes and dict(zip(("before", "after"), attitudes, strict=True)),
+        "faces_named": calibration.faces_named or None,
+        "sigma_mm": calibration.sigma_mm,
+        "degrees_of_freedom": fit.degrees_of_freedom,
+        "parameters": calibration.to_frame(),
+        "known_sums": [
+            {"parameters": c.coefficients, "value": c.value, "sigma": c.sigma, "worst_part_sigma": c.worst_part_sigma}
+            for c in identifiable_combinations(calibration)
+        ],
+        "tool": tool_rows(calibration.dataset, residual=calibration.residual, model=calibration.model),
+        "correlated": correlated_pairs(calibration),
+        "stands": stands_document(calibration),
+        "outliers": calibration.outliers,
+        "left_out": calibration.fitted_dataset.left_out,
+        "warnings": calibration.warnings,
+    }
+
+
+def found_tool_document(calibration: Calibration) -> dict[str, Any]:
+    """Where the tool point was found, mm in the last joint's frame and from the tip; None where robot.toml has it."""
+    shift = calibration.tool_shift
+    return {
+        "tool_found_mm": None if shift is None else shift.point_mm,
+        "tool_found_in_tip_mm": None if shift is None else shift.in_tip_mm,
+    }
+
+
+def stands_document(calibration: Calibration) -> dict[str, int] | None:
+    """Number of repeat groups ("stands") and of measured points ("shots"); None where no pose was measured twice."""
+    count = calibration.repeat_count
+    return None if count is None else {"stands": count.groups, "shots": count.repeats}
+
+
+def steps_document(steps: Sequence[FitStep]) -> list[dict[str, Any]]:
+    """The way to a calibration: the first fit, then one for each effect that was added, with its members' sizes."""
+    return [
+        {
+            "effect": step.effect,
+            "sizes": step.selected[-1].prior_sigmas if step.selected else {},
+            "sigma_mm": step.calibration.sigma_mm,
+            **document(step.calibration.after),
+        }
+        for step in steps
+    ]
+
+
+def table_document(table: ExportedTable) -> dict[str, Any]:
+    """The errors of the exported table alone, and the families of the model that it cannot hold."""
+    return {**document(table.errors), "without_effects": table.left_out}
 
 
 @document.register

@@ -21,6 +21,7 @@ from calib.html_text import escape, visible_value
 from calib.present.blocks import (
     Block,
     Bullets,
+    Coloured,
     Drawing,
     FigurePlace,
     Link,
@@ -28,6 +29,7 @@ from calib.present.blocks import (
     Presentation,
     Reference,
     Section,
+    Span,
     Verdict,
     Words,
 )
@@ -95,7 +97,7 @@ def environment(*loaders: BaseLoader, links: bool = False) -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=bool(loaders),
     )
-    made.filters["words"] = lambda words: Markup(_words_html(words, links))
+    made.filters["words"] = lambda words: Markup(words_html(words, links))
     made.filters["selecting"] = lambda reference: Markup(_asks(reference) if links and reference else "")
     return made
 
@@ -105,14 +107,17 @@ def _templates(links: bool) -> Environment:
     return environment(links=links)
 
 
-def _words_html(words: object, links: bool) -> str:
+def words_html(words: object, links: bool) -> str:
+    """A sentence or a cell, escaped; with `links` its references are links that select what they name."""
     match words:
         case Reference():
             return f'<a class="asks"{_asks(words)}>{escape(words.words)}</a>' if links else escape(words.words)
         case Link():
             return f'<a href="{escape(words.address)}">{escape(words.words)}</a>'
+        case Coloured():
+            return f'<i class="swatch" style="background:{escape(words.colour)}"></i>&nbsp;{escape(words.words)}'
         case list() | tuple():
-            return "".join(_words_html(span, links) for span in words)
+            return "".join(words_html(span, links) for span in words)
         case _ if hasattr(words, "__html__"):
             return str(words)
         case _:
@@ -131,12 +136,12 @@ def _recognised(block: Block, recognise: Recognise) -> Block:
     def spans(words: Words) -> Words:
         if isinstance(words, str):
             return recognise(words)
-        if isinstance(words, Reference | Link):
+        if isinstance(words, Reference | Link | Coloured):
             return words
-        out: list[str | Reference | Link] = []
+        out: list[Span] = []
         for span in words:
             found = recognise(span) if isinstance(span, str) else span
-            out += [found] if isinstance(found, str | Reference | Link) else found
+            out += [found] if isinstance(found, Span) else found
         return tuple(out)
 
     match block:

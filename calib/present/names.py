@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
+
+from calib.effects.effect import Effect, parameters_by_name
+from calib.kinematics.robot import PARAMETER_KINDS, Robot
+from calib.present.blocks import Span, joint
+from calib.present.numbers import parameter_label
+
 ROLES = {"reference": "reference", "train": "training", "test": "test"}
+_OF_JOINT = re.compile(r"(?:a|alpha|d|theta|beta)(\d+)")  # a parameter of the arm's table
 
 
 def role(name: str) -> str:
@@ -16,3 +25,34 @@ def change(what: str, joint: int | None, parameter: str = "") -> str:
         return f"{what} {parameter}"
     noun = "zero" if what == "joint_zero" else what
     return noun if joint is None else f"{noun} of joint {joint}"
+
+
+def parameter(name: str) -> Span:
+    """A parameter's short name; a parameter of a joint's row in the table refers to its joint."""
+    of_joint = _OF_JOINT.fullmatch(name)
+    return joint(int(of_joint[1]), parameter_label(name)) if of_joint else parameter_label(name)
+
+
+def parameters(found: Sequence[str], last: str = "") -> tuple[Span, ...]:
+    """Parameters' short names in a row: "a1, a2 and d3" with `last` "and", else "a1, a2, d3"."""
+    spans: list[Span] = []
+    for k, name in enumerate(found):
+        between = f" {last} " if last and k == len(found) - 1 else ", "
+        spans += [*([between] if k else []), parameter(name)]
+    return tuple(spans)
+
+
+def joint_with_unit(number: int, unit: str = "") -> Span:
+    """A joint at the head of a row: "joint 3, °"."""
+    return joint(number, f"joint {number}" + (f", {unit}" if unit else ""))
+
+
+def joints_by_parameter(robot: Robot, effects: Sequence[Effect] = ()) -> dict[str, int]:
+    """The joint, from 1, of each parameter that belongs to one: of the table's rows and of these effects."""
+    of_table = {f"{kind}{j + 1}": j + 1 for j in range(robot.n_joints) for kind in PARAMETER_KINDS}
+    of_effects = {
+        name: int(joint) + 1
+        for name, (effect, _) in parameters_by_name(effects).items()
+        if (joint := getattr(effect, "joint", None)) is not None
+    }
+    return of_table | of_effects

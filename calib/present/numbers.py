@@ -11,9 +11,9 @@ import math
 from collections.abc import Sequence
 
 MISSING = "–"
-_MINUS = "\N{MINUS SIGN}"
+MINUS = "\N{MINUS SIGN}"
 _GREEK = {"alpha": "α", "beta": "β", "theta": "θ"}
-_MICRO_BELOW_MM = 0.1
+_MICRO_BELOW_MM = 0.0995  # what is nearer to a tenth of a millimetre is written as that
 _NOTHING_MM = 1e-6  # a nanometre: less is rounding
 _UNSEEN = 1e6  # a sigma from which a size says nothing, in its unit
 
@@ -25,7 +25,7 @@ def length(mm: float) -> str:
     if abs(mm) < _NOTHING_MM:
         return "0 µm"
     if abs(float(f"{mm:.2g}")) < _MICRO_BELOW_MM:
-        return f"{float(f'{1e3 * mm:.2g}'):g} µm".replace("-", _MINUS)
+        return f"{float(f'{1e3 * mm:.2g}'):g} µm".replace("-", MINUS)
     return f"{digits(mm)} mm"
 
 
@@ -47,7 +47,7 @@ def digits(value: float) -> str:
         written = f"{value:.1f}" if size >= 9.995 else f"{value:.2f}"
     else:
         written = f"{value:.{1 - math.floor(math.log10(float(f'{size:.1e}')))}f}"
-    return written.replace("-", _MINUS)
+    return written.replace("-", MINUS)
 
 
 def column_mm(mm: float | None) -> str:
@@ -55,7 +55,18 @@ def column_mm(mm: float | None) -> str:
     if mm is None or not math.isfinite(mm):
         return MISSING
     written = f"{mm:.1e}" if 0 < abs(mm) < 1e-4 else f"{mm:.4f}" if abs(mm) < 10 else f"{mm:.3f}"
-    return written.replace("-", _MINUS) if mm < 0 else written
+    return written.replace("-", MINUS) if mm < 0 else written
+
+
+def signed(value: float, spec: str) -> str:
+    """A number by a format's specification, with the minus sign of this module before it."""
+    written = f"{value:{spec}}"
+    return MINUS + written[1:] if written.startswith("-") else written
+
+
+def coordinate(mm: float) -> str:
+    """A coordinate in millimetres, in a column or a sentence: three decimals, as many as a point is known to."""
+    return signed(mm, "z.3f")
 
 
 def readable(value: float, unit: str) -> tuple[float, str]:
@@ -66,7 +77,7 @@ def readable(value: float, unit: str) -> tuple[float, str]:
 def size(value: float, unit: str) -> str:
     """A size with its unit: "0.12°", "0.5 mm", "3 × 10⁻⁵ rad/Nm" as "3e-05 rad/Nm"."""
     shown, unit = readable(value, unit)
-    return f"{shown:.3g}{_unit(unit)}".replace("-", _MINUS, 1 if shown < 0 else 0)
+    return f"{shown:.3g}{_unit(unit)}".replace("-", MINUS, 1 if shown < 0 else 0)
 
 
 def with_sigma(value: float, sigma: float, unit: str = "", *, sign: bool = False) -> str:
@@ -77,15 +88,15 @@ def with_sigma(value: float, sigma: float, unit: str = "", *, sign: bool = False
         return "not seen"
     plus = "+" if sign else ""
     if spread <= 0.0:
-        return f"{shown:{plus}.4g} ± 0{_unit(read_unit)}".replace("-", _MINUS)
+        return f"{shown:{plus}.4g} ± 0{_unit(read_unit)}".replace("-", MINUS)
     decimals = 1 - math.floor(math.log10(float(f"{spread:.1e}")))
     if decimals > 6:
         exponent = math.floor(math.log10(max(abs(shown), spread)))
         scaled = max(0, decimals + exponent)
         written = f"({shown / 10**exponent:{plus}.{scaled}f} ± {spread / 10**exponent:.{scaled}f})e{exponent}"
-        return f"{written}{_unit(read_unit)}".replace("-", _MINUS)
+        return f"{written}{_unit(read_unit)}".replace("-", MINUS)
     decimals = max(0, decimals)
-    return f"{shown:{plus}z.{decimals}f} ± {spread:.{decimals}f}{_unit(read_unit)}".replace("-", _MINUS)
+    return f"{shown:{plus}z.{decimals}f} ± {spread:.{decimals}f}{_unit(read_unit)}".replace("-", MINUS)
 
 
 def _unit(unit: str) -> str:
@@ -101,7 +112,7 @@ def reduction(before: float, after: float) -> str:
     """By how much an error fell, in percent of what it was."""
     if not (math.isfinite(before) and math.isfinite(after)) or before <= 0:
         return MISSING
-    return f"{100 * (1 - after / before):.2f} %".replace("-", _MINUS)
+    return f"{100 * (1 - after / before):.2f} %".replace("-", MINUS)
 
 
 def relative_change(before: float, after: float) -> str:
@@ -109,7 +120,7 @@ def relative_change(before: float, after: float) -> str:
     if not (before > 0 and math.isfinite(after)):
         return MISSING
     percent = round(100 * (after / before - 1))
-    return ("0 %" if percent == 0 else f"{percent:+d} %").replace("-", _MINUS).replace(" ", "\N{NO-BREAK SPACE}")
+    return ("0 %" if percent == 0 else f"{percent:+d} %").replace("-", MINUS).replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def probability(p: float) -> str:
@@ -148,4 +159,4 @@ def parameter_label(name: str) -> str:
 
 def typeset(words: str) -> str:
     """A sentence with the signs of this module: ±, µm, ° and a minus sign."""
-    return words.replace("+-", "±").replace(" um", " µm").replace(" -", f" {_MINUS}").replace(" deg", "°")
+    return words.replace("+-", "±").replace(" um", " µm").replace(" -", f" {MINUS}").replace(" deg", "°")

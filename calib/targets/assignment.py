@@ -49,14 +49,6 @@ class Assignment:
             for name, why in whys.items()
         ]
 
-    def counts(self, dataset: Dataset) -> list[str]:
-        """A line for each target with the number of poses at which it was found; none for a dataset with one jig."""
-        if not self.points and not self.refused:
-            return []
-        names = dict.fromkeys(name for target in dataset.all_targets for name in target.names)
-        count = {name: sum(name in of for of in self.points.values()) for name in names}
-        return [f"{name}: found at {count[name]} of {len(dataset.poses)} poses" for name in names]
-
 
 def assign_targets(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> Assignment:
     """Places of every target by pose, as far as they can be named, from the searches of `find_targets`."""

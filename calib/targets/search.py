@@ -60,19 +60,6 @@ class ScanSearch(CornerSearch):
         missing = sum(bool(one.failure) for one in self.found)
         return f"found, {missing} missing" if missing else "found"
 
-    def summary(self) -> str:
-        """One line: for each kind of target the number found and their sigmas, or the reason why there is none."""
-        parts = []
-        for search in self.found:
-            names = ", ".join(search.names)
-            if search.failure:
-                parts.append(f"{names}: {search.failure}")
-                continue
-            each = ", ".join(f"{p.sigma_mm():.4f} mm of {p.points} points" for p in search.places)
-            count = f"{len(search.places)} of {len(search.names)} found" if len(search.names) > 1 else "found"
-            parts.append(f"{names}: {count}, sigma {each}")
-        return f"{self.scan}: {' | '.join(parts)} | {self.seconds:.2f} s"
-
 
 def wanted_of(targets: Sequence[DeclaredTarget], scan_sigma_mm: float | None) -> list[Wanted]:
     """Requests to finders, one for all targets of equal shape, which are identified later."""

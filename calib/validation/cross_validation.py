@@ -20,13 +20,14 @@ from calib.brief import Brief
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Evaluation, Figures
 from calib.calibration.noise_level import SigmaCheck, check_sigma
-from calib.calibration.result import Calibration, figures_line
+from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.effects.catalogue import EffectChoice, effects_named
 from calib.errors import FitError
 from calib.fitting.fit import Fit
 from calib.measurement.measured_dataset import measured
 from calib.options import DEFAULT_FOLDS, FitFields, FitOptions, fit_options
+from calib.presented import Presented
 from calib.progress import OnProgress, counted
 from calib.validation.splits import deal_folds, split_dataset, training_groups
 
@@ -44,7 +45,7 @@ class Fold(Brief):
 
 
 @dataclass(frozen=True)
-class CrossValidation(Brief):
+class CrossValidation(Presented):
     """Errors at every training pose, each by the fit without its fold."""
 
     dataset: Dataset
@@ -82,48 +83,6 @@ class CrossValidation(Brief):
     def sigma(self) -> SigmaCheck:
         """Residual sigma of the fit to all poses, compared with the declared one."""
         return check_sigma(self.whole)
-
-    @property
-    def meaning(self) -> str:
-        """What the errors say of the fit, as a sentence."""
-        before = self.before.test
-        assert before is not None
-        if not self.held_out.rmse_mm < before.rmse_mm:
-            return "the calibration does not help: poses it did not see are no better than with the nominal robot"
-        if not all(fold.converged for fold in self.folds):
-            return "not every fold's fit converged: do not trust these figures"
-        if self.ratio > SUSPICIOUS * self.expected_ratio:
-            return (
-                "the fit does better on its own poses than parameters and noise explain: too few poses, or physics "
-                "that is not in the model; expect the held-out error, not the training error, elsewhere"
-            )
-        words = "poses left out come out as well as noise allows: the fit does not bend to its own poses"
-        if self.sigma.verdict == "excess":
-            return (
-                f"{words}; that holds for poses like the training poses, and since more than noise is left, the error "
-                "elsewhere can be larger: look at test poses of another kind"
-            )
-        return f"{words}; expect the held-out error at poses like these"
-
-    def summary(self) -> str:
-        """Held-out and training errors, the spread of the folds, and what they say, a line each."""
-        before, train = self.before.test, self.whole.after.train
-        assert before is not None
-        assert train is not None
-        each = [fold.held_out.rmse_mm for fold in self.folds]
-        return "\n".join(
-            [
-                f"{self.dataset.name}: {len(self.folds)} folds over {len(np.unique(self.after.pose))} training poses, "
-                f"{self.residual} residual",
-                f"held out {figures_line(before, self.held_out)}",
-                f"folds    RMSE {min(each):.4g} to {max(each):.4g} mm, spread {self.spread_mm:.2g} mm",
-                f"training RMSE {train.rmse_mm:.4g} mm; held out is {self.ratio:.3g} times that, "
-                f"{self.expected_ratio:.3g} is what noise explains",
-                self.sigma.summary(),
-                *self.notes,
-                f"=> {self.meaning}",
-            ]
-        )
 
     def to_frame(self) -> pd.DataFrame:
         """One row per held-out pose: setup, fold, points, RMS over its points before and after, distance error."""

@@ -16,7 +16,6 @@ import pandas as pd
 
 from calib.array_types import IndexArray
 from calib.blas_threads import one_blas_thread
-from calib.brief import Brief
 from calib.calibration.calibrate import calibrate
 from calib.calibration.noise_level import SigmaCheck, check_sigma
 from calib.calibration.result import Calibration
@@ -26,6 +25,7 @@ from calib.errors import FitError
 from calib.identifiability.structural import structural_rank
 from calib.measurement.measured_dataset import measured
 from calib.options import FitFields, FitOptions, fit_options
+from calib.presented import Presented
 from calib.progress import OnProgress, counted
 from calib.validation.splits import (
     MIN_FRAME_POSES,
@@ -37,7 +37,7 @@ from calib.validation.splits import (
 )
 
 FLAT = 0.05  # least share by which twice the poses lower the error, for them to be worth measuring
-_FAR = 2.0  # held-out over training error from which the held-out poses are of another kind
+FAR = 2.0  # held-out over training error from which the held-out poses are of another kind
 _FOLDS = 5
 
 
@@ -55,7 +55,7 @@ class LearningStep:
 
 
 @dataclass(frozen=True)
-class LearningCurve(Brief):
+class LearningCurve(Presented):
     """Error against the number of training poses, which rises from step to step."""
 
     dataset: Dataset
@@ -97,58 +97,6 @@ class LearningCurve(Brief):
         limit = (1.0 + FLAT) * self.steps[-1].held_out_rmse_mm
         above = [k for k, step in enumerate(self.steps) if step.held_out_rmse_mm > limit]
         return self.steps[above[-1] + 1 if above else 0].poses
-
-    @property
-    def meaning(self) -> str:
-        """Whether more poses would help, or what else would, as a sentence."""
-        last = self.steps[-1]
-        ratio = last.held_out_rmse_mm / last.train_rmse_mm if last.train_rmse_mm > 0.0 else 1.0
-        if ratio < _FAR:
-            return self._verdict
-        return (
-            f"{self._verdict}; the held-out error is {ratio:.3g} times the training error: such poses are not among "
-            "the training poses, or the physics that is missing shows there"
-        )
-
-    @property
-    def _verdict(self) -> str:
-        last, excess = self.steps[-1], self.sigma.verdict == "excess"
-        since = self.flat_since
-        ratio = self.sigma.sigma_mm / self.sigma.declared_mm if self.sigma.declared_mm else float("nan")
-        missing = (
-            f"the residual is {ratio:.3g} times the declared sigma: physics is missing from the model, "
-            "or sigma was declared too small"
-        )
-        if since is None:
-            words = (
-                f"more poses would still help: twice as many ({2 * last.poses}) promise a held-out error of about "
-                f"{self.doubled_rmse_mm:.3g} mm instead of {last.held_out_rmse_mm:.3g} mm (-{100 * self.gain:.0f} %)"
-            )
-            return f"{words}; besides, {missing}" if excess else words
-        words = f"flat since {since} poses at {last.held_out_rmse_mm:.3g} mm: more poses will not help"
-        if excess:
-            return f"{words}; {missing}"
-        if self.sigma.verdict == "unknown":
-            return f"{words}; without a declared sigma the curve cannot tell whether noise or missing physics is left"
-        return f"{words}, and none are needed: the residual shows nothing but the declared noise"
-
-    def summary(self) -> str:
-        """A table with one row per count, and what the curve says."""
-        rows = [
-            f"{step.poses:6d} {step.train_rmse_mm:13.4g} {step.held_out_rmse_mm:13.4g} {step.spread_mm:9.2g} "
-            f"{step.sigma_mm:9.4g}"
-            for step in self.steps
-        ]
-        return "\n".join(
-            [
-                f"{self.dataset.name}: learning curve, {self.residual} residual, held out: {self.held_out}",
-                " poses training RMSE held-out RMSE    spread     sigma  (mm)",
-                *rows,
-                self.sigma.summary(),
-                *self.notes,
-                f"=> {self.meaning}",
-            ]
-        )
 
     def to_frame(self) -> pd.DataFrame:
         """One row per count: poses, fits, training and held-out RMSE, their spread, residual and declared sigma."""

@@ -5,12 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
-
 from calib.calibration.plausibility import implausibility_reason, outlier_hint
 from calib.calibration.result import Calibration
-from calib.calibration.uncertainty import Combination, identifiable_combinations
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
 from calib.diagnosis.effect_selection import FitStep
@@ -20,19 +16,26 @@ from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Family
 from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
-from calib.identifiability.tool_rows import tool_rows
 from calib.models.exported_table import ExportedTable, exported_table, require_template_of
-from calib.screening.curves.fitted_curves import curve_lines, effect_file_text, without_curves
+from calib.present.calibration import (
+    calibration_document,
+    calibration_head,
+    fit_steps,
+    parameters,
+    step_table,
+    steps_document,
+    table_document,
+)
+from calib.present.text import block_text
+from calib.screening.curves.fitted_curves import effect_file_text
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options import CalibrateOptions, CompareOptions, CorrectOptions, WatchOptions
 from inspector.cli.output_paths import check_outputs
-from inspector.export import json_documents as documents
 from inspector.export.csv_and_png import residuals_csv
 from inspector.session.session import Session
 from inspector.session.session_file import session_text
 from inspector.session.transitions import with_steps
 
-SMALLEST_CHANGE = 1e-6  # in sigmas: what is printed as no change of a parameter
 SCENE_ARROWS = 100.0  # how many times longer residuals are drawn in a scene's file
 
 
@@ -72,9 +75,9 @@ def run_calibrate(options: CalibrateOptions) -> int:
     robot_files = {out: table.in_template(template) for out, template in templates.items()}
     hint = outlier_hint(result)
     said = "\n".join(f"{path}: {robot_file.summary}" for path, robot_file in robot_files.items())
-    document = documents.calibration_document(result) | {
-        "steps": documents.additions(steps),
-        "table_alone": documents.table_document(table),
+    document = calibration_document(result) | {
+        "steps": steps_document(steps),
+        "table_alone": table_document(table),
     }
     for path, robot_file in robot_files.items():
         key = "urdf" if path == options.urdf_out else "kinematics"
@@ -135,46 +138,11 @@ def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
 
 
 def _calibration_text(steps: Sequence[FitStep], table: ExportedTable) -> str:
-    """Parameters, learned curves, sums known better than their parts, errors after each addition, summary, table."""
+    """Every parameter, the errors after each addition and in all, and what is to be warned of."""
     result = steps[-1].calibration
-    parameters = as_printed(in_file_units(without_curves(result.to_frame())))
-    lines = [parameters.to_string(index=False, float_format=lambda v: f"{v:.6g}"), *curve_lines(result)]
-    lines += [_known(c) for c in identifiable_combinations(result)]
-    lines.append(tool_rows(result.dataset, residual=result.residual, model=result.model).summary())
-    if len(steps) > 1:
-        lines.append(f"link errors: {_errors(steps[0].calibration)}")
-        lines += [f"{step.label}: {_errors(step.calibration)}" for step in steps[1:]]
-    return "\n".join(filter(None, [*lines, result.summary(), table.words]))
-
-
-def in_file_units(parameters: pd.DataFrame) -> pd.DataFrame:
-    """A calibration's table of parameters with the angles of the links in degrees, as robot.toml has them.
-
-    Parameters of effects carry their unit in their name, so they stay.
-    """
-    out = parameters.copy()
-    angles = (out["unit"] == "rad") & ~out["name"].str.contains(".", regex=False)
-    lengths = ["nominal", "value", "change", "sigma", "tolerance"]
-    out.loc[angles, lengths] = np.degrees(out.loc[angles, lengths].to_numpy(dtype=float))
-    out.loc[angles, "unit"] = "deg"
-    return out
-
-
-def as_printed(parameters: pd.DataFrame) -> pd.DataFrame:
-    """The same table for people: no rounding error in place of a parameter that stayed, `yes` or `no` for `known`."""
-    out = parameters.copy()
-    stayed = out["change"].abs() < SMALLEST_CHANGE * out["sigma"]
-    out.loc[stayed, "change"] = 0.0
-    out.loc[stayed, "value"] = out.loc[stayed, "nominal"]
-    out["known"] = np.where(out["known"], "yes", "no")
-    return out
-
-
-def _known(sum_: Combination) -> str:
-    """A sum that is known better than its parts, angles in degrees."""
-    angle = sum_.unit == "rad"
-    scale, unit = (float(np.degrees(1.0)), "deg") if angle else (1.0, sum_.unit)
-    return f"known: {sum_.description} = {scale * sum_.value:.6g} +- {scale * sum_.sigma:.2g} {unit}".rstrip()
+    way = [step.calibration for step in steps]
+    each = [step_table(fit_steps(steps))] if len(steps) > 1 else []
+    return block_text(*parameters(result, table), *each, *calibration_head(result, way))
 
 
 def require_plausible(result: Calibration, force: bool) -> None:
@@ -200,8 +168,3 @@ def _as_session(options: CalibrateOptions, dataset: Dataset, steps: Sequence[Fit
             f"--session: a session holds fits by --residual, --add and --leave-out only; leave out {used[0]}"
         )
     return with_steps(Session(dataset, user_effects=loaded_effects(options.effects_file, dataset)), steps)
-
-
-def _errors(calibration: Calibration) -> str:
-    train, test = calibration.after.train, calibration.after.test
-    return ", ".join(f"{name} RMSE {of.rmse_mm:.4g} mm" for name, of in (("train", train), ("test", test)) if of)

@@ -6,7 +6,7 @@ Those that fit a model are in `inspector.cli.fit_commands`.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,12 +19,16 @@ from calib.effects.catalogue import descriptions
 from calib.errors import printable, visible
 from calib.identifiability.structural import free_frame_rank, redundancy
 from calib.measurement.measured_points import (
-    counted_reasons,
     failed_searches,
     label_faces,
     require_corners,
     with_corners,
 )
+from calib.present import to_dict
+from calib.present.blocks import Paragraph
+from calib.present.corners import batch_blocks
+from calib.present.redundancy import free_frame_sentence, redundancy_blocks
+from calib.present.text import block_text
 from calib.strict_json import to_json
 from calib.targets.assignment import assign_targets
 from calib.targets.batch import find_targets
@@ -74,24 +78,9 @@ def run_corners(options: CornersOptions) -> int:
     if options.out is not None:
         found = with_corners(dataset, searches, orientation=labels if options.orientation else False)
         write_text_atomically(options.out, corners_csv(found))
-    failed = failed_searches(searches)
-    lines = [f"{search.summary()}{_left_out(search)}" for search in searches.values()]
-    lines += named.lines()
-    lines += named.counts(dataset) or [f"{len(searches) - len(failed)} of {len(searches)} corners found"]
-    if failed:
-        lines.append(f"no corner: {counted_reasons(failed)}")
-    if dataset.shows_faces:
-        lines.append(labels.summary())
-    show(options, documents.corners_document(searches, labels, named), "\n".join(lines))
+    blocks = batch_blocks(dataset, searches, named, labels if dataset.shows_faces else None)
+    show(options, documents.corners_document(searches, labels, named), block_text(*blocks))
     return 0
-
-
-def _left_out(search: CornerSearch) -> str:
-    """How many points of a scan have no value, for the end of its line; empty where all have one."""
-    count = search.count
-    if count is None or not count.dropped:
-        return ""
-    return f"; {count.dropped} of its {count.points + count.dropped} points have no value and are left out"
 
 
 def run_redundancy(options: RedundancyOptions) -> int:
@@ -103,7 +92,8 @@ def run_redundancy(options: RedundancyOptions) -> int:
         write_text_atomically(options.out, redundancy_csv(result))
     unknown = free_frame_rank(dataset, residual=options.residual)
     document = documents.redundancy_document(result, unknown) | {"left_out": dataset.left_out}
-    show(options, document, "\n".join([result.summary(), unknown.summary(), *without(dataset)]))
+    text = block_text(*redundancy_blocks(result), Paragraph(free_frame_sentence(unknown)))
+    show(options, document, "\n".join([text, *without(dataset)]))
     return 0
 
 
@@ -162,6 +152,6 @@ def found_corners(dataset: Dataset, wanted: int | None = None) -> dict[str, Corn
         return find_targets(dataset, on_progress=on_progress, executor=executor, intermediate=False)
 
 
-def show(options: Output, document: dict[str, Any], text: str) -> None:
+def show(options: Output, document: Mapping[str, Any], text: str) -> None:
     """Print text, or with --json the one object."""
-    print(to_json(document) if options.json else visible(text), file=options.stdout)
+    print(to_json(to_dict(document)) if options.json else visible(text), file=options.stdout)

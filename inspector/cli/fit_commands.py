@@ -21,6 +21,14 @@ from calib.errors import CalibError, DatasetError, visible
 from calib.measurement.measured_points import require_corners, with_corners
 from calib.models.model_file import save_model
 from calib.planning.discrimination import NextPoses, explanation_of, next_poses
+from calib.present.text import block_text
+from calib.present.validation import (
+    cross_validation_blocks,
+    cross_validation_verdict,
+    learning_curve_blocks,
+    learning_curve_verdict,
+    validation_document,
+)
 from calib.robot_formats.programs import is_point_list, require_point_list
 from calib.screening.curves.fitted_curves import effect_file_text
 from calib.validation.acceptance import check
@@ -55,8 +63,9 @@ def run_validate(options: ValidateOptions) -> int:
         folds = cross_validate(dataset, asked, folds=options.folds, effects=effects, on_progress=on_progress)
         curve = learning_curve(dataset, asked, effects=effects, on_progress=on_progress)
     plan = [] if curve.flat_since is not None else [f"next: inspector plan {options.path} chooses those that help most"]
-    text = "\n".join([folds.summary(), "", curve.summary(), *plan, *without(dataset)])
-    show(options, documents.validation_document(folds, curve), text)
+    validated = block_text(*cross_validation_blocks(folds), cross_validation_verdict(folds))
+    learned = block_text(*learning_curve_blocks(curve), learning_curve_verdict(curve))
+    show(options, validation_document(folds, curve), "\n".join([validated, "", learned, *plan, *without(dataset)]))
     return 0
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from calib.calibration.result import figures_line
 from calib.compensation.target_files import corrected_file, load_targets, require_conditions
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError
 from calib.models.model_file import load_model
 from calib.options import DEFAULT_FOLDS
+from calib.present.text import block_text
+from calib.present.validation import saved_model_blocks, saved_model_document
 from calib.robot_formats.programs import is_point_list, require_point_list
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options import CorrectOptions, ValidateOptions
@@ -25,16 +26,8 @@ def validate_model(options: ValidateOptions, path: Path) -> int:
     model.require_same_arm(dataset)
     dataset = measured(dataset)
     before, after = model.before_and_after(dataset)
-    same = model.is_fitted_to(dataset)
-    document = documents.saved_model_document(model, dataset, before, after, same=same)
-    seen = "the measurements that it was fitted to" if same else "not the files that it was fitted to"
-    lines = [model.summary(), f"on {dataset.name}, {seen}:"]
-    for name, was, now in (("train", before.train, after.train), ("test ", before.test, after.test)):
-        if was is not None and now is not None:
-            lines.append(f"{name} {figures_line(was, now)}")
-    if model.trained is not None:
-        lines.append(model.trained.words(dataset.robot, dataset.poses.q, dataset.poses.ids))
-    show(options, document, "\n".join(filter(None, [*lines, *after.notes])))
+    text = block_text(*saved_model_blocks(model, dataset, before, after))
+    show(options, saved_model_document(model, dataset, before, after), text)
     return 0
 
 

@@ -3,25 +3,16 @@
 from __future__ import annotations
 
 from calib.documents.calibration_documents import (
-    additions,
-    calibration_document,
     correction_document,
-    saved_model_document,
-    table_document,
-    validation_document,
 )
-from calib.documents.corner_documents import corners_document, redundancy_document
 from calib.documents.diagnosis_documents import document_with_poses, effects_document
+from calib.present.corners import corners_document
+from calib.present.redundancy import redundancy_document
 
 __all__ = [
-    "additions",
-    "calibration_document",
     "corners_document",
     "correction_document",
     "document_with_poses",
     "effects_document",
     "redundancy_document",
-    "saved_model_document",
-    "table_document",
-    "validation_document",
 ]

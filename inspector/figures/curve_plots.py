@@ -14,9 +14,9 @@ import plotly.graph_objects as go
 from calib.array_types import Array, BoolArray
 from calib.html_text import escape
 from calib.kinematics.robot import Robot
+from calib.present.curves import input_label, read_unit
 from calib.screening.curves.fitted_curves import FittedCurve
 from inspector.figures.style import figure, ink, selects_joint, strong_ink
-from inspector.markup.learn.curves import input_label, shown_unit
 
 CURVE, BAND, OUTSIDE, MEASURED = "fitted curve", "± 2 sigma", "not measured", "training poses"
 _TOP_PX, _PLOT_PX, _GAP_PX, _BOTTOM_PX = (
@@ -119,7 +119,7 @@ def _traces(curve: FittedCurve, xaxis: str, yaxis: str, rug: float, dark: bool, 
     no_line = {"color": "rgba(0,0,0,0)", "width": 0}
     hover = (
         f"joint {curve.joint + 1}: %{{y:.3g}} ± %{{customdata:.2g}} {curve.unit}<br>at %{{x:.4g}} "
-        f"{shown_unit(curve.input_unit)}<extra></extra>"
+        f"{read_unit(curve.input_unit)}<extra></extra>"
     )
     return [
         {

@@ -8,9 +8,10 @@ import viser
 
 from calib.present import names, numbers
 from calib.present.names import ROLES
+from calib.present.references import Names
 from calib.targets.search import ScanSearch
 from inspector.markup.parts import elements
-from inspector.markup.parts.links import Names, linked
+from inspector.markup.parts.links import linked
 from inspector.markup.parts.palette import DOUBT, FAILED, LEFT_OUT, role_colour
 from inspector.panels.base import Actions, ChangedValues, by_page, put
 from inspector.panels.input_checks import clamped, one_of

@@ -8,7 +8,8 @@ from typing import ClassVar
 
 import plotly.graph_objects as go
 
-from calib.present.blocks import Block, Drawing
+from calib.present.blocks import Block, Drawing, FigurePlace
+from inspector.figures.results.places import draw
 from inspector.figures.svg.figure import svg_of
 
 
@@ -25,12 +26,13 @@ class Figure(Block):
 
 def still(blocks: Sequence[Block], names: Iterator[str]) -> list[Block]:
     """The blocks with figures as SVG; `names` are those of the figures, which begin their ids."""
-    return [
-        Drawing(
-            svg_of(block.drawn, block.width_px, block.height_px, name=next(names), title=block.caption),
-            block.caption,
-        )
-        if isinstance(block, Figure)
-        else block
-        for block in blocks
-    ]
+    return [_still(block, names) for block in blocks]
+
+
+def _still(block: Block, names: Iterator[str]) -> Block:
+    if isinstance(block, FigurePlace):
+        return Drawing(draw(block, next(names)), block.caption)
+    if not isinstance(block, Figure):
+        return block
+    drawn = svg_of(block.drawn, block.width_px, block.height_px, name=next(names), title=block.caption)
+    return Drawing(drawn, block.caption)

@@ -13,19 +13,19 @@ from pathlib import Path
 from calib.calibration.noise_level import check_sigma, noise_level
 from calib.diagnosis.words.text import reason_texts
 from calib.planning.discrimination import explanation_of
-from calib.present import names, numbers
 from calib.present.blocks import (
     Block,
     Bullets,
     Facts,
     Paragraph,
     Section,
-    Table,
     Verdict,
 )
+from calib.present.calibration import error_tables, parameters, pose_errors, sigma_sentence, step_table
+from calib.present.dataset import measured_blocks
+from calib.present.redundancy import redundancy_section
 from inspector.figures.plots import error_history
 from inspector.markup.learn.effects import last_change
-from inspector.markup.model.fit import before_and_after
 from inspector.report import sections
 from inspector.report.content import Report
 from inspector.report.figure_block import Figure
@@ -82,13 +82,13 @@ def finding_sections(report: Report) -> tuple[Section, ...]:
     return (
         Section("How the verdict was reached", _reasons(report)),
         Section(HISTORY, _history(report)),
-        Section("Dataset and how it was measured", sections.dataset(report)),
+        Section("Dataset and how it was measured", measured_blocks(report.calibration, report.session.searches)),
         Section("What could be missing", sections.ranking(report)),
         Section("Where the model is off", residuals),
         *([Section("Learned curves of the joints", curves)] if curves else []),
-        Section("Residual by pose", sections.by_pose(report)),
-        Section("Which parameters can be known", sections.redundancy(report)),
-        Section("Parameters", sections.parameters(report)),
+        Section("Residual by pose", [pose_errors(report.calibration)]),
+        redundancy_section(report.redundancy),
+        Section("Parameters", parameters(report.calibration, report.table)),
     )
 
 
@@ -109,7 +109,7 @@ def _reasons(report: Report) -> list[Block]:
     sentence, colour = last_change(report.session.history)
     return [
         *([Verdict(sentence, colour)] if sentence else []),
-        Paragraph(check_sigma(report.calibration).summary()),
+        Paragraph(sigma_sentence(check_sigma(report.calibration))),
     ]
 
 
@@ -119,23 +119,6 @@ def _history(report: Report) -> list[Block]:
     labels = [step.label for step in steps]
     train, test = [s.train_rmse_mm for s in steps], [s.test_rmse_mm for s in steps]
     drawn = error_history(labels, train, test, level.floor_mm, noise=level.name)
-    rows = [(s.label, *(numbers.column_mm(v) for v in (s.train_rmse_mm, s.test_rmse_mm, s.sigma_mm))) for s in steps]
-    errors = [
-        (
-            f"{names.role(role)} {name}",
-            *(numbers.column_mm(value) for value in (before, after)),
-            numbers.reduction(before, after),
-        )
-        for role, name, before, after in before_and_after(report.calibration)
-    ]
     caption = f"3D RMSE of training and test poses after each change of the model; dashed: what {level.name} leaves."
-    columns = ("model", "training, mm", "test, mm", "residual sigma, mm")
-    return [
-        Figure(drawn, caption),
-        Table(columns, rows, caption="3D RMSE; the sigma is of one coordinate, by degrees of freedom"),
-        Table(
-            ("errors, mm", "before", "after", "reduction"),
-            errors,
-            caption="All figures; distances are to the reference pose",
-        ),
-    ]
+    table = step_table([(s.label, s.train_rmse_mm, s.test_rmse_mm, s.sigma_mm) for s in steps])
+    return [Figure(drawn, caption), table, *error_tables(report.calibration)]

@@ -13,9 +13,9 @@ from calib.calibration.pose_errors import pose_errors_of
 from calib.dataset.dataset import Dataset, Points, Scanner
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.words.headline import headline_note, headline_of, headline_text
+from calib.present.residuals import LENGTH, band_note, shown
 from calib.validation.acceptance import check
 from inspector.figures import error_history
-from inspector.markup.learn.residuals import LENGTH, band_note, shown
 from tests.support.hidden_dataset import arm
 
 NOISE_MM = 0.05

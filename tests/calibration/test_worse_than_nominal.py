@@ -13,8 +13,8 @@ from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import write_dataset
 from calib.diagnosis.words.headline import headline_note, headline_of
-from calib.documents.calibration_documents import calibration_document
 from calib.options import FitOptions
+from calib.present.calibration import calibration_document
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
 
@@ -48,9 +48,9 @@ def test_a_fit_that_is_worse_says_so(dataset: Dataset, options: FitOptions) -> N
     assert after is not None
     assert after.rmse_mm > before.rmse_mm
     (said,) = [w for w in fit.warnings if "worse than robot.toml" in w]
-    assert f"RMSE {before.rmse_mm:.4g} -> {after.rmse_mm:.4g} mm" in said
+    assert f"RMSE from {before.rmse_mm:.4g} to {after.rmse_mm:.4g} mm" in said
     assert calibration_document(fit)["worse_than_nominal"] == said
-    assert said in fit.summary()
+    assert said[1:] in fit.summary()  # with a capital letter
     assert "worse than robot.toml" in headline_note(headline_of([fit]))
 
 

@@ -19,9 +19,9 @@ from calib.dataset_import.columns import meaning_of
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.words.phrases import input_text
 from calib.models.fitted_model import FittedModel
+from calib.present.residuals import input_title
 from calib.screening.curves.joint_curves import learn_joint_curves
 from calib.screening.curves.smooth_joint_error import CurveModes, SmoothJointError
-from inspector.markup.learn.residuals import input_title
 from tests.support.hidden_dataset import arm
 
 ODD_COLUMNS = (

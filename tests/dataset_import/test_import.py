@@ -108,8 +108,8 @@ def test_a_fit_runs_at_once(truth: Dataset, tmp_path: Path) -> None:
     assert fitted.after.test is not None
     assert fitted.after.test.rmse_mm < 0.2
     assert made.dataset.scanner.point_sigma_mm is None
-    assert "points' sigma" not in fitted.summary()  # there is none to compare with
-    assert "points' sigma" in calibrate(truth).summary()
+    assert "times the declared" not in fitted.summary()  # there is none to compare with
+    assert "times the declared" in calibrate(truth).summary()
 
 
 def test_two_tables_meet_by_the_pose(truth: Dataset, tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from calib.identifiability.structural import redundancy
 from calib.options import FitOptions
 from calib.planning.fitted_start import start_of_dataset
 from calib.planning.plan import Plan, plan_poses
+from calib.present.numbers import parameter_label
 from calib.presented import Presented
 from calib.strict_json import plain, to_json
 from calib.validation.acceptance import check
@@ -212,7 +213,7 @@ def test_views_tell_the_numbers_of_the_results(dataset: Dataset, found: Diagnosi
     of_diagnosis = safe(found._repr_html_()).text
     assert found.missing[0] in of_diagnosis
     for name in found.calibration.to_frame()["name"]:
-        assert name in of_diagnosis
+        assert parameter_label(name) in of_diagnosis
 
 
 def test_ipython_shows_the_summary_as_plain_text(
@@ -225,7 +226,7 @@ def test_ipython_shows_the_summary_as_plain_text(
     for result in results:
         assert plain_text(result) == result.summary()
         assert len(result.summary()) < 20_000
-    assert "64 poses (1 reference" in dataset.summary()
+    assert "64: 1 reference, 50 training and 13 test" in dataset.summary()
 
 
 def test_drawings_of_two_results_on_one_page_have_ids_of_their_own(found: Diagnosis) -> None:

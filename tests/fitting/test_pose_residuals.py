@@ -182,7 +182,7 @@ def test_calibrate_tells_attitudes_and_full_poses_know_two_parameters_more() -> 
     assert before.test is not None
     assert after.test is not None
     assert after.test.rmse_rad < 3.0 * SIGMA_RAD < 0.2 * before.test.rmse_rad
-    assert "test  attitude RMSE" in result.summary()
+    assert "attitude of the jig, mrad" in result.summary()
     assert calibrate(dataset).orientation_errors is None
     for robot, points, poses in (("rb5", 19, 21), ("panda", 22, 24)):
         arm = builtin_robot(robot)

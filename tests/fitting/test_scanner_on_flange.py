@@ -18,6 +18,8 @@ from calib.identifiability.structural import free_frame_rank, redundancy, struct
 from calib.identifiability.tool_rows import tool_rows
 from calib.kinematics.robot import Base, Robot
 from calib.options import FitOptions
+from calib.present.blocks import plain
+from calib.present.redundancy import free_frame_sentence, tool_sentence
 from tests.support.arms import flange_dataset_of, perturbed, random_arm
 from tests.support.fit_cases import label, rich_dataset, some_of
 
@@ -109,10 +111,10 @@ def test_the_tool_and_the_last_row_do_not_show() -> None:
     other = replace(dataset, robot=replace(robot, carries_scanner=True))
     assert calibrate(other).before.train.rmse_mm < 1e-9
     assert set(redundancy(dataset).no_influence) == {"aTCP", "alphaTCP", "dTCP", "thetaTCP", "betaTCP"}
-    assert "does not see the tool" in tool_rows(dataset).summary()
+    assert "a scanner on the flange does not see the tool" in plain(tool_sentence(tool_rows(dataset)))
     unknown = free_frame_rank(dataset)
     assert unknown.here == unknown.best["position"]
-    assert "on the flange unknown" in unknown.summary()
+    assert "With the scanner's place on the flange unknown, positions tell" in free_frame_sentence(unknown)
 
 
 @pytest.mark.parametrize("kind", ["distance", "pairs"])

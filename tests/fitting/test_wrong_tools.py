@@ -29,7 +29,7 @@ from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import check
 from calib.validation.cross_validation import cross_validate
 from inspector.cli.parser import main
-from inspector.markup.model.fit import state_html
+from inspector.markup.model.fit import fit_html
 from tests.support.arms import random_arm
 from tests.support.sweeps import sweep
 
@@ -117,7 +117,7 @@ def test_the_tool_is_told_with_where_it_is(tmp_path: Path, capsys: pytest.Captur
     words = f"the tool point is {shift.off_mm:.1f} mm from where robot.toml has it"
     assert sum(words in warning for warning in result.warnings) == 1
     assert words in result.summary()
-    assert words in state_html(result)  # on the page
+    assert words in fit_html(result)  # on the page
     assert any("tool point is" in warning for warning in check(wrong).warnings)
     assert "The tool point is" in diagnose(wrong, max_steps=0).summary()
     write_dataset(wrong, tmp_path / "cell")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from calib.fitting.observations import Observations
 from calib.fitting.residual_kinds import make_residuals
 from calib.identifiability.structural import free_frame_rank, redundancy, structural_rank
 from calib.kinematics.robot import Joint, Robot, Tool
+from calib.present.redundancy import free_frame_sentence
 from calib.simulation.truth.equilibrium import Truth, base_T_target
 from inspector.cli.parser import main
 
@@ -105,7 +107,7 @@ def test_few_poses_tell_less_than_an_arm_could() -> None:
     unknown = free_frame_rank(dataset)
     assert unknown.here == 3 * 6 - 6
     assert unknown.best["position"] == 19
-    assert "positions tell 12 at these poses, and 19 at best" in unknown.summary()
+    assert "positions tell 12 at these poses, and 19 at best" in free_frame_sentence(unknown)
 
 
 def test_each_placement_of_the_scanner_is_unknown_by_itself() -> None:
@@ -149,8 +151,8 @@ def test_the_words_say_what_is_measured_and_from_where(
         assert main(["redundancy", str(tmp_path / name), "--residual", kind]) == 0
         words = capsys.readouterr().out
         found = redundancy(dataset, residual=kind)
-        assert f"parameters, seen by {seen}" in words
-        assert f"the rank says that {found.rank} can be known" in words
+        assert f"Seen by {seen}" in words
+        assert re.search(rf"can be known \(rank\) +{found.rank}\n", words)
         assert f"No influence on {silent}: " in words
         assert unknown in words.splitlines()[-1]
         best = structural_rank(robot, residual=kind)

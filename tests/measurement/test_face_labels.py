@@ -19,6 +19,7 @@ from calib.jig import Jig, jig_normals
 from calib.kinematics.tool_point import tool_point, with_tool_point
 from calib.measurement.face_labels import FaceLabels, label_corners
 from calib.measurement.measured_points import with_corners
+from calib.present import to_dict
 from calib.simulation.measured_dataset import Simulation
 from calib.simulation.simulate import simulate_dataset
 from tests.support.jig_corners import UNEVEN, corner_of, error_rad
@@ -60,7 +61,7 @@ def test_the_nominal_robot_names_the_faces_alike_at_every_pose(simulation, jig):
     if jig is UNEVEN:  # the angles tell which faces they are, not a convention
         np.testing.assert_allclose(turns[0], np.eye(3), atol=3e-3)
     assert "robot" in result.summary()
-    assert len(result.document()["poses"]) == 30
+    assert len(to_dict(result)["poses"]) == 30
 
 
 def test_a_jig_that_is_not_as_declared_is_measured_over_all_poses(simulation):

@@ -18,6 +18,7 @@ from calib.dataset.dataset import Dataset, Points, Scanner
 from calib.dataset.files.folder import write_dataset
 from calib.errors import FitError
 from calib.options import FitOptions
+from calib.present.calibration import sigma_sentence
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import LearningCurve, LearningStep, learning_curve
 from calib.validation.splits import deal_folds, growing_order, split_dataset, training_groups
@@ -181,22 +182,22 @@ def test_noise_alone_and_missing_physics_are_told_apart() -> None:
     result = cross_validate(good)
     assert result.ratio == pytest.approx(result.expected_ratio, rel=0.15)
     assert result.sigma.verdict == "as declared"
-    assert "does not bend to its own poses; expect" in result.meaning
+    assert "does not bend to its own poses; expect" in result.headline
     worse = cross_validate(bad)
     assert worse.sigma.verdict == "excess"
     assert worse.held_out.rmse_mm > 5 * result.held_out.rmse_mm
     assert "physics is missing" in worse.summary()
     curve = learning_curve(simulated(poses=150), counts=[20, 60, 120], repeats=3)
     assert curve.flat_since is not None
-    assert "none are needed" in curve.meaning
+    assert "none are needed" in curve.headline
     flat = learning_curve(bent(simulated(poses=240, test=60)), counts=[60, 120, 180], repeats=2)
     assert flat.held_out == "test poses"
     assert flat.flat_since is not None
-    assert "more poses will not help" in flat.meaning
-    assert "physics is missing" in flat.meaning
+    assert "more poses will not help" in flat.headline
+    assert "physics is missing" in flat.headline
     short = learning_curve(simulated(test=0), counts=[11, 13, 15])
     assert short.flat_since is None
-    assert "more poses would still help" in short.meaning
+    assert "More poses would still help" in short.headline
 
 
 def test_test_poses_of_another_kind_are_told() -> None:
@@ -210,8 +211,8 @@ def test_test_poses_of_another_kind_are_told() -> None:
     narrow = replace(dataset, poses=near).with_points(replace(dataset.points, xyz_mm=xyz))
     assert cross_validate(narrow).ratio < 1.6
     curve = learning_curve(narrow, counts=[25, 50], repeats=1)
-    assert "such poses are not among the training poses" in curve.meaning
-    assert "such poses" not in learning_curve(dataset, counts=[25, 50], repeats=1).meaning
+    assert "such poses are not among the training poses" in curve.headline
+    assert "such poses" not in learning_curve(dataset, counts=[25, 50], repeats=1).headline
 
 
 @pytest.mark.slow
@@ -243,10 +244,10 @@ def test_the_extrapolation_by_hand() -> None:
     curve = curve_of({n: float(np.sqrt(floor + slope / n)) for n in (20, 30, 40, 50)}, unknown)
     assert curve.doubled_rmse_mm == pytest.approx(np.sqrt(floor + slope / 100))
     assert curve.gain == pytest.approx(1 - np.sqrt((floor + slope / 100) / (floor + slope / 50)))
-    assert "still help" in curve.meaning
+    assert "still help" in curve.headline
     flat = curve_of({10: 0.5, 20: 0.301, 30: 0.3, 40: 0.302, 50: 0.3}, unknown)
     assert flat.flat_since == 20
-    assert "cannot tell" in flat.meaning
+    assert "cannot tell" in flat.headline
     rising = curve_of({20: 0.3, 30: 0.31, 40: 0.33}, unknown)
     assert rising.gain == pytest.approx(0.0)
 
@@ -268,7 +269,7 @@ def test_sigma_verdicts_and_none_declared() -> None:
         check = check_sigma(calibrate(replace(dataset, scanner=Scanner(declared))))
         assert check.verdict == verdict
         assert check.sigma_mm == pytest.approx(0.02, rel=0.2)
-        assert ("times the declared" in check.summary()) == (declared is not None)
+        assert ("times the declared" in sigma_sentence(check)) == (declared is not None)
 
 
 @pytest.mark.slow

@@ -153,22 +153,6 @@ def without_curves(parameters: pd.DataFrame) -> pd.DataFrame:
     return parameters[~parameters["name"].str.startswith(f"{LEARNED}.")]
 
 
-def curve_lines(calibration: Calibration) -> list[str]:
-    """Line of text for each learned curve: joint, input, size, largest value and its place, number of known modes."""
-    return list(map(_line, fitted_curves(calibration)))
-
-
-def _line(curve: FittedCurve) -> str:
-    place, largest = curve.largest
-    at = f"{curve.input_scale * place:.4g} {curve.input_unit}".rstrip()
-    formula = f"; {curve.formula} ({curve.shape})" if curve.formula else ""
-    return (
-        f"{LEARNED}: joint {curve.joint + 1} over {curve.input}: rms {curve.scale * curve.rms:.3g} {curve.unit}, "
-        f"largest {curve.scale * largest:+.3g} {curve.unit} at {at}, {curve.known} of {curve.parameters} modes known"
-        f"{formula}"
-    )
-
-
 def _input_unit(name: str, calibration: Calibration) -> str:
     of_joint = joint_input(name)
     if of_joint is None:  # sums are of angles only

@@ -22,6 +22,7 @@ from calib.kinematics.chain import target_points
 from calib.kinematics.robot import Robot
 from calib.monitoring.watch import ChangeReport
 from calib.planning.plan import Plan
+from calib.present.residuals import AXES, LENGTH, input_title, joint_title, shown, turned
 from calib.screening.curves.fitted_curves import fitted_curves
 from calib.validation.learning_curve import LearningCurve
 from inspector.figures import (
@@ -34,7 +35,6 @@ from inspector.figures import (
     watch_plots,
 )
 from inspector.figures.results.alone import titled
-from inspector.markup.learn.residuals import AXES, LENGTH, input_title, joint_title, shown, turned
 
 # ---- a fit: its errors by pose, over an input, over the work space; which parameters can be known --------------------
 

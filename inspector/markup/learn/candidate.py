@@ -21,9 +21,10 @@ from calib.effects.effect import (
 )
 from calib.kinematics.robot import Robot
 from calib.present import numbers
+from calib.present.names import joints_by_parameter
 from calib.screening.candidates import Candidate, Value
 from inspector.markup.parts import elements
-from inspector.markup.parts.links import joint_asks, joints_by_parameter
+from inspector.markup.parts.links import joint_asks
 
 
 def chosen_html(

@@ -17,10 +17,11 @@ from calib.diagnosis.words.phrases import untestable_texts
 from calib.planning.discrimination import NextPoses, explanation_of
 from calib.present import numbers
 from calib.present.colours import VERDICT_COLOURS
+from calib.present.references import Names
 from calib.screening.candidates import Candidate, Screening, Untestable
 from inspector.markup.learn.said import advice_said, known_links, reasons_said, residual_said
 from inspector.markup.parts import elements
-from inspector.markup.parts.links import Names, linked
+from inspector.markup.parts.links import linked
 from inspector.markup.parts.palette import BAD, GOOD, NEUTRAL, PROPOSAL
 from inspector.session.session import Session, StepErrors
 from inspector.session.transitions import LEFT_OUT, TAKEN_IN

@@ -9,25 +9,27 @@ from calib.diagnosis.moves import AddCurves, LeaveOutPoses, Move
 from calib.diagnosis.words import conclusions, sentences
 from calib.diagnosis.words.conclusion_text import residual_summary_text
 from calib.diagnosis.words.text import reason_text
+from calib.present.blocks import Reference
+from calib.present.references import Names, references_to
 from inspector.markup.parts.elements import Html
-from inspector.markup.parts.links import Names, linked, links_to
+from inspector.markup.parts.links import linked
 
 Sentence = sentences.Reason | conclusions.ResidualSummary | conclusions.VerdictSentence | Move
 
 
-def known_links(sentence: Sentence) -> dict[str, Html]:
+def known_links(sentence: Sentence) -> dict[str, Reference]:
     """The poses and inputs of a sentence, by the words that it names them with."""
     match sentence:
         case sentences.PosesStandOut(poses):
-            return links_to(poses)
+            return references_to(poses)
         case conclusions.Outliers() | LeaveOutPoses():
-            return links_to(sentence.poses)
+            return references_to(sentence.poses)
         case conclusions.ResidualSummary():
-            return links_to(sentence.outlier_poses)
+            return references_to(sentence.outlier_poses)
         case sentences.ResidualOrder() | sentences.CurvesLearned():
-            return links_to((), sentence.inputs)
+            return references_to((), sentence.inputs)
         case AddCurves():
-            return links_to((), sentence.curves.inputs)
+            return references_to((), sentence.curves.inputs)
         case _:
             return {}
 

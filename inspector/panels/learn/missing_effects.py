@@ -5,6 +5,10 @@ from __future__ import annotations
 import viser
 
 from calib.calibration.noise_level import noise_level
+from calib.present.blocks import Paragraph
+from calib.present.curves import BAND_NOTE, curve_blocks, offered_curves
+from calib.present.html import panel
+from calib.present.references import Names
 from calib.screening.curves.fitted_curves import fitted_curves
 from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.figures.curve_plots import height_px, joint_curves
@@ -12,9 +16,7 @@ from inspector.figures.plots import error_history
 from inspector.figures.residual_plots import added_variable
 from inspector.markup.learn import effects as html
 from inspector.markup.learn.candidate import chosen_html, fitted_html, next_html
-from inspector.markup.learn.curves import learned_html, offered_html
 from inspector.markup.parts import elements
-from inspector.markup.parts.links import Names
 from inspector.markup.parts.palette import BAD
 from inspector.panels.base import Actions, ChosenByDataset, by_page, hidden_plot, put
 from inspector.session.session import Session
@@ -168,7 +170,7 @@ class MissingEffectsPanel:
         if calibration is None or not drawn:
             self._learned.content = ""
             return
-        self._learned.content = learned_html(calibration)
+        self._learned.content = panel([*curve_blocks(calibration), Paragraph(BAND_NOTE, soft=True)])
         self._curves.aspect = height_px(len(drawn)) / PANEL_PX
         robot = calibration.model.robot
         self._curves.figure = joint_curves(drawn, robot, selected=view.joint, dark=view.dark)
@@ -198,7 +200,7 @@ class MissingEffectsPanel:
             self._chosen.content = (
                 chosen_html(name, candidate, session.calibration, screening.cv_rmse_mm, own=name in own)
                 if name != LEARNED or session.curves is None
-                else offered_html(session.curves, session.calibration)
+                else panel(offered_curves(session.curves, session.calibration))
             )
             if name in inside and name != LEARNED:
                 self._chosen.content += fitted_html(session.calibration, name)

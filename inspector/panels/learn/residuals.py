@@ -6,9 +6,9 @@ import viser
 
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.pose_errors import PoseErrors, pose_errors_at, running_median
+from calib.present.residuals import AXES, LENGTH, band_note, input_title, joint_title, shown, turned
 from calib.screening.scan_statistic import Channel
 from inspector.figures.residual_plots import place_views, residual_against, select
-from inspector.markup.learn.residuals import AXES, LENGTH, band_note, input_title, joint_title, shown, turned
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, by_page, hidden_plot, offer, put
 from inspector.session.view import View

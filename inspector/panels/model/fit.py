@@ -11,11 +11,10 @@ from calib.corners.search import CornerSearch
 from inspector.figures.plots import convergence, outline, pose_residuals
 from inspector.markup.model.fit import (
     NO_POSES,
+    errors_html,
     faces_words,
-    figures_html,
+    fit_html,
     parameters_html,
-    state_html,
-    table_alone_html,
     what_is_fitted,
 )
 from inspector.markup.parts import elements
@@ -99,12 +98,12 @@ class FitPanel:
         self._fitted = result
         self.update_faces(view)
         result = view.calibration or result  # of the version on show
-        self._state.content = state_html(result)
+        self._state.content = fit_html(result)
         distances = result.residual == "distance"
         train = [s.train_distance_rmse_mm if distances else s.train_rmse_mm for s in result.iteration_errors]
         test = [s.test_distance_rmse_mm if distances else s.test_rmse_mm for s in result.iteration_errors]
         self._convergence.figure = convergence(train, test, what=what_is_fitted(result), dark=view.dark)
-        self._figures.content = figures_html(result) + table_alone_html(view.session)
+        self._figures.content = errors_html(view.session, result)
         self._parameters.content = parameters_html(result)
         self.update_residuals(view)
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
 import numpy as np
 import viser
 
 from calib.identifiability.redundancy import Redundancy
-from calib.present import numbers
-from calib.present.numbers import parameter_label
+from calib.present import html
+from calib.present.names import joints_by_parameter
+from calib.present.redundancy import redundancy_blocks
 from inspector.figures.plots import correlation_heatmap
 from inspector.markup.parts import elements
-from inspector.markup.parts.links import Names, joints_by_parameter, linked
 from inspector.panels.base import Actions, ChosenByDataset, by_page, hidden_plot, offer, put
 from inspector.panels.input_checks import one_of
 from inspector.session.measuring import measured_kinds
@@ -73,66 +71,10 @@ class RedundancyPanel:
             no_influence=analysis.no_influence,
             joints=joints,
         )
-        self._content.content = redundancy_html(analysis, joints)
+        self._content.content = html.panel(redundancy_blocks(analysis))
 
 
 def shown(analysis: Redundancy, choice: str) -> list[int]:
     """Indices of the parameters of a choice: Park's split by unit, or all."""
     unit = {LENGTHS: "mm", ANGLES: "rad"}.get(choice)
     return [i for i, u in enumerate(analysis.units) if unit is None or u == unit]
-
-
-def group_sentence(group: Sequence[str], kept: Sequence[str], r: float) -> str:
-    """ "a6 and aTCP always act together (r = 1): keep a6"."""
-    keep = [name for name in group if name in set(kept)]
-    sign = f"r = {r:+.0f}".replace("+", "") if len(group) == 2 else "|r| = 1"
-    what = f"keep {numbers.listing([parameter_label(k) for k in keep])}" if keep else "drop all"
-    return f"{numbers.listing([parameter_label(n) for n in group])} always act together ({sign}): {what}"
-
-
-def redundancy_html(analysis: Redundancy, joints: Mapping[str, int]) -> str:
-    """The analysis in words. joints: the joint, from 1, of each parameter that belongs to one; its name picks it."""
-    row = {name: i for i, name in enumerate(analysis.parameters)}
-    known = {parameter_label(n): elements.joint_link(j, parameter_label(n)) for n, j in joints.items()}
-
-    def link(sentence: str) -> elements.Html:
-        return linked(sentence, Names(), known)
-
-    def sentence(group: Sequence[str]) -> str:
-        return group_sentence(group, analysis.kept, float(analysis.pearson[row[group[0]], row[group[-1]]]))
-
-    together = [sentence(group) for group in analysis.groups]
-    across = [
-        f"{numbers.listing([parameter_label(n) for n in group])}: one of them would do"
-        for group in analysis.mixed_groups
-    ]
-    sums = [
-        " ".join(f"{v:+.3g} {parameter_label(n)}" for n, v in relation.items()) for relation in analysis.combinations
-    ]
-    silent = ", ".join(parameter_label(name) for name in analysis.no_influence) or "none"
-    useful = len(set(analysis.kept) - set(analysis.no_influence))
-    parts = [
-        elements.note(f"Seen by {analysis.measured_by}."),
-        elements.facts(
-            [
-                ("parameters", len(analysis.parameters)),
-                ("without influence", len(analysis.no_influence)),
-                ("kept by pairs (Park), with influence", useful),
-                ("true rank (SVD)", analysis.rank),
-            ]
-        ),
-        elements.heading("Always act together"),
-        elements.bullets(map(link, together or ["No two parameters of one unit."])),
-    ]
-    if across:
-        parts += [
-            elements.heading("Act together across mm and rad (missed by Park's split)"),
-            elements.bullets(map(link, across)),
-        ]
-    if sums:
-        parts += [
-            elements.heading("Cancel as a sum (in mm and rad), though no two are alike"),
-            elements.bullets(map(link, sums)),
-        ]
-    parts += [elements.heading("No influence on the measurement"), elements.note(link(silent))]
-    return "".join(parts)

@@ -7,8 +7,8 @@ import viser
 from calib.calibration.result import Calibration
 from calib.present import html
 from calib.present.changes import comparison_head, errors, parameters
+from calib.present.residuals import input_title, turned
 from inspector.figures.side_by_side import errors_beside
-from inspector.markup.learn.residuals import input_title, turned
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, by_page, hidden_plot, put
 from inspector.session.side_by_side import Beside, compared

@@ -21,7 +21,7 @@ from inspector.app.page.tabs import STEPS
 from inspector.app.serving import serving
 from inspector.markup.measure.planes import group_colours
 from inspector.markup.parts.palette import ROLE_COLOURS
-from inspector.panels.model.redundancy import ALL, ANGLES, LENGTHS, group_sentence
+from inspector.panels.model.redundancy import ALL, ANGLES, LENGTHS
 from inspector.panels.review import NEXT, PREVIOUS
 from inspector.scene.scene_view import OVERVIEW_POINTS, ROOT
 from inspector.session import measuring
@@ -296,8 +296,8 @@ def test_corner_tab_gives_position_and_sigma_with_units(app: App, page: WireClie
     assert corner is not None
     text = plain(page)
     for axis in range(3):
-        assert f"{corner.xyz_mm[axis]:.4f}" in text
-        assert numbers.length(float(np.sqrt(corner.covariance_mm2[axis, axis]))) in text
+        assert numbers.coordinate(corner.xyz_mm[axis]) in text
+        assert numbers.column_mm(float(np.sqrt(corner.covariance_mm2[axis, axis]))) in text
     label = page.scene[f"{ROOT}/corner/label"]["props"]["text"]
     factor = page.value("Ellipsoids ×")
     assert f"1σ × {factor}" in label
@@ -327,8 +327,8 @@ def test_redundancy_tab_splits_as_park_or_not_and_names_groups(app: App, page: W
         page.set("Parameters", choice)
         page.wait(lambda p, size=size: len(figure(p, "heatmap")[-1]["x"]) == size)  # type: ignore[arg-type, misc]
     for group in analysis.groups:
-        assert parameter_label(group[-1]) + " always act together" in plain(page)
-    assert "keep a6" in plain(page)
+        assert parameter_label(group[-1]) + " are indistinguishable: only " in plain(page)
+    assert "a6 and aTCP are indistinguishable: only a6 + aTCP can be known; keep a6." in plain(page)
     page.set("Measured", "distance")
     page.wait(lambda p: session(app).redundancy is not analysis)
     other = session(app).redundancy
@@ -337,18 +337,6 @@ def test_redundancy_tab_splits_as_park_or_not_and_names_groups(app: App, page: W
     shows(page, "d1, θ1, β1")
     page.set("Measured", "position")
     page.wait(lambda p: session(app).redundancy is not other)
-
-
-@pytest.mark.parametrize(
-    ("group", "kept", "r", "sentence"),
-    [
-        (("a6", "aTCP"), ("a6",), 1.0, "keep a6"),
-        (("theta1", "beta1"), ("theta1",), -1.0, "θ1 and β1 always act together (r = -1): keep θ1"),
-        (("d2", "d3", "d4"), ("d2",), 1.0, "d2, d3 and d4 always act together (|r| = 1): keep d2"),
-    ],
-)
-def test_group_sentence(group: tuple[str, ...], kept: tuple[str, ...], r: float, sentence: str) -> None:
-    assert group_sentence(group, kept, r) == sentence
 
 
 def test_fit_tab_shows_the_calibrations_own_numbers(app: App, page: WireClient) -> None:

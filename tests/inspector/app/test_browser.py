@@ -101,7 +101,7 @@ def test_corner_tab_shows_the_corner(page: Any, app: App) -> None:
     assert search is not None
     assert search.corner is not None
     for value in search.corner.xyz_mm:
-        says(page, f"{value:.4f}")
+        says(page, numbers.coordinate(value))
     page.get_by_role("button", name="Show the corner").click()
     node_drawn(page, f"{ROOT}/corner/ellipsoid")
     says(page, "standard deviation")
@@ -137,7 +137,7 @@ def test_compare_tab_has_each_versions_figures_and_draws_the_arm(page: Any, app:
 @pytest.mark.slow
 def test_redundancy_tab_has_the_heatmap_and_the_groups(page: Any) -> None:
     open_tab(page, "Redundancy")
-    says(page, "keep a6")
+    says(page, "a6 and aTCP are indistinguishable: only a6 + aTCP can be known; keep a6.")
     image = page.locator(".js-plotly-plot .heatmaplayer image").last
     image.wait_for(timeout=MS)
     box = image.bounding_box()

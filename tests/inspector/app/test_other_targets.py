@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.present import numbers
 from inspector.markup.measure.corner import corner_html
 from inspector.markup.measure.planes import NO_PLANES, planes_html
 from inspector.panels.measure.scans import corner_state
@@ -44,7 +45,7 @@ def test_equal_balls_have_their_names_once_all_poses_are_searched(tmp_path: Path
     measured = session.measured.points
     assert measured is not None
     for row in np.flatnonzero(measured.pose == 3):
-        place = " ".join(f"{value:.2f}" for value in measured.xyz_mm[row])
+        place = " ".join(map(numbers.coordinate, measured.xyz_mm[row]))
         before = said.partition(place)[0]
         assert before.rpartition("&nbsp;")[2].startswith(f"{measured.target[row]}<")
     assert "jig, b" not in said

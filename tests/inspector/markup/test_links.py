@@ -16,12 +16,14 @@ from calib.diagnosis.moves import AddCurves, LeaveOutPoses, Move
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words import conclusions, sentences
 from calib.effects.catalogue import effects_for
+from calib.present.names import joints_by_parameter
+from calib.present.references import Names, references_to
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.smooth_motions import JointFault
 from inspector.markup.learn.said import Sentence, advice_said, known_links, reasons_said, residual_said
 from inspector.markup.model.fit import parameters_html
 from inspector.markup.parts import elements
-from inspector.markup.parts.links import Names, joints_by_parameter, linked, links_to
+from inspector.markup.parts.links import linked
 from tests.support.hidden_dataset import arm
 
 NAMES = Names(frozenset({"p37", "p3", "1", "2", "12", "noise", "<b>"}), 6, frozenset({"p37", "p3"}))
@@ -65,9 +67,9 @@ def test_what_stands_in_the_text_is_escaped() -> None:
 
 
 def test_names_that_a_sentence_holds_are_linked_whatever_they_look_like() -> None:
-    html = linked("Without 1 and a b nothing is left, but 12 is", NAMES, links_to(["1", "a b"]))
+    html = linked("Without 1 and a b nothing is left, but 12 is", NAMES, references_to(["1", "a b"]))
     assert asked(html) == [("pose", "1"), ("pose", "a b")]
-    assert asked(linked("order against q4 and x", NAMES, links_to((), ["q4", "x"]))) == [("joint", "4")]
+    assert asked(linked("order against q4 and x", NAMES, references_to((), ["q4", "x"]))) == [("joint", "4")]
 
 
 def test_a_pose_that_is_called_like_a_parameter_is_linked_only_as_a_pose() -> None:

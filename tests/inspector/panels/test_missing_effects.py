@@ -17,12 +17,12 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.words.phrases import untestable_texts
 from calib.planning.discrimination import discriminating_poses, nearest_alternative
 from calib.present import numbers
+from calib.present.references import Names
+from calib.present.residuals import input_title
 from calib.screening.candidates import Untestable
 from inspector.app.app import App
 from inspector.figures.residual_plots import SELECTED
 from inspector.markup.learn.effects import verdict_html
-from inspector.markup.learn.residuals import input_title
-from inspector.markup.parts.links import Names
 from inspector.panels.learn.missing_effects import FIND, REDO, REMOVE, UNDO
 from inspector.panels.learn.residuals import PLACES
 from inspector.scene.scene_view import ROOT

@@ -19,7 +19,8 @@ from calib.diagnosis.search_space import add_in_turn
 from calib.diagnosis.words.phrases import fault_text
 from calib.effects.effect import apply_values
 from calib.fitting.observations import nominal_state
-from calib.screening.curves.fitted_curves import curve_lines, fitted_curves, learned_members
+from calib.present.curves import curve_blocks
+from calib.screening.curves.fitted_curves import fitted_curves, learned_members
 from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.cli.parser import main
 from inspector.session import measuring
@@ -166,7 +167,7 @@ def test_values_are_told_as_people_read_them(fitted: Calibration) -> None:
 def test_a_fit_without_curves_has_none_to_tell(ranked: Session) -> None:
     assert ranked.calibration is not None
     assert fitted_curves(ranked.calibration) == ()
-    assert curve_lines(ranked.calibration) == []
+    assert curve_blocks(ranked.calibration) == []
 
 
 @pytest.mark.slow

@@ -1,0 +1,351 @@
+"""Corners and other targets found in scans: places and sigmas, how well the faces are seen, what failed and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.corners.batch import CornerBatch
+from calib.corners.intersection import Corner
+from calib.corners.quality import CornerQuality
+from calib.corners.search import CornerSearch
+from calib.dataset.dataset import Dataset
+from calib.measurement.face_labels import FaceLabels
+from calib.measurement.measured_points import counted_reasons, failed_searches, label_faces
+from calib.present import numbers
+from calib.present.blocks import (
+    Block,
+    Coloured,
+    Facts,
+    KeyFigures,
+    Paragraph,
+    Presentation,
+    Section,
+    Span,
+    Table,
+    Verdict,
+    pose,
+)
+from calib.present.colours import BAD, DOUBT
+from calib.present.results import document, presentation
+from calib.targets.assignment import Assignment, assign_targets
+from calib.targets.protocol.finder import FoundPoint
+from calib.targets.search import ScanSearch
+
+_SEEN_AT = (
+    "Seen at: the angle between the line of sight and the face's normal, 0° is head-on, 90° edge-on. Covered: the "
+    "share of the face that has points."
+)
+_NO_DOUBT = "Nothing about this corner deserves a second look."
+_PLAIN = 1.05  # a smooth error that makes the sigma larger by less than this factor is not worth a word
+
+# ---- many scans -----------------------------------------------------------------------------------------------------
+
+
+@presentation.register
+def _batch(batch: CornerBatch) -> Presentation:
+    named = assign_targets(batch.dataset, batch)
+    head = [*batch_head(batch.dataset, batch, named), *failures(batch, named)]
+    tables = {"corner": corner_table(batch), "target": target_table(named)}
+    sections = [
+        Section(f"Each {what}, in the scanner's frame", [table]) for what, table in tables.items() if table.rows
+    ]
+    return Presentation(f"Corners of {batch.dataset.name}", head, sections)
+
+
+def batch_blocks(
+    dataset: Dataset, searches: Mapping[str, CornerSearch], named: Assignment, labels: FaceLabels | None
+) -> list[Block]:
+    """All of a search: each corner and target, what failed and why, the counts, and how the jig's faces were named."""
+    failed = failed_searches(searches)
+    counted = [Paragraph(f"No corner: {counted_reasons(failed)}.")] if len(failed) > 1 else []
+    return [
+        *(table for table in (corner_table(searches), target_table(named)) if table.rows),
+        *failures(searches, named),
+        *counted,
+        *batch_head(dataset, searches, named),
+        *([] if labels is None else [Paragraph(f"{numbers.capitalised(labels.summary())}.")]),
+    ]
+
+
+def batch_head(dataset: Dataset, searches: Mapping[str, CornerSearch], named: Assignment) -> list[Block]:
+    """How many corners, or of each target how many, were found, and their median sigma."""
+    corners = [search.corner for search in searches.values() if search.corner is not None]
+    pairs: list[tuple[str, object]] = []
+    if named.points or named.refused:
+        targets = dict.fromkeys(name for target in dataset.all_targets for name in target.names)
+        for name in targets:
+            count = sum(name in of_pose for of_pose in named.points.values())
+            pairs.append((name, f"found at {count} of {len(dataset.poses)} poses"))
+        sigmas_mm = [place.sigma_mm() for of_pose in named.points.values() for place in of_pose.values()]
+    else:
+        pairs.append(("corners", f"found in {len(corners)} of {numbers.count(len(searches), 'scan')}"))
+        sigmas_mm = [corner.sigma_mm() for corner in corners]
+    if sigmas_mm:
+        pairs.append(("median sigma, 3D", numbers.length(float(np.median(sigmas_mm)))))
+    seconds = sum(search.seconds for search in searches.values())
+    return [KeyFigures([*pairs, ("search", f"{seconds:.1f} s in all")])]
+
+
+def failures(searches: Mapping[str, CornerSearch], named: Assignment) -> list[Block]:
+    """The scans without a corner, and the targets that were not found where others were, each with the reason."""
+    failed = [(pose(pose_id), why) for pose_id, why in failed_searches(searches).items()]
+    refused = [
+        (pose(pose_id), name, why)
+        for pose_id, reasons in named.refused.items()
+        if pose_id in named.points
+        for name, why in reasons.items()
+    ]
+    return [
+        *([Table(("scan without a corner", "why"), failed, left=(0, 1))] if failed else []),
+        *([Table(("scan", "target not found", "why"), refused, left=(0, 1, 2))] if refused else []),
+    ]
+
+
+def corner_table(searches: Mapping[str, CornerSearch]) -> Table:
+    """A row for each corner that was found."""
+    found = {pose_id: s.corner for pose_id, s in searches.items() if s.corner is not None}
+    dropped = {pose_id: s.count.dropped for pose_id, s in searches.items() if s.count is not None and s.count.dropped}
+    rows = [
+        (
+            pose(pose_id),
+            *map(numbers.coordinate, corner.xyz_mm),
+            numbers.column_mm(corner.sigma_mm()),
+            ", ".join(str(face.points) for face in corner.faces),
+            *([f"{dropped[pose_id]:,}" if pose_id in dropped else numbers.MISSING] if dropped else []),
+            "; ".join(corner.quality.doubts()) or numbers.MISSING,
+        )
+        for pose_id, corner in found.items()
+    ]
+    without = ["points without a value, left out"] if dropped else []
+    columns = ("scan", "x, mm", "y, mm", "z, mm", "sigma, mm", "points on the faces", *without, "deserves a look")
+    return Table(columns, rows, left=(0, 5, len(columns) - 1))
+
+
+def target_table(named: Assignment) -> Table:
+    """A row for each target of each scan, where others than one jig are looked for."""
+    rows = [
+        (
+            pose(pose_id),
+            name,
+            *map(numbers.coordinate, place.xyz_mm),
+            *map(numbers.column_mm, (place.sigma_mm(), place.rms_mm)),
+            f"{place.points:,}",
+            "; ".join(place.doubts) or numbers.MISSING,
+        )
+        for pose_id, of_pose in named.points.items()
+        for name, place in of_pose.items()
+    ]
+    columns = ("scan", "target", "x, mm", "y, mm", "z, mm", "sigma, mm", "rms, mm", "points", "deserves a look")
+    return Table(columns, rows, left=(0, 1, 8))
+
+
+def scan_sentences(searches: Mapping[str, CornerSearch]) -> list[Sequence[Span]]:
+    """Why scans have no corner, and which corners deserve a second look, a sentence each."""
+    doubtful = {
+        pose_id: doubts
+        for pose_id, search in searches.items()
+        if search.corner is not None and (doubts := search.corner.quality.doubts())
+    }
+    return [
+        *((pose(i), f" has no corner and is left out: {reason}.") for i, reason in failed_searches(searches).items()),
+        *(("The corner of ", pose(i), f" deserves a look: {'; '.join(doubts)}.") for i, doubts in doubtful.items()),
+    ]
+
+
+# ---- one scan -------------------------------------------------------------------------------------------------------
+
+
+@presentation.register
+def _search(search: CornerSearch) -> Presentation:
+    corner = search.corner
+    if corner is None:
+        return Presentation(search.scan, [Verdict(f"{search.scan}: no corner: {search.failure}", BAD)])
+    x, y, z = map(numbers.coordinate, corner.xyz_mm)
+    found = (
+        f"{search.scan}: corner ({x}, {y}, {z}) mm, sigma {numbers.length(corner.sigma_mm())}, faces of "
+        f"{', '.join(str(face.points) for face in corner.faces)} points"
+    )
+    return Presentation(search.scan, [Paragraph(found)], [Section("How well it is seen", search_blocks(search))])
+
+
+@presentation.register
+def _scan_search(search: ScanSearch) -> Presentation:
+    found = [f"{', '.join(one.names)}: {one.failure}" for one in search.found if one.failure]
+    rows = [
+        (
+            place.name or ", ".join(one.names),
+            *map(numbers.coordinate, place.xyz_mm),
+            numbers.column_mm(place.sigma_mm()),
+            f"{place.points:,}",
+        )
+        for one in search.found
+        for place in one.places
+    ]
+    tables = [Table(("target", "x, mm", "y, mm", "z, mm", "sigma, mm", "points"), rows)] if rows else []
+    return Presentation(search.scan, [Paragraph(f"{search.scan}:"), *tables, *(Verdict(w, BAD) for w in found)])
+
+
+def search_blocks(search: CornerSearch, colours: Sequence[str] = ()) -> list[Block]:
+    """How well the faces of a scan's corner are seen, and what its uncertainty comes from.
+
+    colours: of the three faces where they are drawn.
+    """
+    assert search.corner is not None
+    took = f"{search.seconds:.2f} s, {numbers.count(search.search_passes, 'look')}"
+    tables = _face_tables(search.corner, colours)
+    return [*tables, Paragraph(_SEEN_AT, soft=True), Facts([*_origins(search.corner.quality), ("search took", took)])]
+
+
+def doubt_blocks(corner: Corner) -> list[Block]:
+    """What deserves a look, with what would help."""
+    doubts = corner.quality.doubts()
+    return [Verdict(doubt, DOUBT) for doubt in doubts] or [Paragraph(_NO_DOUBT, soft=True)]
+
+
+def place_table(xyz_mm: Array, covariance_mm2: Array | None) -> Table:
+    """A point in the scanner's frame with its sigma along each axis."""
+    sigmas_mm = [None] * 3 if covariance_mm2 is None else list(np.sqrt(np.diag(covariance_mm2)))
+    rows = [
+        (name, numbers.coordinate(value), numbers.column_mm(sigma))
+        for name, value, sigma in zip("xyz", xyz_mm, sigmas_mm, strict=True)
+    ]
+    if covariance_mm2 is not None:
+        rows.append(("all three (3D)", "", numbers.column_mm(float(np.sqrt(np.trace(covariance_mm2))))))
+    return Table(("scanner frame", "position, mm", "sigma, mm"), rows)
+
+
+def _face_tables(corner: Corner, colours: Sequence[str]) -> Iterator[Table]:
+    quality = corner.quality
+    names: list[str | Coloured] = [f"face {k + 1}" for k in range(3)]
+    if colours:
+        names = [Coloured(str(name), colour) for name, colour in zip(names, colours, strict=False)]
+    faces = [
+        (
+            name,
+            f"{face.points:,}",
+            numbers.column_mm(face.rms_mm),
+            f"{seen.incidence_deg:.0f}°",
+            numbers.share(seen.coverage),
+        )
+        for name, face, seen in zip(names, corner.faces, quality.faces, strict=True)
+    ]
+    yield Table(("face", "points", "rms, mm", "seen at", "covered"), faces)
+    pairs = ("1–2", "2–3", "3–1")
+    angles = [
+        (f"faces {pair}", f"{angle:.3f}°", f"{numbers.signed(error, '+z.3f')}°", f"{sigma:.3f}°")
+        for pair, angle, error, sigma in zip(
+            pairs, quality.angles_deg, quality.angle_errors_deg, quality.angle_sigmas_deg, strict=True
+        )
+    ]
+    yield Table(("angle between", "measured", "off the jig's", "sigma"), angles)
+
+
+def _origins(quality: CornerQuality) -> list[tuple[str, object]]:
+    """What the apex's uncertainty comes from, and which points were left out of the faces."""
+    smooth = (
+        f"{numbers.length(quality.smooth_error_mm)} over {quality.smooth_length_mm:.0f} mm: sigma × "
+        f"{quality.smooth_factor:.2f}"
+    )
+    return [
+        ("left out along every edge", f"{quality.margin_mm:.2f} mm"),
+        ("apex, against the planes at their middles", f"{quality.amplification:.1f} times less certain"),
+        ("error that neighbours share", smooth if quality.smooth_factor > _PLAIN else "next to none"),
+        ("angles between the faces", "fixed to the jig's, which are certified" if quality.rigid else "free"),
+    ]
+
+
+# ---- documents ------------------------------------------------------------------------------------------------------
+
+
+@document.register
+def _quality_document(quality: CornerQuality) -> dict[str, Any]:
+    figures = asdict(quality)
+    figures.pop("notes")
+    return {**figures, "doubts": quality.doubts()}
+
+
+@document.register
+def _labels_document(labels: FaceLabels) -> dict[str, Any]:
+    """Quaternions are w, x, y, z of scanner_R_jig."""
+    return {
+        "named_by": labels.by,
+        "margin_unit": labels.unit,
+        "found_angles_deg": labels.found_angles_deg,
+        "poses": [
+            {
+                "pose": pose_id,
+                "quaternion": found.quaternion(),
+                "covariance_rad2": found.covariance_rad2,
+                "sigma_rad": found.sigma_rad(),
+                "faces": found.order,
+                "misfit": found.misfit,
+                "off": labels.off.get(pose_id),
+                "margin": labels.margin.get(pose_id),
+            }
+            for pose_id, found in labels.orientations.items()
+        ],
+        "refused": [{"pose": pose_id, "reason": reason} for pose_id, reason in labels.refused.items()],
+    }
+
+
+@document.register
+def _batch_document(batch: CornerBatch) -> dict[str, Any]:
+    return corners_document(batch, label_faces(batch.dataset, batch), assign_targets(batch.dataset, batch))
+
+
+def corners_document(searches: Mapping[str, CornerSearch], labels: FaceLabels, named: Assignment) -> dict[str, Any]:
+    """What `corners --json` prints: the corners with their planes, the jig's orientations, and what failed and why.
+
+    `targets` are all that have a name, where a dataset has others than one jig.
+    """
+    found = [_corner_document(i, s, s.corner) for i, s in searches.items() if s.corner is not None]
+    failed = [
+        {"pose": pose_id, "reason": reason, **_count(searches[pose_id])}
+        for pose_id, reason in failed_searches(searches).items()
+    ]
+    targets = [
+        {"pose": pose_id, "target": name, **_target_document(place)}
+        for pose_id, of_pose in named.points.items()
+        for name, place in of_pose.items()
+    ]
+    refused = [
+        {"pose": pose_id, "target": name, "reason": reason}
+        for pose_id, reasons in named.refused.items()
+        for name, reason in reasons.items()
+    ]
+    corners = {"corners": found, "failed": failed, "orientations": labels}
+    return corners | ({"targets": targets, "targets_failed": refused} if targets or refused else {})
+
+
+def _corner_document(pose_id: str, search: CornerSearch, corner: Corner) -> dict[str, Any]:
+    return {
+        "pose": pose_id,
+        "xyz_mm": corner.xyz_mm,
+        "covariance_mm2": corner.covariance_mm2,
+        "planes": [
+            {"normal": f.normal, "offset_mm": f.offset_mm, "points": f.points, "rms_mm": f.rms_mm} for f in corner.faces
+        ],
+        "seconds": search.seconds,
+        **_count(search),
+        "sample_sets": search.filter_counts(),
+        "plane_groups": len(search.groups),
+        "quality": corner.quality,
+    }
+
+
+def _count(search: CornerSearch) -> dict[str, int | None]:
+    count = search.count
+    return {
+        "points": None if count is None else count.points,
+        "dropped_points": None if count is None else count.dropped,
+    }
+
+
+def _target_document(place: FoundPoint) -> dict[str, Any]:
+    keys = ("xyz_mm", "covariance_mm2", "points", "rms_mm", "facts", "doubts")
+    return {key: getattr(place, key) for key in keys}

@@ -1,0 +1,149 @@
+"""A dataset: the arm, its poses, what was measured under which conditions, and what is odd about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from calib.calibration.noise_level import noise_level
+from calib.calibration.result import Calibration, declared_sigma_mm, is_declared
+from calib.corners.search import CornerSearch
+from calib.dataset.dataset import ROLES, Dataset
+from calib.measurement.measured_points import failed_searches
+from calib.present import names, numbers
+from calib.present.blocks import Block, Bullets, Facts, KeyFigures, Presentation, Section, Table
+from calib.present.corners import scan_sentences
+from calib.present.results import document, presentation
+
+NOT_SEARCHED: Mapping[str, CornerSearch] = MappingProxyType({})
+
+
+@presentation.register
+def _dataset(dataset: Dataset) -> Presentation:
+    remarks = [*dataset.warnings, *dataset.notes]
+    description = [Facts([("description", dataset.description)])] if dataset.description else []
+    head: list[Block] = [
+        KeyFigures([("dataset", dataset.name), *facts(dataset)]),
+        *description,
+        *([Bullets(remarks)] if remarks else []),
+    ]
+    sections = [
+        Section("How far the joints move", [joint_ranges(dataset)]),
+        Section("The arm as robot.toml has it", [robot_table(dataset)]),
+    ]
+    return Presentation(f"Dataset {dataset.name}", head, sections)
+
+
+def measured_blocks(calibration: Calibration, searches: Mapping[str, CornerSearch]) -> list[Block]:
+    """What a calibration was made from, the noise, and what it warns of; `searches` where points are from scans."""
+    dataset = calibration.dataset
+    description = [("description", dataset.description)] if dataset.description else []
+    rows = [("dataset", dataset.name), *description, *facts(dataset, searches, calibration)]
+    remarks = [*calibration.warnings, *scan_sentences(searches)]
+    return [Facts(rows), *([Bullets(remarks)] if remarks else [])]
+
+
+def facts(
+    dataset: Dataset,
+    searches: Mapping[str, CornerSearch] = NOT_SEARCHED,
+    calibration: Calibration | None = None,
+) -> list[tuple[str, object]]:
+    """The arm, the poses by role, what was measured, the noise, and the conditions; a name and a value each."""
+    poses = dataset.poses
+    counts = {role: int(np.count_nonzero(poses.role == role)) for role in ROLES}
+    roles = numbers.listing([f"{count} {names.role(role)}" for role, count in counts.items() if count])
+    return [
+        ("robot", f"{dataset.robot.name}, {dataset.robot.n_joints} joints"),
+        ("poses", f"{len(poses)}: {roles}"),
+        ("measured", _measured(dataset, searches)),
+        (f"placements of the {instrument(dataset)}", len(np.unique(poses.setup))),
+        ("declared noise", _noise(dataset, calibration)),
+        ("conditions", numbers.listing(_conditions(dataset)) or "none recorded"),
+    ]
+
+
+def instrument(dataset: Dataset) -> str:
+    """What measured: a scanner, or, where no jig with faces was measured, an instrument."""
+    return "scanner" if dataset.shows_faces else "instrument"
+
+
+def _measured(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> str:
+    jig = f"a jig of {dataset.jig.edges_text()}"
+    if searches:
+        found = len(searches) - len(failed_searches(searches))
+        return f"the corner of {jig} in {found} of {numbers.count(len(searches), 'scan')}"
+    if dataset.points is None:
+        return f"{numbers.count(len(dataset.poses), 'scan')} of {jig}; no points yet"
+    targets = len(np.unique(dataset.points.target))
+    of_targets = "" if targets == 1 else f" of {targets} targets"
+    with_scans = ", and scans" if dataset.scan_folder is not None else ""
+    return f"{numbers.count(len(dataset.points), 'point')}{of_targets}{with_scans}"
+
+
+def _noise(dataset: Dataset, calibration: Calibration | None) -> str:
+    if calibration is not None:
+        level = noise_level(calibration)
+        length = f"{numbers.length(level.sigma_mm)} per coordinate"
+        return length if level.is_declared else f"none; {level.name}: {length}"
+    if not is_declared(dataset):
+        return "none"
+    sigma_mm = dataset.scanner.point_sigma_mm
+    if dataset.points is not None:
+        sigma_mm = declared_sigma_mm(dataset)
+    assert sigma_mm is not None
+    return f"{numbers.length(sigma_mm)} per coordinate"
+
+
+def _conditions(dataset: Dataset) -> list[str]:
+    poses = dataset.poses
+    ranges = (
+        ("payload", poses.payload_kg, "kg"),
+        ("temperature", poses.temperature_c, "°C"),
+        ("time", poses.time_s, "s"),
+    )
+    out = [f"{name} {v.min():g} to {v.max():g} {unit}" for name, v, unit in ranges if v is not None]
+    return [*out, *(["side of approach"] if poses.approach is not None else []), *map(str, poses.extra.columns)]
+
+
+def joint_ranges(dataset: Dataset) -> Table:
+    """From where to where each joint moves over the poses."""
+    robot, q = dataset.robot, dataset.poses.q
+    units = ["°" if turns else "mm" for turns in robot.is_revolute]
+    shown = np.where(robot.is_revolute, np.degrees(q), q).T
+    rows = [
+        (names.joint_with_unit(k + 1, unit), *(numbers.signed(v, "z.1f") for v in (low, high, high - low)))
+        for k, (unit, low, high) in enumerate(zip(units, shown.min(axis=1), shown.max(axis=1), strict=True))
+    ]
+    return Table(("", "from", "to", "range"), rows)
+
+
+def robot_table(dataset: Dataset) -> Table:
+    """The nominal five-parameter table: lengths in mm, angles in degrees."""
+    robot = dataset.robot
+    rows = [(names.joint_with_unit(k + 1), *_row(joint.row)) for k, joint in enumerate(robot.joints)]
+    return Table(("", "a, mm", "α, °", "d, mm", "θ, °", "β, °"), [*rows, ("tool", *_row(robot.tool.row))])
+
+
+def _row(row: tuple[float, float, float, float, float]) -> list[str]:
+    a_mm, alpha, d_mm, theta, beta = row
+    values = (a_mm, np.degrees(alpha), d_mm, np.degrees(theta), np.degrees(beta))
+    return [numbers.signed(v, "z.2f") for v in values]
+
+
+@document.register
+def _dataset_document(dataset: Dataset) -> dict[str, Any]:
+    poses, points = dataset.poses, dataset.points
+    return {
+        "name": dataset.name,
+        "description": dataset.description,
+        "robot": dataset.robot.name,
+        "joints": dataset.robot.n_joints,
+        "poses": {role: int(np.count_nonzero(poses.role == role)) for role in ROLES},
+        "points": None if points is None else len(points),
+        "left_out": dataset.left_out,
+        "warnings": dataset.warnings,
+        "notes": dataset.notes,
+    }

@@ -1,0 +1,155 @@
+"""Which parameters can be known: redundant groups, the rank, and what the measurements tell of the tool's row."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from calib.identifiability.redundancy import Redundancy
+from calib.identifiability.structural import FreeFrameRank
+from calib.identifiability.tool_rows import ToolRows
+from calib.present import names, numbers
+from calib.present.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Span, Words
+from calib.present.results import document, presentation
+
+HEADING = "Which parameters can be known"
+_CAPTION = "Pearson's r between the columns of the nominal Jacobian; grey: no influence."
+_WITHOUT_ATTITUDE = {
+    "pose": "the jig may sit on the tool anyhow",
+    "position": "a point has a place and no attitude",
+}
+
+
+@presentation.register
+def _redundancy(analysis: Redundancy) -> Presentation:
+    return Presentation(HEADING, [*redundancy_blocks(analysis), heatmap(analysis)])
+
+
+def redundancy_section(analysis: Redundancy) -> Section:
+    """Words and figure under a heading."""
+    return Section(HEADING, [*redundancy_blocks(analysis), heatmap(analysis)])
+
+
+def redundancy_blocks(analysis: Redundancy) -> list[Block]:
+    """The counts, and a sentence for each group of parameters that only act together."""
+    facts: list[tuple[str, object]] = [
+        ("parameters", len(analysis.parameters)),
+        ("without influence", len(analysis.no_influence)),
+        ("kept by pairs (Park)", len(analysis.kept)),
+        ("can be known (rank)", analysis.rank),
+        ("these carry all that can be known", names.parameters(analysis.independent)),
+    ]
+    seen_by = [Paragraph(f"Seen by {analysis.measured_by}.", soft=True)] if analysis.measured_by else []
+    return [*seen_by, Facts(facts), Bullets(redundancy_sentences(analysis))]
+
+
+def heatmap(analysis: Redundancy) -> FigurePlace:
+    """The place of the redundancy matrix."""
+    return FigurePlace("redundancy_heatmap", (analysis,), _CAPTION, height_px=620, width_px=660)
+
+
+def redundancy_sentences(analysis: Redundancy) -> list[Words]:
+    """A sentence for each redundant group, for what has no influence, and for sums of three and more that cancel."""
+    sentences: list[Words] = [_group(analysis, group) for group in (*analysis.groups, *analysis.mixed_groups)]
+    if analysis.no_influence:
+        sentences.append((f"No influence on {analysis.observed}: ", *names.parameters(analysis.no_influence), "."))
+    return [*sentences, *map(_cancelling, analysis.combinations)]
+
+
+def _group(analysis: Redundancy, group: Sequence[str]) -> Words:
+    row = {name: k for k, name in enumerate(analysis.parameters)}
+    if len({analysis.units[row[name]] for name in group}) == 1:
+        total: list[Span] = [names.parameter(group[0])]
+        for name in group[1:]:
+            same = analysis.pearson[row[group[0]], row[name]] > 0
+            total += [" + " if same else f" {numbers.MINUS} ", names.parameter(name)]
+    else:
+        total = ["one weighted sum of them"]
+    listed = names.parameters(group, "and")
+    kept = names.parameter(group[0])
+    return (*listed, " are indistinguishable: only ", *total, " can be known; keep ", kept, ".")
+
+
+def _cancelling(relation: Mapping[str, float]) -> Words:
+    terms: list[Span] = []
+    for name, value in relation.items():
+        terms += [f" {value:+.6g} ".replace("-", numbers.MINUS), names.parameter(name)]
+    return ("Corrections in the ratio", *terms, " cancel each other (mm and rad), although no two of them do.")
+
+
+def free_frame_sentence(unknown: FreeFrameRank) -> str:
+    """How many parameters can be known where the scanner's place is unknown, at these poses and at best."""
+    best, residual = unknown.best[unknown.residual], unknown.residual
+    kinds = "full poses" if residual == "pose" else "positions"
+    if unknown.on_flange:
+        return (
+            f"With the scanner's place on the flange unknown, {kinds} tell {unknown.here} at these poses, and {best} "
+            "at best (this arm at generic poses), the targets' places in the room among them. What moves the flange "
+            "alone, or the base together with the targets, cannot be told: errors of the last row of the arm and of "
+            "the tool are taken up by the scanner's place, those at the base by the targets'."
+        )
+    if residual in ("position", "pose"):
+        option = " --residual pose" if residual == "pose" else ""
+        return (
+            f"With the scanner's place unknown, as `calibrate{option}` has it, {kinds} tell {unknown.here} at these "
+            f"poses, and {best} at best (this arm at generic poses)."
+        )
+    return (
+        f"At best, this arm at generic poses, such distances tell {best}; positions from an unknown scanner's place "
+        f"{unknown.best['position']}, full poses {unknown.best['pose']}."
+    )
+
+
+def tool_sentence(tool: ToolRows) -> Words:
+    """What the measurements tell of [tool], in a sentence."""
+    if tool.point:
+        place, stay = names.parameters(tool.point), names.parameters(tool.unseen)
+        return (
+            "Tool: the measured point is one of its own, ",
+            *place,
+            " in the last joint's frame; how the tip sits behind the last joint's axis is not known, as "
+            f"{_WITHOUT_ATTITUDE['position']}: ",
+            *stay,
+            " stay as in robot.toml.",
+        )
+    parts: list[list[Span]] = []
+    if tool.known:
+        parts.append(["known each alone: ", *names.parameters(tool.known)])
+    if tool.sums:
+        sums: list[Span] = []
+        for name, others in tool.sums.items():
+            sums += [", " if sums else "", names.parameter(name), " (with ", *names.parameters(others), ")"]
+        parts.append(["known in sums only: ", *sums])
+    if tool.unseen:
+        why = _WITHOUT_ATTITUDE.get(tool.residual, _WITHOUT_ATTITUDE["position"])
+        why = "a scanner on the flange does not see the tool" if tool.on_flange else why
+        parts.append([f"not known, as {why}: ", *names.parameters(tool.unseen), ", which stay as in robot.toml"])
+    spans = [span for k, part in enumerate(parts) for span in (["; "] if k else []) + part]
+    return ("Tool: ", *spans, ".")
+
+
+@document.register
+def _redundancy_document(analysis: Redundancy) -> dict[str, Any]:
+    return {
+        "seen_by": analysis.measured_by,
+        "parameters": analysis.parameters,
+        "pearson": analysis.pearson,
+        "no_influence": analysis.no_influence,
+        "groups": analysis.groups,
+        "mixed_groups": analysis.mixed_groups,
+        "combinations": [{"parameters": relation} for relation in analysis.combinations],
+        "rank": analysis.rank,
+        "kept": analysis.kept,
+        "independent": analysis.independent,
+        "dropped": analysis.dropped,
+    }
+
+
+def redundancy_document(analysis: Redundancy, unknown: FreeFrameRank) -> dict[str, Any]:
+    """What `redundancy --json` prints; `unknown` is the rank where the scanner's place is unknown."""
+    return {
+        "residual": unknown.residual,
+        **document(analysis),
+        "rank_unknown_frame": unknown.best[unknown.residual],
+        "rank_unknown_frame_here": unknown.here,
+    }

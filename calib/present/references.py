@@ -1,0 +1,104 @@
+"""Names of poses and joints within sentences: found in a text, they become references, which the page makes links."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+from calib.dataset.dataset import Dataset
+from calib.dataset.input_names import joint_input
+from calib.present.blocks import Reference, Span, joint, pose
+
+_UNITS = r"\s?(?:[µm]?m|m?deg|mrad|rad|[°%])(?!\w)"  # behind a number that is no further joint
+_MORE = r"(?:(?:,\s+|\s+and\s+|,\s+and\s+){0}(?![\w.-]*\w|" + _UNITS + "))*"  # "1" -> "1, 2 and 3"
+_JOINTS = r"joints?\s+\d+(?!\w)" + _MORE.replace("{0}", r"\d+")
+_POSES = r"poses?\s+[^\s,;:()]+" + _MORE.replace("{0}", r"[^\s,;:()]+")
+_WORD = r"[^\s,;:()]+"
+_STOPS = ".!?"
+
+
+@dataclass(frozen=True)
+class Names:
+    """The poses and joints that a sentence about a dataset may name; called with a text, it finds them."""
+
+    poses: frozenset[str] = frozenset()
+    joints: int = 0
+    sure: frozenset[str] = frozenset()  # ids of poses that nothing else is written like
+
+    @staticmethod
+    def of(dataset: Dataset) -> Names:
+        """The poses and the joints of a dataset."""
+        others = set(dataset.robot.parameter_names)
+        sure = {
+            pose_id
+            for pose_id in dataset.poses.ids
+            if re.search(r"\d", pose_id)
+            and re.search(r"[^\W\d]", pose_id)
+            and pose_id not in others
+            and joint_input(pose_id) is None
+        }
+        return Names(frozenset(dataset.poses.ids), dataset.robot.n_joints, frozenset(sure))
+
+    def __call__(self, words: str) -> tuple[Span, ...]:
+        """A text with references: what `html.panel` takes to recognise names."""
+        return recognised(words, self)
+
+
+def references_to(poses: Collection[str], inputs: Collection[str] = ()) -> dict[str, Reference]:
+    """What a sentence is known to name (`recognised`): poses by id, inputs ("q4") by their joint."""
+    joints = {name: of_joint[1] + 1 for name in inputs if (of_joint := joint_input(name)) is not None}
+    return {**{name: joint(number, name) for name, number in joints.items()}, **{p: pose(p) for p in poses}}
+
+
+def recognised(words: str, names: Names, known: Mapping[str, Reference] | None = None) -> tuple[Span, ...]:
+    """A text with the poses and joints in it as references.
+
+    `known` is taken wherever it stands as a word of its own. Beyond that "joint 4", "joints 1 and 2", "pose 7", and ids
+    that can be nothing else are: numbers and common words alone are not.
+    """
+    known = known or {}
+    exact = [re.escape(name) for name in sorted(known, key=len, reverse=True)]
+    pattern = "|".join(
+        [*(rf"(?<![\w.-]){name}(?![\w-]|\.\w)" for name in exact), rf"\b{_JOINTS}", rf"\b{_POSES}", _WORD]
+    )
+    spans: list[Span] = []
+    end = 0
+    for match in re.finditer(pattern, words):
+        spans += [words[end : match.start()], *_spans(match.group(), names, known)]
+        end = match.end()
+    return tuple(_joined([*spans, words[end:]]))
+
+
+def _joined(spans: list[Span]) -> list[Span]:
+    """The spans with neighbouring texts as one, and no empty ones."""
+    out: list[Span] = []
+    for span in spans:
+        if isinstance(span, str) and out and isinstance(out[-1], str):
+            out[-1] += span
+        elif span != "":
+            out.append(span)
+    return out
+
+
+def _spans(words: str, names: Names, known: Mapping[str, Reference]) -> list[Span]:
+    if words in known:
+        return [known[words]]
+    if re.fullmatch(_JOINTS, words):
+        return [_joint(part, names) for part in re.split(r"(\d+)", words)]
+    if re.match(r"poses?\s", words):
+        head, gap, rest = re.split(r"(\s+)", words, maxsplit=1)
+        among = names.poses - {"and"}
+        return [head + gap, *(span for part in re.split(r"([\s,]+)", rest) for span in _pose(part, among))]
+    return _pose(words, names.sure)
+
+
+def _joint(part: str, names: Names) -> Span:
+    return joint(int(part)) if part.isdigit() and 1 <= int(part) <= names.joints else part
+
+
+def _pose(word: str, among: frozenset[str]) -> list[Span]:
+    if word in among:
+        return [pose(word)]
+    bare = word.rstrip(_STOPS)
+    return [pose(bare), word[len(bare) :]] if bare in among else [word]

@@ -1,0 +1,251 @@
+"""How a model does at poses that it was not fitted to: cross-validation, learning curve, a saved model at a dataset."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from calib.calibration.evaluation import Evaluation
+from calib.dataset.dataset import Dataset
+from calib.models.fitted_model import FittedModel
+from calib.present import numbers
+from calib.present.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Table, Verdict
+from calib.present.calibration import error_table, sigma_sentence
+from calib.present.colours import BAD, DOUBT, GOOD
+from calib.present.results import document, presentation
+from calib.validation.cross_validation import SUSPICIOUS, CrossValidation
+from calib.validation.learning_curve import FAR, LearningCurve
+
+# ---- cross-validation -----------------------------------------------------------------------------------------------
+
+
+@presentation.register
+def _cross_validation(folds: CrossValidation) -> Presentation:
+    head = [*cross_validation_blocks(folds), cross_validation_verdict(folds)]
+    poses = [
+        (row["pose"], row["fold"], *map(numbers.column_mm, (row["nominal_mm"], row["error_mm"])))
+        for row in folds.to_frame().to_dict("records")
+    ]
+    each = Table(("pose", "fold", "nominal, mm", "held out, mm"), poses)
+    return Presentation(f"Cross-validation of {folds.dataset.name}", head, [Section("Each pose", [each])])
+
+
+def cross_validation_blocks(folds: CrossValidation) -> list[Block]:
+    """The held-out errors, their spread over the folds, and what noise explains of their ratio to the training."""
+    train = folds.whole.after.train
+    assert train is not None
+    each = [fold.held_out.rmse_mm for fold in folds.folds]
+    poses = numbers.count(len(np.unique(folds.after.pose)), "training pose")
+    facts: list[tuple[str, object]] = [
+        ("cross-validation", f"{len(folds.folds)} folds over {poses}, {folds.residual} residual"),
+        ("held-out RMSE of the folds", f"{numbers.length(min(each))} to {numbers.length(max(each))}"),
+        ("their spread", numbers.length(folds.spread_mm)),
+        ("training RMSE", numbers.length(train.rmse_mm)),
+        ("held-out over training RMSE", numbers.digits(folds.ratio)),
+        ("of which noise explains", numbers.digits(folds.expected_ratio)),
+    ]
+    return [
+        Facts(facts),
+        error_table(folds.before, folds.after, test="held-out"),
+        Paragraph(sigma_sentence(folds.sigma)),
+        *([Bullets(folds.notes)] if folds.notes else []),
+    ]
+
+
+def cross_validation_verdict(folds: CrossValidation) -> Verdict:
+    """What the held-out errors mean."""
+    before = folds.before.test
+    assert before is not None
+    if not folds.held_out.rmse_mm < before.rmse_mm:
+        words = "The calibration does not help: poses it did not see are no better than with the nominal robot."
+        return Verdict(words, BAD)
+    if not all(fold.converged for fold in folds.folds):
+        return Verdict("Not every fold's fit converged: do not trust these figures.", BAD)
+    if folds.ratio > SUSPICIOUS * folds.expected_ratio:
+        return Verdict(
+            "The fit does better on its own poses than parameters and noise explain: too few poses, or physics that is "
+            "not in the model; expect the held-out error, not the training error, elsewhere.",
+            DOUBT,
+        )
+    words = "Poses left out come out as well as noise allows: the fit does not bend to its own poses"
+    if folds.sigma.verdict == "excess":
+        return Verdict(
+            f"{words}; that holds for poses like the training poses, and since more than noise is left, the error "
+            "elsewhere can be larger: look at test poses of another kind.",
+            DOUBT,
+        )
+    return Verdict(f"{words}; expect the held-out error at poses like these.", GOOD)
+
+
+# ---- learning curve -------------------------------------------------------------------------------------------------
+
+
+@presentation.register
+def _learning_curve(curve: LearningCurve) -> Presentation:
+    caption = "RMSE by the number of training poses."
+    figure = FigurePlace("learning_curve", (curve,), caption, height_px=300)
+    head = [*learning_curve_blocks(curve), learning_curve_verdict(curve), figure]
+    return Presentation(f"Learning curve of {curve.dataset.name}", head)
+
+
+def learning_curve_blocks(curve: LearningCurve) -> list[Block]:
+    """The errors by the number of training poses."""
+    rows = [
+        (
+            step.poses,
+            *map(
+                numbers.column_mm,
+                (step.train_rmse_mm, step.held_out_rmse_mm, step.spread_mm, step.sigma_mm),
+            ),
+        )
+        for step in curve.steps
+    ]
+    columns = ("training poses", "training RMSE, mm", "held-out RMSE, mm", "spread, mm", "residual sigma, mm")
+    caption = f"learning curve, {curve.residual} residual, held out: {curve.held_out}"
+    notes = [Bullets(curve.notes)] if curve.notes else []
+    table = Table(columns, rows, caption=caption, left=())
+    return [table, Paragraph(sigma_sentence(curve.sigma)), *notes]
+
+
+def learning_curve_verdict(curve: LearningCurve) -> Verdict:
+    """Whether more poses would help, and what is left where they would not."""
+    last = curve.steps[-1]
+    words, colour = _more_poses(curve)
+    ratio = last.held_out_rmse_mm / last.train_rmse_mm if last.train_rmse_mm > 0.0 else 1.0
+    if ratio >= FAR:
+        words += (
+            f"; the held-out error is {numbers.times(ratio)} the training error: such poses are not among the training "
+            "poses, or the physics that is missing shows there"
+        )
+    return Verdict(f"{words}.", colour)
+
+
+def _more_poses(curve: LearningCurve) -> tuple[str, str]:
+    last, sigma, since = curve.steps[-1], curve.sigma, curve.flat_since
+    excess = sigma.verdict == "excess"
+    ratio = sigma.sigma_mm / sigma.declared_mm if sigma.declared_mm else math.nan
+    missing = (
+        f"the residual is {numbers.times(ratio)} the declared sigma: physics is missing from the model, or sigma was "
+        "declared too small"
+        if excess
+        else ""
+    )
+    if since is None:
+        words = (
+            f"More poses would still help: twice as many ({2 * last.poses}) promise a held-out error of about "
+            f"{numbers.length(curve.doubled_rmse_mm)} instead of {numbers.length(last.held_out_rmse_mm)} "
+            f"({numbers.MINUS}{numbers.share(curve.gain)})"
+        )
+        return (f"{words}; besides, {missing}" if excess else words), DOUBT
+    words = f"Flat since {since} poses at {numbers.length(last.held_out_rmse_mm)}: more poses will not help"
+    if excess:
+        return f"{words}; {missing}", DOUBT
+    if sigma.verdict == "unknown":
+        unknown = "without a declared sigma the curve cannot tell whether noise or missing physics is left"
+        return f"{words}; {unknown}", DOUBT
+    return f"{words}, and none are needed: the residual shows nothing but the declared noise", GOOD
+
+
+# ---- a saved model --------------------------------------------------------------------------------------------------
+
+
+@presentation.register
+def _fitted_model(fitted: FittedModel) -> Presentation:
+    return Presentation(f"Model of {fitted.source.dataset}", model_blocks(fitted))
+
+
+def model_blocks(fitted: FittedModel) -> list[Block]:
+    """What a saved model is, and its errors where it was fitted."""
+    what = " + ".join(["link errors", *fitted.model.family_names])
+    without = f" without {', '.join(fitted.source.left_out)}" if fitted.source.left_out else ""
+    return [
+        Paragraph(f"{numbers.capitalised(what)}, fitted to {fitted.source.dataset}{without}."),
+        error_table(fitted.before, fitted.after),
+    ]
+
+
+def saved_model_blocks(fitted: FittedModel, dataset: Dataset, before: Evaluation, after: Evaluation) -> list[Block]:
+    """A saved model, and its errors at the points of a dataset."""
+    same = fitted.is_fitted_to(dataset)
+    which = "the measurements that it was fitted to" if same else "not the files that it was fitted to"
+    trained = fitted.trained
+    outside = trained.words(dataset.robot, dataset.poses.q, dataset.poses.ids) if trained is not None else ""
+    remarks = [*([f"{numbers.capitalised(outside)}."] if outside else []), *after.notes]
+    return [
+        *model_blocks(fitted),
+        Paragraph(f"At {dataset.name}, {which}:"),
+        error_table(before, after),
+        *([Bullets(remarks)] if remarks else []),
+    ]
+
+
+# ---- documents ------------------------------------------------------------------------------------------------------
+
+
+def validation_document(folds: CrossValidation, curve: LearningCurve) -> dict[str, Any]:
+    """What `validate --json` prints: held-out errors by fold and pose, the learning curve, and what they mean."""
+    return {
+        **document(folds),
+        "learning_curve": document(curve),
+        "notes": [*folds.notes, *curve.notes],
+    }
+
+
+@document.register
+def _cross_validation_document(folds: CrossValidation) -> dict[str, Any]:
+    return {
+        "dataset": folds.dataset.name,
+        "residual": folds.residual,
+        "left_out": folds.dataset.left_out,
+        "held_out": folds.held_out,
+        "before": folds.before.test,
+        "train": folds.whole.after.train,
+        "spread_mm": folds.spread_mm,
+        "ratio": folds.ratio,
+        "expected_ratio": folds.expected_ratio,
+        "folds": folds.folds,
+        "poses": folds.to_frame(),
+        "sigma": {**document(folds.sigma), "verdict": folds.sigma.verdict},
+        "explanation": cross_validation_verdict(folds).words,
+        "notes": folds.notes,
+    }
+
+
+@document.register
+def _learning_curve_document(curve: LearningCurve) -> dict[str, Any]:
+    return {
+        "held_out": curve.held_out,
+        "steps": curve.to_frame(),
+        "flat_since": curve.flat_since,
+        "doubled_rmse_mm": curve.doubled_rmse_mm,
+        "gain": curve.gain,
+        "explanation": learning_curve_verdict(curve).words,
+    }
+
+
+@document.register
+def _model_document(fitted: FittedModel) -> dict[str, Any]:
+    return {
+        "dataset": fitted.source.dataset,
+        "effects": fitted.model.family_names,
+        "before": fitted.before,
+        "train": fitted.after.train,
+        "test": fitted.after.test,
+    }
+
+
+def saved_model_document(
+    fitted: FittedModel, dataset: Dataset, before: Evaluation, after: Evaluation
+) -> dict[str, Any]:
+    """What `validate --model --json` prints: a saved model's errors at a dataset's points, and those of its fit."""
+    return {
+        "dataset": dataset.name,
+        "model": {**document(fitted), "same_measurements": fitted.is_fitted_to(dataset)},
+        "before": before,
+        **document(after),
+        "poses": after.to_frame(dataset),
+        "outside": fitted.outside(dataset),
+        "notes": after.notes,
+    }
