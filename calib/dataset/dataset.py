@@ -297,7 +297,10 @@ class Dataset(Presented):
         return asked if self.points is None else asked.with_points(self.points)
 
     def _brief(self) -> str:
-        return self.summary()
+        roles = ", ".join(f"{n} {role}" for role in ROLES if (n := int(np.sum(self.poses.role == role))))
+        measured = "scans, no points yet" if self.points is None else f"{len(self.points)} points"
+        arm = f"{self.robot.name}, {self.robot.n_joints} joints"
+        return f"{self.name}: {arm}; {len(self.poses)} poses ({roles}); {measured}"
 
 
 def points_from_corners(

@@ -72,7 +72,7 @@ class Viewed:
 
     def summary(self) -> str:
         """The result in a few lines of plain text."""
-        raise NotImplementedError
+        return str(_maker(TEXTS[_name_of(type(self))])(self))
 
 
 def _name_of(kind: type) -> str:

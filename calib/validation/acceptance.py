@@ -9,6 +9,7 @@ from typing import Literal, Unpack
 
 import numpy as np
 
+from calib.brief import Brief
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Figures
 from calib.calibration.held_out import HeldOutTest, held_out_test
@@ -50,7 +51,7 @@ MAX_SHARE_DROPPED = 0.5  # share of a scan's points without a value; more is a w
 
 
 @dataclass(frozen=True)
-class ThinScans:
+class ThinScans(Brief):
     """Scans that lose more than half of their points, which have no value."""
 
     count: int
@@ -61,7 +62,7 @@ class ThinScans:
 
 
 @dataclass(frozen=True)
-class MissingCorners:
+class MissingCorners(Brief):
     """Scans without a corner."""
 
     count: int
@@ -71,7 +72,7 @@ class MissingCorners:
 
 
 @dataclass(frozen=True)
-class FoundCorners:
+class FoundCorners(Brief):
     """Corners found in all scans."""
 
     scans: int
@@ -79,7 +80,7 @@ class FoundCorners:
 
 
 @dataclass(frozen=True)
-class RepeatScatter:
+class RepeatScatter(Brief):
     """Scatter of points that were measured again at the same poses."""
 
     places: int
@@ -90,7 +91,7 @@ class RepeatScatter:
 
 
 @dataclass(frozen=True)
-class TooFewPoses:
+class TooFewPoses(Brief):
     """Fewer different training poses than a fit takes."""
 
     poses: int
@@ -98,7 +99,7 @@ class TooFewPoses:
 
 
 @dataclass(frozen=True)
-class ErrorsOfTestPoses:
+class ErrorsOfTestPoses(Brief):
     """Errors of the test poses before and after the fit, both None where no pose has the role test."""
 
     before: Figures | None
@@ -107,7 +108,7 @@ class ErrorsOfTestPoses:
 
 
 @dataclass(frozen=True)
-class ErrorRatio:
+class ErrorRatio(Brief):
     """RMSE of the test poses over that of the training poses."""
 
     ratio: float
@@ -118,7 +119,7 @@ class ErrorRatio:
 
 
 @dataclass(frozen=True)
-class ResidualSigma:
+class ResidualSigma(Brief):
     """Residual sigma of one coordinate against the noise."""
 
     sigma_mm: float
@@ -129,7 +130,7 @@ class ResidualSigma:
 
 
 @dataclass(frozen=True)
-class ResidualOfDiagnosis:
+class ResidualOfDiagnosis(Brief):
     """Residual sigma of one coordinate that the model of the diagnosis leaves, many times the declared one."""
 
     sigma_mm: float
