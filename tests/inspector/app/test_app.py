@@ -342,7 +342,7 @@ def test_redundancy_tab_splits_as_park_or_not_and_names_groups(app: App, page: W
 @pytest.mark.parametrize(
     ("group", "kept", "r", "sentence"),
     [
-        (("a6", "aTCP"), ("a6",), 1.0, "keep a6"),
+        (("a6", "aTCP"), ("a6",), 1.0, "a6 and aTCP always act together (r = 1): keep a6"),
         (("theta1", "beta1"), ("theta1",), -1.0, "θ1 and β1 always act together (r = -1): keep θ1"),
         (("d2", "d3", "d4"), ("d2",), 1.0, "d2, d3 and d4 always act together (|r| = 1): keep d2"),
     ],
@@ -509,8 +509,8 @@ def test_names_of_datasets_tell_them_apart(tmp_path: Path) -> None:
 
 
 def test_words() -> None:
-    assert numbers.length(0.0123) == "12.3 µm"
-    assert numbers.length(1.5) == "1.500 mm"
+    assert numbers.length(0.0123) == "12 µm"
+    assert numbers.length(1.5) == "1.50 mm"
     assert numbers.length(float("nan")) == "–"
     assert numbers.reduction(4.256, 0.291) == "93.16 %"
     assert numbers.reduction(0, 1) == "–"
