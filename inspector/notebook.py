@@ -14,10 +14,8 @@ from calib.calibration.result import Calibration
 from calib.diagnosis.result import Diagnosis
 from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import redundancy
-from calib.planning.plan import Plan
 from calib.present.blocks import Block, Section
 from calib.views.fit_views import calibration_head, diagnosis_head, parameters, redundancy_head
-from calib.views.later_views import plan_head, plan_sections
 from calib.views.view_page import FIGURES, view_html
 from inspector import figures
 from inspector.report.content import report_of
@@ -77,13 +75,6 @@ def _redundant(analysis: Redundancy) -> list[Block]:
     caption = "Pearson's r between the columns of the nominal Jacobian; grey: no influence."
     drawn = Figure(figures.redundancy_heatmap(analysis), caption, height_px=600, width_px=640)
     return [*redundancy_head(analysis), drawn]
-
-
-@html_with_figures.register
-def _of_plan(plan: Plan) -> str:
-    """What the poses promise, the error by their number, and the poses."""
-    drawn = Figure(figures.plan_curve(plan), "The predicted error by the number of new poses.", height_px=260)
-    return _view(f"Plan for {plan.start.dataset.name}", [*plan_head(plan), drawn], plan_sections(plan))
 
 
 def _view(title: str, head: Sequence[Block], sections: Sequence[Section] = ()) -> str:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
 from calib.array_types import BoolArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.evaluation import evaluate_all
-from calib.calibration.result import Calibration
+from calib.calibration.result import Calibration, FittedResult
 from calib.dataset.dataset import Dataset
 from calib.dataset.stands import on_stands
+from calib.effects.catalogue import EffectChoice, effects_named
 from calib.effects.effect import Effect, is_held_by_prior
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import FitError
@@ -27,37 +30,48 @@ from calib.fitting.tool_point.fit_task import FitTask, Fitted
 from calib.fitting.tool_point.placement import held_behind_tool_point
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import TOOL_POINT, Robot
-from calib.options import FitOptions
-
-MAX_TOLERANCE = 1e6  # mm or rad; `prior=False` is the way to have none
+from calib.measurement.measured_dataset import measured
+from calib.options import FitFields, FitOptions, fit_options
 
 
 @one_blas_thread()
 def calibrate(
-    dataset: Dataset,
-    options: FitOptions = FitOptions(),
+    dataset: Dataset | str | Path,
+    options: FitOptions | None = None,
     *,
-    effects: Sequence[Effect] = (),
+    effects: EffectChoice | Sequence[EffectChoice] = (),
     prior_sigmas: Mapping[str, float] | None = None,
     start: Calibration | None = None,
+    **keywords: Unpack[FitFields],
 ) -> Calibration:
     """Fit the link errors, and further effects, to the training poses of a dataset.
 
-    Several shots of one stand count once, by their mean; errors are told of every shot.
-    With effects, an earlier fit or one of the link errors alone comes first, and gravity's loads are worked out at its
-    links. Effects then change the links by some 1e-3 rad, and loads by some 1e-3 of themselves, which is left out.
+    Repeats of one pose count once, by their mean; errors are evaluated at every measurement.
+    With effects, an earlier fit or one of the link errors alone comes first, and gravity's loads are computed with its
+    links. Effects then change the links by some 1e-3 rad, and loads by some 1e-3 of themselves, which is neglected.
 
     Args:
-        dataset: with measured points.
-        options: what is asked of the fit; the result keeps it.
-        effects: beyond the link errors.
-        prior_sigmas: of the effects' parameters, by full name, where their usual scale is not the prior to use.
-        start: an earlier fit of the same arm to go on from, by its parameters' names. It saves iterations.
+        dataset: a dataset or its folder; where it holds scans only, their corners are found first.
+        options: options of the fit; the result keeps them.
+        effects: effects beyond the link errors: names of the catalogue, families, or single members.
+        prior_sigmas: prior standard deviations of the effects' parameters, by full name, in place of their scales.
+        start: an earlier fit of the same arm, from whose parameters the iterations start.
+        **keywords: fields of `FitOptions`, in place of those of `options`.
 
     Raises:
-        FitError: no points, an unknown name, a weight that the residual cannot have, or fewer equations than unknowns.
+        FitError: no points, an unknown name, an impossible option, or fewer equations than unknowns.
+
+    >>> import calib
+    >>> calib.calibrate("sample_data/hidden_effect_a")
+    Calibration(hidden_effect_a: 64 poses, test RMSE 2.32 -> 0.415 mm, effects: none)
+    >>> fit = calib.calibrate("sample_data/hidden_effect_a", effects=["transmission_error"], robust=True)
+    >>> fit.model.family_names
+    ('transmission_error',)
     """
+    options = fit_options(options, keywords)
     residual = options.residual
+    dataset = measured(dataset, orientation=residual == "pose")
+    members = effects_named(dataset, effects)
     if options.noise is not None:
         dataset = replace(dataset, noise=options.noise)
     given, dataset = dataset, counted_by_stands(dataset, residual)
@@ -66,8 +80,8 @@ def calibrate(
     if robot.carries_scanner:
         _require_placed(dataset, observed)
     geometry = geometry_of(robot, observed, options)
-    held = (*options.held, *held_behind_tool_point(robot, observed))
-    model = Model(robot, (*geometry, *effects), prior_sigmas=prior_sigmas or {}).hold(held)
+    held = (*options.fixed, *held_behind_tool_point(robot, observed))
+    model = Model(robot, (*geometry, *members), prior_sigmas=prior_sigmas or {}).hold(held)
     if len(observed.points) < 3:
         raise FitError(f"dataset {dataset.name}: {len(observed.points)} training points; a fit needs many more")
     if residual == "pose":
@@ -99,6 +113,11 @@ def calibrate(
         outliers=outliers,
         averaged=None if dataset is given else dataset,
     )
+
+
+def as_calibration(fitted: FittedResult | Dataset | str | Path, **keywords: Unpack[FitFields]) -> Calibration:
+    """The calibration of a result, or the fit of the link errors to a dataset. Raises as `calibrate`."""
+    return fitted.calibration if isinstance(fitted, FittedResult) else calibrate(fitted, **keywords)
 
 
 def _fitted(task: FitTask, start: Calibration | None) -> tuple[Fitted, BoolArray]:
@@ -203,13 +222,8 @@ def geometry_of(robot: Robot, observed: Observations, options: FitOptions) -> tu
 
 
 def checked_tolerances(names: Sequence[str], tolerances: Mapping[str, float]) -> Mapping[str, float]:
-    """The tolerances, all of parameters with these names and above 0; FitError otherwise."""
-    for name, value in tolerances.items():
+    """The tolerances, all of parameters with these names; FitError otherwise."""
+    for name in tolerances:
         if name not in names:
             raise FitError(f"no parameter named {name!r}; there are {', '.join(names[:6])} ...")
-        if not 0.0 < value <= MAX_TOLERANCE:
-            raise FitError(
-                f"tolerance of {name}: found {value!r}; a size above 0 and up to {MAX_TOLERANCE:g} is needed, "
-                "in mm or rad"
-            )
     return tolerances

@@ -14,6 +14,7 @@ import pandas as pd
 
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.brief import Brief
 from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.stands import of_stands
 from calib.fitting.model import Model
@@ -40,7 +41,7 @@ class Figures:
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class Evaluation(Brief):
     """Errors of a model at all M measured points of a dataset with N poses, and at its K distances."""
 
     pose: IndexArray  # (M,)

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from calib.array_types import Array
+from calib.brief import Brief, errors_in_short
 from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
 from calib.calibration.orientation_errors import OrientationErrors, evaluate_orientations, orientation_lines
-from calib.dataset.dataset import Dataset
+from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.stands import ShotCount, without_poses
 from calib.dataset.trained_range import TrainedRange
 from calib.display.shown import Documented, Viewed
@@ -20,8 +25,12 @@ from calib.fitting.fit import Fit
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, room_placement
 from calib.fitting.tool_point.placement import ToolShift, tool_shift
-from calib.kinematics.robot import Robot
+from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.options import FitOptions
+
+if TYPE_CHECKING:
+    from calib.compensation.target_correction import Correction
+    from calib.models.fitted_model import FittedModel
 
 _TOLD = 8  # outlying poses that are told one by one
 
@@ -36,9 +45,90 @@ class IterationErrors:
     test_distance_rmse_mm: float
 
 
+class FittedResult:
+    """Methods of every result that holds a fitted model: parameters, prediction, correction, files.
+
+    Models as files and corrections are above calibrations, whose values they take. So they are imported where they are
+    asked for; pyproject.toml names these imports as the only ones that go up.
+    """
+
+    @property
+    def calibration(self) -> Calibration:
+        """The fit whose model is meant."""
+        raise NotImplementedError
+
+    @property
+    def fitted_model(self) -> FittedModel:
+        """The fitted model by itself, as `load_model` gives it: robot, effects, values, covariance."""
+        from calib.models.fitted_model import FittedModel
+
+        return FittedModel.of(self.calibration)
+
+    @property
+    def parameters(self) -> pd.DataFrame:
+        """One row per free parameter: name, nominal, value, change, sigma, tolerance, unit, known."""
+        return self.calibration.to_frame()
+
+    @property
+    def covariance(self) -> Array:
+        """(P, P) covariance of the free parameters; rows of parameters that nothing bounds are zero."""
+        return self.fitted_model.covariance
+
+    @property
+    def robot(self) -> Robot:
+        """The robot with the fitted table; where the model has effects, right only together with them."""
+        return self.calibration.model.calibrated_robot(self.calibration.fit.x)
+
+    def predict(self, q: ArrayLike, conditions: Poses | None = None, target: str = TOOL_POINT) -> Array:
+        """A target's position (N, 3), mm in the base frame, at joint vectors q (N, n), rad or mm.
+
+        Args:
+            q: joint vectors.
+            conditions: payload, temperature ... of each, where the model depends on them; its own q is not used.
+            target: one of the robot's targets; "jig" is the measured point of the tool.
+
+        Raises:
+            FitError: missing conditions, q of another shape, or an unknown target.
+        """
+        return self.fitted_model.predict(q, conditions, target)
+
+    def correct(
+        self,
+        q_nominal: ArrayLike,
+        conditions: Poses | None = None,
+        kind: str | None = None,
+        nominal: Robot | None = None,
+        ids: Sequence[str] | None = None,
+    ) -> Correction:
+        """Joint vectors with which the calibrated arm goes where the nominal one would (`calib.corrected_joints`)."""
+        return self.fitted_model.correct(q_nominal, conditions, kind, nominal, ids)
+
+    def save(self, path: str | Path) -> None:
+        """Write the fitted model as model.json, which `calib.load_model` reads."""
+        self.fitted_model.save(path)
+
+    def save_robot(self, path: str | Path, template: str | Path | None = None, *, force: bool = False) -> None:
+        """Write the calibrated robot: the table that is best without any effect, since a robot's file holds none.
+
+        Args:
+            path: ends in .toml, .urdf or .yaml.
+            template: the user's own file of this arm; its origins are replaced and all else stays.
+            force: write also where the fit is no improvement.
+
+        Raises:
+            FitError: the fit did not converge or is worse on the test poses.
+            CalibError: another suffix, or a template that is of another arm.
+        """
+        from calib.models.exported_table import exported_table
+
+        table = exported_table(self.calibration)
+        table.require_improvement(force=force)
+        table.save(path, template)
+
+
 @dataclass(frozen=True)
-class Calibration(Documented, Viewed):
-    """A fitted model and how it stands to the measurements."""
+class Calibration(Brief, FittedResult, Documented, Viewed):
+    """A fitted model and its errors at the measurements, before and after."""
 
     dataset: Dataset
     model: Model
@@ -69,9 +159,14 @@ class Calibration(Documented, Viewed):
         return self.options.residual
 
     @property
-    def robot(self) -> Robot:
-        """The robot with the fitted table."""
-        return self.model.calibrated_robot(self.fit.x)
+    def calibration(self) -> Calibration:
+        """The calibration itself."""
+        return self
+
+    @cached_property
+    def fitted_model(self) -> FittedModel:
+        """The fitted model by itself, as `load_model` gives it: robot, effects, values, covariance."""
+        return super().fitted_model
 
     @cached_property
     def iteration_errors(self) -> tuple[IterationErrors, ...]:
@@ -177,7 +272,10 @@ class Calibration(Documented, Viewed):
             )
 
     def to_frame(self) -> pd.DataFrame:
-        """The parameters: name, nominal, value, change, sigma, tolerance, unit, and whether the data know them."""
+        """One row per free parameter: name, nominal, value, change, sigma, tolerance, unit, and whether it is known.
+
+        A parameter is known where its sigma is below half of its tolerance.
+        """
         parameters = self.fit.parameters
         return pd.DataFrame(
             {
@@ -207,6 +305,11 @@ class Calibration(Documented, Viewed):
         if self.faces_named:
             lines.append(self.faces_named)
         return "\n".join([*lines, *self.warnings])
+
+    def _brief(self) -> str:
+        effects = ", ".join(self.model.family_names) or "none"
+        errors = errors_in_short(self.before, self.after)
+        return f"{self.dataset.name}: {len(self.dataset.poses)} poses, {errors}, effects: {effects}"
 
 
 def outlier_words(robust: Calibration) -> str:

@@ -22,7 +22,7 @@ from calib.consistency.hypotheses import (
     JOINT_SIGN,
     ROBOT_TABLE,
     ROW_ORDER,
-    Hypothesis,
+    DataHypothesis,
     column_names,
     of_matching,
     of_reading,
@@ -65,12 +65,12 @@ Refit = Callable[[Dataset], Calibration]
 class DataProblem:
     """What is wrong with the data or the table, what it explains, and how to mend it."""
 
-    hypothesis: Hypothesis
+    hypothesis: DataHypothesis
     mended: Dataset
     now_mm: float  # 3D RMSE of all points by the fit; of units and tables by the arm as delivered
     then_mm: float
     gain: float  # in log evidence
-    rivals: tuple[Hypothesis, ...] = ()  # as simple and as good
+    rivals: tuple[DataHypothesis, ...] = ()  # as simple and as good
     beside: tuple[str, ...] = ()  # effects in both fits
     instead_of: str = ""  # an effect that would have to be there where the data are right
 
@@ -112,7 +112,7 @@ class Suspicions:
     """What a fit of the geometry says of the data: a problem, or turned joints that may look like an effect."""
 
     problem: DataProblem | None
-    open: tuple[Hypothesis, ...] = ()
+    open: tuple[DataHypothesis, ...] = ()
     likeliest: DataProblem | None = None  # of those that are open, where it says clearly more than the data as they are
 
 
@@ -188,7 +188,7 @@ def _units_problem(now: Calibration, refit: Refit, sample: Sample) -> DataProble
 
 
 @dataclass(frozen=True)
-class Beside:
+class FitVariant:
     """A model of effects that is fitted to the data as they are and mended."""
 
     effects: tuple[str, ...]  # in the model
@@ -196,7 +196,9 @@ class Beside:
     fit: Callable[[Dataset], Calibration]
 
 
-def weighed(now: Calibration, open_hypotheses: Sequence[Hypothesis], models: Sequence[Beside]) -> DataProblem | None:
+def problem_given_effects(
+    now: Calibration, open_hypotheses: Sequence[DataHypothesis], models: Sequence[FitVariant]
+) -> DataProblem | None:
     """An open hypothesis that says clearly more than the effects which were found to explain the data as they are.
 
     It makes one of them superfluous, or takes away most of what they leave.
@@ -279,10 +281,10 @@ def _is_bent(now: Calibration) -> bool:
 
 
 def _worth_a_fit(
-    dataset: Dataset, sample: Sample, as_it_is_mm: float, hypotheses: Iterable[Hypothesis]
-) -> list[Hypothesis]:
+    dataset: Dataset, sample: Sample, as_it_is_mm: float, hypotheses: Iterable[DataHypothesis]
+) -> list[DataHypothesis]:
     """Those that bring the nominal arm about as near to the points as it is, or nearer; the best and the simplest."""
-    found: list[tuple[float, Hypothesis]] = []
+    found: list[tuple[float, DataHypothesis]] = []
     for hypothesis in hypotheses:
         robot, of_it = hypothesis.robot or dataset.robot, hypothesis.of_sample(sample, dataset.robot)
         if hypothesis.rows:
@@ -302,7 +304,7 @@ def _worth_a_fit(
     return [*best, *chosen]
 
 
-def _by_matching(dataset: Dataset) -> list[Hypothesis]:
+def _by_matching(dataset: Dataset) -> list[DataHypothesis]:
     """Rows in no order at all, of points that were measured from one place."""
     poses, points_mm = points_of_poses(dataset)
     if len(set(dataset.poses.setup[poses].tolist())) != 1:
@@ -321,9 +323,9 @@ class _Tried:
         self.evidence = log_evidence(now)
         train = now.after.train
         self.beyond_effects = train is not None and is_beyond_effects(train.rmse_mm, now.dataset.robot)
-        self.fits: dict[Hypothesis, Calibration] = {}
+        self.fits: dict[DataHypothesis, Calibration] = {}
 
-    def fit_all(self, hypotheses: Iterable[Hypothesis]) -> None:
+    def fit_all(self, hypotheses: Iterable[DataHypothesis]) -> None:
         for hypothesis in hypotheses:
             try:
                 fitted = self.refit(hypothesis.of_dataset(self.now.dataset))
@@ -352,36 +354,36 @@ class _Tried:
             return Suspicions(None, still_open)
         return Suspicions(None, still_open, self._problem(best))
 
-    def _problem(self, hypothesis: Hypothesis, rivals: tuple[Hypothesis, ...] = ()) -> DataProblem:
+    def _problem(self, hypothesis: DataHypothesis, rivals: tuple[DataHypothesis, ...] = ()) -> DataProblem:
         fits = (self.now, self.fits[hypothesis])
         now_mm, then_mm = (error_mm(f.before if hypothesis.kind == ROBOT_TABLE else f.after) for f in fits)
         mended = hypothesis.of_dataset(self.now.dataset)
         return DataProblem(hypothesis, mended, now_mm, then_mm, self._gain(hypothesis), rivals)
 
-    def _gain(self, hypothesis: Hypothesis) -> float:
+    def _gain(self, hypothesis: DataHypothesis) -> float:
         fitted = self.fits[hypothesis]
         # Of fewer points each counts as much as one of all.
         share = self.now.fit.rows / fitted.fit.rows
         return share * log_evidence(fitted) - self.evidence - _cost(hypothesis)
 
-    def _is_believed(self, hypothesis: Hypothesis) -> bool:
+    def _is_believed(self, hypothesis: DataHypothesis) -> bool:
         now, then = self.now.fit.noise, self.fits[hypothesis].fit.noise
         gain = self._gain(hypothesis)
         if hypothesis.kind == ROBOT_TABLE and gain > MIN_TABLE_GAIN and then < 1.05 * now:
             return True
         return self.beyond_effects and gain > MIN_GAIN and now > LEAST_FACTOR * then
 
-    def _is_open(self, hypothesis: Hypothesis) -> bool:
+    def _is_open(self, hypothesis: DataHypothesis) -> bool:
         return _turns_joints(hypothesis) and self.fits[hypothesis].fit.noise < _NEAR_ENOUGH * self.now.fit.noise
 
 
-def _turns_joints(hypothesis: Hypothesis) -> bool:
+def _turns_joints(hypothesis: DataHypothesis) -> bool:
     """Whether it changes the signs of joints and nothing else."""
     reading = hypothesis.reading
     return hypothesis.kind == JOINT_SIGN and reading is not None and not any(reading.offsets_rad)
 
 
-def _cost(hypothesis: Hypothesis) -> float:
+def _cost(hypothesis: DataHypothesis) -> float:
     """Log of how many hypotheses of its kind there are: of all orders of the rows many fit a little."""
     if hypothesis.kind != ROW_ORDER or hypothesis.edits < 2:
         return 0.0

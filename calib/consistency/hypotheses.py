@@ -30,7 +30,7 @@ _NAMED_ROWS = 6  # that a sentence tells one by one
 
 
 @dataclass(frozen=True, eq=False)
-class Hypothesis:
+class DataHypothesis:
     """One thing that may be wrong. What is left at its default is as the dataset has it."""
 
     kind: str
@@ -85,10 +85,10 @@ class Hypothesis:
         return replace(poses, q=q, approach=approach, came_from=np.zeros((0, 0)))
 
 
-def simplest_of(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+def simplest_of(hypotheses: Sequence[DataHypothesis]) -> list[DataHypothesis]:
     """Those that change the least; another zero is rarer than a turned joint, which may look the same."""
 
-    def rank(hypothesis: Hypothesis) -> tuple[int, bool]:
+    def rank(hypothesis: DataHypothesis) -> tuple[int, bool]:
         return hypothesis.edits, hypothesis.kind == JOINT_ZERO
 
     least = min(map(rank, hypotheses))
@@ -116,7 +116,7 @@ def _reordered(poses: Poses, points: Points | None, rows: IndexArray) -> tuple[P
 # ---- joints --------------------------------------------------------------------------------------------------------
 
 
-def of_reading(reading: JointReading, names: Sequence[str]) -> Hypothesis:
+def of_reading(reading: JointReading, names: Sequence[str]) -> DataHypothesis:
     """Signs, order and zeros of the joints' columns. names  # (n,) of the columns as the user has them"""
     turned = [k for k, sign in enumerate(reading.signs) if sign < 0]
     moved = [k for k, column in enumerate(reading.order) if column != k]
@@ -141,7 +141,7 @@ def of_reading(reading: JointReading, names: Sequence[str]) -> Hypothesis:
         then.append(f"{by:+.0f} deg added to {names[reading.order[k]]}")
         mend.append(f"add {by:+.0f} deg to column {names[reading.order[k]]}")
     kind = JOINT_ORDER if moved else JOINT_SIGN if turned else JOINT_ZERO
-    return Hypothesis(
+    return DataHypothesis(
         kind,
         _and(found),
         f"with {_and(then)}",
@@ -169,7 +169,7 @@ def _and(words: Sequence[str]) -> str:
 # ---- units ---------------------------------------------------------------------------------------------------------
 
 
-def of_units(robot: Robot, sample: Sample) -> Iterator[Hypothesis]:
+def of_units(robot: Robot, sample: Sample) -> Iterator[DataHypothesis]:
     """Points, angles and slides in other units than their columns say; the points' by how far they spread."""
     turns = robot.is_revolute
     deg = np.pi / 180.0
@@ -208,7 +208,7 @@ def of_units(robot: Robot, sample: Sample) -> Iterator[Hypothesis]:
             said = [words for words in (angle_words, slide_words, lengths[length]) if words[0]]
             if said:
                 found, then, mend = (_and(list(words)) for words in zip(*said, strict=True))
-                yield Hypothesis(
+                yield DataHypothesis(
                     UNITS, found, f"with {then}", mend,
                     angle_scale=angle, slide_scale=slide, points_scale=length, edits=len(said),
                 )  # fmt: skip
@@ -217,7 +217,7 @@ def of_units(robot: Robot, sample: Sample) -> Iterator[Hypothesis]:
 # ---- rows ----------------------------------------------------------------------------------------------------------
 
 
-def of_shifts(dataset: Dataset) -> Iterator[Hypothesis]:
+def of_shifts(dataset: Dataset) -> Iterator[DataHypothesis]:
     """The joints' rows out of step with the points by a few rows, or upside down."""
     count = len(dataset.poses)
     place = np.arange(count)
@@ -225,7 +225,7 @@ def of_shifts(dataset: Dataset) -> Iterator[Hypothesis]:
         rows = np.where((place + by >= 0) & (place + by < count), place + by, _NOT_THERE)
         where, number = ("below" if by > 0 else "above"), abs(by)
         lines = "line" if number == 1 else f"{number} lines"
-        yield Hypothesis(
+        yield DataHypothesis(
             ROW_ORDER,
             f"the rows of points and joints are out of step: each point belongs to the joints {number} "
             f"row{'s' if number > 1 else ''} {where}",
@@ -234,7 +234,7 @@ def of_shifts(dataset: Dataset) -> Iterator[Hypothesis]:
             "look for the row that is missing",
             rows=tuple(map(int, rows)),
         )
-    yield Hypothesis(
+    yield DataHypothesis(
         ROW_ORDER,
         "the rows of points stand in the opposite order of the joints",
         "with the joints' rows turned upside down",
@@ -243,7 +243,7 @@ def of_shifts(dataset: Dataset) -> Iterator[Hypothesis]:
     )
 
 
-def of_matching(dataset: Dataset, poses: IndexArray, source: IndexArray) -> Hypothesis:
+def of_matching(dataset: Dataset, poses: IndexArray, source: IndexArray) -> DataHypothesis:
     """Points that belong to the joints of other rows, by where they lie. poses, source  # (K,) indices of poses"""
     rows = np.arange(len(dataset.poses))
     rows[poses] = source
@@ -256,7 +256,7 @@ def of_matching(dataset: Dataset, poses: IndexArray, source: IndexArray) -> Hypo
         if i != k
     )
     which = pairs if len(wrong) <= _NAMED_ROWS else named
-    return Hypothesis(
+    return DataHypothesis(
         ROW_ORDER,
         f"the points of {len(wrong)} of {len(poses)} poses belong to the joints of other rows ({which})",
         "with each point given to the joints that reach it",
@@ -269,12 +269,12 @@ def of_matching(dataset: Dataset, poses: IndexArray, source: IndexArray) -> Hypo
 # ---- tables --------------------------------------------------------------------------------------------------------
 
 
-def of_sister_tables(robot: Robot) -> Iterator[Hypothesis]:
+def of_sister_tables(robot: Robot) -> Iterator[DataHypothesis]:
     """The tables of other arms with as many joints of the same kinds: a sister type's is easily taken by mistake."""
     for name, other in known_tables():
         alike = np.array_equal(other.is_revolute, robot.is_revolute)
         if alike and not np.allclose(other.table[:-1], robot.table[:-1], atol=1e-6):
-            yield Hypothesis(
+            yield DataHypothesis(
                 ROBOT_TABLE,
                 f"the links are those of a {name}, not those of robot.toml ({robot.name})",
                 f"with the table of the {name}",

@@ -13,10 +13,12 @@ import numpy as np
 import pandas as pd
 
 from calib.blas_threads import one_blas_thread
+from calib.brief import Brief
 from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
 from calib.dataset.dataset import Dataset, Scanner
+from calib.dataset.files.folder import as_dataset
 from calib.display.shown import Documented, Viewed
 from calib.errors import CornerError, DatasetError, ScanError
 from calib.jig import Jig
@@ -26,7 +28,7 @@ from calib.progress import OnProgress, counted
 from calib.scans.scan import PointCount, load_scan
 
 
-class CornerBatch(dict[str, CornerSearch], Documented, Viewed):
+class CornerBatch(Brief, dict[str, CornerSearch], Documented, Viewed):
     """Corner searches of a dataset's scans by pose id, in the dataset's order."""
 
     def __init__(self, dataset: Dataset, searches: Mapping[str, CornerSearch] = MappingProxyType({})) -> None:
@@ -63,9 +65,12 @@ class CornerBatch(dict[str, CornerSearch], Documented, Viewed):
         lines = [f"{self.dataset.name}: {len(self) - len(failed)} of {len(self)} corners found"]
         return "\n".join([*lines, *(f"{pose_id}: no corner: {why}" for pose_id, why in failed.items())])
 
+    def _brief(self) -> str:
+        return self.summary().partition("\n")[0]
+
 
 def find_corners(
-    dataset: Dataset,
+    dataset: Dataset | str | Path,
     *,
     progress: bool = False,
     on_progress: OnProgress | None = None,
@@ -76,17 +81,29 @@ def find_corners(
 ) -> CornerBatch:
     """Corners of all poses' scans by pose id, in the dataset's order, without poses that are left out.
 
-    `progress` shows a bar, in a notebook's cell or at the terminal, and `on_progress(done, total, pose_id)` is called
-    after each scan. With an `executor` (threads, processes, Dask's `Client.get_executor()`: any
-    `concurrent.futures.Executor`) the scans are processed by it, `in_flight` of them at a time, which should be twice
-    its workers or more; the result is the same to the bit, as each search multiplies on one BLAS thread wherever it
-    runs. Each job loads its own scan, so no more scans are in memory than jobs run at a time. A scan that cannot be
-    read becomes a failed search with `unreadable` set. Without `intermediate` the searches keep the corner, the counts
-    and the reason, and drop the arrays of points (some 2 MB for a scan of 200,000 points). `search` replaces the search
-    for the corner in a scan's file, for other targets.
+    Each job loads its own scan, so no more scans are in memory than jobs run at a time, and uses one BLAS thread
+    wherever it runs, so the result is the same to the bit. A scan that cannot be read becomes a failed search with
+    `unreadable` set.
 
-    Raises DatasetError where the dataset has no scans; CornerError where a process of the executor died.
+    Args:
+        dataset: a dataset with scans, or its folder.
+        progress: show a bar, in a notebook's cell or at the terminal.
+        on_progress: called with (done, total, pose_id) after each scan.
+        executor: runs the jobs: threads, processes, Dask's `Client.get_executor()`, any `concurrent.futures.Executor`.
+        in_flight: jobs that are with the executor at a time; twice its workers or more.
+        intermediate: keep the arrays that are only displayed, some 2 MB for a scan of 200,000 points.
+        search: job done with a scan's file, where it is to look for other targets.
+
+    Raises:
+        DatasetError: the dataset has no scans.
+        CornerError: a process of the executor died.
+
+    >>> import calib
+    >>> dataset = calib.load_dataset("sample_data/rb5_jang")
+    >>> calib.find_corners(dataset.leave_out(dataset.poses.ids[2:]))
+    CornerBatch(rb5_jang: 2 of 2 corners found)
     """
+    dataset = as_dataset(dataset)
     rows = [i for i, pose_id in enumerate(dataset.poses.ids) if pose_id not in dataset.left_out]
     ids = [dataset.poses.ids[i] for i in rows]
     paths = [dataset.scan_path(i) for i in rows]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from calib.array_types import Array
+from calib.brief import Brief
 from calib.planes.robust_fit import PlaneFit
 
 HIGH_INCIDENCE_DEG = 75.0
@@ -34,7 +35,7 @@ class FaceQuality:
 
 
 @dataclass(frozen=True)
-class CornerQuality:
+class CornerQuality(Brief):
     """Quality figures of a corner, and the warnings that follow from them."""
 
     faces: tuple[FaceQuality, FaceQuality, FaceQuality]

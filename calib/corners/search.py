@@ -6,11 +6,13 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
+from calib.brief import Brief
 from calib.corners.face_selection import TriedPairs, face_triples, why_no_triple
 from calib.corners.intersection import Corner
 from calib.corners.plane_triples import Planes, SelectionTolerances
@@ -22,7 +24,7 @@ from calib.planes.clustering import ClusterTolerances, PlaneGroup, cluster, off_
 from calib.planes.filters import FilterTolerances, SampleSets, apply_filters, draw_sample_sets, walk_for
 from calib.planes.normals import NEIGHBOURS, Neighbourhoods, estimate_normals, with_fewer_neighbours
 from calib.planes.point_selection import thin_to_voxels
-from calib.scans.scan import PointCount, Scan, seeded_generator
+from calib.scans.scan import PointCount, Scan, load_scan, seeded_generator
 
 MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
 MOST_TRIPLES = 4  # of planes, that are refined in one search pass
@@ -49,7 +51,7 @@ class CornerOptions:
 
 
 @dataclass(frozen=True)
-class CornerSearch:
+class CornerSearch(Brief):
     """Every intermediate product of one search for a corner, successful or not, for inspection."""
 
     scan: str
@@ -83,35 +85,48 @@ class CornerSearch:
             f"faces of {faces} points, {len(self.groups)} plane groups, {self.seconds:.2f} s"
         )
 
+    def _brief(self) -> str:
+        return self.summary()
+
 
 @one_blas_thread()
 def find_corner(
-    scan: Scan,
-    jig: Jig,
+    scan: Scan | str | Path,
+    jig: Jig = Jig(),
     *,
     scan_sigma_mm: float | None = None,
     rng: np.random.Generator | None = None,
     options: CornerOptions | None = None,
 ) -> CornerSearch:
-    """Find the jig's apex in one scan.
-
-    The noise is the larger of `scan_sigma_mm` and what the scan itself shows. Without `rng` the draws are seeded by the
-    scan's points, so the same scan gives the same corner whenever, wherever and under whatever name it is processed.
+    """The jig's apex in one scan, with its covariance and every intermediate product of the search.
 
     Never raises on a scan: where there is no corner, the search's `failure` says why, and whether the scan is in
     another unit than the millimetre. No scan is scaled.
+
+    Args:
+        scan: a scan, or its file (then raises ScanError where it cannot be read).
+        jig: three faces at right angles with edges of 60 mm, where it is not given.
+        scan_sigma_mm: noise of a scan point along its ray; the larger of it and the noise found in the scan counts.
+        rng: draws the sample sets; seeded by the scan's points where None, so that a scan always gives one corner.
+        options: of the search.
+
+    >>> import calib
+    >>> calib.find_corner("sample_data/rb5_jang/scans/p01.ply")
+    CornerSearch(p01: corner (96.2992, -86.7954, 561.6046) mm, sigma 0.0307 mm, faces of 469, 359, 319 points, ...)
     """
+    scan = scan if isinstance(scan, Scan) else load_scan(scan)
+    points_mm, name = scan.points_mm, scan.name
     options = options or CornerOptions()
     started = time.perf_counter()
 
     def search_in(points_mm: Array) -> CornerSearch:
         draws = rng or seeded_generator(points_mm)
-        return _search(Scan(scan.name, points_mm), jig, scan_sigma_mm, draws, options)
+        return _search(Scan(name, points_mm), jig, scan_sigma_mm, draws, options)
 
-    search = search_in(scan.points_mm)
-    if search.corner is None and len(scan.points_mm) >= MIN_POINTS:
+    search = search_in(points_mm)
+    if search.corner is None and len(points_mm) >= MIN_POINTS:
         failure = failure_with_unit(
-            search.failure, scan.points_mm, jig, lambda points_mm: search_in(points_mm).corner is not None
+            search.failure, points_mm, jig, lambda points_mm: search_in(points_mm).corner is not None
         )
         search = replace(search, failure=failure)
     return replace(search, seconds=time.perf_counter() - started)

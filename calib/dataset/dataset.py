@@ -17,6 +17,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.brief import Brief
 from calib.dataset.surroundings import Surroundings
 from calib.display.shown import Viewed
 from calib.errors import DatasetError
@@ -56,7 +57,7 @@ class About:
 
 
 @dataclass(frozen=True)
-class Poses:
+class Poses(Brief):
     """N poses of an arm with n joints, as commanded, with the conditions that were written down."""
 
     ids: tuple[str, ...]  # (N,)
@@ -139,9 +140,13 @@ class Poses:
             told = told or f"the first of {len(self)} is {self.ids[0]!r}"
             raise DatasetError(f"no pose named {pose_id!r}; {told}") from None
 
+    def _brief(self) -> str:
+        roles = ", ".join(f"{n} {role}" for role in ROLES if (n := int(np.sum(self.role == role))))
+        return f"{len(self)} poses of {self.q.shape[1]} joints: {roles}"
+
 
 @dataclass(frozen=True)
-class Orientations:
+class Orientations(Brief):
     """How the jig stood at M measured points, in the scanner's frame; NaN where that is not known.
 
     The covariances are of the small turn w about the scanner's axes: true = exp(w) scanner_R_jig.
@@ -172,7 +177,7 @@ class Orientations:
 
 
 @dataclass(frozen=True)
-class Points:
+class Points(Brief):
     """M measured points in the scanner's frame of their pose's setup. Several rows a pose are repeats."""
 
     pose: IndexArray  # (M,) index into Poses
@@ -193,9 +198,13 @@ class Points:
         counts_as = None if self.counts_as is None else self.counts_as[keep]
         return Points(self.pose[keep], self.xyz_mm[keep], self.target[keep], covariance, turned, counts_as)
 
+    def _brief(self) -> str:
+        targets = ", ".join(map(str, np.unique(self.target)))
+        return f"{len(self)} points at {len(np.unique(self.pose))} poses of {targets}"
+
 
 @dataclass(frozen=True)
-class Dataset(Viewed):
+class Dataset(Brief, Viewed):
     """What belongs together. Either `points` is there, or scans to find them in, or both (then points win)."""
 
     name: str
@@ -271,6 +280,9 @@ class Dataset(Viewed):
         note = f"left out as asked: {', '.join(ids)}"
         asked = replace(self, left_out=ids, notes=(*self.notes, note))
         return asked if self.points is None else asked.with_points(self.points)
+
+    def _brief(self) -> str:
+        return self.summary()
 
 
 def points_from_corners(

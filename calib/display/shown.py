@@ -2,7 +2,7 @@
 
 A result stands far below what tells of it. `calib.documents` and `calib.views` know every result, and `inspector` knows
 both, so a result must import none of them. It finds the one that tells of it by name, when it is asked for, as `calib`
-itself finds its public face: `DOCUMENTS`, `VIEWS`, `TEXTS` and `WITH_FIGURES` are the only places where a name points
+itself finds its public face: `DOCUMENTS`, `VIEWS` and `WITH_FIGURES` are the only places where a name points
 upwards, and tests/display checks every one of them. Where the extra `page` is installed the report's own sections, with
 figures, take the place of the plain views.
 """
@@ -21,10 +21,7 @@ DOCUMENTS: Mapping[str, str] = {  # class -> function that makes its document
     "calib.calibration.result.Calibration": "calib.documents.calibration_documents:calibration_document",
     "calib.corners.batch.CornerBatch": "calib.documents.corner_documents:batch_document",
     "calib.diagnosis.result.Diagnosis": "calib.documents.diagnosis_documents:diagnosis_document",
-    "calib.fleet.result.Fleet": "calib.documents.fleet_document:fleet_document",
     "calib.identifiability.redundancy.Redundancy": "calib.documents.corner_documents:pearson_document",
-    "calib.planning.plan.Plan": "calib.documents.plan_document:plan_document",
-    "calib.validation.acceptance.Check": "calib.documents.check_document:check_document",
 }
 VIEWS: Mapping[str, str] = {  # class -> function that makes its HTML, tables only
     "calib.calibration.result.Calibration": "calib.views.fit_views:calibration_html",
@@ -32,10 +29,9 @@ VIEWS: Mapping[str, str] = {  # class -> function that makes its HTML, tables on
     "calib.dataset.dataset.Dataset": "calib.views.measured_views:dataset_html",
     "calib.diagnosis.result.Diagnosis": "calib.views.fit_views:diagnosis_html",
     "calib.identifiability.redundancy.Redundancy": "calib.views.fit_views:redundancy_html",
-    "calib.planning.plan.Plan": "calib.views.later_views:plan_html",
 }
 TEXTS: Mapping[str, str] = {  # class -> function that makes its plain text, where that is above it
-    "calib.planning.plan.Plan": "calib.planning.words:plan_text",
+    "calib.diagnosis.result.Diagnosis": "calib.views.fit_views:diagnosis_summary",
 }
 
 WITH_FIGURES = "inspector.notebook:html_with_figures"  # of the same classes; None where it has nothing to add
@@ -82,7 +78,7 @@ class Viewed:
 
     def summary(self) -> str:
         """The result in a few lines of plain text."""
-        return str(_maker(TEXTS[_name_of(type(self))])(self))
+        raise NotImplementedError
 
 
 def _name_of(kind: type) -> str:

@@ -167,7 +167,7 @@ def correction_document(correction: Correction, ids: Sequence[str]) -> dict[str,
     missed = [(pose, why) for pose, why in zip(ids, correction.reasons, strict=True) if why]
     outside = correction.is_outside
     return {
-        "what": correction.what,
+        "what": correction.kind,
         "reached": int(correction.reached.sum()),
         "not_reached": [{"pose": pose, "why": why} for pose, why in missed],
         "largest_move_deg": correction.largest_move_deg,

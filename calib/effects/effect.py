@@ -33,6 +33,7 @@ from typing import Any, ClassVar, Protocol, TypeGuard, runtime_checkable
 import numpy as np
 
 from calib.array_types import Array
+from calib.brief import Brief
 from calib.dataset.dataset import Dataset
 from calib.effects.checked_apply import checked_apply, checked_meaning, is_user_defined
 from calib.effects.state import RobotState
@@ -102,7 +103,7 @@ class JointMotion(Effect, Protocol):
 
 
 @dataclass(frozen=True)
-class Family:
+class Family(Brief):
     """A named cause, with one member for each joint (and harmonic) that may carry it or not."""
 
     name: str
@@ -124,6 +125,9 @@ class Family:
     def never_testable(self) -> bool:
         """Whether no dataset of this format can test it, so that `why_not` says nothing about the data."""
         return self.covered or any(getattr(member, "testable", True) is False for member in self.members)
+
+    def _brief(self) -> str:
+        return f"{self.name}: {len(self.members)} members" if not self.why_not else f"{self.name}: {self.why_not}"
 
 
 class CatalogueEffect(ABC):

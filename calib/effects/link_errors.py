@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.array_types import Array
+from calib.brief import Brief
 from calib.effects.effect import Parameter
 from calib.effects.state import RobotState
 from calib.kinematics.robot import LENGTH_KINDS, PARAMETER_KINDS, Robot, Target
@@ -21,7 +22,7 @@ TOLERANCE_RAD = math.radians(0.5)
 
 
 @dataclass(frozen=True)
-class LinkErrors:
+class LinkErrors(Brief):
     """Errors of every a, alpha, d, theta and beta of a robot's table (Jang 2025 eq 3), constant over the poses.
 
     `tolerances` gives single parameters, by name, another tolerance than the two defaults; mm or rad.
@@ -57,6 +58,9 @@ class LinkErrors:
     def corrected(self, robot: Robot, values: Array) -> Robot:
         """Robot with the errors added to its table."""
         return robot.with_table(robot.table + values.reshape(robot.table.shape))
+
+    def _brief(self) -> str:
+        return f"{len(self.parameters)} parameters of {self.robot.name}"
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 import calib.frames as frames
 from calib.array_types import Array
+from calib.brief import Brief
 from calib.dataset.dataset import Poses
 from calib.effects.gravity import GravityLoads
 from calib.kinematics import chain as kinematics
@@ -26,7 +27,7 @@ from calib.kinematics.robot import PARAMETER_KINDS, Robot
 
 
 @dataclass(frozen=True)
-class Seen:
+class Seen(Brief):
     """Positions of the target in the scanner's frame, and the frame itself, at each of N measured poses."""
 
     scanner_mm: Array  # (N, 3) measured, in the scanner's frame
@@ -34,7 +35,7 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class RobotState:
+class RobotState(Brief):
     """All that determines the target's position at each of N poses.
 
     Arrays have a leading axis of 1 until something depends on the pose.

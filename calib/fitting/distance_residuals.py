@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.array_types import Array, IndexArray
+from calib.brief import Brief
 from calib.effects.effect import Parameter
 from calib.errors import FitError
 from calib.fitting.model import Model
@@ -19,7 +20,7 @@ from calib.fitting.residual import Linearisation
 
 
 @dataclass(frozen=True)
-class DistanceResiduals:
+class DistanceResiduals(Brief):
     """Distances between a reference pose and all others, predicted minus measured.
 
     Jang's row (eq 14), L_M^2 - L_N^2 = 2 (P_k - P_1)^T (J_k - J_1) dX, divided by 2 L: to first order the same

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array, BoolArray
+from calib.brief import Brief
 from calib.effects.effect import Parameter
 
 
 @dataclass(frozen=True)
-class Iteration:
+class Iteration(Brief):
     """One accepted iterate of the solver; the first is the start."""
 
     x: Array  # (P,)
@@ -20,7 +21,7 @@ class Iteration:
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fit(Brief):
     """R equations solved for P parameters. `x` holds corrections in the parameters' own units."""
 
     parameters: tuple[Parameter, ...]

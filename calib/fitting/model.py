@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from calib import frames
 from calib.array_types import Array, BoolArray
+from calib.brief import Brief
 from calib.dataset.dataset import Poses
 from calib.effects.effect import (
     Effect,
@@ -34,7 +35,7 @@ from calib.kinematics.robot import TOOL_POINT, Robot
 
 
 @dataclass(frozen=True)
-class Model:
+class Model(Brief):
     """A robot with effects. Build it with `geometric_model` for the five-parameter model alone."""
 
     robot: Robot
@@ -193,6 +194,10 @@ class Model:
             if corrects_robot(effect):
                 robot = effect.corrected(robot, values)
         return robot
+
+    def _brief(self) -> str:
+        effects = ", ".join(self.family_names) or "none"
+        return f"{self.robot.name}: {len(self.parameters)} free parameters, effects: {effects}"
 
 
 def geometric_model(robot: Robot) -> Model:

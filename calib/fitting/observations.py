@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.brief import Brief
 from calib.dataset.dataset import Dataset, Points, Poses
 from calib.effects.state import RobotState, Seen
 from calib.errors import FitError
@@ -30,7 +31,7 @@ BEST_SIGMA_MM = 0.01
 
 
 @dataclass(frozen=True)
-class Observations:
+class Observations(Brief):
     """M measured points of some poses, each with its covariance."""
 
     poses: Poses

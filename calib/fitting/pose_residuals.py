@@ -23,6 +23,7 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.brief import Brief
 from calib.dataset.dataset import Dataset
 from calib.effects.effect import Parameter
 from calib.errors import FitError
@@ -65,7 +66,7 @@ class FramesAndSeat:
 
 
 @dataclass(frozen=True)
-class PoseResiduals:
+class PoseResiduals(Brief):
     """Predicted minus measured poses; the frames of all setups and the jig's seat are solved for at every x."""
 
     model: Model

@@ -9,6 +9,7 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array, IndexArray
+from calib.brief import Brief
 from calib.effects.effect import Parameter
 from calib.fitting.model import Model
 from calib.fitting.observations import (
@@ -21,7 +22,7 @@ from calib.fitting.scanner_frame import fit_scanner_frame, frame_columns, orthon
 
 
 @dataclass(frozen=True)
-class PositionResiduals:
+class PositionResiduals(Brief):
     """Predicted minus measured points in the scanner's frame; each setup's frame is solved for at every x.
 
     The frames are unknowns that enter in closed form, so they are eliminated (variable projection, Golub and Pereyra

@@ -18,6 +18,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray
+from calib.brief import Brief
 from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
 
@@ -27,7 +28,7 @@ _DEPENDENT = 1e-8  # norm of a unit column after projection, below which it depe
 
 
 @dataclass(frozen=True)
-class Redundancy(Documented, Viewed):
+class Redundancy(Brief, Documented, Viewed):
     """Linear dependencies between the columns of a Jacobian (R, P)."""
 
     parameters: tuple[str, ...]  # (P,)
@@ -88,6 +89,9 @@ class Redundancy(Documented, Viewed):
         total = " ".join(f"{sign} {name}" for sign, name in zip(signs, group, strict=True)).removeprefix("+ ")
         what = total if same_unit else f"one weighted sum of {', '.join(group)}"
         return f"{', '.join(group)} act alike: only {what} can be known; keep {group[0]}."
+
+    def _brief(self) -> str:
+        return f"{len(self.parameters)} parameters, rank {self.rank}, {len(self.dropped)} dropped"
 
 
 def pearson_matrix(jacobian: ArrayLike, is_zero: ArrayLike | None = None) -> Array:

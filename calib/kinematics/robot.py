@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray
+from calib.brief import Brief
 from calib.frames import make_transform, rotation_from_rpy
 
 PARAMETER_KINDS = ("a", "alpha", "d", "theta", "beta")
@@ -27,7 +28,7 @@ Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Link:
+class Link(Brief):
     """One row of the table: the transform to the next frame (Jang eq 3) at q = 0."""
 
     a_mm: float = 0.0
@@ -109,7 +110,7 @@ class Target:
 
 
 @dataclass(frozen=True)
-class Robot:
+class Robot(Brief):
     """A serial arm of any number of revolute or prismatic joints.
 
     `extra`, here and in its parts, holds keys of robot.toml that this package does not know; they are written back.
@@ -187,6 +188,10 @@ class Robot:
         rows = [dict(zip(_ROW_FIELDS, map(float, row), strict=True)) for row in table]
         joints = tuple(replace(joint, **row) for joint, row in zip(self.joints, rows[:-1], strict=True))  # type: ignore[arg-type]
         return replace(self, joints=joints, tool=replace(self.tool, **rows[-1]))  # type: ignore[arg-type]
+
+    def _brief(self) -> str:
+        kinds = "".join("R" if joint.is_revolute else "P" for joint in self.joints)
+        return f"{self.name}: {self.n_joints} joints {kinds}"
 
 
 _ROW_FIELDS = ("a_mm", "alpha_rad", "d_mm", "theta_rad", "beta_rad")

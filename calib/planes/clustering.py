@@ -14,13 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.brief import Brief
 from calib.planes.filters import SampleSets
 
 _NARROWING = (20.0, 8.0, 5.0)  # height tolerances of the three rounds after the founder's, in units of sigma
 
 
 @dataclass(frozen=True)
-class PlaneGroup:
+class PlaneGroup(Brief):
     """Plane normal . p = offset_mm, and the sample sets on it."""
 
     sets: IndexArray  # (K,) indices into the SampleSets

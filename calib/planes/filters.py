@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from calib.array_types import Array, BoolArray, ByteArray, IndexArray
+from calib.brief import Brief
 
 PASSED = 0
 SHORT_WALK, LONG_WALK = 2, 8  # steps from neighbour to neighbour: as far as 36 and 160 nearest points reach
@@ -23,7 +24,7 @@ _TRIANGLES = tuple(combinations(range(4), 3))
 
 
 @dataclass(frozen=True)
-class SampleSets:
+class SampleSets(Brief):
     """M sample sets of four points, and the filter that rejected each."""
 
     points_mm: Array  # (M, 4, 3)

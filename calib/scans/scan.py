@@ -11,6 +11,7 @@ from tempfile import NamedTemporaryFile
 import numpy as np
 
 from calib.array_types import Array, BoolArray
+from calib.brief import Brief
 from calib.errors import ScanError
 from calib.scans.readers.e57 import SUFFIX, read_e57, split_part
 from calib.scans.readers.mesh import read_obj, read_stl
@@ -40,13 +41,16 @@ _BEYOND_ANY_LENGTH_MM = 1e12
 
 
 @dataclass(frozen=True)
-class Scan:
+class Scan(Brief):
     """Point cloud in the scanner's frame: the scanner at the origin, millimetres."""
 
     name: str
     points_mm: Array  # (N, 3) float64
     normals: Array | None = None  # (N, 3) unit, or None
     dropped: int = 0  # rows without a value, left out on loading
+
+    def _brief(self) -> str:
+        return f"{self.name}: {len(self.points_mm)} points"
 
 
 @dataclass(frozen=True)
@@ -71,6 +75,10 @@ def load_scan(path: str | Path) -> Scan:
     the jig's size. For an .e57 with several scans the path names one: `cell.e57#left` or, by its number, `cell.e57#2`.
 
     Raises ScanError: missing, empty, too large, truncated or not of its kind, or without a single point.
+
+    >>> import calib
+    >>> calib.load_scan("sample_data/rb5_jang/scans/p01.ply")
+    Scan(p01: ... points)
     """
     path = Path(path)
     file = scan_file(path)

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calib.array_types import Array
+from calib.brief import Brief
 from calib.dataset.dataset import Dataset, Orientations, Points, Poses, Scanner
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import write_dataset
@@ -30,7 +31,7 @@ _WINDOW_RASTER_MM = 30.0
 
 
 @dataclass(frozen=True)
-class Simulation:
+class Simulation(Brief):
     """A dataset and the truth behind it. `scan` casts a scan on demand, each from its own seed."""
 
     dataset: Dataset

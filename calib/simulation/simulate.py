@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from calib.jig import Jig
 from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Robot
 from calib.kinematics.tool_point import ending_at_tool_point
+from calib.robot_formats.robots import load_robot
 from calib.simulation.carried_scanner import draw_jig_in_view, poses_with_jig_in_view
 from calib.simulation.measured_dataset import Simulation, measure
 from calib.simulation.pose_design import (
@@ -66,9 +68,9 @@ def draw_conditions(robot: Robot, count: int, *, rng: np.random.Generator) -> Co
 
 
 def simulate_dataset(
-    robot: Robot,
+    robot: Robot | str | Path,
     *,
-    rng: np.random.Generator,
+    rng: np.random.Generator | int,
     effects: Sequence[EffectRequest] = (),
     visible_sigmas: float | None = None,
     conditions: bool | None = None,
@@ -85,11 +87,13 @@ def simulate_dataset(
     setups: int = 1,
     orientation_sigma_rad: float | None = None,
 ) -> Simulation:
-    """Simulated calibration dataset of `robot`, which stays its nominal arm, and the truth.
+    """A simulated calibration of a robot, which stays the nominal arm of the dataset, and the truth behind it.
 
-    Where the arm carries the scanner, it is on the flange and the jig is fixed in front of the arm.
+    Where the arm carries the scanner, the scanner is on the flange and the jig stands in front of the arm.
 
     Args:
+        robot: a robot, its file, or the name of a built-in one.
+        rng: generator of all that is drawn, or a seed of one.
         effects: of the true arm, each by name (`SIMULATED_EFFECTS`, `OUTSIDE_EFFECTS`), as (name, visible magnitude in
             noise sigmas), or with all parameters; the rest is drawn.
         visible_sigmas: visible magnitude of effects given by name alone; None: each moves the point by 0.2 to 0.5 mm.
@@ -105,7 +109,12 @@ def simulate_dataset(
 
     Raises:
         CalibError: an unknown effect, too few poses, or a robot that lacks what the effect needs.
+
+    >>> import calib
+    >>> calib.simulate_dataset("rb5", rng=0, effects=["joint_compliance"], poses=40).dataset
+    Dataset(simulated: RB5-850, 6 joints; 40 poses (1 reference, 31 train, 8 test); 40 points)
     """
+    robot, rng = load_robot(robot), np.random.default_rng(rng)
     if poses < 2:
         raise CalibError(f"found {poses} poses, a dataset needs 2 or more: the reference and one to compare with")
     if not np.isfinite(noise_mm) or noise_mm < 0:

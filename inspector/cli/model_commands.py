@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.calibration.result import figures_line
-from calib.compensation.corrected_file import corrected_file
-from calib.compensation.targets_csv import load_targets, require_conditions
+from calib.compensation.target_files import corrected_file, load_targets, require_conditions
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError
 from calib.models.model_file import load_model
@@ -50,7 +49,7 @@ def correct_by_model(options: CorrectOptions, path: Path) -> int:
         require_point_list(options.out, dataset.robot.is_revolute.tolist())
     targets = load_targets(options.joints, dataset.robot)
     require_conditions(targets, model.needs, model.model.family_names)
-    correction = model.corrected_joints(targets.poses.q, targets.poses, options.what, dataset.robot, targets.poses.ids)
+    correction = model.correct(targets.poses.q, targets.poses, options.what, dataset.robot, targets.poses.ids)
     write_text_atomically(options.out, corrected_file(options.out, targets, correction))
     ids = targets.poses.ids
     show(options, documents.correction_document(correction, ids), correction.summary(ids))

@@ -71,7 +71,7 @@ class _FittingOptions(Output):
         return FitOptions(
             residual=self.residual,
             prior=not self.no_prior,
-            held=tuple(self.hold),
+            fixed=tuple(self.hold),
             tolerances=dict(self.tolerance),
             robust=self.robust,
         )

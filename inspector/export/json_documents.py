@@ -10,17 +10,15 @@ from calib.documents.calibration_documents import (
     table_document,
     validation_document,
 )
-from calib.documents.check_document import check_document
 from calib.documents.corner_documents import corners_document, redundancy_document
-from calib.documents.diagnosis_documents import diagnosis_document, effects_document
+from calib.documents.diagnosis_documents import document_with_poses, effects_document
 
 __all__ = [
     "additions",
     "calibration_document",
-    "check_document",
     "corners_document",
     "correction_document",
-    "diagnosis_document",
+    "document_with_poses",
     "effects_document",
     "redundancy_document",
     "saved_model_document",

@@ -76,7 +76,7 @@ def mirror_dataset(
 @pytest.mark.parametrize("jig", [True, False])
 def test_places_of_targets_are_recovered(jig: bool) -> None:
     dataset, _, offsets = mirror_dataset(3, jig=jig)
-    fitted = calibrate(dataset, FitOptions(held=LAST_ROW))
+    fitted = calibrate(dataset, FitOptions(fixed=LAST_ROW))
     values = dict(zip((p.name for p in fitted.fit.parameters), fitted.fit.x, strict=True))
     found = np.array([[values[f"{t.name}.{axis}"] for axis in "xyz"] for t in MIRRORS])
     np.testing.assert_allclose(found, offsets, atol=0.15)
@@ -256,5 +256,5 @@ def test_apparent_motion_of_a_joint_is_that_of_the_measured_targets() -> None:
     q[k, 4] += off_rad
     xyz = np.concatenate([elementary_points(with_tip(true, np.array(t.xyz_mm)), q) for t in far])
     moved = replace(dataset.with_points(replace(dataset.points, xyz_mm=xyz)), robot=replace(dataset.robot, targets=far))
-    found = pose_errors_of(calibrate(moved, FitOptions(held=LAST_ROW)))
+    found = pose_errors_of(calibrate(moved, FitOptions(fixed=LAST_ROW)))
     assert found.apparent_joint_error[k, 4] == pytest.approx(off_rad, rel=0.02)

@@ -24,6 +24,7 @@ from calib.effects.catalogue.user_file import check_effects, load_effects
 from calib.effects.state import RobotState
 from calib.errors import CalibError, FitError
 from calib.fitting.observations import nominal_state
+from calib.planning.discrimination import next_poses
 from calib.screening.candidates import Screening, screen
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import run_residual_tests
@@ -400,16 +401,17 @@ def test_an_ambiguous_set_comes_with_poses_that_split_it() -> None:
         for seed in range(10, 40)
         if (r := diagnose(simulated(["link_bending"], seed=seed, sigmas=1.0))).verdict == "ambiguous"
     )
-    poses = result.discriminating_poses
+    planned = next_poses(result)
+    assert planned is not None
+    poses = planned.poses
     assert len(poses) == 5
     assert [p.separation_mm for p in poses] == sorted((p.separation_mm for p in poses), reverse=True)
-    assert result.split is not None
     cell = workcell_of_dataset(result.calibration.dataset)
-    assert measurable(cell, result.split.poses.q).ok.all()
+    assert measurable(cell, planned.discrimination.poses.q).ok.all()
     words = result.summary()
     assert "cannot tell which" in words
     assert "Poses at which they differ most" in words
-    assert diagnose(simulated(seed=8)).discriminating_poses == ()
+    assert next_poses(diagnose(simulated(seed=8))) is None
 
 
 @pytest.mark.slow
@@ -418,10 +420,10 @@ def test_where_tied_effects_cannot_be_fitted_no_pose_is_recommended(monkeypatch:
     def too_few(*_: object, **__: object) -> None:
         raise FitError("measure more poses")
 
-    monkeypatch.setattr("calib.diagnosis.conclusion.split", too_few)
+    monkeypatch.setattr("calib.planning.discrimination.discriminate", too_few)
     result = diagnose(simulated(["link_bending"], seed=10, sigmas=1.0))
     assert result.verdict == "ambiguous"
-    assert result.discriminating_poses == ()
+    assert next_poses(result) is None
     assert "cannot tell which" in result.summary()
     assert "Poses at which they differ most" not in result.summary()
 

@@ -18,11 +18,12 @@ from calib.corners.batch import CornerBatch
 from calib.corners.search import failed_search
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.result import Diagnosis
-from calib.display.shown import DOCUMENTS, TEXTS, VIEWS, WITH_FIGURES, Documented, Viewed
+from calib.display.shown import DOCUMENTS, VIEWS, WITH_FIGURES, Documented, Viewed
 from calib.identifiability.structural import redundancy
 from calib.options import FitOptions
 from calib.planning.fitted_start import start_of_dataset
 from calib.planning.plan import Plan, plan_poses
+from calib.presented import Presented
 from calib.strict_json import plain, to_json
 from calib.validation.acceptance import check
 from calib.validation.comparison import Comparison, compare
@@ -111,7 +112,7 @@ def one_of(place: str) -> Any:
 
 def test_every_name_that_points_upwards_leads_to_a_class_and_its_maker() -> None:
     assert callable(one_of(WITH_FIGURES))
-    for table, base in ((DOCUMENTS, Documented), (VIEWS, Viewed), (TEXTS, Viewed)):
+    for table, base in ((DOCUMENTS, Documented), (VIEWS, Viewed)):
         for kind, maker in table.items():
             assert issubclass(one_of(kind), base), kind
             assert callable(one_of(maker)), maker
@@ -164,7 +165,7 @@ def test_dicts_are_strict_whatever_is_missing(
     dataset: Dataset, plan: Plan, compared: Comparison, corners: CornerBatch
 ) -> None:
     lost = CornerBatch(corners.dataset, {**corners, "P1_01": failed_search("P1_01", "nothing there")})
-    results: list[Documented] = [plan, compared, lost, redundancy(dataset), check(dataset)]
+    results: list[Documented | Presented] = [plan, compared, lost, redundancy(dataset), check(dataset)]
     for result in results:
         document = result.to_dict()
         assert all(map(math.isfinite, numbers_in(document)))
@@ -186,11 +187,12 @@ def test_views_escape_every_name(
 ) -> None:
     if not with_figures:  # as where the extra `page` is not installed
         monkeypatch.setattr("calib.display.shown.NEEDS", ("no_such_package",))
+        monkeypatch.setattr("calib.present.results._installed_draw", lambda: None)
     names = hostile(dataset)
     found = calib.diagnose(names)
     odd = CornerBatch(names, {HOSTILE: failed_search(HOSTILE, HOSTILE), **corners})
     one = found.steps[0].calibration
-    results: list[Viewed] = [
+    results: list[Viewed | Presented] = [
         names, found, found.calibration, odd, plan_poses(start_of_dataset(names, FitOptions()), 2, candidates=60),
         compare(one, one), redundancy(names),
     ]  # fmt: skip
@@ -217,7 +219,7 @@ def test_ipython_shows_the_summary_as_plain_text(
     dataset: Dataset, found: Diagnosis, plan: Plan, corners: CornerBatch, compared: Comparison
 ) -> None:
     plain_text = pytest.importorskip("IPython.core.formatters").PlainTextFormatter()
-    results: list[Viewed] = [
+    results: list[Viewed | Presented] = [
         dataset, found, found.calibration, plan, corners, compared, redundancy(dataset),
     ]  # fmt: skip
     for result in results:

@@ -27,7 +27,7 @@ from tests.support.jig_corners import UNEVEN, corner_of, error_rad
 def labelled(
     simulation: Simulation,
     rng: np.random.Generator,
-    jig: Jig = Jig(),  # noqa: B008
+    jig: Jig = Jig(),
     *,
     sigma_rad: float = 1e-4,
 ) -> tuple[Dataset, dict[str, Corner], np.ndarray]:

@@ -65,7 +65,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 @pytest.fixture(scope="module")
 def fitted(dataset: Dataset) -> Calibration:
-    asked = FitOptions(held=("d5",), tolerances={"a2": 0.1})
+    asked = FitOptions(fixed=("d5",), tolerances={"a2": 0.1})
     return calib.calibrate(dataset, asked, effects=effects_named(dataset, FAMILIES))
 
 
@@ -107,14 +107,14 @@ def test_it_predicts_and_corrects_the_same(fitted: Calibration, dataset: Dataset
     predicted = loaded.predict(poses.q, poses)
     np.testing.assert_allclose(predicted, model.predict(x, poses), rtol=0, atol=1e-12)
     some = poses.select(np.arange(4))
-    expected = calib.corrected_joints(dataset.robot, model, some.q, x=x, conditions=some, what="position")
-    np.testing.assert_array_equal(loaded.corrected_joints(some.q, some, "position").q, expected.q)
+    expected = calib.corrected_joints(dataset.robot, model, some.q, x=x, conditions=some, kind="position")
+    np.testing.assert_array_equal(loaded.correct(some.q, some, "position").q, expected.q)
     assert loaded.trained == TrainedRange.of(dataset)
     np.testing.assert_allclose(loaded.evaluate(dataset).error_mm, fitted.after.error_mm, rtol=0, atol=1e-12)
     with pytest.raises(FitError, match="depends on payload_kg, temperature_c"):
         loaded.predict(poses.q)
     with pytest.raises(FitError, match=r"depends on temperature_c through"):
-        loaded.corrected_joints(some.q, replace(some, temperature_c=None))
+        loaded.correct(some.q, replace(some, temperature_c=None))
     with pytest.raises(FitError, match="shape"):
         loaded.predict(poses.q[:, :3], poses)
     with pytest.raises(FitError, match="no target named 'smr2'"):

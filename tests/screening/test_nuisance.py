@@ -15,7 +15,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import SelectedEffect, calibrate_with
 from calib.effects.catalogue import effects_for
 from calib.screening.candidates import screen
-from calib.screening.nuisance import TOLD_EVIDENCE, Nuisance
+from calib.screening.nuisance import REPORTED_EVIDENCE, Nuisance
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 from calib.simulation.simulate import simulate_dataset
 from tests.support.sweeps import sweep
@@ -81,7 +81,7 @@ def test_wrong_masses_show_and_right_ones_do_not() -> None:
     assert wrong.nuisance is not None
     assert right.nuisance is not None
     assert wrong.nuisance.log_evidence > 10.0
-    assert right.nuisance.log_evidence < TOLD_EVIDENCE
+    assert right.nuisance.log_evidence < REPORTED_EVIDENCE
     assert wrong.sigma == pytest.approx(1.0, rel=0.15)
     coloured = wrong.nuisance.coloured(wrong.residual)
     assert np.linalg.norm(coloured) > 1.1 * np.linalg.norm(wrong.residual)  # what masses took away

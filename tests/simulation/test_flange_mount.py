@@ -55,7 +55,7 @@ def test_corrected_targets_bring_the_real_arm_where_the_nominal_one_would_be() -
     robot = MADE.dataset.robot
     model = FITTED.model
     q = MADE.dataset.poses.q[:12]
-    correction = corrected_joints(robot, model, q, x=FITTED.fit.x, what="pose")
+    correction = corrected_joints(robot, model, q, x=FITTED.fit.x, kind="pose")
     assert correction.reached.all()
     assert FittedModel.of(FITTED).predict(q).shape == (12, 3)
     nominal = base_T_target(replace(MADE.truth, robot=replace(robot, carries_scanner=False), effects=()), q)

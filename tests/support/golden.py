@@ -138,7 +138,7 @@ def diagnosis(found: Diagnosis) -> Entries:
             if figures is not None:
                 out[f"{at}.{role}_rmse_mm"] = near(figures.rmse_mm, OF_NOISE * noise_mm)
         out[f"{at}.p"] = p_value(step.candidate.p_value if step.candidate else None)
-        out[f"{at}.margin"] = _evidence(step.log_evidence_margin)
+        out[f"{at}.margin"] = _evidence(step.log_bayes_factor)
     for test in left.inputs:
         out[f"diagnose.inputs.{test.input}"] = p_value(test.p_value, counted=True)
     return out | calibration("diagnose.model", found.calibration)
@@ -174,7 +174,7 @@ def observed(name: str) -> Entries:
     if checked.diagnosis is not None:
         out |= diagnosis(checked.diagnosis)
     out["check.passed"] = checked.passed
-    out["check.items"] = [f"{item.status.strip()} {item.name}" for item in checked.items]
+    out["check.items"] = [f"{item.status} {item.name}" for item in checked.items]
     return out
 
 

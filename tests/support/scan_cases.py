@@ -27,7 +27,7 @@ class Case:
     """A kind of scene: how it is made from a generator and a number of rays, and what the finder is given."""
 
     make: Make
-    jig: Jig = Jig()  # noqa: RUF009
+    jig: Jig = Jig()
     told_sigma_mm: float | None = 0.02
     fewest_rays: int = 0  # the case makes no sense with fewer
 

@@ -54,7 +54,14 @@ def find_datasets(folder: Path) -> list[Path]:
 
 
 def load_dataset(folder: str | Path) -> Dataset:
-    """Read a dataset folder. Raises DatasetError; what is possible but probably a mistake goes to `warnings`."""
+    """A dataset, read from its folder and checked; what is possible but probably a mistake goes to its `warnings`.
+
+    Raises DatasetError, which names file, line and column or key, what was found, and what would do.
+
+    >>> import calib
+    >>> calib.load_dataset("sample_data/hidden_effect_a")
+    Dataset(hidden_effect_a: RB5-850, 6 joints; 64 poses (1 reference, 50 train, 13 test); 64 points)
+    """
     folder = Path(folder)
     top = TomlTable.load(folder / "dataset.toml")
     version = top.number("format")
@@ -124,6 +131,15 @@ def load_dataset(folder: str | Path) -> Dataset:
     )
 
 
+def as_dataset(dataset: Dataset | str | Path) -> Dataset:
+    """The dataset, read from its folder where a path is given. Raises DatasetError."""
+    if isinstance(dataset, str | Path):
+        return load_dataset(dataset)
+    if not hasattr(dataset, "poses"):
+        raise DatasetError(f"found a {type(dataset).__name__}, expected a Dataset or the path of its folder")
+    return dataset
+
+
 def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
     """Every file that belongs to a dataset, scans included, whether or not a fit reads it."""
     if dataset.folder is None:
@@ -181,7 +197,13 @@ def _check_scans(folder: Path, scan_folder: Path, poses: Poses, poses_path: Path
 
 
 def write_dataset(dataset: Dataset, folder: str | Path) -> None:
-    """Write the folder; `load_dataset` gives the same dataset back. Scans are copied where they lie elsewhere."""
+    """Write a dataset's folder; `load_dataset` gives the same dataset back. Scans are copied where they lie elsewhere.
+
+    >>> import calib
+    >>> calib.write_dataset(calib.load_dataset("sample_data/hidden_effect_a"), "copy")
+    >>> calib.load_dataset("copy").name
+    'hidden_effect_a'
+    """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     if dataset.scan_folder is not None:

@@ -11,11 +11,11 @@ from calib.array_types import BoolArray
 from calib.calibration.result import Calibration
 from calib.dataset.input_names import PLACES, joint_input
 from calib.dataset.stands import ShotCount
+from calib.diagnosis.words.sentences import DiscriminatingPose
 from calib.effects.catalogue.loads import stiffness
 from calib.effects.effect import Effect, Parameter, has_meaning, meaning_of
 from calib.screening.candidates import Untestable
-from calib.screening.fault_models import JointFault
-from calib.screening.rivals.pose_recommendation import DiscriminatingPose
+from calib.screening.smooth_motions import JointFault
 
 _CONDITIONS = {
     "payload_kg": "the payload",

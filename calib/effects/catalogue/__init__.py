@@ -19,6 +19,7 @@ from calib.effects.effect import (
     Effect,
     Family,
     describe,
+    full_name,
     registered_effects,
     registered_member_kinds,
 )
@@ -26,7 +27,12 @@ from calib.errors import CalibError
 
 
 def catalogue_names() -> tuple[str, ...]:
-    """Names of the catalogue's families, in its order."""
+    """Names of the effects that a model can have, in the order of the catalogue.
+
+    >>> import calib
+    >>> calib.catalogue_names()[:2]
+    ('joint_compliance', 'link_bending')
+    """
     return tuple(kind.name for kind in CATALOGUE)
 
 
@@ -58,24 +64,57 @@ def family_of(dataset: Dataset, name: str, more: Sequence[Family] = ()) -> Famil
 def available_family(dataset: Dataset, name: str, more: Sequence[Family] = ()) -> Family:
     """Family of a name that this dataset can test. Raises CalibError that says what would help where it cannot."""
     family = family_of(dataset, name, more)
-    if family.why_not:
-        raise CalibError(f"effect {name} cannot be fitted here: {family.why_not}; {family.would_help}")
+    _require_testable(family)
     return family
 
 
-def effects_named(dataset: Dataset, names: Sequence[str], user_effects: Sequence[Family] = ()) -> tuple[Effect, ...]:
-    """All members of families by name, for `calibrate`.
+def _require_testable(family: Family) -> None:
+    """Raise CalibError for a family that a dataset cannot test."""
+    if family.why_not:
+        raise CalibError(f"effect {family.name} cannot be fitted here: {family.why_not}; {family.would_help}")
+
+
+EffectChoice = str | type[CatalogueEffect] | Family | Effect
+"""An effect as a caller may give it: its family's name or class or the family, for all members, or a single member."""
+
+
+def effects_named(
+    dataset: Dataset, effects: EffectChoice | Sequence[EffectChoice], user_effects: Sequence[Family] = ()
+) -> tuple[Effect, ...]:
+    """The members of the effects that were chosen, for `calibrate`: all of a family's where that is given.
 
     Raises CalibError for unknown and untestable families, and for sparse ones, of which a fit has to choose members.
     """
-    families = [available_family(dataset, name, user_effects) for name in dict.fromkeys(names)]
-    for family in families:
-        if family.sparse:
+    chosen = effects if isinstance(effects, Sequence) and not isinstance(effects, str) else (effects,)
+    members: dict[tuple[str, ...], Effect] = {}  # by parameters, so that what is named twice is there once
+    for choice in chosen:
+        family = _family(dataset, choice, user_effects)
+        if family is not None and family.sparse:
             raise CalibError(
                 f"effect {family.name} could be at {len(family.members)} places and is at few of them: add it with "
                 f"--add {family.name}, which finds them, not as a whole"
             )
-    return tuple(member for family in families for member in family.members)
+        for member in (choice,) if family is None else family.members:
+            assert isinstance(member, Effect)
+            members[tuple(full_name(member, parameter) for parameter in member.parameters)] = member
+    return tuple(members.values())
+
+
+def _family(dataset: Dataset, choice: EffectChoice, user_effects: Sequence[Family]) -> Family | None:
+    """The family that is meant, None for a single member. Raises CalibError where it cannot be tested."""
+    if isinstance(choice, type):
+        choice = choice.name
+    if isinstance(choice, str):
+        return available_family(dataset, choice, user_effects)
+    if isinstance(choice, Family):
+        _require_testable(choice)
+        return choice
+    if not isinstance(choice, Effect):
+        raise CalibError(
+            f"found a {type(choice).__name__} as an effect; expected a name, such as {CATALOGUE[0].name!r}, a family, "
+            "or an effect with `parameters` and `apply`"
+        )
+    return None
 
 
 for _module in pkgutil.iter_modules(__path__):  # by name; after what they import from here

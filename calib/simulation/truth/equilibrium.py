@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array
+from calib.brief import Brief
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.simulation.truth.effect import TrueEffect
@@ -17,7 +18,7 @@ from calib.simulation.truth.mechanism import STANDARD, Arm, Conditions
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
+class Truth(Brief):
     """A simulated cell: the arm with its link errors and effects, and the scanner's frames."""
 
     robot: Robot  # the true link table; masses are those of the nominal arm

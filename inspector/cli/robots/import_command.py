@@ -95,11 +95,13 @@ def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any]
         show(options, document, "\n".join([*lines, f"next: inspector diagnose {options.path}"]))
         return 0
     from calib.diagnosis.diagnose import diagnose
+    from calib.planning.discrimination import next_poses
     from inspector.cli.fit_commands import diagnosis_text
-    from inspector.export.json_documents import diagnosis_document
+    from inspector.export.json_documents import document_with_poses
 
     with stages() as on_step:
         result = diagnose(measured(dataset), on_step=on_step)
-    text = "\n".join([*lines, "", diagnosis_text(result)])
-    show(options, document | {"diagnosis": diagnosis_document(result)}, text)
+    poses = next_poses(result)
+    text = "\n".join([*lines, "", diagnosis_text(result, poses)])
+    show(options, document | {"diagnosis": document_with_poses(result, poses)}, text)
     return 0

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from calib.diagnosis.advice import Advice, move_text
+from calib.diagnosis.moves import AddCurves, LeaveOutPoses, Move
 from calib.diagnosis.words import conclusions, sentences
-from calib.diagnosis.words.conclusion_text import advice_text
+from calib.diagnosis.words.conclusion_text import residual_summary_text
 from calib.diagnosis.words.text import reason_text
 from inspector.markup.parts.elements import Html
 from inspector.markup.parts.links import Names, linked, links_to
 
-Sentence = sentences.Reason | conclusions.AdviceSentence | conclusions.VerdictSentence
+Sentence = sentences.Reason | conclusions.ResidualSummary | conclusions.VerdictSentence | Move
 
 
 def known_links(sentence: Sentence) -> dict[str, Html]:
@@ -18,12 +20,14 @@ def known_links(sentence: Sentence) -> dict[str, Html]:
     match sentence:
         case sentences.PosesStandOut(poses):
             return links_to(poses)
-        case conclusions.Outliers() | conclusions.LeaveOut():
+        case conclusions.Outliers() | LeaveOutPoses():
             return links_to(sentence.poses)
         case conclusions.ResidualSummary():
             return links_to(sentence.outlier_poses)
-        case sentences.ResidualOrder() | sentences.CurvesLearned() | conclusions.AddCurves():
+        case sentences.ResidualOrder() | sentences.CurvesLearned():
             return links_to((), sentence.inputs)
+        case AddCurves():
+            return links_to((), sentence.curves.inputs)
         case _:
             return {}
 
@@ -33,6 +37,12 @@ def reasons_said(reasons: Iterable[sentences.Reason], names: Names) -> Html:
     return Html(" ".join(linked(reason_text(r), names, known_links(r)) for r in reasons))
 
 
-def advice_said(advice: Iterable[conclusions.AdviceSentence], names: Names) -> Html:
+def residual_said(residual: conclusions.ResidualSummary, names: Names) -> Html:
+    """What a fit leaves, in short."""
+    return Html(linked(residual_summary_text(residual), names, known_links(residual)))
+
+
+def advice_said(advice: Advice, names: Names) -> Html:
     """What is left and what to do next."""
-    return Html(" ".join(linked(advice_text([s]), names, known_links(s)) for s in advice))
+    move = linked(move_text(advice.move), names, known_links(advice.move))
+    return Html(f"{residual_said(advice.residual, names)} {move}")

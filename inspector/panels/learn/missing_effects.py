@@ -135,8 +135,8 @@ class MissingEffectsPanel:
         done = session.searched and session.diagnosis is not None
         self.find.disabled = self.find.label == FIND and (session.calibration is None or done)
         names = Names.of(session.dataset)
-        self._reasons.content = html.reasons_html(session.diagnosis, names)
-        self._advice.content = html.verdict_html(session.diagnosis, names)
+        self._reasons.content = html.reasons_html(session.diagnosis, session.next_poses, names)
+        self._advice.content = html.verdict_html(session.diagnosis, session.next_poses, names)
         advice = session.advice if session.diagnosis is None and session.screening is not None else None
         self.follow.visible = advice is not None
         if advice is not None:

@@ -7,9 +7,12 @@ from functools import partial
 import viser
 
 from calib.planning.purpose import CALIBRATION, WATCH
-from calib.planning.purposes.split import SPLIT
+from calib.planning.purposes.confounded_effects import SPLIT
+from calib.present import html
+from calib.present.blocks import Bullets, Section
+from calib.present.plans import assumptions, plan_head, poses_table
+from calib.robot_formats.programs.point_lists import JOINTS
 from inspector.figures.plan_plots import error_by_count
-from inspector.markup.learn.plan import notes_html, poses_html, promise_html
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, hidden_plot, offer, put
 from inspector.panels.input_checks import clamped
@@ -93,11 +96,14 @@ class PlanPanel:
         """A plan for the model on show."""
         plan = planned.plan
         self.say("")
-        self._promise.content = promise_html(plan)
+        self._promise.content = html.panel(plan_head(plan))
         self._plot.figure = error_by_count(plan.curve_mm, len(plan.poses), plan.enough, dark=dark)
         self._plot.visible = self.files.visible = True
-        self._poses.content = poses_html(plan, planned.pose)
-        self._notes.content = notes_html(plan)
+        self._poses.content = html.panel([poses_table(plan, compact=True, mark=planned.pose)])
+        notes = assumptions(plan)
+        if plan.start.dataset.robot.is_revolute.tolist() != [True] * JOINTS:
+            notes.append("URScript takes six turning joints; for this arm take poses.csv or the ROS trajectory")
+        self._notes.content = html.panel([Section("What was assumed", [Bullets(notes)])] if notes else [])
 
 
 def _pressed(actions: Actions, event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:

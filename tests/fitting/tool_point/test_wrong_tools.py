@@ -145,7 +145,7 @@ def test_what_the_user_asks_for_wins() -> None:
     narrow = calibrate(wrong, FitOptions(tolerances={"aTCP": 1e-6})).to_frame().set_index("name")
     assert narrow.loc["jig.x", "tolerance"] == 1e-6
     assert narrow.loc["jig.z", "tolerance"] > 50.0
-    held = calibrate(wrong, FitOptions(held=("aTCP", "dTCP", "thetaTCP")))
+    held = calibrate(wrong, FitOptions(fixed=("aTCP", "dTCP", "thetaTCP")))
     assert held.model.tool_found is None
     np.testing.assert_array_equal(held.robot.table[-1, [0, 2, 3]], wrong.robot.table[-1, [0, 2, 3]])
     assert calibrate(wrong, FitOptions(prior=False)).fit.converged
@@ -202,7 +202,7 @@ def test_a_tool_that_is_found_keeps_its_attitude(tmp_path: Path) -> None:
     assert loaded.model.tool_found == result.model.tool_found
     assert loaded.robot == result.robot
     for model in (result.model, loaded.model):
-        correction = corrected_joints(robot, model, q, x=result.fit.x, what="pose")
+        correction = corrected_joints(robot, model, q, x=result.fit.x, kind="pose")
         assert correction.reached.all()
         assert np.degrees(np.abs(correction.change)).max() < 3.0
 

@@ -36,7 +36,7 @@ def test_an_open_set_is_planned_for_in_one_click(app: App, page: Any) -> None:
     assert found.verdict == "ambiguous"
     open_tab(page, "What is missing")
     page.get_by_text(SETTLE).first.click()
-    says(page, "Probability that these poses settle it")
+    says(page, "the probability that they do is")
     node_drawn(page, "/scene/plan/rays")
     node_drawn(page, "/scene/plan/field")
     rows = page.locator('tr[data-ask="planned"]')

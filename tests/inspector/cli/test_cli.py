@@ -217,7 +217,7 @@ def test_diagnose_writes_its_model_and_the_report_fits_as_asked(
     saved = load_model(model)
     assert saved.after.test is not None
     assert saved.after.test.rmse_mm == pytest.approx(found["steps"][-1]["test_rmse_mm"])
-    assert saved.options.held == ("d5",)
+    assert saved.options.fixed == ("d5",)
     reported = run_json(capsys, "report", points_folder, *asked, "--out", page)
     assert reported["steps"] == found["steps"]
     assert found["left_out"] == reported["left_out"] == [pose]
@@ -583,7 +583,7 @@ def test_check_tells_what_is_missing_and_still_passes(capsys: pytest.CaptureFixt
     document = run_json(capsys, "check", hidden_folder)
     assert document["diagnosis"]["missing"] == ["transmission_error"]
     assert main(["check", str(hidden_folder)]) == 0
-    assert "note  diagnosis: What is missing is the transmission error of joint" in capsys.readouterr().out
+    assert "What is missing is the transmission error of joint" in capsys.readouterr().out
 
 
 @pytest.mark.slow

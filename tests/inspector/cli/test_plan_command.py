@@ -46,7 +46,7 @@ def test_the_next_poses_of_a_dataset(folder: Path, tmp_path: Path, capsys: pytes
     assert main(arguments) == 0
     text = capsys.readouterr().out
     assert "rank" in text
-    assert "9 test poses: now" in text
+    assert "9 test poses (I-optimal)" in text
 
 
 @pytest.mark.slow
@@ -64,7 +64,7 @@ def test_a_first_set_for_a_robot(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert main(["plan", "RB5", "--poses", "16", "--out", str(out), *place]) == 0
     text = capsys.readouterr().out
     assert "16 poses for RB5-850" in text
-    assert "0.02 mm of noise" in text
+    assert "20 µm per coordinate" in text
     table = pd.read_csv(out)
     assert table["pose"].tolist() == [f"p{k:02d}" for k in range(1, 17)]
     assert table["role"].tolist() == ["reference", *["train"] * 15]
@@ -120,5 +120,5 @@ def test_check_poses_for_a_calibration_and_for_nothing_else(folder: Path, capsys
     said = capsys.readouterr().out
     assert said.startswith("8 poses for ")
     assert "to watch the cell" in said
-    assert "19 times of 20: joint_zero 2" in said
+    assert "19 times of 20: zero of joint 2" in said
     assert "predicted error" not in said

@@ -15,9 +15,9 @@ import pytest
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.words.phrases import untestable_texts
+from calib.planning.discrimination import discriminating_poses, nearest_alternative
 from calib.present import numbers
 from calib.screening.candidates import Untestable
-from calib.screening.rivals.pose_recommendation import discriminating_poses, nearest_rival
 from inspector.app.app import App
 from inspector.figures.residual_plots import SELECTED
 from inspector.markup.learn.effects import verdict_html
@@ -100,9 +100,7 @@ def test_find_gives_what_the_command_gives(folder: Path, app: App, page: WireCli
 
 def test_an_open_verdict_names_the_effects_that_it_leaves_open(folder: Path) -> None:
     found = diagnose(load_dataset(folder))
-    said = verdict_html(
-        replace(found, verdict="ambiguous", missing=(), ambiguous_set=("backlash", "joint_scale")), Names()
-    )
+    said = verdict_html(replace(found, contenders=("backlash", "joint_scale")), None, Names())
     assert "backlash or joint_scale" in said
     assert "above" not in said  # on the page the reasons come below
 
@@ -279,7 +277,7 @@ def test_the_ranking_names_gains_parameters_and_what_tells_it_from_the_nearest(a
     assert result is not None
     best = screening.candidates[0]
     fall = round(100 * (1 - best.cv_rmse_mm / screening.cv_rmse_mm))
-    rival = nearest_rival(screening, HIDDEN)
+    rival = nearest_alternative(screening, HIDDEN)
     assert rival is not None
     shows(
         page,
