@@ -82,7 +82,7 @@ def test_a_fit_gains_nothing_over_itself_and_much_over_the_nominal_arm() -> None
     still = left_out_gain(fitted, fitted)
     assert still is not None
     assert (still.share, still.standard_errors) == (0.0, 0.0)
-    held = calibrate(dataset, replace(fitted.options, held=("d1", "a2", "a3", "theta2", "theta3", "alpha4")))
+    held = calibrate(dataset, replace(fitted.options, fixed=("d1", "a2", "a3", "theta2", "theta3", "alpha4")))
     gain = left_out_gain(held, fitted)
     assert gain is not None
     assert gain.share > 0.3
