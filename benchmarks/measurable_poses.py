@@ -20,7 +20,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from calib.dataset.surroundings import Surroundings
+from calib.dataset.dataset import Surroundings
 from calib.workcell.candidates import candidate_poses, likely_poses
 from calib.workcell.known_cell import workcell_of_robot
 from calib.workcell.measurable import BOX, BOX_HIDES, FLOOR, HIDDEN, SELF, measurable

@@ -47,7 +47,7 @@ def line(seed: int, mount: str, effects: list[str], model: ScanModel) -> str:
     test = found.calibration.after.test
     return (
         f"{robot.name:13} {mount:7} {', '.join(effects) or 'nothing':17} {len(squared):3d} of {len(searches)} corners, "
-        f"squared error {np.mean(squared):5.2f}, noise {found.calibration.fit.noise:5.2f}; {found.verdict}: "
+        f"squared error {np.mean(squared):5.2f}, noise {found.calibration.fit.reduced_chi:5.2f}; {found.verdict}: "
         f"{', '.join(found.missing) or 'one of ' * bool(found.ambiguous_set) + ', '.join(found.ambiguous_set) or '-'}; "
         f"{np.nan if test is None else test.rmse_mm:.3f} mm"
     )

@@ -32,7 +32,7 @@ def rmse_mm(robot: Robot, eliminated: str, seed: int) -> list[float]:
     """3D RMSE after each iteration."""
     rng = np.random.default_rng(seed)
     dataset = dataset_of(robot, perturbed(robot, rng), rng)
-    model = geometric_model(robot).hold(eliminated.split())
+    model = geometric_model(robot).with_fixed(eliminated.split())
     fit = solve(PositionResiduals(model, Observations.of(dataset), frame_known=True), prior=False)
     assert fit.converged
     return [0.05 * float(np.sqrt(3 * i.cost / fit.rows)) for i in fit.iterations]
@@ -69,7 +69,7 @@ def sums() -> None:
         for case in cases:
             rng = np.random.default_rng(4)
             dataset = dataset_of(robot, robot.with_table(table), rng)
-            model = geometric_model(robot).hold(case.split())
+            model = geometric_model(robot).with_fixed(case.split())
             fit = solve(PositionResiduals(model, Observations.of(dataset), frame_known=True), prior=False)
             found = model.calibrated_robot(fit.x).table
             lengths = f"d2+d3+d4 = {found[1:4, 2].sum():.6f} mm, " if arm == "rb5" else ""

@@ -143,7 +143,7 @@ def ours(problem: Problem) -> dict[str, Answer]:
     )
     observed = Observations.of(dataset)
     model = geometric_model(dataset.robot)
-    no_beta = model.hold([name for name in dataset.robot.parameter_names if name.startswith("beta")])
+    no_beta = model.with_fixed([name for name in dataset.robot.parameter_names if name.startswith("beta")])
     runs: dict[str, Callable[[], object]] = {
         "ours: solve": lambda: solve(PositionResiduals(model, observed)),
         "ours: calibrate": lambda: calibrate(dataset),

@@ -203,7 +203,7 @@ def simulated(start: FromFit, further: Array | None, many: int) -> Array:
     trained = points.pose[~poses.is_test[points.pose]]
     test = np.flatnonzero(poses.is_test)
     q = np.concatenate([poses.q[trained], *([] if further is None else [further])])
-    covariance = calibration.fit.noise**2 * np.concatenate(
+    covariance = calibration.fit.reduced_chi**2 * np.concatenate(
         [
             points.covariance_mm2[~poses.is_test[points.pose]],
             *([] if further is None else [np.tile(points.covariance_mm2.mean(axis=0), (len(further), 1, 1))]),

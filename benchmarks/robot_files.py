@@ -30,7 +30,7 @@ from calib.frames import invert, make_transform
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
 from calib.robot_formats.calibrated_file import calibrated_urdf
-from calib.robot_formats.robot_file import Reading, read_arm, read_robot
+from calib.robot_formats.robot_file import ReadOptions, read_arm, read_robot
 from calib.robot_formats.urdf.chain import ArmPath
 
 UNIT_INERTIA = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
@@ -128,7 +128,7 @@ def mujoco_model(arm: ArmPath) -> Any:
 
 def compare(path: Path, tip: str | None, oracle: str, vectors: int, worst: Worst, folder: Path) -> None:
     """Compare one arm of one file with the peer's reading of it."""
-    reading = Reading(tip=tip)
+    reading = ReadOptions(tip=tip)
     found, arm = read_robot(path, reading), read_arm(path, tip=tip)
     (folder / "robot.toml").write_text(robot_to_toml(found.robot))
     robot = load_robot(folder / "robot.toml")

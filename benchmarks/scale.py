@@ -65,7 +65,7 @@ def child(count: int, residual: str) -> None:
                 "all_mb": peak_mb(),
                 "iterations": len(fit.iterations) - 1,
                 "converged": fit.converged and result.fit.converged,
-                "noise": fit.noise,
+                "noise": fit.reduced_chi,
             }
         )
     )

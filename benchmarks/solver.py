@@ -206,7 +206,7 @@ def one_sigma(k: int, *, prior: bool, independent: bool, straight: bool) -> tupl
         names, units = robot.parameter_names, robot.parameter_units
         here = observed_of(robot, robot, q, np.eye(4), rng, 0.0)
         columns = PositionResiduals(model, here).linearise(np.zeros(len(names))).jacobian
-        model = model.hold([n for n in names if n not in analyse(columns, names, units).independent])
+        model = model.with_fixed([n for n in names if n not in analyse(columns, names, units).independent])
     # A prior is believed only where truths follow it; without one, errors are those of a good factory.
     scale = model.scales if prior else model.scales * 0.2
     x_true = scale * rng.standard_normal(len(scale))

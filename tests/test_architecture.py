@@ -1,4 +1,4 @@
-"""Rules of imports: down only, never in a circle; `import calib` is quick."""
+"""Imports go down only and never in a circle, and `import calib` is quick."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[1]
 
 @pytest.fixture(scope="module")
 def graph() -> Any:
-    """All imports but those that the contracts declare to go upwards."""
+    """Import graph without the imports that the contracts allow to go upwards."""
     built = grimp.build_graph("calib", "inspector", cache_dir=None)
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
     for declared in (line for contract in contracts for line in contract.get("ignore_imports", ())):
@@ -34,7 +34,7 @@ def graph() -> Any:
 
 
 def circle(graph: Any, box: Callable[[str], str]) -> list[str]:
-    """One circle of imports between boxes of modules; empty where there is none."""
+    """One circle of imports between groups of modules; empty where there is none."""
     below: dict[str, set[str]] = {box(module): set() for module in graph.modules}
     for module in graph.modules:
         for imported in graph.find_modules_directly_imported_by(module):

@@ -1,4 +1,7 @@
-"""Output for every sample dataset, compared with the reviewed files in tests/golden."""
+"""Results of every sample dataset equal the reviewed ones in tests/golden, one file each.
+
+An intended change is written by `python benchmarks/golden.py --renew` and reviewed, a line per entry.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ REAL = ("ur10_ipa", "mukca_panda_2_clean")
 
 
 def assert_golden(name: str, now: golden.Entries, *starts: str) -> None:
-    """Compare a result, or its parts that start with the given keys, with the golden file."""
+    """Compare a result, or the parts whose names have given starts, with its golden file."""
     stored = golden.below(golden.load(name), *starts) if starts else golden.load(name)
     assert stored, f"{name}: no such entries"
     found = golden.differences(name, stored, now)

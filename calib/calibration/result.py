@@ -1,4 +1,4 @@
-"""A calibration: the fitted model, what was asked of the fit, and how it stands to the measurements."""
+"""Result of a calibration: the fitted model, the options of the fit, and the errors at the measurements."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from calib.brief import Brief, errors_in_short
 from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
 from calib.calibration.orientation_errors import OrientationErrors, evaluate_orientations, orientation_lines
 from calib.dataset.dataset import Dataset, Poses
-from calib.dataset.stands import ShotCount, without_poses
+from calib.dataset.repeats import RepeatCount, without_poses
 from calib.dataset.trained_range import TrainedRange
 from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
 from calib.fitting.fit import Fit
 from calib.fitting.model import Model
-from calib.fitting.observations import Observations, room_placement
-from calib.fitting.tool_point.placement import ToolShift, tool_shift
+from calib.fitting.observations import Observations, observed_hand_eye
+from calib.fitting.tool_point import ToolShift, tool_shift
 from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.options import FitOptions
 
@@ -32,12 +32,12 @@ if TYPE_CHECKING:
     from calib.compensation.target_correction import Correction
     from calib.models.fitted_model import FittedModel
 
-_TOLD = 8  # outlying poses that are told one by one
+_MOST_NAMED = 8  # outlying poses that are named
 
 
 @dataclass(frozen=True)
 class IterationErrors:
-    """RMS of 3D and of distance errors at one iteration; of test poses nan where there are none."""
+    """RMS of 3D and of distance errors at one iteration, mm; nan for test poses where there are none."""
 
     train_rmse_mm: float
     test_rmse_mm: float
@@ -128,7 +128,7 @@ class FittedResult:
 
 @dataclass(frozen=True)
 class Calibration(Brief, FittedResult, Documented, Viewed):
-    """A fitted model and its errors at the measurements, before and after."""
+    """A fitted model with its dataset, options, fit, and errors at the measurements before and after."""
 
     dataset: Dataset
     model: Model
@@ -141,7 +141,7 @@ class Calibration(Brief, FittedResult, Documented, Viewed):
 
     @cached_property
     def fitted_dataset(self) -> Dataset:
-        """The dataset as it was fitted: each standing pose once, by the mean of its shots (`calib.dataset.stands`).
+        """The dataset as it was fitted: each repeat group once, by the mean of its repeats (`calib.dataset.repeats`).
 
         Without the points of outlying poses.
         """
@@ -149,13 +149,13 @@ class Calibration(Brief, FittedResult, Documented, Viewed):
         return without_poses(dataset, self.outliers) if self.outliers else dataset
 
     @property
-    def shots(self) -> ShotCount | None:
-        """How many standing poses there are of how many shots; None where no pose was measured several times."""
-        return None if self.averaged is None else ShotCount.of(self.dataset)
+    def repeat_count(self) -> RepeatCount | None:
+        """Number of measured points and repeat groups; None where no pose was measured several times."""
+        return None if self.averaged is None else RepeatCount.of(self.dataset)
 
     @property
     def residual(self) -> str:
-        """What was made small, of `calib.options.RESIDUAL_KINDS`."""
+        """Kind of the residual that was minimised, of `calib.options.RESIDUAL_KINDS`."""
         return self.options.residual
 
     @property
@@ -170,14 +170,14 @@ class Calibration(Brief, FittedResult, Documented, Viewed):
 
     @cached_property
     def iteration_errors(self) -> tuple[IterationErrors, ...]:
-        """One an iteration, the first is the nominal robot; worked out when first asked for."""
+        """Errors at each iteration, the first being the nominal robot; computed when first read."""
         xs = [iteration.x for iteration in self.fit.iterations]
         at = evaluate_all(self.model, xs, self.dataset, self.outliers)
         return tuple(_iteration_errors(evaluation) for evaluation in at)
 
     @cached_property
     def orientation_errors(self) -> tuple[OrientationErrors, OrientationErrors] | None:
-        """Errors of the orientations before and after, where they were fitted."""
+        """Orientation errors before and after; None where orientations were not fitted."""
         if self.residual != "pose":
             return None
         before, after = (
@@ -187,19 +187,19 @@ class Calibration(Brief, FittedResult, Documented, Viewed):
 
     @property
     def faces_named(self) -> str:
-        """How the jig's faces were labelled, where full poses from scans were fitted; else ""."""
+        """Sentence on how the jig's faces were labelled; "" unless full poses from scans were fitted."""
         points = self.dataset.points
         orientations = None if points is None else points.orientations
         return orientations.labelled_by if self.residual == "pose" and orientations is not None else ""
 
     @cached_property
     def trained(self) -> TrainedRange:
-        """The joint ranges of the poses that were fitted."""
+        """Joint ranges of the fitted poses."""
         return TrainedRange.of(self.dataset, self.outliers)
 
     @property
     def outside(self) -> tuple[str, ...]:
-        """The measured poses whose joints leave the ranges that were trained."""
+        """Names of the measured poses whose joints leave the trained ranges."""
         poses = self.dataset.poses
         beyond = self.trained.outside(self.dataset.robot, poses.q)
         measured = self.after.pose
@@ -207,28 +207,28 @@ class Calibration(Brief, FittedResult, Documented, Viewed):
 
     @property
     def tool_shift(self) -> ToolShift | None:
-        """The tool point, where it is far from where robot.toml has it."""
+        """Shift of the tool point where it is far from robot.toml's; else None."""
         return None if self.model.tool_found is None else tool_shift(self.dataset.robot, self.robot)
 
     @cached_property
-    def room_words(self) -> str:
-        """What the poses leave open of the places of a scanner on the flange and its targets; "" where nothing."""
+    def hand_eye_ambiguity(self) -> str:
+        """Sentence on what the poses leave undetermined of a scanner on the flange and its targets; else ""."""
         if not self.model.robot.carries_scanner:
             return ""
-        return room_placement(self.dataset.robot, Observations.of(self.fitted_dataset)).ambiguity
+        return observed_hand_eye(self.dataset.robot, Observations.of(self.fitted_dataset)).ambiguity
 
     @property
     def sigma_mm(self) -> float:
-        """Residual sigma of one coordinate of one point, by degrees of freedom; nan where none are left."""
-        return self.fit.noise * declared_sigma_mm(self.fitted_dataset)
+        """Residual sigma of one coordinate of one point, mm, by degrees of freedom; nan where none are left."""
+        return self.fit.reduced_chi * declared_sigma_mm(self.fitted_dataset)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         out = [*self.fitted_dataset.warnings, *self.fitted_dataset.notes, *self.after.notes]
         if self.tool_shift is not None:
             out.append(self.tool_shift.words)
-        if self.room_words:
-            out.append(self.room_words)
+        if self.hand_eye_ambiguity:
+            out.append(self.hand_eye_ambiguity)
         if not self.fit.converged:
             out.append(f"the fit did not converge: {self.fit.reason}")
         if self.worse_than_nominal:
@@ -239,9 +239,9 @@ class Calibration(Brief, FittedResult, Documented, Viewed):
 
     @property
     def worse_than_nominal(self) -> str:
-        """By how much the test poses' error rose, in a sentence; "" where it did not.
+        """Sentence on a rise of the test poses' error (without test poses, the training poses'); "" where it fell.
 
-        Without test poses, the training poses': a fit of distances, or without priors, may carry the points away.
+        The training error can rise in a fit of distances, or without a prior.
         """
         for role, before, after in (
             ("test", self.before.test, self.after.test),
@@ -291,7 +291,7 @@ class Calibration(Brief, FittedResult, Documented, Viewed):
         )
 
     def summary(self) -> str:
-        """Errors before and after on training and test poses, and what there is to be warned of."""
+        """Errors before and after on training and test poses, and warnings, as text."""
         fit = self.fit.summary(declared=is_declared(self.dataset))
         lines = [f"{self.dataset.name}: {self.residual} residual, {fit}"]
         for label, before, after in (
@@ -313,19 +313,19 @@ class Calibration(Brief, FittedResult, Documented, Viewed):
 
 
 def outlier_words(robust: Calibration) -> str:
-    """Which poses a robust fit left out, and how far they are off."""
-    after, told = robust.after, []
-    for pose_id in robust.outliers[:_TOLD]:
+    """Clause that names the poses left out by a robust fit, with their errors."""
+    after, named = robust.after, []
+    for pose_id in robust.outliers[:_MOST_NAMED]:
         rows = after.pose == robust.dataset.poses.index(pose_id)
         off_mm = float(np.max(np.linalg.norm(after.error_mm[rows], axis=1)))
-        told.append(f"{pose_id} ({off_mm:.3g} mm off)")
-    more = f" and {len(robust.outliers) - _TOLD} more" if len(robust.outliers) > _TOLD else ""
+        named.append(f"{pose_id} ({off_mm:.3g} mm off)")
+    more = f" and {len(robust.outliers) - _MOST_NAMED} more" if len(robust.outliers) > _MOST_NAMED else ""
     poses = "1 pose stands" if len(robust.outliers) == 1 else f"{len(robust.outliers)} poses stand"
-    return f"{poses} out of all others, {', '.join(told)}{more}"
+    return f"{poses} out of all others, {', '.join(named)}{more}"
 
 
 def figures_line(before: Figures, after: Figures) -> str:
-    """Before and after in one line, with the change in per cent."""
+    """Error statistics before and after in one line, with the change in per cent."""
 
     def fall(name: str, a: float, b: float) -> str:
         share = f" ({100.0 * (b / a - 1.0):+.1f} %)" if a > 0.0 else ""
@@ -342,13 +342,13 @@ def figures_line(before: Figures, after: Figures) -> str:
 
 
 def is_declared(dataset: Dataset) -> bool:
-    """Whether a dataset says how noisy its points are."""
+    """Whether a dataset declares the noise of its points."""
     points = dataset.points
     return dataset.scanner.point_sigma_mm is not None or (points is not None and points.covariance_mm2 is not None)
 
 
 def declared_sigma_mm(dataset: Dataset) -> float:
-    """RMS over the measured points of what their covariances declare for one coordinate."""
+    """Declared sigma of one coordinate, mm, RMS over the measured points."""
     covariance = Observations.of(dataset).covariance_mm2
     return float(np.sqrt(np.mean(np.trace(covariance, axis1=-2, axis2=-1)) / 3.0))
 

@@ -31,7 +31,7 @@ class FitKnowledge:
 
     def attitude_sigma_rad(self, model: Model, x: Array, poses: Poses) -> Array:
         """(N,) rad, standard deviation of the calibrated tool's attitude (3D turn) at each of N poses."""
-        freed = replace(model, held=model.held & self.fixed)
+        freed = replace(model, fixed=model.fixed & self.fixed)
         values = dict(zip((p.name for p in model.parameters), x.tolist(), strict=True))
         fitted = np.array([p.name in values for p in freed.parameters], dtype=bool)
         covariance = np.diag(freed.scales**2)

@@ -38,6 +38,7 @@ from calib.brief import Brief
 from calib.compensation.attitude import FitKnowledge
 from calib.compensation.tool_problem import ToolProblem
 from calib.dataset.dataset import Poses
+from calib.dataset.input_names import CONDITIONS
 from calib.effects.effect import family_name
 from calib.effects.link_errors import TOLERANCE_RAD
 from calib.errors import CalibError, FitError
@@ -310,12 +311,9 @@ def needed_columns(model: Model, x: ArrayLike, poses: Poses) -> tuple[str, ...]:
     poses = poses.measured_later()
     n = poses.q.shape[1]
     without: dict[tuple[str, ...], Poses] = {}
-    if poses.payload_kg is not None:
-        without[("payload_kg",)] = replace(poses, payload_kg=None)
-    if poses.temperature_c is not None:
-        without[("temperature_c",)] = replace(poses, temperature_c=None)
-    if poses.time_s is not None:
-        without[("time_s",)] = replace(poses, time_s=None)
+    for name in CONDITIONS:
+        if getattr(poses, name) is not None:
+            without[(name,)] = replace(poses, **{name: None})  # type: ignore[arg-type]
     if poses.approach is not None:
         without[tuple(f"approach{k + 1}" for k in range(n))] = replace(poses, approach=None)
     for name in poses.extra.columns:

@@ -30,7 +30,7 @@ from calib.dataset.files.robot_toml import degrees
 from calib.dataset.input_names import CONDITIONS
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
-from calib.robot_formats.programs.point_lists import JointTarget, is_point_list, point_list, require_point_list
+from calib.robot_formats.programs import JointTarget, is_point_list, point_list, require_point_list
 from calib.text_files.csv_text import frame_csv
 
 

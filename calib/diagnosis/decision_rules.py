@@ -9,9 +9,9 @@ import numpy as np
 
 from calib.calibration.plausibility import beyond_nature
 from calib.calibration.result import Calibration, is_declared
-from calib.dataset.stands import stands_of
+from calib.dataset.repeats import repeat_groups
 from calib.diagnosis.verdict import Refusal
-from calib.fitting.pose_means import mean_by_pose
+from calib.fitting.observations import mean_by_pose
 from calib.screening.candidates import (
     MIN_CONFOUNDED_OVERLAP,
     MIN_LOG_BAYES_FACTOR,
@@ -109,7 +109,7 @@ def predicts_worse(before: Calibration, after: Calibration, *, scatter: float = 
         return False
     change = np.sum(after.after.error_mm[rows] ** 2, axis=1) - np.sum(before.after.error_mm[rows] ** 2, axis=1)
     if before.averaged is not None:  # repeats of one pose change together
-        stand = stands_of(before.dataset)[before.after.pose[rows]]
+        stand = repeat_groups(before.dataset)[before.after.pose[rows]]
         change = mean_by_pose(change, np.unique(stand, return_inverse=True)[1], len(np.unique(stand)))
         if len(change) < 3:
             return False

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from calib.calibration.calibrate import counted_by_stands
+from calib.calibration.calibrate import with_repeats_averaged
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.dataset.stands import without_poses
+from calib.dataset.repeats import without_poses
 from calib.diagnosis.effect_selection import (
     FitStep,
     SelectedEffect,
@@ -50,7 +50,7 @@ class SearchSpace:
         max_effects: int = MAX_EFFECTS,
     ) -> SearchSpace:
         """Settings with all families of the catalogue, as far as the fitted poses can test them, and the user's."""
-        fitted = counted_by_stands(dataset, options.residual)
+        fitted = with_repeats_averaged(dataset, options.residual)
         return cls(dataset, options, tuple(given), (*effects_for(fitted), *user_effects), max_effects)
 
     def without(self, pose_ids: Sequence[str]) -> SearchSpace:

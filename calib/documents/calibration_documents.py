@@ -77,8 +77,9 @@ def found_tool_document(calibration: Calibration) -> dict[str, Any]:
 
 
 def stands_document(calibration: Calibration) -> dict[str, int] | None:
-    """How many standing poses there are of how many shots; None where no pose was measured several times."""
-    return None if calibration.shots is None else asdict(calibration.shots)
+    """Number of repeat groups ("stands") and of measured points ("shots"); None where no pose was measured twice."""
+    count = calibration.repeat_count
+    return None if count is None else {"stands": count.groups, "shots": count.repeats}
 
 
 def additions(steps: Sequence[FitStep]) -> list[dict[str, Any]]:

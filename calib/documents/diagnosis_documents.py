@@ -77,7 +77,7 @@ def data_problem_document(problem: DataProblem | None) -> dict[str, Any] | None:
     return {
         "kind": problem.kind,
         "joints": problem.joints,
-        "mend": problem.mend,
+        "mend": problem.remedy,
         "rmse_mm": {"now": problem.now_mm, "then": problem.then_mm},
         "words": problem.words,
     }

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.dataset.input_names import CONDITIONS
 from calib.effects.state import RobotState
 from calib.errors import CalibError
 
@@ -93,7 +94,7 @@ def one_line(error: BaseException) -> str:
 def _arrays_of(state: RobotState) -> tuple[np.ndarray, ...]:
     """Arrays of a state and its poses, which `apply` must not write to."""
     poses = state.poses
-    optional = (poses.payload_kg, poses.temperature_c, poses.time_s, poses.approach)
+    optional = (*(getattr(poses, name) for name in CONDITIONS), poses.approach)
     offsets = state.target_offsets_mm.values()
     arrays = (
         state.table,

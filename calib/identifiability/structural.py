@@ -26,7 +26,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import as_dataset
 from calib.effects.link_errors import target_parameter_names
 from calib.errors import FitError
-from calib.fitting.observations import Observations, in_room
+from calib.fitting.observations import Observations, with_observed_targets
 from calib.identifiability.columns import columns_of
 from calib.identifiability.redundancy import Redundancy, analyse
 from calib.kinematics.robot import Robot, Target
@@ -177,7 +177,7 @@ def _at_training_poses(
     """
     poses, robot = dataset.poses, dataset.robot
     if dataset.points is not None:
-        robot = in_room(robot, Observations.of(dataset))
+        robot = with_observed_targets(robot, Observations.of(dataset))
     rows = [poses.reference, *(int(i) for i in np.flatnonzero(poses.role == "train"))]
     rows = [i for i in rows if poses.ids[i] not in dataset.left_out]
     points, of_target = dataset.points, None
@@ -222,8 +222,8 @@ def _further_targets(robot: Robot, measured: Collection[str], residual: str) -> 
     Targets in the world that were not located yet get an arbitrary position off the axes of the arm.
     """
     if robot.carries_scanner:
-        known = {target.name: target for target in robot.targets if target.in_room}
-        return tuple(known.get(name, Target(name, _SOMEWHERE_MM, in_room=True)) for name in sorted(measured))
+        known = {target.name: target for target in robot.targets if target.in_world}
+        return tuple(known.get(name, Target(name, _SOMEWHERE_MM, in_world=True)) for name in sorted(measured))
     return tuple(t for t in robot.targets if t.name in measured and (residual != "distance" or t.name == "jig"))
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from calib.dataset.dataset import Dataset
 from calib.effects.link_errors import target_parameter_names
 from calib.fitting.model import Model
-from calib.fitting.tool_point.placement import behind_last_axis
+from calib.fitting.tool_point import behind_last_axis
 from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import redundancy
 
@@ -59,7 +59,7 @@ def tool_rows(dataset: Dataset, *, residual: str = "position", model: Model | No
     """Identifiability of the tool row at a dataset's training poses, for the nominal robot or a model's tool point."""
     own = None if model is None else model.robot.own_tool_point
     if model is not None and own is not None:
-        unseen = tuple(name for name in behind_last_axis(model.robot) if name in model.held)
+        unseen = tuple(name for name in behind_last_axis(model.robot) if name in model.fixed)
         return ToolRows((), {}, unseen, residual, point=target_parameter_names(own))
     rows = rows_of_tool(redundancy(dataset, residual=residual), residual)
     return replace(rows, on_flange=dataset.robot.carries_scanner)

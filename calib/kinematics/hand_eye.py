@@ -71,9 +71,9 @@ class HandEye:
 
 def with_world_targets(robot: Robot, position_mm: Mapping[str, Array]) -> Robot:
     """Robot with targets added at positions (3,) in the world, mm in the base frame; targets that it has are kept."""
-    known = {target.name for target in robot.targets if target.in_room}
+    known = {target.name for target in robot.targets if target.in_world}
     added = [
-        Target(name, _vector(xyz_mm), POSITION_SIGMA_MM, in_room=True)
+        Target(name, _vector(xyz_mm), POSITION_SIGMA_MM, in_world=True)
         for name, xyz_mm in position_mm.items()
         if name not in known
     ]

@@ -106,7 +106,7 @@ class Target:
     xyz_mm: Vector
     tolerance_mm: float = TARGET_TOLERANCE_MM
     joint: int | None = None  # the joint that moves its link, counted from 1; None: the last
-    in_room: bool = False  # fixed in the world, its coordinates in the base frame: for a scanner on the flange
+    in_world: bool = False  # fixed in the world, its coordinates in the base frame: for a scanner on the flange
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ class Robot(Brief):
     @property
     def own_tool_point(self) -> Target | None:
         """Target on the last link that is the tool's measured point; None where the tool's row ends at that point."""
-        return next((t for t in self.targets if t.name == TOOL_POINT and not t.in_room), None)
+        return next((t for t in self.targets if t.name == TOOL_POINT and not t.in_world), None)
 
     def target(self, name: str) -> Target:
         """Further target of a name."""

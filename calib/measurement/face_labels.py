@@ -31,8 +31,8 @@ from calib.dataset.dataset import Dataset, points_from_corners
 from calib.effects.link_errors import LinkErrors
 from calib.errors import FitError
 from calib.fitting.model import geometric_model
-from calib.fitting.observations import Observations, in_room, predict_points, with_nominal_scanner_frames
-from calib.fitting.tool_point.far_off import search_tool_point
+from calib.fitting.observations import Observations, predict_points, with_nominal_scanner_frames, with_observed_targets
+from calib.fitting.tool_point import search_tool_point
 from calib.jig import Jig, angles_between_deg
 from calib.kinematics import chain as kinematics
 
@@ -163,7 +163,7 @@ def predicted_attitudes(dataset: Dataset, corners: Mapping[str, Corner]) -> tupl
         observed = Observations.of(dataset.with_points(points), np.ones(len(dataset.poses), dtype=bool))
     except FitError as error:
         return {}, dict.fromkeys(corners, str(error))
-    robot = in_room(dataset.robot, observed)
+    robot = with_observed_targets(dataset.robot, observed)
     if not robot.carries_scanner:
         robot = search_tool_point(observed, LinkErrors(robot), ()) or robot
     model = geometric_model(robot)

@@ -108,7 +108,7 @@ def exported_table(calibration: Calibration, links: Calibration | None = None) -
     """
     if not calibration.model.added_effects:
         return ExportedTable(calibration, calibration)
-    if set(calibration.model.geometry_names) <= calibration.model.held:
+    if set(calibration.model.geometry_names) <= calibration.model.fixed:
         return ExportedTable(calibration, None)
     if links is None or links.model.added_effects or not fits_same_points(links, calibration):
         links = calibrate(calibration.dataset, options_for_links(calibration))

@@ -22,7 +22,7 @@ from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.fingerprint import fingerprint
 from calib.dataset.input_names import CONDITIONS, quantity_of
-from calib.dataset.stands import without_poses
+from calib.dataset.repeats import without_poses
 from calib.dataset.trained_range import TrainedRange
 from calib.errors import FitError
 from calib.fitting.model import Model
@@ -126,7 +126,7 @@ class FittedModel(Brief):
         joints = self.model.robot.n_joints
         if q.ndim != 2 or q.shape[1] != joints:
             raise FitError(f"joint vectors for {self.model.robot.name} have shape (N, {joints}), found {q.shape}")
-        targets = (TOOL_POINT, *(known.name for known in self.model.robot.targets if not known.in_room))
+        targets = (TOOL_POINT, *(known.name for known in self.model.robot.targets if not known.in_world))
         if target not in targets:
             raise FitError(f"no target named {target!r}; there are {', '.join(targets)}")
         self.require_conditions(conditions)
@@ -172,9 +172,9 @@ class FittedModel(Brief):
         """
         self.require_same_arm(dataset)
         if dataset.points is not None:
-            in_room = self.model.robot.carries_scanner
-            on_arm = set() if in_room else {TOOL_POINT}
-            known = on_arm | {target.name for target in self.model.robot.targets if target.in_room == in_room}
+            in_world = self.model.robot.carries_scanner
+            on_arm = set() if in_world else {TOOL_POINT}
+            known = on_arm | {target.name for target in self.model.robot.targets if target.in_world == in_world}
             unknown = sorted(set(map(str, np.unique(dataset.points.target))) - known)
             if unknown:
                 raise FitError(f"dataset {dataset.name}: the model has no target {unknown[0]!r}")
@@ -265,7 +265,7 @@ class FittedModel(Brief):
             "found_tool_mm": None if tool_found is None else tool_point_of(tool_found),
             "trained": None if self.trained is None else asdict(self.trained),
             "effects": [member_document(effect) for effect in model.effects],
-            "held": sorted(model.held),
+            "held": sorted(model.fixed),
             "parameters": [
                 {
                     "name": p.name,

@@ -21,7 +21,7 @@ from calib.calibration.evaluation import Figures
 from calib.calibration.result import FittedResult
 from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Poses
-from calib.dataset.robot_checks import refuse_beyond
+from calib.dataset.files.robot_toml import refuse_beyond
 from calib.dataset.trained_range import TrainedRange
 from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Effect

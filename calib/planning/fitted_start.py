@@ -6,14 +6,14 @@ from collections.abc import Callable, Sequence
 
 from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
-from calib.calibration.noise_check import check_sigma
+from calib.calibration.noise_level import check_sigma
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import EffectChoice, effects_named
 from calib.effects.effect import Family
 from calib.options import FitOptions
 from calib.planning.start import DiagnosedModel, FromFit
-from calib.planning.unknowns import require_in_room
+from calib.planning.unknowns import require_scanner_in_world
 
 
 def start_of_dataset(
@@ -31,7 +31,7 @@ def start_of_dataset(
         effects: effects that the model has; the diagnosis is then left out.
         scanner_place: (4, 4) base_T_scanner for the new poses, where the scanner is put up anew.
     """
-    require_in_room(dataset)
+    require_scanner_in_world(dataset)
     members = effects_named(dataset, effects, user_effects)
     calibration = calibrate(dataset, options, effects=members)
     check = check_sigma(calibration)

@@ -19,7 +19,7 @@ def _data_problem_document(problem: DataProblem) -> dict[str, Any]:
     return {
         "kind": problem.kind,
         "joints": problem.joints,
-        "mend": problem.mend,
+        "mend": problem.remedy,
         "rmse_mm": {"now": problem.now_mm, "then": problem.then_mm},
         "words": problem.words,
     }

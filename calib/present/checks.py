@@ -12,7 +12,7 @@ from calib.consistency.data_problem import DataProblem
 from calib.dataset.repeats import repeats_frame
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.conclusion_text import promise_text, verdict_text
-from calib.fitting.tool_point.placement import ToolShift
+from calib.fitting.tool_point import ToolShift
 from calib.present import numbers
 from calib.present.blocks import Block, Presentation, Section, Table, Verdict
 from calib.present.colours import BAD, DOUBT, GOOD

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.calibration.noise_check import check_sigma
+from calib.calibration.noise_level import check_sigma
 from calib.dataset.files.poses_csv import joint_columns, poses_frame
 from calib.planning.outcome import (
     ChangeReason,

@@ -12,7 +12,7 @@ from calib.options import BUILTIN_ROBOTS
 from calib.robot_formats.calibrated_file import calibrated_urdf, calibrated_yaml
 from calib.robot_formats.chain.five_parameters import chain_of
 from calib.robot_formats.origin_yaml import plain_yaml
-from calib.robot_formats.robot_file import Reading, named_robot
+from calib.robot_formats.robot_file import ReadOptions, named_robot
 from calib.robot_formats.urdf.text import plain_urdf
 
 WRITTEN_SUFFIXES = (".toml", ".urdf", ".yaml", ".yml")
@@ -49,7 +49,7 @@ def load_robot(
     if not isinstance(source, str | Path):
         raise CalibError(f"found a {type(source).__name__}, expected a Robot, the path of its file, or a name")
     name, path = str(source).lower(), Path(source)
-    reading = Reading(tip, base, convention, model)
+    reading = ReadOptions(tip, base, convention, model)
     if path.is_dir():
         return named_robot(str(path / "robot.toml"), reading).robot
     if not path.exists() and not path.suffix:

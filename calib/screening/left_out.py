@@ -9,7 +9,7 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.calibration.result import Calibration
 from calib.errors import FitError
-from calib.fitting.pose_means import mean_by_pose
+from calib.fitting.observations import mean_by_pose
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 
 

@@ -18,10 +18,8 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Dataset
-from calib.dataset.stands import stands_of
-from calib.fitting.noise.point_covariance import inverse_factors, noise_factors
-from calib.fitting.noise.student import student_weights
-from calib.fitting.noise.time_correlation import Moments, decorrelated
+from calib.dataset.repeats import repeat_groups
+from calib.fitting.noise import Moments, decorrelated, inverse_factors, noise_factors, student_weights
 from calib.fitting.observations import Observations
 from calib.fitting.scanner_frame import whitener
 from calib.noise_shape import CorrelatedDrift, NoiseShape
@@ -145,7 +143,7 @@ def scatter_of_repeats(dataset: Dataset) -> LinearResidual | None:
     if points is None:
         return None
     target = np.unique(points.target, return_inverse=True)[1]
-    key = np.column_stack([stands_of(dataset)[points.pose], target])
+    key = np.column_stack([repeat_groups(dataset)[points.pose], target])
     place = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1)
     if len(points) - len(np.unique(place)) < ENOUGH_DIFFERENCES:
         return None

@@ -23,7 +23,7 @@ from scipy.special import gammaln
 
 from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import Dataset
-from calib.fitting.noise.student import student_scale
+from calib.fitting.noise import student_scale
 from calib.noise_shape import IDENTITY, CorrelatedDrift, NoiseShape, Row
 from calib.screening.noise_likelihood import LinearResidual, scatter_of_repeats
 from calib.screening.projected_residual import ProjectedResidual

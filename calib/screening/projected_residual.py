@@ -9,13 +9,13 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.brief import Brief
-from calib.calibration.joint_directions import directions_at
+from calib.calibration.pose_errors import directions_at
 from calib.calibration.result import Calibration
 from calib.effects.effect import is_held_by_prior
 from calib.effects.state import RobotState
 from calib.errors import FitError
 from calib.fitting.model import point_by_state
-from calib.fitting.noise.whitening import Whitening
+from calib.fitting.noise import Whitening
 from calib.fitting.observations import Observations, with_scanner_frames
 from calib.fitting.position_residuals import PositionResiduals
 from calib.screening.nuisance import Nuisance, load_columns
@@ -96,7 +96,7 @@ def project_residual(calibration: Calibration) -> ProjectedResidual:
         scaled = scaled - frames @ (frames.T @ scaled)
     q, triangle = np.linalg.qr(scaled)
     turn, s, _ = np.linalg.svd(triangle)  # of a few rows, however many poses there are
-    noise = calibration.fit.noise if np.isfinite(calibration.fit.noise) else 1.0
+    noise = calibration.fit.reduced_chi if np.isfinite(calibration.fit.reduced_chi) else 1.0
     least = _KNOWN_OF_CURVES if any(map(is_held_by_prior, model.effects)) else _KNOWN
     known = s > max(least * noise, 1e-9 * float(s[0]))
     basis = np.linalg.qr(np.concatenate([frames, q @ turn[:, known]], axis=1))[0]

@@ -18,7 +18,7 @@ from calib.blas_threads import one_blas_thread
 from calib.brief import Brief
 from calib.calibration.noise_level import noise_of_repeats
 from calib.dataset.dataset import Dataset
-from calib.dataset.stands import SIGMA_DOUBT
+from calib.dataset.repeats import SIGMA_DOUBT
 from calib.distributions import chi2_sf, f_sf
 from calib.screening.projected_residual import ProjectedResidual
 from calib.screening.scan_statistic import Channel, ScanStatistic, sum_by_pose

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from calib.array_types import Array, BoolArray
-from calib.calibration.input_variables import inputs_at
+from calib.calibration.pose_errors import inputs_at
 from calib.dataset.input_names import PLACES, joint_input
 from calib.screening.projected_residual import ProjectedResidual, joint_directions
 

@@ -176,7 +176,7 @@ def nominal_targets(dataset: Dataset, names: Sequence[str]) -> Array:
             targets_mm[k] = kinematics.tool_points(robot, chain)
             continue
         target = next((t for t in robot.targets if t.name == name), None)
-        if target is not None and not target.in_room:
+        if target is not None and not target.in_world:
             targets_mm[k] = frames.apply(chain.base_T_link(target.joint), np.asarray(target.xyz_mm))
     return targets_mm
 

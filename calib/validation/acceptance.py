@@ -12,8 +12,7 @@ import numpy as np
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Figures
 from calib.calibration.held_out import HeldOutTest, held_out_test
-from calib.calibration.noise_check import check_sigma
-from calib.calibration.noise_level import FIT, NoiseLevel, noise_level
+from calib.calibration.noise_level import FIT, NoiseLevel, check_sigma, noise_level
 from calib.calibration.plausibility import implausibility_reason, outlier_hint, too_good
 from calib.calibration.result import Calibration, declared_sigma_mm, is_declared
 from calib.consistency.data_problem import DataProblem
@@ -26,7 +25,7 @@ from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import EffectChoice, effects_named
 from calib.effects.effect import Family
 from calib.errors import FitError
-from calib.fitting.tool_point.placement import ToolShift
+from calib.fitting.tool_point import ToolShift
 from calib.identifiability.structural import fewest_poses
 from calib.measurement.measured_points import failed_searches, with_corners
 from calib.options import FitFields, FitOptions, fit_options
@@ -309,7 +308,7 @@ def _repeats(dataset: Dataset, repeats: tuple[Repeats, ...]) -> CheckItem:
     sigma_mm = pooled_sigma_mm(repeats)
     hopeless = is_declared(dataset) and sigma_mm > MAX_SIGMA_RATIO * declared_sigma_mm(dataset)
     scatter = scatter_against_covariances(dataset)
-    doubtful = scatter is not None and scatter.ratio > _MORE_SCATTER and scatter.chance < _BY_CHANCE
+    doubtful = scatter is not None and scatter.ratio > _MORE_SCATTER and scatter.p_value < _BY_CHANCE
     found = RepeatScatter(
         len(repeats),
         sigma_mm,
@@ -398,14 +397,14 @@ def _left_by_diagnosis(diagnosis: Diagnosis) -> list[CheckItem]:
         return [CheckItem("model", False, doubt)]
     if surprise := _too_good("model", last):
         return surprise
-    if not is_declared(last.dataset) or not last.fit.noise > MAX_LEFT_RATIO:
+    if not is_declared(last.dataset) or not last.fit.reduced_chi > MAX_LEFT_RATIO:
         return []
-    left = ResidualOfDiagnosis(last.sigma_mm, last.fit.noise, bool(last.model.family_names))
+    left = ResidualOfDiagnosis(last.sigma_mm, last.fit.reduced_chi, bool(last.model.family_names))
     return [CheckItem("noise", False, left)]
 
 
 def _residual(calibration: Calibration) -> list[CheckItem]:
-    noise = calibration.fit.noise
+    noise = calibration.fit.reduced_chi
     if not np.isfinite(noise):
         return []
     declared, doubt = is_declared(calibration.dataset), implausibility_reason(calibration)

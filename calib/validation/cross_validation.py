@@ -1,7 +1,7 @@
 """K-fold cross-validation over the training poses: each pose's error by a fit that was made without it.
 
 Poses of the role test take no part. Whether more poses would help is the question of
-`calib.validation.learning_curve`, whether more than noise is left that of `calib.calibration.noise_check`.
+`calib.validation.learning_curve`, whether more than noise is left that of `calib.calibration.noise_level`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from calib.blas_threads import one_blas_thread
 from calib.brief import Brief
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Evaluation, Figures
-from calib.calibration.noise_check import SigmaCheck, check_sigma
+from calib.calibration.noise_level import SigmaCheck, check_sigma
 from calib.calibration.result import Calibration, figures_line
 from calib.dataset.dataset import Dataset
 from calib.effects.catalogue import EffectChoice, effects_named

@@ -18,7 +18,7 @@ from calib.array_types import IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.brief import Brief
 from calib.calibration.calibrate import calibrate
-from calib.calibration.noise_check import SigmaCheck, check_sigma
+from calib.calibration.noise_level import SigmaCheck, check_sigma
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.effects.catalogue import EffectChoice, effects_named

@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike
 
 from calib import frames
 from calib.array_types import Array, IndexArray
-from calib.dataset.dataset import Dataset
-from calib.dataset.surroundings import Surroundings
+from calib.dataset.dataset import Dataset, Surroundings
 from calib.errors import CalibError
 from calib.jig import Jig, jig_geometry
 from calib.kinematics.chain import Chain, forward

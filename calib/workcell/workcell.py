@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from calib.array_types import Array
-from calib.dataset.surroundings import Box
+from calib.dataset.dataset import Box
 from calib.jig import Jig
 from calib.kinematics.chain import Chain, forward
 from calib.kinematics.robot import Robot

@@ -21,7 +21,7 @@ from calib.errors import CalibError, DatasetError, visible
 from calib.measurement.measured_points import require_corners, with_corners
 from calib.models.model_file import save_model
 from calib.planning.discrimination import NextPoses, explanation_of, next_poses
-from calib.robot_formats.programs.point_lists import is_point_list, require_point_list
+from calib.robot_formats.programs import is_point_list, require_point_list
 from calib.screening.curves.fitted_curves import effect_file_text
 from calib.validation.acceptance import check
 from calib.validation.cross_validation import cross_validate

@@ -10,7 +10,7 @@ from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError
 from calib.models.model_file import load_model
 from calib.options import DEFAULT_FOLDS
-from calib.robot_formats.programs.point_lists import is_point_list, require_point_list
+from calib.robot_formats.programs import is_point_list, require_point_list
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options import CorrectOptions, ValidateOptions
 from inspector.cli.output_paths import check_outputs

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from calib.dataset_import.files.user_files import UserFile
 from calib.dataset_import.plan import ImportPlan, PlannedColumn
+from calib.dataset_import.user_files import UserFile
 
 
 def plan_document(plan: ImportPlan, files: Sequence[UserFile] = ()) -> dict[str, Any]:
@@ -16,7 +16,7 @@ def plan_document(plan: ImportPlan, files: Sequence[UserFile] = ()) -> dict[str,
         "poses": plan.poses,
         "files": [{"file": file.path.name, "is": file.kind, "why": file.why} for file in files],
         "columns": [_column(column) for column in plan.columns],
-        "recognised": plan.said,
+        "recognised": plan.notes,
         "doubts": plan.doubts,
         "faults": plan.faults,
     }
@@ -52,4 +52,4 @@ def plan_lines(plan: ImportPlan) -> list[str]:
     ]
     widths = [min(max(len(row[k]) for row in rows), 24) for k in range(4)]
     table = ["  ".join([*(row[k][:24].ljust(widths[k]) for k in range(4)), row[4]]).rstrip() for row in rows]
-    return [*table, "", *plan.said, *(f"doubtful: {doubt}" for doubt in plan.doubts)]
+    return [*table, "", *plan.notes, *(f"doubtful: {doubt}" for doubt in plan.doubts)]

@@ -7,13 +7,13 @@ from pathlib import Path
 from calib.dataset.files.poses_csv import poses_frame
 from calib.errors import CalibError
 from calib.planning.plan import Plan
-from calib.robot_formats.programs.point_lists import (
+from calib.robot_formats.programs import (
     JointTarget,
     is_point_list,
     point_list,
     require_point_list,
+    trajectory_yaml,
 )
-from calib.robot_formats.programs.trajectory import trajectory_yaml
 from calib.text_files.csv_text import frame_csv
 from calib.workcell.pose_conditions import come_from
 

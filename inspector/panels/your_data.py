@@ -10,8 +10,8 @@ from typing import Any, Protocol
 import viser
 
 from calib.dataset_import.columns import Meaning
-from calib.dataset_import.files.user_files import UserFiles
 from calib.dataset_import.plan import ImportPlan, PlannedColumn
+from calib.dataset_import.user_files import UserFiles
 from inspector.markup.measure.your_data import (
     CORRECT,
     WIDE,

@@ -10,8 +10,7 @@ from datetime import datetime
 from importlib import metadata
 from pathlib import Path
 
-from calib.calibration.noise_check import check_sigma
-from calib.calibration.noise_level import noise_level
+from calib.calibration.noise_level import check_sigma, noise_level
 from calib.diagnosis.words.text import reason_texts
 from calib.planning.discrimination import explanation_of
 from calib.present import names, numbers

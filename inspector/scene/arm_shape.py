@@ -78,7 +78,7 @@ def arm_shape(model: Model, x: ArrayLike, poses: Poses, pose: int, flange_T_scan
     for i in range(robot.n_joints + 1):
         solids.add_link(i, base_T_frame[i], base_T_frame[i + 1], turned_x[i])
     flange = base_T_frame[-2]
-    on_arm = [target.name for target in robot.targets if not target.in_room]
+    on_arm = [target.name for target in robot.targets if not target.in_world]
     carried = [state.target_offsets_mm[name] for name in on_arm]
     if flange_T_scanner is not None:
         carried.append(flange_T_scanner[:3, 3])

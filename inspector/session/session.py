@@ -12,7 +12,7 @@ from calib.calibration.pose_errors import PoseErrors
 from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
-from calib.dataset.stands import of_stands
+from calib.dataset.repeats import in_repeat_groups_of
 from calib.diagnosis.advice import Advice
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.moves import AddCurves
@@ -149,7 +149,7 @@ class Session:
 def asked_out(step: FitStep) -> tuple[str, ...]:
     """Ids of poses that a step's fit left out on request, without those that the search found to be outliers."""
     dataset = step.calibration.dataset
-    found = np.flatnonzero(of_stands(dataset, step.left_out)) if step.left_out else ()
+    found = np.flatnonzero(in_repeat_groups_of(dataset, step.left_out)) if step.left_out else ()
     stand_out = {dataset.poses.ids[i] for i in found}
     return tuple(pose_id for pose_id in dataset.left_out if pose_id not in stand_out)
 

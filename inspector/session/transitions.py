@@ -10,7 +10,7 @@ import numpy as np
 from calib.calibration.model_versions import versions
 from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
-from calib.dataset.stands import of_stands, without_poses
+from calib.dataset.repeats import in_repeat_groups_of, without_poses
 from calib.diagnosis.advice import advice_on
 from calib.diagnosis.diagnose import Model, diagnose, next_move
 from calib.diagnosis.effect_selection import (
@@ -302,10 +302,10 @@ def _fitted_again(session: Session, label: str, taken_in: str = "") -> Session:
     if session.calibration is None:
         return replace(session, redundancy=None)
     last = session.steps[-1]
-    # The shots of one standing pose stand out together, and are taken in together.
+    # Repeats of one pose are outliers together, and are taken in together.
     alone = {taken_in} if taken_in else set()
     if taken_in and last.left_out:
-        ids, of_stand = session.dataset.poses.ids, of_stands(session.dataset, [taken_in])
+        ids, of_stand = session.dataset.poses.ids, in_repeat_groups_of(session.dataset, [taken_in])
         alone = {ids[i] for i in np.flatnonzero(of_stand)}
     gone = alone | set(session.left_out)
     stand_out = tuple(pose_id for pose_id in last.left_out if pose_id not in gone)

@@ -1,4 +1,4 @@
-"""Calibration as a whole: what falls, on which poses, and when it is refused. Jang's tables where they have numbers."""
+"""Calibration as a whole: errors before and after, refusals, and the numbers of Jang's tables."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_test_poses_have_no_say_in_the_fit() -> None:
 
 
 def test_figures_by_hand() -> None:
-    """RMSE, max and mean of the 3D error and of distances to the reference, from the definitions."""
+    """RMSE, maximum and mean of 3D and distance errors equal those from their definitions."""
     dataset = simulated(noise_mm=0.3)
     result = calibrate(dataset, FitOptions("distance"))
     assert dataset.points is not None
@@ -150,7 +150,7 @@ def test_several_targets_on_the_tool_are_one_fit() -> None:
 
 
 def test_covariances_weigh_the_points() -> None:
-    """A frame fitted with full covariances beats one fitted without, on points that are bad along one axis."""
+    """For points noisy along one axis, full covariances give a better frame than none."""
     rng = np.random.default_rng(0)
     base = rng.normal(size=(40, 3)) * 300
     truth = random_transform(rng)
@@ -215,7 +215,7 @@ def test_redundancy_of_distances_loses_what_turns_the_base() -> None:
 
 
 def test_jangs_table_3_explains_his_arm() -> None:
-    """Data of the arm that Table 3 describes: fitting from Table 2 finds an arm that moves alike."""
+    """A fit from Jang's Table 2 to data of the arm in Table 3 finds an arm that moves alike."""
     rng = np.random.default_rng(0)
     true = jang_arm("jang_table3_rb5_calibrated.csv")
     dataset = dataset_of(jang_arm(), true, rng, test=13, noise_mm=0.0)
@@ -228,7 +228,7 @@ def test_jangs_table_3_explains_his_arm() -> None:
 
 
 def test_table_1_recomputed_from_its_rows() -> None:
-    """Position error 0.026-0.095 mm and deviations 0.03-0.09 mm an axis, as the paper states."""
+    """Position errors of 0.026-0.095 mm and deviations of 0.03-0.09 mm per axis, as in the paper."""
     with (REFERENCE / "jang_table1_repeats.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     places = {}

@@ -1,4 +1,4 @@
-"""What a user asks of a fit holds for every fit that follows from it."""
+"""The options of a fit hold for every fit that follows from it."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def dataset() -> Dataset:
 
 
 def same_request(one: Calibration, other: Calibration) -> bool:
-    """Whether two fits have the same parameters, tolerances, residual and weights, as far as their results show it."""
+    """Whether two fits have equal parameters, tolerances, residual kind and weights."""
     links = [p for p in one.fit.parameters if p.name in one.dataset.robot.parameter_names]
     others = [p for p in other.fit.parameters if p.name in other.dataset.robot.parameter_names]
     return (

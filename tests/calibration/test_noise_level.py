@@ -1,4 +1,4 @@
-"""Which noise is meant: declared, else as repeats show it, else as the fit left it; told alike wherever it is shown."""
+"""Source of the noise: declared, else repeats, else the fit's residual; named alike wherever it is shown."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ NOISE_MM = 0.05
 
 
 def undeclared(dataset: Dataset) -> Dataset:
-    """The same points without a word on their noise."""
+    """The dataset without declared noise."""
     points = dataset.points
     assert points is not None
     return replace(dataset, scanner=Scanner(), points=replace(points, covariance_mm2=None))
 
 
 def repeated(dataset: Dataset, times: int = 3) -> Dataset:
-    """Each pose measured so often, the noise of `NOISE_MM` anew each time."""
+    """The dataset with each pose measured `times` times, with independent noise of `NOISE_MM`."""
     points = dataset.points
     assert points is not None
     rng = np.random.default_rng(2)

@@ -1,4 +1,4 @@
-"""What a fit claims to know, against what it does know over many simulated arms."""
+"""Uncertainties of fits compared with the actual errors over many simulated arms."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_pairs_that_blur_each_other_are_named() -> None:
 @pytest.mark.parametrize("range_rad", [np.pi, 0.6])
 @pytest.mark.thorough
 def test_predictions_err_as_much_as_they_say(range_rad: float) -> None:
-    """Mean squared Mahalanobis distance of predicted points, over arms drawn from the prior: 3."""
+    """The mean squared Mahalanobis distance of predicted points over arms drawn from the prior is 3."""
     robot = jang_arm()
     squared = []
     for seed in range(40):
@@ -107,7 +107,7 @@ def test_far_from_the_training_poses_a_prediction_is_worse() -> None:
 
 @pytest.mark.slow
 def test_a_curve_over_a_further_column_is_predicted_elsewhere_too() -> None:
-    """A pressure that turns joint 2; further joint vectors are taken at the first pose's pressure."""
+    """A curve of joint 2 over a pressure column: predictions at other joint vectors use the first pose's pressure."""
     rng = np.random.default_rng(3)
     robot = jang_arm()
     pressure_bar = rng.uniform(80.0, 120.0, 64)

@@ -1,4 +1,4 @@
-"""A fit that carries the test poses away says so: in its warnings, in JSON, in the headline."""
+"""A fit that raises the test poses' error is reported in warnings, JSON and headline."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.support.arms import dataset_of, jang_arm, perturbed
 
 
 def exact_arm(*, slide: bool = False, setups: int = 1) -> Dataset:
-    """An arm that is as its table says, few poses, 0.05 mm of noise: whatever a fit finds there is noise."""
+    """Dataset of an arm without errors, few poses, 0.05 mm noise, so that any fitted correction is noise."""
     robot = jang_arm()
     if slide:
         joints = list(robot.joints)

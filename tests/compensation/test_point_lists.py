@@ -17,7 +17,7 @@ from calib.compensation.target_correction import Correction, corrected_joints
 from calib.compensation.target_files import corrected_points
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
-from calib.robot_formats.programs.point_lists import LONGEST, identifiers, require_point_list
+from calib.robot_formats.programs import LONGEST, identifiers, require_point_list
 from inspector.cli.parser import main
 from tests.support.hidden_dataset import arm, write_hidden
 

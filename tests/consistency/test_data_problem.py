@@ -1,4 +1,4 @@
-"""Wrong sheets and tables of many arms: each is found and told with its mend, and no effect is taken for one."""
+"""Mistakes in the data and tables of many arms are found with their remedy, and no effect is taken for a mistake."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def test_rows_and_units_are_told_with_their_mend(arm: str, sheet: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("arm", sweep(ARMS, every_run=["rb5", "gantry"]))
 def test_turned_joints_are_told_or_left_open_with_all_that_makes_the_same_of_the_points(arm: str) -> None:
-    """A last joint with its tool near its axis stays open for the effects; three slides mirror each other."""
+    """Another sign of a last joint with its tool near the axis stays open; three slides mirror each other."""
     given = simulated(arm)
     for joint in range(1, given.robot.n_joints + 1):
         data = turned(given, joint)
@@ -150,7 +150,7 @@ def test_turned_joints_are_told_or_left_open_with_all_that_makes_the_same_of_the
         ("joint_sign", "joint_zero") if arm == "gantry" else ("joint_sign",)
     )  # two slides: half a turn of the rest
     assert found.problem.kind in mirrored
-    assert calibrate(found.problem.mended).fit.noise < 1.3
+    assert calibrate(found.problem.mended).fit.reduced_chi < 1.3
 
 
 @pytest.mark.slow
@@ -235,7 +235,7 @@ def test_an_arm_with_a_wobbling_last_axis_keeps_its_wobble(seed: int) -> None:
 
 @pytest.mark.slow
 def test_no_effect_is_taken_for_wrong_data() -> None:
-    """Every effect that can be simulated, of half a sigma to fifteen; the thorough run counts many more."""
+    """Simulated effects of every kind, of 0.5 to 15 sigma, are not taken for mistakes; the thorough run has more."""
     rng = np.random.default_rng(7)
     for effect in sorted(set(SIMULATED_EFFECTS) - {"scanner_scale"}):
         arm = "panda" if effect == "joint_coupling" else "rb5"
@@ -290,7 +290,7 @@ def test_every_simple_reading_of_the_joints_changes_something(joints: int) -> No
     readings = simple_readings(np.ones(joints, dtype=bool))
     assert readings
     assert all(reading.edits for reading in readings)
-    assert all(of_reading(reading, column_names(ARMS["rb5"])[:joints]).mend for reading in readings)
+    assert all(of_reading(reading, column_names(ARMS["rb5"])[:joints]).remedy for reading in readings)
 
 
 @pytest.mark.parametrize("count", [5, 40])

@@ -1,4 +1,4 @@
-"""A column of poses.csv is what its whole name says, never what its first letters do; and none makes an error."""
+"""Further columns of poses.csv are inputs by their whole name, whatever it starts with, and no name makes an error."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ODD_COLUMNS = (
 
 
 def with_columns(dataset: Dataset, *names: str) -> Dataset:
-    """Further columns of numbers, each in its own order."""
+    """The dataset with further columns of numbers, each in its own order."""
     rng = np.random.default_rng(5)
     columns = pd.DataFrame({name: rng.normal(size=len(dataset.poses)) for name in names})
     return replace(dataset, poses=replace(dataset.poses, extra=columns))

@@ -112,8 +112,8 @@ def test_nothing_is_told_of_white_noise() -> None:
 
 
 def test_repeats_are_believed_whatever_else_is_left() -> None:
-    shots = odd_arm("deep", 0, shots=3)
-    found = diagnose(shots)
+    repeats = odd_arm("deep", 0, repeats=3)
+    found = diagnose(repeats)
     assert found.verdict == "adequate"
     assert found.noise is not None
     assert found.noise.from_repeats

@@ -77,8 +77,8 @@ def test_every_name_of_the_public_face_is_in_the_reference():
     rooms = {module: names.split() for module, names in re.findall(r"^\.\. room:: (\S+)(.*)$", text, re.MULTILINE)}
 
     def is_there(name: str, module: str) -> bool:
-        in_room = module in rooms and isinstance(getattr(calib, name), type) and name in (rooms[module] or [name])
-        return in_room or any(f".. auto{kind}:: {name}\n" in text for kind in KINDS)
+        in_world = module in rooms and isinstance(getattr(calib, name), type) and name in (rooms[module] or [name])
+        return in_world or any(f".. auto{kind}:: {name}\n" in text for kind in KINDS)
 
     assert [name for name, module in calib._HOME.items() if not is_there(name, module)] == []
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calib.corners.correlated_noise import likelihood, plane_uncertainty
-from calib.dataset.stands import SIGMA_DOUBT
+from calib.dataset.repeats import SIGMA_DOUBT
 from calib.diagnosis import decision_rules, diagnose, search_space, verdict
 from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD
 from calib.fitting import robust, trust_region

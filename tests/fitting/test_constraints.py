@@ -1,4 +1,4 @@
-"""An arm is not fitted by shrinking it: balls in sockets, tips on planes and bars hold no size, so the prior has to."""
+"""Fits of points that leave the arm's size open (ball in a socket, tip on a plane, bar): the prior keeps the size."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SOCKETS = ROOT.parent / "shared" / "data" / "mukca_panda_7"
 
 
 def in_one_socket(sigma_mm: float | None, *, poses: int = 24) -> Dataset:
-    """A true arm whose ball was always in one socket, its joints found by Newton's method on elementary transforms."""
+    """Dataset of an arm whose ball stays in one socket, joint values by Newton's method on elementary transforms."""
     rng = np.random.default_rng(3)
     nominal = park_arm("panda")
     true = perturbed(nominal, rng)

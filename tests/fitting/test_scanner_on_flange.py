@@ -1,4 +1,4 @@
-"""A scanner on the flange, targets in the room: derivatives against differences, recovery, what does not matter."""
+"""Scanner on the flange, targets in the world: derivatives by differences, recovery, invariances."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from calib.effects.catalogue import effects_for
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import FitError
 from calib.fitting.model import Model
-from calib.fitting.observations import Observations, in_room, with_nominal_scanner_frames
+from calib.fitting.observations import Observations, with_nominal_scanner_frames, with_observed_targets
 from calib.identifiability.structural import free_frame_rank, redundancy, structural_rank
 from calib.identifiability.tool_rows import tool_rows
 from calib.kinematics.robot import Base, Robot
@@ -28,14 +28,14 @@ MEMBERS = [member for family in effects_for(RICH) for member in some_of(family)[
 
 @pytest.mark.parametrize("effect", [*MEMBERS, LinkErrors(RICH.robot)], ids=label)
 def test_the_jacobian_of_place_and_attitude_is_the_derivative(effect) -> None:
-    """Each effect's part and the jig's place, at a point away from zero."""
+    """Analytic and numerical derivatives agree for each effect and the jig's place, away from zero."""
     rng = np.random.default_rng(1)
     observed = Observations.of(RICH)
-    robot = in_room(RICH.robot, observed)
+    robot = with_observed_targets(RICH.robot, observed)
     observed = with_nominal_scanner_frames(observed, robot)
     poses, seen = observed.used_poses[0], observed.seen()
     links = () if isinstance(effect, LinkErrors) else (LinkErrors(robot),)
-    jig = TargetOffsets(tuple(target for target in robot.targets if target.in_room))
+    jig = TargetOffsets(tuple(target for target in robot.targets if target.in_world))
     model = Model(robot, (*links, jig, effect))
     x = rng.normal(size=len(model.parameters)) * np.minimum(model.scales, 10.0) * 0.3
     place, attitude, by = model.linearise_pose(x, poses, seen)
@@ -66,7 +66,7 @@ def test_exact_data_are_met_without_a_first_guess(joints: int) -> None:
 
 
 def test_several_mounts_and_targets_share_one_arm() -> None:
-    """Test poses alone see the scanner mounted a third time: its place comes from them, the target's from the rest."""
+    """A third mount of the scanner has test poses only: its place comes from these, the target's from the others."""
     rng = np.random.default_rng(8)
     nominal = random_arm(rng, 6)
     dataset = flange_dataset_of(
@@ -129,7 +129,7 @@ def test_distances_are_refused(kind: str) -> None:
 
 
 def _turning(arm: Robot, kinds: list[str], alphas: list[float]) -> Robot:
-    """The arm with joints of other kinds and angles between their axes."""
+    """The arm with other joint types and other angles between the axes."""
     changed = zip(arm.joints, kinds, alphas, strict=True)
     return replace(arm, joints=tuple(replace(j, type=kind, alpha_rad=alpha) for j, kind, alpha in changed))
 

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from calib.calibration.calibrate import calibrate
-from calib.dataset.dataset import Poses
+from calib.dataset.dataset import Box, Poses
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.dataset.surroundings import Box
 from calib.errors import CalibError
 from calib.planning.outcome import EffectOutcome, ParameterReason
 from calib.planning.plan import Plan, plan_poses

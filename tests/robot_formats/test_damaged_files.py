@@ -1,4 +1,4 @@
-"""Damaged and hostile files: one line that names the file, no traceback, no hang, nothing of another file."""
+"""Damaged and hostile robot files give a one-line error that names the file, and neither hang nor show other files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from calib.dataset.files.robot_toml import builtin_robot, robot_to_toml
 from calib.dataset_import.columns import parsed_mapping
 from calib.dataset_import.import_dataset import import_dataset
 from calib.errors import CalibError
-from calib.robot_formats.robot_file import Reading, read_robot
+from calib.robot_formats.robot_file import ReadOptions, read_robot
 from calib.robot_formats.urdf.xacro import Xacro
 from inspector.cli.parser import main
 from tests.support.chains import shoulder_arm
@@ -22,11 +22,11 @@ from tests.support.robot_texts import FRANKA, MJCF, UR10_CONF, UR_YAML
 from tests.support.sweeps import sweep
 
 FILES = {
-    "arm.urdf": (shoulder_arm(), Reading(tip="tool0")),
-    "arm.yaml": (UR_YAML, Reading()),
-    "arm.conf": (UR10_CONF, Reading(model="ur10")),
-    "arm.csv": (FRANKA, Reading(convention="modified")),
-    "arm.xml": (MJCF, Reading(tip="tcp")),
+    "arm.urdf": (shoulder_arm(), ReadOptions(tip="tool0")),
+    "arm.yaml": (UR_YAML, ReadOptions()),
+    "arm.conf": (UR10_CONF, ReadOptions(model="ur10")),
+    "arm.csv": (FRANKA, ReadOptions(convention="modified")),
+    "arm.xml": (MJCF, ReadOptions(tip="tcp")),
 }
 COUNTS = sweep([12, 400], every_run=[12])
 
@@ -61,12 +61,12 @@ def test_a_damaged_xacro_is_expanded_or_told_in_one_line(tmp_path: Path) -> None
     )
     path, rng = tmp_path / "arm.xacro", np.random.default_rng(4)
     path.write_text(text)
-    assert read_robot(path, Reading(xacro=Xacro())).robot.n_joints == 3
+    assert read_robot(path, ReadOptions(xacro=Xacro())).robot.n_joints == 3
     for _ in range(6):
         path.write_bytes(mutated(text.encode(), rng))
         said = ""
         try:
-            read_robot(path, Reading(xacro=Xacro()))
+            read_robot(path, ReadOptions(xacro=Xacro()))
         except CalibError as error:
             said = str(error)
         assert not said or said.startswith(f"{path}: line "), said
@@ -75,7 +75,7 @@ def test_a_damaged_xacro_is_expanded_or_told_in_one_line(tmp_path: Path) -> None
 
 
 def comb(links: int) -> str:
-    """A chain of links with a further link on each."""
+    """URDF of a chain of links with a further link on each."""
     names = "".join(f'<link name="{kind}{i}"/>' for i in range(links) for kind in "ab")
     joints = "".join(
         f'<joint name="{kind}{i}" type="continuous"><parent link="a{i}"/><child link="{child}"/></joint>'

@@ -122,7 +122,7 @@ def test_the_shape_keeps_the_declared_size(kind: str) -> None:
 
 @pytest.mark.slow
 def test_repeats_tell_the_shape_whatever_the_arm_does() -> None:
-    dataset = odd_arm("deep", 2, ["joint_compliance"], sigmas=20.0, shots=2)
+    dataset = odd_arm("deep", 2, ["joint_compliance"], sigmas=20.0, repeats=2)
     scatter = scatter_of_repeats(dataset)
     assert scatter is not None
     assert scatter.rows.shape == (80, 3, 1)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.dataset.dataset import Box
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.dataset.surroundings import Box
 from calib.frames import make_transform
 from calib.kinematics.robot import Joint, Robot, Tool
 from calib.workcell.bodies.arm_bodies import FIXED

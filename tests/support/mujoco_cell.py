@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from calib.dataset.surroundings import Box
+from calib.dataset.dataset import Box
 from calib.kinematics.robot import Robot
 from tests.support.mujoco_arm import mujoco
 

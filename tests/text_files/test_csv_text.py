@@ -1,4 +1,4 @@
-"""Tables from strangers, and for spreadsheets: bounds, digits, formulas, and what cannot be seen in a name."""
+"""Untrusted CSV tables and CSV for spreadsheets: bounds, digits, formulas, hidden characters in names."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from calib.effects.catalogue.user_file import load_effects
 from calib.errors import MOST_CHARACTERS, CalibError, DatasetError, is_one_line, printable
 from calib.fitting.observations import nominal_state
 from calib.text_files.csv_text import as_number, csv_rows, frame_csv, rows_csv
-from calib.user_tables.user_table import load_table
+from calib.text_files.user_table import load_table
 from inspector.app.page.dataset_list import names_of
 from tests.support.hidden_dataset import write_hidden
 

@@ -1,4 +1,4 @@
-"""TOML of strangers: nothing in it may cost more than it weighs."""
+"""Untrusted TOML: time and memory for reading are bounded by the file's size."""
 
 from __future__ import annotations
 

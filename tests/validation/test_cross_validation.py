@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from calib import frames
 from calib.calibration.calibrate import calibrate
-from calib.calibration.noise_check import SigmaCheck, check_sigma
+from calib.calibration.noise_level import SigmaCheck, check_sigma
 from calib.dataset.dataset import Dataset, Points, Scanner
 from calib.dataset.files.folder import write_dataset
 from calib.errors import FitError

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from calib import frames
-from calib.dataset.dataset import Dataset, Points, Poses, Scanner
+from calib.dataset.dataset import Box, Dataset, Points, Poses, Scanner, Surroundings
 from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.robot_toml import load_robot
-from calib.dataset.surroundings import Box, Surroundings
 from calib.errors import CalibError
 from calib.kinematics.robot import Target
 from calib.workcell.bodies.link_mesh import load_link_mesh

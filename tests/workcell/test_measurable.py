@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calib.dataset.surroundings import Surroundings
+from calib.dataset.dataset import Surroundings
 from calib.frames import make_transform
 from calib.kinematics.robot import Base
 from calib.workcell.candidates import candidate_poses, likely_poses

@@ -1,4 +1,4 @@
-"""Targets of dataset.toml: [[targets]], each with a name, a shape and its sizes, and a [jig] of another shape."""
+"""Targets in dataset.toml: [[targets]] with name, shape and sizes, and a [jig] that is no three-faced corner."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _LEAST_TURN = 0.17  # of three planes' normals: the smallest singular value
 
 
 def load_targets(jig: TomlTable, tables: Sequence[TomlTable], robot: Robot) -> tuple[DeclaredTarget, ...]:
-    """The targets besides a three-faced [jig]; a [jig] of another shape is the first. Raises DatasetError."""
+    """All declared targets but a three-faced [jig]; a [jig] of another shape comes first. Raises DatasetError."""
     targets: list[DeclaredTarget] = []
     if jig.data.get("shape") in _READERS and jig.data.get("shape") != "trihedral":
         targets.append(_target(jig, "jig"))
@@ -68,7 +68,7 @@ def _target(table: TomlTable, name: str) -> DeclaredTarget:
 
 
 def _length(table: TomlTable, key: str, least: float = 0.0, most: float = _FARTHEST_MM) -> float | None:
-    """A length in mm between two limits; None where the key is absent."""
+    """Length in mm under a key, checked against the limits; None where the key is absent."""
     value = table.number(key, positive=True)
     if value is not None and not least <= value <= most:
         raise table.error(key, f"found {value:g} mm", f"{least:g} to {most:g} mm is needed")
@@ -176,7 +176,7 @@ _READERS: dict[str, Callable[[TomlTable], Shape]] = {
 
 
 def target_document(target: DeclaredTarget) -> dict[str, Any]:
-    """One of [[targets]] as it is written; `load_targets` gives the same target back."""
+    """One of [[targets]] as a dict for writing; `load_targets` reads it back."""
     shape = target.shape
     if isinstance(shape, Jig):
         return {"name": target.name, **jig_document(shape)}

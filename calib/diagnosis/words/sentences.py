@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from calib.array_types import Array, BoolArray
-from calib.dataset.stands import ShotCount
+from calib.dataset.repeats import RepeatCount
 from calib.diagnosis.words.conclusions import VerdictSentence
 from calib.diagnosis.words.noise_text import NoiseShaped as NoiseShaped
 from calib.effects.effect import NaturalBound
-from calib.fitting.tool_point.placement import ToolShift as ToolShift
+from calib.fitting.tool_point import ToolShift as ToolShift
 from calib.screening.scan_statistic import Channel
 from calib.screening.smooth_motions import JointFault
 
@@ -31,7 +31,7 @@ class ModelFitted:
     noise_ratio: float | None  # sigma over the declared one; None where no noise is declared
     train_rmse_mm: float | None  # 3D; None where there are no test poses to compare with
     test_rmse_mm: float | None
-    shots: ShotCount | None = None  # of the whole dataset, where points are means over standing poses
+    repeats: RepeatCount | None = None  # of the whole dataset, where points are means over repeat groups
     instrument: str = "scanner"  # what measured: "scanner", or "instrument" where no jig with faces was measured
 
 

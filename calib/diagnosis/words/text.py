@@ -16,7 +16,7 @@ from calib.diagnosis.words.phrases import (
     fault_text,
     listed,
     poses_text,
-    shots_text,
+    repeats_text,
     times_text,
 )
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR
@@ -116,7 +116,7 @@ def _model_fitted(model: facts.ModelFitted) -> str:
     )
     return (
         f"The five-parameter model{with_effects} was fitted to {model.points} measured points of {model.robot} with the "
-        f"{model.instrument}'s place unknown. It leaves {model.sigma_mm:.4g} mm a coordinate{noise}{errors}.{shots_text(model.shots)}"
+        f"{model.instrument}'s place unknown. It leaves {model.sigma_mm:.4g} mm a coordinate{noise}{errors}.{repeats_text(model.repeats)}"
     )
 
 

@@ -9,10 +9,18 @@ from typing import Any
 
 from calib.dataset.dataset import ROLES, Dataset
 from calib.dataset_import.columns import parsed_mapping
-from calib.dataset_import.files.choice import Choice, plan_of_files, unpacked, without_folder
-from calib.dataset_import.files.user_files import UserFiles
-from calib.dataset_import.import_dataset import copy_dataset, require_free, scan_files, write_plan
+from calib.dataset_import.import_dataset import (
+    ImportChoice,
+    copy_dataset,
+    plan_of_files,
+    require_free,
+    scan_files,
+    unpacked,
+    without_folder,
+    write_plan,
+)
 from calib.dataset_import.plan import ImportPlan
+from calib.dataset_import.user_files import UserFiles
 from calib.errors import CalibError, visible
 from inspector.cli.dataset_commands import measured, show
 from inspector.cli.options import ImportOptions
@@ -40,7 +48,7 @@ def run_import(options: ImportOptions) -> int:
     summary = [] if plan.robot is None else [plan.robot.summary]
     document = plan_document(plan, files.files)
     notes = [] if plan.robot is None else plan.robot.notes
-    return _finished(options, dataset, document | {"notes": notes}, [*summary, *plan.said])
+    return _finished(options, dataset, document | {"notes": notes}, [*summary, *plan.notes])
 
 
 def _named(options: ImportOptions) -> UserFiles:
@@ -48,9 +56,9 @@ def _named(options: ImportOptions) -> UserFiles:
     return UserFiles(Path(), (), {} if options.scans is None else scan_files(options.scans))
 
 
-def _choice(options: ImportOptions) -> Choice:
+def _choice(options: ImportOptions) -> ImportChoice:
     reading = reading_of(options, named=options.robot is not None)
-    return Choice(options.robot, reading, options.joints, options.points, parsed_mapping(options.map))
+    return ImportChoice(options.robot, reading, options.joints, options.points, parsed_mapping(options.map))
 
 
 def _told(options: ImportOptions, files: UserFiles, plan: ImportPlan) -> int:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from calib.robot_formats.robot_file import Reading
+from calib.robot_formats.robot_file import ReadOptions
 from calib.robot_formats.urdf.xacro import Xacro
 from inspector.cli.options import RobotFileOptions
 
 
-def reading_of(options: RobotFileOptions, *, named: bool = True) -> Reading:
+def reading_of(options: RobotFileOptions, *, named: bool = True) -> ReadOptions:
     """Options for `read_robot`; a xacro is expanded only where the user `named` the file."""
     xacro = Xacro(dict(options.xacro_arg), dict(options.xacro_package)) if named else None
-    return Reading(options.tip, options.base, options.convention, options.model, xacro)
+    return ReadOptions(options.tip, options.base, options.convention, options.model, xacro)

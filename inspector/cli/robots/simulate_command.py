@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.dataset.files.points_csv import LEAST_SIGMA_MM, MOST_SIGMA_MM
-from calib.dataset.files.robot_toml import builtin_robot, load_robot
-from calib.dataset.robot_checks import refuse_beyond
+from calib.dataset.files.robot_toml import builtin_robot, load_robot, refuse_beyond
 from calib.errors import DatasetError
 from calib.options import BUILTIN_ROBOTS
 from calib.simulation.measured_dataset import write_simulation

@@ -11,7 +11,7 @@ from calib.planning.purposes.confounded_effects import SPLIT
 from calib.present import html
 from calib.present.blocks import Bullets, Section
 from calib.present.plans import assumptions, plan_head, poses_table
-from calib.robot_formats.programs.point_lists import JOINTS
+from calib.robot_formats.programs import JOINTS
 from inspector.figures.plan_plots import error_by_count
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, hidden_plot, offer, put

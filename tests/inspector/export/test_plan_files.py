@@ -13,7 +13,7 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
 from calib.planning.plan import Plan, plan_poses
 from calib.planning.start import FromRobot
-from calib.robot_formats.programs.trajectory import SLOW_RAD_S, STANDS_S
+from calib.robot_formats.programs import SLOW_RAD_S, STANDS_S
 from calib.workcell.known_cell import workcell_of_robot
 from inspector.export.plan_files import planned_file
 

@@ -81,7 +81,7 @@ CASES: dict[str, Callable[[], Dataset]] = {
     "no name, curves": lambda: arm(3, ("rough_gear", 5.0)),
     "depth three times coarser": lambda: odd_arm("deep", 2, ["transmission_error"], sigmas=4.0),
     "a wander like a drift": lambda: odd_arm("wandering", 8),
-    "shots that tell the noise": lambda: odd_arm("deep", 0, shots=3),
+    "repeats that tell the noise": lambda: odd_arm("deep", 0, repeats=3),
     "a second arm": lambda: arm(9, ("joint_scale", 3.0), ("scanner_drift", 3.0), robot="panda"),
 }
 

@@ -1,4 +1,4 @@
-"""A xacro's expressions: what a robot's description needs comes out as Python has it, and nothing else is there."""
+"""Expressions of a xacro have Python's values where a robot's description needs them, and are refused otherwise."""
 
 from __future__ import annotations
 

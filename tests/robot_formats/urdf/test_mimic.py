@@ -1,4 +1,4 @@
-"""Joints that follow others of the arm: a matrix from commanded to joint values, against MuJoCo's places."""
+"""Mimic joints as a matrix from commanded to joint values, compared with MuJoCo's positions."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ARM = urdf_of(
 
 
 def by_mujoco(q: np.ndarray) -> np.ndarray:
-    """(N, 4, 4) the tip, mm, of what is commanded of lift1 (m) and shoulder; the others by the rule of <mimic>."""
+    """Tip transforms (N, 4, 4), mm, by MuJoCo from commanded lift1 (m) and shoulder, others by the rule of <mimic>."""
     inertial = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
     text = ARM.replace('"/>\n  <link', f'">{inertial}</link>\n  <link')
     spec = mujoco().MjSpec.from_string(text)

@@ -1,4 +1,4 @@
-"""A zip from anybody: unpacked whole and below its folder, or refused with a reason and nothing left behind."""
+"""Zips of untrusted users are unpacked below their folder, or refused with a reason and without leaving files."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from calib.dataset_import.files.archive import Limits, is_archive, unpack
+from calib.dataset_import.archive import ArchiveLimits, is_archive, unpack
 from calib.errors import DatasetError
 
 
@@ -21,10 +21,10 @@ def packed(folder: Path, files: dict[str, bytes], deflated: bool = True) -> Path
     return path
 
 
-def refused(folder: Path, path: Path, limits: Limits | None = None) -> str:
+def refused(folder: Path, path: Path, limits: ArchiveLimits | None = None) -> str:
     out = folder / "out"
     with pytest.raises(DatasetError) as caught:
-        unpack(path, out, limits or Limits())
+        unpack(path, out, limits or ArchiveLimits())
     assert not [file for file in folder.rglob("*") if file != path and file.is_file()]
     return str(caught.value)
 
@@ -64,19 +64,19 @@ def test_bombs_are_refused_by_what_the_table_says(tmp_path: Path) -> None:
     bomb = packed(tmp_path, {"zeros.csv": b"0" * 30_000_000})
     assert "grows" in refused(tmp_path, bomb)
     many = packed(tmp_path, {f"{i}.csv": b"1" for i in range(60)})
-    assert "holds 60 files" in refused(tmp_path, many, Limits(files=50))
+    assert "holds 60 files" in refused(tmp_path, many, ArchiveLimits(files=50))
     large = packed(tmp_path, {"a.csv": b"12" * 60, "b.csv": b"34" * 60})
-    assert "unpacked it has" in refused(tmp_path, large, Limits(total_bytes=200))
+    assert "unpacked it has" in refused(tmp_path, large, ArchiveLimits(total_bytes=200))
     comments = zipfile.ZipInfo("a.csv")
     comments.comment = b"x" * 60_000
     with zipfile.ZipFile(tmp_path / "given.zip", "w") as archive:
         archive.writestr(comments, "1")
-    assert "too many files" in refused(tmp_path, tmp_path / "given.zip", Limits(files=50))
+    assert "too many files" in refused(tmp_path, tmp_path / "given.zip", ArchiveLimits(files=50))
 
 
 def test_a_disk_without_room_is_told_before_anything_is_written(tmp_path: Path) -> None:
     path = packed(tmp_path, {"a.csv": b"1" * 5000})
-    assert "has no room" in refused(tmp_path, path, Limits(spare_bytes=10**18))
+    assert "has no room" in refused(tmp_path, path, ArchiveLimits(spare_bytes=10**18))
 
 
 def test_a_table_that_lies_about_a_size_writes_no_more_than_it_says(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Datasets whose poses are measured several times each, every shot in a row of poses.csv of its own."""
+"""Datasets whose poses are measured several times each, every repeat in a row of poses.csv of its own."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from calib.dataset.dataset import Dataset, Points
 
 
 def repeated(
-    dataset: Dataset, shots: int, rng: np.random.Generator, *, noise_mm: float = 0.0, rounds: bool = False
+    dataset: Dataset, repeats: int, rng: np.random.Generator, *, noise_mm: float = 0.0, rounds: bool = False
 ) -> Dataset:
-    """Each pose of a dataset `shots` times, one after the other or in rounds, each time with new noise."""
+    """Each pose of a dataset `repeats` times, one after the other or in rounds, each time with new noise."""
     assert dataset.points is not None
     count = len(dataset.poses)
-    rows = np.tile(np.arange(count), shots) if rounds else np.repeat(np.arange(count), shots)
+    rows = np.tile(np.arange(count), repeats) if rounds else np.repeat(np.arange(count), repeats)
     poses = dataset.poses.select(rows)
     role = np.where(poses.role == "reference", "train", poses.role)
     role[0] = "reference"

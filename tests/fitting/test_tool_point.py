@@ -1,4 +1,4 @@
-"""A table's tool point, and tables that have it elsewhere."""
+"""Tool points of tables in the nominal arm's frame, tolerances and directions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.link_errors import LinkErrors
-from calib.fitting.tool_point.placement import (
+from calib.fitting.tool_point import (
     free_directions,
     tip_turn_rad,
     tolerance_covariance,
@@ -83,7 +83,7 @@ def test_how_far_a_table_turns_the_tip_about_the_last_axis() -> None:
 
 
 def test_the_point_of_another_table_is_told_in_the_nominal_last_frame() -> None:
-    """Put there by its xyz, the nominal arm's tool is where the other table's is, whatever the last joint does."""
+    """The other table's tool point, put on the nominal arm, moves alike for every value of the last joint."""
     rng = np.random.default_rng(1)
     for nominal in (random_arm(rng, 6), random_arm(rng, 5, prismatic=4), builtin_robot("panda")):
         other = nominal.table.copy()
@@ -96,7 +96,7 @@ def test_the_point_of_another_table_is_told_in_the_nominal_last_frame() -> None:
 
 @pytest.mark.slow
 def test_the_tolerances_of_the_last_two_rows_are_how_far_the_point_may_be_off() -> None:
-    """Against tables that were drawn, beyond a length's own tolerance in each direction."""
+    """Covariance by tolerances compared with that of random tables."""
     rng = np.random.default_rng(2)
     robot = random_arm(rng, 6)
     links = LinkErrors(robot, {"dTCP": 3.0})

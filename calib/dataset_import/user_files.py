@@ -1,4 +1,4 @@
-"""What the files of a user are: a ready dataset, robots, tables of joints and points, scans; by suffix and content."""
+"""Kinds of a user's files by suffix and content: dataset, robot, tables of joints and points, scans."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from calib.dataset_import.columns import recognise
 from calib.errors import CalibError
 from calib.robot_formats.origin_yaml import read_origin_yaml
 from calib.text_files.text_file import decoded
-from calib.user_tables.unit_names import plain, split_unit
-from calib.user_tables.user_table import UserTable, parse_table
+from calib.text_files.user_table import UserTable, parse_table, plain, split_unit
 
 _MOST_FILES = 10_000
 _HEAD_BYTES = 16_384  # of a file, by which it is judged
@@ -30,7 +29,7 @@ DATASET, ROBOT, JOINTS, POINTS, BOTH, SCAN, UNUSED = (
 
 @dataclass(frozen=True)
 class UserFile:
-    """A file, what it is, and by what that is seen."""
+    """A file with its kind and the reason for it."""
 
     path: Path
     kind: str
@@ -39,45 +38,45 @@ class UserFile:
 
 @dataclass(frozen=True)
 class UserFiles:
-    """The files of a folder. Where there are several of a kind, the likeliest stands first."""
+    """The files of a folder; of several of a kind, the likeliest is first."""
 
     folder: Path
     files: tuple[UserFile, ...]
     scans: Mapping[str, Path] = field(default_factory=dict)  # a file by its stem
 
     def of(self, *kinds: str) -> tuple[Path, ...]:
-        """The files of these kinds."""
+        """Paths of the files of some kinds."""
         return tuple(file.path for file in self.files if file.kind in kinds)
 
     @property
     def datasets(self) -> tuple[Path, ...]:
-        """Folders of ready datasets."""
+        """Folders that are datasets already."""
         return tuple(path.parent for path in self.of(DATASET))
 
     @property
     def robots(self) -> tuple[Path, ...]:
-        """Files that hold a robot."""
+        """Paths of robot files, the surest form first."""
         return tuple(sorted(self.of(ROBOT), key=lambda path: (_ORDER.index(path.suffix.lower()), str(path))))
 
     @property
     def tables(self) -> tuple[Path, ...]:
-        """Tables of joints, of points, or of something that a mapping may tell."""
+        """Paths of tables of joints or points."""
         return self.of(BOTH, JOINTS, POINTS)
 
     @property
     def joints(self) -> Path | None:
-        """The table of joint values."""
+        """Path of the likeliest table of joint values; None where there is none."""
         return next(iter((*self.of(JOINTS), *self.of(BOTH))), None)
 
     @property
     def points(self) -> Path | None:
-        """The table of points where it is another than that of joints."""
+        """Path of the likeliest table of points that is not that of the joints; None where there is none."""
         points = self.of(POINTS)
         return points[0] if points and self.joints is not None and self.joints in self.of(JOINTS) else None
 
 
 def look_through(folder: Path) -> UserFiles:
-    """Say what each file below a folder is. Raises CalibError where there is none, or too many."""
+    """Find the kind of each file below a folder. Raises CalibError where there are no files or too many."""
     paths = list(_below(folder))
     if len(paths) > _MOST_FILES:
         raise CalibError(f"{folder}: holds more than {_MOST_FILES} files; give the folder of one dataset")
@@ -96,7 +95,7 @@ def look_through(folder: Path) -> UserFiles:
 
 
 def _below(folder: Path) -> Iterator[Path]:
-    """Plain files, in order; hidden ones and links are passed over."""
+    """Paths of the plain files below a folder, sorted, without hidden files and links."""
     count = 0
     for place, folders, names in os.walk(folder, followlinks=False):
         folders[:] = sorted(name for name in folders if not name.startswith(".") and name != "__MACOSX")
@@ -188,7 +187,7 @@ def _without_header(path: Path, table: UserTable) -> UserFile:
 
 
 def _head(path: Path) -> str:
-    """The beginning of a file, whole lines where it is longer."""
+    """Beginning of a file as text, cut at the end of a line."""
     with path.open("rb") as file:
         content = file.read(_HEAD_BYTES)
     text = decoded(content)
@@ -197,7 +196,7 @@ def _head(path: Path) -> str:
 
 
 def _scans(files: list[UserFile]) -> dict[str, Path]:
-    """The files of scans by their stems: those of the folder that has most of them."""
+    """Scan files by stem, of the folder that has most of them."""
     found = [file.path for file in files if file.kind == SCAN]
     clouds = [path for path in found if path.suffix.lower() in _CLOUDS]
     texts = [path for path in found if path.suffix.lower() in _TABLES]
@@ -216,7 +215,7 @@ def _scans(files: list[UserFile]) -> dict[str, Path]:
 
 
 def _no_scan(file: UserFile) -> UserFile:
-    """What is no scan of this dataset after all."""
+    """Another kind for a file that looked like a scan but is none of this dataset."""
     suffix = file.path.suffix.lower()
     if suffix in _TABLES:
         return UserFile(file.path, POINTS, "three columns without a header")

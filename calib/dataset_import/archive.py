@@ -1,4 +1,4 @@
-"""A user's zip, unpacked so that nothing in it can leave the folder, follow a link or fill the disk."""
+"""Safe unpacking of a user's zip: no path outside the folder, no links, bounded size."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _LITTER = ("__MACOSX", "Thumbs.db", "desktop.ini")  # what packing programs add
 
 
 @dataclass(frozen=True)
-class Limits:
-    """What an archive may hold."""
+class ArchiveLimits:
+    """Largest number and size of the files in an archive."""
 
     files: int = 5000
     total_bytes: int = 2_000_000_000  # unpacked
@@ -33,17 +33,17 @@ class Limits:
 
 
 def is_archive(path: Path) -> bool:
-    """Whether a file is a zip, by what it holds."""
+    """Whether a file is a zip by its content."""
     try:
         return path.is_file() and zipfile.is_zipfile(path)
     except OSError:
         return False
 
 
-def unpack(path: Path, folder: Path, limits: Limits = Limits()) -> tuple[Path, ...]:
-    """Write the files of a zip below an empty folder and say which.
+def unpack(path: Path, folder: Path, limits: ArchiveLimits = ArchiveLimits()) -> tuple[Path, ...]:
+    """Unpack a zip into an empty folder; the paths of the written files.
 
-    Everything is judged by the archive's table before anything is written, and its sizes are held to while unpacking.
+    Everything is checked in the archive's table before anything is written, and its sizes are enforced while unpacking.
 
     Raises:
         DatasetError: names that leave the folder, links, encryption, damage, or more than the limits allow.
@@ -69,7 +69,7 @@ def unpack(path: Path, folder: Path, limits: Limits = Limits()) -> tuple[Path, .
         raise DatasetError(f"{path}: cannot be unpacked ({error.strerror or error})") from None
 
 
-def _refuse_full_disk(path: Path, folder: Path, needed_bytes: int, limits: Limits) -> None:
+def _refuse_full_disk(path: Path, folder: Path, needed_bytes: int, limits: ArchiveLimits) -> None:
     """Raise DatasetError where the files would leave too little room on the disk."""
     there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if shutil.disk_usage(there).free - needed_bytes < limits.spare_bytes:
@@ -78,7 +78,7 @@ def _refuse_full_disk(path: Path, folder: Path, needed_bytes: int, limits: Limit
         )
 
 
-def _refuse_long_table(path: Path, limits: Limits) -> None:
+def _refuse_long_table(path: Path, limits: ArchiveLimits) -> None:
     """Raise DatasetError where the archive's table is longer than its files could make it, before it is read."""
     with path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - _END_BYTES))
@@ -91,8 +91,8 @@ def _refuse_long_table(path: Path, limits: Limits) -> None:
         raise DatasetError(f"{path}: holds too many files; {limits.files} are the most that is taken")
 
 
-def _judged(path: Path, archive: zipfile.ZipFile, limits: Limits) -> dict[str, zipfile.ZipInfo]:
-    """The files to unpack by their place below the folder."""
+def _judged(path: Path, archive: zipfile.ZipFile, limits: ArchiveLimits) -> dict[str, zipfile.ZipInfo]:
+    """The files to unpack, by their path below the folder. Raises DatasetError."""
     infos = archive.infolist()
     if len(infos) > limits.files:
         raise DatasetError(f"{path}: holds {len(infos)} files; {limits.files} are the most that is taken")
@@ -126,7 +126,7 @@ def _judged(path: Path, archive: zipfile.ZipFile, limits: Limits) -> dict[str, z
 
 
 def _place(path: Path, info: zipfile.ZipInfo) -> str | None:
-    """Where a file goes; None for folders and litter. Raises DatasetError for what is no plain file of this folder."""
+    """Path of a file below the folder; None for folders and hidden files. Raises DatasetError for unsafe names."""
     name = info.filename.replace("\\", "/")
     where = PurePosixPath(name)
     if info.flag_bits & 0x1:
@@ -146,7 +146,7 @@ def _place(path: Path, info: zipfile.ZipInfo) -> str | None:
 
 
 def _write(path: Path, archive: zipfile.ZipFile, info: zipfile.ZipInfo, place: Path) -> Path:
-    """One file, of no more bytes than the archive's table says."""
+    """Unpack one file; its path. Raises DatasetError where it is longer than the archive's table says."""
     place.parent.mkdir(parents=True, exist_ok=True)
     written = 0
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)

@@ -1,4 +1,4 @@
-"""A fit of the table and of effects, its tool point near where robot.toml has it, or found where it is far off."""
+"""A fit of robot.toml's table and of effects, which searches the tool point where robot.toml has it far off."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from calib.fitting.observations import Observations, with_nominal_scanner_frames
 from calib.fitting.residual import Residuals
 from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.robust import solve_with_tails
-from calib.fitting.tool_point.far_off import fitted_tool_point, search_tool_point, turning_tool_point
-from calib.fitting.tool_point.placement import with_found_tool
+from calib.fitting.tool_point import fitted_tool_point, search_tool_point, turning_tool_point, with_found_tool
 from calib.fitting.trust_region import solve
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
@@ -24,7 +23,7 @@ from calib.options import FitOptions
 
 @dataclass(frozen=True)
 class Fitted:
-    """A model and its fit."""
+    """A model and the fit of its parameters."""
 
     model: Model
     fit: Fit
@@ -32,7 +31,7 @@ class Fitted:
 
 @dataclass(frozen=True)
 class FitTask:
-    """What is to be fitted to which points, and how."""
+    """A model, the points to fit it to, and the options of the fit."""
 
     model: Model
     geometry: tuple[Effect, ...]  # the first of its effects, with the tolerances that were asked for
@@ -46,59 +45,59 @@ class FitTask:
 
     @property
     def offsets(self) -> TargetOffsets | None:
-        """The offsets of the further targets that were measured; None where there are none."""
+        """The effect that holds the places of further measured targets; None where there are none."""
         return next((effect for effect in self.geometry if isinstance(effect, TargetOffsets)), None)
 
     def of_geometry_alone(self) -> FitTask:
-        """The corrections of robot.toml without the effects: where a fit of all begins."""
-        return replace(self, model=Model(self.model.robot, self.geometry, self.model.held))
+        """The task of fitting the corrections of robot.toml alone, with which a fit of all effects begins."""
+        return replace(self, model=Model(self.model.robot, self.geometry, self.model.fixed))
 
     def of(self, kept: BoolArray) -> FitTask:
-        """The same for some of the points (M,)."""
+        """The task for the points where `kept` (M,) is True."""
         return replace(self, observed=self.observed.select(kept))
 
     def fitted_to_tool(self) -> Fitted:
-        """The fit with the tool point held near where robot.toml has it, or, where that is far off, near where it is.
+        """Fit with the tool point kept near robot.toml's or, where that is far off, near the point that is found.
 
-        The points alone tell that it is far off, or a fit that moves it further than tolerances allow, or turns the tip
-        to move it. In the end the fit has the last word. A scanner on the flange does not see the tool.
+        It is far off by the points alone, or by a fit that moves it further than tolerances allow or turns the tip to
+        move it; a later fit overrules an earlier one. A scanner on the flange does not measure the tool.
         """
         if self.model.robot.carries_scanner:
             return self.fitted(None)
-        held = self.model.held
-        found = search_tool_point(self.observed, self.links, held)
+        fixed = self.model.fixed
+        found = search_tool_point(self.observed, self.links, fixed)
         first = self.fitted(found)
         if not self.options.prior:  # then parameters that the data do not know move freely, and the tool with them
             return first
         settled = first
-        confirmed = fitted_tool_point(first.model, first.fit, self.links, held)
+        confirmed = fitted_tool_point(first.model, first.fit, self.links, fixed)
         if (found is None) != (confirmed is None):
             second = self.fitted(confirmed)
-            if confirmed is None or fitted_tool_point(second.model, second.fit, self.links, held) is not None:
+            if confirmed is None or fitted_tool_point(second.model, second.fit, self.links, fixed) is not None:
                 settled = second
         if settled.model.tool_found is None:
-            turning = turning_tool_point(settled.model, settled.fit, self.links, held)
+            turning = turning_tool_point(settled.model, settled.fit, self.links, fixed)
             settled = settled if turning is None else self.fitted(turning)
         return settled
 
     def fitted(self, tool_found: Robot | None, before: Fit | None = None) -> Fitted:
-        """The fit from where `before` ended, else from the nominal robot, with its tool point where it was found."""
+        """Fit that starts from `before`, else from the nominal robot with its tool point at `tool_found`."""
         model, prior = self.model, self.options.prior
         if tool_found is not None:
             model = with_found_tool(model, self.links, self.offsets, self.observed, tool_found)
         observed = with_nominal_scanner_frames(self.observed, model.placed_robot)
-        way: tuple[Iteration, ...] = ()  # of the fits before this one
+        earlier: tuple[Iteration, ...] = ()  # iterations of the fits before this one
         if before is not None:
-            way = _in_order_of(model, before)
+            earlier = _in_order_of(model, before)
         elif tool_found is not None:
-            way = _to_found_tool(model, make_residuals(self.options.residual, model, observed))
-        first_x = way[-1].x if way else np.zeros(len(model.parameters))
+            earlier = _to_found_tool(model, make_residuals(self.options.residual, model, observed))
+        first_x = earlier[-1].x if earlier else np.zeros(len(model.parameters))
         if model.added_effects:
             model = model.with_loads_at(first_x)
         noise = self.options.noise
         if noise is not None and noise.tail is not None:
             fit = solve_with_tails(
-                lambda seen: make_residuals(self.options.residual, model, seen),
+                lambda weighted: make_residuals(self.options.residual, model, weighted),
                 observed,
                 noise.tail,
                 start=first_x,
@@ -107,11 +106,11 @@ class FitTask:
         else:
             residuals = make_residuals(self.options.residual, model, observed)
             fit = solve(residuals, start=first_x, prior=prior)
-        return Fitted(model, replace(fit, iterations=(*way[:-1], *fit.iterations)))
+        return Fitted(model, replace(fit, iterations=(*earlier[:-1], *fit.iterations)))
 
 
 def _to_found_tool(model: Model, residuals: Residuals) -> tuple[Iteration, ...]:
-    """From the nominal robot to the same with its tool point where it was found, as if a step of the solver."""
+    """Two iterations: the nominal robot, and the nominal robot with its tool point where it was found."""
     nominal = np.zeros(len(model.parameters))
     own = model.placed_robot.own_tool_point
     assert own is not None
@@ -126,7 +125,7 @@ def _to_found_tool(model: Model, residuals: Residuals) -> tuple[Iteration, ...]:
 
 
 def _in_order_of(model: Model, fit: Fit) -> tuple[Iteration, ...]:
-    """A fit's iterations with their parameters in the order of another model's; zero where the fit did not have one."""
+    """Iterations of a fit with x in the order of another model's parameters, zero for those the fit did not have."""
 
     def in_order(x: Array) -> Array:
         values = dict(zip((p.name for p in fit.parameters), x.tolist(), strict=True))

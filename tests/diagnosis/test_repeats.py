@@ -1,4 +1,4 @@
-"""Shots of one standing pose are no independent poses: what is inferred from them is what their mean tells."""
+"""Repeats of one pose are no independent poses: inference from them equals inference from their mean."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.calibration.calibrate import calibrate
-from calib.calibration.noise_check import check_sigma
+from calib.calibration.noise_level import check_sigma
 from calib.dataset.dataset import Dataset, Points, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
@@ -18,10 +18,10 @@ from calib.options import FitOptions
 from calib.screening.candidates import screen
 from calib.validation.cross_validation import cross_validate
 from tests.support.arms import dataset_of, elementary_points, perturbed
-from tests.support.repeated_shots import repeated
+from tests.support.repeated_points import repeated
 
 SIGMA_MM = 0.05
-SHOTS = 5
+REPEATS = 5
 
 
 def unmodelled(seed: int, *, rough_rad: float, poses: int = 20, test: int = 6) -> Dataset:
@@ -37,33 +37,33 @@ def unmodelled(seed: int, *, rough_rad: float, poses: int = 20, test: int = 6) -
 
 
 def by_hand(dataset: Dataset) -> Dataset:
-    """The mean of each pose's shots as one pose, its sigma over the root of their number."""
+    """The dataset with the mean of each pose's repeats as one pose, its sigma divided by the root of their number."""
     assert dataset.points is not None
-    poses = dataset.poses.select(np.arange(0, len(dataset.poses), SHOTS))
-    xyz = dataset.points.xyz_mm.reshape(-1, SHOTS, 3).mean(axis=1)
+    poses = dataset.poses.select(np.arange(0, len(dataset.poses), REPEATS))
+    xyz = dataset.points.xyz_mm.reshape(-1, REPEATS, 3).mean(axis=1)
     points = Points(np.arange(len(xyz)), xyz, np.full(len(xyz), "jig"))
-    return replace(dataset, poses=poses, points=points, scanner=Scanner(SIGMA_MM / np.sqrt(SHOTS)))
+    return replace(dataset, poses=poses, points=points, scanner=Scanner(SIGMA_MM / np.sqrt(REPEATS)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "rounds"), [(0, False), (1, True), (2, False)])
 @pytest.mark.thorough
 def test_evidence_is_that_of_the_means(seed: int, rounds: bool) -> None:
-    shots = repeated(
+    repeats = repeated(
         unmodelled(seed, rough_rad=5e-4),
-        SHOTS,
+        REPEATS,
         np.random.default_rng(seed),
         noise_mm=SIGMA_MM,
         rounds=rounds,
     )
     if rounds:  # the same rows sorted, for the mean by hand
-        order = np.argsort(np.tile(np.arange(26), SHOTS), kind="stable")
-        assert shots.points is not None
-        points = replace(shots.points, pose=np.arange(len(order)), xyz_mm=shots.points.xyz_mm[order])
-        means = by_hand(replace(shots, poses=shots.poses.select(order), points=points))
+        order = np.argsort(np.tile(np.arange(26), REPEATS), kind="stable")
+        assert repeats.points is not None
+        points = replace(repeats.points, pose=np.arange(len(order)), xyz_mm=repeats.points.xyz_mm[order])
+        means = by_hand(replace(repeats, poses=repeats.poses.select(order), points=points))
     else:
-        means = by_hand(shots)
-    ours, theirs = calibrate(shots), calibrate(means)
+        means = by_hand(repeats)
+    ours, theirs = calibrate(repeats), calibrate(means)
     np.testing.assert_allclose(ours.fit.x, theirs.fit.x, atol=1e-7)
     np.testing.assert_allclose(ours.fit.sigma, theirs.fit.sigma, rtol=1e-6)
     assert ours.sigma_mm == pytest.approx(theirs.sigma_mm)
@@ -74,45 +74,47 @@ def test_evidence_is_that_of_the_means(seed: int, rounds: bool) -> None:
     for name, candidate in found.items():
         assert candidate.p_value == pytest.approx(expected[name].p_value, rel=1e-4)
         assert candidate.log_evidence == pytest.approx(expected[name].log_evidence, abs=1e-4)
-    one, other = diagnose(shots), diagnose(means)
+    one, other = diagnose(repeats), diagnose(means)
     assert one.missing == other.missing
     assert one.ambiguous_set == other.ambiguous_set
 
 
 def test_rows_of_one_pose_count_once() -> None:
-    shots = repeated(unmodelled(3, rough_rad=5e-4), SHOTS, np.random.default_rng(3), noise_mm=SIGMA_MM)
-    means = by_hand(shots)
-    assert shots.points is not None
-    rows = replace(means, points=replace(shots.points, pose=np.repeat(np.arange(26), SHOTS)), scanner=shots.scanner)
+    repeats = repeated(unmodelled(3, rough_rad=5e-4), REPEATS, np.random.default_rng(3), noise_mm=SIGMA_MM)
+    means = by_hand(repeats)
+    assert repeats.points is not None
+    rows = replace(
+        means, points=replace(repeats.points, pose=np.repeat(np.arange(26), REPEATS)), scanner=repeats.scanner
+    )
     ours, theirs = calibrate(rows), calibrate(means)
     np.testing.assert_allclose(ours.fit.sigma, theirs.fit.sigma, rtol=1e-6)
     assert ours.fit.rows == theirs.fit.rows == 60
-    assert "130 points were measured at 26 standing poses" in " ".join(ours.warnings)
+    assert "130 points were measured in 26 repeat groups" in " ".join(ours.warnings)
 
 
 @pytest.mark.slow
-def test_shots_taken_for_poses_would_name_what_is_not_there() -> None:
-    """The mistake that this mends: evidence grows with the shots, although they tell nothing new."""
+def test_repeats_taken_for_poses_would_name_what_is_not_there() -> None:
+    """Without averaging, the evidence of an absent effect grows with the number of repeats."""
 
     def best(dataset: Dataset) -> float:
         return min(c.p_value for c in screen(calibrate(dataset), effects_for(dataset)).candidates)
 
-    shots = repeated(unmodelled(4, rough_rad=5e-4), SHOTS, np.random.default_rng(4), noise_mm=SIGMA_MM)
-    jittered = shots.poses.q + np.radians(1e-3) * np.random.default_rng(0).normal(size=shots.poses.q.shape)
-    assert best(replace(shots, poses=replace(shots.poses, q=jittered))) < 1e-3 * best(shots)
+    repeats = repeated(unmodelled(4, rough_rad=5e-4), REPEATS, np.random.default_rng(4), noise_mm=SIGMA_MM)
+    jittered = repeats.poses.q + np.radians(1e-3) * np.random.default_rng(0).normal(size=repeats.poses.q.shape)
+    assert best(replace(repeats, poses=replace(repeats.poses, q=jittered))) < 1e-3 * best(repeats)
 
 
 def found_in_clean_arm(seed: int, noise_mm: float = SIGMA_MM) -> Diagnosis:
     dataset = unmodelled(100 + seed, rough_rad=0.0)
-    return diagnose(repeated(dataset, SHOTS, np.random.default_rng(seed), noise_mm=noise_mm))
+    return diagnose(repeated(dataset, REPEATS, np.random.default_rng(seed), noise_mm=noise_mm))
 
 
 @pytest.mark.slow
-def test_noise_comes_from_the_shots() -> None:
+def test_noise_comes_from_the_repeats() -> None:
     found = found_in_clean_arm(0)
     assert found.residual_tests.noise_from == "repeats"
-    assert found.residual_tests.noise_mm == pytest.approx(SIGMA_MM / np.sqrt(SHOTS), rel=0.1)
-    rough = repeated(unmodelled(7, rough_rad=5e-4), SHOTS, np.random.default_rng(7), noise_mm=SIGMA_MM)
+    assert found.residual_tests.noise_mm == pytest.approx(SIGMA_MM / np.sqrt(REPEATS), rel=0.1)
+    rough = repeated(unmodelled(7, rough_rad=5e-4), REPEATS, np.random.default_rng(7), noise_mm=SIGMA_MM)
     lack = diagnose(rough).residual_tests.lack_of_fit_p
     assert lack is not None
     assert lack < 1e-6
@@ -130,26 +132,26 @@ def test_a_clean_arm_gives_no_name() -> None:
 
 
 @pytest.mark.slow
-def test_held_out_poses_are_held_out_with_all_their_shots() -> None:
-    shots = repeated(unmodelled(5, rough_rad=5e-4), SHOTS, np.random.default_rng(5), noise_mm=SIGMA_MM)
-    ours, theirs = cross_validate(shots), cross_validate(by_hand(shots))
+def test_held_out_poses_are_held_out_with_all_their_repeats() -> None:
+    repeats = repeated(unmodelled(5, rough_rad=5e-4), REPEATS, np.random.default_rng(5), noise_mm=SIGMA_MM)
+    ours, theirs = cross_validate(repeats), cross_validate(by_hand(repeats))
     assert ours.held_out.points == 100
     for one, other in zip(ours.folds, theirs.folds, strict=True):
-        assert len(one.poses) == SHOTS * len(other.poses)
-        assert {int(pose[1:]) // SHOTS for pose in one.poses} == {int(pose[1:]) // SHOTS for pose in other.poses}
-    of_shots = 3.0 * SIGMA_MM**2 * (1.0 - 1.0 / SHOTS)  # scatter about their means
-    assert ours.held_out.rmse_mm**2 == pytest.approx(theirs.held_out.rmse_mm**2 + of_shots, rel=0.05)
-    assert "100 points were measured at 20 standing poses" in " ".join(ours.notes)
+        assert len(one.poses) == REPEATS * len(other.poses)
+        assert {int(pose[1:]) // REPEATS for pose in one.poses} == {int(pose[1:]) // REPEATS for pose in other.poses}
+    of_repeats = 3.0 * SIGMA_MM**2 * (1.0 - 1.0 / REPEATS)  # scatter about their means
+    assert ours.held_out.rmse_mm**2 == pytest.approx(theirs.held_out.rmse_mm**2 + of_repeats, rel=0.05)
+    assert "100 points were measured in 20 repeat groups" in " ".join(ours.notes)
 
 
 @pytest.mark.parametrize("residual", ["distance", "pairs"])
 def test_other_residuals(residual: str) -> None:
-    shots = repeated(unmodelled(6, rough_rad=5e-4, poses=40), SHOTS, np.random.default_rng(6), noise_mm=SIGMA_MM)
+    repeats = repeated(unmodelled(6, rough_rad=5e-4, poses=40), REPEATS, np.random.default_rng(6), noise_mm=SIGMA_MM)
     options = FitOptions(residual=residual)
-    ours, theirs = calibrate(shots, options), calibrate(by_hand(shots), options)
+    ours, theirs = calibrate(repeats, options), calibrate(by_hand(repeats), options)
     np.testing.assert_allclose(ours.fit.sigma, theirs.fit.sigma, rtol=1e-5)
 
 
 def test_too_few_stands_for_a_fit_stay_as_they_are() -> None:
-    shots = repeated(unmodelled(8, rough_rad=0.0, poses=4, test=0), 10, np.random.default_rng(8), noise_mm=SIGMA_MM)
-    assert calibrate(shots).averaged is None
+    repeats = repeated(unmodelled(8, rough_rad=0.0, poses=4, test=0), 10, np.random.default_rng(8), noise_mm=SIGMA_MM)
+    assert calibrate(repeats).averaged is None

@@ -1,4 +1,4 @@
-"""What a user's files are: each recognised by suffix and content, the likeliest first."""
+"""Kinds of a user's files, recognised by suffix and content, the likeliest first."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from calib.dataset_import.files.choice import unpacked
-from calib.dataset_import.files.user_files import look_through
+from calib.dataset_import.import_dataset import unpacked
+from calib.dataset_import.user_files import look_through
 from calib.errors import CalibError
-from calib.user_tables.user_table import load_table
+from calib.text_files.user_table import load_table
 from tests.support.tiny_dataset import box_stl
 
 JOINTS = "pose,q1,q2,q3\n1,0.1,0.2,0.3\n"

@@ -1,4 +1,4 @@
-"""Means over a pose's points: those of plain loops, whatever the points' order and shape."""
+"""Means over a pose's points equal those of plain loops, for any order and shape of the points."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.fitting.pose_means import mean_by_pose, points_by_pose, sum_by_pose
+from calib.fitting.observations import mean_by_pose, points_by_pose, sum_by_pose
 
 
 @given(row=st.lists(st.integers(0, 5), min_size=1, max_size=30), seed=st.integers(0, 99))

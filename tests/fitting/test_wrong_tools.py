@@ -1,4 +1,4 @@
-"""A tool point that robot.toml has far from where it is: the fit ends where it does with the right one, and says so."""
+"""Fits with a far wrong tool point in robot.toml agree with the fit from the right one, and report the shift."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from calib.dataset.files.robot_toml import builtin_robot, load_robot, robot_to_t
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_named
 from calib.effects.link_errors import TOLERANCE_RAD
-from calib.fitting.tool_point.placement import tip_turn_rad
+from calib.fitting.tool_point import tip_turn_rad
 from calib.kinematics.robot import Robot, Target
 from calib.kinematics.tool_point import tool_point, with_tool_point
 from calib.models.model_file import load_model, save_model
@@ -40,13 +40,13 @@ def simulated(robot: Robot, seed: int = 7, **more: object) -> Dataset:
 
 
 def with_wrong_tool(dataset: Dataset, off_mm: object) -> Dataset:
-    """The dataset with another tool point in its robot.toml, off by so much in the last joint's frame."""
+    """The dataset with its robot's tool point shifted, mm in the last joint's frame."""
     robot = dataset.robot
     return replace(dataset, robot=with_tool_point(robot, tool_point(robot.table) + np.asarray(off_mm)))
 
 
 def directions(count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count, 3) mm, of 20 to 300 mm length."""
+    """Random vectors (count, 3) of 20 to 300 mm length."""
     unit = rng.normal(size=(count, 3))
     return unit / np.linalg.norm(unit, axis=1)[:, None] * rng.uniform(20.0, 300.0, (count, 1))
 
@@ -188,7 +188,7 @@ def test_outliers_move_no_tool() -> None:
 
 
 def test_a_tool_that_is_found_keeps_its_attitude(tmp_path: Path) -> None:
-    """One measured point knows nothing of how the tool is turned about it, nor of the rows behind the last axis."""
+    """One point does not determine the tool's attitude or the rows behind the last axis: they stay as in robot.toml."""
     robot = builtin_robot("rb5")
     beside = with_tool_point(robot, tool_point(robot.table) + np.array([0.0, 30.0, 0.0]))
     q = np.random.default_rng(0).uniform(-0.3, 0.3, (4, 6)) + np.array([0.0, 0.3, 1.4, 0.5, 1.4, 0.0])
@@ -208,7 +208,7 @@ def test_a_tool_that_is_found_keeps_its_attitude(tmp_path: Path) -> None:
 
 
 def test_a_tool_point_within_tolerance_is_told_apart_from_a_turn_of_the_tip() -> None:
-    """What the last rows reach only by turning the tip by more than their tolerances is a point of its own."""
+    """A point that the last rows reach only by turning the tip beyond tolerance becomes a point of its own."""
     robot = builtin_robot("rb5")
     beside = with_tool_point(robot, tool_point(robot.table) + np.array([3.0, 3.0, 0.0]))
     result = calibrate(replace(simulated(beside), robot=robot))

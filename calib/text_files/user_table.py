@@ -1,8 +1,9 @@
-"""A user's CSV: any of the usual separators, decimal commas, a header or none; every fault with its line."""
+"""Tables as users have them: any usual separator, decimal commas, a header or none, units in the columns' names."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,12 +16,34 @@ from calib.errors import DatasetError
 from calib.text_files.csv_text import MOST_BYTES, as_number, csv_rows, lines_of
 from calib.text_files.text_file import read_text
 
+UNITS = {
+    "deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad", "radian": "rad", "radians": "rad",
+    "mm": "mm", "m": "m", "meter": "m", "metre": "m", "meters": "m", "cm": "cm", "in": "in", "inch": "in", "um": "um",
+    "kg": "kg", "s": "s", "sec": "s", "c": "c", "°c": "c", "degc": "c",
+}  # fmt: skip
+"""Spellings of units, and the name of each unit in this program."""
+MOST_CHARACTERS = 200  # of a column name that is parsed
+_UNIT = re.compile(r"^(?P<name>.*?)(?:[\s_]*[\[(]\s*(?P<bracket>[^\])]+?)\s*[\])]|[\s_.]+(?P<end>[^\s_.\d]+))$")
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """A column's name without its unit, and the unit; "" where the name has no known unit."""
+    found = _UNIT.match(name.strip()) if len(name) <= MOST_CHARACTERS else None
+    unit = UNITS.get((found["bracket"] or found["end"] or "").lower(), "") if found else ""
+    return (found["name"], unit) if found and unit else (name, "")
+
+
+def plain(name: str) -> str:
+    """A name in lower case, letters and digits only."""
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
 _SEPARATORS = (",", ";", "\t")
 
 
 @dataclass(frozen=True)
 class UserTable:
-    """Cells as text, and the line of each row."""
+    """A user's table as text cells, with the line of each row."""
 
     path: Path
     columns: tuple[str, ...]  # without a header "column 1", ...
@@ -32,12 +55,12 @@ class UserTable:
         return len(self.rows)
 
     def text(self, column: str) -> list[str]:
-        """A column's cells."""
+        """The cells of a column, as text."""
         k = self.columns.index(column)
         return [row[k] for row in self.rows]
 
     def numbers(self, column: str, fault: Callable[[str], None]) -> Array:
-        """(rows,) a column of finite numbers; what is none is told to `fault` and is NaN."""
+        """Finite numbers (rows,) of a column; a cell that holds none is reported to `fault` and becomes NaN."""
         out = np.full(len(self), math.nan)
         for i, cell in enumerate(self.text(column)):
             value = as_number(cell)
@@ -49,10 +72,10 @@ class UserTable:
 
 
 def load_table(path: Path, fault: Callable[[str], None] | None = None, *, any_encoding: bool = False) -> UserTable:
-    """Read a table. Raises DatasetError where it cannot be read as one.
+    """Read a user's table from a file. Raises DatasetError where it is not one.
 
-    `any_encoding` takes what spreadsheets write beside UTF-8. With `fault`, what is wrong with names and rows is told
-    there, each, and the table is read all the same.
+    `any_encoding` accepts what spreadsheets write besides UTF-8. With `fault`, each mistake in names and rows is
+    reported there and the table is read all the same.
     """
 
     return parse_table(
@@ -69,12 +92,12 @@ def load_table(path: Path, fault: Callable[[str], None] | None = None, *, any_en
 
 
 def parse_table(path: Path, text: str, fault: Callable[[str], None] | None = None) -> UserTable:
-    """The table (`load_table`) in a text that stands at a path."""
+    """Parse a user's table from text; `path` names it in errors. Otherwise as `load_table`."""
 
-    def wrong(words: str) -> None:
+    def wrong(message: str) -> None:
         if fault is None:
-            raise DatasetError(words)
-        fault(words)
+            raise DatasetError(message)
+        fault(message)
 
     first = next((line for line in lines_of(text) if line.strip()), "")
     if not first:
