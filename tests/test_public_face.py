@@ -199,6 +199,7 @@ def test_a_robot_is_not_written_where_the_fit_is_no_improvement(fit: calib.Calib
 # ---- representations ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_results_are_one_short_line_and_so_is_all_that_is_in_them(
     dataset: calib.Dataset, fit: calib.Calibration, found: calib.Diagnosis
 ) -> None:

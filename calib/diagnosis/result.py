@@ -13,6 +13,7 @@ from calib.diagnosis.effect_selection import GEOMETRY
 from calib.diagnosis.explanation import explain
 from calib.diagnosis.verdict import Conclusion, Findings, conclude
 from calib.diagnosis.words.sentences import Explanation
+from calib.diagnosis.words.text import explanation_text
 from calib.display.shown import Documented, Viewed
 
 
@@ -64,6 +65,10 @@ class Diagnosis(Brief, Findings, FittedResult, Documented, Viewed):
     def explanation(self) -> Explanation:
         """Why this verdict was reached, as sentences with their numbers."""
         return explain(self, self.conclusion)
+
+    def summary(self) -> str:
+        """Explanation of the verdict in several short paragraphs, the verdict last."""
+        return explanation_text(self.explanation)
 
     def to_frame(self) -> pd.DataFrame:
         """Table of the steps: effect, errors at training and test poses, sigma, p-value, log Bayes factor (margin)."""

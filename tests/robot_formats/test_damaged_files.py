@@ -51,6 +51,7 @@ def test_a_damaged_robot_is_read_or_told_in_one_line(tmp_path: Path, name: str, 
 
 @pytest.mark.slow  # a process each
 def test_a_damaged_xacro_is_expanded_or_told_in_one_line(tmp_path: Path) -> None:
+    pytest.importorskip("xacrodoc")
     text = (
         '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro">\n<xacro:property name="d" value="${0.1 + pi}"/>\n'
         '<xacro:macro name="j" params="n p">\n<link name="l${n}"/><joint name="j${n}" type="continuous"><parent '

@@ -49,9 +49,7 @@ def need_chromium() -> str:
 def browser() -> Iterator[Any]:
     """A running Chromium."""
     path = need_chromium()
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
+    with pytest.importorskip("playwright.sync_api").sync_playwright() as playwright:
         running = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
         yield running
         running.close()

@@ -497,8 +497,8 @@ def test_names_of_datasets_tell_them_apart(tmp_path: Path) -> None:
 
 
 def test_words() -> None:
-    assert numbers.length(0.0123) == "12.3 µm"
-    assert numbers.length(1.5) == "1.500 mm"
+    assert numbers.length(0.0123) == "12 µm"
+    assert numbers.length(1.5) == "1.50 mm"
     assert numbers.length(float("nan")) == "–"
     assert numbers.reduction(4.256, 0.291) == "93.16 %"
     assert numbers.reduction(0, 1) == "–"

@@ -87,4 +87,4 @@ def test_a_wild_arrow_is_cut_and_its_length_told(app: App) -> None:
     assert cut.tolist() == [False, True, False]
     chosen, _ = drawn_as(error, replace(view, arrows_chosen=True), 1000.0)
     np.testing.assert_allclose(chosen[1], [0, 600, 0])
-    assert residual_words(100.0, {LINKS: 9.0}, 1) == "residuals × 100, longest 9.000 mm; 1 cut"
+    assert residual_words(100.0, {LINKS: 9.0}, 1) == "residuals × 100, longest 9.00 mm; 1 cut"

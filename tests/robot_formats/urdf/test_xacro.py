@@ -19,6 +19,7 @@ from calib.robot_formats.urdf.safe_xml import Element, parse_xml
 from calib.robot_formats.urdf.xacro import Xacro
 from inspector.cli.parser import main
 
+pytest.importorskip("xacrodoc")
 pytestmark = pytest.mark.slow  # a process each
 
 HEAD = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">\n'
@@ -293,7 +294,6 @@ print(json.dumps(xacrodoc.XacroDoc.from_file(sys.argv[1], walk_up=False, subargs
 def test_what_stock_descriptions_do_is_expanded_as_the_library_does(
     arm: Path, tmp_path: Path, args: dict[str, str]
 ) -> None:
-    pytest.importorskip("xacrodoc")
     (arm.parent / "parts" / "tools.xacro").write_text(TOOLS)
     (arm.parent / "limits.yaml").write_text(LIMITS)
     arm.write_text(STOCK)
