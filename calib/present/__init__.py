@@ -7,6 +7,7 @@ are a choice of them. `results.presentation` and `results.document` find what be
 from calib.present import calibration as calibration
 from calib.present import changes as changes
 from calib.present import corners as corners
+from calib.present import correction as correction
 from calib.present import dataset as dataset
 from calib.present import redundancy as redundancy
 from calib.present import validation as validation

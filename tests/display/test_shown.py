@@ -209,7 +209,7 @@ def test_views_tell_the_numbers_of_the_results(dataset: Dataset, found: Diagnosi
     of_diagnosis = safe(found._repr_html_()).text
     assert found.missing[0] in of_diagnosis
     for name in found.calibration.to_frame()["name"]:
-        assert parameter_label(name) in of_diagnosis
+        assert parameter_label(name.rpartition(".")[2]) in of_diagnosis
 
 
 def test_ipython_shows_the_summary_as_plain_text(

@@ -125,7 +125,7 @@ def test_the_joint_of_each_parameter() -> None:
 
 def test_a_row_of_the_table_of_parameters_picks_its_joint() -> None:
     html = parameters_html(calibrate(arm(5)))
-    rows = re.findall(r"<tr([^>]*)><td[^>]*>([^<]*)</td>", html)
+    rows = re.findall(r"<tr([^>]*)>\s*<td[^>]*>([^<]*)</td>", html)
     by_name = {name: asked(attributes) for attributes, name in rows}
     assert by_name["θ2"] == [("joint", "2")]
     assert by_name["aTCP"] == []
