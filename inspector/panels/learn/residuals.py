@@ -10,7 +10,7 @@ from calib.present.residuals import AXES, LENGTH, band_note, input_title, joint_
 from calib.screening.scan_statistic import Channel
 from inspector.figures.residual_plots import place_views, residual_against, select
 from inspector.markup.parts import elements
-from inspector.panels.base import Actions, by_page, hidden_plot, offer, put
+from inspector.panels.base import Actions, FollowsModel, by_page, hidden_plot, offer, put
 from inspector.session.view import View
 
 NOTE = (
@@ -29,7 +29,7 @@ NOT_YET = "Nothing to show yet: the model is fitted when the search has ended. T
 WORST = 8
 
 
-class ResidualsPanel:
+class ResidualsPanel(FollowsModel):
     """One plot of the residual, and the poses with the largest errors."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:

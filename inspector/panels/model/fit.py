@@ -18,7 +18,7 @@ from inspector.markup.model.fit import (
     what_is_fitted,
 )
 from inspector.markup.parts import elements
-from inspector.panels.base import Actions, by_page, hidden_plot, offer, put
+from inspector.panels.base import Actions, FollowsModel, by_page, hidden_plot, offer, put
 from inspector.panels.input_checks import one_of
 from inspector.session.measuring import measured_kinds, no_full_poses
 from inspector.session.view import RESIDUALS, View
@@ -29,7 +29,7 @@ NOTE = (
 )
 
 
-class FitPanel:
+class FitPanel(FollowsModel):
     """The calibration in figures and tables."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
