@@ -1,4 +1,4 @@
-"""How near the corner comes to the Cramer-Rao bound, in easy and difficult scenes, beside Open3D on the same scans.
+"""Corner errors over the Cramer-Rao bound, in easy and difficult scenes, beside Open3D on the same scans.
 
     python benchmarks/corners.py [--scans 5] [--points 12000 50000] [--peer-points 50000 200000 1000000]
                                  [--peer-scans 4] [--cases NAME ...] [--no-open3d]
@@ -84,7 +84,7 @@ def open3d_planes(points_mm: NDArray) -> Found:
 
 @dataclass(frozen=True)
 class Measured:
-    """What one method did with some scans."""
+    """Results of one method on some scans."""
 
     ratios: NDArray  # (K,) error over bound of the corners found
     mahalanobis: NDArray  # (K,) squared, NaN without a covariance

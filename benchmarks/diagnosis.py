@@ -33,17 +33,18 @@ from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset, Points, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
-from calib.effects.catalogue import effects_named
+from calib.effects.catalogue import CATALOGUE, catalogue_names, effects_named
 from calib.errors import CalibError
 from calib.simulation.measured_dataset import Simulation
 from calib.simulation.simulate import simulate_dataset
-from calib.simulation.truth.arm_sampling import OUTSIDE_EFFECTS, SIMULATED_EFFECTS
+from calib.simulation.truth.arm_sampling import OUTSIDE_EFFECTS
 from calib.simulation.truth.equilibrium import scanner_T_target
 from calib.simulation.truth.mechanism import Conditions
 
 NOISE_MM = 0.05
 POSES = 80  # of which 16 are held out
-TESTABLE = tuple(name for name in SIMULATED_EFFECTS if name != "scanner_scale")
+TESTABLE = tuple(kind.name for kind in CATALOGUE if kind.testable)
+OUTSIDE = tuple(dict.fromkeys(("hose_pull", "field_bump", "rough_gear", "fine_ripple", *OUTSIDE_EFFECTS)))  # seeds
 SPREAD = TESTABLE[:15]  # of every joint or pose: what is there always
 PAIRS = tuple(combinations(SPREAD, 2))
 SIZES = (0.5, 1.0, 3.0)
@@ -53,7 +54,7 @@ DECLARED = (1.0, 0.8, 1.2)  # declared sigma over the true one
 
 @dataclass(frozen=True)
 class Trial:
-    """One dataset to diagnose. Its seed is all of this, so that a trial is the same whatever else is run."""
+    """A dataset to diagnose; its fields are its seed, so that it is the same whatever else is run."""
 
     kind: str  # single, null, pair, outside
     effects: tuple[str, ...]
@@ -62,7 +63,7 @@ class Trial:
     number: int
 
     def simulate(self) -> Simulation:
-        names = (*SIMULATED_EFFECTS, *OUTSIDE_EFFECTS)
+        names = (*catalogue_names(), *OUTSIDE)
         key = [len(self.kind), *(names.index(e) for e in self.effects), int(100 * self.size), self.number]
         arm = ("rb5", "panda")[self.number % 2]
         return simulate_dataset(
@@ -129,9 +130,7 @@ def trials(singles: int, nulls: int, pairs: int, outside: int) -> list[Trial]:
     out += [Trial("null", (), 0.0, declared, k) for declared in DECLARED for k in range(nulls)]
     order = np.random.default_rng(0).permutation(len(PAIRS))
     out += [Trial("pair", PAIRS[order[k % len(PAIRS)]], 3.0, 1.0, k) for k in range(pairs)]
-    out += [
-        Trial("outside", (e,), size, 1.0, k) for size in OUTSIDE_SIZES for e in OUTSIDE_EFFECTS for k in range(outside)
-    ]
+    out += [Trial("outside", (e,), size, 1.0, k) for size in OUTSIDE_SIZES for e in OUTSIDE for k in range(outside)]
     return out
 
 
@@ -195,7 +194,7 @@ def tell_singles(rows: pd.DataFrame) -> None:
 
 
 def tell_confusion(rows: pd.DataFrame) -> None:
-    """All sizes together. Rows: what is hidden. Columns: what ranks first. At the end what is claimed wrongly."""
+    """Print the confusion matrix over all sizes: hidden effects in rows, first candidates in columns; wrong claims."""
     head = "".join(f"{i + 1:4d}" for i in range(len(TESTABLE)))
     print(f"  {'hidden (row), ranked first (column)':38s}{head}")
     for i, name in enumerate(TESTABLE):
@@ -209,7 +208,7 @@ def tell_confusion(rows: pd.DataFrame) -> None:
 
 
 def tell_nulls(rows: pd.DataFrame) -> None:
-    """Nothing is hidden."""
+    """Print how often a cause is named or suggested where nothing is hidden."""
     print("nothing hidden")
     for declared, of_sigma in rows.groupby("declared"):
         alarm = [bool(r.missing or r.ambiguous) for r in of_sigma.itertuples()]
@@ -218,7 +217,7 @@ def tell_nulls(rows: pd.DataFrame) -> None:
 
 
 def tell_pairs(rows: pd.DataFrame) -> None:
-    """Two effects at once."""
+    """Print how often two hidden effects are found."""
     exact = [set(r.missing) == set(r.effects) for r in rows.itertuples()]
     wrong = [bool(set(r.missing) - set(r.effects)) for r in rows.itertuples()]
     certain = rows[rows["verdict"] == "named"]

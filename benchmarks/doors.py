@@ -27,8 +27,8 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.result import Diagnosis
+from calib.effects.catalogue import CATALOGUE
 from calib.simulation.simulate import simulate_dataset
-from calib.simulation.truth.arm_sampling import SIMULATED_EFFECTS
 from inspector.session import transitions as sessions
 from inspector.session.session import Session
 
@@ -39,7 +39,7 @@ SAME = 1e-6  # relative
 def arm(seed: int) -> tuple[Dataset, tuple[str, ...]]:
     """64 + 16 poses of an RB5 or a Panda in turn, with one to three effects of 1 to 6 sigma."""
     rng = np.random.default_rng([7, seed])
-    names = [name for name in SIMULATED_EFFECTS if name != "scanner_scale"]
+    names = [kind.name for kind in CATALOGUE if kind.testable]
     hidden = tuple(str(name) for name in rng.choice(names, size=1 + seed % 3, replace=False))
     effects = [(name, float(rng.uniform(1.0, 6.0))) for name in hidden]
     robot = builtin_robot(("rb5", "panda")[seed % 2])
@@ -64,7 +64,7 @@ def parameters_of(step: FitStep) -> dict[str, set[str]]:
 
 
 def differences(session: Session, found: Diagnosis) -> list[str]:
-    """In what the two ends differ."""
+    """Names of what differs between the two ends."""
     here = session.diagnosis
     if here is None:
         return ["no verdict"]

@@ -38,7 +38,7 @@ STEP_MM, STEP_RAD = 0.1, 1e-4  # of differences
 
 @dataclass(frozen=True)
 class Outcome:
-    """One arm: held-out errors against the true points, rms of the 3D error, mm."""
+    """Held-out errors of one arm against the true points, rms of the 3D error, mm."""
 
     joints: int
     converged: bool
@@ -70,7 +70,7 @@ def random_arm(rng: np.random.Generator, joints: int) -> Robot:
 
 
 def transform(rotation: Array, place_mm: Array) -> Array:
-    """(4, 4)"""
+    """Rigid transform (4, 4) of a rotation and a shift."""
     out = np.eye(4)
     out[:3, :3], out[:3, 3] = rotation, place_mm
     return out
@@ -159,7 +159,7 @@ def one(rng: np.random.Generator, joints: int, poses: int, noise_mm: float) -> O
 
 
 def report(name: str, outcomes: list[Outcome]) -> None:
-    """A line: of sums is the rms error of all arms over the rms bound, of each the rms of the ratios."""
+    """A line of the table: `sums` is the rms error of all arms over the rms bound, `each` the rms of the ratios."""
 
     def rms(values: list[float]) -> float:
         return float(np.sqrt(np.mean(np.square(values))))

@@ -75,7 +75,7 @@ def memory_mb(key: str) -> float:
 
 
 def run(folder: Path, workers: int, *, kill: bool) -> None:
-    """One run, as JSON."""
+    """Results of one run, as JSON."""
     memory: list[float] = []
     started, spent = time.perf_counter(), time.process_time()
     with tempfile.TemporaryDirectory() as results, local_workers(workers) as pool:

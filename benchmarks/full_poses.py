@@ -1,4 +1,4 @@
-"""What full poses add to a calibration: parameters knowable, and the error at poses that no fit saw.
+"""Gain of full poses in a calibration: knowable parameters, and the error at poses that no fit saw.
 
     python benchmarks/full_poses.py [--arms 10] [--poses 10 20 40 64]
 

@@ -61,7 +61,7 @@ def scene_of(seed: int) -> SceneScan:
 
 
 def cases(files: int, tables: int, seed: int) -> Iterator[Case]:
-    """What to try; a quarter of the scans are clouds without a corner, half of those damaged as well."""
+    """Files to try; a quarter of the scans are clouds without a corner, half of those damaged as well."""
     rng = np.random.default_rng(seed)
     for number in range(files):
         kind = rng.choice([*CLOUDS]) if rng.random() < 0.25 else rng.choice([*MUTATIONS])
@@ -71,7 +71,7 @@ def cases(files: int, tables: int, seed: int) -> Iterator[Case]:
 
 
 def attempt(case: Case, seed: int, folder: Path, peer: bool) -> tuple[str, str]:
-    """The outcome and what was said."""
+    """Outcome of one case and what the program printed."""
     number, name, kind = case
     rng = np.random.default_rng([seed, number])
     if name in TABLES:
@@ -112,7 +112,7 @@ def attempt(case: Case, seed: int, folder: Path, peer: bool) -> tuple[str, str]:
 
 
 def serve(pipe: Connection, seed: int, folder: Path, peer: bool) -> None:
-    """One process: case after case, until it is told None."""
+    """Loop of a worker process: case after case, until it receives None."""
     resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
     warnings.simplefilter("error")
     for name in TABLES:
@@ -131,7 +131,7 @@ def serve(pipe: Connection, seed: int, folder: Path, peer: bool) -> None:
 
 @dataclass
 class Tally:
-    """What came of the cases."""
+    """Counts of outcomes."""
 
     outcomes: Counter[tuple[str, str]] = field(default_factory=Counter)  # of (name, outcome)
     wrong: list[str] = field(default_factory=list)
@@ -164,7 +164,7 @@ class Tally:
 
 
 def drive(waiting: Iterator[Case], lock: threading.Lock, tally: Tally, seed: int, limit_s: float, peer: bool) -> None:
-    """One process after the other, given one case after the other."""
+    """Run the cases through one worker process after the other, and count the outcomes."""
     context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as folder:
         pipe = process = None

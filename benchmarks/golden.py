@@ -1,4 +1,4 @@
-"""What the program says of the sample data, held against tests/golden, or written there anew.
+"""Compare what the program says of the sample data with tests/golden, or write it there anew.
 
     python benchmarks/golden.py [NAME ...] [--renew] [--kernels]
 

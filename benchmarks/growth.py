@@ -1,4 +1,4 @@
-"""How the parts of a diagnosis grow with the poses, in CPU seconds and memory: `benchmarks/growth.py [64 1000 ...]`"""
+"""CPU seconds and memory of the parts of a diagnosis by number of poses: `benchmarks/growth.py [64 1000 ...]`"""
 
 from __future__ import annotations
 

@@ -3,9 +3,9 @@
     python benchmarks/many_scans.py [--scans 64] [--points 200000] [--processes 1 2] [--dask 2] [--folder DIR]
 
 The scans are those of the tests' ray caster: eight scenes, and turns of them about the scanner, written once to a
-folder that goes away afterwards. Each row is a process of its own that loads the dataset and searches all. `cores`
-is the processor time of it and its children over the wall time: the share of the machine that it got and used; `search`
-is the sum of the searches' own seconds over the wall time. Memory is the peak of the parent, and of the largest child.
+folder that goes away afterwards. Each row is a process of its own that loads the dataset and searches all. `cores` is
+the processor time of it and its children over the wall time: the share of the machine that it got and used; `search` is
+the sum of the searches' own seconds over the wall time. Memory is the peak of the parent, and of the largest child.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def make_dataset(folder: Path, scans: int, points: int) -> None:
 
 @contextmanager
 def executor_of(kind: str, workers: int) -> Iterator[Executor | None]:
-    """What find_corners is to run on."""
+    """Executor on which find_corners runs."""
     if kind == "alone":
         yield None
     elif kind == "processes":
@@ -78,13 +78,13 @@ def executor_of(kind: str, workers: int) -> Iterator[Executor | None]:
 
 
 def peak_mb() -> float:
-    """Of this process; ru_maxrss would count what the process that started it had."""
+    """Peak resident memory of this process alone; ru_maxrss would count that of the process that started it."""
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(float(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM"))
 
 
 def run(folder: Path, kind: str, workers: int) -> None:
-    """One row, as JSON."""
+    """One row of the table, as JSON."""
     dataset = load_dataset(folder)
     started = time.perf_counter()
     with executor_of(kind, workers) as executor:

@@ -1,8 +1,8 @@
 """Poses called measurable beside MuJoCo's rays and distances: `python benchmarks/measurable_poses.py [--places N]`.
 
 The scanner stands in its usual place and in N drawn ones, so that arm, table and post are often in between. *hidden*:
-poses called measurable at which a ray to a face meets something, or bodies meet. *too strict*: of poses that
-are refused for arm or boxes, those in which MuJoCo finds nothing.
+poses called measurable at which a ray to a face meets something, or bodies meet. *too strict*: of poses that are
+refused for arm or boxes, those in which MuJoCo finds nothing.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from calib.dataset.surroundings import Surroundings
+from calib.dataset.dataset import Surroundings
 from calib.workcell.candidates import candidate_poses, likely_poses
 from calib.workcell.known_cell import workcell_of_robot
 from calib.workcell.measurable import BOX, BOX_HIDES, FLOOR, HIDDEN, SELF, measurable
@@ -32,7 +32,7 @@ CANDIDATES = 800
 
 
 def main() -> None:
-    """One line an arm."""
+    """Print one line for each arm."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--places", type=int, default=25, help="drawn places of the scanner, each arm")
     places = parser.parse_args().places

@@ -1,4 +1,4 @@
-"""From simulated scans with a structured-light scanner's noise to the verdict, nothing or one cause hidden.
+"""Verdicts on simulated scans with a structured-light scanner's noise, nothing or one cause hidden.
 
     python benchmarks/noisy_scans.py [--arms 3] [--effect joint_compliance] [--white]
 
@@ -18,7 +18,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from calib.corners.batch import told_noise
+from calib.corners.batch import declared_noise
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, find_corner
 from calib.dataset.files.robot_toml import builtin_robot
@@ -29,11 +29,11 @@ from calib.simulation.simulate import simulate_dataset
 
 
 def line(seed: int, mount: str, effects: list[str], model: ScanModel) -> str:
-    """One arm, its scans, its corners and its diagnosis."""
+    """Line of the table for one arm: its scans, its corners and its diagnosis."""
     robot = replace(builtin_robot(("rb5", "panda")[seed % 2]), carries_scanner=mount == "flange")
     made = simulate_dataset(robot, rng=np.random.default_rng(seed), scans=True, effects=effects, scan_model=model)
     scanner = made.dataset.scanner
-    options = CornerOptions(refinement=RefinementOptions(told=told_noise(scanner)))
+    options = CornerOptions(refinement=RefinementOptions(declared=declared_noise(scanner)))
     searches: dict[str, CornerSearch] = {}
     for pose, pose_id in enumerate(made.dataset.poses.ids):
         scan = made.scan(pose).scan
@@ -47,7 +47,7 @@ def line(seed: int, mount: str, effects: list[str], model: ScanModel) -> str:
     test = found.calibration.after.test
     return (
         f"{robot.name:13} {mount:7} {', '.join(effects) or 'nothing':17} {len(squared):3d} of {len(searches)} corners, "
-        f"squared error {np.mean(squared):5.2f}, noise {found.calibration.fit.noise:5.2f}; {found.verdict}: "
+        f"squared error {np.mean(squared):5.2f}, noise {found.calibration.fit.reduced_chi:5.2f}; {found.verdict}: "
         f"{', '.join(found.missing) or 'one of ' * bool(found.ambiguous_set) + ', '.join(found.ambiguous_set) or '-'}; "
         f"{np.nan if test is None else test.rmse_mm:.3f} mm"
     )

@@ -1,4 +1,4 @@
-"""How near the jig's orientation comes to the Cramer-Rao bound, and whether its covariance is honest.
+"""Errors of the jig's orientation over the Cramer-Rao bound, and whether its covariance is honest.
 
     python benchmarks/orientation.py [--scans 20] [--points 12000 50000 200000] [--cases NAME ...]
 

@@ -42,7 +42,7 @@ from tests.support.mesh_scene import MeshScan  # noqa: E402
 
 @dataclass(frozen=True)
 class Outcome:
-    """One scan's search held against its truth."""
+    """A corner search with the truth of its scan."""
 
     seed: int
     made: MeshScan
@@ -80,7 +80,7 @@ class Outcome:
         return self.wrong or (self.mahalanobis2 > 20 if self.found else self.made.fair)
 
     def line(self, name: str) -> str:
-        """What there was, and what became of it."""
+        """Description of a scan and of what the search made of it."""
         made, said = self.made, self.search.failure
         if self.found:
             said = f"{'WRONG' if self.wrong else 'corner'} {self.error_mm:.4f} mm off, {self.mahalanobis2:.1f} squared"
@@ -106,7 +106,7 @@ def outcome(name: str, seed: int) -> Outcome:
 
 
 def row(name: str, outcomes: list[Outcome]) -> str:
-    """One line of the table."""
+    """Line of the table for one kind of scan."""
     fair = [o for o in outcomes if o.made.fair]
     found = [o for o in fair if o.found]
     ratios = np.array([o.error_mm / o.made.bound_mm for o in found])

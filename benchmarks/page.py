@@ -2,11 +2,11 @@
 
     python benchmarks/page.py [--scans 200000 1000000] [--count 64] [--dataset sample_data/hidden_effect_b]
 
-The server runs in a process of its own; this one is a page that speaks its protocol (tests/support/wire_client.py)
-and takes the time until the last message of an answer is there and decoded. The browser's own time comes on top.
-Scans are corners of 60 mm edges with 0.02 mm noise, at the places of a simulated RB5, written straight to a temporary
-folder: it is the server that is tried, not the scanner. `peak` is the server's largest resident memory, interpreter
-and libraries included. `processor` is the time that the server itself used, whoever else was busy on the machine."""
+The server runs in a process of its own; this one is a page that speaks its protocol (tests/support/wire_client.py) and
+takes the time until the last message of an answer is there and decoded. The browser's own time comes on top. Scans are
+corners of 60 mm edges with 0.02 mm noise, at the places of a simulated RB5, written straight to a temporary folder: it
+is the server that is tried, not the scanner. `peak` is the server's largest resident memory, interpreter and libraries
+included. `processor` is the time that the server itself used, whoever else was busy on the machine."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Server:
         return self._process.stdout.readline()
 
     def peak_mb(self) -> float:
-        """Once it has nothing left to do."""
+        """Peak memory of the server, once it has nothing left to do."""
         assert self._process.stdin is not None
         self._process.stdin.write("\n")
         self._process.stdin.flush()
@@ -197,7 +197,7 @@ def write_scans(folder: Path, points: int, count: int) -> None:
 
 
 def main() -> None:
-    """All that is asked for, in this order: points, then each size of scan."""
+    """Run the cases that are asked for: points, then each size of scan."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--dataset", type=Path, default=ROOT / "sample_data" / "hidden_effect_b")

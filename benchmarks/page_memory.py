@@ -1,4 +1,4 @@
-"""What the page's server grows by while somebody works on it: resident memory after each of ten parts.
+"""Growth of the page server's resident memory while somebody works on it, after each of ten parts.
 
     python benchmarks/page_memory.py [--count 2000] [--dataset sample_data/hidden_effect_b]
 

@@ -32,7 +32,7 @@ def rmse_mm(robot: Robot, eliminated: str, seed: int) -> list[float]:
     """3D RMSE after each iteration."""
     rng = np.random.default_rng(seed)
     dataset = dataset_of(robot, perturbed(robot, rng), rng)
-    model = geometric_model(robot).hold(eliminated.split())
+    model = geometric_model(robot).with_fixed(eliminated.split())
     fit = solve(PositionResiduals(model, Observations.of(dataset), frame_known=True), prior=False)
     assert fit.converged
     return [0.05 * float(np.sqrt(3 * i.cost / fit.rows)) for i in fit.iterations]
@@ -58,7 +58,7 @@ def table_7_or_8(arm: str, cases: tuple[str, ...], file: str) -> None:
 
 
 def sums() -> None:
-    """What Tables 9 and 10 show."""
+    """Print the content of Tables 9 and 10."""
     print("\nTables 9 and 10: the sums, whichever parameter is kept (paper: 111.21 mm and 0.00075 rad)")
     for arm, cases in (("rb5", RB5_CASES), ("panda", PANDA_CASES)):
         robot = park_arm(arm)
@@ -69,7 +69,7 @@ def sums() -> None:
         for case in cases:
             rng = np.random.default_rng(4)
             dataset = dataset_of(robot, robot.with_table(table), rng)
-            model = geometric_model(robot).hold(case.split())
+            model = geometric_model(robot).with_fixed(case.split())
             fit = solve(PositionResiduals(model, Observations.of(dataset), frame_known=True), prior=False)
             found = model.calibrated_robot(fit.x).table
             lengths = f"d2+d3+d4 = {found[1:4, 2].sum():.6f} mm, " if arm == "rb5" else ""
@@ -77,7 +77,7 @@ def sums() -> None:
 
 
 def ranks() -> None:
-    """How many parameters the pairwise method keeps, and how many there are to know."""
+    """Print how many parameters the pairwise method keeps, and how many can be known."""
     print("\nRedundancy: Park's kept parameters against the rank")
     for arm in ("rb5", "panda"):
         rng = np.random.default_rng(0)

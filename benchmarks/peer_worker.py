@@ -1,4 +1,4 @@
-"""One calibration by a peer, inside the peer's own environment. Not a script for hands: `peers.py` calls it.
+"""Calibration by a peer inside the peer's own environment; `peers.py` calls it.
 
     PEER_PYTHON peer_worker.py VARIANT PROBLEM.npz RESULT.npz
 

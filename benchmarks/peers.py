@@ -1,4 +1,4 @@
-"""This project against pybotics and robotkinecal on the same data, on the same machine, in one run.
+"""Calibrations by this project, pybotics and robotkinecal of the same data, on the same machine, in one run.
 
     python benchmarks/peers.py --cache DIR [--arms 2] [--panda DATASET] [--slow]
     python benchmarks/peers.py --pybotics PYTHON --robotkinecal PYTHON ...
@@ -53,7 +53,7 @@ ARM = ur10(Tool(a_mm=60.0, d_mm=100.0, theta_rad=0.5))
 
 @dataclass(frozen=True)
 class Problem:
-    """What every tool is given: nominal DH rows a, alpha, d, theta; joints, points, each point's setup or none."""
+    """Input of every tool: nominal DH rows a, alpha, d, theta; joints, points, each point's setup or none."""
 
     table: Array
     q: Array
@@ -74,7 +74,7 @@ class Answer:
 
 
 def peer(python: Path, name: str, problem: Problem) -> Answer:
-    """One calibration in the peer's own environment."""
+    """Result of a calibration in the peer's own environment."""
     with tempfile.TemporaryDirectory() as folder:
         given, found = Path(folder) / "problem.npz", Path(folder) / "answer.npz"
         np.savez(given, **vars(problem))
@@ -143,7 +143,7 @@ def ours(problem: Problem) -> dict[str, Answer]:
     )
     observed = Observations.of(dataset)
     model = geometric_model(dataset.robot)
-    no_beta = model.hold([name for name in dataset.robot.parameter_names if name.startswith("beta")])
+    no_beta = model.with_fixed([name for name in dataset.robot.parameter_names if name.startswith("beta")])
     runs: dict[str, Callable[[], object]] = {
         "ours: solve": lambda: solve(PositionResiduals(model, observed)),
         "ours: calibrate": lambda: calibrate(dataset),
@@ -210,7 +210,7 @@ def simulated(arms: int, interpreters: dict[str, Path], *, slow: bool) -> None:
 
 
 def one_arm(rng: np.random.Generator, noise_mm: float, every_way: bool) -> tuple[Problem, Array, Array]:
-    """What is measured of one arm, and 500 other poses by the nominal and by the true arm."""
+    """Measurements of one arm, and 500 other poses by the nominal and by the true arm."""
     mdh, tool = mdh_of(dh_rows(ARM))
     tilt = np.radians(0.1) * rng.standard_normal(len(mdh))
     off = rng.standard_normal(mdh.shape) * np.array([np.radians(0.1), 0.3, np.radians(0.1), 0.3])

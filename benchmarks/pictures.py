@@ -42,7 +42,7 @@ def page_of(dataset: str, width: int, height: int) -> Iterator[Any]:
 
 
 def picture(page: Any) -> Image.Image:
-    """What is seen once nothing moves."""
+    """Image of the page once nothing on it moves."""
     time.sleep(SETTLED_S)
     notices = page.locator(".mantine-Notification-closeButton")
     while notices.count():
@@ -81,7 +81,7 @@ def learn(out: Path) -> None:
 
 
 def animate(frames: list[Image.Image], path: Path) -> None:
-    """One palette for all, taken from all."""
+    """Write the images as one animation with a palette taken from all of them."""
     width, height = frames[0].size
     together = Image.new("RGB", (width, height * len(frames)))
     for row, frame in enumerate(frames):

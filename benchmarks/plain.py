@@ -1,4 +1,4 @@
-"""The papers' iteration as it stands, for `solver.py` to be held against. Not a script.
+"""The papers' iteration as printed, for comparison by `solver.py`; not a script.
 
 Jang 2025 eq (16): x <- x - J^+ r, again and again; millimetres and radians as they are, no damping, no prior.
 """

@@ -106,12 +106,12 @@ def by_criterion(plan: Plan, count: int, *, exchange: bool) -> Array:
 
 
 def candidates_of(start: FromFit | FromRobot, count: int) -> Array:
-    """As `plan_poses` draws them."""
+    """Candidate poses drawn as `plan_poses` draws them."""
     return candidate_poses(start.cell, count, rng=np.random.default_rng(0))
 
 
 def sets(arms: int, tolerances: Tolerances) -> None:
-    """Planned sets beside random ones."""
+    """Print the errors of planned sets of poses beside random ones."""
     errors_of = f"{tolerances.length_mm} mm, {tolerances.angle_deg} deg"
     print(f"sets: held-out error, mm, median of {arms} arms with errors of {errors_of}")
     print(f"{'arm':8s} planned 20  random 20  random 27  Fedorov D 20  greedy D 20   planned 20 <= random 27 in")
@@ -149,7 +149,7 @@ def drawn_truth(start: FromRobot, q: Array, seed: int, tolerances: Tolerances) -
 
 
 def prediction(many: int, tolerances: Tolerances) -> None:
-    """Predicted over realised."""
+    """Print predicted over realised errors."""
     errors_of = f"{tolerances.length_mm} mm, {tolerances.angle_deg} deg"
     print(f"prediction: 20 planned poses, {many} arms with errors of {errors_of}")
     for name, cell in cells().items():
@@ -171,7 +171,7 @@ def prediction(many: int, tolerances: Tolerances) -> None:
 
 
 def jang(many: int) -> None:
-    """The sample arm and five poses more."""
+    """Print the errors of the sample arm with five poses more."""
     dataset = load_dataset(ROOT / "sample_data" / "rb5_jang")
     dataset = with_corners(dataset, find_corners(dataset, intermediate=False))
     fit = calibrate(dataset)
@@ -203,7 +203,7 @@ def simulated(start: FromFit, further: Array | None, many: int) -> Array:
     trained = points.pose[~poses.is_test[points.pose]]
     test = np.flatnonzero(poses.is_test)
     q = np.concatenate([poses.q[trained], *([] if further is None else [further])])
-    covariance = calibration.fit.noise**2 * np.concatenate(
+    covariance = calibration.fit.reduced_chi**2 * np.concatenate(
         [
             points.covariance_mm2[~poses.is_test[points.pose]],
             *([] if further is None else [np.tile(points.covariance_mm2.mean(axis=0), (len(further), 1, 1))]),
@@ -233,7 +233,7 @@ def simulated(start: FromFit, further: Array | None, many: int) -> Array:
 
 
 def times() -> None:
-    """Of a whole plan, with the cell and its candidates."""
+    """Print the time of a whole plan, with the cell and its candidates."""
     for name, cell in cells().items():
         began = time.process_time()
         plan_poses(FromRobot(cell, NOISE_MM), 20)

@@ -99,7 +99,7 @@ def upright(places: NDArray) -> NDArray:
 def difference(
     tree: cKDTree, one: NDArray, places: NDArray, other: NDArray
 ) -> tuple[NDArray, NDArray, float, float] | None:
-    """Of two maps laid over each other: common places, what they differ by, their correlation, the rms of each.
+    """Comparison of two maps laid over each other: common places, difference, correlation, rms of each.
 
     one, other  # (N,) (M,) heights at the tree's places and at `places`
     """

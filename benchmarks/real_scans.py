@@ -137,7 +137,7 @@ def boxes(folder: Path, most: int, splits: int) -> None:
 
 
 def halves(folder: Path, edges_mm: list[float], splits: int) -> None:
-    """Print the same of whole scans of one target."""
+    """Print how well whole scans of one target agree."""
     edges = edges_of(edges_mm)
     compare([(in_mm(path), edges) for path in sorted(folder.glob("*.pcd"))], splits)
 
@@ -180,7 +180,7 @@ def edge_along(corner: Corner, axis: int) -> NDArray:
 
 
 def edges_of(edges_mm: list[float]) -> tuple[float, float, float]:
-    """One edge or three, as three."""
+    """Three edges, from one given for all or from three."""
     a, b, c = edges_mm * 3 if len(edges_mm) == 1 else edges_mm
     return a, b, c
 
@@ -249,7 +249,7 @@ def spheres(folder: Path, splits: int) -> None:
 
 
 def plain_radius(points_mm: NDArray) -> float:
-    """Of the algebraic least-squares sphere through all points (N, 3)."""
+    """Radius of the algebraic least-squares sphere through all points (N, 3)."""
     rows = np.column_stack([2 * points_mm, np.ones(len(points_mm))])
     solution = np.linalg.lstsq(rows, (points_mm**2).sum(axis=1), rcond=None)[0]
     return float(np.sqrt(solution[3] + solution[:3] @ solution[:3]))

@@ -3,10 +3,10 @@
     python benchmarks/robot_files.py FOLDER [--oracle mujoco|pinocchio] [--vectors 100] [--tips 20] [--tell]
 
 For each file and each of its tips: the tool's place and attitude by robot.toml, written and read again, at random joint
-vectors; gravity's torques where the file has masses; and whether the file comes back byte for byte where
-nothing is calibrated. MuJoCo gets the file without shapes, with joints beside the arm fixed and other inertias, as many
-files have some that no body can have; links without mass get one, and torques are then not compared. Pinocchio (`pip
-install pin`) gets the file as it is.
+vectors; gravity's torques where the file has masses; and whether the file comes back byte for byte where nothing is
+calibrated. MuJoCo gets the file without shapes, with joints beside the arm fixed and other inertias, as many files have
+some that no body can have; links without mass get one, and torques are then not compared. Pinocchio (`pip install pin`)
+gets the file as it is.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from calib.frames import invert, make_transform
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
 from calib.robot_formats.calibrated_file import calibrated_urdf
-from calib.robot_formats.robot_file import Reading, read_arm, read_robot
+from calib.robot_formats.robot_file import ReadOptions, read_arm, read_robot
 from calib.robot_formats.urdf.chain import ArmPath
 
 UNIT_INERTIA = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
@@ -38,7 +38,7 @@ UNIT_INERTIA = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
 
 @dataclass
 class Worst:
-    """Over all arms."""
+    """Largest deviations over all arms."""
 
     arms: int = 0
     weighed: int = 0  # of them with torques compared
@@ -127,8 +127,8 @@ def mujoco_model(arm: ArmPath) -> Any:
 
 
 def compare(path: Path, tip: str | None, oracle: str, vectors: int, worst: Worst, folder: Path) -> None:
-    """One arm of one file."""
-    reading = Reading(tip=tip)
+    """Compare one arm of one file with the peer's reading of it."""
+    reading = ReadOptions(tip=tip)
     found, arm = read_robot(path, reading), read_arm(path, tip=tip)
     (folder / "robot.toml").write_text(robot_to_toml(found.robot))
     robot = load_robot(folder / "robot.toml")

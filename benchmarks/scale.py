@@ -29,7 +29,7 @@ def peak_mb() -> float:
 
 
 def child(count: int, residual: str) -> None:
-    """One count, in this process: a line of JSON."""
+    """Measure one number of poses in this process and print a line of JSON."""
     from simulated import NOISE_MM, anywhere, measured, off_by, random_q
 
     from calib.calibration.calibrate import calibrate
@@ -65,7 +65,7 @@ def child(count: int, residual: str) -> None:
                 "all_mb": peak_mb(),
                 "iterations": len(fit.iterations) - 1,
                 "converged": fit.converged and result.fit.converged,
-                "noise": fit.noise,
+                "noise": fit.reduced_chi,
             }
         )
     )

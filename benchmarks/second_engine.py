@@ -73,7 +73,7 @@ def _reachable(simulated: Simulated) -> float:
 
 
 def judged(row: pd.Series) -> pd.Series:
-    """What a row says of the diagnosis; see `tell`."""
+    """Judgement of a diagnosis from its row; `tell` names the classes."""
     claimed, open_set, hidden = set(row["missing"]), set(row["open"]), set(row["causes"])
     outside = bool(hidden & set(UNFORESEEN))
     right = hidden | ALSO_RIGHT.get(row["causes"][0], set()) if outside else hidden
@@ -100,7 +100,7 @@ COLUMNS = ("exact", "left_open", "wrong_claim", "wrong_suspicion", "falsely_sati
 
 
 def tell(rows: pd.DataFrame) -> None:
-    """By class, in percent.
+    """Print the shares of each class, in percent.
 
     exact: the claimed set is the hidden one; no cause: the verdict is adequate; a cause that has no name: no wrong one
     is claimed, and the verdict is not calm; undecidable by its data: also an open set that holds it. left open: not
@@ -128,7 +128,7 @@ def tell(rows: pd.DataFrame) -> None:
 
 
 def tell_failures(rows: pd.DataFrame) -> None:
-    """One line for each case that is not exact."""
+    """Print one line for each case that is not exact."""
     for row in rows[~rows["exact"].astype(bool)].itertuples():
         sizes = " ".join(f"{s:.1f}" for s in row.sigmas) + " sigma, " if row.sigmas else ""
         said = f"{row.verdict} {' + '.join(row.missing)}"
@@ -146,7 +146,7 @@ def tell_failures(rows: pd.DataFrame) -> None:
 
 
 def results(asked: Iterable[Case], jobs: int = 1) -> pd.DataFrame:
-    """A row for each case, judged."""
+    """Judged rows of all cases."""
     asked = list(asked)
     if jobs > 1:
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:

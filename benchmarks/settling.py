@@ -1,4 +1,4 @@
-"""Open sets settled by planned poses: `python benchmarks/settling.py [--arms N] [--seed S] [--bare]`.
+"""Confounded effects told apart by planned poses: `python benchmarks/settling.py [--arms N] [--seed S] [--bare]`.
 
 Arms with one hidden effect of load (`calib/simulation/truth`, which shares no code with what fits) are measured and
 diagnosed. Where the diagnosis ends open, five poses are planned, measured on the same arm, and everything is diagnosed
@@ -30,8 +30,7 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.errors import CalibError
 from calib.planning.plan import plan_poses
-from calib.planning.purposes.split import ForSplit, open_set_of
-from calib.screening.rivals.split import MOST_SHOTS
+from calib.planning.purposes.confounded_effects import for_confounded
 from calib.simulation.measured_dataset import Simulation, measure
 from calib.simulation.simulate import simulate_dataset
 from calib.workcell.candidates import candidate_poses
@@ -49,7 +48,7 @@ class Arm:
     seed: int
 
     def simulate(self) -> tuple[Simulation, str, float]:
-        """What was measured, the effect, and what the arm may carry."""
+        """Measured dataset, its effect, and what the arm may carry."""
         rng = np.random.default_rng(self.seed)
         name = list(ROBOTS)[self.seed % 2]
         effect = EFFECTS[(self.seed // 2) % 3]
@@ -67,13 +66,11 @@ class Arm:
         return simulation, effect, ROBOTS[name]
 
 
-def with_more(simulation: Simulation, further: Poses, shots: int, rng: np.random.Generator) -> Dataset:
+def with_more(simulation: Simulation, further: Poses, rng: np.random.Generator) -> Dataset:
     """The dataset with further poses measured on the same arm."""
     before = simulation.dataset
     poses = _joined(before.poses, further)
-    again = measure(
-        before.robot, simulation.truth, poses, rng=rng, name=before.name, noise_mm=NOISE_MM, repeats=shots
-    ).dataset.points
+    again = measure(before.robot, simulation.truth, poses, rng=rng, name=before.name, noise_mm=NOISE_MM).dataset.points
     old = before.points
     assert again is not None
     assert old is not None
@@ -111,32 +108,30 @@ def outcome(dataset: Dataset, effect: str) -> str:
     return "wrong" if claimed - {effect} else "open"
 
 
-def run(arm: Arm, count: int, bare: bool, most_shots: int) -> dict[str, object] | None:
-    """One row for an arm whose diagnosis ends open; None else."""
+def run(arm: Arm, count: int, bare: bool) -> dict[str, object] | None:
+    """Row of the table for an arm whose diagnosis ends open; None for others."""
     simulation, effect, payload_kg = arm.simulate()
     found = diagnose(simulation.dataset)
     if found.verdict != "ambiguous":
         return None
     try:
-        purpose = open_set_of(found, None if bare else payload_kg)
+        purpose = for_confounded(found, None if bare else payload_kg)
     except CalibError:
         return None
-    purpose = ForSplit(purpose.doubt, purpose.payload_kg, most_shots)
     start = time.perf_counter()
     plan = plan_poses(purpose.start, count, purpose=purpose, seed=arm.seed)
     seconds = time.perf_counter() - start
     rng = np.random.default_rng([arm.seed, 1])
-    after = outcome(with_more(simulation, plan.poses, plan.shots, rng), effect)
+    after = outcome(with_more(simulation, plan.poses, rng), effect)
     anywhere = purpose.start.poses_at(candidate_poses(purpose.start.cell, SURELY, rng=rng))
-    surely = outcome(with_more(simulation, purpose.prepared(purpose.start, anywhere), most_shots, rng), effect)
+    surely = outcome(with_more(simulation, purpose.prepared(purpose.start, anywhere), rng), effect)
     return {
         "seed": arm.seed,
         "robot": simulation.dataset.robot.name,
         "effect": effect,
-        "rivals": " ".join(rival.name for rival in purpose.doubt.rivals),
-        "holds truth": effect in purpose.doubt.names,
-        "shots": plan.shots,
-        "predicted": plan.settles,
+        "rivals": " ".join(hypothesis.name for hypothesis in purpose.hypothesis_set.hypotheses),
+        "holds truth": effect in purpose.hypothesis_set.names,
+        "predicted": plan.power,
         "after": after,
         "by forty": surely,
         "seconds": seconds,
@@ -177,15 +172,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the first arm")
     parser.add_argument("--poses", type=int, default=5, help="that are planned")
     parser.add_argument("--bare", action="store_true", help="no payload where the data have none")
-    parser.add_argument("--shots", type=int, default=MOST_SHOTS, help="measurements of a pose, at the most")
     options = parser.parse_args(arguments)
     found = []
     for seed in range(options.seed, options.seed + options.arms):
-        row = run(Arm(seed), options.poses, options.bare, options.shots)
+        row = run(Arm(seed), options.poses, options.bare)
         if row is not None:
             found.append(row)
             print(
-                "{seed:4d} {robot} {effect} ({rivals}): {shots} shots, predicted {predicted:.2f} -> {after}; "
+                "{seed:4d} {robot} {effect} ({rivals}): predicted {predicted:.2f} -> {after}; "
                 "forty: {by forty}; {seconds:.1f} s".format(**row),
                 flush=True,
             )

@@ -70,14 +70,14 @@ def scara() -> Robot:
 
 
 def mixed_arm(index: int, rng: np.random.Generator) -> tuple[str, Robot]:
-    """One of a mixture: Park's RB5, Park's Panda, random arms of 5, 6 and 7 joints, in turn."""
+    """Arm of a mixture: Park's RB5, Park's Panda, random arms of 5, 6 and 7 joints, in turn."""
     kinds = ("rb5", "panda", "random 5", "random 6", "random 7")
     kind = kinds[index % len(kinds)]
     return kind, random_arm(rng, int(kind[-1])) if kind.startswith("random") else park_arm(kind)
 
 
 def heavy_arm(index: int, rng: np.random.Generator) -> tuple[str, Robot]:
-    """As `mixed_arm`, with masses: the builtin RB5 and Panda, random arms of 12 kg at the root to 1 kg at the tip."""
+    """Arm of a mixture with masses: the builtin RB5 and Panda, random arms of 12 kg at the root to 1 kg at the tip."""
     kinds = ("rb5", "panda", "random 5", "random 6", "random 7")
     kind = kinds[index % len(kinds)]
     if not kind.startswith("random"):

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from calib.corners.noise.told import NOTHING_TOLD, ToldNoise  # noqa: E402
+from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise  # noqa: E402
 from calib.corners.refinement import RefinementOptions  # noqa: E402
 from calib.corners.search import CornerOptions, find_corner  # noqa: E402
 from calib.jig import Jig  # noqa: E402
@@ -53,9 +53,11 @@ REGISTRATION_MM = 0.03  # of each view of "fused, views off"
 Outcome = tuple[float, float, float]  # squared error in units of the covariance, error and sigma in mm
 
 
-def judged(scan: Scan, jig: Jig, apex_mm: NDArray, scan_sigma_mm: float | None, told: ToldNoise) -> Outcome | None:
-    """One scan's corner held against the truth; None where there is none."""
-    options = CornerOptions(refinement=RefinementOptions(told=told))
+def judged(
+    scan: Scan, jig: Jig, apex_mm: NDArray, scan_sigma_mm: float | None, declared: DeclaredNoise
+) -> Outcome | None:
+    """Error of one scan's corner in units of its covariance; None where there is no corner."""
+    options = CornerOptions(refinement=RefinementOptions(declared=declared))
     corner = find_corner(scan, jig, scan_sigma_mm=scan_sigma_mm, options=options).corner
     if corner is None:
         return None
@@ -64,27 +66,29 @@ def judged(scan: Scan, jig: Jig, apex_mm: NDArray, scan_sigma_mm: float | None, 
     return squared, float(np.linalg.norm(error)), corner.sigma_mm()
 
 
-def of_scenes(scans: int, points: int, told: ToldNoise = NOTHING_TOLD, **scene: float | str | bool) -> list[Outcome]:
-    """Corners of the ray caster's scans."""
+def of_scenes(
+    scans: int, points: int, declared: DeclaredNoise = NOTHING_DECLARED, **scene: float | str | bool
+) -> list[Outcome]:
+    """Judged corners of the ray caster's scans."""
     found = []
     for seed in range(FIRST_SEED, FIRST_SEED + scans):
         made = make_scene(np.random.default_rng(seed), points, sigma_mm=WHITE_MM, **scene)  # type: ignore[arg-type]
-        found.append(judged(made.scan, Jig(), made.apex_mm, WHITE_MM, told))
+        found.append(judged(made.scan, Jig(), made.apex_mm, WHITE_MM, declared))
     return [outcome for outcome in found if outcome is not None]
 
 
-def of_kind(name: str, scans: int, told: ToldNoise = NOTHING_TOLD) -> list[Outcome]:
-    """Corners of the second simulator's fair scans of one kind."""
+def of_kind(name: str, scans: int, declared: DeclaredNoise = NOTHING_DECLARED) -> list[Outcome]:
+    """Judged corners of the second simulator's fair scans of one kind."""
     found = []
     for seed in range(scans):
         made, jig, sigma_mm = KINDS[name].scan(name, seed)
         if made.fair:
-            found.append(judged(made.scan, jig, made.apex_mm, sigma_mm, told))
+            found.append(judged(made.scan, jig, made.apex_mm, sigma_mm, declared))
     return [outcome for outcome in found if outcome is not None]
 
 
 def row(name: str, cells: list[list[Outcome]]) -> str:
-    """One line: mean and median of each cell, then medians of error and sigma over all."""
+    """Line of the table: mean and median of each cell, then medians of error and sigma over all."""
     text = "".join(
         f"{np.mean([o[0] for o in cell]):8.1f}{np.median([o[0] for o in cell]):6.1f}" if cell else f"{'-':>14}"
         for cell in cells
@@ -95,7 +99,7 @@ def row(name: str, cells: list[list[Outcome]]) -> str:
 
 
 def waves(arguments: argparse.Namespace) -> Iterator[str]:
-    """Errors along the ray."""
+    """Print the table for smooth errors along the ray."""
     scans, points = arguments.scans, arguments.points
     yield row("white noise alone", [of_scenes(3 * scans, points)])
     for size in arguments.sizes:
@@ -110,7 +114,7 @@ def waves(arguments: argparse.Namespace) -> Iterator[str]:
 
 
 def alone(arguments: argparse.Namespace) -> Iterator[str]:
-    """The same before nothing."""
+    """Print the table for smooth errors along the ray, of a jig with nothing behind it."""
     scans, points = arguments.scans, arguments.points
     yield row("white noise alone", [of_scenes(3 * scans, points, background=False)])
     for size in arguments.sizes:
@@ -119,7 +123,7 @@ def alone(arguments: argparse.Namespace) -> Iterator[str]:
                 of_scenes(
                     scans,
                     points,
-                    ToldNoise(size, length) if tell else NOTHING_TOLD,
+                    DeclaredNoise(size, length) if tell else NOTHING_DECLARED,
                     waves_mm=size,
                     wave_length_mm=length,
                     background=False,
@@ -130,7 +134,7 @@ def alone(arguments: argparse.Namespace) -> Iterator[str]:
 
 
 def faces(arguments: argparse.Namespace) -> Iterator[str]:
-    """Uneven faces."""
+    """Print the table for uneven faces."""
     for size in arguments.sizes:
         cells = [
             of_scenes(arguments.scans, arguments.points, uneven_mm=size, wave_length_mm=length)
@@ -140,17 +144,17 @@ def faces(arguments: argparse.Namespace) -> Iterator[str]:
 
 
 def wall(arguments: argparse.Namespace) -> Iterator[str]:
-    """A wall that is bent by itself, by so much over the view."""
+    """Print the table for a wall that is bent by itself, by so much over the view."""
     for bent_mm in (0.02, 0.05, 0.1, 0.3, 1.0):
         yield row(f"wall bent by {bent_mm} mm", [of_scenes(arguments.scans, arguments.points, wall_bent_mm=bent_mm)])
 
 
 def scanners(arguments: argparse.Namespace) -> Iterator[str]:
-    """The second simulator."""
+    """Print the table for the second simulator's scanners."""
     for name in MESH_KINDS:
         yield row(name, [of_kind(name, arguments.scans)])
-    told = replace(NOTHING_TOLD, registration_sigma_mm=REGISTRATION_MM)
-    yield row("fused, views off, told", [of_kind("fused, views off", arguments.scans, told)])
+    declared = replace(NOTHING_DECLARED, registration_sigma_mm=REGISTRATION_MM)
+    yield row("fused, views off, told", [of_kind("fused, views off", arguments.scans, declared)])
 
 
 def main() -> None:

@@ -60,7 +60,7 @@ TELL_EVERY_S = 60.0
 
 
 def counts_at(scale: float) -> dict[str, int]:
-    """How many of each part; the clients are always all of them, as each is another."""
+    """Number of cases of each part; the clients are always all run, as each is another."""
     return {part: n if part == "clients" else max(1, round(n * scale)) for part, n in COUNTS.items()}
 
 

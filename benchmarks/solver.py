@@ -2,10 +2,9 @@
 
     python benchmarks/solver.py [exact] [missing] [sigmas] [pairs] [--robots 100]
 
-exact    noise-free, Park 2022's set-up: how far, how fast, how surely
-missing  0.05 mm noise and joints that yield by 1e-4 rad/Nm, which the model does not know: does anything diverge
-sigmas   are the sigmas true, and is the error at the Cramer-Rao bound
-pairs    Park's pairwise redundancy against the rank: RB5, Panda, UR10, a SCARA
+exact    noise-free, Park 2022's set-up: how far, how fast, how surely missing  0.05 mm noise and joints that yield by
+1e-4 rad/Nm, which the model does not know: does anything diverge sigmas   are the sigmas true, and is the error at the
+Cramer-Rao bound pairs    Park's pairwise redundancy against the rank: RB5, Panda, UR10, a SCARA
 
 Robot k of a part is the same at any count. `--robots 200` is what the README quotes.
 """
@@ -207,7 +206,7 @@ def one_sigma(k: int, *, prior: bool, independent: bool, straight: bool) -> tupl
         names, units = robot.parameter_names, robot.parameter_units
         here = observed_of(robot, robot, q, np.eye(4), rng, 0.0)
         columns = PositionResiduals(model, here).linearise(np.zeros(len(names))).jacobian
-        model = model.hold([n for n in names if n not in analyse(columns, names, units).independent])
+        model = model.with_fixed([n for n in names if n not in analyse(columns, names, units).independent])
     # A prior is believed only where truths follow it; without one, errors are those of a good factory.
     scale = model.scales if prior else model.scales * 0.2
     x_true = scale * rng.standard_normal(len(scale))
@@ -249,7 +248,7 @@ def observed_of(
 
 
 def pairs() -> None:
-    """What Park's pairs find and miss, at 40 random poses of the nominal arm, as he takes them."""
+    """Print what Park's pairs find and miss, at 40 random poses of the nominal arm, as he takes them."""
     print("\nPark's pairwise redundancy against the truth, 40 random poses, positions in the base frame")
     print(f"{'':8} {'parameters':>10} {'pairs keep':>10} {'no influence':>12} {'rank':>5}   kept, yet redundant")
     reports = []

@@ -1,4 +1,4 @@
-"""How near other targets than the jig come to their Cramer-Rao bound, and what is found where there is none.
+"""Errors of other targets than the jig over their Cramer-Rao bound, and false finds where there is no target.
 
     python benchmarks/targets.py [--scans 20] [--absent 100] [--cases NAME ...] [--second 10]
 
@@ -54,7 +54,7 @@ KINDS = ("structured light", "laser lines", "time of flight")
 
 
 def row(name: str, make: Callable[[np.random.Generator], BallScan], scans: int, told_mm: float) -> str:
-    """One case, with the radius known and unknown."""
+    """Line of the table for one case, with the radius known and unknown."""
     cells = [f"{name:24s}"]
     for known in (True, False):
         ratios, squares, failed, took = [], [], 0, []

@@ -130,7 +130,7 @@ def settled(page: Any, left: int = 0) -> bytes:
 
 
 def small(png: bytes) -> bytes:
-    """The same picture as WebP of at most MOST_BYTES."""
+    """The picture as WebP of at most MOST_BYTES."""
     image = Image.open(io.BytesIO(png)).convert("RGB")
     for quality in QUALITIES:
         out = io.BytesIO()

@@ -43,7 +43,7 @@ ROBOTS = {"RB5": lambda: builtin_robot("rb5"), "Panda": lambda: builtin_robot("p
 
 @dataclass(frozen=True)
 class Change:
-    """What happened, and what it is to be called."""
+    """A change of the cell and the name that it should be given."""
 
     name: str
     what: str
@@ -59,12 +59,12 @@ def changes_of(joints: int) -> Iterator[Change]:
 
 
 def slipped(cell: Cell, rng: np.random.Generator, joint: int) -> Cell:
-    """One joint's zero, to either side."""
+    """The cell with the zero of one joint changed, to either side."""
     return cell.with_changes({f"theta{joint}": rng.choice([-1.0, 1.0]) * SLIP_RAD})
 
 
 def scanner_moved(cell: Cell, rng: np.random.Generator) -> Cell:
-    """By 0.05 to 10 mm and 0.003 to 0.6 deg."""
+    """The cell with its scanner moved by 0.05 to 10 mm and 0.003 to 0.6 deg."""
     return cell.with_scanner_moved(
         rng.normal(size=3) * 10 ** rng.uniform(-4.3, -2), rng.normal(size=3) * 10 ** rng.uniform(-1.3, 1)
     )
@@ -96,7 +96,7 @@ class Bound:
         return np.stack(by, axis=1) / cell.noise_mm, frame.reshape(-1, 6) / cell.noise_mm
 
     def sigmas(self, q: Array, changed: Cell) -> tuple[float, float]:
-        """By how many sigmas check poses at q (N, n) show a change: the scanner where it was, and its place free."""
+        """Sigmas by which check poses at q (N, n) show a change, with the scanner's place known and free."""
         arm, frame = self._columns(q)
         change = (changed.seen_mm(q) - self.cell.seen_mm(q)).ravel() / self.cell.noise_mm
         fixed = self._beside(np.concatenate([arm, frame], axis=1), self.information, change)
@@ -113,23 +113,23 @@ class Bound:
 
 
 def power(sigmas: float, alarm: float, freedom: int) -> float:
-    """Of the best test of a change of one number, or of three whose direction is not known."""
+    """Power of the best test of a change of one number, or of three whose direction is not known."""
     return float(ncx2.sf(chi2.isf(alarm, freedom), freedom, sigmas**2))
 
 
 def named(seen: ChangeReport, change: Change) -> bool:
-    """This and nothing else, without doubt."""
+    """Whether this change and nothing else is named, without doubt."""
     return seen.verdict == "changed" and [(c.what, c.joint) for c in seen.changes] == [(change.what, change.joint)]
 
 
 def in_doubt(seen: ChangeReport, change: Change) -> bool:
-    """Named, or said to be as likely as what is named."""
+    """Whether the change is named, or said to be as likely as what is named."""
     name = f"{change.what} {change.joint or ''}".strip()
     return any((c.what, c.joint) == (change.what, change.joint) or name in c.as_well for c in seen.changes)
 
 
 def told(seen: ChangeReport) -> str:
-    """What is said to have changed."""
+    """Names of what is said to have changed."""
     return ", ".join(f"{c.what} {c.joint or ''}".strip() for c in seen.changes)
 
 
@@ -152,7 +152,7 @@ def planned_checks(cell: Cell, base: Calibration, rng: np.random.Generator) -> A
 def run(
     name: str, choose: Chooser, *, arms: int, unchanged: int, moved: int, each: int, shots: int, tell: bool
 ) -> list[int]:
-    """[false alarms, unchanged cells, moved scanners blamed on the arm, moved scanners]"""
+    """Counts: false alarms, unchanged cells, moved scanners blamed on the arm, moved scanners."""
     robot = ROBOTS[name]()
     changes = list(changes_of(robot.n_joints))
     counts = {c.name: Counter() for c in changes}

@@ -1,63 +1,75 @@
-"""Robot calibration from scans of a three-faced jig: corners, five-parameter kinematics, which effect is missing.
+"""Robot calibration from scans of a three-faced jig: corners, five-parameter kinematics, and which effect is missing.
 
-This is the public face: what a script needs, each loaded when it is first asked for, so that `import calib` is quick.
+The public names of the library, each imported when it is first used, so that `import calib` is quick. Datasets, robots
+and scans may be given as paths, effects by their names, and options of a fit as keywords:
 
     import calib
 
-    dataset = calib.load_dataset("my_cell")
-    result = calib.diagnose(dataset)
-    print(result.summary())
+    found = calib.diagnose("my_cell")
+    print(found.summary())
+    found.save("model.json")
 """
 
 from importlib import import_module
 
-# Type checkers read the same list in __init__.pyi: nothing is imported here, not even for them, so that no module that
-# imports a part of calib stands in a circle with it.
-_HOME = {
-    "CalibError": "calib.errors",
-    "Effect": "calib.effects.effect",
-    "FitOptions": "calib.options",
-    "Parameter": "calib.effects.effect",
-    "calibrate": "calib.calibration.calibrate",
-    "corrected_joints": "calib.compensation.target_correction",
-    "diagnose": "calib.diagnosis.diagnose",
-    "find_corner": "calib.corners.search",
-    "find_corners": "calib.corners.batch",
-    "load_dataset": "calib.dataset.files.folder",
-    "load_model": "calib.models.model_file",
-    "load_scan": "calib.scans.scan",
-    "save_model": "calib.models.model_file",
-    "simulate_dataset": "calib.simulation.simulate",
-    "write_dataset": "calib.dataset.files.folder",
-}
+_DISTRIBUTION = "robot-calibration-inspector"
 
-__all__ = [
-    "CalibError",
-    "Effect",
-    "FitOptions",
-    "Parameter",
-    "calibrate",
-    "corrected_joints",
-    "diagnose",
-    "find_corner",
-    "find_corners",
-    "load_dataset",
-    "load_model",
-    "load_scan",
-    "save_model",
-    "simulate_dataset",
-    "write_dataset",
-]
+# Public names by the module that has them. Type checkers read the same in __init__.pyi: nothing is imported here, not
+# even for them, so that no module that imports a part of calib is in a circle with this one.
+_NAMES = {
+    "calib.calibration.calibrate": ("calibrate",),
+    "calib.calibration.result": ("Calibration",),
+    "calib.compensation.target_correction": ("Correction", "corrected_joints"),
+    "calib.corners.batch": ("CornerBatch", "find_corners"),
+    "calib.corners.intersection": ("Corner", "Intersection", "intersect_planes"),
+    "calib.corners.search": ("CornerSearch", "find_corner"),
+    "calib.dataset.dataset": ("Dataset", "Points", "Poses"),
+    "calib.dataset.files.folder": ("load_dataset", "write_dataset"),
+    "calib.diagnosis.diagnose": ("diagnose",),
+    "calib.diagnosis.result": ("Diagnosis",),
+    "calib.effects.catalogue": ("catalogue_names",),
+    "calib.effects.effect": ("Effect", "Family", "Parameter"),
+    "calib.errors": ("CalibError",),
+    "calib.identifiability.redundancy": ("Redundancy",),
+    "calib.identifiability.structural": ("redundancy",),
+    "calib.jig": ("Jig",),
+    "calib.kinematics.robot": ("Robot",),
+    "calib.models.fitted_model": ("FittedModel",),
+    "calib.models.model_file": ("load_model", "save_model"),
+    "calib.monitoring.watch": ("ChangeReport", "watch"),
+    "calib.noise_shape": ("NoiseShape",),
+    "calib.options": ("FitOptions",),
+    "calib.planning.plan": ("Plan",),
+    "calib.planning.purposes.planned": ("plan",),
+    "calib.robot_formats.robots": ("load_robot", "save_robot"),
+    "calib.scans.scan": ("Scan", "load_scan"),
+    "calib.screening.candidates": ("Candidate", "Screening", "screen"),
+    "calib.simulation.measured_dataset": ("Simulation",),
+    "calib.simulation.simulate": ("simulate_dataset",),
+    "calib.validation.acceptance": ("Check", "check"),
+    "calib.validation.comparison": ("Comparison", "compare"),
+    "calib.validation.cross_validation": ("CrossValidation", "cross_validate"),
+    "calib.validation.learning_curve": ("LearningCurve", "learning_curve"),
+}
+_HOME = {name: module for module, names in _NAMES.items() for name in names}
+
+__all__ = sorted(["__version__", *_HOME])
 
 
 def __getattr__(name: str) -> object:
-    """What a script needs, from the module that has it (PEP 562)."""
-    if name not in _HOME:
+    """A public name, from the module that has it (PEP 562)."""
+    value: object
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value = version(_DISTRIBUTION)
+    elif name in _HOME:
+        value = getattr(import_module(_HOME[name]), name)
+    else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(_HOME[name]), name)
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *__all__])
+    return sorted({*globals(), *__all__})

@@ -1,35 +1,57 @@
-"""The public face as type checkers see it: what `__init__.py` loads when it is first asked for."""
+"""The public names as type checkers see them: those that `__init__.py` imports when they are first used."""
 
 from calib.calibration.calibrate import calibrate as calibrate
+from calib.calibration.result import Calibration as Calibration
+from calib.compensation.target_correction import Correction as Correction
 from calib.compensation.target_correction import corrected_joints as corrected_joints
+from calib.corners.batch import CornerBatch as CornerBatch
 from calib.corners.batch import find_corners as find_corners
+from calib.corners.intersection import Corner as Corner
+from calib.corners.intersection import Intersection as Intersection
+from calib.corners.intersection import intersect_planes as intersect_planes
+from calib.corners.search import CornerSearch as CornerSearch
 from calib.corners.search import find_corner as find_corner
+from calib.dataset.dataset import Dataset as Dataset
+from calib.dataset.dataset import Points as Points
+from calib.dataset.dataset import Poses as Poses
 from calib.dataset.files.folder import load_dataset as load_dataset
 from calib.dataset.files.folder import write_dataset as write_dataset
 from calib.diagnosis.diagnose import diagnose as diagnose
+from calib.diagnosis.result import Diagnosis as Diagnosis
+from calib.effects.catalogue import catalogue_names as catalogue_names
 from calib.effects.effect import Effect as Effect
+from calib.effects.effect import Family as Family
 from calib.effects.effect import Parameter as Parameter
 from calib.errors import CalibError as CalibError
+from calib.identifiability.redundancy import Redundancy as Redundancy
+from calib.identifiability.structural import redundancy as redundancy
+from calib.jig import Jig as Jig
+from calib.kinematics.robot import Robot as Robot
+from calib.models.fitted_model import FittedModel as FittedModel
 from calib.models.model_file import load_model as load_model
 from calib.models.model_file import save_model as save_model
+from calib.monitoring.watch import ChangeReport as ChangeReport
+from calib.monitoring.watch import watch as watch
+from calib.noise_shape import NoiseShape as NoiseShape
 from calib.options import FitOptions as FitOptions
+from calib.planning.plan import Plan as Plan
+from calib.planning.purposes.planned import plan as plan
+from calib.robot_formats.robots import load_robot as load_robot
+from calib.robot_formats.robots import save_robot as save_robot
+from calib.scans.scan import Scan as Scan
 from calib.scans.scan import load_scan as load_scan
+from calib.screening.candidates import Candidate as Candidate
+from calib.screening.candidates import Screening as Screening
+from calib.screening.candidates import screen as screen
+from calib.simulation.measured_dataset import Simulation as Simulation
 from calib.simulation.simulate import simulate_dataset as simulate_dataset
+from calib.validation.acceptance import Check as Check
+from calib.validation.acceptance import check as check
+from calib.validation.comparison import Comparison as Comparison
+from calib.validation.comparison import compare as compare
+from calib.validation.cross_validation import CrossValidation as CrossValidation
+from calib.validation.cross_validation import cross_validate as cross_validate
+from calib.validation.learning_curve import LearningCurve as LearningCurve
+from calib.validation.learning_curve import learning_curve as learning_curve
 
-__all__ = [
-    "CalibError",
-    "Effect",
-    "FitOptions",
-    "Parameter",
-    "calibrate",
-    "corrected_joints",
-    "diagnose",
-    "find_corner",
-    "find_corners",
-    "load_dataset",
-    "load_model",
-    "load_scan",
-    "save_model",
-    "simulate_dataset",
-    "write_dataset",
-]
+__version__: str

@@ -1,4 +1,4 @@
-"""The kinds of numpy arrays that signatures name; shapes and units stand beside each array."""
+"""Kinds of numpy arrays that signatures name; a comment beside each array gives its shape, unit and frame."""
 
 from __future__ import annotations
 

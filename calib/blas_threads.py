@@ -1,4 +1,4 @@
-"""One BLAS thread while a function of the method runs; the caller's setting comes back when it ends."""
+"""One BLAS thread while a function of the method runs; the caller's setting is restored when it ends."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from typing import Any
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """A context, or a decorator, in which numpy and scipy multiply matrices on the calling thread alone.
+    """Context, or decorator, in which numpy and scipy multiply matrices on the calling thread alone.
 
-    The matrices here are small: threads that wait for each other double a diagnosis' time, and a sum's last bit depends
-    on their number. Nothing is left changed in the caller's process, its environment variables included.
+    The matrices here are small: threads that wait for each other double the time of a diagnosis, and the last bit of a
+    sum depends on their number. Nothing in the caller's process stays changed, its environment variables included.
     """
     with _controller().limit(limits=1):
         yield
@@ -22,7 +22,7 @@ def one_blas_thread() -> Iterator[None]:
 
 @cache
 def _controller() -> Any:
-    """The controller of the BLAS libraries that numpy and scipy bring; both have to be loaded for it to find theirs."""
+    """Controller of the BLAS libraries of numpy and scipy; both have to be loaded for it to find theirs."""
     import scipy.linalg  # noqa: F401
 
     before = dict(os.environ)

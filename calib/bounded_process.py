@@ -1,4 +1,4 @@
-"""A function of this library, run on a stranger's file in a process of its own with bounded memory, time and output.
+"""A function of this library, run on an untrusted file in a process of its own with bounded memory, time and output.
 
 Parsers that others wrote (xacro, MuJoCo) may be led to ask for any amount of memory, to run for ever or to crash. In a
 process of their own that ends the process and becomes one line; the program that asked goes on. The process has no
@@ -19,27 +19,28 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-_GRACE_S = 5.0  # beside the time of the work: a start, imports
+_GRACE_S = 5.0  # for the start and the imports, in addition to the time of the work
 _ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True)
-class Limits:
-    """What one question may cost."""
+class ProcessLimits:
+    """What one request may use: time of the processor, memory, size of the answer."""
 
     seconds: float = 30.0
-    memory_bytes: int = 1024**3  # beside what the imports take
+    memory_bytes: int = 1024**3  # in addition to what the imports take
     answer_bytes: int = 128 * 1024**2
 
 
 class ProcessFailed(Exception):
-    """The process gave no answer. Its text says why, without the file's name."""
+    """Error of a process that gave no answer; its text says why, without the file's name."""
 
 
-def ask(function: str, request: Mapping[str, Any], limits: Limits = Limits()) -> Any:
-    """What `function` ("package.module:name") answers to a request; both are JSON. Raises ProcessFailed.
+def ask(function: str, request: Mapping[str, Any], limits: ProcessLimits = ProcessLimits()) -> Any:
+    """Answer of `function` ("package.module:name") to a request, worked out in a bounded process; both are JSON.
 
-    The function may have a companion `prepare` in its module, called before the limits hold: for imports.
+    The function may have a companion `prepare` in its module, called before the limits hold: for imports. Raises
+    ProcessFailed.
     """
     question = {
         "path": [str(Path(entry or ".").resolve()) for entry in sys.path],
@@ -75,7 +76,8 @@ def ask(function: str, request: Mapping[str, Any], limits: Limits = Limits()) ->
     return answer["answer"]
 
 
-def _how_it_ended(code: int, limits: Limits, answer: Any) -> str:
+def _how_it_ended(code: int, limits: ProcessLimits, answer: Any) -> str:
+    """Why a process gave no answer, from its exit code and what it wrote, as the end of a sentence about the file."""
     if isinstance(answer, dict) and "failed" in answer:
         return str(answer["failed"])
     if code in (-24, -9):  # SIGXCPU, and SIGKILL behind it
@@ -84,12 +86,12 @@ def _how_it_ended(code: int, limits: Limits, answer: Any) -> str:
 
 
 def main() -> None:
-    """Read the question, answer it within the limits. Runs in the process."""
+    """Entry point of the bounded process: read a request from stdin, answer it within the limits on stdout."""
     question = json.loads(sys.stdin.buffer.read())
     answer_to = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no answer
     sys.path[:] = question["path"]
-    limits = Limits(**question["limits"])
+    limits = ProcessLimits(**question["limits"])
     module_name, _, name = question["function"].partition(":")
     module = importlib.import_module(module_name)
     getattr(module, "prepare", lambda: None)()
@@ -105,8 +107,8 @@ def main() -> None:
     os._exit(0)  # what is left to close may be refused by now
 
 
-def bound_this_process(limits: Limits) -> None:
-    """From here on: so much more memory and time, no large file, no core file. Where the system can."""
+def bound_this_process(limits: ProcessLimits) -> None:
+    """Limit this process's further memory and time and the size of its files, as far as the system can."""
     try:
         import resource
     except ImportError:  # Windows: the time alone is bounded, by whoever asks

@@ -1,6 +1,6 @@
 """Tails and quantiles of the test statistics' distributions.
 
-scipy.stats has the same, but takes a second to load, longer than most of what is asked here.
+scipy.stats has the same, but takes a second to load, longer than most of what is computed here.
 """
 
 from __future__ import annotations
@@ -11,23 +11,23 @@ from scipy import special
 from calib.array_types import Array
 
 
-def chi2_sf(x: float, freedom: float) -> float:
-    """P(X > x) of chi squared."""
-    return float(special.chdtrc(freedom, max(x, 0.0)))
+def chi2_sf(x: float, dof: float) -> float:
+    """P(X > x) of the chi-squared distribution with `dof` degrees of freedom."""
+    return float(special.chdtrc(dof, max(x, 0.0)))
 
 
-def chi2_ppf(share: float, freedom: float) -> float:
-    """The x that chi squared stays below with this probability."""
-    return float(2.0 * special.gammaincinv(0.5 * freedom, share))
+def chi2_ppf(share: float, dof: float) -> float:
+    """Quantile of the chi-squared distribution: the x with P(X <= x) = `share`, for `dof` degrees of freedom."""
+    return float(2.0 * special.gammaincinv(0.5 * dof, share))
 
 
-def chi_median(freedom: float) -> float:
-    """Median of the chi distribution: of the length of a vector of `freedom` standard normal numbers."""
-    return float(np.sqrt(chi2_ppf(0.5, freedom)))
+def chi_median(dof: float) -> float:
+    """Median of the chi distribution, the length of a vector of `dof` standard normal numbers."""
+    return float(np.sqrt(chi2_ppf(0.5, dof)))
 
 
 def f_sf(x: float, above: float, below: float) -> float:
-    """P(X > x) of the F distribution; degrees of freedom of numerator and denominator, the latter may be inf."""
+    """P(X > x) of the F distribution with `above` and `below` degrees of freedom; `below` may be inf."""
     if below == float("inf"):
         return float(special.chdtrc(above, above * max(x, 0.0)))
     return float(special.fdtrc(above, below, max(x, 0.0)))

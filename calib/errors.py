@@ -1,4 +1,4 @@
-"""Errors about the user's input. Each carries one line: what was found, where, and what would do.
+"""Errors about the user's input. Each carries one line: what was found, where, and what is expected.
 
 Programs catch `CalibError`; the command line turns it into that line and exit code 2.
 """
@@ -7,25 +7,25 @@ from __future__ import annotations
 
 from unicodedata import category
 
-MOST_CHARACTERS = 1000  # of a line that someone reads
-_OF_THE_START = 0.7  # where file and place stand; the rest is for the end, which says what would do
-_JOINERS = "\u200c\u200d"  # belong between letters of Persian, Hindi and others, and hide anywhere else
+MOST_CHARACTERS = 1000  # of a line that a person reads
+_OF_THE_START = 0.7  # share of a cut line: it begins with file and place and ends with what is expected
+_JOINERS = "\u200c\u200d"  # belong between letters of Persian, Hindi and others; anywhere else they hide text
 _BLANK = (  # letters and marks that show nothing: fillers, joiners of marks, selectors, the empty Braille cell
     "\u034f\u115f\u1160\u17b4\u17b5\u180b\u180c\u180d\u180f\u2800\u3164\uffa0"
 )
 
 
 def is_one_line(name: str) -> bool:
-    """Whether a name can stand in a line of output.
+    """Whether a name can be part of a line of output: no line ends, control or hidden characters.
 
-    Without line ends, control characters, and what is not seen but turns the text round it or hides in it (Unicode's
-    Cc, Cf, Zl, Zp, and halves of surrogate pairs).
+    Hidden characters are those that are not seen but turn or hide the text around them (Unicode's Cc, Cf, Zl, Zp, and
+    halves of surrogate pairs).
     """
     return _is_plain(name) or not any(_is_hidden(name, k) for k in range(len(name)))
 
 
-def shown(text: str) -> str:
-    """A text as a message shows it: hidden characters escaped, each line of `MOST_CHARACTERS` at most."""
+def printable(text: str) -> str:
+    """A message's text with hidden characters escaped and each line cut to `MOST_CHARACTERS`."""
     text = visible(text)
     if len(text) <= MOST_CHARACTERS:
         return text
@@ -33,18 +33,19 @@ def shown(text: str) -> str:
 
 
 def visible(text: str, kept: str = "\n") -> str:
-    """A text with its hidden characters as escapes, `\\u202e`, but for those `kept`."""
+    """A text with its hidden characters as escapes such as `\\u202e`, except the characters `kept`."""
     if _is_plain(text):
         return text
     return "".join(_escaped(c) if c not in kept and _is_hidden(text, k) else c for k, c in enumerate(text))
 
 
 def _is_plain(text: str) -> bool:
-    """Whether a glance tells that nothing is hidden in it."""
+    """Whether a text is printable ASCII, so that nothing can be hidden in it."""
     return text.isascii() and text.isprintable()
 
 
 def _is_hidden(text: str, k: int) -> bool:
+    """Whether the k-th character of a text shows nothing, or changes how its neighbours are shown."""
     character = text[k]
     if character in _JOINERS:
         return not (_joins(text[k - 1 : k]) and _joins(text[k + 1 : k + 2]))
@@ -57,11 +58,12 @@ def _joins(neighbour: str) -> bool:
 
 
 def _escaped(character: str) -> str:
+    """Python's escape of one character, such as `\\u202e`."""
     return character.encode("unicode_escape").decode("ascii")
 
 
 def _cut(line: str) -> str:
-    """A line with its middle left out where it is long."""
+    """A line with its middle replaced by [...] where it is longer than `MOST_CHARACTERS`."""
     if len(line) <= MOST_CHARACTERS:
         return line
     start = int(_OF_THE_START * MOST_CHARACTERS)
@@ -69,10 +71,10 @@ def _cut(line: str) -> str:
 
 
 class CalibError(Exception):
-    """Something in the input does not allow the work to go on. Its text is as `shown` has it."""
+    """The input does not allow the work to go on; the text of the error is cleaned by `printable`."""
 
     def __str__(self) -> str:
-        return shown(super().__str__())
+        return printable(super().__str__())
 
 
 class DatasetError(CalibError):
@@ -84,7 +86,7 @@ class ScanError(CalibError):
 
 
 class CornerError(CalibError):
-    """No corner can be had from the scans, or too few of them."""
+    """No corner can be found in a scan, or in too few of the scans."""
 
 
 class ModelFileError(CalibError):
@@ -92,8 +94,8 @@ class ModelFileError(CalibError):
 
 
 class FitError(CalibError):
-    """The measurements cannot carry the fit that was asked for."""
+    """The measurements do not determine the fit that was asked for."""
 
 
 class TargetError(CalibError):
-    """A target cannot be had from a scan, or a finder of the user's own fails."""
+    """A target cannot be found in a scan, or a finder of the user's own fails."""

@@ -1,7 +1,7 @@
 """Rigid transforms as (..., 4, 4) arrays.
 
-A transform's name tells what it maps: `base_T_flange` takes flange coordinates to base coordinates, so names chain
-as they multiply: `base_T_target = base_T_flange @ flange_T_target`. Lengths are millimetres.
+A transform's name says what it maps: `base_T_flange` takes flange coordinates to base coordinates, so names chain as
+they multiply: `base_T_target = base_T_flange @ flange_T_target`. Lengths are millimetres.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from calib.array_types import Array
 
 
 def make_transform(rotation: ArrayLike, translation_mm: ArrayLike) -> Array:
-    """Put rotations (..., 3, 3) and translations (..., 3) together into transforms (..., 4, 4)."""
+    """Transforms (..., 4, 4) made of rotations (..., 3, 3) and translations (..., 3) in mm."""
     rotation = np.asarray(rotation, dtype=float)
     translation_mm = np.asarray(translation_mm, dtype=float)
     shape = np.broadcast_shapes(rotation.shape[:-2], translation_mm.shape[:-1])
@@ -26,14 +26,14 @@ def make_transform(rotation: ArrayLike, translation_mm: ArrayLike) -> Array:
 
 
 def invert(a_T_b: ArrayLike) -> Array:
-    """Invert rigid transforms (..., 4, 4): the result maps a to b."""
+    """Inverses (..., 4, 4) of rigid transforms `a_T_b`: they map a to b."""
     a_T_b = np.asarray(a_T_b, dtype=float)
     b_R_a = np.swapaxes(a_T_b[..., :3, :3], -1, -2)
     return make_transform(b_R_a, -np.einsum("...ij,...j->...i", b_R_a, a_T_b[..., :3, 3]))
 
 
 def apply(a_T_b: ArrayLike, points_b_mm: ArrayLike) -> Array:
-    """Map points (..., 3) from frame b to frame a; the leading axes broadcast."""
+    """Points (..., 3) of frame b in frame a; the leading axes broadcast."""
     a_T_b = np.asarray(a_T_b, dtype=float)
     return np.einsum("...ij,...j->...i", a_T_b[..., :3, :3], np.asarray(points_b_mm, float)) + a_T_b[..., :3, 3]
 
@@ -74,7 +74,7 @@ def rotation_from_rpy(rpy_rad: ArrayLike) -> Array:
 def rpy_from_rotation(rotation: ArrayLike) -> Array:
     """Roll, pitch, yaw (3,) of a rotation (3, 3), the inverse of `rotation_from_rpy`.
 
-    At a pitch of +-90 deg roll and yaw are one turn, and roll is zero. By atan2: exact to rounding there too.
+    At a pitch of +-90 deg roll and yaw are one turn, and roll is set to zero. By atan2, so exact to rounding there too.
     """
     R = np.asarray(rotation, dtype=float)
     level = np.hypot(R[0, 0], R[1, 0])  # cos(pitch)
@@ -95,10 +95,10 @@ def skew(vectors: ArrayLike) -> Array:
 
 
 def best_fit_transform(source_mm: ArrayLike, target_mm: ArrayLike, weights: ArrayLike | None = None) -> Array:
-    """The rigid motion that takes source (N, 3) to target (N, 3) with the least weighted squared error.
+    """Rigid motion target_T_source (4, 4) from source (N, 3) to target (N, 3) with the least weighted squared error.
 
-    Closed form by SVD (Kabsch 1976, Umeyama 1991), reflections excluded. Points on a line leave the turn about it
-    open; the result is then one of the motions that fit equally well. Returns target_T_source (4, 4).
+    Closed form by SVD (Kabsch 1976, Umeyama 1991), reflections excluded. Points on a line leave the rotation about it
+    undetermined; the result is then one of the motions that fit equally well.
     """
     source = np.asarray(source_mm, dtype=float)
     target = np.asarray(target_mm, dtype=float)
@@ -112,7 +112,7 @@ def best_fit_transform(source_mm: ArrayLike, target_mm: ArrayLike, weights: Arra
 
 
 def best_fit_rotation(source: ArrayLike, target: ArrayLike) -> Array:
-    """The rotation (3, 3) that takes directions source (N, 3) to target (N, 3) with the least squared error.
+    """Rotation (3, 3) that takes directions source (N, 3) to target (N, 3) with the least squared error.
 
     With their opposites the directions lie about the origin, so that the best rigid motion has no translation.
     """
@@ -121,6 +121,6 @@ def best_fit_rotation(source: ArrayLike, target: ArrayLike) -> Array:
 
 
 def mean_rotation(rotations: ArrayLike) -> Array:
-    """The rotation (3, 3) with the least sum of squared Frobenius distances to rotations (K, 3, 3), by SVD."""
+    """Rotation (3, 3) with the least sum of squared Frobenius distances to rotations (K, 3, 3), by SVD."""
     u, _, vt = np.linalg.svd(np.mean(np.asarray(rotations, dtype=float), axis=0))
     return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)

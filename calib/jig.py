@@ -1,4 +1,4 @@
-"""The jig that the scanner looks at: three faces that meet in one apex (Jang 2025, section 2), and its geometry.
+"""The jig that the scanner measures: three faces that meet in one apex (Jang 2025, section 2), and its geometry.
 
 With dihedral angles f_ij between faces i and j (in the material of a convex jig, in the air of a concave one) the unit
 normals toward the scanner's side satisfy n_i . n_j = -cos f_ij. Three angles belong to a corner if and only if the
@@ -22,7 +22,10 @@ _LEAST_EIGENVALUE = 1e-6  # of the Gram matrix; at zero the three normals lie in
 
 @dataclass(frozen=True)
 class Outline:
-    """Where the three faces end, seen from the apex. Edge i leaves face i and is the other two faces' common border."""
+    """Where the three faces end, seen from the apex.
+
+    Edge i does not lie in face i: it is the common border of the other two faces.
+    """
 
     edges_mm: tuple[float, float, float]
     rectangular: bool = False  # whole rectangles; otherwise triangles, cut off from edge end to edge end
@@ -30,13 +33,13 @@ class Outline:
 
 @dataclass(frozen=True)
 class Jig:
-    """A trihedral corner.
+    """A trihedral corner: three faces, edges of known length, an apex.
 
-    `edge_mm` is the length of the edges that leave the apex: one number of a jig whose faces are triangles with equal
-    legs; three, in any order, of a target with three different edges, such as a box, whose faces are rectangles, or
-    triangles: a scan shows which. `convex` is true where the apex points
-    at the scanner (a corner of a solid), false for the inside of a box. `face_angles_deg` are the angles between
-    faces 1-2, 2-3 and 3-1; `certified` says that they were measured well enough to fit the faces as one rigid body.
+    `edge_mm` is the length of the edges that leave the apex: one number for a jig whose faces are triangles with equal
+    legs; three, in any order, for a target with three different edges, such as a box, whose faces are rectangles or
+    triangles: a scan shows which. `convex` is true where the apex points at the scanner (a corner of a solid), false
+    for the inside of a box. `face_angles_deg` are the angles between faces 1-2, 2-3 and 3-1; `certified` says that they
+    were measured well enough to fit the faces as one rigid body.
     """
 
     shape: str = "trihedral"
@@ -47,42 +50,42 @@ class Jig:
 
     @property
     def edges_mm(self) -> tuple[float, float, float]:
-        """The lengths of edges 1, 2 and 3; edge i leaves face i."""
+        """Lengths of edges 1, 2 and 3; edge i is the one that does not lie in face i."""
         if isinstance(self.edge_mm, tuple):
             return self.edge_mm
         return (self.edge_mm, self.edge_mm, self.edge_mm)
 
     @property
     def shortest_mm(self) -> float:
-        """The shortest of the three edges."""
+        """Length of the shortest edge."""
         return min(self.edges_mm)
 
     @property
     def longest_mm(self) -> float:
-        """The longest of the three edges."""
+        """Length of the longest edge."""
         return max(self.edges_mm)
 
-    def edge_words(self) -> str:
-        """Such as: edge 60 mm; edges 70, 110 and 160 mm."""
+    def edges_text(self) -> str:
+        """The edges in a sentence: "edge 60 mm", or "edges 70, 110 and 160 mm"."""
         if isinstance(self.edge_mm, tuple):
             one, two, three = self.edge_mm
             return f"edges {one:g}, {two:g} and {three:g} mm"
         return f"edge {self.edge_mm:g} mm"
 
     def outlines(self) -> tuple[Outline, ...]:
-        """All that the jig's three faces may show: whichever face comes first, and of three edges either shape."""
+        """Outlines that a scan of the jig may show: every order of its edges and, for three lengths, either shape."""
         if not isinstance(self.edge_mm, tuple):
             return (Outline(self.edges_mm),)
         orders = sorted({(one, two, three) for one, two, three in permutations(self.edge_mm)})
         return tuple(Outline(order, shape) for shape in (True, False) for order in orders)
 
     def out_of_square_deg(self) -> float:
-        """By how much the angle between two of the faces differs from 90 degrees at most."""
+        """Largest difference of an angle between two faces from 90 degrees."""
         return max(abs(angle - 90) for angle in self.face_angles_deg)
 
 
 def angles_between_deg(normals: Array) -> tuple[float, float, float]:
-    """Angles between faces 1-2, 2-3 and 3-1 of unit normals (3, 3), one a row: f_ij = arccos(-n_i . n_j)."""
+    """Angles between faces 1-2, 2-3 and 3-1 with unit normals (3, 3), one a row: f_ij = arccos(-n_i . n_j)."""
     first, second, third = (
         float(np.degrees(np.arccos(np.clip(-normals[i] @ normals[j], -1, 1)))) for i, j in FACE_PAIRS
     )
@@ -90,7 +93,7 @@ def angles_between_deg(normals: Array) -> tuple[float, float, float]:
 
 
 def jig_normals(face_angles_deg: tuple[float, float, float]) -> Array:
-    """The faces' normals N (3, 3), one a row, in the jig's own frame: N = G^(1/2), the symmetric root.
+    """Unit normals N (3, 3) of the faces, one a row, in the jig's own frame: N = G^(1/2), the symmetric root.
 
     The frame's axes are the faces' normals where the faces are square; otherwise it is the right-handed frame that lies
     closest to the normals.
@@ -103,7 +106,7 @@ def jig_normals(face_angles_deg: tuple[float, float, float]) -> Array:
 
 
 def jig_geometry(jig: Jig) -> tuple[Array, Array]:
-    """Edge ends (3, 3) in mm and face normals (3, 3) toward the scanner's side, one a row, in the scene's jig frame.
+    """Edge ends (3, 3) in mm and face normals (3, 3) toward the scanner's side, one a row, in the jig's model frame.
 
     That frame has its origin in the apex and z along the jig's axis, the mean of its edges, away from the scanner; x
     lies in the plane of z and the first face's normal. Face i is the triangle between the apex and the two edges that
@@ -127,7 +130,7 @@ def jig_geometry(jig: Jig) -> tuple[Array, Array]:
 
 
 def _gram_matrix(face_angles_deg: tuple[float, float, float]) -> Array:
-    """G (3, 3) of n_i . n_j = -cos f_ij. Raises CornerError where it belongs to no corner."""
+    """Gram matrix (3, 3) of the face normals, n_i . n_j = -cos f_ij. Raises CornerError where no corner has it."""
     gram = np.eye(3)
     for (i, j), angle in zip(FACE_PAIRS, np.radians(face_angles_deg), strict=True):
         gram[i, j] = gram[j, i] = -np.cos(angle)

@@ -1,6 +1,6 @@
-"""How the noise of measured points is shaped, where it is not the same in every direction, everywhere, all the time.
+"""Shape of the noise of measured points where it differs with direction, place or time.
 
-Only the shape: the mean variance stays what was declared. `calib.fitting.shaped_noise` applies it to points.
+Only the shape: the mean variance stays as declared. `calib.fitting.noise` applies it to points.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ IDENTITY: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1
 
 
 @dataclass(frozen=True)
-class Wander:
-    """A slow part of the noise that points measured soon after each other share: correlation exp(-|dt| / time).
+class CorrelatedDrift:
+    """Slow part of the noise, shared by points measured soon after each other: correlation exp(-|dt| / time).
 
-    It moves what is measured as a whole, each axis by itself (an Ornstein-Uhlenbeck process).
+    An Ornstein-Uhlenbeck process that shifts all measured points together, independently in each axis.
     """
 
     share: float  # of the noise's variance, 0 ... 1
     time: float  # s, or poses in the order of measuring
-    in_poses: bool = False  # whether times are not known, so that poses are counted
+    in_poses: bool = False  # `time` counts poses, because the times of measuring are not known
 
 
 @dataclass(frozen=True)
@@ -32,16 +32,16 @@ class NoiseShape:
     """
 
     scale: float = 1.0  # so that the mean variance stays as declared
-    depth: float = 1.0  # along the line of sight over across it
+    depth: float = 1.0  # sigma along the line of sight over sigma across it
     axes: tuple[Row, Row, Row] = IDENTITY  # symmetric, in the scanner's frame
     growth_per_m: float = 0.0
     distance_mm: float = 0.0
-    wander: Wander | None = None
+    wander: CorrelatedDrift | None = None  # a key of model.json and of session files, hence its name
     tail: float | None = None  # degrees of freedom of Student's t; None: normal
 
     @property
     def is_possible(self) -> bool:
-        """Whether noise can have this shape, and it stays within what can be computed with."""
+        """Whether the values describe a noise that can exist and lie within what can be computed with."""
         (a, b, c), (d, e, f), (g, h, i) = self.axes
         volume = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
         sizes = (self.scale, self.depth, volume)
@@ -56,5 +56,5 @@ class NoiseShape:
 
     @property
     def reshapes_points(self) -> bool:
-        """Whether single points have another covariance than was declared."""
+        """Whether the covariance of single points differs from the declared one."""
         return self.depth != 1.0 or self.axes != IDENTITY or self.growth_per_m != 0.0

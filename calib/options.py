@@ -1,46 +1,108 @@
-"""What a user may choose. Nothing that takes time is imported here, so that `inspector --help` answers at once."""
+"""Names and defaults that a user may choose. Nothing slow is imported here, so that `inspector --help` is quick."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from difflib import get_close_matches
+from numbers import Real
+from typing import NoReturn, TypedDict
 
+from calib.errors import FitError
 from calib.noise_shape import NoiseShape
 
 RESIDUAL_KINDS = ("position", "distance", "pairs", "pose")
-"""What a fit may make small: `calib.fitting.residual_kinds`."""
+"""Residuals that a fit can minimise, defined in `calib.fitting.residual_kinds`."""
 CORRECTION_KINDS = ("position", "pose")
-"""What a correction may bring right: `calib.compensation.target_correction`."""
+"""Parts of the tool frame that a correction can meet, see `calib.compensation.target_correction`."""
 PLAN_REGIONS = ("auto", "test", "measurable", "all")
-"""Where a planned fit may be wanted right: `calib.planning.plan`."""
+"""Regions over which a plan minimises the predicted error, see `calib.planning.plan`."""
 PLAN_CRITERIA = ("I", "D")
-"""What a plan for a calibration may make small: `calib.planning.purpose`."""
+"""Optimality criteria of a plan for a calibration, see `calib.planning.purpose`."""
 DEFAULT_FOLDS = 5  # of a cross-validation
 BUILTIN_ROBOTS = ("rb5", "panda")
-"""Robots that come with the library: `calib.dataset.files.robot_toml`."""
+"""Robots that come with the library, read by `calib.dataset.files.robot_toml`."""
+MAX_TOLERANCE = 1e6  # mm or rad; `prior=False` is the way to have none
 
 
 @dataclass(frozen=True)
 class FitOptions:
-    """What the user asks of a fit. The result keeps it, and every fit that follows from it is made in the same way."""
+    """Options of a fit, checked when made. A result keeps its options, and every refit uses them.
+
+    Raises FitError, which names the option, the value that was found, and the values that are possible.
+
+    >>> from calib import FitOptions
+    >>> FitOptions(residual="pairs", fixed=["d5"])
+    FitOptions(residual='pairs', prior=True, fixed=('d5',), tolerances={}, robust=False, noise=None)
+    >>> FitOptions("positon")
+    Traceback (most recent call last):
+    calib.errors.FitError: option residual: found 'positon'; expected position, distance, pairs or pose, ...
+    """
 
     residual: str = "position"
-    """"position" (free scanner frames), "distance" (Jang), "pairs", or "pose" (with the orientations)."""
+    """"position" (scanner frames are free), "distance" (Jang), "pairs", or "pose" (with orientations)."""
     prior: bool = True
-    """Hold parameters within about their tolerance."""
-    held: tuple[str, ...] = ()
+    """Whether parameters have a Gaussian prior, with their tolerance as its standard deviation."""
+    fixed: tuple[str, ...] = ()
     """Names of parameters that stay at their nominal value."""
     tolerances: Mapping[str, float] = field(default_factory=dict)
-    """Tolerances of single link parameters, by name, in mm or rad, where the default of 1 mm and 0.5 deg is wrong."""
+    """Tolerances of single link parameters by name, mm or rad, in place of the default of 1 mm and 0.5 deg."""
     robust: bool = False
-    """Leave poses out that stand out of all others (`calib.fitting.robust`); not for "distance"."""
+    """Whether outlying poses are left out of the fit (`calib.fitting.robust`); not for "distance"."""
     noise: NoiseShape | None = None
-    """The shape of the measured points' noise, where it is known to differ from the declared one."""
+    """Shape of the measured points' noise, where it is known to differ from the declared one."""
+
+    def __post_init__(self) -> None:
+        if self.residual not in RESIDUAL_KINDS:
+            near = get_close_matches(str(self.residual), RESIDUAL_KINDS, n=1)
+            nearest = f", most like {near[0]!r}" if near else ""
+            _refuse("residual", self.residual, f"{', '.join(RESIDUAL_KINDS[:-1])} or {RESIDUAL_KINDS[-1]}{nearest}")
+        for name in ("prior", "robust"):
+            if not isinstance(getattr(self, name), bool):
+                _refuse(name, getattr(self, name), "True or False")
+        fixed: object = self.fixed
+        if not isinstance(fixed, Collection) or isinstance(fixed, str) or not all(isinstance(f, str) for f in fixed):
+            _refuse("fixed", fixed, "a list of parameters' names, such as ['d5']")
+        object.__setattr__(self, "fixed", tuple(fixed))
+        tolerances: object = self.tolerances
+        if not isinstance(tolerances, Mapping):
+            _refuse("tolerances", tolerances, "sizes by parameters' names, such as {'a2': 0.1}")
+        for name, size in tolerances.items():
+            if not isinstance(size, Real) or not 0.0 < float(size) <= MAX_TOLERANCE:
+                needed = f"a size above 0 and up to {MAX_TOLERANCE:g} is needed, in mm or rad"
+                raise FitError(f"tolerance of {name}: found {size!r:.80}; {needed}")
+        if self.noise is not None and not isinstance(self.noise, NoiseShape):
+            _refuse("noise", self.noise, "a NoiseShape")
 
     def with_residual(self, residual: str) -> FitOptions:
-        """The same for another kind of residual."""
+        """The options with another kind of residual."""
         return replace(self, residual=residual)
 
     def for_parameters(self, names: Collection[str]) -> FitOptions:
-        """The same for a model that has these parameters only: others cannot be held in it."""
-        return replace(self, held=tuple(name for name in self.held if name in names))
+        """The options for a model that has only parameters of these names; no others can be fixed in it."""
+        return replace(self, fixed=tuple(name for name in self.fixed if name in names))
+
+
+class FitFields(TypedDict, total=False):
+    """Fields of `FitOptions` as keywords of a function that fits."""
+
+    residual: str
+    prior: bool
+    fixed: Sequence[str]
+    tolerances: Mapping[str, float]
+    robust: bool
+    noise: NoiseShape | None
+
+
+def fit_options(options: FitOptions | None, keywords: FitFields) -> FitOptions:
+    """The options, or the defaults, with the fields that were given as keywords. Raises FitError on an unknown one."""
+    known = [one.name for one in fields(FitOptions)]
+    for name in keywords:
+        if name not in known:
+            raise FitError(f"no option named {name!r}; the options of a fit are {', '.join(known)}")
+    return replace(options or FitOptions(), **keywords)  # type: ignore[arg-type]  # a sequence becomes a tuple
+
+
+def _refuse(name: str, found: object, expected: str) -> NoReturn:
+    """Raise FitError for the value of an option."""
+    raise FitError(f"option {name}: found {found!r:.80}; expected {expected}")

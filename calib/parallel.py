@@ -14,11 +14,11 @@ Result = TypeVar("Result")
 def map_as_completed(
     function: Callable[[Item], Result], items: Iterable[Item], executor: Executor | None, in_flight: int
 ) -> Iterator[tuple[int, Result]]:
-    """(index of the item, function(item)), each as soon as it is there; in order where there is no executor.
+    """Pairs (index of the item, function(item)), each as soon as it is ready; in order where there is no executor.
 
     At most `in_flight` items are with the executor at a time, running, waiting or done and not yet taken: neither the
-    queue nor what a cluster keeps for us grows with the number of items. What still waits is cancelled when the caller
-    stops early or an item raises.
+    queue nor what a cluster keeps for the caller grows with the number of items. Waiting items are cancelled when the
+    caller stops early or an item raises.
     """
     if executor is None:
         for index, item in enumerate(items):
@@ -31,7 +31,10 @@ def map_as_completed(
 def futures_as_completed(
     function: Callable[[Item], Result], items: Iterable[Item], executor: Executor, in_flight: int
 ) -> Iterator[tuple[int, Future[Result]]]:
-    """Yield each future as it is done (`map_as_completed`): it may hold an exception, and the others go on."""
+    """Pairs (index of the item, its future), each as it is done; a future may hold an exception, and the others go on.
+
+    `in_flight` bounds them as in `map_as_completed`.
+    """
     coming = enumerate(items)
     index_of: dict[Future[Result], int] = {}
     try:

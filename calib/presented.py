@@ -9,6 +9,8 @@ from __future__ import annotations
 from types import ModuleType
 from typing import Any, Protocol
 
+from calib.brief import Brief
+
 
 class Printer(Protocol):
     """What IPython hands to `_repr_pretty_`."""
@@ -17,7 +19,7 @@ class Printer(Protocol):
         """Print a text."""
 
 
-class Presented:
+class Presented(Brief):
     """A result that can be had as plain data, as text and as HTML."""
 
     def to_dict(self) -> dict[str, Any]:
@@ -44,7 +46,8 @@ class Presented:
     def _repr_pretty_(self, printer: Printer, cycle: bool) -> None:
         printer.text(self.summary())
 
-    def __init_subclass__(cls) -> None:
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
         # IPython goes by the class's own attributes: else it would take the repr that dataclasses make beside the HTML.
         cls._repr_pretty_ = Presented._repr_pretty_  # type: ignore[method-assign]
 

@@ -1,8 +1,8 @@
-"""Strict JSON: files that someone else may have written are read with every value checked, documents are written.
+"""Strict JSON: files that someone else may have written are read with every value checked; documents are written.
 
-An error is one line that names the place in the file. Structs say what a file holds and msgspec checks it. What it says
-of an error is told in our words, since it names the type that is needed but not what was found, and among the values of
-a mapping not the one that it means. The text itself is read by json, which tells line and column of a mistake.
+An error is one line that names the place in the file. Structs say what a file holds and msgspec checks it. Its errors
+are put into our own words, since they name the type that is needed but not what was found, and among the values of a
+mapping not the key. The text itself is read by json, which gives line and column of a mistake.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Text = Annotated[str, Meta(min_length=1, max_length=TEXT_LIMIT, pattern=r"\A[^\0
 Texts = Annotated[tuple[Text, ...], Meta(max_length=LIST_LIMIT)]
 Finite = Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
 AboveZero = Annotated[float, Meta(gt=0.0, le=sys.float_info.max)]
-MOST_SIZE = 1e15  # of an effect, in any unit: the square of more drowns whatever stands beside it
+MOST_SIZE = 1e15  # of an effect, in any unit: the square of more exceeds what double precision can add to other terms
 Size = Annotated[float, Meta(gt=0.0, le=MOST_SIZE)]
 SizeOrSign = Annotated[float, Meta(ge=-MOST_SIZE, le=MOST_SIZE)]
 
@@ -52,7 +52,7 @@ _REMEDIES = (  # by what msgspec says that it expects
 
 @dataclass(frozen=True)
 class JsonFile:
-    """A JSON file to be read: what messages call it, and the error that they are told with."""
+    """A JSON file to be read: its path, what messages call it, and the error to raise."""
 
     path: Path
     kind: str  # "session file"
@@ -61,7 +61,7 @@ class JsonFile:
     size_limit: int = 10_000_000  # bytes
 
     def read(self, kind: str, version: int) -> dict[str, Any]:
-        """The outermost object, whose `format` and `version` have to be these, else unchecked. Raises `error`."""
+        """Outermost object of the file, its `format` and `version` checked, all else unchecked. Raises `error`."""
         data = self._json()
         if not isinstance(data, dict):
             self.fail(["the file"], in_short(data), "an object { } is needed")
@@ -72,6 +72,8 @@ class JsonFile:
         return data
 
     def _json(self) -> Any:
+        """Parsed content of the file. Raises `error` where the file is missing, too large, or not strict JSON."""
+
         def constant(name: str) -> NoReturn:
             raise self.error(f"{self.path}: found {name}; a {self.kind} holds finite numbers only")
 
@@ -93,54 +95,55 @@ class JsonFile:
             raise self.error(f"{self.path}: not a {self.kind} ({type(error).__name__})") from None
 
     def fail(self, place: Place, found: str, remedy: str) -> NoReturn:
-        """Raise `error`, naming file and place."""
+        """Raise `error`, naming file, place, what was found and what is needed."""
         keys = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in place)
         raise self.error(f"{self.path}: {keys.removeprefix('.')}: found {found}; {remedy}")
 
     def checked(self, place: Place, value: Any, kind: type[T], dec_hook: Callable[[type, Any], Any] | None = None) -> T:
-        """The value at this place of the file as one of this kind. Raises `error` where it is none."""
+        """A value of the file, at `place`, converted to `kind`. Raises `error` where it is of another kind."""
         try:
             return msgspec.convert(value, kind, dec_hook=dec_hook)
         except msgspec.ValidationError as error:
-            said = str(error)
-        inside = _place_in(said)
+            message = str(error)
+        inside = _place_in(message)
         found = _value_at(value, inside)
-        if missing := re.match(r"Object missing required field `(\w+)`", said):
-            # What is said of a null there is what is needed there.
+        if missing := re.match(r"Object missing required field `(\w+)`", message):
+            # msgspec's error about a null in its place says what is needed there.
             return self.checked(place, _with(value, inside, {**found, missing[1]: None}), kind, dec_hook)
-        if "of length" in said and isinstance(found, list):
+        if "of length" in message and isinstance(found, list):
             self.fail([*place, *inside], f"{len(found)} entries", f"{LIST_LIMIT} are the most")
-        told = f"{found:g}" if "> 0" in said else in_short(found)
-        needs = (needed for expected, needed in _REMEDIES if said.startswith(f"Expected {expected}"))
-        self.fail([*place, *inside], told, next(needs, OUT_OF_RANGE))
+        number = f"{found:g}" if "> 0" in message else in_short(found)
+        needs = (needed for expected, needed in _REMEDIES if message.startswith(f"Expected {expected}"))
+        self.fail([*place, *inside], number, next(needs, OUT_OF_RANGE))
 
     def checked_values(self, place: Place, values: Mapping[str, Any], kind: type[T]) -> dict[str, T]:
-        """Check each value of a mapping by itself (`checked`): msgspec's errors do not tell which one is meant."""
+        """Values of a mapping, each converted by itself (`checked`), since msgspec's errors do not name the key."""
         return {key: self.checked([*place, key], value, kind) for key, value in values.items()}
 
 
 def in_short(value: Any) -> str:
-    """What stands there, short enough for a line."""
+    """A value as JSON or Python writes it, cut to 60 characters for an error message."""
     if value is None:
         return "nothing"
     return f"{value!r:.60}".replace("\n", " ") + (" ..." if len(repr(value)) > 60 else "")
 
 
-def _place_in(said: str) -> Place:
-    """The keys and indices in "... - at `$.history[2].label`"."""
-    told = re.search(r" - at `\$(.*)`\Z", said)
-    steps = re.findall(r"\.(\w+)|\[(\d+)\]", told[1] if told else "")
+def _place_in(message: str) -> Place:
+    """Keys and indices of the place that msgspec's message names, as in "... - at `$.history[2].label`"."""
+    place = re.search(r" - at `\$(.*)`\Z", message)
+    steps = re.findall(r"\.(\w+)|\[(\d+)\]", place[1] if place else "")
     return [key or int(index) for key, index in steps]
 
 
 def _value_at(value: Any, place: Place) -> Any:
+    """The value inside another at a place of keys and indices."""
     for key in place:
         value = value[key]
     return value
 
 
 def _with(value: Any, place: Place, new: Any) -> Any:
-    """The value with something else at this place; nothing is changed in place."""
+    """A copy of a value with `new` at the given place; nothing is changed in place."""
     if not place:
         return new
     first, *rest = place
@@ -150,19 +153,19 @@ def _with(value: Any, place: Place, new: Any) -> Any:
 
 
 def to_json(document: Mapping[str, Any]) -> str:
-    """Strict JSON: numbers that are not finite become null, and what is hidden in texts is an escape of JSON's own."""
+    """Strict JSON text of a document: numbers that are not finite become null, hidden characters JSON escapes."""
     return with_escapes(json.dumps(plain(document), allow_nan=False, ensure_ascii=False))
 
 
 def with_escapes(text: str) -> str:
-    """The same JSON without hidden characters: where it does not escape them by itself they stand in its texts."""
+    """JSON text whose hidden characters, which occur in its strings alone, are replaced by JSON escapes."""
     if visible(text) == text:
         return text
     return "".join(c if visible(c) == c else json.dumps(c)[1:-1] for c in text)
 
 
 def plain(value: Any) -> Any:
-    """The same as strings, numbers, lists, dicts and None: arrays become lists, what is not finite None."""
+    """The value as strings, numbers, lists, dicts and None: arrays become lists, numbers that are not finite None."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):

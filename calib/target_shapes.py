@@ -1,4 +1,4 @@
-"""The targets that a scanner may look at: the three-faced jig, and others. What finds each is in `calib.targets`."""
+"""Shapes of the targets that a scanner may measure: the three-faced jig, and others. Finders are in `calib.targets`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from calib.jig import Jig
 
 SPHERE_MM = (4.0, 400.0)
-"""Diameters of spheres that are looked for where no diameter is told."""
+"""Range of the diameters that are searched for where none is declared."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Sphere:
 
 @dataclass(frozen=True)
 class Spheres:
-    """Three or more balls of one diameter, each a target, told apart by the distances between them."""
+    """Three or more balls of one diameter, each a target, identified by the distances between them."""
 
     names: tuple[str, ...]  # of the targets that the centres are
     distances_mm: tuple[float, ...]  # between centres 1-2, 1-3, ..., 2-3, ...
@@ -38,7 +38,7 @@ class Plate:
 
 @dataclass(frozen=True)
 class PlaneSet:
-    """Planes that stand to each other as is known: the target is the origin of their frame, which none need meet."""
+    """Planes in known relative positions: the target is the origin of their frame, in which they need not meet."""
 
     normals: tuple[tuple[float, float, float], ...]  # unit, out of the material
     offsets_mm: tuple[float, ...]  # normal . p = offset, p in the set's own frame
@@ -47,7 +47,7 @@ class PlaneSet:
 
 @dataclass(frozen=True)
 class Socket:
-    """What a touch probe touches, a ball or a socket: its places lie on a sphere, whose centre is the target."""
+    """A ball or a socket that a touch probe measures: its contacts lie on a sphere, whose centre is the target."""
 
     diameter_mm: float | None = None  # of that sphere: the ball's and the probe's together, or their difference
     probe_sigma_mm: float = 0.005  # of one contact, along the surface's normal
@@ -57,20 +57,20 @@ class Socket:
 class OwnShape:
     """A target that only a finder of the user's own knows."""
 
-    sizes: Mapping[str, Any] = field(default_factory=dict)  # all that dataset.toml tells of it
+    sizes: Mapping[str, Any] = field(default_factory=dict)  # all keys of its table in dataset.toml
 
 
 Shape = Jig | Sphere | Spheres | Plate | PlaneSet | Socket | OwnShape
 
 
 @dataclass(frozen=True)
-class Target:
-    """One entry of dataset.toml: a name, as in robot.toml and points.csv, and what it looks like."""
+class DeclaredTarget:
+    """A target as dataset.toml declares it: a name, as in robot.toml and points.csv, and a shape."""
 
     name: str
     shape: Shape
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The targets that it stands for: one, or one a ball."""
+        """Names of the measured points that the target gives: one, or one for each ball."""
         return self.shape.names if isinstance(self.shape, Spheres) else (self.name,)

@@ -10,7 +10,7 @@ from inspector.cli.parser import main
 
 
 def command() -> int:
-    """Run `inspector` as a user does: what Python warns of is for those who ask for it, by -W or INSPECTOR_DEBUG."""
+    """Run `inspector` as a user does: Python's warnings are shown only with -W or INSPECTOR_DEBUG."""
     if not sys.warnoptions and not os.environ.get("INSPECTOR_DEBUG"):
         warnings.simplefilter("ignore")
         os.environ["PYTHONWARNINGS"] = "ignore"  # of the processes that search scans

@@ -11,10 +11,8 @@ from functools import singledispatch
 from itertools import count
 
 from calib.diagnosis.result import Diagnosis
-from calib.planning.plan import Plan
 from calib.present.blocks import Block, Section
 from calib.views.fit_views import diagnosis_head
-from calib.views.later_views import plan_head, plan_sections
 from calib.views.view_page import FIGURES, view_html
 from inspector import figures
 from inspector.report.content import report_of
@@ -49,12 +47,6 @@ def _drawn_above(section: Section) -> Section:
 
 
 @html_with_figures.register
-def _of_plan(plan: Plan) -> str:
-    """What the poses promise, the error by their number, and the poses."""
-    drawn = Figure(figures.plan_curve(plan), "The predicted error by the number of new poses.", height_px=260)
-    return _view(f"Plan for {plan.start.dataset.name}", [*plan_head(plan), drawn], plan_sections(plan))
-
-
 def _view(title: str, head: Sequence[Block], sections: Sequence[Section] = ()) -> str:
     names = (f"{FIGURES}-{number}" for number in count(1))
     drawn = [Section(section.heading, still(section.blocks, names)) for section in sections]

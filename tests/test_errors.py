@@ -1,4 +1,4 @@
-"""What is hidden in a text is seen wherever it is shown."""
+"""Hidden characters of a text are visible wherever it is shown."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from calib.errors import is_one_line, shown, visible
+from calib.errors import is_one_line, printable, visible
 from calib.html_text import escape, visible_value
 from calib.strict_json import to_json
 from calib.text_files.csv_text import rows_csv
@@ -46,7 +46,7 @@ def test_what_is_hidden_becomes_an_escape_everywhere(name: str) -> None:
     hidden, escaped = HIDDEN[name]
     text = f"a{hidden}b"
     assert not is_one_line(text)
-    for told in (visible(text), shown(text), escape(text), visible_value(text)):
+    for told in (visible(text), printable(text), escape(text), visible_value(text)):
         assert told == f"a{escaped}b"
     document = to_json({text: [text]})
     assert hidden not in document
@@ -57,7 +57,7 @@ def test_what_is_hidden_becomes_an_escape_everywhere(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_names_of_any_language_stay(name: str) -> None:
     assert is_one_line(name)
-    assert visible(name) == shown(name) == escape(name) == name
+    assert visible(name) == printable(name) == escape(name) == name
     assert rows_csv([["x", name]]) == f"x,{name}\n"
     assert json.loads(to_json({"name": name})) == {"name": name}
 

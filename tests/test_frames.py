@@ -1,4 +1,4 @@
-"""Rigid transforms: group laws, and the best fit against motions it did not make."""
+"""Rigid transforms: group laws, and the best fit for exact and inexact motions."""
 
 from __future__ import annotations
 

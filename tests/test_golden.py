@@ -1,6 +1,6 @@
-"""What the program says of every sample dataset is what it said when somebody last looked: tests/golden, a file each.
+"""Results of every sample dataset equal the reviewed ones in tests/golden, one file each.
 
-A change that is meant is written by `python benchmarks/golden.py --renew` and seen in review, a line an entry.
+An intended change is written by `python benchmarks/golden.py --renew` and reviewed, a line per entry.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ REAL = ("ur10_ipa", "mukca_panda_2_clean")
 
 
 def assert_golden(name: str, now: golden.Entries, *starts: str) -> None:
-    """Hold a result, or the parts of it that start so, against the file."""
+    """Compare a result, or the parts whose names have given starts, with its golden file."""
     stored = golden.below(golden.load(name), *starts) if starts else golden.load(name)
     assert stored, f"{name}: no such entries"
     found = golden.differences(name, stored, now)

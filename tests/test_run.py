@@ -111,6 +111,7 @@ def test_is_plain_posix_sh():
     assert re.findall(bashisms, text, flags=re.MULTILINE) == []
 
 
+@pytest.mark.thorough
 def test_accepts_the_pythons_that_pyproject_and_open3d_accept():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     text = (ROOT / "run").read_text()
@@ -121,6 +122,7 @@ def test_accepts_the_pythons_that_pyproject_and_open3d_accept():
     assert all(f"python_version < '3.{newest + 1}'" in line for line in wheels)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("args", [(), ("help",), ("--help",), ("-h",)])
 def test_help_needs_nothing(sandbox: Sandbox, args: tuple[str, ...]):
     done, calls = sandbox.run(*args)
@@ -144,6 +146,7 @@ def test_first_call_installs_and_the_second_starts_at_once(sandbox: Sandbox):
     assert done.stderr == ""
 
 
+@pytest.mark.thorough
 def test_a_python_that_is_not_there_is_told_not_replaced(sandbox: Sandbox):
     for installed in (False, True):
         done, calls = sandbox.run("check", "x", PYTHON="/nonexistent")
@@ -157,6 +160,7 @@ def test_a_python_that_is_not_there_is_told_not_replaced(sandbox: Sandbox):
     assert sandbox.run("check", "x", PYTHON="python3")[0].returncode == 0
 
 
+@pytest.mark.thorough
 def test_a_test_install_serves_too_but_not_the_other_way_round(sandbox: Sandbox):
     sandbox.run("check", "x")
     _, calls = sandbox.run("test")
@@ -167,6 +171,7 @@ def test_a_test_install_serves_too_but_not_the_other_way_round(sandbox: Sandbox)
     assert calls == ["-P -m inspector check x"]
 
 
+@pytest.mark.thorough
 def test_fleet_installs_what_it_needs_beside_which_is_all_that_others_need(sandbox: Sandbox):
     _, calls = sandbox.run("fleet", "x")
     assert any(call.endswith("--editable .[scans,page,fleet]") for call in calls)
@@ -177,6 +182,7 @@ def test_fleet_installs_what_it_needs_beside_which_is_all_that_others_need(sandb
     assert calls == ["-P -m inspector fleet x"]
 
 
+@pytest.mark.thorough
 def test_docs_are_built_with_what_they_need_and_a_fault_in_them_is_a_failure(sandbox: Sandbox):
     done, calls = sandbox.run("docs")
     assert any(call.endswith("--editable .[scans,page,docs]") for call in calls)
@@ -191,6 +197,7 @@ def test_docs_are_built_with_what_they_need_and_a_fault_in_them_is_a_failure(san
     assert calls == ["-P -m inspector check x"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("args", "expected"),
     [
@@ -210,6 +217,7 @@ def test_serve_without_a_path_shows_the_sample_data(sandbox: Sandbox, args: tupl
     assert inspector_call(calls) == expected.format(project=sandbox.project, own=f"--data {sandbox.project}/my_data")
 
 
+@pytest.mark.thorough
 def test_no_value_of_an_option_of_serve_is_taken_for_a_path(sandbox: Sandbox):
     subcommands = next(a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
     valued = [a for a in subcommands.choices["serve"]._actions if a.option_strings and a.nargs is None]
@@ -243,6 +251,7 @@ def test_tests_run_in_order_and_stop_at_the_first_failure(sandbox: Sandbox):
     assert done.returncode == 0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("args", "on_all_cores"),
     [
@@ -268,6 +277,7 @@ def test_chosen_tests_run_on_all_cores_where_nothing_else_is_said(
     assert calls[-1] == f"-m pytest {spread}{' '.join(args)}"
 
 
+@pytest.mark.thorough
 def test_installs_again_when_pyproject_changes_or_the_folder_moves(sandbox: Sandbox):
     sandbox.run("check", "x")
     with (sandbox.project / "pyproject.toml").open("a") as file:
@@ -282,6 +292,7 @@ def test_installs_again_when_pyproject_changes_or_the_folder_moves(sandbox: Sand
     assert calls == ["-P -m inspector check x"]
 
 
+@pytest.mark.thorough
 def test_locked_installs_the_lock_alone_and_each_way_keeps_its_stamp(sandbox: Sandbox):
     (sandbox.project / "requirements").mkdir()
     lock = sandbox.project / "requirements" / "locked.txt"
@@ -300,6 +311,7 @@ def test_locked_installs_the_lock_alone_and_each_way_keeps_its_stamp(sandbox: Sa
     assert any(call.endswith("--editable .[scans,page]") for call in calls), "without LOCKED what pip would choose"
 
 
+@pytest.mark.thorough
 def test_locked_without_a_lock_is_a_failed_installation(sandbox: Sandbox):
     done, calls = sandbox.run("check", "x", LOCKED="1", PIP_EXIT="1", PIP_SAYS="ERROR: THESE PACKAGES DO NOT MATCH")
     assert done.returncode == 1
@@ -307,6 +319,7 @@ def test_locked_without_a_lock_is_a_failed_installation(sandbox: Sandbox):
     assert not any("--editable" in call for call in calls), "nothing is installed beside what failed"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("pip_says", "expected", "starts_afresh"),
     [
@@ -329,6 +342,7 @@ def test_a_failed_installation_says_so_and_the_next_call_mends_it(
     assert inspector_call(calls) == "check x"
 
 
+@pytest.mark.thorough
 def test_a_killed_installation_starts_afresh(sandbox: Sandbox):
     sandbox.run("check", "x")
     venv = sandbox.project / ".venv"
@@ -342,6 +356,7 @@ def test_a_killed_installation_starts_afresh(sandbox: Sandbox):
     assert not (venv / "lib").exists()
 
 
+@pytest.mark.thorough
 def test_a_python_out_of_range_is_named_with_what_would_do(sandbox: Sandbox):
     done, _ = sandbox.run("check", "x", FITS_EXIT="1")
     assert done.returncode == 1
@@ -357,7 +372,7 @@ def test_a_python_out_of_range_is_named_with_what_would_do(sandbox: Sandbox):
 MISSING_EGL = "ImportError: libEGL.so.1: cannot open shared object file: No such file or directory"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_without_the_right_to_install_it_prints_the_line_to_type(sandbox: Sandbox):
     sandbox.program("apt-get", "#!/bin/sh\nexit 9\n")
     sandbox.program("id", "#!/bin/sh\necho 1000\n")
@@ -381,6 +396,7 @@ def test_without_the_right_to_install_it_prints_the_line_to_type(sandbox: Sandbo
     assert done.stderr.splitlines()[-1].strip().endswith("--no-install-recommends chromium fonts-dejavu-core")
 
 
+@pytest.mark.thorough
 def test_without_the_right_to_install_a_bare_system_needs_one_line_only(sandbox: Sandbox):
     sandbox.program("apt-get", "#!/bin/sh\nexit 9\n")
     sandbox.program("id", "#!/bin/sh\necho 1000\n")
@@ -390,6 +406,7 @@ def test_without_the_right_to_install_a_bare_system_needs_one_line_only(sandbox:
     assert {"python3.11-venv", "libegl1", "chromium"} <= set(words)
 
 
+@pytest.mark.thorough
 def test_as_root_it_installs_and_asks_for_fresh_lists_when_needed(sandbox: Sandbox):
     sandbox.program("id", "#!/bin/sh\necho 0\n")
     sandbox.program(
@@ -403,6 +420,7 @@ def test_as_root_it_installs_and_asks_for_fresh_lists_when_needed(sandbox: Sandb
     assert [call.split()[-1] for call in apt] == ["python3.11-venv", "update", "python3.11-venv"]
 
 
+@pytest.mark.thorough
 def test_a_missing_browser_stops_all_tests_and_in_ci_any(sandbox: Sandbox):
     done, calls = sandbox.run("test", CHROMIUM="no-such-browser")
     assert done.returncode == 1
@@ -414,8 +432,14 @@ def test_a_missing_browser_stops_all_tests_and_in_ci_any(sandbox: Sandbox):
     assert done.returncode == 1
 
 
-@pytest.mark.parametrize("failing", [True, False])
-def test_ci_runs_the_same_tests_then_tries_what_is_built(sandbox: Sandbox, failing: bool):
+@pytest.mark.parametrize(
+    ("fails", "code"),
+    [({}, 3), ({"PYTEST_EXIT": "5"}, 5), ({"SPHINX_EXIT": "1"}, 1)],
+    ids=["artefacts", "tests", "documentation"],
+)
+def test_ci_runs_the_same_tests_then_builds_pages_and_tries_what_is_built(
+    sandbox: Sandbox, fails: dict[str, str], code: int
+):
     (sandbox.project / ".ci").mkdir()
     shutil.copy(ROOT / ".ci" / "run", sandbox.project / ".ci" / "run")
     artefacts = sandbox.project / ".ci" / "artefacts"
@@ -429,11 +453,13 @@ def test_ci_runs_the_same_tests_then_tries_what_is_built(sandbox: Sandbox, faili
         "PATH": str(sandbox.tools),
         "CALLS": str(calls),
         "CHROMIUM": "sh",
-        "PYTEST_EXIT": "5" if failing else "0",
     }
-    done = subprocess.run([sandbox.project / ".ci" / "run"], env=env, capture_output=True, text=True, check=False)
-    assert done.returncode == (5 if failing else 3)
+    done = subprocess.run(
+        [sandbox.project / ".ci" / "run"], env=env | fails, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == code
+    failing = "PYTEST_EXIT" in fails
     called = calls.read_text().splitlines()
     tests, after = (called[-1], []) if failing else (called[-3], called[-2:])
     assert tests.endswith("--no-loadscope-reorder -m not thorough")
-    assert [call.partition(" -q")[0] for call in after] == ([] if failing else ["-m sphinx", "artefacts"])
+    assert {call.partition(" -q")[0] for call in after} == (set() if failing else {"-m sphinx", "artefacts"})

@@ -1,4 +1,4 @@
-"""The datasets that come with the project: complete, small, and honest about what is in them.
+"""The sample datasets are complete and small, equal what their seeds make, and do not reveal hidden causes.
 
 The simulated ones come from their seeds and have a truth in `tests/truth`. Those measured on real arms have none.
 """
@@ -45,7 +45,7 @@ def maker() -> ModuleType:
 
 @pytest.fixture(scope="module")
 def made(maker: ModuleType) -> dict[str, Simulation]:
-    """Both datasets anew from their seeds; scans are cast only when asked for."""
+    """Both datasets made anew from their seeds; scans are cast only where they are read."""
     jang = maker.rb5_jang(builtin_robot("rb5"))
     return {"rb5_jang": jang, "rb5_repeats": maker.rb5_repeats(builtin_robot("rb5"), jang.truth)}
 
@@ -136,7 +136,7 @@ def test_seed_gives_the_same_poses_and_truth(name: str, made: dict[str, Simulati
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "pose"), [("rb5_jang", 0), ("rb5_jang", 63), ("rb5_repeats", 17)])
 def test_seed_gives_the_same_scan(name: str, pose: int, made: dict[str, Simulation]) -> None:
-    """Compared point by neighbour, because a ray that grazes an edge may fall either way on another processor."""
+    """Points are compared with their nearest neighbours, as grazing rays differ between processors."""
     path = load_dataset(SAMPLES / name).scan_path(pose)
     assert path is not None
     stored_mm, anew_mm = load_scan(path).points_mm, made[name].scan(pose).scan.points_mm
@@ -144,6 +144,7 @@ def test_seed_gives_the_same_scan(name: str, pose: int, made: dict[str, Simulati
     assert np.mean(cKDTree(anew_mm).query(stored_mm)[0] < 1e-3) > 0.999
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_every_scan_shows_three_faces(name: str, made: dict[str, Simulation]) -> None:
     simulation = made[name]
@@ -163,7 +164,7 @@ def test_hidden_sag_is_far_above_the_noise(made: dict[str, Simulation]) -> None:
 
 @pytest.mark.thorough
 def test_corners_of_a_standing_arm_scatter_as_the_papers_and_say_so() -> None:
-    """0.062 to 0.104 mm (3D) at the paper's four points, whose arm moved in between; ours are somewhat smaller."""
+    """Corners of the arm at rest scatter below the paper's 0.062 to 0.104 mm (3D), whose arm moved in between."""
     dataset = load_dataset(SAMPLES / "rb5_repeats")
     points = with_corners(dataset, find_corners(dataset, intermediate=False)).points
     assert points is not None
@@ -190,7 +191,7 @@ def test_hidden_sag_is_found_under_a_real_scanners_noise() -> None:
 
 
 def test_nothing_in_the_folders_or_their_readme_names_a_cause(maker: ModuleType) -> None:
-    """Not in words, and not by a column that only one of them has."""
+    """Neither texts nor columns that only one dataset has reveal the hidden cause."""
     files = [path for name in HIDDEN for path in (SAMPLES / name).iterdir()]
     assert {path.name for path in files} == {"dataset.toml", "poses.csv", "points.csv", "robot.toml"}
     told = (SAMPLES / "README.md").read_text().partition("## The three that hide something")[2]
@@ -253,7 +254,7 @@ def test_a_real_arm_has_its_licence_its_source_and_no_warning(name: str) -> None
     ("name", "nominal_mm", "at_most_mm"), [("ur10_ipa", 1.097, 0.44), ("mukca_panda_2_clean", 10.16, 0.235)]
 )
 def test_a_real_arm_falls_to_what_independent_fits_reach(name: str, nominal_mm: float, at_most_mm: float) -> None:
-    """On held-out poses, by link errors alone; the other fits of the same data have 0.43 and 0.235 mm."""
+    """Test errors of the link errors alone are near those of independent fits of the same data, 0.43 and 0.235 mm."""
     result = calibrate(load_dataset(SAMPLES / name))
     assert result.before.test is not None
     assert result.after.test is not None

@@ -75,6 +75,7 @@ def test_a_broken_promise_is_found(
     assert commands.ran(tmp_path).trouble == trouble
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("code", "name", "trouble"), [(2, "out", "half-written"), (0, "out", ""), (0, "else", "half-written")]
 )
@@ -90,6 +91,7 @@ def test_files_that_are_left_behind_are_found(
     assert commands.ran(tmp_path, outputs=(tmp_path / "out",)).trouble == trouble
 
 
+@pytest.mark.thorough
 def test_an_input_that_is_written_to_is_found(
     commands: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -122,7 +124,7 @@ def attempt(number, seed, material, scratch):
 """
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_who_hangs_dies_or_raises_is_told_and_replaced(
     soaking: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -137,6 +139,7 @@ def test_who_hangs_dies_or_raises_is_told_and_replaced(
     assert not (tmp_path / "scratch").exists()
 
 
+@pytest.mark.thorough
 def test_what_is_said_to_mean_the_same_holds_the_same_cells(soaking: None) -> None:
     """By Python's own csv, not by the readers that are tried."""
     import csv
@@ -156,6 +159,7 @@ def test_what_is_said_to_mean_the_same_holds_the_same_cells(soaking: None) -> No
     assert sum(content != CSV for content in spoiled) > 0.95 * len(spoiled)
 
 
+@pytest.mark.thorough
 def test_documents_that_mean_the_same_read_the_same(soaking: None) -> None:
     from soaking.inputs import documents
 
@@ -168,6 +172,7 @@ def test_documents_that_mean_the_same_read_the_same(soaking: None) -> None:
         assert json.loads(change(rng, json.dumps(tree).encode())) == tree, name
 
 
+@pytest.mark.thorough
 def test_results_are_the_same_to_a_tolerance_and_no_further(soaking: None) -> None:
     from soaking.inputs.compared import difference
 
@@ -185,6 +190,7 @@ def test_results_are_the_same_to_a_tolerance_and_no_further(soaking: None) -> No
     assert "rmse_mm" in difference(a, a | {"rmse_mm": 0.1001})
 
 
+@pytest.mark.thorough
 def test_growing_memory_is_told_per_thousand_operations(soaking: None) -> None:
     from soaking.record import Result
     from soaking.tell import slope_mb, table

@@ -1,1 +1,1 @@
-"""What `benchmarks/soak.py` runs: cases by number, processes kept alive for them, a record to go on from."""
+"""Parts of `benchmarks/soak.py`: cases by number, processes kept alive for them, a record to go on from."""

@@ -24,7 +24,7 @@ IMPORT_S = 120.0  # on top for a process's first case
 
 @dataclass(frozen=True)
 class Work:
-    """What a process does with a number: `module.attempt(number, seed, material, scratch) -> Result`."""
+    """Function that a process runs for each number: `module.attempt(number, seed, material, scratch) -> Result`."""
 
     module: str
     seed: int
@@ -70,7 +70,7 @@ def _next(pipe: Connection) -> int | None:
 
 
 class _Slot:
-    """One process of the pool and what it is at."""
+    """A process of the pool with the case that it runs."""
 
     def __init__(self, work: Work, scratch: Path) -> None:
         self.work, self.scratch = work, scratch

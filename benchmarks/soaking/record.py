@@ -1,4 +1,4 @@
-"""What came of each case, a line of JSON each, so that a run that was killed goes on where it was."""
+"""Results of the cases, a line of JSON each, so that a run that was killed goes on where it was."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Result:
-    """What came of one case. Its input follows from the part's name, the seed and the number alone."""
+    """Result of one case; its input follows from the part's name, the seed and the number alone."""
 
     number: int
     kind: str  # of the input: "poses.csv", "arm", "slow headers" ...
@@ -43,7 +43,7 @@ class Record:
             file.write(json.dumps(asdict(result)) + "\n")
 
     def left(self, numbers: Iterable[int], *, retry: bool = False) -> list[int]:
-        """Those that have not been run; with `retry` also those that were in trouble."""
+        """Numbers of the cases that have not been run; with `retry` also of those that were in trouble."""
         return [n for n in numbers if n not in self.results or (retry and self.results[n].trouble)]
 
     def of(self, numbers: Iterable[int]) -> list[Result]:

@@ -19,7 +19,7 @@ COUNTED = (
 
 
 def trouble_line(part: str, result: Result) -> str:
-    """One case in trouble, in a line."""
+    """Line about one case in trouble."""
     last = result.said.strip().splitlines()[-1:] or [""]
     return f"  {part} {result.number}: {result.trouble}: {result.kind}, {result.what}: {last[0][:300]}"
 

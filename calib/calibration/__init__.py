@@ -1,1 +1,1 @@
-"""Dataset in, fitted model out, with errors before and after, uncertainty and plausibility."""
+"""Calibration of an arm from a dataset: the fit, errors before and after, uncertainty and plausibility."""

@@ -1,73 +1,92 @@
-"""Calibration: dataset in, fitted model out, with what it was like before and after on training and test poses."""
+"""Calibration of an arm from a dataset: the fit with its errors on training and test poses, before and after."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
 from calib.array_types import BoolArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.evaluation import evaluate_all
-from calib.calibration.result import Calibration
+from calib.calibration.result import Calibration, FittedResult
 from calib.dataset.dataset import Dataset
-from calib.dataset.stands import on_stands
+from calib.dataset.repeats import average_repeats
+from calib.effects.catalogue import EffectChoice, effects_named
 from calib.effects.effect import Effect, is_held_by_prior
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import FitError
 from calib.fitting.distance_residuals import DistanceResiduals
+from calib.fitting.fit_task import FitTask, Fitted
 from calib.fitting.model import Model
-from calib.fitting.observations import Observations, in_room, room_placement, with_nominal_scanner_frames
+from calib.fitting.observations import (
+    Observations,
+    observed_hand_eye,
+    with_nominal_scanner_frames,
+    with_observed_targets,
+)
 from calib.fitting.pose_residuals import PoseResiduals, require_orientations
 from calib.fitting.position_residuals import PositionResiduals
 from calib.fitting.residual_kinds import make_residuals
-from calib.fitting.robust import BACK_LEVEL, LEVEL, belonging_points, fit_belonging, resistant_core
-from calib.fitting.tool_point.fit_task import FitTask, Fitted
-from calib.fitting.tool_point.placement import held_behind_tool_point
+from calib.fitting.robust import BACK_LEVEL, LEVEL, fit_inliers, inlying_points, resistant_core
+from calib.fitting.tool_point import fixed_behind_tool_point
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import TOOL_POINT, Robot
-from calib.options import FitOptions
-
-MAX_TOLERANCE = 1e6  # mm or rad; `prior=False` is the way to have none
+from calib.measurement.measured_dataset import measured
+from calib.options import FitFields, FitOptions, fit_options
 
 
 @one_blas_thread()
 def calibrate(
-    dataset: Dataset,
-    options: FitOptions = FitOptions(),
+    dataset: Dataset | str | Path,
+    options: FitOptions | None = None,
     *,
-    effects: Sequence[Effect] = (),
+    effects: EffectChoice | Sequence[EffectChoice] = (),
     prior_sigmas: Mapping[str, float] | None = None,
     start: Calibration | None = None,
+    **keywords: Unpack[FitFields],
 ) -> Calibration:
     """Fit the link errors, and further effects, to the training poses of a dataset.
 
-    Several shots of one stand count once, by their mean; errors are told of every shot.
-    With effects, an earlier fit or one of the link errors alone comes first, and gravity's loads are worked out at its
-    links. Effects then change the links by some 1e-3 rad, and loads by some 1e-3 of themselves, which is left out.
+    Repeats of one pose count once, by their mean; errors are evaluated at every measurement.
+    With effects, an earlier fit or one of the link errors alone comes first, and gravity's loads are computed with its
+    links. Effects then change the links by some 1e-3 rad, and loads by some 1e-3 of themselves, which is neglected.
 
     Args:
-        dataset: with measured points.
-        options: what is asked of the fit; the result keeps it.
-        effects: beyond the link errors.
-        prior_sigmas: of the effects' parameters, by full name, where their usual scale is not the prior to use.
-        start: an earlier fit of the same arm to go on from, by its parameters' names. It saves iterations.
+        dataset: a dataset or its folder; where it holds scans only, their corners are found first.
+        options: options of the fit; the result keeps them.
+        effects: effects beyond the link errors: names of the catalogue, families, or single members.
+        prior_sigmas: prior standard deviations of the effects' parameters, by full name, in place of their scales.
+        start: an earlier fit of the same arm, from whose parameters the iterations start.
+        **keywords: fields of `FitOptions`, in place of those of `options`.
 
     Raises:
-        FitError: no points, an unknown name, a weight that the residual cannot have, or fewer equations than unknowns.
+        FitError: no points, an unknown name, an impossible option, or fewer equations than unknowns.
+
+    >>> import calib
+    >>> calib.calibrate("sample_data/hidden_effect_a")
+    Calibration(hidden_effect_a: 64 poses, test RMSE 2.32 -> 0.415 mm, effects: none)
+    >>> fit = calib.calibrate("sample_data/hidden_effect_a", effects=["transmission_error"], robust=True)
+    >>> fit.model.family_names
+    ('transmission_error',)
     """
+    options = fit_options(options, keywords)
     residual = options.residual
+    dataset = measured(dataset, orientation=residual == "pose")
+    members = effects_named(dataset, effects)
     if options.noise is not None:
         dataset = replace(dataset, noise=options.noise)
-    given, dataset = dataset, counted_by_stands(dataset, residual)
+    given, dataset = dataset, with_repeats_averaged(dataset, residual)
     observed = Observations.of(dataset)
-    robot = in_room(dataset.robot, observed)
+    robot = with_observed_targets(dataset.robot, observed)
     if robot.carries_scanner:
         _require_placed(dataset, observed)
     geometry = geometry_of(robot, observed, options)
-    held = (*options.held, *held_behind_tool_point(robot, observed))
-    model = Model(robot, (*geometry, *effects), prior_sigmas=prior_sigmas or {}).hold(held)
+    fixed = (*options.fixed, *fixed_behind_tool_point(robot, observed))
+    model = Model(robot, (*geometry, *members), prior_sigmas=prior_sigmas or {}).with_fixed(fixed)
     if len(observed.points) < 3:
         raise FitError(f"dataset {dataset.name}: {len(observed.points)} training points; a fit needs many more")
     if residual == "pose":
@@ -101,8 +120,13 @@ def calibrate(
     )
 
 
+def as_calibration(fitted: FittedResult | Dataset | str | Path, **keywords: Unpack[FitFields]) -> Calibration:
+    """The calibration of a result, or the fit of the link errors to a dataset. Raises as `calibrate`."""
+    return fitted.calibration if isinstance(fitted, FittedResult) else calibrate(fitted, **keywords)
+
+
 def _fitted(task: FitTask, start: Calibration | None) -> tuple[Fitted, BoolArray]:
-    """The fit, and of which points (M,): of all but those of outlying poses where it is robust."""
+    """The fit, and the mask (M,) of its points: all, or in a robust fit those of inlying poses."""
     observed, options = task.observed, task.options
     before = None if start is None else Fitted(start.model, start.fit)
     kept = np.ones(len(observed.points), dtype=bool)
@@ -114,17 +138,17 @@ def _fitted(task: FitTask, start: Calibration | None) -> tuple[Fitted, BoolArray
     else:
         kept = resistant_core(_maker(task.of_geometry_alone().model, options), observed, prior=options.prior)
 
-    def belonging(fitted: Fitted, kept: BoolArray, back_level: float) -> BoolArray:
+    def inliers(fitted: Fitted, kept: BoolArray, back_level: float) -> BoolArray:
         make = _maker(fitted.model, options)
-        return belonging_points(make, observed, fitted.fit, kept, prior=options.prior, back_level=back_level)
+        return inlying_points(make, observed, fitted.fit, kept, prior=options.prior, back_level=back_level)
 
     refit = start is not None and start.options.robust
     first_back_level = BACK_LEVEL if refit else LEVEL
-    return fit_belonging(lambda kept: _fitted_from(task.of(kept), before), belonging, kept, first_back_level)
+    return fit_inliers(lambda kept: _fitted_from(task.of(kept), before), inliers, kept, first_back_level)
 
 
 def _fitted_from(task: FitTask, before: Fitted | None) -> Fitted:
-    """The fit from an earlier one, or from the nominal robot, by way of the corrections of robot.toml alone."""
+    """Fit that starts from an earlier one, or else from a fit of the corrections of robot.toml alone."""
     alone = task.of_geometry_alone()
     if before is None and task.model.added_effects and alone.model.parameters:
         before = alone.fitted_to_tool()
@@ -132,7 +156,7 @@ def _fitted_from(task: FitTask, before: Fitted | None) -> Fitted:
 
 
 def _maker(model: Model, options: FitOptions) -> Callable[[Observations], PositionResiduals | PoseResiduals]:
-    """Residuals of a model from observations."""
+    """Function that makes the residuals of a model from observations."""
 
     def make(observed: Observations) -> PositionResiduals | PoseResiduals:
         placed = with_nominal_scanner_frames(observed, model.placed_robot)
@@ -143,13 +167,13 @@ def _maker(model: Model, options: FitOptions) -> Callable[[Observations], Positi
     return make
 
 
-def counted_by_stands(dataset: Dataset, residual: str) -> Dataset:
-    """The dataset with the mean of each stand's shots (`calib.dataset.stands`), which are no independent poses.
+def with_repeats_averaged(dataset: Dataset, residual: str) -> Dataset:
+    """The dataset with each repeat group replaced by the mean of its repeats, which are no independent poses.
 
-    Unchanged where no stand has several shots, and where there are fewer stands than a fit needs: then the prior alone
-    decides, and the shots tell no more than how they scatter.
+    Unchanged where no group has several repeats, and where there are fewer groups than a fit needs: then the prior
+    decides, and the repeats tell only how they scatter.
     """
-    averaged = on_stands(dataset)
+    averaged = average_repeats(dataset)
     if averaged is dataset or averaged.points is None:
         return dataset
     poses = averaged.poses
@@ -159,7 +183,7 @@ def counted_by_stands(dataset: Dataset, residual: str) -> Dataset:
 
 
 def _require_equations(dataset: Dataset, observed: Observations, kind: str, equations: int, rank: int) -> None:
-    """Raise FitError where poses give no more equations than there are unknown directions, with the number needed."""
+    """Raise FitError, with the number of poses needed, where equations are no more than the unknowns."""
     if equations > rank:
         return
     arm = structural_rank(dataset.robot, residual=kind)
@@ -173,7 +197,7 @@ def _require_equations(dataset: Dataset, observed: Observations, kind: str, equa
 
 
 def _require_placed(dataset: Dataset, observed: Observations) -> None:
-    """Raise FitError where the training points do not place a scanner on the flange, or lack a target of test poses."""
+    """Raise FitError where training points do not locate a scanner on the flange, or lack a target of test poses."""
     assert dataset.points is not None
     unknown = sorted(set(dataset.points.target.tolist()) - set(observed.targets))
     if unknown:
@@ -181,7 +205,7 @@ def _require_placed(dataset: Dataset, observed: Observations) -> None:
             f"dataset {dataset.name}: target {unknown[0]!r} is measured at no training pose, so its place in the room "
             "is not known; give it training poses, or leave it out"
         )
-    if room_placement(dataset.robot, observed).open_turns:
+    if observed_hand_eye(dataset.robot, observed).undetermined_rotation:
         raise FitError(
             f"dataset {dataset.name}: the training points do not tell how the scanner is turned on the flange: they "
             "lie in one place or on one line, seen from the scanner; measure poses that differ in more directions"
@@ -189,10 +213,10 @@ def _require_placed(dataset: Dataset, observed: Observations) -> None:
 
 
 def geometry_of(robot: Robot, observed: Observations, options: FitOptions) -> tuple[Effect, ...]:
-    """What every fit corrects of robot.toml: the links, and the places of the further targets that were measured.
+    """Corrections of robot.toml that every fit includes: link errors, and places of further measured targets.
 
-    Distances are of the tool point alone and tell nothing of further targets. Raises FitError on a tolerance of no
-    parameter.
+    Residuals of distances are of the tool point alone and leave further targets out. Raises FitError on a tolerance of
+    an unknown parameter.
     """
     measured = {TOOL_POINT} if options.residual == "distance" else observed.targets
     targets = tuple(target for target in robot.targets if target.name in measured)
@@ -203,13 +227,8 @@ def geometry_of(robot: Robot, observed: Observations, options: FitOptions) -> tu
 
 
 def checked_tolerances(names: Sequence[str], tolerances: Mapping[str, float]) -> Mapping[str, float]:
-    """The tolerances, all of parameters with these names and above 0; FitError otherwise."""
-    for name, value in tolerances.items():
+    """The tolerances, all of parameters with these names; FitError otherwise."""
+    for name in tolerances:
         if name not in names:
             raise FitError(f"no parameter named {name!r}; there are {', '.join(names[:6])} ...")
-        if not 0.0 < value <= MAX_TOLERANCE:
-            raise FitError(
-                f"tolerance of {name}: found {value!r}; a size above 0 and up to {MAX_TOLERANCE:g} is needed, "
-                "in mm or rad"
-            )
     return tolerances

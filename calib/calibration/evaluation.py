@@ -1,7 +1,7 @@
-"""Errors of a model against the measurements, in millimetres, of training and test poses apart.
+"""Errors of a model at the measured points, mm, for training and test poses separately.
 
 Positions are compared in the scanner's frame, which is fitted to the training poses of each setup alone, never to test
-poses. Distances run from the reference pose, as Jang 2025 counts them (section 3.2, figure 15).
+poses. Distances run from the reference pose, as in Jang 2025 (section 3.2, figure 15).
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ import pandas as pd
 
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.brief import Brief
 from calib.dataset.dataset import Dataset, Poses
-from calib.dataset.stands import of_stands
+from calib.dataset.repeats import in_repeat_groups_of
 from calib.fitting.model import Model
 from calib.fitting.observations import (
     Observations,
@@ -29,7 +30,7 @@ from calib.fitting.scanner_frame import fit_scanner_frame
 
 @dataclass(frozen=True)
 class Figures:
-    """Errors of a set of poses. `rmse`, `max` and `mean` are of the 3D error; `distance_*` of distances' errors."""
+    """Error statistics of a set of poses: RMSE, maximum and mean of the 3D error, and of distances' errors."""
 
     points: int
     rmse_mm: float
@@ -40,7 +41,7 @@ class Figures:
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class Evaluation(Brief):
     """Errors of a model at all M measured points of a dataset with N poses, and at its K distances."""
 
     pose: IndexArray  # (M,)
@@ -54,7 +55,7 @@ class Evaluation:
 
     @property
     def train(self) -> Figures | None:
-        """Errors of the poses that were fitted; None where there are none."""
+        """Error statistics of the fitted poses; None where there are none."""
         return self._figures(~self.is_test if self.is_outlier is None else ~self.is_test & ~self.is_outlier)
 
     @property
@@ -76,7 +77,7 @@ class Evaluation:
         )
 
     def to_frame(self, dataset: Dataset) -> pd.DataFrame:
-        """One row a measured point: pose, role, error in mm, and the distance error of its pose."""
+        """Table with one row per measured point: pose, role, setup, error and distance error, mm."""
         poses = dataset.poses
         distance = dict(zip(self.distance_pose.tolist(), self.distance_error_mm.tolist(), strict=True))
         return pd.DataFrame(
@@ -92,9 +93,9 @@ class Evaluation:
 
 
 def scanner_T_base_of_poses(evaluation: Evaluation, model: Model, x: Array, poses: Poses) -> Array:
-    """Where the base is, seen from the scanner, at each pose (N, 4, 4): nan in setups that have no frame.
+    """Transforms scanner_T_base (N, 4, 4) at each pose; nan in setups that have no frame.
 
-    Where the arm carries the scanner it is another place at each pose.
+    Where the arm carries the scanner they differ from pose to pose.
     """
     unknown = np.full((4, 4), np.nan)
     placed = np.stack([evaluation.scanner_T_base.get(str(name), unknown) for name in poses.setup])
@@ -104,20 +105,20 @@ def scanner_T_base_of_poses(evaluation: Evaluation, model: Model, x: Array, pose
 
 
 def evaluate(model: Model, x: Array, dataset: Dataset) -> Evaluation:
-    """The errors of the model at x (P,), see `evaluate_all`."""
+    """Errors of the model at x (P,), as by `evaluate_all`."""
     return evaluate_all(model, [x], dataset)[0]
 
 
 def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset, outliers: Sequence[str] = ()) -> list[Evaluation]:
-    """The errors of the model at each of several x (P,), at all points of the dataset.
+    """Errors of the model at each of several x (P,), at all points of the dataset.
 
-    `outliers`: ids of training poses that a robust fit left out, their stands with them; no frame is fitted to them.
+    `outliers`: ids of training poses that a robust fit left out; no frame is fitted to them or their repeats.
 
-    A setup without training poses gets its frame from its own test poses, and a note says so: its errors are then the
-    scatter about its own best frame, not a prediction.
+    A setup without training poses gets its frame from its own test poses, with a note, as its errors are then the
+    scatter about its own best frame and no prediction.
     """
     observed = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
-    is_outlier = of_stands(dataset, outliers) if outliers else None
+    is_outlier = in_repeat_groups_of(dataset, outliers) if outliers else None
     trained = ~dataset.poses.is_test[observed.points.pose]
     if is_outlier is not None:
         trained &= ~is_outlier[observed.points.pose]
@@ -135,18 +136,18 @@ def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset, outliers: 
     def at(x: Array) -> Evaluation:
         base_mm, scanner_mm = predict_points(model, x, observed), observed.points.xyz_mm
         error_mm = np.empty_like(base_mm)
-        placements: dict[str, Array] = {}
+        frame_of_setup: dict[str, Array] = {}
         for name, rows, fitted in setups:
             frame = fit_scanner_frame(base_mm[fitted], scanner_mm[fitted], observed.covariance_mm2[fitted])
             error_mm[rows] = frames.apply(frame, base_mm[rows]) - scanner_mm[rows]
-            placements[name] = frame
+            frame_of_setup[name] = frame
         return Evaluation(
             pose=observed.points.pose,
             error_mm=error_mm,
             distance_pose=distances.pose,
             distance_error_mm=distances.error_mm(base_mm),
             is_test=dataset.poses.is_test,
-            scanner_T_base=placements,
+            scanner_T_base=frame_of_setup,
             notes=tuple(notes),
             is_outlier=is_outlier,
         )
@@ -156,7 +157,7 @@ def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset, outliers: 
 
 @dataclass(frozen=True)
 class _Distances:
-    """The K distances from each setup's reference to each other pose: which points they run between, and how long."""
+    """K measured distances from each setup's reference pose to its other poses, with the points that they join."""
 
     pose: IndexArray  # (K,) the far pose
     far: IndexArray  # (K,) a point of that pose
@@ -165,7 +166,7 @@ class _Distances:
 
     @classmethod
     def of(cls, observed: Observations, trained: BoolArray) -> _Distances:
-        """trained  # (M,) points that a fit counts"""
+        """Distances from each setup's reference, a fitted pose where there is one; trained  # (M,) fitted points"""
         poses, row = observed.used_poses
         usable, measured_mm, _ = mean_jig_points(observed)
         # A training pose is the reference where there is one, so that a test pose is measured against the fit.
@@ -183,5 +184,5 @@ class _Distances:
         return cls(np.unique(observed.points.pose)[others], point[others], point[start[others]], length_mm)
 
     def error_mm(self, base_mm: Array) -> Array:
-        """Predicted less measured (K,), of predicted points (M, 3)."""
+        """Errors (K,) of the distances, predicted minus measured, mm, for predicted points (M, 3)."""
         return np.asarray(np.linalg.norm(base_mm[self.far] - base_mm[self.near], axis=1) - self.measured_mm)

@@ -1,4 +1,4 @@
-"""Whether the test poses are off by no more than a fit promised: noise, and what it does not know of its parameters."""
+"""Chi-squared test of the test poses' errors against the covariance that a fit predicts for them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.calibration.uncertainty import JointKnowledge
-from calib.dataset.stands import SIGMA_DOUBT
+from calib.dataset.repeats import SIGMA_DOUBT
 from calib.distributions import chi2_sf, f_sf
 from calib.effects.catalogue.order_steps import ChangePoint
 from calib.fitting.observations import Observations, linearise_points
@@ -23,7 +23,7 @@ _LEAST_POSES = 4
 
 @dataclass(frozen=True)
 class HeldOutTest:
-    """The test poses' errors against their promised covariance: noise, parameters and scanner's frames together."""
+    """Result of testing the test poses' errors against noise and uncertain parameters and scanner frames."""
 
     poses: int  # that were tested
     rmse_mm: float  # 3D, of their points
@@ -33,21 +33,21 @@ class HeldOutTest:
 
     @property
     def is_broken(self) -> bool:
-        """Whether the test poses are off by more than was promised, and not a single one alone."""
+        """Whether the errors exceed their predicted covariance significantly, also without the worst pose."""
         return self.p_value < BY_CHANCE
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """Whitened errors of test points and a root of the covariance that uncertain parameters and frames add to 1."""
+    """Whitened errors e of test points, and a root L of the covariance by uncertain parameters and frames."""
 
     error: Array  # (R,)
     root: Array  # (R, K)
     pose: IndexArray  # (R,)
     spent: int  # rows that frames of setups without training poses took
 
-    def square_and_freedom(self, chosen: BoolArray) -> tuple[float, float]:
-        """e^T (1 + L L^T)^-1 e of the chosen rows, and how many they count as."""
+    def square_and_dof(self, chosen: BoolArray) -> tuple[float, float]:
+        """Statistic e^T (1 + L L^T)^-1 e of the chosen points (M,), and its degrees of freedom."""
         error, root = self.error[chosen], self.root[chosen]
         along = root.T @ error
         inner = np.linalg.solve(np.eye(root.shape[1]) + root.T @ root, along)
@@ -55,20 +55,19 @@ class _Rows:
 
 
 def held_out_test(calibration: Calibration, noise_mm: float, noise_from: str) -> HeldOutTest | None:
-    """Hold the test poses' errors against what the fit promised; None with fewer than four test poses.
+    """Chi-squared test of the test poses' errors; None with fewer than four test poses.
 
-    With e the errors and L a root of the covariance that uncertain parameters and frames give them, all in units of the
-    noise, e^T (1 + L L^T)^-1 e follows chi^2 with as many degrees of freedom as there are rows. The error of one
-    parameter shows at every pose: a sum over single poses would count it again and again. Repeats of a pose count once,
-    by their mean. A setup without training poses has its frame from its own points, which takes up to six rows. Test
-    poses between the last training pose before a step and the first one after it are left out: no fit can tell on which
-    side of the step they are.
+    With e the errors and L a root of their covariance by uncertain parameters and frames, all in units of the noise,
+    e^T (1 + L L^T)^-1 e follows chi^2 with as many degrees of freedom as there are rows. As the error of one parameter
+    shows at every pose, the poses are tested jointly. Repeats of a pose count once, by their mean. A setup without
+    training poses has its frame from its own points, which costs up to six rows. Test poses between the last training
+    pose before a step and the first one after it are left out, as no fit can tell on which side of the step they are.
 
     Args:
         calibration: a fit, with its errors at the test poses.
-        noise_mm: sigma of a coordinate, as the residual was held against.
-        noise_from: "repeats", "dataset" or "fit", where that is from. Each is taken as accurate to 25 %; the fit's own
-            is known only as well as its degrees of freedom tell it.
+        noise_mm: sigma of a coordinate.
+        noise_from: source of that sigma, "repeats", "dataset" or "fit". Each is taken as accurate to 25 %; the fit's
+            own has its degrees of freedom in addition.
     """
     dataset, fit = calibration.fitted_dataset, calibration.fit
     noise = dataset.noise if calibration.options.noise is None else calibration.options.noise
@@ -83,27 +82,27 @@ def held_out_test(calibration: Calibration, noise_mm: float, noise_from: str) ->
     observed = replace(Observations.of(dataset, tested), scanner_T_base=calibration.after.scanner_T_base)
     rows = _whitened(calibration, observed, noise_mm)
     everything = np.ones(len(rows.error), dtype=bool)
-    square, freedom = rows.square_and_freedom(everything)
+    square, dof = rows.square_and_dof(everything)
     worst = max(poses, key=lambda pose: float(np.mean(rows.error[rows.pose == pose] ** 2)))
-    less, less_freedom = rows.square_and_freedom(rows.pose != worst)
+    less, less_dof = rows.square_and_dof(rows.pose != worst)
     doubted = less / SIGMA_DOUBT**2
     if noise_from == "fit":
-        p_value = f_sf(doubted / less_freedom, less_freedom, max(fit.degrees_of_freedom, 1.0))
+        p_value = f_sf(doubted / less_dof, less_dof, max(fit.degrees_of_freedom, 1.0))
     else:
-        p_value = chi2_sf(doubted, less_freedom)
+        p_value = chi2_sf(doubted, less_dof)
     points = len(observed.points)
     variance = noise_mm**2 * (1.0 + np.sum(rows.root**2, axis=1))
     return HeldOutTest(
         poses=len(poses),
         rmse_mm=noise_mm * float(np.sqrt(np.sum(rows.error**2) / points)),
         promised_mm=float(np.sqrt(np.sum(variance) / points)),
-        ratio=float(np.sqrt(square / freedom)),
+        ratio=float(np.sqrt(square / dof)),
         p_value=p_value,
     )
 
 
 def in_gap_of_step(calibration: Calibration) -> BoolArray:
-    """(N,) test poses between the last training pose before a step of the model and the first one after it."""
+    """Mask (N,) of test poses between the last training pose before a step in the model and the first after it."""
     poses = calibration.fitted_dataset.poses
     order = dict(zip(poses.ids, poses.order.tolist(), strict=True))
     gap = np.zeros(len(poses), dtype=bool)
@@ -115,7 +114,7 @@ def in_gap_of_step(calibration: Calibration) -> BoolArray:
 
 
 def _whitened(calibration: Calibration, observed: Observations, noise_mm: float) -> _Rows:
-    """The errors of the observed points in units of the noise, with what uncertain parameters and frames add."""
+    """Errors of the observed points in units of the noise, with the covariance root by parameters and frames."""
     model, fit, after = calibration.model, calibration.fit, calibration.after
     variance, turn = np.linalg.eigh(fit.covariance)
     parameters_root = turn * np.sqrt(np.maximum(variance, 0.0))

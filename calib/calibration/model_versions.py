@@ -1,4 +1,4 @@
-"""Versions of a model for comparison: the nominal robot, with link errors fitted, and with further effects fitted."""
+"""Versions of a model for comparison: the nominal robot, link errors fitted, further effects fitted."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Evaluation, scanner_T_base_of_poses
 from calib.calibration.result import Calibration
 from calib.fitting.model import Model, geometric_model
-from calib.fitting.pose_means import mean_by_pose
-from calib.fitting.tool_point.placement import tool_point_in_nominal
+from calib.fitting.observations import mean_by_pose
+from calib.fitting.tool_point import tool_point_in_nominal
 from calib.kinematics.robot import Robot
 from calib.kinematics.tool_point import with_own_tool_point
 from calib.options import FitOptions
@@ -25,7 +25,7 @@ VERSIONS = (NOMINAL, LINKS, EFFECTS)
 
 @dataclass(frozen=True)
 class Version:
-    """One version of the model, with its errors at all measured points of the dataset."""
+    """A version of the model with its errors at all measured points of the dataset."""
 
     name: str  # of VERSIONS
     model: Model
@@ -34,37 +34,36 @@ class Version:
     calibration: Calibration
 
     def pose_errors_mm(self) -> Array:
-        """(N,) RMS of the 3D errors of each pose's points; nan where nothing was measured."""
+        """RMS (N,) of the 3D errors of each pose's points, mm; nan where nothing was measured."""
         squared = np.sum(self.evaluation.error_mm**2, axis=1)
         return np.sqrt(self._mean_by_pose(squared))
 
     def pose_error_vectors_mm(self) -> Array:
-        """(N, 3) predicted minus measured, scanner frame, mean over a pose's points; nan where there are none."""
+        """Mean error (N, 3) of each pose's points, predicted minus measured, mm, scanner frame; nan without points."""
         return self._mean_by_pose(self.evaluation.error_mm)
 
     @cached_property
     def scanner_T_base(self) -> Array:
-        """(N, 4, 4) where the base is, seen from the scanner, at each pose; nan where that is not known."""
+        """Transforms scanner_T_base (N, 4, 4) at each pose; nan where not known."""
         poses = self.calibration.dataset.poses
         return scanner_T_base_of_poses(self.evaluation, self.model, self.x, poses)
 
     def flange_T_scanner(self, pose: int) -> Array | None:
-        """(4, 4) where the scanner is on the flange at a pose; None where the arm does not carry it."""
+        """Transform flange_T_scanner (4, 4) at a pose; None where the arm does not carry the scanner."""
         setup = str(self.calibration.dataset.poses.setup[pose])
         placed = self.evaluation.scanner_T_base.get(setup)
         return frames.invert(placed) if self.model.robot.carries_scanner and placed is not None else None
 
     def _mean_by_pose(self, values: Array) -> Array:
-        """(M, ...) by measured point -> (N, ...) by pose."""
+        """Means (N, ...) by pose of values (M, ...) by measured point."""
         poses = len(self.calibration.dataset.poses)
         return mean_by_pose(values, self.evaluation.pose, poses, empty=float("nan"))
 
 
 def versions(calibration: Calibration, links: Calibration | None = None) -> tuple[Version, ...]:
-    """The nominal robot, the link errors alone, and, where the model has effects, with them.
+    """The nominal robot, the fit of the link errors alone, and, where there are effects, the full fit.
 
-    `links` is the fit of the link errors alone to the same points in the same way, where it is known already; else it
-    is made here, as was asked of `calibration`.
+    `links` is the fit of the link errors alone to the same points with the same options; made here where None.
     """
     nominal = geometric_model(as_delivered(calibration))
     at_zero = np.zeros(len(nominal.parameters))
@@ -77,7 +76,7 @@ def versions(calibration: Calibration, links: Calibration | None = None) -> tupl
 
 
 def as_delivered(calibration: Calibration) -> Robot:
-    """The robot of robot.toml, with the tool point that was found where that is far off."""
+    """The robot of robot.toml, with the found tool point where robot.toml's is far off."""
     robot = calibration.dataset.robot
     if calibration.model.tool_found is None:
         return robot
@@ -85,7 +84,7 @@ def as_delivered(calibration: Calibration) -> Robot:
 
 
 def fits_same_points(one: Calibration, other: Calibration) -> bool:
-    """Whether two fits looked at the same measurements, and the same was asked of both for the link errors."""
+    """Whether two fits used the same measurements and the same options for the link errors."""
     a, b = one.dataset.points, other.dataset.points
     if options_for_links(one) != options_for_links(other):
         return False
@@ -95,10 +94,10 @@ def fits_same_points(one: Calibration, other: Calibration) -> bool:
 
 
 def options_for_links(calibration: Calibration) -> FitOptions:
-    """What was asked of a fit, as far as it concerns the link errors."""
+    """Options of a fit, restricted to the parameters of the link errors."""
     return calibration.options.for_parameters(calibration.model.geometry_names)
 
 
 def fitted_version(name: str, calibration: Calibration) -> Version:
-    """A fit as a version of this name."""
+    """A fit as a version with a name."""
     return Version(name, calibration.model, calibration.fit.x, calibration.after, calibration)

@@ -1,4 +1,4 @@
-"""Errors of a model against the measured orientations of the jig, in radians."""
+"""Errors of a model at the measured orientations of the jig, rad."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from calib.fitting.pose_residuals import PoseResiduals
 
 @dataclass(frozen=True)
 class OrientationFigures:
-    """Errors of the jig's orientation over some measured poses: the angle between predicted and measured."""
+    """Statistics of the angle between predicted and measured orientation of the jig over some poses, rad."""
 
     poses: int
     rmse_rad: float
@@ -28,19 +28,19 @@ class OrientationFigures:
 
 @dataclass(frozen=True)
 class OrientationErrors:
-    """Orientation errors of training and test poses; frames and the jig's seat are of the training poses alone."""
+    """Orientation errors of training and test poses, frames and hand-eye rotation fitted to training poses alone."""
 
     train: OrientationFigures | None
     test: OrientationFigures | None
 
 
 def evaluate_orientations(model: Model, x: Array, dataset: Dataset) -> OrientationErrors:
-    """The orientation errors of the model at x (P,). Setups without training poses are left out.
+    """Orientation errors of the model at x (P,). Setups without training poses are left out.
 
     Raises FitError where no training pose has an orientation, or orientations have no covariance.
     """
     training = with_nominal_scanner_frames(Observations.of(dataset), model.placed_robot)  # as the fit had it
-    placed = PoseResiduals(model, training).frames_and_seat(x)
+    placed = PoseResiduals(model, training).frames_and_hand_eye(x)
     everything = Observations.of(dataset, np.isin(dataset.poses.setup, list(placed.scanner_T_base)))
     everything = replace(everything, scanner_T_base=training.scanner_T_base)
     residuals = PoseResiduals(model, everything)

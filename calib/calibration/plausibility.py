@@ -1,7 +1,4 @@
-"""Whether a fit is plausible at all: wrong units, joint signs or order of poses are no calibration errors.
-
-And whether single poses bend it, which a robust fit would leave out.
-"""
+"""Plausibility of a fit: residual, corrections and effects within physical bounds, and no outlying poses."""
 
 from __future__ import annotations
 
@@ -12,8 +9,7 @@ import numpy as np
 from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration, is_declared, outlier_words
 from calib.distributions import chi2_ppf
-from calib.effects.effect import full_name
-from calib.effects.natural_bounds import exceeded_bound
+from calib.effects.effect import exceeded_bound, full_name
 from calib.errors import FitError
 from calib.fitting.observations import BEST_SIGMA_MM, Observations
 from calib.kinematics.robot import LENGTH_KINDS, PARAMETER_KINDS
@@ -30,10 +26,10 @@ FAR_BELOW = 0.2
 
 
 def implausibility_reason(calibration: Calibration) -> str:
-    """Why a fit cannot be of this arm and these data, in a sentence; "" where it can.
+    """Sentence on why a fit cannot describe this arm (wrong units, joint signs, order of poses); "" where it can.
 
-    The residual is too large, a correction is far beyond its tolerance, or an effect is larger than nature has it: a
-    ball in sockets, for example, is fitted exactly by links without length.
+    The residual is too large, a correction is far beyond its tolerance, or an effect exceeds its natural bound. Links
+    without length, for example, fit a ball in sockets exactly.
     """
     fit, model = calibration.fit, calibration.model
     remedy = (
@@ -62,7 +58,7 @@ def implausibility_reason(calibration: Calibration) -> str:
 
 
 def beyond_nature(calibration: Calibration) -> str:
-    """The effect in a model that is far larger than such a cause has been known to be, as a clause; "" without one."""
+    """Clause that names an effect far beyond its natural bound; "" where there is none."""
     fit = calibration.fit
     fitted = {p.name: (float(x), float(s)) for p, x, s in zip(fit.parameters, fit.x, fit.sigma, strict=True)}
     for effect in calibration.model.added_effects:
@@ -79,40 +75,40 @@ def beyond_nature(calibration: Calibration) -> str:
 
 
 def told_size(value: float, unit: str) -> str:
-    """A value with its unit, angles in degrees: "0.35 mm", "56.7 deg"."""
+    """Value with its unit as text, angles in degrees: "0.35 mm", "56.7 deg"."""
     return f"{np.degrees(value):.3g} deg" if unit == "rad" else f"{value:.3g} {unit}"
 
 
 def too_good(calibration: Calibration) -> str:
-    """Why a residual is far below what any such measurement leaves, in a sentence; "" where it is not.
+    """Sentence on a residual far below the noise of any such measurement; "" where it is not.
 
-    The points' declared sigma is the measure; where none is declared, the least that an instrument for arms can have.
+    The noise is the declared sigma or, without one, that of the best instruments for arms.
     """
     fit, dataset = calibration.fit, calibration.dataset
     declared = is_declared(dataset)
     floor = Observations.of(dataset).noise_floor
-    freedom = fit.degrees_of_freedom
-    if not (np.isfinite(fit.noise) and fit.noise < FAR_BELOW * floor):
+    dof = fit.degrees_of_freedom
+    if not (np.isfinite(fit.reduced_chi) and fit.reduced_chi < FAR_BELOW * floor):
         return ""
-    if freedom * (fit.noise / floor) ** 2 > chi2_ppf(_BY_CHANCE, freedom):
+    if dof * (fit.reduced_chi / floor) ** 2 > chi2_ppf(_BY_CHANCE, dof):
         return ""
     of = "the declared sigma" if declared else f"the {BEST_SIGMA_MM:g} mm of the best instruments for arms"
     return (
-        f"{calibration.sigma_mm:.2g} mm a coordinate are left, {fit.noise / floor:.2g} times {of}: no measurement is "
-        "that good, so the model was fitted to itself, the points were computed, or sigma was declared far too large: "
-        "declare what repeats of one pose show"
+        f"{calibration.sigma_mm:.2g} mm a coordinate are left, {fit.reduced_chi / floor:.2g} times {of}: no "
+        "measurement is that good, so the model was fitted to itself, the points were computed, or sigma was declared "
+        "far too large: declare what repeats of one pose show"
     )
 
 
 def _measured_sigma_mm(calibration: Calibration) -> float:
-    """The residual's sigma in directions that the points tell: along a plane touched anywhere they tell nothing."""
+    """Residual sigma, mm, in the directions that were measured: a plane touched anywhere has only its normal."""
     covariance = Observations.of(calibration.fitted_dataset).covariance_mm2
     information = float(np.mean(np.trace(np.linalg.inv(covariance), axis1=-2, axis2=-1))) / 3.0
-    return calibration.fit.noise / float(np.sqrt(information))
+    return calibration.fit.reduced_chi / float(np.sqrt(information))
 
 
 def _span_mm(calibration: Calibration) -> float:
-    """The RMS spread of the points a coordinate, at least a share of the arm's length."""
+    """RMS spread of the points per coordinate, mm, at least a share of the arm's length."""
     dataset = calibration.dataset
     assert dataset.points is not None
     spread_mm = float(np.sqrt(np.mean(np.var(dataset.points.xyz_mm, axis=0))))
@@ -121,7 +117,7 @@ def _span_mm(calibration: Calibration) -> float:
 
 
 def outlier_hint(calibration: Calibration) -> str:
-    """Which poses stand out of a fit that was not robust, and what it is without them; "" where none does."""
+    """Sentence that names the outlying poses of a plain fit and the error without them; "" where there are none."""
     options, model = calibration.options, calibration.model
     if options.robust or calibration.residual == "distance":
         return ""

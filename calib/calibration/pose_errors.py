@@ -1,4 +1,4 @@
-"""The error of every measured pose, training and test, and the motion of each joint that would explain it."""
+"""Errors of a calibration at each measured pose, and the inputs that they may depend on."""
 
 from __future__ import annotations
 
@@ -11,25 +11,81 @@ from numpy.typing import ArrayLike
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.calibration.evaluation import Evaluation, scanner_T_base_of_poses
-from calib.calibration.input_variables import inputs_at
-from calib.calibration.joint_directions import directions_at
 from calib.calibration.noise_level import NoiseLevel, noise_level
 from calib.calibration.result import Calibration
+from calib.dataset.dataset import Poses
+from calib.dataset.input_names import CONDITIONS, ORDER, PLACES, further_inputs
 from calib.distributions import chi2_ppf
+from calib.effects.gravity import has_masses
+from calib.effects.state import RobotState
 from calib.fitting.model import Model
-from calib.fitting.observations import Observations, with_scanner_frames
-from calib.fitting.pose_means import mean_by_pose, sum_by_pose
+from calib.fitting.observations import Observations, linearise_points, mean_by_pose, sum_by_pose, with_scanner_frames
 from calib.fitting.scanner_frame import whitener
+from calib.kinematics.robot import Robot
+
+
+def inputs_at(robot: Robot, poses: Poses, state: RobotState) -> dict[str, Array]:
+    """Values (N,) at each pose of every input that varies, by the input's name.
+
+    Angles in rad, prismatic joints and places in mm (scanner frame), torques of gravity in N m, conditions in the unit
+    that their name says. Texts of a column become numbers in the order of their first appearance. `state` is that
+    of the arm at these poses.
+    """
+    inputs = {f"q{j + 1}": poses.q[:, j] for j in range(robot.n_joints)}
+    if has_masses(robot):
+        torques = state.gravity_torques_nm
+        inputs |= {f"torque{j + 1}": torques[:, j] for j in range(robot.n_joints)}
+    for name in CONDITIONS:
+        values = getattr(poses, name)
+        if values is not None:
+            inputs[name] = values
+    if poses.approach is not None:
+        inputs |= {f"approach{j + 1}": poses.approach[:, j] for j in range(robot.n_joints)}
+    seen = state.seen
+    if seen is not None:
+        inputs |= {axis: seen.scanner_mm[:, k] for k, axis in enumerate(PLACES)}
+    inputs[ORDER] = np.arange(len(poses), dtype=float)
+    for name, of in further_inputs(poses).items():
+        column = poses.extra[of]
+        inputs[name] = (
+            column.to_numpy(dtype=float) if column.dtype.kind in "fiub" else column.factorize()[0].astype(float)
+        )
+    return {name: v for name, v in inputs.items() if len(np.unique(v)) > 1}
+
+
+def directions_at(model: Model, x: Array, observed: Observations, base_to_residual: Array) -> list[Array]:
+    """Derivative (M, 3) of the whitened points by each joint's motion, per rad (per mm for a prismatic joint).
+
+    A joint moves as its theta does (d for a prismatic joint); zeros where that parameter is fixed.
+
+    Args:
+        model, x: the fitted model, x (P,).
+        observed: M points whose scanner is placed.
+        base_to_residual: (M, 3, 3), from a displacement in the base frame, mm, to the whitened residual.
+    """
+    by_x = linearise_points(model, x, observed)[1]
+    names = [p.name for p in model.parameters]
+    directions = []
+    for j, joint in enumerate(model.robot.joints):
+        kind = "theta" if joint.is_revolute else "d"
+        name = f"{kind}{j + 1}"
+        if name in names:
+            column = by_x[:, :, [names.index(name)]]
+            directions.append((base_to_residual @ column)[..., 0])
+        else:
+            directions.append(np.zeros((len(by_x), 3)))
+    return directions
+
 
 _RANKS = 4  # points to either side that a running median takes
 
 
 @dataclass(frozen=True)
 class PoseErrors:
-    """Errors of N measured poses, in the dataset's order, of an arm with n joints.
+    """Errors at N measured poses, in the dataset's order, of an arm with n joints.
 
-    Test poses took no part in the fit. Noise levels are of the measurement alone, so where test poses exceed them more
-    often than training poses do, the model does not hold for other poses.
+    Test poses took no part in the fit. Noise levels are of the measurement alone: where test poses exceed them
+    more often than training poses do, the model does not generalise.
     """
 
     pose_ids: tuple[str, ...]
@@ -38,31 +94,31 @@ class PoseErrors:
     place_mm: Array  # (N, 3) where the point was measured, base frame as the model places it
     noise: NoiseLevel  # what one coordinate may be off by noise alone
     apparent_joint_error: Array  # (N, n) rad or mm: the motion of each joint alone that would best explain the error
-    inputs: dict[str, Array]  # what the error may depend on, (N,) each: `calib.calibration.input_variables`
+    inputs: dict[str, Array]  # what the error may depend on, (N,) each: `calib.calibration.pose_errors`
     apparent_joint_noise: Array  # (N, n) sigma of `apparent_joint_error` by noise alone; nan where no motion shows
 
     @property
     def noise_mm(self) -> float:
-        """What one coordinate may be off by noise alone."""
+        """Sigma of one coordinate by noise alone, mm."""
         return self.noise.sigma_mm
 
     @property
     def error_length_mm(self) -> Array:
-        """(N,) 3D error."""
+        """Length (N,) of the 3D error, mm."""
         return np.asarray(np.linalg.norm(self.error_mm, axis=1))
 
     @property
     def length_noise_mm(self) -> float:
-        """The 3D error that noise alone exceeds at one pose in twenty (chi of 3 degrees of freedom)."""
+        """3D error, mm, that noise alone exceeds at one pose in twenty (chi of 3 degrees of freedom)."""
         return self.noise_mm * float(np.sqrt(chi2_ppf(0.95, 3)))
 
     def joint_noise(self, joint: int) -> float:
-        """One sigma of a joint's apparent motion by noise alone, median over the poses; nan where none has one."""
+        """Sigma of a joint's apparent error by noise alone, median over the poses, rad or mm; nan where undefined."""
         noise = self.apparent_joint_noise[:, joint]
         return float(np.median(noise[np.isfinite(noise)])) if np.isfinite(noise).any() else float("nan")
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a pose: role, errors, apparent joint errors (rad or mm), place, and every input."""
+        """Table with one row per pose: role, errors, apparent joint errors (rad or mm), place, and every input."""
         columns: dict[str, object] = {
             "pose": self.pose_ids,
             "role": np.where(self.is_test, "test", "train"),
@@ -76,21 +132,21 @@ class PoseErrors:
         return pd.DataFrame(columns | self.inputs)
 
     def worst(self, count: int = 5) -> tuple[str, ...]:
-        """The poses with the largest errors, training and test."""
+        """Names of the poses with the largest errors, training or test."""
         order = np.argsort(-self.error_length_mm, kind="stable")
         return tuple(self.pose_ids[i] for i in order[:count])
 
 
 def pose_errors_of(calibration: Calibration) -> PoseErrors:
-    """The errors of a calibration at all measured poses, as `pose_errors_at`."""
+    """Errors of a calibration at all measured poses."""
     return pose_errors_at(calibration, calibration.model, calibration.fit.x, calibration.after)
 
 
 def pose_errors_at(calibration: Calibration, model: Model, x: Array, evaluation: Evaluation) -> PoseErrors:
-    """The errors of a model at x (P,) at all poses measured for a calibration, with its evaluation there.
+    """Errors of a model at x (P,) at all measured poses of a calibration's dataset, from its evaluation there.
 
     The apparent error of joint j at a pose is the least-squares motion of that joint alone, -d_j . e / |d_j|^2 with the
-    whitened error e and the derivative d_j of the measured point by the joint. Joints are taken one at a time, so their
+    whitened error e and the derivative d_j of the measured point by the joint. Joints are taken one at a time, so these
     errors do not add up.
     """
     dataset, level = calibration.dataset, noise_level(calibration)
@@ -128,10 +184,10 @@ def pose_errors_at(calibration: Calibration, model: Model, x: Array, evaluation:
 
 
 def running_median(x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
-    """A smooth of y (N,) over x (N,): at each value of x the median of the points within `_RANKS` ranks of it.
+    """Running median of y (N,) over x (N,): at each value of x the median of points within `_RANKS` ranks of it.
 
-    A gap in x ends the smooth: a row of nan comes between, and no median takes points from both sides. Fewer than three
-    points between two gaps give none. Equal x give one value. Towards the ends the window shrinks symmetrically, so
+    A gap in x separates two curves by a row of nan, and no median takes points from both sides. Fewer than three
+    points between two gaps give no curve. Equal x give one value. Towards the ends the window shrinks symmetrically, so
     that a slope keeps its direction there.
     """
     across, values = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
@@ -153,7 +209,7 @@ def running_median(x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
 
 
 def _gaps(x: Array) -> IndexArray:
-    """Where sorted x (N,) jumps: indices of the first point after each gap.
+    """Indices of the first point after each gap in sorted x (N,).
 
     The largest step among N points spread evenly at random is about ln N / N of their range; half as much again is a
     gap. Up to four values are levels (of a temperature, a payload), and all between them is a gap.

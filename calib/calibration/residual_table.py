@@ -1,4 +1,4 @@
-"""The residuals of a calibration as a table: one row a pose, training and test, with every input they may depend on."""
+"""Residuals of a calibration as a table: one row per pose, with every input that they may depend on."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ from calib.calibration.pose_errors import PoseErrors, pose_errors_of
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Poses
 from calib.dataset.input_names import PLACES, further_inputs, joint_input
-from calib.fitting.observations import Observations
-from calib.fitting.pose_means import mean_by_pose, points_by_pose
+from calib.fitting.observations import Observations, mean_by_pose, points_by_pose
 
 
 def residual_table(calibration: Calibration) -> pd.DataFrame:
-    """One row for each measured pose, in the dataset's order; several points of a pose are averaged.
+    """Table with one row per measured pose, in the dataset's order; several points of a pose are averaged.
 
     Columns: pose, role, setup, points (how many were averaged); error_x_mm ... (predicted minus measured) and its
     length error_mm; predicted_x_mm ... and measured_x_mm ..., all in the scanner's frame; then every input that varies,
-    angles in degrees, further columns of poses.csv as they are there. An input whose name is taken is called input_...
+    angles in degrees, further columns of poses.csv as they are there. An input whose name is taken becomes input_...
     """
     pose_errors = pose_errors_of(calibration)
     dataset = calibration.dataset
@@ -40,26 +39,26 @@ def residual_table(calibration: Calibration) -> pd.DataFrame:
         columns |= {f"{name}_{axis}_mm": values[:, k] for k, axis in enumerate("xyz")}
         if name == "error":
             columns["error_mm"] = np.linalg.norm(values, axis=1)
-    for name, given in _inputs(pose_errors, poses, dataset.robot.is_revolute).items():
+    for name, values_of_input in _inputs(pose_errors, poses, dataset.robot.is_revolute).items():
         while name in columns:
             name = f"input_{name}"
-        columns[name] = given
+        columns[name] = values_of_input
     return pd.DataFrame(columns)
 
 
 def _inputs(pose_errors: PoseErrors, poses: Poses, is_revolute: BoolArray) -> dict[str, object]:
-    """The inputs by the name that a column has; the place of the point is `measured_...` already."""
-    out: dict[str, object] = {}
+    """Values (N,) of the inputs by column name, without the point's place, which is in `measured_...`."""
+    named: dict[str, object] = {}
     columns = further_inputs(poses)
     for name, values in pose_errors.inputs.items():
         quantity, joint = joint_input(name) or ("", 0)
         if name in columns:
-            out[columns[name]] = poses.extra[columns[name]].to_numpy()  # words as words, not as numbers for them
+            named[columns[name]] = poses.extra[columns[name]].to_numpy()  # texts, not the numbers that replace them
         elif quantity == "q":
             turns = bool(is_revolute[joint])
-            out[f"{name}_{'deg' if turns else 'mm'}"] = np.degrees(values) if turns else values
+            named[f"{name}_{'deg' if turns else 'mm'}"] = np.degrees(values) if turns else values
         elif quantity == "torque":
-            out[f"{name}_nm"] = values
+            named[f"{name}_nm"] = values
         elif name not in PLACES:
-            out[name] = values
-    return out
+            named[name] = values
+    return named

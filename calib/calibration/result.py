@@ -1,34 +1,43 @@
-"""A calibration: the fitted model, what was asked of the fit, and how it stands to the measurements."""
+"""Result of a calibration: the fitted model, the options of the fit, and the errors at the measurements."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from calib.array_types import Array
+from calib.brief import errors_in_short
 from calib.calibration.evaluation import Evaluation, evaluate_all
 from calib.calibration.orientation_errors import OrientationErrors, evaluate_orientations
-from calib.dataset.dataset import Dataset
-from calib.dataset.stands import ShotCount, without_poses
+from calib.dataset.dataset import Dataset, Poses
+from calib.dataset.repeats import RepeatCount, without_poses
 from calib.dataset.trained_range import TrainedRange
 from calib.errors import FitError
 from calib.fitting.fit import Fit
 from calib.fitting.model import Model
-from calib.fitting.observations import Observations, room_placement
-from calib.fitting.tool_point.placement import ToolShift, tool_shift
-from calib.kinematics.robot import Robot
+from calib.fitting.observations import Observations, observed_hand_eye
+from calib.fitting.tool_point import ToolShift, tool_shift
+from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.options import FitOptions
 from calib.presented import Presented
 
-_TOLD = 8  # outlying poses that are told one by one
+if TYPE_CHECKING:
+    from calib.compensation.target_correction import Correction
+    from calib.models.fitted_model import FittedModel
+
+_MOST_NAMED = 8  # outlying poses that are named
 
 
 @dataclass(frozen=True)
 class IterationErrors:
-    """RMS of 3D and of distance errors at one iteration; of test poses nan where there are none."""
+    """RMS of 3D and of distance errors at one iteration, mm; nan for test poses where there are none."""
 
     train_rmse_mm: float
     test_rmse_mm: float
@@ -36,9 +45,90 @@ class IterationErrors:
     test_distance_rmse_mm: float
 
 
+class FittedResult:
+    """Methods of every result that holds a fitted model: parameters, prediction, correction, files.
+
+    Models as files and corrections are above calibrations, whose values they take. So they are imported where they are
+    asked for; pyproject.toml names these imports as the only ones that go up.
+    """
+
+    @property
+    def calibration(self) -> Calibration:
+        """The fit whose model is meant."""
+        raise NotImplementedError
+
+    @property
+    def fitted_model(self) -> FittedModel:
+        """The fitted model by itself, as `load_model` gives it: robot, effects, values, covariance."""
+        from calib.models.fitted_model import FittedModel
+
+        return FittedModel.of(self.calibration)
+
+    @property
+    def parameters(self) -> pd.DataFrame:
+        """One row per free parameter: name, nominal, value, change, sigma, tolerance, unit, known."""
+        return self.calibration.to_frame()
+
+    @property
+    def covariance(self) -> Array:
+        """(P, P) covariance of the free parameters; rows of parameters that nothing bounds are zero."""
+        return self.fitted_model.covariance
+
+    @property
+    def robot(self) -> Robot:
+        """The robot with the fitted table; where the model has effects, right only together with them."""
+        return self.calibration.model.calibrated_robot(self.calibration.fit.x)
+
+    def predict(self, q: ArrayLike, conditions: Poses | None = None, target: str = TOOL_POINT) -> Array:
+        """A target's position (N, 3), mm in the base frame, at joint vectors q (N, n), rad or mm.
+
+        Args:
+            q: joint vectors.
+            conditions: payload, temperature ... of each, where the model depends on them; its own q is not used.
+            target: one of the robot's targets; "jig" is the measured point of the tool.
+
+        Raises:
+            FitError: missing conditions, q of another shape, or an unknown target.
+        """
+        return self.fitted_model.predict(q, conditions, target)
+
+    def correct(
+        self,
+        q_nominal: ArrayLike,
+        conditions: Poses | None = None,
+        kind: str | None = None,
+        nominal: Robot | None = None,
+        ids: Sequence[str] | None = None,
+    ) -> Correction:
+        """Joint vectors with which the calibrated arm goes where the nominal one would (`calib.corrected_joints`)."""
+        return self.fitted_model.correct(q_nominal, conditions, kind, nominal, ids)
+
+    def save(self, path: str | Path) -> None:
+        """Write the fitted model as model.json, which `calib.load_model` reads."""
+        self.fitted_model.save(path)
+
+    def save_robot(self, path: str | Path, template: str | Path | None = None, *, force: bool = False) -> None:
+        """Write the calibrated robot: the table that is best without any effect, since a robot's file holds none.
+
+        Args:
+            path: ends in .toml, .urdf or .yaml.
+            template: the user's own file of this arm; its origins are replaced and all else stays.
+            force: write also where the fit is no improvement.
+
+        Raises:
+            FitError: the fit did not converge or is worse on the test poses.
+            CalibError: another suffix, or a template that is of another arm.
+        """
+        from calib.models.exported_table import exported_table
+
+        table = exported_table(self.calibration)
+        table.require_improvement(force=force)
+        table.save(path, template)
+
+
 @dataclass(frozen=True)
-class Calibration(Presented):
-    """A fitted model and how it stands to the measurements."""
+class Calibration(FittedResult, Presented):
+    """A fitted model with its dataset, options, fit, and errors at the measurements before and after."""
 
     dataset: Dataset
     model: Model
@@ -51,7 +141,7 @@ class Calibration(Presented):
 
     @cached_property
     def fitted_dataset(self) -> Dataset:
-        """The dataset as it was fitted: each standing pose once, by the mean of its shots (`calib.dataset.stands`).
+        """The dataset as it was fitted: each repeat group once, by the mean of its repeats (`calib.dataset.repeats`).
 
         Without the points of outlying poses.
         """
@@ -59,30 +149,35 @@ class Calibration(Presented):
         return without_poses(dataset, self.outliers) if self.outliers else dataset
 
     @property
-    def shots(self) -> ShotCount | None:
-        """How many standing poses there are of how many shots; None where no pose was measured several times."""
-        return None if self.averaged is None else ShotCount.of(self.dataset)
+    def repeat_count(self) -> RepeatCount | None:
+        """Number of measured points and repeat groups; None where no pose was measured several times."""
+        return None if self.averaged is None else RepeatCount.of(self.dataset)
 
     @property
     def residual(self) -> str:
-        """What was made small, of `calib.options.RESIDUAL_KINDS`."""
+        """Kind of the residual that was minimised, of `calib.options.RESIDUAL_KINDS`."""
         return self.options.residual
 
     @property
-    def robot(self) -> Robot:
-        """The robot with the fitted table."""
-        return self.model.calibrated_robot(self.fit.x)
+    def calibration(self) -> Calibration:
+        """The calibration itself."""
+        return self
+
+    @cached_property
+    def fitted_model(self) -> FittedModel:
+        """The fitted model by itself, as `load_model` gives it: robot, effects, values, covariance."""
+        return super().fitted_model
 
     @cached_property
     def iteration_errors(self) -> tuple[IterationErrors, ...]:
-        """One an iteration, the first is the nominal robot; worked out when first asked for."""
+        """Errors at each iteration, the first being the nominal robot; computed when first read."""
         xs = [iteration.x for iteration in self.fit.iterations]
         at = evaluate_all(self.model, xs, self.dataset, self.outliers)
         return tuple(_iteration_errors(evaluation) for evaluation in at)
 
     @cached_property
     def orientation_errors(self) -> tuple[OrientationErrors, OrientationErrors] | None:
-        """Errors of the orientations before and after, where they were fitted."""
+        """Orientation errors before and after; None where orientations were not fitted."""
         if self.residual != "pose":
             return None
         before, after = (
@@ -92,19 +187,19 @@ class Calibration(Presented):
 
     @property
     def faces_named(self) -> str:
-        """How the jig's faces were labelled, where full poses from scans were fitted; else ""."""
+        """Sentence on how the jig's faces were labelled; "" unless full poses from scans were fitted."""
         points = self.dataset.points
         orientations = None if points is None else points.orientations
         return orientations.labelled_by if self.residual == "pose" and orientations is not None else ""
 
     @cached_property
     def trained(self) -> TrainedRange:
-        """The joint ranges of the poses that were fitted."""
+        """Joint ranges of the fitted poses."""
         return TrainedRange.of(self.dataset, self.outliers)
 
     @property
     def outside(self) -> tuple[str, ...]:
-        """The measured poses whose joints leave the ranges that were trained."""
+        """Names of the measured poses whose joints leave the trained ranges."""
         poses = self.dataset.poses
         beyond = self.trained.outside(self.dataset.robot, poses.q)
         measured = self.after.pose
@@ -112,28 +207,28 @@ class Calibration(Presented):
 
     @property
     def tool_shift(self) -> ToolShift | None:
-        """The tool point, where it is far from where robot.toml has it."""
+        """Shift of the tool point where it is far from robot.toml's; else None."""
         return None if self.model.tool_found is None else tool_shift(self.dataset.robot, self.robot)
 
     @cached_property
-    def room_words(self) -> str:
-        """What the poses leave open of the places of a scanner on the flange and its targets; "" where nothing."""
+    def hand_eye_ambiguity(self) -> str:
+        """Sentence on what the poses leave undetermined of a scanner on the flange and its targets; else ""."""
         if not self.model.robot.carries_scanner:
             return ""
-        return room_placement(self.dataset.robot, Observations.of(self.fitted_dataset)).words
+        return observed_hand_eye(self.dataset.robot, Observations.of(self.fitted_dataset)).ambiguity
 
     @property
     def sigma_mm(self) -> float:
-        """Residual sigma of one coordinate of one point, by degrees of freedom; nan where none are left."""
-        return self.fit.noise * declared_sigma_mm(self.fitted_dataset)
+        """Residual sigma of one coordinate of one point, mm, by degrees of freedom; nan where none are left."""
+        return self.fit.reduced_chi * declared_sigma_mm(self.fitted_dataset)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         out = [*self.fitted_dataset.warnings, *self.fitted_dataset.notes, *self.after.notes]
         if self.tool_shift is not None:
             out.append(self.tool_shift.words)
-        if self.room_words:
-            out.append(self.room_words)
+        if self.hand_eye_ambiguity:
+            out.append(self.hand_eye_ambiguity)
         if not self.fit.converged:
             out.append(f"the fit did not converge: {self.fit.reason}")
         if self.worse_than_nominal:
@@ -144,9 +239,9 @@ class Calibration(Presented):
 
     @property
     def worse_than_nominal(self) -> str:
-        """By how much the test poses' error rose, in a sentence; "" where it did not.
+        """Sentence on a rise of the test poses' error (without test poses, the training poses'); "" where it fell.
 
-        Without test poses, the training poses': a fit of distances, or without priors, may carry the points away.
+        The training error can rise in a fit of distances, or without a prior.
         """
         for role, before, after in (
             ("test", self.before.test, self.after.test),
@@ -177,7 +272,10 @@ class Calibration(Presented):
             )
 
     def to_frame(self) -> pd.DataFrame:
-        """The parameters: name, nominal, value, change, sigma, tolerance, unit, and whether the data know them."""
+        """One row per free parameter: name, nominal, value, change, sigma, tolerance, unit, and whether it is known.
+
+        A parameter is known where its sigma is below half of its tolerance.
+        """
         parameters = self.fit.parameters
         return pd.DataFrame(
             {
@@ -192,27 +290,32 @@ class Calibration(Presented):
             }
         )
 
+    def _brief(self) -> str:
+        effects = ", ".join(self.model.family_names) or "none"
+        errors = errors_in_short(self.before, self.after)
+        return f"{self.dataset.name}: {len(self.dataset.poses)} poses, {errors}, effects: {effects}"
+
 
 def outlier_words(robust: Calibration) -> str:
-    """Which poses a robust fit left out, and how far they are off."""
-    after, told = robust.after, []
-    for pose_id in robust.outliers[:_TOLD]:
+    """Clause that names the poses left out by a robust fit, with their errors."""
+    after, named = robust.after, []
+    for pose_id in robust.outliers[:_MOST_NAMED]:
         rows = after.pose == robust.dataset.poses.index(pose_id)
         off_mm = float(np.max(np.linalg.norm(after.error_mm[rows], axis=1)))
-        told.append(f"{pose_id} ({off_mm:.3g} mm off)")
-    more = f" and {len(robust.outliers) - _TOLD} more" if len(robust.outliers) > _TOLD else ""
+        named.append(f"{pose_id} ({off_mm:.3g} mm off)")
+    more = f" and {len(robust.outliers) - _MOST_NAMED} more" if len(robust.outliers) > _MOST_NAMED else ""
     poses = "1 pose stands" if len(robust.outliers) == 1 else f"{len(robust.outliers)} poses stand"
-    return f"{poses} out of all others, {', '.join(told)}{more}"
+    return f"{poses} out of all others, {', '.join(named)}{more}"
 
 
 def is_declared(dataset: Dataset) -> bool:
-    """Whether a dataset says how noisy its points are."""
+    """Whether a dataset declares the noise of its points."""
     points = dataset.points
     return dataset.scanner.point_sigma_mm is not None or (points is not None and points.covariance_mm2 is not None)
 
 
 def declared_sigma_mm(dataset: Dataset) -> float:
-    """RMS over the measured points of what their covariances declare for one coordinate."""
+    """Declared sigma of one coordinate, mm, RMS over the measured points."""
     covariance = Observations.of(dataset).covariance_mm2
     return float(np.sqrt(np.mean(np.trace(covariance, axis1=-2, axis2=-1)) / 3.0))
 

@@ -1,8 +1,7 @@
-"""Uncertainty of a fit: combinations of parameters that are well determined although each alone is not, correlated
-pairs, and the covariance of a prediction.
+"""Uncertainty of a fit: identifiable combinations of parameters, correlated pairs, and covariance of predictions.
 
-All follow from the posterior covariance of the parameters, by the noise that the residual shows and, where one was
-used, the prior. It holds for a complete model only: missing effects are no part of it.
+All follow from the posterior covariance of the parameters, by the residual's noise and, where one was used, the prior.
+It holds for a complete model only and does not include missing effects.
 """
 
 from __future__ import annotations
@@ -19,14 +18,14 @@ from calib.calibration.result import Calibration
 from calib.errors import FitError
 from calib.fitting.observations import Observations, conditions_at, linearise_points
 from calib.fitting.scanner_frame import frame_motion, whitener
-from calib.identifiability.structural import redundancy, taken_up_by_scanner
+from calib.identifiability.structural import absorbed_by_scanner_frame, redundancy
 
 CORRELATED = 0.8
 
 
 @dataclass(frozen=True)
 class Combination:
-    """A weighted sum of parameters: its value and sigma, beside the sigma of its least known part."""
+    """A weighted sum of parameters with its value, its sigma and that of its most uncertain part."""
 
     coefficients: Mapping[str, float]
     value: float  # of the fitted parameters, nominal and correction
@@ -37,7 +36,7 @@ class Combination:
 
     @property
     def is_known(self) -> bool:
-        """Whether its sigma is below half its tolerance: the same rule as for single parameters."""
+        """Whether the sigma is below half the tolerance, the rule for single parameters too."""
         return self.sigma < 0.5 * self.tolerance
 
     @property
@@ -51,7 +50,7 @@ class Combination:
 
 @dataclass(frozen=True)
 class CorrelatedPair:
-    """Two parameters and Pearson's r of their estimates' errors."""
+    """Two parameters and Pearson's correlation r of their estimation errors."""
 
     first: str
     second: str
@@ -83,26 +82,26 @@ def combination(calibration: Calibration, coefficients: Mapping[str, float]) -> 
 
 
 def identifiable_combinations(calibration: Calibration) -> tuple[Combination, ...]:
-    """For each group of redundant parameters the one sum that can be identified (a6 + aTCP, theta4 - beta4).
+    """The identifiable sum of each group of redundant parameters (a6 + aTCP, theta4 - beta4).
 
     Left out are sums whose sigma is not below half their tolerance at these poses, and groups that a motion of the
     scanner's frame can replace (d1, theta1 - beta1).
     """
-    found = redundancy(calibration.dataset)
-    blind = set(taken_up_by_scanner(calibration.dataset))
+    analysis = redundancy(calibration.dataset)
+    blind = set(absorbed_by_scanner_frame(calibration.dataset))
     names = {p.name for p in calibration.fit.parameters}
-    row = {name: i for i, name in enumerate(found.parameters)}
-    out = []
-    for group in found.groups:
+    row = {name: i for i, name in enumerate(analysis.parameters)}
+    sums = []
+    for group in analysis.groups:
         present = [name for name in group if name in names and name not in blind]
         if len(present) > 1:
-            sign = {n: float(np.sign(found.pearson[row[group[0]], row[n]])) for n in present}
-            out.append(combination(calibration, sign))
-    return tuple(found_sum for found_sum in out if found_sum.is_known)
+            sign = {n: float(np.sign(analysis.pearson[row[group[0]], row[n]])) for n in present}
+            sums.append(combination(calibration, sign))
+    return tuple(each for each in sums if each.is_known)
 
 
 def correlated_pairs(calibration: Calibration) -> tuple[CorrelatedPair, ...]:
-    """Pairs whose estimates' errors correlate beyond `CORRELATED`, the strongest first."""
+    """Pairs of parameters whose estimation errors correlate beyond `CORRELATED`, the strongest first."""
     fit = calibration.fit
     sigma = np.sqrt(np.diag(fit.covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -118,10 +117,10 @@ def correlated_pairs(calibration: Calibration) -> tuple[CorrelatedPair, ...]:
 
 @dataclass(frozen=True)
 class JointKnowledge:
-    """What a fit knows: the joint covariance (P + 6, P + 6) of its parameters and of a setup's scanner frame.
+    """Joint covariance (P + 6, P + 6) of a fit's parameters and of a setup's scanner frame.
 
     The frame is fitted with the parameters x: a change dx moves it by -F^+ J dx (F the frame's columns at the training
-    points, J the parameters'), and given x it is known as well as these points tell.
+    points, J the parameters'), and given x its covariance is that by these points.
     """
 
     covariance: Array
@@ -131,7 +130,7 @@ class JointKnowledge:
 
     @classmethod
     def of(cls, calibration: Calibration, setup: str | None) -> JointKnowledge:
-        """setup: the placement of the scanner whose frame is asked for; None: of no frame, whose rows are then zero.
+        """Joint covariance with the scanner frame of a setup; with None the frame's rows are zero.
 
         Raises FitError for a setup without training points.
         """
@@ -156,7 +155,7 @@ class JointKnowledge:
         motion = (whiten @ frame_motion(seen_mm, centre_mm)).reshape(3 * int(rows.sum()), 6)
         pseudo = np.linalg.pinv(motion, rcond=1e-9)
         follows = -pseudo @ columns  # (6, P)
-        noise = fit.noise if np.isfinite(fit.noise) else 1.0
+        noise = fit.reduced_chi if np.isfinite(fit.reduced_chi) else 1.0
         covariance[n:, :n] = follows @ covariance[:n, :n]
         covariance[:n, n:] = covariance[n:, :n].T
         frame_root = np.asarray(np.linalg.qr((noise * pseudo).T, mode="r")).T
@@ -165,7 +164,7 @@ class JointKnowledge:
 
 
 def prediction_covariance(calibration: Calibration, q: ArrayLike, setup: str | None = None) -> Array:
-    """The covariance of the predicted tool point at any joint vectors, in a setup's scanner frame.
+    """Covariance (N, 3, 3), mm^2, of the predicted tool point at joint vectors q, in a setup's scanner frame.
 
     Where the arm carries the scanner it is that of the (first) target in the room.
 
@@ -196,7 +195,7 @@ def prediction_covariance(calibration: Calibration, q: ArrayLike, setup: str | N
 
 
 def covariance_root(covariance: Array) -> Array:
-    """A root R (P, P) of a covariance R R^T, of numbers in any units; what rounding made negative counts as nothing."""
+    """Root R (P, P) of a covariance R R^T, in any units; eigenvalues made negative by rounding count as zero."""
     scale = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
     size, turn = np.linalg.eigh(inverse[:, None] * covariance * inverse)

@@ -1,1 +1,1 @@
-"""Joint targets with which the real arm goes where the nominal one was commanded to."""
+"""Corrected joint targets, with which the real arm goes where the nominal arm was commanded to go."""

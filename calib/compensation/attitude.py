@@ -1,9 +1,9 @@
-"""How well a fit knows the attitude of the arm's tool: whether a correction may claim one.
+"""Uncertainty of the tool's attitude by a fit, which decides whether a correction can include the attitude.
 
-The tool's small turn about the base's axes follows from the fitted parameters, and its covariance from theirs. What the
-rows behind the last joint's axis turn counts with its tolerance where no measured point tells it. A turn of the base
-that is common to all postures is no error of a target, as the instrument's place is unknown; where full poses were
-fitted, one turn of the tool common to all is none either, since how the jig sits on it was fitted with them.
+The tool's small turn about the base's axes follows from the fitted parameters, and its covariance from theirs.
+Parameters behind the last joint's axis that no measured point determines count with their tolerance. A turn of the base
+common to all postures is no error of a target, as the instrument's place is unknown; where full poses were fitted, one
+turn of the tool common to all is none either, since the jig's attitude on the tool was fitted with them.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from calib.dataset.dataset import Poses
 from calib.dataset.trained_range import TrainedRange
 from calib.fitting.model import Model
 
-_POSTURES, _SPAN_RAD, _SPAN_MM = 64, 1.0, 100.0  # over which a turn is common: around the targets
+_POSTURES, _SPAN_RAD, _SPAN_MM = 64, 1.0, 100.0  # postures around the targets, over which a turn is common
 
 
 @dataclass(frozen=True)
 class FitKnowledge:
-    """What a fit knows beside its parameters."""
+    """Covariance of a fit, and what else decides how far a correction can be trusted."""
 
     covariance: Array  # (P, P) of the model's free parameters
-    held: frozenset[str] = frozenset()  # that the user knows; others are held for want of points that tell them
+    fixed: frozenset[str] = frozenset()  # fixed by the user; others are fixed because no point determines them
     full_poses: bool = False  # whether orientations were measured and fitted
     trained: TrainedRange | None = None
 
     def attitude_sigma_rad(self, model: Model, x: Array, poses: Poses) -> Array:
-        """(N,) rad, sigma of the 3D turn by which the calibrated tool may really stand otherwise at each of N poses."""
-        freed = replace(model, held=model.held & self.held)
+        """(N,) rad, standard deviation of the calibrated tool's attitude (3D turn) at each of N poses."""
+        freed = replace(model, fixed=model.fixed & self.fixed)
         values = dict(zip((p.name for p in model.parameters), x.tolist(), strict=True))
         fitted = np.array([p.name in values for p in freed.parameters], dtype=bool)
         covariance = np.diag(freed.scales**2)
@@ -43,7 +43,7 @@ class FitKnowledge:
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def _common(self, model: Model, x: Array, poses: Poses) -> Array:
-        """(3 or 6, P) the turn of base, and of tool, common to postures around the poses, by the parameters."""
+        """(3 or 6, P) derivative, by the parameters, of the turns of base and tool common to postures around poses."""
         rng = np.random.default_rng(0)
         rows = np.resize(np.arange(len(poses)), _POSTURES)
         span = np.where(model.robot.is_revolute, _SPAN_RAD, _SPAN_MM)
@@ -53,7 +53,7 @@ class FitKnowledge:
         return np.asarray(np.linalg.pinv(stacked, rcond=1e-9) @ turn.reshape(len(stacked), -1))
 
     def _turns(self, model: Model, x: Array, poses: Poses) -> tuple[Array, Array]:
-        """The tool's turn by the parameters (N, 3, P), and by the turns that are common (N, 3, 3 or 6)."""
+        """Derivatives of the tool's turn by the parameters (N, 3, P) and by the common turns (N, 3, 3 or 6)."""
         _, attitude, by_x = model.linearise_pose(x, poses)
         of_base = np.broadcast_to(np.eye(3), attitude.shape)
         columns = np.concatenate([of_base, attitude], axis=2) if self.full_poses else of_base

@@ -4,17 +4,17 @@ Robot controllers compute with their own table and cannot load another. So the t
 joint vector q0 find q near it with F(q) = F0(q0), where F0 is the nominal and F the calibrated forward
 map, effects included (`calib.kinematics.inverse`). Redundant arms move the least.
 
-A correction claims what the fit knows. Measured points tell how the last joint's axis lies and not how the tool is
-turned behind it: where the attitude's own sigma (`calib.compensation.attitude`) is not better than what a correction
-would turn, the position of the tool frame alone is met, and the free motion weighs the turn that is left, by its sigma,
+A correction is no finer than the fit. Measured points determine the last joint's axis, but not how the tool is turned
+behind it: where the attitude's sigma (`calib.compensation.attitude`) is not smaller than the turn that a correction
+would make, only the position of the tool frame is met, and the free motion balances the remaining turn, by its sigma,
 against the joints' motion, by their tolerance. A pose near a singular posture may take large turns of the wrist for a
-small turn of the tool: there the attitude is met as well as it is known.
+small turn of the tool: there the attitude is met to its sigma.
 
 Joints stay inside a box: their limits and a largest change from q0, six tolerances of an angle or twice the joint's own
-zero error. What needs more is no correction of this arm and is refused.
+zero error. A target that needs more is not reached.
 
-Targets come after all that was measured: an effect that sets in at a pose, or settles in time, is taken as after the
-last pose, and no joint is still on its way.
+Targets count as later than all that was measured: an effect that sets in at a pose, or settles in time, is taken as
+after the last pose, and no joint is still moving.
 
 Limits: with an unknown scanner frame, link errors that only move or turn the base (d1, theta1, beta1) cannot be
 identified and stay nominal, so corrected targets are right relative to each other, up to one motion of the base common
@@ -25,6 +25,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import pandas as pd
@@ -35,6 +37,7 @@ from calib.blas_threads import one_blas_thread
 from calib.compensation.attitude import FitKnowledge
 from calib.compensation.tool_problem import ToolProblem
 from calib.dataset.dataset import Poses
+from calib.dataset.input_names import CONDITIONS
 from calib.effects.effect import family_name
 from calib.effects.link_errors import TOLERANCE_RAD
 from calib.errors import CalibError, FitError
@@ -44,16 +47,17 @@ from calib.kinematics.inverse import solve_inverse
 from calib.kinematics.robot import PARAMETER_KINDS, Robot
 from calib.options import CORRECTION_KINDS
 from calib.presented import Presented
+from calib.robot_formats.robots import load_robot
 
 POSITION_TOLERANCE_MM = 1e-9
 ORIENTATION_TOLERANCE_RAD = 1e-12
 MAX_CHANGE_RAD, MAX_CHANGE_MM = 6.0 * TOLERANCE_RAD * (1.0 - 1e-9), 50.0
-"""How far a joint may go from its nominal value: 3 deg, less what rounding in degrees may add, or 3 deg at 1 m."""
-_ZEROS = 2.0  # times the error of a joint's own zero, where that is more
+"""Largest change of a joint: 3 deg, less what rounding in degrees may add, or 3 deg at 1 m."""
+_ZEROS = 2.0  # largest change in multiples of the joint's own zero error, where that is more
 _TURN_WEIGHTS = (10.0, 5.0, 3.0, 2.0, 1.0, 0.5, 0.0)
-"""What a turn of the tool counts against the joints' motion, one after another."""
-_MOST_OF_BOX = 0.9  # a motion beyond that share is large, and is tried with the next weight
-_KNOWN = 0.5  # of the turn that a correction makes: a sigma below it knows the turn
+"""Weights of the tool's turn against the joints' motion, tried one after another."""
+_MOST_OF_BOX = 0.9  # share of the box beyond which a motion is large, and the next weight is tried
+_KNOWN = 0.5  # share of a correction's turn below which a sigma makes the turn known
 _SINGULAR = 0.02
 """Smallest over largest singular value of the Jacobian, below which a posture is near singular."""
 
@@ -63,7 +67,7 @@ class Correction(Presented):
     """Corrected joint vectors of N targets. Errors are of the calibrated arm against the nominal arm's tool frame."""
 
     robot: Robot  # nominal
-    what: str  # "position" or "pose"
+    kind: str  # "position" or "pose"
     q_nominal: Array  # (N, n) rad, mm for prismatic joints
     q: Array  # (N, n) corrected; where `reached` is false, the nearest that limits allow
     reached: BoolArray  # (N,) to 1e-9 mm; attitudes that count to 1e-12 rad, near singular ones to their sigma
@@ -71,10 +75,10 @@ class Correction(Presented):
     orientation_error_rad: Array  # (N,) with q; nan where only the position counts
     uncorrected_mm: Array  # (N,) position error with q_nominal
     reasons: tuple[str, ...]  # (N,) why a target is not reached, as text; "" where it is
-    uncorrected_rad: Array  # (N,) turn of the tool with q_nominal, as far as the calibrated arm says
-    changed: tuple[str, ...] = ()  # effects that changed the arm as it was measured: it is taken as it was in the end
-    attitude_sigma_rad: Array | None = None  # (N,) how well the fit knows the tool's attitude, if it was said
-    is_outside: BoolArray | None = None  # (N,) a joint is beyond the ranges that were trained, if those were said
+    uncorrected_rad: Array  # (N,) turn of the tool with q_nominal, by the calibrated arm
+    changed: tuple[str, ...] = ()  # effects that changed the arm during the measurements; the last state counts
+    attitude_sigma_rad: Array | None = None  # (N,) sigma of the tool's attitude; None where the fit is unknown
+    is_outside: BoolArray | None = None  # (N,) a joint is beyond the trained ranges; None where these are unknown
     outside_words: str = ""
 
     @property
@@ -89,7 +93,7 @@ class Correction(Presented):
         return float(np.degrees(moved.max(initial=0.0)))
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a target: reached, errors before and after, and why not."""
+        """One row per target: reached, errors before and after, and why it is missed."""
         return pd.DataFrame(
             {
                 "reached": self.reached,
@@ -104,53 +108,82 @@ class Correction(Presented):
             }
         )
 
+    def _brief(self) -> str:
+        return f"{self.robot.name}: {int(self.reached.sum())} of {len(self.q)} targets reached ({self.kind})"
+
+
+@runtime_checkable
+class Corrects(Protocol):
+    """A fitted result that corrects joint vectors by itself: a calibration, a diagnosis, a model from a file."""
+
+    def correct(
+        self,
+        q_nominal: ArrayLike,
+        conditions: Poses | None = None,
+        kind: str | None = None,
+        nominal: Robot | None = None,
+        ids: Sequence[str] | None = None,
+    ) -> Correction:
+        """The correction of joint vectors, by all that the fit knows."""
+        ...
+
 
 @one_blas_thread()
 def corrected_joints(
-    nominal: Robot,
-    calibrated: Robot | Model,
+    nominal: Robot | str | Path,
+    calibrated: Corrects | Robot | Model,
     q_nominal: ArrayLike,
     *,
     x: ArrayLike | None = None,
     conditions: Poses | None = None,
-    what: str | None = None,
+    kind: str | None = None,
     known: FitKnowledge | None = None,
     ids: Sequence[str] | None = None,
 ) -> Correction:
     """Joint vectors that give the calibrated arm the tool frame that the nominal arm has with `q_nominal`.
 
     Args:
-        nominal: the robot that the controller computes with; its joint limits hold.
-        calibrated: the fitted robot, or a model, whose effects are then part of the calibrated arm.
+        nominal: the robot that the controller computes with, its file or name; its joint limits hold.
+        calibrated: a calibration, a diagnosis, a model from a file, a robot, or a `Model` with x.
         q_nominal: (N, n) rad, mm for prismatic joints.
-        x: (P,) the model's fitted parameters; needed with a model.
+        x: (P,) fitted parameters of a `Model`.
         conditions: payload, temperature ... of each target, for effects that depend on them; its own q is not used.
-        what: "pose" (position and orientation of the tool frame) or "position" alone; where None, a pose for six
-            joints and more, unless the fit is known to know the attitude no better than the correction would turn it.
-        known: what the fit of the calibrated arm knows; None: it is taken as exact.
-        ids: names of the targets, for what is told of them.
+        kind: "pose" (position and orientation of the tool frame) or "position" alone; None: a pose for six joints and
+            more, unless the attitude's sigma is not better than the turn that the correction would make.
+        known: covariance and ranges of the fit, for a `Model` or a robot; None: it is taken as exact.
+        ids: names of the targets, for messages.
 
     Raises:
-        FitError: joint vectors of the wrong shape or not finite, arms that differ in their joints, or a model
+        FitError: joint vectors of the wrong shape or not finite, arms that differ in their joints, or a `Model`
             without x.
+
+    >>> import calib
+    >>> fit = calib.calibrate("sample_data/hidden_effect_a")
+    >>> calib.corrected_joints(fit.dataset.robot, fit, fit.dataset.poses.q[:5])
+    Correction(RB5-850: 5 of 5 targets reached (position))
     """
+    nominal = load_robot(nominal)
+    if isinstance(calibrated, Corrects):
+        if x is not None or known is not None:
+            raise FitError(f"a {type(calibrated).__name__} has its own parameters; leave out x and known")
+        return calibrated.correct(q_nominal, conditions, kind, nominal, ids)
     model, x = _model(calibrated, x)
     q0 = np.array(q_nominal, dtype=float)
     _check(nominal, model, q0, conditions)
-    if what not in (None, *CORRECTION_KINDS):
-        raise FitError(f"cannot correct {what!r}; there are {' and '.join(CORRECTION_KINDS)}")
+    if kind not in (None, *CORRECTION_KINDS):
+        raise FitError(f"cannot correct {kind!r}; there are {' and '.join(CORRECTION_KINDS)}")
     conditions = plain_poses(q0) if conditions is None else replace(conditions, q=q0).measured_later()
     first = nominal.base_T_first
     goal = kinematics.forward(nominal.table, q0, nominal.is_revolute, first).base_T_frame[:, -1]
     problem = ToolProblem(model, x, conditions, goal, False)
     uncorrected_mm, uncorrected_rad = problem.errors(q0)
     sigma_rad = None if known is None or not len(q0) else known.attitude_sigma_rad(model, x, conditions)
-    what = what or _what_is_known(nominal, sigma_rad, uncorrected_rad)
-    problem = replace(problem, with_orientation=what == "pose")
+    kind = kind or _known_kind(nominal, sigma_rad, uncorrected_rad)
+    problem = replace(problem, with_orientation=kind == "pose")
     box = _box(nominal, model, x, q0)
-    q = solve_inverse(problem, q0, *box) if what == "pose" else _at_positions(problem, q0, box)
+    q = solve_inverse(problem, q0, *box) if kind == "pose" else _at_positions(problem, q0, box)
     reached = _reached(problem, q)
-    if sigma_rad is not None and what == "pose":
+    if sigma_rad is not None and kind == "pose":
         q, reached = _with_known_attitude(problem, q0, q, box, sigma_rad, reached)
     error_mm, turn_rad = problem.errors(q)
     everyone = np.arange(len(q))
@@ -158,19 +191,19 @@ def corrected_joints(
     singular = spectrum[:, -1] < _SINGULAR * spectrum[:, 0]
     reasons = []
     for i in everyone:
-        missed = f"{error_mm[i]:.3g} mm" + (f" and {turn_rad[i]:.3g} rad" if what == "pose" else "")
+        missed = f"{error_mm[i]:.3g} mm" + (f" and {turn_rad[i]:.3g} rad" if kind == "pose" else "")
         words = _reason(nominal, q[i], q0[i], (box[0][i], box[1][i]), missed, bool(singular[i]))
         reasons.append("" if reached[i] else words)
     trained = None if known is None else known.trained
     names = [f"target {i + 1}" for i in everyone] if ids is None else ids
     return Correction(
         robot=nominal,
-        what=what,
+        kind=kind,
         q_nominal=q0,
         q=q,
         reached=reached,
         position_error_mm=error_mm,
-        orientation_error_rad=turn_rad if what == "pose" else np.full(len(q), np.nan),
+        orientation_error_rad=turn_rad if kind == "pose" else np.full(len(q), np.nan),
         uncorrected_mm=uncorrected_mm,
         uncorrected_rad=uncorrected_rad,
         reasons=tuple(reasons),
@@ -181,8 +214,8 @@ def corrected_joints(
     )
 
 
-def _what_is_known(nominal: Robot, sigma_rad: Array | None, uncorrected_rad: Array) -> str:
-    """A pose where six joints or more can meet one and the fit knows its turn: with a sigma below half of it."""
+def _known_kind(nominal: Robot, sigma_rad: Array | None, uncorrected_rad: Array) -> str:
+    """The kind of correction that a fit supports: "pose" for six joints and an attitude known to half of its turn."""
     if nominal.n_joints < 6:
         return "position"
     if sigma_rad is None:
@@ -191,7 +224,7 @@ def _what_is_known(nominal: Robot, sigma_rad: Array | None, uncorrected_rad: Arr
 
 
 def _at_positions(problem: ToolProblem, q0: Array, box: tuple[Array, Array]) -> Array:
-    """Joint vectors (N, n) that meet the positions; free motion turns the tool towards its goal where that is cheap.
+    """Joint vectors (N, n) that meet the positions; free motion turns the tool towards its goal where that is small.
 
     A turn of the tool counts so much more than a motion of the joints as keeps these small: near a singular posture a
     small turn would take a large motion, and counts less and less.
@@ -211,7 +244,7 @@ def _at_positions(problem: ToolProblem, q0: Array, box: tuple[Array, Array]) -> 
 def _with_known_attitude(
     problem: ToolProblem, q0: Array, q: Array, box: tuple[Array, Array], sigma_rad: Array, reached: BoolArray
 ) -> tuple[Array, BoolArray]:
-    """Targets whose attitude cannot be met exactly by small motions: met to its sigma, their position exactly."""
+    """Joint vectors whose position is exact and whose attitude is met to its sigma, where it needs large motions."""
     near = _at_positions(replace(problem, with_orientation=False), q0, box)
     error_mm, turn_rad = problem.errors(near)
     met = ~reached & (error_mm <= POSITION_TOLERANCE_MM) & (turn_rad <= sigma_rad)
@@ -225,7 +258,7 @@ def _reached(problem: ToolProblem, q: Array) -> BoolArray:
 
 
 def _box(nominal: Robot, model: Model, x: Array, q0: Array) -> tuple[Array, Array]:
-    """From where to where joints may go: inside their limits, and no further than a correction of this arm can be."""
+    """Lower and upper bounds of the joints: their limits, and the largest change that a correction makes."""
     off = np.abs(model.calibrated_robot(x).table - nominal.table)[:-1]
     zero = np.where(nominal.is_revolute, off[:, PARAMETER_KINDS.index("theta")], off[:, PARAMETER_KINDS.index("d")])
     change = np.maximum(np.where(nominal.is_revolute, MAX_CHANGE_RAD, MAX_CHANGE_MM), _ZEROS * zero)
@@ -234,20 +267,17 @@ def _box(nominal: Robot, model: Model, x: Array, q0: Array) -> tuple[Array, Arra
 
 
 def needed_columns(model: Model, x: ArrayLike, poses: Poses) -> tuple[str, ...]:
-    """Columns of poses.csv beside the joints' that the tool's position or orientation depends on, by their names there.
+    """Names of the columns of poses.csv, besides the joints, on which the tool's position or orientation depends.
 
-    A column is needed where the model at x predicts another tool frame without it, or cannot predict. Targets are later
-    than all that was measured.
+    A column is needed where the model at x predicts another tool frame without it, or cannot predict. Targets count as
+    later than all that was measured.
     """
     poses = poses.measured_later()
     n = poses.q.shape[1]
     without: dict[tuple[str, ...], Poses] = {}
-    if poses.payload_kg is not None:
-        without[("payload_kg",)] = replace(poses, payload_kg=None)
-    if poses.temperature_c is not None:
-        without[("temperature_c",)] = replace(poses, temperature_c=None)
-    if poses.time_s is not None:
-        without[("time_s",)] = replace(poses, time_s=None)
+    for name in CONDITIONS:
+        if getattr(poses, name) is not None:
+            without[(name,)] = replace(poses, **{name: None})  # type: ignore[arg-type]
     if poses.approach is not None:
         without[tuple(f"approach{k + 1}" for k in range(n))] = replace(poses, approach=None)
     for name in poses.extra.columns:
@@ -258,7 +288,7 @@ def needed_columns(model: Model, x: ArrayLike, poses: Poses) -> tuple[str, ...]:
     for columns, fewer in without.items():
         try:
             same = np.array_equal(_tool_frames(model, x, fewer), there)
-        except CalibError:  # of an effect that cannot do without
+        except CalibError:  # an effect that cannot do without the column
             same = False
         needed += [] if same else columns
     return tuple(needed)
@@ -304,13 +334,13 @@ def _limits(robot: Robot) -> tuple[Array, Array]:
 
 
 def plain_poses(q: Array) -> Poses:
-    """Poses at joint vectors q (N, n) of which nothing else is known."""
+    """Poses at joint vectors q (N, n), without conditions."""
     n = len(q)
     return Poses(tuple(map(str, range(n))), np.full(n, "train"), q, np.full(n, ""), ("",) * n).measured_later()
 
 
 def _reason(robot: Robot, q: Array, q_nominal: Array, box: tuple[Array, Array], missed: str, singular: bool) -> str:
-    """Why a target is not reached, as text; `box` has its own lower and upper bounds (n,)."""
+    """Reason why a target is not reached, as text; `box` has its own lower and upper bounds (n,)."""
     held = []
     for k in np.flatnonzero((q <= box[0]) | (q >= box[1])):
         joint = robot.joints[k]

@@ -1,9 +1,9 @@
-"""The inverse problem of a correction: the calibrated arm's tool at the nominal arm's tool frame, or at its position.
+"""The inverse problem of a correction: the calibrated arm's tool at the nominal arm's tool frame or tool position.
 
     e = [p_goal - p; L sin(turn)]
 
-with the turn that is left and the arm's reach L, so that rows and columns are millimetres alike. How effects change
-with q is left out of the derivative: `calib.kinematics.inverse` needs it to be near, and e is exact.
+with the remaining turn and the arm's reach L, so that rows and columns are all millimetres. The derivative neglects how
+effects change with q: `calib.kinematics.inverse` needs it approximately only, and e is exact.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class ToolProblem:
 
     @property
     def length_mm(self) -> float:
-        """The arm's reach, by which radians are scaled to millimetres in rows and columns."""
+        """The arm's reach, which scales radians to millimetres in rows and columns."""
         table = self.model.robot.table
         return max(float(np.sum(np.hypot(table[:, 0], table[:, 2]))), 1.0)
 
@@ -43,12 +43,12 @@ class ToolProblem:
         return np.where(self.model.robot.is_revolute, 1.0, self.length_mm)
 
     def _state(self, q: Array, rows: IndexArray) -> tuple[RobotState, Array]:
-        """The calibrated arm at q (K, n), and how its base is turned there (1 or K, 3, 3)."""
+        """State of the calibrated arm at q (K, n), and rotation of its base there (1 or K, 3, 3)."""
         state = self.model.state(self.x, replace(self.conditions.select(rows), q=q))
         return state, frames.rotation_from_rotvec(state.base_rotvec_rad)
 
     def _tool(self, state: RobotState, turn: Array) -> Array:
-        """base_T_tool (K, 4, 4), with the base's turn and what displaces the tool."""
+        """base_T_tool (K, 4, 4), with the base's turn and the displacements of the tool by effects."""
         rotation = turn @ state.chain.base_T_frame[:, -1, :3, :3]
         return frames.make_transform(rotation, state.place(state.chain.target_mm))
 
@@ -62,7 +62,7 @@ class ToolProblem:
     def linearise(self, q: Array, rows: IndexArray) -> tuple[Array, Array]:
         """Goal minus position (K, 3 or 6) of some targets, mm, and the derivative by the scaled joints (K, 3 or 6, n).
 
-        Rows 4 to 6 are the turn that is left, times the reach.
+        Rows 4 to 6 are the remaining turn, times the reach.
         """
         state, turn = self._state(q, rows)
         moved, axes = kinematics.joint_jacobian(state.chain, self.model.robot.is_revolute)
@@ -72,11 +72,11 @@ class ToolProblem:
         return self._error(self._tool(state, turn), rows), jacobian * self.joint_units
 
     def of(self, rows: IndexArray) -> ToolProblem:
-        """The same for some of the goals."""
+        """The problem of some of the goals."""
         return replace(self, goal=self.goal[rows], conditions=self.conditions.select(rows))
 
     def attitude_left(self, weight: float) -> Preference | None:
-        """The tool's turn that is left, times a weight: what the free motion of a position may lessen; None for 0."""
+        """The tool's remaining turn times a weight, which free motion of a position may reduce; None for weight 0."""
 
         def left(q: Array, rows: IndexArray) -> tuple[Array, Array]:
             state, turn = self._state(q, rows)
@@ -87,7 +87,7 @@ class ToolProblem:
         return left if weight > 0.0 else None
 
     def errors(self, q: Array) -> tuple[Array, Array]:
-        """Position error (N,) mm and angle between orientations (N,) rad, whether these count or not."""
+        """Position error (N,) mm and angle between orientations (N,) rad, also where only positions are to be met."""
         at = self._tool(*self._state(q, np.arange(len(q))))
         position = np.linalg.norm(self.goal[:, :3, 3] - at[:, :3, 3], axis=1)
         sine = np.linalg.norm(_turn_vector(at, self.goal), axis=1)
@@ -96,5 +96,5 @@ class ToolProblem:
 
 
 def _turn_vector(at: Array, goal: Array) -> Array:
-    """sin(angle) times axis of the turn from `at` to `goal` (N, 3), base frame, exact to rounding for small turns."""
+    """sin(angle) times axis of the turn from `at` to `goal` (N, 3), in the base frame."""
     return 0.5 * np.sum(np.cross(at[:, :3, :3], goal[:, :3, :3], axis=1), axis=-1)

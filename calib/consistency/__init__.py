@@ -1,1 +1,1 @@
-"""Whether joints, points and robot.toml belong together: signs, order, units, rows and tables, before any physics."""
+"""Consistency of joints, points and robot.toml: signs, order, units, rows and tables."""

@@ -1,4 +1,4 @@
-"""How well a nominal arm and measured points belong together, wherever the scanner stands and the tool ends."""
+"""Misfit between a nominal arm and measured points, with scanner frames and tool point free."""
 
 from __future__ import annotations
 
@@ -12,37 +12,37 @@ from calib.frames import apply, best_fit_transform
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
 
-LEAST_POSES = 16  # nine numbers are fitted; with fewer poses than this anything seems to agree
-_MOST_POSES = 150  # a share of a large table says the same
-_TURNS = 6  # of frame and tool point, each fitted beside the other
-_HOPELESS = 0.4  # of the points' spread that is left after two turns: nothing agrees there
+LEAST_POSES = 16  # nine numbers are fitted; fewer poses agree with almost any arm
+_MOST_POSES = 150  # more poses give the same result
+_TURNS = 6  # alternating fits of frame and tool point
+_HOPELESS = 0.4  # of the points' spread left after two turns: no agreement
 _TOOL_REACH = 1.0  # of the points' spread that a tool point may be off
 _FEWEST_IN_GROUP = 4  # poses that were measured from one place; a frame takes three
 
 
 @dataclass(frozen=True)
 class Sample:
-    """Poses that were measured once each, all of one target, each from one of several places of the scanner."""
+    """Joint values and points of poses with one measurement each, of one target, from one or several stations."""
 
     q: Array  # (N, n) rad, mm
     points_mm: Array  # (N, 3)
-    group: IndexArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # (N,) the place; (0,): one for all
+    group: IndexArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # (N,) station; (0,): one for all
 
     @property
     def groups(self) -> tuple[IndexArray, ...]:
-        """The rows of each place of the scanner."""
+        """Row numbers of the poses measured from each station of the scanner."""
         if len(self.group) != len(self.q):
             return (np.arange(len(self.q)),)
         return tuple(np.flatnonzero(self.group == name) for name in np.unique(self.group))
 
     @property
     def spread_mm(self) -> float:
-        """Root mean square distance of the points from the middle of those of their place."""
+        """Root mean square distance of the points from the centroid of their station's points, mm."""
         return float(np.sqrt(np.mean(np.sum(self.away_mm**2, axis=1))))
 
     @property
     def away_mm(self) -> Array:
-        """(N, 3) the points from the middle of those of their place."""
+        """Points (N, 3) relative to the centroid of their station's points, mm."""
         out = np.empty_like(self.points_mm)
         for rows in self.groups:
             out[rows] = self.points_mm[rows] - self.points_mm[rows].mean(axis=0)
@@ -50,26 +50,26 @@ class Sample:
 
     @property
     def is_enough(self) -> bool:
-        """Whether it can tell anything."""
+        """Whether the poses are enough, and spread enough, for a meaningful misfit."""
         return len(self.q) >= LEAST_POSES and self.spread_mm > 0.0
 
 
 def sample_of(q: Array, points_mm: Array) -> Sample:
-    """The poses with finite values, thinned evenly. q: (N, n), points_mm: (N, 3), beside each other."""
+    """Sample of the poses with finite joint values q (N, n) and points (N, 3), thinned evenly."""
     known = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(points_mm).all(axis=1))
     known = thinned(known)
     return Sample(q[known], points_mm[known])
 
 
 def thinned(rows: IndexArray) -> IndexArray:
-    """Some of many rows, evenly."""
+    """Row numbers thinned evenly to `_MOST_POSES` at most."""
     if len(rows) <= _MOST_POSES:
         return rows
     return rows[np.linspace(0, len(rows) - 1, _MOST_POSES).astype(int)]
 
 
 def points_of_poses(dataset: Dataset) -> tuple[IndexArray, Array]:
-    """The poses (K,) at which the most measured target was seen, and its first point at each (K, 3), mm."""
+    """Indices (K,) of the poses of the most often measured target, and its first point (K, 3) at each, mm."""
     assert dataset.points is not None
     points = dataset.points
     names, counts = np.unique(points.target, return_counts=True)
@@ -79,9 +79,9 @@ def points_of_poses(dataset: Dataset) -> tuple[IndexArray, Array]:
 
 
 def training_sample(dataset: Dataset) -> Sample | None:
-    """The training poses, without those of places that were measured from only a few times; None where none are left.
+    """Sample of the training poses, without stations of only a few poses; None where none are left.
 
-    Only of an arm whose tool is measured from the room.
+    None, too, for an arm that carries the scanner.
     """
     if dataset.points is None or dataset.robot.carries_scanner:
         return None
@@ -91,7 +91,7 @@ def training_sample(dataset: Dataset) -> Sample | None:
     setup = dataset.poses.setup[poses]
     names, group, counts = np.unique(setup, return_inverse=True, return_counts=True)
     rows = thinned(np.flatnonzero(counts[group] >= _FEWEST_IN_GROUP))
-    # Thinning may leave a place with too few.
+    # Thinning may leave a station with too few poses.
     rows = rows[np.bincount(group[rows], minlength=len(names))[group[rows]] >= _FEWEST_IN_GROUP]
     if not len(rows):
         return None
@@ -99,11 +99,11 @@ def training_sample(dataset: Dataset) -> Sample | None:
 
 
 def misfit_mm(robot: Robot, sample: Sample) -> float:
-    """Root mean square distance that is left between the nominal arm's tool and the points of a sample.
+    """Root mean square distance, mm, between the nominal arm's tool and the points of a sample.
 
-    The scanner's frames and the tool's point, which users know least, are fitted in turn, each in closed form: minimise
-    over R, s of each place and over t the sum of |R (p_i + A_i t) + s - m_i|^2, with p_i and A_i the nominal tool's
-    place and attitude.
+    The scanner frames and the tool point, which users know least, are fitted in turn, each in closed form: minimise
+    over R, s of each station and over t the sum of |R (p_i + A_i t) + s - m_i|^2, with p_i and A_i the nominal tool's
+    position and attitude.
     """
     ends = forward(robot.table, sample.q, robot.is_revolute, robot.base_T_first).base_T_frame[:, -1]
     place, attitude = ends[:, :3, 3], ends[:, :3, :3]

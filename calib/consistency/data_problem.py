@@ -1,11 +1,12 @@
-"""Whether the sheet of joints and points, or the robot's table, is the mistake: tested before any physics.
+"""Test of mistakes in the data or in the robot's table, before any physical effect is considered.
 
-A joint that counts the other way, columns or rows in another order, another unit, a sister type's table: each is a
-hypothesis with as many parameters as the fit has, so the fits are compared by their log evidence alone. The nominal arm
-and the points, in closed form, tell which hypotheses are worth a fit. One is believed at once where the fit leaves more
-than any effect of an arm makes, and the hypothesis a small part of it. Below that an effect may look like a mistake: a
-turned last joint whose tool is near its axis makes of the points what a wobble of that axis does. Such a hypothesis
-stays open until effects were looked for, and is believed where it makes one of them superfluous.
+A joint of opposite sign, columns or rows in another order, another unit, the table of another robot type: each is a
+hypothesis with as many parameters as the fit has, so the fits are compared by their log evidence alone. The misfit of
+the nominal arm, in closed form, selects the hypotheses that are worth a fit. A hypothesis is accepted at once where the
+residual of the data as they are is beyond all physical effects and that of the hypothesis a small part of it. A smaller
+residual may have either cause: a last joint of opposite sign whose tool is near its axis moves the points as a wobble
+of that axis does. Such a hypothesis stays open until effects were searched for, and is accepted where it makes one of
+them superfluous.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from calib.consistency.hypotheses import (
     JOINT_SIGN,
     ROBOT_TABLE,
     ROW_ORDER,
-    Hypothesis,
+    DataHypothesis,
     column_names,
     of_matching,
     of_reading,
@@ -38,20 +39,20 @@ from calib.errors import CalibError
 from calib.kinematics.chain import target_points
 from calib.kinematics.robot import Robot
 
-QUIET = 1.15  # residual sigma over the declared one, up to which a fit leaves nothing to ask about
-BEYOND_EFFECTS = 0.003  # of the length of the arm's links: what no effect leaves of it, 3D
-MIN_GAIN = 20.0  # log evidence over the data as they are
-LEAST_FACTOR = 3.0  # by which what is left has to fall
+QUIET = 1.15  # residual sigma over the declared one, up to which no mistake is looked for
+BEYOND_EFFECTS = 0.003  # 3D error over the arm's length, above which no physical effect explains it
+MIN_GAIN = 20.0  # log Bayes factor over the data as they are
+LEAST_FACTOR = 3.0  # by which the residual has to fall
 REACHES_NOISE = 1.3  # residual sigma over the declared one
-MIN_TABLE_GAIN = 50.0  # the same of a table, which leaves no less where a fit has bent the given one into it
-_BENT = 6.0  # tolerances: a link that a fit has changed by more may be of another type
+MIN_TABLE_GAIN = 50.0  # the same for a table, whose residual is no smaller where the fit has changed links into it
+_BENT = 6.0  # tolerances: a link that a fit has changed by more may be of another robot type
 _NOT_WORSE = 1.2  # times the misfit of the nominal arm, up to which a hypothesis is fitted
-_BETTER = 0.8  # the same of one that changes several things
+_BETTER = 0.8  # the same for one that changes several things
 _OFF_SCALE = 2.0  # by which the points' spread and the nominal arm's differ only where units are wrong
-_MOST_TURNED = 2  # joints whose turn may look like an effect
+_MOST_TURNED = 2  # joints whose sign may look like an effect
 _MOST_FITS = 14
-_NEAR_ENOUGH = 1.5  # times what the data leave as they are, up to which a turned joint stays open
-_FREEDOM = 4.0  # degrees of freedom at least
+_NEAR_ENOUGH = 1.5  # times the residual of the data as they are, up to which another sign of a joint stays open
+_LEAST_DOF = 4.0  # degrees of freedom at least
 MIN_LEAD = 4.0  # log evidence over the effects that were found, where it makes one of them superfluous
 CHOICE = 4.4  # log of what an effect may be chosen from, some thirty families of a scale that is fitted to the data
 NOT_NOISIER = 1.1  # times the noise that those effects leave, which it may leave without that one
@@ -63,70 +64,70 @@ Refit = Callable[[Dataset], Calibration]
 
 @dataclass(frozen=True)
 class DataProblem:
-    """What is wrong with the data or the table, what it explains, and how to mend it."""
+    """A mistake in the data or the table, with the errors before and after mending it."""
 
-    hypothesis: Hypothesis
+    hypothesis: DataHypothesis
     mended: Dataset
     now_mm: float  # 3D RMSE of all points by the fit; of units and tables by the arm as delivered
     then_mm: float
-    gain: float  # in log evidence
-    rivals: tuple[Hypothesis, ...] = ()  # as simple and as good
-    beside: tuple[str, ...] = ()  # effects in both fits
-    instead_of: str = ""  # an effect that would have to be there where the data are right
+    gain: float  # log Bayes factor
+    rivals: tuple[DataHypothesis, ...] = ()  # as simple and as good
+    effects: tuple[str, ...] = ()  # in both fits
+    instead_of: str = ""  # the effect that would explain the residual where the data are right
 
     @property
     def kind(self) -> str:
-        """joint_sign, joint_order, joint_zero, units, robot_table or row_order."""
+        """Kind of mistake: joint_sign, joint_order, joint_zero, units, robot_table or row_order."""
         return self.hypothesis.kind
 
     @property
     def joints(self) -> tuple[int, ...]:
-        """Counted from 1, where joints are at fault."""
+        """Numbers, from 1, of the joints at fault."""
         return self.hypothesis.joints
 
     @property
-    def mend(self) -> str:
-        """What to do."""
-        others = "".join(f", or {rival.mend}" for rival in self.rivals[:2])
-        return f"{self.hypothesis.mend}{others}"
+    def remedy(self) -> str:
+        """Remedy, as a clause."""
+        others = "".join(f", or {rival.remedy}" for rival in self.rivals[:2])
+        return f"{self.hypothesis.remedy}{others}"
 
     @property
-    def found(self) -> str:
-        """What is wrong, a clause."""
-        others = "".join(f", or {rival.found}" for rival in self.rivals[:2])
-        return f"{self.hypothesis.found}{others}{': these poses do not tell which' if self.rivals else ''}"
+    def mistake(self) -> str:
+        """Mistake, as a clause."""
+        others = "".join(f", or {rival.mistake}" for rival in self.rivals[:2])
+        return f"{self.hypothesis.mistake}{others}{': these poses do not tell which' if self.rivals else ''}"
 
     @property
     def words(self) -> str:
-        """What is wrong, by which figures, and the mend, in a sentence."""
-        beside = f" beside {' and '.join(self.beside)}" if self.beside else ""
+        """Sentence with the mistake, the errors before and after mending it, and the remedy."""
+        effects = f" beside {' and '.join(self.effects)}" if self.effects else ""
         instead = f" (as the data stand, only {self.instead_of} brings that)" if self.instead_of else ""
         return (
-            f"{self.found}: {self.hypothesis.then} the error falls from {self.now_mm:.3g} to {self.then_mm:.3g} mm"
-            f"{beside}{instead}; {self.mend}"
+            f"{self.mistake}: {self.hypothesis.change} the error falls from {self.now_mm:.3g} to {self.then_mm:.3g} mm"
+            f"{effects}{instead}; {self.remedy}"
         )
 
 
 @dataclass(frozen=True)
 class Suspicions:
-    """What a fit of the geometry says of the data: a problem, or turned joints that may look like an effect."""
+    """Mistakes that a fit of the geometry shows: an accepted one, or hypotheses that an effect may explain as well."""
 
     problem: DataProblem | None
-    open: tuple[Hypothesis, ...] = ()
-    likeliest: DataProblem | None = None  # of those that are open, where it says clearly more than the data as they are
+    open: tuple[DataHypothesis, ...] = ()
+    likeliest: DataProblem | None = None  # open hypothesis that is clearly more probable than the data as they are
 
 
 def is_quiet(now: Calibration) -> bool:
-    """Whether a fit leaves what the declared noise does, and no link is bent out of its type: nothing to ask about."""
-    return is_declared(now.dataset) and now.fit.noise < QUIET and not _is_bent(now)
+    """Whether the residual is that of the declared noise and no link is changed into another type."""
+    return is_declared(now.dataset) and now.fit.reduced_chi < QUIET and not _is_bent(now)
 
 
 def suspicions(now: Calibration, refit: Refit, names: Sequence[str] = ()) -> Suspicions:
-    """What is wrong with the data of a fit of the geometry, and what stays open.
+    """Mistakes in the data of a fit of the geometry, accepted or open.
 
-    now: the fit of the links, and of what is taken as present.
-    refit: the same fit of another dataset.
-    names: (n,) of the joints' columns as the user knows them; those of poses.csv where there are none.
+    now: the fit of the links and of the effects taken as present.
+    refit: makes the same fit of another dataset.
+    names: (n,) the user's names of the joints' columns; those of poses.csv where empty.
     """
     dataset = now.dataset
     sample = training_sample(dataset)
@@ -137,7 +138,7 @@ def suspicions(now: Calibration, refit: Refit, names: Sequence[str] = ()) -> Sus
     of_one_place = sample is not None and not sample.spread_mm > 0.0
     if is_quiet(now) or not _is_judged(now) or of_one_place:
         return Suspicions(None)
-    tried = _Tried(now, refit)
+    tried = _FittedHypotheses(now, refit)
     names = names or column_names(dataset.robot)
     simple = tuple(of_reading(r, names) for r in simple_readings(dataset.robot.is_revolute))
     if sample is None:
@@ -162,15 +163,15 @@ def suspicions(now: Calibration, refit: Refit, names: Sequence[str] = ()) -> Sus
 
 
 def _is_off_scale(robot: Robot, sample: Sample) -> bool:
-    """Whether the points spread by another factor than the nominal arm's, as no arm's errors make them."""
+    """Whether the points spread by a factor over the nominal arm's that only a wrong unit explains."""
     mine = replace(sample, points_mm=target_points(robot, sample.q)).spread_mm
     return mine > 0.0 and sample.spread_mm > 0.0 and abs(np.log(sample.spread_mm / mine)) > np.log(_OFF_SCALE)
 
 
 def _units_problem(now: Calibration, refit: Refit, sample: Sample) -> DataProblem | None:
-    """Other units, where the arm then describes the points as an arm does and its links stay what they are.
+    """Mistake in units, where other units give the error of an arm with unchanged links; else None.
 
-    A fit of points in another unit may leave nothing at all, by links without length: what it leaves says nothing.
+    The residual with the present units is not compared: with links of length zero a fit may reduce it to nothing.
     """
     best: DataProblem | None = None
     for hypothesis in of_units(now.dataset.robot, sample):
@@ -188,20 +189,22 @@ def _units_problem(now: Calibration, refit: Refit, sample: Sample) -> DataProble
 
 
 @dataclass(frozen=True)
-class Beside:
-    """A model of effects that is fitted to the data as they are and mended."""
+class FitVariant:
+    """A model with effects to be fitted to the data as they are and as mended."""
 
     effects: tuple[str, ...]  # in the model
-    without: str  # the effect that was found and is not in it; "" where all are
+    without: str  # found effect that is left out of the model; "" for none
     fit: Callable[[Dataset], Calibration]
 
 
-def weighed(now: Calibration, open_hypotheses: Sequence[Hypothesis], models: Sequence[Beside]) -> DataProblem | None:
-    """An open hypothesis that says clearly more than the effects which were found to explain the data as they are.
+def problem_given_effects(
+    now: Calibration, open_hypotheses: Sequence[DataHypothesis], models: Sequence[FitVariant]
+) -> DataProblem | None:
+    """Open hypothesis that is clearly more probable than the effects found without it; None where none is.
 
-    It makes one of them superfluous, or takes away most of what they leave.
+    It makes one of the effects superfluous, or removes most of their residual.
 
-    now: the last fit, its effects in it.
+    now: the last fit, with its effects.
     """
     if not _is_judged(now):
         return None
@@ -209,18 +212,18 @@ def weighed(now: Calibration, open_hypotheses: Sequence[Hypothesis], models: Seq
     for hypothesis in open_hypotheses:
         mended = hypothesis.of_dataset(now.dataset)
         for model in models:
-            least, most_noise = MIN_LEAD, NOT_NOISIER * now.fit.noise
+            least, most_noise = MIN_LEAD, NOT_NOISIER * now.fit.reduced_chi
             if not model.without:
                 reached = REACHES_NOISE if is_declared(now.dataset) else 0.0
                 least, most_noise = (
                     MIN_GAIN,
-                    max(now.fit.noise / LEAST_FACTOR, min(reached, 0.9 * now.fit.noise)),
+                    max(now.fit.reduced_chi / LEAST_FACTOR, min(reached, 0.9 * now.fit.reduced_chi)),
                 )
             try:
                 fit = model.fit(mended)
             except (CalibError, np.linalg.LinAlgError):  # such data cannot be fitted at all
                 continue
-            if not _is_judged(fit) or fit.fit.noise > most_noise:
+            if not _is_judged(fit) or fit.fit.reduced_chi > most_noise:
                 continue
             gain = log_evidence(fit) - log_evidence(now) + (CHOICE if model.without else 0.0)
             if gain > least and (best is None or gain > best.gain):
@@ -232,7 +235,7 @@ def weighed(now: Calibration, open_hypotheses: Sequence[Hypothesis], models: Seq
 
 
 def log_evidence(fitted: Calibration) -> float:
-    """Laplace's log evidence of a fit at the noise that it shows, beside a constant of the data.
+    """Log evidence of a fit by Laplace's approximation at its residual noise, up to a constant of the data.
 
     -n log s - (|r|^2 / s^2 + |z|^2) / 2 + log det(C / C_prior) / 2 with n rows beyond the frames, the residual r in
     declared sigmas, s its sigma, z the parameters in tolerances and C their covariance.
@@ -241,37 +244,41 @@ def log_evidence(fitted: Calibration) -> float:
     scales = fitted.model.scales
     z = fit.x / scales
     cost = fit.iterations[-1].cost
-    freedom = fit.degrees_of_freedom
-    count = freedom + _determined(fitted)
+    dof = fit.degrees_of_freedom
+    count = dof + _determined(fitted)
     scaled = fit.covariance / np.outer(scales, scales)
     volume = 0.5 * float(np.linalg.slogdet(scaled)[1]) if fitted.options.prior else 0.0
-    held = float(z @ z) if fitted.options.prior else 0.0
-    return -count * float(np.log(fit.noise)) - 0.5 * (cost / fit.noise**2 + held) + volume
+    penalty = float(z @ z) if fitted.options.prior else 0.0
+    return -count * float(np.log(fit.reduced_chi)) - 0.5 * (cost / fit.reduced_chi**2 + penalty) + volume
 
 
 def _determined(fitted: Calibration) -> float:
-    """How many parameters the data determine: those that the rows are spent on."""
+    """Effective number of parameters that the data determine."""
     scaled = np.diag(fitted.fit.covariance) / fitted.model.scales**2
     return float(np.sum(1.0 - np.minimum(scaled, 1.0))) if fitted.options.prior else float(fitted.fit.rank)
 
 
 def is_beyond_effects(error_mm: float, robot: Robot) -> bool:
-    """Whether a 3D error is larger than any effect of an arm makes, by the length of its links and slides."""
+    """Whether a 3D error, relative to the length of links and slides, is larger than physical effects explain."""
     slides = [abs((joint.max or 0.0) - (joint.min or 0.0)) for joint in robot.joints if not joint.is_revolute]
     return error_mm > BEYOND_EFFECTS * float(np.sum(np.abs(robot.table[:, [0, 2]])) + sum(slides))
 
 
 def error_mm(errors: Evaluation) -> float:
-    """3D RMSE of all measured points: those at fault may be of training or of test poses."""
+    """3D RMSE of all measured points, mm; mistakes may be in training or in test poses."""
     return float(np.sqrt(np.mean(np.sum(errors.error_mm**2, axis=1))))
 
 
 def _is_judged(fitted: Calibration) -> bool:
-    return bool(np.isfinite(fitted.fit.noise) and fitted.fit.noise > 0.0 and fitted.fit.degrees_of_freedom > _FREEDOM)
+    return bool(
+        np.isfinite(fitted.fit.reduced_chi)
+        and fitted.fit.reduced_chi > 0.0
+        and fitted.fit.degrees_of_freedom > _LEAST_DOF
+    )
 
 
 def _is_bent(now: Calibration) -> bool:
-    """Whether a fit has changed a length or an angle of a link, the tool's apart, as no manufacture does."""
+    """Whether a fit has changed a link parameter, the tool's apart, far beyond manufacturing tolerances."""
     z = np.abs(now.fit.x / now.model.scales)
     names = [p.name for p in now.fit.parameters]
     own = np.array([name in now.model.geometry_names and not name.endswith("TCP") for name in names], dtype=bool)
@@ -279,10 +286,10 @@ def _is_bent(now: Calibration) -> bool:
 
 
 def _worth_a_fit(
-    dataset: Dataset, sample: Sample, as_it_is_mm: float, hypotheses: Iterable[Hypothesis]
-) -> list[Hypothesis]:
-    """Those that bring the nominal arm about as near to the points as it is, or nearer; the best and the simplest."""
-    found: list[tuple[float, Hypothesis]] = []
+    dataset: Dataset, sample: Sample, as_it_is_mm: float, hypotheses: Iterable[DataHypothesis]
+) -> list[DataHypothesis]:
+    """The best and simplest of the hypotheses that do not raise the misfit of the nominal arm much."""
+    found: list[tuple[float, DataHypothesis]] = []
     for hypothesis in hypotheses:
         robot, of_it = hypothesis.robot or dataset.robot, hypothesis.of_sample(sample, dataset.robot)
         if hypothesis.rows:
@@ -302,8 +309,8 @@ def _worth_a_fit(
     return [*best, *chosen]
 
 
-def _by_matching(dataset: Dataset) -> list[Hypothesis]:
-    """Rows in no order at all, of points that were measured from one place."""
+def _by_matching(dataset: Dataset) -> list[DataHypothesis]:
+    """Hypotheses that match points to rows in any order, for points measured from one station."""
     poses, points_mm = points_of_poses(dataset)
     if len(set(dataset.poses.setup[poses].tolist())) != 1:
         return []
@@ -313,17 +320,17 @@ def _by_matching(dataset: Dataset) -> list[Hypothesis]:
     return [of_matching(dataset, poses, poses[source])]
 
 
-class _Tried:
-    """Fits of hypotheses, and what they say against the data as they are."""
+class _FittedHypotheses:
+    """Fits of hypotheses, and their comparison with the fit of the data as they are."""
 
     def __init__(self, now: Calibration, refit: Refit) -> None:
         self.now, self.refit = now, refit
         self.evidence = log_evidence(now)
         train = now.after.train
         self.beyond_effects = train is not None and is_beyond_effects(train.rmse_mm, now.dataset.robot)
-        self.fits: dict[Hypothesis, Calibration] = {}
+        self.fits: dict[DataHypothesis, Calibration] = {}
 
-    def fit_all(self, hypotheses: Iterable[Hypothesis]) -> None:
+    def fit_all(self, hypotheses: Iterable[DataHypothesis]) -> None:
         for hypothesis in hypotheses:
             try:
                 fitted = self.refit(hypothesis.of_dataset(self.now.dataset))
@@ -333,7 +340,7 @@ class _Tried:
                 self.fits[hypothesis] = fitted
 
     def judged(self) -> Suspicions:
-        """The simplest of the believed ones that say the most; those that are neither believed nor excluded."""
+        """The simplest of the most probable accepted hypotheses, and those that are neither accepted nor excluded."""
         believed = [h for h in self.fits if self._is_believed(h)]
         if not believed:
             return self._undecided()
@@ -345,44 +352,47 @@ class _Tried:
         return Suspicions(self._problem(best, as_good))
 
     def _undecided(self) -> Suspicions:
-        """Where no hypothesis is believed."""
+        """Open hypotheses where none is accepted, and the likeliest of them."""
         still_open = tuple(h for h in self.fits if self._is_open(h))
         best = max(still_open, key=self._gain, default=None)
         if best is None or self._gain(best) <= MIN_GAIN:
             return Suspicions(None, still_open)
         return Suspicions(None, still_open, self._problem(best))
 
-    def _problem(self, hypothesis: Hypothesis, rivals: tuple[Hypothesis, ...] = ()) -> DataProblem:
+    def _problem(self, hypothesis: DataHypothesis, rivals: tuple[DataHypothesis, ...] = ()) -> DataProblem:
         fits = (self.now, self.fits[hypothesis])
         now_mm, then_mm = (error_mm(f.before if hypothesis.kind == ROBOT_TABLE else f.after) for f in fits)
         mended = hypothesis.of_dataset(self.now.dataset)
         return DataProblem(hypothesis, mended, now_mm, then_mm, self._gain(hypothesis), rivals)
 
-    def _gain(self, hypothesis: Hypothesis) -> float:
+    def _gain(self, hypothesis: DataHypothesis) -> float:
         fitted = self.fits[hypothesis]
         # Of fewer points each counts as much as one of all.
         share = self.now.fit.rows / fitted.fit.rows
         return share * log_evidence(fitted) - self.evidence - _cost(hypothesis)
 
-    def _is_believed(self, hypothesis: Hypothesis) -> bool:
-        now, then = self.now.fit.noise, self.fits[hypothesis].fit.noise
+    def _is_believed(self, hypothesis: DataHypothesis) -> bool:
+        now, then = self.now.fit.reduced_chi, self.fits[hypothesis].fit.reduced_chi
         gain = self._gain(hypothesis)
         if hypothesis.kind == ROBOT_TABLE and gain > MIN_TABLE_GAIN and then < 1.05 * now:
             return True
         return self.beyond_effects and gain > MIN_GAIN and now > LEAST_FACTOR * then
 
-    def _is_open(self, hypothesis: Hypothesis) -> bool:
-        return _turns_joints(hypothesis) and self.fits[hypothesis].fit.noise < _NEAR_ENOUGH * self.now.fit.noise
+    def _is_open(self, hypothesis: DataHypothesis) -> bool:
+        return (
+            _turns_joints(hypothesis)
+            and self.fits[hypothesis].fit.reduced_chi < _NEAR_ENOUGH * self.now.fit.reduced_chi
+        )
 
 
-def _turns_joints(hypothesis: Hypothesis) -> bool:
-    """Whether it changes the signs of joints and nothing else."""
+def _turns_joints(hypothesis: DataHypothesis) -> bool:
+    """Whether a hypothesis changes signs of joints and nothing else."""
     reading = hypothesis.reading
     return hypothesis.kind == JOINT_SIGN and reading is not None and not any(reading.offsets_rad)
 
 
-def _cost(hypothesis: Hypothesis) -> float:
-    """Log of how many hypotheses of its kind there are: of all orders of the rows many fit a little."""
+def _cost(hypothesis: DataHypothesis) -> float:
+    """Log of the number of hypotheses of a kind, as a penalty for the many orders of rows."""
     if hypothesis.kind != ROW_ORDER or hypothesis.edits < 2:
         return 0.0
     moved = hypothesis.moved_rows

@@ -1,4 +1,4 @@
-"""What may be wrong with a sheet of joints and points, or with a robot's table: each a change of a dataset."""
+"""Hypotheses on mistakes in joints, points or the robot's table, each a change of a dataset."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ _NAMED_ROWS = 6  # that a sentence tells one by one
 
 
 @dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """One thing that may be wrong. What is left at its default is as the dataset has it."""
+class DataHypothesis:
+    """A possible mistake in the data; fields at their default leave the dataset as it is."""
 
     kind: str
-    found: str  # a clause: "joint 6 turns the other way than robot.toml says"
-    then: str  # "with q6 negated"
-    mend: str  # what to do
+    mistake: str  # a clause: "joint 6 turns the other way than robot.toml says"
+    change: str  # the change that mends it: "with q6 negated"
+    remedy: str  # what the user should do
     joints: tuple[int, ...] = ()  # counted from 1
     reading: JointReading | None = None
     angle_scale: float = 1.0
@@ -48,16 +48,16 @@ class Hypothesis:
 
     @property
     def moved_rows(self) -> int:
-        """How many poses get the joints of another row."""
+        """Number of poses that get the joint values of another row."""
         return sum(row != k for k, row in enumerate(self.rows))
 
     def of_sample(self, sample: Sample, robot: Robot) -> Sample:
-        """The sample as it would be, where neither rows nor the robot are in question."""
+        """The sample with the mistake mended, for hypotheses on neither rows nor robot."""
         q = self._joints_of(sample.q, robot.is_revolute)
         return replace(sample, q=q, points_mm=sample.points_mm * self.points_scale)
 
     def of_dataset(self, dataset: Dataset) -> Dataset:
-        """The dataset as it would be with this mended."""
+        """The dataset with the mistake mended."""
         poses, points, robot = dataset.poses, dataset.points, self.robot or dataset.robot
         if robot is not dataset.robot:
             robot = replace(robot, targets=dataset.robot.targets, carries_scanner=dataset.robot.carries_scanner)
@@ -85,10 +85,10 @@ class Hypothesis:
         return replace(poses, q=q, approach=approach, came_from=np.zeros((0, 0)))
 
 
-def simplest_of(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Those that change the least; another zero is rarer than a turned joint, which may look the same."""
+def simplest_of(hypotheses: Sequence[DataHypothesis]) -> list[DataHypothesis]:
+    """The hypotheses that change least; a wrong zero counts as more than a wrong sign, which may look the same."""
 
-    def rank(hypothesis: Hypothesis) -> tuple[int, bool]:
+    def rank(hypothesis: DataHypothesis) -> tuple[int, bool]:
         return hypothesis.edits, hypothesis.kind == JOINT_ZERO
 
     least = min(map(rank, hypotheses))
@@ -105,7 +105,7 @@ def _scaled(points: Points, scale: float) -> Points:
 
 
 def _reordered(poses: Poses, points: Points | None, rows: IndexArray) -> tuple[Poses, Points | None]:
-    """Poses with the joints of other rows; those without any keep theirs and lose their points."""
+    """Poses with the joint values of other rows; those without such a row keep theirs and lose their points."""
     known = rows != _NOT_THERE
     source = np.where(known, rows, np.arange(len(rows)))
     approach = None if poses.approach is None else poses.approach[source]
@@ -116,36 +116,36 @@ def _reordered(poses: Poses, points: Points | None, rows: IndexArray) -> tuple[P
 # ---- joints --------------------------------------------------------------------------------------------------------
 
 
-def of_reading(reading: JointReading, names: Sequence[str]) -> Hypothesis:
-    """Signs, order and zeros of the joints' columns. names  # (n,) of the columns as the user has them"""
+def of_reading(reading: JointReading, names: Sequence[str]) -> DataHypothesis:
+    """Hypothesis of other signs, order or zeros of the joints' columns. names  # (n,) of the user's columns"""
     turned = [k for k, sign in enumerate(reading.signs) if sign < 0]
     moved = [k for k, column in enumerate(reading.order) if column != k]
     zeros = [k for k, offset in enumerate(reading.offsets_rad) if offset]
-    found, then, mend = [], [], []
+    mistake, change, remedy = [], [], []
     if turned:
         those = [names[reading.order[k]] for k in turned]
         turn = "turn" if len(turned) > 1 else "turns"
-        found.append(f"{_joints_words(turned)} {turn} the other way than robot.toml says")
-        then.append(f"{_and(those)} negated")
-        mend.append(f"negate column{'s' if len(those) > 1 else ''} {_and(those)}")
+        mistake.append(f"{_joints_words(turned)} {turn} the other way than robot.toml says")
+        change.append(f"{_and(those)} negated")
+        remedy.append(f"negate column{'s' if len(those) > 1 else ''} {_and(those)}")
     if moved:
         asked = [names[k] for k in moved]
         given = [names[reading.order[k]] for k in moved]
         backwards = reading.order == tuple(reversed(range(len(names))))
-        found.append("the joints stand backwards" if backwards else f"the columns {_and(asked)} have changed places")
-        then.append("the columns put back")
-        mend.append(f"take {', '.join(f'{b} for {a}' for a, b in zip(asked, given, strict=True))}")
+        mistake.append("the joints stand backwards" if backwards else f"the columns {_and(asked)} have changed places")
+        change.append("the columns put back")
+        remedy.append(f"take {', '.join(f'{b} for {a}' for a, b in zip(asked, given, strict=True))}")
     for k in zeros:
         by = degrees(reading.offsets_rad[k])
-        found.append(f"joint {k + 1} is counted from {-by:+.0f} deg")
-        then.append(f"{by:+.0f} deg added to {names[reading.order[k]]}")
-        mend.append(f"add {by:+.0f} deg to column {names[reading.order[k]]}")
+        mistake.append(f"joint {k + 1} is counted from {-by:+.0f} deg")
+        change.append(f"{by:+.0f} deg added to {names[reading.order[k]]}")
+        remedy.append(f"add {by:+.0f} deg to column {names[reading.order[k]]}")
     kind = JOINT_ORDER if moved else JOINT_SIGN if turned else JOINT_ZERO
-    return Hypothesis(
+    return DataHypothesis(
         kind,
-        _and(found),
-        f"with {_and(then)}",
-        _and(mend),
+        _and(mistake),
+        f"with {_and(change)}",
+        _and(remedy),
         reading.joints,
         reading=reading,
         edits=reading.edits,
@@ -153,7 +153,7 @@ def of_reading(reading: JointReading, names: Sequence[str]) -> Hypothesis:
 
 
 def column_names(robot: Robot) -> tuple[str, ...]:
-    """q1_deg q2_deg ... q4_mm: what poses.csv calls the joints' columns."""
+    """Names of the joints' columns in poses.csv: q1_deg q2_deg ... q4_mm."""
     return tuple(f"q{k + 1}_{'deg' if turns else 'mm'}" for k, turns in enumerate(robot.is_revolute))
 
 
@@ -169,8 +169,8 @@ def _and(words: Sequence[str]) -> str:
 # ---- units ---------------------------------------------------------------------------------------------------------
 
 
-def of_units(robot: Robot, sample: Sample) -> Iterator[Hypothesis]:
-    """Points, angles and slides in other units than their columns say; the points' by how far they spread."""
+def of_units(robot: Robot, sample: Sample) -> Iterator[DataHypothesis]:
+    """Hypotheses of other units of points, angles and slides; the points' unit is judged by their spread."""
     turns = robot.is_revolute
     deg = np.pi / 180.0
     angles = {
@@ -205,27 +205,27 @@ def of_units(robot: Robot, sample: Sample) -> Iterator[Hypothesis]:
             if not spread > 0.0:
                 continue
             length = min(lengths, key=lambda scale: abs(np.log(scale * sample.spread_mm / spread)))
-            said = [words for words in (angle_words, slide_words, lengths[length]) if words[0]]
-            if said:
-                found, then, mend = (_and(list(words)) for words in zip(*said, strict=True))
-                yield Hypothesis(
-                    UNITS, found, f"with {then}", mend,
-                    angle_scale=angle, slide_scale=slide, points_scale=length, edits=len(said),
+            changed = [words for words in (angle_words, slide_words, lengths[length]) if words[0]]
+            if changed:
+                mistake, change, remedy = (_and(list(words)) for words in zip(*changed, strict=True))
+                yield DataHypothesis(
+                    UNITS, mistake, f"with {change}", remedy,
+                    angle_scale=angle, slide_scale=slide, points_scale=length, edits=len(changed),
                 )  # fmt: skip
 
 
 # ---- rows ----------------------------------------------------------------------------------------------------------
 
 
-def of_shifts(dataset: Dataset) -> Iterator[Hypothesis]:
-    """The joints' rows out of step with the points by a few rows, or upside down."""
+def of_shifts(dataset: Dataset) -> Iterator[DataHypothesis]:
+    """Hypotheses of joint rows shifted against the points by a few rows, or in reverse order."""
     count = len(dataset.poses)
     place = np.arange(count)
     for by in _SHIFTS:
         rows = np.where((place + by >= 0) & (place + by < count), place + by, _NOT_THERE)
         where, number = ("below" if by > 0 else "above"), abs(by)
         lines = "line" if number == 1 else f"{number} lines"
-        yield Hypothesis(
+        yield DataHypothesis(
             ROW_ORDER,
             f"the rows of points and joints are out of step: each point belongs to the joints {number} "
             f"row{'s' if number > 1 else ''} {where}",
@@ -234,7 +234,7 @@ def of_shifts(dataset: Dataset) -> Iterator[Hypothesis]:
             "look for the row that is missing",
             rows=tuple(map(int, rows)),
         )
-    yield Hypothesis(
+    yield DataHypothesis(
         ROW_ORDER,
         "the rows of points stand in the opposite order of the joints",
         "with the joints' rows turned upside down",
@@ -243,8 +243,8 @@ def of_shifts(dataset: Dataset) -> Iterator[Hypothesis]:
     )
 
 
-def of_matching(dataset: Dataset, poses: IndexArray, source: IndexArray) -> Hypothesis:
-    """Points that belong to the joints of other rows, by where they lie. poses, source  # (K,) indices of poses"""
+def of_matching(dataset: Dataset, poses: IndexArray, source: IndexArray) -> DataHypothesis:
+    """Hypothesis that the poses (K,) have the joint values of the poses `source` (K,), by their points' places."""
     rows = np.arange(len(dataset.poses))
     rows[poses] = source
     wrong = [dataset.poses.ids[i] for i in poses[poses != source]]
@@ -256,7 +256,7 @@ def of_matching(dataset: Dataset, poses: IndexArray, source: IndexArray) -> Hypo
         if i != k
     )
     which = pairs if len(wrong) <= _NAMED_ROWS else named
-    return Hypothesis(
+    return DataHypothesis(
         ROW_ORDER,
         f"the points of {len(wrong)} of {len(poses)} poses belong to the joints of other rows ({which})",
         "with each point given to the joints that reach it",
@@ -269,12 +269,12 @@ def of_matching(dataset: Dataset, poses: IndexArray, source: IndexArray) -> Hypo
 # ---- tables --------------------------------------------------------------------------------------------------------
 
 
-def of_sister_tables(robot: Robot) -> Iterator[Hypothesis]:
-    """The tables of other arms with as many joints of the same kinds: a sister type's is easily taken by mistake."""
+def of_sister_tables(robot: Robot) -> Iterator[DataHypothesis]:
+    """Hypotheses of the tables of other known arms with the same number and types of joints."""
     for name, other in known_tables():
         alike = np.array_equal(other.is_revolute, robot.is_revolute)
         if alike and not np.allclose(other.table[:-1], robot.table[:-1], atol=1e-6):
-            yield Hypothesis(
+            yield DataHypothesis(
                 ROBOT_TABLE,
                 f"the links are those of a {name}, not those of robot.toml ({robot.name})",
                 f"with the table of the {name}",
@@ -285,7 +285,7 @@ def of_sister_tables(robot: Robot) -> Iterator[Hypothesis]:
 
 @cache
 def known_tables() -> tuple[tuple[str, Robot], ...]:
-    """Arms whose tables come with the package, by name."""
+    """Names and robots of the tables that come with the package."""
     names: dict[tuple[float, ...], list[str]] = {}
     for model, lengths in MODELS.items():
         names.setdefault(lengths, []).append(f"{model.removesuffix('e').upper()}{'e' if model.endswith('e') else ''}")

@@ -1,4 +1,4 @@
-"""Joint values as another convention counts them: other signs, another order, other zeros."""
+"""Readings of joint columns under other conventions: other signs, another order, other zeros."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _QUARTERS = (0.5 * np.pi, -0.5 * np.pi, np.pi)
 
 @dataclass(frozen=True)
 class JointReading:
-    """q_k = sign_k * value of column order_k + offset_k: how a table's columns make joint values."""
+    """Joint values from a table's columns: q_k = sign_k * value of column order_k + offset_k."""
 
     order: tuple[int, ...]
     signs: tuple[float, ...]
@@ -27,18 +27,18 @@ class JointReading:
 
     @classmethod
     def plain(cls, joints: int) -> JointReading:
-        """Each as it stands."""
+        """The reading that takes every column as it is."""
         return cls(tuple(range(joints)), (1.0,) * joints, (0.0,) * joints)
 
     @property
     def edits(self) -> int:
-        """How many things it changes."""
+        """Number of changed signs, zeros and exchanges of columns."""
         moved = sum(k != column for k, column in enumerate(self.order))
         return sum(s < 0 for s in self.signs) + sum(o != 0.0 for o in self.offsets_rad) + (moved + 1) // 2
 
     @property
     def joints(self) -> tuple[int, ...]:
-        """Those whose values it changes, counted from 1."""
+        """Numbers, from 1, of the joints whose values change."""
         return tuple(
             k + 1
             for k, (column, sign, offset) in enumerate(zip(self.order, self.signs, self.offsets_rad, strict=True))
@@ -46,12 +46,12 @@ class JointReading:
         )
 
     def of(self, q: Array) -> Array:
-        """(N, n) joint values of those in the file, rad or mm."""
+        """Joint values (N, n) from those in the file, rad or mm."""
         return np.asarray(q[:, list(self.order)] * np.array(self.signs) + np.array(self.offsets_rad))
 
 
 def simple_readings(is_revolute: BoolArray) -> tuple[JointReading, ...]:
-    """Readings that one habit makes: any pattern of signs, two columns that change places, all backwards, one zero."""
+    """Simple readings: any pattern of signs, two columns exchanged, all columns reversed, one other zero."""
     plain, n = JointReading.plain(len(is_revolute)), len(is_revolute)
     out = list(_edits(plain, is_revolute))
     if n <= _MOST_SIGNS:
@@ -60,13 +60,13 @@ def simple_readings(is_revolute: BoolArray) -> tuple[JointReading, ...]:
         patterns = (replace(plain, signs=tuple(-1.0 if k in pair else 1.0 for k in range(n)))
                     for pair in combinations(range(n), 2))  # fmt: skip
     out += [reading for reading in patterns if reading.edits]
-    if is_revolute.all():
+    if is_revolute.all() and n > 1:
         out.append(replace(plain, order=tuple(reversed(range(n)))))
     return tuple(dict.fromkeys(out))
 
 
 def likely_readings(robot: Robot, sample: Sample) -> tuple[JointReading, ...]:
-    """Readings of up to three changes that leave the least between the nominal arm and the points, by a beam search."""
+    """Readings of up to three changes with the least misfit of the nominal arm, by beam search."""
     tried: dict[JointReading, float] = {}
     beam = [JointReading.plain(robot.n_joints)]
     for _ in range(_DEEPEST):
@@ -79,9 +79,9 @@ def likely_readings(robot: Robot, sample: Sample) -> tuple[JointReading, ...]:
 
 
 def _edits(reading: JointReading, turns: BoolArray) -> Iterator[JointReading]:
-    """All readings that are one change away: a sign, a zero, two columns that change places.
+    """All readings that are one change away: a sign, a zero, or an exchange of two columns.
 
-    The zeros of the first and the last joint are not told from the scanner's place and the tool's.
+    The zeros of the first and the last joint are left out, as the scanner's and the tool's pose absorb them.
     """
     for k in range(len(turns)):
         signs = list(reading.signs)

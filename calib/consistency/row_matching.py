@@ -1,4 +1,4 @@
-"""Which joints each measured point belongs to where the rows are in no order: by the places that the arm reaches.
+"""Assignment of measured points to joint rows in unknown order, by the points that the nominal arm reaches.
 
 The nominal arm's points and the measured ones are two clouds of one shape. Started from every way to lay the principal
 axes of one upon those of the other, the frame and the assignment are found in turn (iterated closest points, each
@@ -23,7 +23,7 @@ NEAR = 0.2  # of the distance to the next point, within which the matched points
 
 
 def matched_rows(arm_mm: Array, seen_mm: Array) -> IndexArray | None:
-    """(K,) which of the arm's points (K, 3) each measured point (K, 3) is; None where no assignment fits."""
+    """Index (K,) of the arm's point (K, 3) that each measured point (K, 3) is; None where no assignment fits."""
     count = len(seen_mm)
     if not _FEWEST <= count <= _MOST:
         return None
@@ -48,13 +48,13 @@ def matched_rows(arm_mm: Array, seen_mm: Array) -> IndexArray | None:
 
 
 def _apart_mm(points_mm: Array) -> float:
-    """Median distance of a point (K, 3) to the next."""
+    """Median distance from each of the points (K, 3) to its nearest neighbour, mm."""
     apart = np.linalg.norm(points_mm[:, None] - points_mm[None], axis=-1)
     return float(np.median((apart + np.where(np.eye(len(points_mm)), np.inf, 0.0)).min(axis=1)))
 
 
 def _best_order(arm_mm: Array, seen_mm: Array) -> IndexArray | None:
-    """The order of rows that matches best among all orders; None where none matches."""
+    """Best order (K,) of the rows from all start frames; None where none fits."""
     best, least = None, np.inf
     for order in permutations(range(len(seen_mm))):
         mine = arm_mm[list(order)]
@@ -65,7 +65,7 @@ def _best_order(arm_mm: Array, seen_mm: Array) -> IndexArray | None:
 
 
 def _starts(arm_mm: Array, seen_mm: Array) -> list[Array]:
-    """(24,) frames (4, 4) that lay the principal axes of the arm's points on those of the measured ones."""
+    """The 24 transforms (4, 4) that align the principal axes of the arm's points with those of the measured ones."""
     arm_middle, seen_middle = arm_mm.mean(axis=0), seen_mm.mean(axis=0)
     arm_axes = np.linalg.svd(arm_mm - arm_middle, full_matrices=False)[2]
     seen_axes = np.linalg.svd(seen_mm - seen_middle, full_matrices=False)[2]

@@ -13,10 +13,11 @@ import numpy as np
 import pandas as pd
 
 from calib.blas_threads import one_blas_thread
-from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
+from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
 from calib.dataset.dataset import Dataset, Scanner
+from calib.dataset.files.folder import as_dataset
 from calib.errors import CornerError, DatasetError, ScanError
 from calib.jig import Jig
 from calib.parallel import map_as_completed
@@ -27,7 +28,7 @@ from calib.scans.scan import PointCount, load_scan
 
 
 class CornerBatch(dict[str, CornerSearch], Presented):
-    """The search of each scan of a dataset, by pose id, in the dataset's order."""
+    """Corner searches of a dataset's scans by pose id, in the dataset's order."""
 
     def __init__(self, dataset: Dataset, searches: Mapping[str, CornerSearch] = MappingProxyType({})) -> None:
         super().__init__(searches)
@@ -37,7 +38,10 @@ class CornerBatch(dict[str, CornerSearch], Presented):
         return CornerBatch, (self.dataset, dict(self))
 
     def to_frame(self) -> pd.DataFrame:
-        """A row a scan: pose, x_mm, y_mm, z_mm in the scanner's frame, sigma_mm, rms_mm of the faces, failure."""
+        """Table with a row for each scan: corner in the scanner's frame, its sigma, rms of the faces, failure.
+
+        Columns: pose, x_mm, y_mm, z_mm, sigma_mm, rms_mm, failure.
+        """
         rows = []
         for pose_id, search in self.items():
             corner = search.corner
@@ -54,9 +58,13 @@ class CornerBatch(dict[str, CornerSearch], Presented):
             )
         return pd.DataFrame(rows)
 
+    def _brief(self) -> str:
+        found = sum(search.corner is not None for search in self.values())
+        return f"{self.dataset.name}: {found} of {len(self)} corners found"
+
 
 def find_corners(
-    dataset: Dataset,
+    dataset: Dataset | str | Path,
     *,
     progress: bool = False,
     on_progress: OnProgress | None = None,
@@ -65,22 +73,34 @@ def find_corners(
     intermediate: bool = True,
     search: Callable[[Path], CornerSearch] | None = None,
 ) -> CornerBatch:
-    """The corner of every pose's scan, by pose id, in the dataset's order; none of poses that are left out.
+    """Corners of all poses' scans by pose id, in the dataset's order, without poses that are left out.
 
-    `progress` shows a bar, in a notebook's cell or at the terminal, and `on_progress(done, total, pose_id)` is called
-    after each scan. With an `executor` (threads, processes, Dask's
-    `Client.get_executor()`: any `concurrent.futures.Executor`) the scans are processed by it, `in_flight` with it at a
-    time, which should be twice its workers or more; the result is the same to the bit, as each search multiplies on
-    one BLAS thread wherever it runs. Each job loads its own scan, so no more scans are in memory than jobs run at a
-    time. A scan that cannot be read becomes a failed search with `unreadable` set. Without `intermediate` the
-    searches come back without the arrays that are only shown (some 2 MB a scan of 200,000 points): with the corner,
-    the counts and the reason. `search` is what a job does with a scan's file, where it is to look for other targets.
+    Each job loads its own scan, so no more scans are in memory than jobs run at a time, and uses one BLAS thread
+    wherever it runs, so the result is the same to the bit. A scan that cannot be read becomes a failed search with
+    `unreadable` set.
 
-    Raises DatasetError where the dataset has no scans; CornerError where a process of the executor died.
+    Args:
+        dataset: a dataset with scans, or its folder.
+        progress: show a bar, in a notebook's cell or at the terminal.
+        on_progress: called with (done, total, pose_id) after each scan.
+        executor: runs the jobs: threads, processes, Dask's `Client.get_executor()`, any `concurrent.futures.Executor`.
+        in_flight: jobs that are with the executor at a time; twice its workers or more.
+        intermediate: keep the arrays that are only displayed, some 2 MB for a scan of 200,000 points.
+        search: job done with a scan's file, where it is to look for other targets.
+
+    Raises:
+        DatasetError: the dataset has no scans.
+        CornerError: a process of the executor died.
+
+    >>> import calib
+    >>> dataset = calib.load_dataset("sample_data/rb5_jang")
+    >>> calib.find_corners(dataset.leave_out(dataset.poses.ids[2:]))
+    CornerBatch(rb5_jang: 2 of 2 corners found)
     """
-    wanted = [i for i, pose_id in enumerate(dataset.poses.ids) if pose_id not in dataset.left_out]
-    ids = [dataset.poses.ids[i] for i in wanted]
-    paths = [dataset.scan_path(i) for i in wanted]
+    dataset = as_dataset(dataset)
+    rows = [i for i, pose_id in enumerate(dataset.poses.ids) if pose_id not in dataset.left_out]
+    ids = [dataset.poses.ids[i] for i in rows]
+    paths = [dataset.scan_path(i) for i in rows]
     scans = [path for path in paths if path is not None]
     if len(scans) < len(ids) or not scans:
         raise DatasetError(f"dataset {dataset.name!r} has no scans to find corners in; name them with scans = ...")
@@ -88,27 +108,27 @@ def find_corners(
         search_file,
         jig=dataset.jig,
         scan_sigma_mm=dataset.scanner.scan_sigma_mm,
-        told=told_noise(dataset.scanner),
+        declared=declared_noise(dataset.scanner),
         intermediate=intermediate,
     )
-    found: dict[int, CornerSearch] = {}
+    searches: dict[int, CornerSearch] = {}
     try:
         with counted("corners", "scan", asked=progress, then=on_progress) as tell:
             for pose, result in map_as_completed(search, scans, executor, in_flight):
-                found[pose] = result
+                searches[pose] = result
                 if tell is not None:
-                    tell(len(found), len(ids), ids[pose])
+                    tell(len(searches), len(ids), ids[pose])
     except BrokenExecutor:
         raise CornerError(
-            f"dataset {dataset.name!r}: a process died after {len(found)} of {len(ids)} scans, perhaps for want of "
+            f"dataset {dataset.name!r}: a process died after {len(searches)} of {len(ids)} scans, perhaps for want of "
             "memory; search with fewer processes"
         ) from None
-    return CornerBatch(dataset, {pose_id: found[pose] for pose, pose_id in enumerate(ids)})
+    return CornerBatch(dataset, {pose_id: searches[pose] for pose, pose_id in enumerate(ids)})
 
 
-def told_noise(scanner: Scanner) -> ToldNoise:
-    """What a dataset tells of its scanner's smooth error."""
-    return ToldNoise(
+def declared_noise(scanner: Scanner) -> DeclaredNoise:
+    """Correlated error of the scanner as dataset.toml declares it."""
+    return DeclaredNoise(
         scanner.correlated_sigma_mm or 0.0,
         scanner.correlation_length_mm or 0.0,
         scanner.registration_sigma_mm or 0.0,
@@ -121,22 +141,22 @@ def search_file(
     jig: Jig,
     scan_sigma_mm: float | None = None,
     *,
-    told: ToldNoise = NOTHING_TOLD,
+    declared: DeclaredNoise = NOTHING_DECLARED,
     intermediate: bool = True,
 ) -> CornerSearch:
-    """`find_corner` in a scan file; one that cannot be read becomes a failed search with `unreadable` set."""
+    """Corner search in a scan file; a file that cannot be read gives a failed search with `unreadable` set."""
     try:
         scan = load_scan(path)
     except ScanError as error:
         return failed_search(path.stem, str(error), unreadable=True)
-    options = CornerOptions(refinement=RefinementOptions(told=told))
+    options = CornerOptions(refinement=RefinementOptions(declared=declared))
     search = find_corner(scan, jig, scan_sigma_mm=scan_sigma_mm, options=options)
     search = replace(search, count=PointCount(len(scan.points_mm), scan.dropped))
     return search if intermediate else brief(search)
 
 
 def brief(search: CornerSearch) -> CornerSearch:
-    """The search without its arrays of points: the corner, the counts and the reason stay."""
+    """Corner search without its arrays of points: the corner, the counts and the reason stay."""
     none, no_bits = np.zeros((0, 3)), np.zeros(0, dtype=np.uint8)
     corner = search.corner
     if corner is not None:

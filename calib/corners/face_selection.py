@@ -1,12 +1,12 @@
-"""Which three planes are the jig's faces.
+"""Selection of the three planes that are the jig's faces.
 
-Jang chooses three groups with perpendicular normals and near centres. Beside a box, or in a room, several triples are
-perpendicular; only the jig has its outline. Seen from the apex each face is a right triangle with legs of the jig's
-edges (where three are told, perhaps their rectangle): a plane of the jig fills it, ends there, and no point is seen
-through it. Other planes leave it empty, go on beyond its edges, or are seen through.
+Jang chooses three groups with perpendicular normals and near centres. Next to a box, or indoors, several triples are
+perpendicular; only the jig has its outline. Seen from the apex each face is a right triangle whose legs are the jig's
+edges (where three edges are declared, perhaps their rectangle): a plane of the jig fills it, ends there, and no point
+is seen through it. Other planes leave it empty, go on beyond its edges, or are seen through.
 
-A face that got no group of its own (nearly edge-on, or mostly hidden) is found by a vote: the two other planes leave
-one direction for its normal, and the points vote for its offset along that.
+A face without a group of its own (nearly edge-on, or mostly hidden) is found by a vote: the two other planes determine
+its normal, and the points vote for its offset along that.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ _NEAR_END = 0.12  # of the edge: how far from where the two other faces end the 
 
 
 class TriedPairs:
-    """Pairs of planes for which a third face was voted in earlier passes through the scan, in vain."""
+    """Pairs of planes for which a third face was voted without success in earlier passes through the scan."""
 
     def __init__(self) -> None:
         self._normals: list[Array] = []  # of each pair, (2, 3)
         self._offsets_mm: list[Array] = []
 
     def new(self, planes: Planes) -> list[tuple[int, int]]:
-        """The likeliest pairs that are not, within the tolerances, among those tried; from now on they are."""
+        """Likeliest pairs of planes not tried before, within the tolerances; they count as tried from now on."""
         pairs = planes.likeliest_pairs
         new = [pair for pair in pairs if not self._tried(planes, pair)]
         self._normals += [planes.normals[list(pair)] for pair in new]
@@ -45,7 +45,7 @@ class TriedPairs:
         return new
 
     def _tried(self, planes: Planes, pair: tuple[int, int]) -> bool:
-        """Whether a tried pair has the same normals, and meets in the same line beside the two groups' middles."""
+        """Whether a tried pair has the same normals and meets in the same line near the middles of the two groups."""
         if not self._normals:
             return False
         one, other = (planes.groups[g] for g in pair)
@@ -64,7 +64,7 @@ class TriedPairs:
 
 
 def face_triples(points_mm: Array, planes: Planes, tried: TriedPairs) -> Iterator[FaceTriple]:
-    """The triples of planes with the outline of the jig, the highest score first; those with a voted face come last.
+    """Triples of planes with the outline of the jig, the highest score first; triples with a voted face come last.
 
     points_mm  # (N, 3) the whole scan
     """
@@ -77,29 +77,30 @@ def face_triples(points_mm: Array, planes: Planes, tried: TriedPairs) -> Iterato
 
 
 def why_no_triple(planes: Planes) -> str:
-    """Why no three planes are the jig's faces, with numbers and what would help."""
+    """Reason why no three planes are the jig's faces, with numbers and what would help."""
     jig = planes.jig
     mirrored = Planes(planes.groups, planes.around, replace(jig, convex=not jig.convex), planes.tolerances)
     if _like_the_jig(mirrored.triples, planes.tolerances):
-        seen, said = ("away from", "true") if jig.convex else ("toward", "false")
+        direction, declared = ("away from", "true") if jig.convex else ("toward", "false")
         return (
-            f"found a corner of the jig's size whose apex points {seen} the scanner, but the jig is described with "
-            f"convex = {said}; check convex in dataset.toml, and that the scanner is the origin of the scan's frame"
+            f"found a corner of the jig's size whose apex points {direction} the scanner, but the jig is described "
+            f"with convex = {declared}; check convex in dataset.toml, and that the scanner is the origin of the scan's "
+            "frame"
         )
-    return _what_was_found(planes, planes.triples, jig)
+    return _reason_by_planes(planes, planes.triples, jig)
 
 
 def _like_the_jig(candidates: Sequence[FaceTriple], tolerances: SelectionTolerances) -> list[FaceTriple]:
-    """The triples whose faces all reach the least scores, the highest sum of scores first."""
+    """Triples whose faces all reach the least scores, the highest sum of scores first."""
     like = [candidate for candidate in candidates if candidate.is_jig(tolerances)]
     return sorted(like, key=lambda c: -float(c.score.sum()))
 
 
 def _vote(voters_mm: Array, planes: Planes, pair: tuple[int, int]) -> list[FaceTriple]:
-    """Triples with the two planes `pair`.
+    """Triples of the two planes `pair` and a third one voted for by the scan's points.
 
-    The third normal is n_1 x n_2 on the scanner's side. All points (3, N) that lie over the third face's triangle
-    vote with their height along it, and the fullest bands are tried as its offset.
+    The third normal is n_1 x n_2 on the scanner's side. All points (3, N) over the third face's triangle vote with
+    their height along it, and the fullest bands are tried as its offset.
     """
     edge_mm, height_mm = planes.jig.shortest_mm, planes.tolerances.height_mm
     members = (planes.strip(pair), planes.strip(pair[::-1]))
@@ -120,16 +121,16 @@ def _vote(voters_mm: Array, planes: Planes, pair: tuple[int, int]) -> list[FaceT
     # The two faces end at the third one, which gives its offset to a cell or so; its few points give the rest.
     ends = [float(np.quantile(planes.sign * (strip @ third), 0.02)) * planes.sign for strip in strips]
     close = np.abs(height - 0.5 * sum(ends)) < _NEAR_END * edge_mm
-    found = []
+    triples = []
     for offset in _fullest_bands(height[close], height_mm / 2, planes.tolerances.min_votes):
         on = np.abs(height - offset) <= height_mm / 2
         voted = PlaneGroup(np.zeros(0, dtype=np.int64), voters_mm[:, on].mean(axis=1), third, offset)
-        found.append(planes.candidate((pair[0], pair[1], len(planes.groups)), voted))
-    return found
+        triples.append(planes.candidate((pair[0], pair[1], len(planes.groups)), voted))
+    return triples
 
 
 def _fullest_bands(height_mm: Array, width_mm: float, min_votes: int) -> list[float]:
-    """Middles of the fullest bands of the given width, the fullest first; none overlaps a fuller one."""
+    """Middles of the fullest bands of the given width, the fullest first; no band overlaps a fuller one."""
     order = np.sort(height_mm)
     first = np.arange(len(order))
     count = np.searchsorted(order, order + width_mm, side="right") - first
@@ -145,18 +146,18 @@ def _fullest_bands(height_mm: Array, width_mm: float, min_votes: int) -> list[fl
     return bands
 
 
-def _what_was_found(planes: Planes, triples: Sequence[FaceTriple], jig: Jig) -> str:
-    """Which planes and triples there were, and what would help."""
+def _reason_by_planes(planes: Planes, triples: Sequence[FaceTriple], jig: Jig) -> str:
+    """Reason for a failed selection, from the planes and triples that the scan has, and what would help."""
     count = sum(len(g.sets) >= _SETS_TO_COUNT for g in planes.groups) or len(planes.groups)
     sizes = [f"{len(m)}" for m in planes.members[: min(count, 3)]]
     if count < 3:
-        found = f"found {count} plane{'s' * (count != 1)}" + f" ({' and '.join(sizes)} points)" * bool(sizes)
+        reason = f"found {count} plane{'s' * (count != 1)}" + f" ({' and '.join(sizes)} points)" * bool(sizes)
         if count == 2:
             cosine = min(abs(float(planes.normals[0] @ planes.normals[1])), 1.0)
-            found = f"two faces only, at {np.degrees(np.arccos(cosine)):.0f} deg to each other: {found}"
+            reason = f"two faces only, at {np.degrees(np.arccos(cosine)):.0f} deg to each other: {reason}"
         return (
-            f"{found}, a corner needs 3; turn the jig so that three faces are seen, scan it finer, "
-            f"or check edge_mm ({jig.edge_words()})"
+            f"{reason}, a corner needs 3; turn the jig so that three faces are seen, scan it finer, "
+            f"or check edge_mm ({jig.edges_text()})"
         )
     if not triples:
         return (
@@ -167,6 +168,6 @@ def _what_was_found(planes: Planes, triples: Sequence[FaceTriple], jig: Jig) -> 
     filled = ", ".join(f"{max(w, 0):.0%}" for w in np.sort(best.score))
     return (
         f"found {len(planes.perpendicular_triples)} triples of perpendicular planes, but none with the outline of "
-        f"a jig of {jig.edge_words()} (the best fills {filled} of its faces); check edge_mm, and that the jig is in "
+        f"a jig of {jig.edges_text()} (the best fills {filled} of its faces); check edge_mm, and that the jig is in "
         "full view"
     )

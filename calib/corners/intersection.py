@@ -1,18 +1,23 @@
-"""Three planes and the point where they meet (Jang 2025, eq 2), with the uncertainty of that point."""
+"""Intersection of three planes (Jang 2025, eq 2), with its covariance: the corner."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calib.array_types import Array, ByteArray, IndexArray
+from calib.brief import Brief
 from calib.corners.quality import CornerQuality
+from calib.errors import CornerError
 from calib.jig import Outline
+
+_LEAST_VOLUME = 1e-6  # of three unit normals: 1 at right angles, 0 where two planes are parallel
 
 
 @dataclass(frozen=True)
-class Face:
+class Face(Brief):
     """One face of the jig after refinement: the plane normal . p = offset_mm, fitted to all its inliers."""
 
     normal: Array  # (3,) unit, toward the scanner
@@ -30,20 +35,20 @@ class Face:
 
     @property
     def inliers(self) -> IndexArray:
-        """(points,) indices into the scan's points."""
+        """Indices (points,) of the inliers in the scan."""
         return np.flatnonzero(np.unpackbits(self.inlier_bits))
 
 
 def packed(indices: IndexArray, count: int) -> ByteArray:
-    """(count / 8,) which of `count` points are meant, a bit each, as in `Face.inlier_bits`."""
+    """Bits (count / 8,) that mark the given indices among `count` points, as in `Face.inlier_bits`."""
     mask = np.zeros(count, dtype=bool)
     mask[indices] = True
     return np.packbits(mask)
 
 
 @dataclass(frozen=True)
-class Corner:
-    """The jig's apex, the feature point, in the scanner's frame."""
+class Corner(Brief):
+    """The jig's apex, the measured point, in the scanner's frame."""
 
     xyz_mm: Array  # (3,)
     covariance_mm2: Array  # (3, 3)
@@ -53,12 +58,75 @@ class Corner:
     outline: Outline  # of the faces in this order
 
     def sigma_mm(self) -> float:
-        """Standard deviation of the apex, all three axes together: sqrt(trace of the covariance)."""
+        """Standard deviation of the apex over all three axes: sqrt(trace of the covariance)."""
         return float(np.sqrt(np.trace(self.covariance_mm2)))
+
+    def _brief(self) -> str:
+        x, y, z = self.xyz_mm
+        return f"({x:.4f}, {y:.4f}, {z:.4f}) mm, sigma {self.sigma_mm():.4f} mm"
+
+
+@dataclass(frozen=True)
+class Intersection(Brief):
+    """The point where three planes meet, in the frame of the planes."""
+
+    xyz_mm: Array  # (3,)
+    covariance_mm2: Array | None  # (3, 3); None where the planes' uncertainty was not given
+
+    @property
+    def sigma_mm(self) -> float | None:
+        """Standard deviation of the point, all three axes together: sqrt(trace of the covariance)."""
+        return None if self.covariance_mm2 is None else float(np.sqrt(np.trace(self.covariance_mm2)))
+
+    def _brief(self) -> str:
+        x, y, z = self.xyz_mm
+        sigma = "" if self.sigma_mm is None else f", sigma {self.sigma_mm:.4f} mm"
+        return f"({x:.4f}, {y:.4f}, {z:.4f}) mm{sigma}"
+
+
+def intersect_planes(
+    normals: ArrayLike, offsets_mm: ArrayLike, height_covariance_mm2: ArrayLike | None = None
+) -> Intersection:
+    """The point where three planes normal . p = offset meet (Jang 2025, eq 2), with its covariance N^-1 H N^-T.
+
+    Args:
+        normals: (3, 3) a normal in each row, of any length; the offsets are of the unit normals.
+        offsets_mm: (3,) distance of each plane from the origin along its unit normal.
+        height_covariance_mm2: (3, 3) covariance H of the planes' heights at the corner, or (3,) variances of
+            independent planes; a plane's tilt belongs in it, times the distance of the corner from its points.
+
+    Raises:
+        CornerError: shapes that do not fit, a normal of length 0, or planes that meet in no single point.
+
+    >>> import calib
+    >>> calib.intersect_planes([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [10.0, 20.0, 30.0], [0.01**2] * 3)
+    Intersection((10.0000, 20.0000, 30.0000) mm, sigma 0.0173 mm)
+    """
+    rows, offsets = np.asarray(normals, dtype=float), np.asarray(offsets_mm, dtype=float)
+    if rows.shape != (3, 3) or offsets.shape != (3,):
+        raise CornerError(f"found normals {rows.shape} and offsets {offsets.shape}; three planes have (3, 3) and (3,)")
+    length = np.linalg.norm(rows, axis=1)
+    if not (np.isfinite(rows).all() and np.isfinite(offsets).all() and length.all()):
+        raise CornerError("found a normal of length 0 or a number that is not finite; give three planes")
+    rows = rows / length[:, None]
+    volume = abs(float(np.linalg.det(rows)))
+    if volume < _LEAST_VOLUME:
+        raise CornerError(
+            f"the planes meet in no single point: their unit normals span a volume of {volume:.2g}; two are parallel, "
+            "or all three to one line"
+        )
+    covariance = None
+    if height_covariance_mm2 is not None:
+        heights = np.asarray(height_covariance_mm2, dtype=float)
+        heights = np.diag(heights) if heights.shape == (3,) else heights
+        if heights.shape != (3, 3):
+            raise CornerError(f"found a covariance of shape {heights.shape}; give (3, 3), or (3,) variances")
+        covariance = intersection_covariance(rows, heights)
+    return Intersection(intersect(rows, offsets), covariance)
 
 
 def intersect(normals: Array, offsets_mm: Array) -> Array:
-    """The point p with n_i . p = d_i (eq 2): p = N^-1 [d_1 d_2 d_3], the unit normals n_i being the rows of N.
+    """Point p with n_i . p = d_i (eq 2): p = N^-1 [d_1 d_2 d_3], the unit normals n_i being the rows of N.
 
     normals  # (..., 3, 3); offsets_mm  # (..., 3), d_i = n_i . p_i for any point p_i of the plane.
     """
@@ -68,8 +136,8 @@ def intersect(normals: Array, offsets_mm: Array) -> Array:
 def intersection_covariance(normals: Array, height_covariance_mm2: Array) -> Array:
     """Covariance (3, 3) of the intersection: N^-1 H N^-T.
 
-    H (3, 3) is the covariance of the planes' heights **at the apex**, so a plane's tilt is in it with its lever: to
-    first order a plane moves the apex by its height there and by nothing else.
+    H (3, 3) is the covariance of the planes' heights **at the apex**, so that the lever of a plane's tilt is included:
+    to first order a plane moves the apex by its height there and by nothing else.
     """
     inverse = np.linalg.inv(normals)
     return np.asarray(inverse @ height_covariance_mm2 @ inverse.T)

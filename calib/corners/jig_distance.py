@@ -19,35 +19,35 @@ RIM = 0.02  # of the jig's edge: how far over a face's rim a point may lie
 
 
 def place_jig(corner: Corner, jig: Jig) -> tuple[Array, tuple[int, int, int]]:
-    """scanner_T_jig (4, 4) of the jig's model at an estimated corner, and which of its faces is which of the corner's.
+    """Pose scanner_T_jig (4, 4) of the jig's model at an estimated corner, and the model's face of each corner's face.
 
-    The apex lies in the corner; the turn brings the model's face normals to the estimated ones with the least squared
-    error (Kabsch). Which face is which is not known: of the six ways to pair them the one with the least error is
-    taken, of edges of different lengths one that puts each in its place, and face i of the corner is face `order[i]` of
-    `jig_geometry`.
+    The apex lies in the corner; the rotation takes the model's face normals to the estimated ones with the least
+    squared error (Kabsch). Which face is which is not known: of the six ways to pair them the one with the least error
+    is taken, for edges of different lengths one that puts each in its place, and face i of the corner is face
+    `order[i]` of `jig_geometry`.
     """
     jig = _as_seen(jig, corner)
-    found = np.array([face.normal for face in corner.faces])
+    fitted = np.array([face.normal for face in corner.faces])
     _, normals = jig_geometry(jig)
     lengths = np.array(jig.edges_mm)
 
     def misfit(order: tuple[int, ...]) -> tuple[bool, float]:
         misplaced = not np.array_equal(lengths[list(order)], corner.outline.edges_mm)
-        return misplaced, _turn(found, normals[list(order)])[1]
+        return misplaced, _turn(fitted, normals[list(order)])[1]
 
     best = min(permutations((0, 1, 2)), key=misfit)
-    turn, _ = _turn(found, normals[list(best)])
+    turn, _ = _turn(fitted, normals[list(best)])
     return frames.make_transform(turn, corner.xyz_mm), (best[0], best[1], best[2])
 
 
-def _turn(found: Array, model: Array) -> tuple[Array, float]:
-    """The rotation (3, 3) that brings model normals (3, 3) to those found, and the norm of what remains."""
-    turn = frames.best_fit_rotation(model, found)
-    return turn, float(np.linalg.norm(found - model @ turn.T))
+def _turn(fitted: Array, model: Array) -> tuple[Array, float]:
+    """Rotation (3, 3) that takes the model's normals to the fitted ones (3, 3 each), and the norm of the residual."""
+    turn = frames.best_fit_rotation(model, fitted)
+    return turn, float(np.linalg.norm(fitted - model @ turn.T))
 
 
 def jig_outline(corner: Corner, jig: Jig) -> Array:
-    """The three faces of the jig's model at a corner: triangles (3, 3, 3) in mm, apex first, in the corner's order.
+    """Faces of the jig's model at a corner: triangles (3, 3, 3) in mm, apex first, in the corner's order.
 
     Where the faces are rectangles there are three more triangles, their other halves.
     """
@@ -60,9 +60,9 @@ def jig_outline(corner: Corner, jig: Jig) -> Array:
 
 
 def face_distances(points_mm: ArrayLike, corner: Corner, jig: Jig) -> tuple[Array, IndexArray]:
-    """Signed distance (N,) in mm of each point to the nearest of the three estimated planes, and that face (N,).
+    """Signed distance (N,) in mm of each point to the nearest of the three estimated planes, and the face's index (N,).
 
-    Positive is outside, towards the scanner. nan (and face -1) where a point is no part of the jig: beside the outline
+    Positive is outside, towards the scanner. nan (and face -1) where a point is no part of the jig: outside the outline
     of every face, or farther from all than `REACH` of the edge.
 
     Raises:
@@ -95,14 +95,14 @@ def face_distances(points_mm: ArrayLike, corner: Corner, jig: Jig) -> tuple[Arra
 
 
 def _as_seen(jig: Jig, corner: Corner) -> Jig:
-    """The jig; its mirror image where its three edges follow each other the other way round at the corner.
+    """The jig, mirrored where its three edges follow each other the other way round at the corner.
 
     `edge_mm` may name them in any order.
     """
     if not isinstance(jig.edge_mm, tuple):
         return jig
-    found = np.array([face.normal for face in corner.faces])
-    same_way = np.linalg.det(found) * np.linalg.det(jig_geometry(jig)[1]) > 0
+    fitted = np.array([face.normal for face in corner.faces])
+    same_way = np.linalg.det(fitted) * np.linalg.det(jig_geometry(jig)[1]) > 0
     seen = corner.outline.edges_mm if same_way else corner.outline.edges_mm[::-1]
     one, two, three = jig.edge_mm
     if seen in ((one, two, three), (two, three, one), (three, one, two)):

@@ -1,11 +1,11 @@
-"""The jig's orientation in the scanner's frame, from the three planes whose meeting point is the corner.
+"""The jig's orientation in the scanner's frame, from the three planes that meet in the corner.
 
 **The jig's frame** has its origin in the apex. Its x, y and z axes are the normals of faces 1, 2 and 3, toward the
 scanner's side, which is right-handed for convex and concave jigs alike. Where the faces are not square, their normals N
 (rows) satisfy N N^T = G with G_ij = -cos f_ij of the dihedral angles, and the frame is the right-handed one that lies
 closest to them: N = G^(1/2), the symmetric root, whose closest rotation is the identity.
 
-Three equal faces look alike under turns by a third: `candidates` gives all three orientations,
+Three equal faces look alike under rotations by 120 degrees: `candidates` gives all three orientations,
 `calib.measurement.face_labels` selects one.
 """
 
@@ -21,6 +21,7 @@ from calib.array_types import Array
 from calib.corners.faces.certified_angles import MOST_MISFIT
 from calib.corners.intersection import Corner
 from calib.jig import Jig, jig_normals
+from calib.planes.robust_fit import height_lever
 
 _STEPS = 6
 _NULL = 1e-8  # of a covariance's largest eigenvalue: certified angles leave three of six slopes no freedom
@@ -37,22 +38,22 @@ class Orientation:
     misfit: float  # squared, of the angles found between the faces and the jig's: 3 on average for free planes
 
     def quaternion(self) -> Array:
-        """(4,) w, x, y, z of scanner_R_jig, w >= 0."""
+        """Quaternion (4,) w, x, y, z of scanner_R_jig, w >= 0."""
         return np.asarray(Rotation.from_matrix(self.scanner_R_jig).as_quat(canonical=True))[[3, 0, 1, 2]]
 
     def sigma_rad(self) -> float:
-        """Standard deviation of the turn, all three axes together: sqrt(trace of the covariance)."""
+        """Standard deviation of the rotation over all three axes: sqrt(trace of the covariance)."""
         return float(np.sqrt(np.trace(self.covariance_rad2)))
 
 
 def candidates(corner: Corner, jig: Jig) -> tuple[Orientation, Orientation, Orientation]:
-    """The orientation for each of the three cyclic labellings; the first begins with the corner's first face.
+    """Orientations under each of the three cyclic labellings; the first begins with the corner's first face.
 
     Raises CornerError for angles that no jig can have.
     """
     known = jig_normals(jig.face_angles_deg)
-    found = np.array([face.normal for face in corner.faces])
-    one, two, three = (0, 1, 2) if np.linalg.det(found) > 0.0 else (0, 2, 1)
+    normals = np.array([face.normal for face in corner.faces])
+    one, two, three = (0, 1, 2) if np.linalg.det(normals) > 0.0 else (0, 2, 1)
     first = _orient(corner, known, (one, two, three))
     if len(set(jig.face_angles_deg)) == 1:  # another labelling permutes the columns
         turned = first.scanner_R_jig
@@ -69,7 +70,7 @@ def candidates(corner: Corner, jig: Jig) -> tuple[Orientation, Orientation, Orie
 
 
 def oriented(corner: Corner, jig: Jig, order: tuple[int, int, int]) -> Orientation:
-    """The orientation with the corner's faces labelled in this order, one of those that `candidates` gives.
+    """Orientation with the corner's faces labelled in this order, one of those that `candidates` gives.
 
     Raises CornerError for angles that no jig can have.
     """
@@ -77,11 +78,11 @@ def oriented(corner: Corner, jig: Jig, order: tuple[int, int, int]) -> Orientati
 
 
 def _orient(corner: Corner, known: Array, order: tuple[int, int, int]) -> Orientation:
-    """Least squares on the rotations (a weighted Wahba problem), Gauss-Newton from the unweighted answer.
+    """Orientation by least squares on the rotations (a weighted Wahba problem), Gauss-Newton from the unweighted one.
 
-    A plane's slopes s say that its true normal is n - s_1 e_1 - s_2 e_2. Of a jig that stands at R the slopes would be
-    s_k = -e_k . R m, m the known normal; the measured slopes are zeros with the planes' covariance. A small turn w
-    changes s_k by -(R m x e_k) . w. Under certified angles the covariance has rank 3; the weight is its
+    A plane's slopes s say that its true normal is n - s_1 e_1 - s_2 e_2. For a jig with orientation R the slopes would
+    be s_k = -e_k . R m, m the known normal; the measured slopes are zeros with the planes' covariance. A small rotation
+    w changes s_k by -(R m x e_k) . w. Under certified angles the covariance has rank 3; the weight is its
     pseudo-inverse.
     """
     normals = np.array([corner.faces[i].normal for i in order])
@@ -99,8 +100,8 @@ def _orient(corner: Corner, known: Array, order: tuple[int, int, int]) -> Orient
         scanner_R_jig = frames.rotation_from_rotvec(step) @ scanner_R_jig
         if np.linalg.norm(step) < 1e-13:
             break
-    left = slope + by_turn @ step
-    misfit = float(left @ weight @ left)
+    residual = slope + by_turn @ step
+    misfit = float(residual @ weight @ residual)
     # Where the faces do not meet at the jig's angles, the result depends on the weights; the covariance grows with it.
     wider = misfit / 3.0 if misfit > MOST_MISFIT else 1.0
     turn_covariance = np.linalg.inv(information)
@@ -110,8 +111,6 @@ def _orient(corner: Corner, known: Array, order: tuple[int, int, int]) -> Orient
 
 
 def _apex_by_planes(corner: Corner) -> Array:
-    """(3, 9) mm: how the planes' (h, s_1, s_2) move the apex, each by its height there."""
-    lever = np.zeros((3, 9))
-    for i, face in enumerate(corner.faces):
-        lever[i, 3 * i : 3 * i + 3] = 1.0, *(face.axes @ (corner.xyz_mm - face.centre_mm))
-    return np.linalg.solve(np.array([face.normal for face in corner.faces]), lever)
+    """Derivatives (3, 9) of the apex (mm) by the planes' (h, s_1, s_2), each through its height at the apex."""
+    normals = np.array([face.normal for face in corner.faces])
+    return np.linalg.solve(normals, height_lever(corner.faces, corner.xyz_mm))

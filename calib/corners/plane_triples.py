@@ -1,6 +1,6 @@
-"""Three planes that may be the jig's faces, and how much they look like it.
+"""Triples of planes that may be the jig's faces, scored by how well they fit its outline.
 
-A face's score is the share of its outline's area that has points less the share that is wrong: seen through, or of
+A face's score is the share of its outline's area that has points less the share that is wrong: seen through, or with
 points of the same plane beyond its edges. All lengths come from the heights of the scan's thinned points over the
 planes: along an edge, away from the apex, the height over the plane that the edge leaves falls on a convex corner.
 """
@@ -31,7 +31,7 @@ _WALL = 3.0  # largest rectangles between two of the jig's edges; a plane with m
 
 @dataclass(frozen=True)
 class SelectionTolerances:
-    """What three planes have to satisfy to be the jig's faces."""
+    """Conditions that three planes have to satisfy to be the jig's faces."""
 
     perpendicular_rad: float
     member_normal_rad: float  # a point belongs to a plane if its own normal agrees to this
@@ -40,14 +40,14 @@ class SelectionTolerances:
     # most as a triangle, so no box passes the first. A jig in plain view reaches 1.0 and 0.92; the second face may be
     # half hidden.
     least_scores: tuple[float, float, float] = (0.85, 0.4, 0.04)
-    least_of_box: float = 0.6  # in place of the first where whole rectangles are compared: it may stand among others
+    least_of_box: float = 0.6  # in place of the first where whole rectangles are compared: other boxes may be near it
     most_wrong: float = 0.2  # share of a face that may be wrong; the edges of a scanned face are never quite sharp
     min_votes: int = 6
 
 
 @dataclass(frozen=True)
 class FaceTriple:
-    """Three planes that may be the jig's faces."""
+    """Three planes that may be the jig's faces, with their scores."""
 
     groups: tuple[PlaneGroup, ...]  # all groups; where a face was voted for, it is the last and has no sets
     chosen: tuple[int, int, int]  # indices into groups
@@ -56,7 +56,7 @@ class FaceTriple:
     wrong: Array  # (3,) area seen through the face, or of points of its plane beyond its edges, as a share of the face
 
     def is_jig(self, tolerances: SelectionTolerances) -> bool:
-        """Whether the faces all reach the least scores."""
+        """Whether the faces reach the least scores and none has too large a wrong share."""
         best, second, weakest = tolerances.least_scores
         if self.outline.rectangular:
             best = tolerances.least_of_box
@@ -66,7 +66,7 @@ class FaceTriple:
 
 @dataclass(frozen=True)
 class _Face:
-    """One of three planes: the thinned points at it."""
+    """Thinned points near one of three planes, and all points' heights over it."""
 
     heights: NDArray[np.float32]  # (V,) over the plane
     on: IndexArray  # (K,) points within the height tolerance
@@ -74,7 +74,7 @@ class _Face:
 
 
 class Planes:
-    """The groups' planes with every thinned point's height over each, which is all that the scoring needs."""
+    """Planes of the groups with every thinned point's height over each, from which triples of planes are scored."""
 
     def __init__(
         self, groups: Sequence[PlaneGroup], around: Neighbourhoods, jig: Jig, tolerances: SelectionTolerances
@@ -99,6 +99,7 @@ class Planes:
         self.sign = -1.0 if jig.convex else 1.0
 
     def _face(self, plane: PlaneGroup) -> _Face:
+        """Heights of the thinned points over a plane, and the points within the height tolerance."""
         offset_mm = plane.offset_mm - float(plane.normal @ self._middle_mm)
         heights = plane.normal.astype(np.float32) @ self._columns - np.float32(offset_mm)
         return _Face(
@@ -108,10 +109,11 @@ class Planes:
         )
 
     def _least_cosine(self) -> float:
+        """Least cosine of the angle between a plane's normal and the own normal of a point that belongs to it."""
         return float(np.cos(self.tolerances.member_normal_rad))
 
     def walls(self) -> list[PlaneGroup]:
-        """The planes that have far more points than a face of the jig can."""
+        """Planes with far more points than a face of the jig can have."""
         _, middle_mm, longest_mm = sorted(self.jig.edges_mm)
         most = _WALL * middle_mm * longest_mm
         return [
@@ -122,30 +124,30 @@ class Planes:
 
     @cached_property
     def solid(self) -> IndexArray:
-        """Indices of the points of a surface, no stray ones."""
+        """Indices of the thinned points that lie on a surface, no stray points."""
         return np.flatnonzero(self.around.thickness_mm < self.tolerances.height_mm)
 
     @cached_property
     def squared_mm2(self) -> Array:
-        """(V,) squared distances from the scanner."""
+        """Squared distances (V,) of the thinned points from the scanner."""
         return np.asarray(np.einsum("vi,vi->v", self.around.points_mm, self.around.points_mm))
 
     @cached_property
     def triples(self) -> list[FaceTriple]:
-        """The triples of perpendicular planes with their scores; of very many those that have the most points."""
+        """Triples of perpendicular planes with their scores; where there are very many, those with the most points."""
         return [self.candidate((i, j, k)) for i, j, k in self.likeliest_triples().tolist()]
 
     @cached_property
     def perpendicular_triples(self) -> IndexArray:
-        """(T, 3) indices of perpendicular planes, in ascending order."""
-        found = []
+        """Indices (T, 3) of mutually perpendicular planes, in ascending order."""
+        triples = []
         for i, j in np.argwhere(np.triu(self.perpendicular)).tolist():
             both = np.flatnonzero(self.perpendicular[i] & self.perpendicular[j])
-            found += [(i, j, k) for k in both[both > j].tolist()]
-        return np.array(found, dtype=np.int64).reshape(-1, 3)
+            triples += [(i, j, k) for k in both[both > j].tolist()]
+        return np.array(triples, dtype=np.int64).reshape(-1, 3)
 
     def likeliest_triples(self) -> IndexArray:
-        """(T, 3) the triples worth a score: of many those with the most points on their three faces."""
+        """Indices (T, 3) of the triples to be scored: of many, those with the most points on their faces."""
         triples = self.perpendicular_triples
         if len(triples) <= _MOST_SCORED:
             return triples
@@ -165,20 +167,20 @@ class Planes:
 
     @cached_property
     def likeliest_pairs(self) -> list[tuple[int, int]]:
-        """Perpendicular planes that may be two of the faces: of many those whose weaker face has the most points."""
+        """Pairs of perpendicular planes that may be two faces; of many, those whose weaker face has most points."""
         pairs = [(i, j) for i, j in np.argwhere(np.triu(self.perpendicular)).tolist()]
         if len(pairs) > _MOST_PAIRS:
             pairs.sort(key=lambda pair: -min(len(self.strip(pair)), len(self.strip(pair[::-1]))))
         return pairs[:_MOST_PAIRS]
 
     def strip(self, pair: tuple[int, int]) -> IndexArray:
-        """Members of the first plane that could be a face which meets the second: from the edge to its length away."""
+        """Members of the pair's first plane at most an edge's length from the second plane, as a face's points are."""
         members = self.members[pair[0]]
         along = self.sign * self.faces[pair[1]].heights.take(members)
         return members[(along > -0.1 * self.jig.shortest_mm) & (along < self.jig.longest_mm)]
 
     def could_be_face(self, strip: IndexArray) -> bool:
-        """Whether the points `strip` are as many as cover the least share of a face that one of two good ones has."""
+        """Whether the points `strip` cover enough of a face to be the second best of a jig's three."""
         one, other, _ = sorted(self.jig.edges_mm)
         a_face = 0.5 * one * other / self.around.spacing_mm(strip) ** 2
         return len(strip) > 0.5 * self.tolerances.least_scores[1] * a_face
@@ -187,8 +189,8 @@ class Planes:
         """Three planes with the score of each as the face between the edges in which it meets the two others.
 
         chosen are indices of groups, the last of them len(groups) where a plane `voted` takes part. Of several outlines
-        of the jig the one with the highest score is taken. What makes a score less is not counted where it is too low
-        already.
+        of the jig the one with the highest score is taken. Deductions from a score that is too low already are not
+        computed.
         """
         groups = self.groups if voted is None else (*self.groups, voted)
         faces = [self.faces[g] for g in chosen if g < len(self.faces)]
@@ -243,7 +245,7 @@ class Planes:
         outlines: Sequence[Outline],
         shares: Callable[[int, FaceOutline], tuple[float, float, float]],
     ) -> list[FaceTriple]:
-        """The triple under each of some outlines of the jig.
+        """Triples with scores, one for each of some outlines of the jig.
 
         shares(i, face)  # of face i: filled, spilt over and seen through
         """
@@ -259,23 +261,26 @@ class Planes:
         return triples
 
     def _like(self, triples: Sequence[FaceTriple]) -> list[Outline]:
+        """Outlines under which a triple reaches the least scores."""
         return [triple.outline for triple in triples if triple.is_jig(self.tolerances)]
 
     def _best(self, triples: Sequence[FaceTriple]) -> FaceTriple:
+        """Triple that reaches the least scores, else the one with the highest sum of scores."""
         return max(triples, key=lambda triple: (triple.is_jig(self.tolerances), float(triple.score.sum())))
 
     def _along(self, faces: Sequence[_Face], face: int) -> tuple[Array, IndexArray]:
-        """A plane's points beside the face: where (K, 2) along its two edges, and their indices."""
+        """Coordinates (K, 2), along a face's two edges, of its plane's points near it, and their indices."""
         at = faces[face]
         one, other = (self.sign * o.heights.take(at.on) for o in faces if o is not at)
         least, most = -0.5 * self.jig.longest_mm, 2 * self.jig.longest_mm
-        beside = np.flatnonzero((np.minimum(one, other) > least) & (np.maximum(one, other) < most))
-        return np.stack([one[beside], other[beside]]).T, at.on[beside]
+        near = np.flatnonzero((np.minimum(one, other) > least) & (np.maximum(one, other) < most))
+        return np.stack([one[near], other[near]]).T, at.on[near]
 
     def _through(self, faces: Sequence[_Face], face: int, behind: IndexArray) -> Array:
-        """Where (M, 2) along a face's edges the rays of the points `behind` went through it; the scanner is the origin.
+        """Coordinates (M, 2), along a face's edges, where the rays of the points `behind` went through its plane.
 
-        The ray to a point of height h over the plane n . p = d meets the plane at the share d / (h + d) of its length.
+        The scanner is the origin. The ray to a point of height h over the plane n . p = d meets the plane at the share
+        d / (h + d) of its length.
         """
         at = faces[face]
         heights = at.heights.take(behind)

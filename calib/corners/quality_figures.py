@@ -1,4 +1,4 @@
-"""How good a refined corner is: its figures from the three planes, their points and their covariance."""
+"""Computation of a refined corner's quality figures, from the three planes, their points and their covariance."""
 
 from __future__ import annotations
 
@@ -7,20 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.array_types import Array
-from calib.corners.faces.certified_angles import angle_derivative, found_angles_deg
+from calib.corners.correlated_noise.plane_uncertainty import PlaneUncertainty
+from calib.corners.faces.certified_angles import angle_derivative, fitted_angles_deg
 from calib.corners.faces.face_outline import FaceOutline, outline_shares
 from calib.corners.intersection import intersection_covariance
-from calib.corners.noise.correlated_noise import PlaneUncertainty
 from calib.corners.quality import CornerQuality, FaceQuality, angle_errors, incidence_deg
 from calib.jig import Jig, Outline
-from calib.planes.robust_fit import PlaneFit
+from calib.planes.robust_fit import PlaneFit, height_lever
 
 
 def height_covariance(planes: Sequence[PlaneFit], covariance: Array, point_mm: Array) -> Array:
     """Covariance (3, 3) in mm^2 of the three planes' heights at one point (3,). covariance  # (9, 9)"""
-    lever = np.zeros((3, 9))
-    for i, plane in enumerate(planes):
-        lever[i, 3 * i : 3 * i + 3] = plane.design(point_mm[None])[0]
+    lever = height_lever(planes, point_mm)
     return np.asarray(lever @ covariance @ lever.T)
 
 
@@ -34,13 +32,13 @@ def quality_figures(
     outline: Outline,
     margin_mm: float,
     scan_sigma_mm: float | None,
-    smooth_told_mm: float,
+    smooth_declared_mm: float,
     notes: tuple[str, ...],
 ) -> CornerQuality:
-    """The figures of a refined corner.
+    """Quality figures of a refined corner.
 
-    covariance  # (9, 9) of the planes as the corner takes them; known.covariance is that before certified angles hold
-    them. origin, apex  # (3,) the first apex in the scanner's frame, and the last one about it.
+    covariance  # (9, 9) of the planes as the corner takes them; known.covariance is the one before certified angles
+    constrain them. origin, apex  # (3,) the first apex in the scanner's frame, and the last one about it.
     """
     normals = np.array([p.normal for p in planes])
 
@@ -56,13 +54,13 @@ def quality_figures(
         filled, _, _ = outline_shares(
             along, np.zeros(len(along), dtype=bool), along[:0], FaceOutline.of(outline, index)
         )
-        told = None if not scan_sigma_mm else plane.sigma_mm / scan_sigma_mm
+        over_declared = None if not scan_sigma_mm else plane.sigma_mm / scan_sigma_mm
         return FaceQuality(
-            len(plane.indices), incidence_deg(plane, origin), filled, plane.sigma_mm, told,
+            len(plane.indices), incidence_deg(plane, origin), filled, plane.sigma_mm, over_declared,
             float(np.degrees(np.sqrt(np.linalg.eigvalsh(slopes)[-1]))),
         )  # fmt: skip
 
-    angles = found_angles_deg(planes)
+    angles = fitted_angles_deg(planes)
     derivative = angle_derivative(planes) / np.sin(np.radians(angles))[:, None]
     sigmas = np.degrees(np.sqrt(np.diag(derivative @ known.covariance @ derivative.T)))
     middles = np.sqrt(sum(known.covariance[3 * i, 3 * i] for i in range(3)))
@@ -79,6 +77,6 @@ def quality_figures(
         rigid=jig.certified and not notes,
         margin_mm=margin_mm,
         notes=(*notes, *known.notes),
-        smooth_told_mm=smooth_told_mm,
+        smooth_declared_mm=smooth_declared_mm,
         smooth_shown_mm=known.shown_to_mm,
     )

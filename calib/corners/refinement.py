@@ -1,4 +1,4 @@
-"""The corner from all points of the three faces: robust total least squares, where the accuracy comes from.
+"""The corner from all points of the three faces by robust total least squares, the source of its accuracy.
 
 Sample sets find the planes but use few of the points; a corner from their groups does not get better with more points.
 Here every scan point of a face takes part, weighted by Tukey's biweight, and the apex's covariance follows from the
@@ -13,28 +13,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array, IndexArray
+from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
+from calib.corners.correlated_noise.plane_uncertainty import plane_uncertainty
+from calib.corners.correlated_noise.surroundings import flat_surroundings
 from calib.corners.faces.certified_angles import (
-    hold_to_angles,
+    constrain_to_angles,
     turned_normals,
 )
 from calib.corners.faces.face_outline import (
     along_edges,
     face_points,
     flat_margins_mm,
-    require_far_borders,
     without_far_points,
 )
-from calib.corners.faces.narrow_faces import refit_narrow_faces
+from calib.corners.faces.mixed_pixels import refit_narrow_faces
 from calib.corners.intersection import Corner, Face, intersect, intersection_covariance, packed
-from calib.corners.noise.correlated_noise import plane_uncertainty
-from calib.corners.noise.surroundings import flat_surroundings
-from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
-from calib.corners.quality import require_faces
 from calib.corners.quality_figures import height_covariance, quality_figures
+from calib.corners.refusals import RefinedFaces, require_faces
 from calib.errors import CornerError
 from calib.jig import Jig, Outline
 from calib.planes.clustering import PlaneGroup
-from calib.planes.near_points import points_within
+from calib.planes.point_selection import points_within
 from calib.planes.robust_fit import PlaneFit, fit_plane_robustly
 
 _ROUNDS = 6
@@ -50,12 +49,12 @@ _LEAST_SPREAD = 1 / 200  # standard deviation across the strip of points on a fa
 
 @dataclass(frozen=True)
 class RefinementOptions:
-    """Which points take part."""
+    """Options of the refinement: which points take part, and what is declared of the scanner's noise."""
 
     # Kept away from every edge of a face: rounding, blurred and flying pixels. None: found from the points' heights.
     edge_margin_mm: float | None = None
     min_face_points: int = 6
-    told: ToldNoise = NOTHING_TOLD  # of the scanner's smooth error
+    declared: DeclaredNoise = NOTHING_DECLARED  # of the scanner's smooth error
 
 
 def refine(
@@ -68,7 +67,7 @@ def refine(
     options: RefinementOptions,
     scan_sigma_mm: float | None = None,
 ) -> Corner:
-    """The corner of three plane groups refined on all inliers.
+    """Corner of three plane groups, refined on all inliers.
 
     points_mm  # (N, 3) the whole scan; sigma_mm is the noise along the normals, which sets the first, wide bands;
     scan_sigma_mm is the scanner's declared noise, for the quality figures only; outline is that of the faces, in the
@@ -95,16 +94,15 @@ def refine(
 
         planes, margins_mm = refit_narrow_faces(local, near, planes, margins_mm, origin, jig, outline, fit)
     margin_mm = float(margins_mm.max())
-    beside = flat_surroundings(
+    surroundings = flat_surroundings(
         points_mm, groups, chosen, origin, jig.shortest_mm, max(plane.sigma_mm for plane in planes)
     )
-    known = plane_uncertainty(planes, jig, origin, beside, options.told)
-    require_far_borders(local, planes, jig, outline)
-    require_faces(planes, known.covariance, origin, jig)
+    known = plane_uncertainty(planes, jig, origin, surroundings, options.declared)
+    require_faces(RefinedFaces(planes, known.covariance, local, origin, jig, outline))
     covariance, moves = known.covariance, np.zeros(9)
     notes: tuple[str, ...] = ()
     if jig.certified:
-        rigid = hold_to_angles(planes, known.covariance, jig.face_angles_deg)
+        rigid = constrain_to_angles(planes, known.covariance, jig.face_angles_deg)
         covariance, moves = rigid.covariance, rigid.moves
         notes = (rigid.note,) if rigid.note else ()
     normals = turned_normals(planes, moves)
@@ -118,8 +116,8 @@ def refine(
             for i, (p, group) in enumerate(zip(planes, chosen, strict=True))),  # type: ignore[arg-type]
         covariance,
         quality_figures(planes, known, covariance, origin, apex, jig, outline, margin_mm,
-                 scan_sigma_mm and float(np.hypot(scan_sigma_mm, options.told.correlated_sigma_mm)),
-                 options.told.correlated_sigma_mm, notes),
+                 scan_sigma_mm and float(np.hypot(scan_sigma_mm, options.declared.correlated_sigma_mm)),
+                 options.declared.correlated_sigma_mm, notes),
         outline,
     )  # fmt: skip
 
@@ -134,7 +132,7 @@ def _fit_faces(
     sigma_mm: float,
     options: RefinementOptions,
 ) -> tuple[list[PlaneFit], Array]:
-    """Planes and outlines in turns: the three fits, and the margins (3,) left out along the edges.
+    """Robust fits of the three planes, and the margins (3,) left out along the edges, outlines and planes in turns.
 
     Raises CornerError where a face has too few points, or points along a line.
     """
@@ -182,7 +180,7 @@ def _points_of_face(
 ) -> IndexArray:
     """Rows of the points (K, 3) that lie on a face, inside its outline less a margin. heights  # (K, 3) over all faces
 
-    Where too few are left, as of a narrow strip, the margin is made smaller. Raises CornerError if that does not help.
+    Where too few remain, as on a narrow strip, the margin is made smaller. Raises CornerError if that does not help.
     """
     for share in _LESS_MARGIN:
         on = np.flatnonzero(face_points(heights, face, band_mm, jig, outline, share * margin_mm))
@@ -194,7 +192,7 @@ def _points_of_face(
 
 
 def _lack_of_points(points: Array, on: IndexArray, jig: Jig, options: RefinementOptions) -> str:
-    """Why a face's points, the rows `on` of (K, 3), do not define a plane, or ""."""
+    """Reason why a face's points, the rows `on` of (K, 3), do not define a plane, or ""."""
     if len(on) < options.min_face_points:
         return (
             f"only {len(on)} points on one of the faces, at least {options.min_face_points} are needed; "
@@ -221,6 +219,7 @@ def _face(
     covariance: Array,
     scan_points: int,
 ) -> Face:
+    """Face of the corner from its fitted plane, with the final normal and offset."""
     centre = plane.centre_mm + (offset_mm - normal @ plane.centre_mm) * normal
     return Face(
         normal=normal,

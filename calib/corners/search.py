@@ -1,4 +1,4 @@
-"""From a scan to the corner of the jig, the whole way (Jang 2025, section 2, and the refinement on all inliers)."""
+"""From a scan to the corner of the jig (Jang 2025, section 2, then refinement on all inliers)."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 
@@ -24,12 +25,11 @@ from calib.planes.normals import (
     NEIGHBOURS,
     Neighbourhoods,
     estimate_normals,
-    thin_to_voxels,
     with_fewer_neighbours,
 )
+from calib.planes.point_selection import thin_to_voxels
 from calib.presented import Presented
-from calib.scans.scan import PointCount, Scan
-from calib.scans.seeding import seeded
+from calib.scans.scan import PointCount, Scan, load_scan, seeded_generator
 
 MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
 MOST_TRIPLES = 4  # of planes, that are refined in one search pass
@@ -57,7 +57,7 @@ class CornerOptions:
 
 @dataclass(frozen=True)
 class CornerSearch(Presented):
-    """Every intermediate product of one search, successful or not, for inspection."""
+    """Every intermediate product of one search for a corner, successful or not, for inspection."""
 
     scan: str
     voxel_points_mm: Array  # (V, 3) the points that the sample sets were drawn from
@@ -73,41 +73,57 @@ class CornerSearch(Presented):
     search_passes: int = 1  # through the scan, a coarse one, then finer ones with other neighbours or more sample sets
 
     def filter_counts(self) -> dict[str, int]:
-        """How many sets were drawn, rejected by each filter, and passed."""
+        """Numbers of sample sets drawn, rejected by each filter, and passed."""
         passed, first, second, third = np.bincount(self.sets.rejected_by, minlength=4).tolist()
         return {
             "drawn": len(self.sets), "filter1": first, "filter2": second, "filter3": third, "passed": passed,
         }  # fmt: skip
 
+    def _brief(self) -> str:
+        if self.corner is None:
+            return f"{self.scan}: no corner: {self.failure}"
+        x, y, z = self.corner.xyz_mm
+        return f"{self.scan}: corner ({x:.4f}, {y:.4f}, {z:.4f}) mm, sigma {self.corner.sigma_mm():.4f} mm"
+
 
 @one_blas_thread()
 def find_corner(
-    scan: Scan,
-    jig: Jig,
+    scan: Scan | str | Path,
+    jig: Jig = Jig(),
     *,
     scan_sigma_mm: float | None = None,
     rng: np.random.Generator | None = None,
     options: CornerOptions | None = None,
 ) -> CornerSearch:
-    """Find the jig's apex in one scan.
-
-    The noise is the larger of `scan_sigma_mm` and what the scan itself shows. Without `rng` the draws are seeded by the
-    scan's points, so the same scan gives the same corner whenever, wherever and under whatever name it is processed.
+    """The jig's apex in one scan, with its covariance and every intermediate product of the search.
 
     Never raises on a scan: where there is no corner, the search's `failure` says why, and whether the scan is in
     another unit than the millimetre. No scan is scaled.
+
+    Args:
+        scan: a scan, or its file (then raises ScanError where it cannot be read).
+        jig: three faces at right angles with edges of 60 mm, where it is not given.
+        scan_sigma_mm: noise of a scan point along its ray; the larger of it and the noise found in the scan counts.
+        rng: draws the sample sets; seeded by the scan's points where None, so that a scan always gives one corner.
+        options: of the search.
+
+    >>> import calib
+    >>> calib.find_corner("sample_data/rb5_jang/scans/p01.ply")
+    CornerSearch(p01: corner (96.2992, -86.7954, 561.6046) mm, sigma 0.0307 mm)
     """
+    scan = scan if isinstance(scan, Scan) else load_scan(scan)
+    points_mm, name = scan.points_mm, scan.name
     options = options or CornerOptions()
     started = time.perf_counter()
 
     def search_in(points_mm: Array) -> CornerSearch:
-        draws = rng or seeded(points_mm)
-        return _search(Scan(scan.name, points_mm), jig, scan_sigma_mm, draws, options)
+        draws = rng or seeded_generator(points_mm)
+        return _search(Scan(name, points_mm), jig, scan_sigma_mm, draws, options)
 
-    search = search_in(scan.points_mm)
-    if search.corner is None and len(scan.points_mm) >= MIN_POINTS:
+    search = search_in(points_mm)
+    if search.corner is None and len(points_mm) >= MIN_POINTS:
         failure = failure_with_unit(
-            search.failure, scan.points_mm, jig, lambda points_mm: search_in(points_mm).corner is not None
+            search.failure, points_mm, jig, lambda points_mm: search_in(points_mm).corner is not None
         )
         search = replace(search, failure=failure)
     return replace(search, seconds=time.perf_counter() - started)
@@ -116,13 +132,13 @@ def find_corner(
 def _search(
     scan: Scan, jig: Jig, scan_sigma_mm: float | None, rng: np.random.Generator, options: CornerOptions
 ) -> CornerSearch:
-    """Search passes through a scan in millimetres, until one finds the jig."""
+    """Result of the first search pass that finds the jig in a scan in millimetres, else of the best failed one."""
     searches: list[CornerSearch] = []
     planes: list[Planes] = []
     walls: list[PlaneGroup] = []
     tried = TriedPairs()
     try:
-        for around, times in _looks(scan.points_mm, jig, planes):
+        for around, times in _pass_inputs(scan.points_mm, jig, planes):
             more = replace(options, sample_sets=round(times * options.sample_sets))
             search, found = _search_pass(scan, around, jig, scan_sigma_mm, rng, more, walls, tried)
             searches.append(search)
@@ -140,8 +156,8 @@ def _search(
     return reported
 
 
-def _looks(points_mm: Array, jig: Jig, found: list[Planes]) -> Iterator[tuple[Neighbourhoods, float]]:
-    """What each pass looks at, and its factor on the number of sample sets; `found` is of the passes before.
+def _pass_inputs(points_mm: Array, jig: Jig, found: list[Planes]) -> Iterator[tuple[Neighbourhoods, float]]:
+    """Thinned points of each search pass, and its factor on the number of sample sets; `found` has the passes before.
 
     Raises CornerError as `_thinned` does.
     """
@@ -171,21 +187,21 @@ def _search_pass(
 ) -> tuple[CornerSearch, Planes]:
     """One pass over the scan's thinned points: sample sets, plane groups, the three faces and their refinement.
 
-    No sets are drawn around the points of known walls; fewer are drawn then, as many a point as without walls. Of
-    triples that all fail in the refinement the likeliest is reported; where there is none no reason is given yet.
+    No sets are drawn around the points of known walls; fewer are drawn then, as many per point as without walls. Where
+    all triples fail in the refinement the likeliest is reported; where there is no triple no reason is given yet.
     """
     tolerances = _Tolerances.of(around, jig, max(scan_sigma_mm or 0.0, around.noise_mm()))
     allowed = tolerances.selection
     free = off_planes(walls, around.points_mm, allowed.height_mm, around.normals, allowed.member_normal_rad)
-    beside = np.flatnonzero(free if np.count_nonzero(free) >= MIN_POINTS else np.ones_like(free))
+    off_walls = np.flatnonzero(free if np.count_nonzero(free) >= MIN_POINTS else np.ones_like(free))
     count = max(options.sample_sets, len(around.points_mm) // _POINTS_A_SET)
     drawn = draw_sample_sets(
         around.neighbours,
-        round(count * len(beside) / len(around.points_mm)),
+        round(count * len(off_walls) / len(around.points_mm)),
         rng,
         long_walk=walk_for(2 * tolerances.filters.distance_mm[0], float(np.median(around.radius_mm))),
         local=options.local_sets,
-        around=beside,
+        around=off_walls,
     )
     sets = apply_filters(around.points_mm[drawn], around.normals[drawn], tolerances.filters)
     groups = cluster(sets, tolerances.clusters)
@@ -214,7 +230,7 @@ def _search_pass(
 
 @dataclass(frozen=True)
 class _Tolerances:
-    """The stages' tolerances, from the jig's edge and the scan's noise; the factors were found by experiment."""
+    """Tolerances of the stages, from the jig's edge and the scan's noise; the factors were found by experiment."""
 
     filters: FilterTolerances
     clusters: ClusterTolerances
@@ -222,6 +238,7 @@ class _Tolerances:
 
     @staticmethod
     def of(around: Neighbourhoods, jig: Jig, sigma_mm: float) -> _Tolerances:
+        """Tolerances for a scan with noise `sigma_mm` along the normals."""
         edge_mm = jig.shortest_mm
         normals_rad = float(np.clip(5 * np.median(around.normal_sigma_rad), np.radians(8), np.radians(25)))
         height_mm = max(min(15 * sigma_mm, max(5 * sigma_mm, edge_mm / 24)), edge_mm / 120)
@@ -244,7 +261,7 @@ class _Tolerances:
 
 
 def _thinned(points_mm: Array, jig: Jig, voxels: int) -> IndexArray:
-    """Indices of one point a voxel. Raises CornerError where the scan is too sparse, small or large for the jig."""
+    """Indices of one point per voxel. Raises CornerError where the scan is too sparse, small or large for the jig."""
     finite = len(some_finite(points_mm))
     if finite < MIN_POINTS:
         raise CornerError(
@@ -252,7 +269,7 @@ def _thinned(points_mm: Array, jig: Jig, voxels: int) -> IndexArray:
         )
     extent, edge = extent_of(points_mm), jig.shortest_mm
     if extent < edge / 10:
-        raise CornerError(f"the scan spans {extent:.3g} mm only, the jig has {jig.edge_words()}; scan the pose again")
+        raise CornerError(f"the scan spans {extent:.3g} mm only, the jig has {jig.edges_text()}; scan the pose again")
     if extent > MOST_EDGES * jig.longest_mm:
         raise CornerError(
             f"the scan spans {extent:.4g} mm, {extent / jig.longest_mm:.0f} times the jig's edge of "
@@ -269,7 +286,7 @@ def _thinned(points_mm: Array, jig: Jig, voxels: int) -> IndexArray:
 
 
 def failed_search(name: str, failure: str, *, unreadable: bool = False) -> CornerSearch:
-    """A search that ended before the first sample set."""
+    """Search that ended before the first sample set."""
     none = np.zeros((0, 3))
     sets = SampleSets(np.zeros((0, 4, 3)), none, none, np.zeros(0, np.uint8))
     return CornerSearch(name, none, none, sets, (), (), None, failure, 0.0, unreadable)

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.jig import Jig
-from calib.planes.normals import finite_rows
+from calib.planes.point_selection import finite_rows
 from calib.units import UNITS_MM
 
 MOST_EDGES = 400.0  # across, in edges of the jig: a hall; larger scans are not searched
@@ -19,7 +19,7 @@ _USUAL_EDGES = (1.0, 200.0)
 
 
 def some_finite(points_mm: Array) -> Array:
-    """Some thousands of the finite points of (N, 3), or all of fewer."""
+    """Some thousands of the finite points of (N, 3), or all where there are fewer."""
     some = points_mm[:: max(1, len(points_mm) // (2 * _ENOUGH))]
     some = some[finite_rows(some)]
     if len(some) >= _ENOUGH:
@@ -29,10 +29,7 @@ def some_finite(points_mm: Array) -> Array:
 
 
 def extent_of(points_mm: Array) -> float:
-    """The longest side of the box about points (N, 3), the outer 2 % left out as stray points.
-
-    Zero where there are none.
-    """
+    """Longest side of the box about points (N, 3), the outer 2 % left out as stray points; 0 where there are none."""
     points = some_finite(points_mm)
     if len(points) == 0:
         return 0.0
@@ -41,11 +38,11 @@ def extent_of(points_mm: Array) -> float:
 
 
 def failure_with_unit(failure: str, points_mm: Array, jig: Jig, is_found: Callable[[Array], bool]) -> str:
-    """Why a scan (N, 3) has no corner, with what follows about its unit from its size.
+    """Reason why a scan (N, 3) has no corner, extended by what its size says about its unit.
 
-    Of a scan that is smaller than the jig or far larger, the other units are tried in which its size would do;
-    `is_found` searches points for the jig. A jig has the outline that edge_mm gives it in one unit only, so where it is
-    found that is the unit.
+    For a scan that is smaller than the jig or far larger, the other units are tried in which its size would fit;
+    `is_found` searches points for the jig. A jig has the outline that edge_mm gives it in one unit only, so the unit in
+    which it is found is the scan's.
     """
     extent, edge, longest = extent_of(points_mm), jig.shortest_mm, jig.longest_mm
     if _USUAL_EDGES[0] * edge <= extent <= _USUAL_EDGES[1] * longest or extent <= 0.0:
@@ -55,7 +52,7 @@ def failure_with_unit(failure: str, points_mm: Array, jig: Jig, is_found: Callab
         if _LEAST_EDGES * edge <= factor * extent <= MOST_EDGES * longest:
             if is_found(factor * points_mm):
                 return (
-                    f"the scan spans {extent:.3g} mm, the jig has {jig.edge_words()}: the scan seems to be in {unit}, "
+                    f"the scan spans {extent:.3g} mm, the jig has {jig.edges_text()}: the scan seems to be in {unit}, "
                     f"for with coordinates times {factor:g} the jig is found; multiply them by {factor:g}, or "
                     "correct edge_mm in dataset.toml"
                 )

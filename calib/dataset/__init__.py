@@ -1,1 +1,1 @@
-"""What was measured: the robot, its poses, the measured points, and their repeats."""
+"""The measured data: robot, poses, measured points and their repeats."""

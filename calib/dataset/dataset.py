@@ -1,6 +1,6 @@
-"""A dataset: one robot, its poses, and what was measured at them. All values are frozen.
+"""A dataset as frozen values: one robot, its poses, the measured points or scans, and the known surroundings.
 
-Files and their reading are in `calib.dataset.files.folder`. Lengths mm, angles rad, masses kg, times s, temperatures
+Its files are read by `calib.dataset.files.folder`. Lengths mm, angles rad, masses kg, times s, temperatures
 Celsius.
 """
 
@@ -17,20 +17,43 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from calib.array_types import Array, BoolArray, IndexArray
-from calib.dataset.surroundings import Surroundings
+from calib.brief import Brief
 from calib.errors import DatasetError
 from calib.jig import Jig
-from calib.kinematics.robot import Robot
+from calib.kinematics.robot import Robot, Vector
 from calib.noise_shape import NoiseShape
 from calib.presented import Presented
-from calib.target_shapes import Target
+from calib.target_shapes import DeclaredTarget
+
+
+@dataclass(frozen=True)
+class Box:
+    """An obstacle: a box along the axes of the base frame, between two of its corners."""
+
+    name: str
+    min_mm: Vector
+    max_mm: Vector
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What the arm has to keep clear of: the floor and boxes, in the base frame, and its own singularities.
+
+    `floor_z_mm` is None where not known; `least_manipulability`, 0 to 1, is as `calib.workcell.measurable` defines it.
+    """
+
+    floor_z_mm: float | None = None
+    boxes: tuple[Box, ...] = ()
+    least_manipulability: float = 0.0
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
 
 ROLES = ("reference", "train", "test")
 
 
 @dataclass(frozen=True)
 class Scanner:
-    """What is known of the instrument. None: not known."""
+    """Declared noise and field of the measuring instrument; None for what is not declared."""
 
     point_sigma_mm: float | None = None  # one measured point, each axis
     scan_sigma_mm: float | None = None  # one scan point, along the ray
@@ -46,7 +69,7 @@ class Scanner:
 
 @dataclass(frozen=True)
 class About:
-    """Which arm was measured, where, when and by whom, as the report tells it; "" where it is not written down."""
+    """Which arm was measured, where, when and by whom, for the report; "" for what is not written down."""
 
     serial: str = ""
     operator: str = ""
@@ -56,13 +79,13 @@ class About:
 
 
 @dataclass(frozen=True)
-class Poses:
+class Poses(Brief):
     """N poses of an arm with n joints, as commanded, with the conditions that were written down."""
 
     ids: tuple[str, ...]  # (N,)
     role: NDArray[np.str_]  # (N,) of ROLES; exactly one reference
     q: Array  # (N, n) rad, mm for prismatic joints
-    setup: NDArray[np.str_]  # (N,) which placement of the scanner; "" where there is only one
+    setup: NDArray[np.str_]  # (N,) station of the scanner; "" where there is only one
     scan_names: tuple[str, ...]  # (N,) file names in the scan folder
     payload_kg: Array | None = None  # (N,)
     temperature_c: Array | None = None  # (N,)
@@ -97,7 +120,7 @@ class Poses:
 
     @property
     def is_test(self) -> BoolArray:
-        """(N,) poses that no fit may see. All others, the reference too, are for training."""
+        """Mask (N,) of the test poses, which no fit sees; all others, the reference too, are for training."""
         return np.asarray(self.role == "test")
 
     def select(self, rows: IndexArray) -> Poses:
@@ -122,12 +145,12 @@ class Poses:
         )
 
     def measured_later(self) -> Poses:
-        """The same poses as of a later time than any that a model was fitted to: what changed once stays changed."""
+        """These poses as measured after all fitted ones, where effects of pose order keep their last value."""
         return replace(self, order=np.full(len(self), np.inf), came_from=self.q)
 
     @property
     def motion(self) -> Array:
-        """(N, n) by how much each joint moved to get there; 0 for the first and for poses of a later time."""
+        """Motion (N, n) of each joint from the pose before; 0 for the first pose and for poses `measured_later`."""
         return np.where(np.isfinite(self.order)[:, None], self.q - self.came_from, 0.0)
 
     def index(self, pose_id: str) -> int:
@@ -135,14 +158,18 @@ class Poses:
             return self.ids.index(pose_id)
         except ValueError:
             near = get_close_matches(pose_id, self.ids, n=3)
-            told = f"the nearest of {len(self)}: {', '.join(map(repr, near))}" if near else ""
-            told = told or f"the first of {len(self)} is {self.ids[0]!r}"
-            raise DatasetError(f"no pose named {pose_id!r}; {told}") from None
+            hint = f"the nearest of {len(self)}: {', '.join(map(repr, near))}" if near else ""
+            hint = hint or f"the first of {len(self)} is {self.ids[0]!r}"
+            raise DatasetError(f"no pose named {pose_id!r}; {hint}") from None
+
+    def _brief(self) -> str:
+        roles = ", ".join(f"{n} {role}" for role in ROLES if (n := int(np.sum(self.role == role))))
+        return f"{len(self)} poses of {self.q.shape[1]} joints: {roles}"
 
 
 @dataclass(frozen=True)
-class Orientations:
-    """How the jig stood at M measured points, in the scanner's frame; NaN where that is not known.
+class Orientations(Brief):
+    """Orientation of the jig at M measured points, in the scanner's frame; NaN where it is not known.
 
     The covariances are of the small turn w about the scanner's axes: true = exp(w) scanner_R_jig.
     """
@@ -155,11 +182,11 @@ class Orientations:
 
     @property
     def known(self) -> BoolArray:
-        """(M,)"""
+        """Mask (M,) of the points whose orientation is known."""
         return np.asarray(np.isfinite(self.scanner_R_jig).all(axis=(1, 2)))
 
     def select(self, keep: ArrayLike) -> Orientations:
-        """The orientations of some points, as `Points.select` takes them."""
+        """The orientations of the selected points; `keep` as for `Points.select`."""
         keep = np.asarray(keep)
         covariance, cross = self.covariance_rad2, self.cross_mm_rad
         return Orientations(
@@ -172,8 +199,8 @@ class Orientations:
 
 
 @dataclass(frozen=True)
-class Points:
-    """M measured points in the scanner's frame of their pose's setup. Several rows a pose are repeats."""
+class Points(Brief):
+    """M measured points in the scanner's frame of their pose's setup; several points of one pose are repeats."""
 
     pose: IndexArray  # (M,) index into Poses
     xyz_mm: Array  # (M, 3)
@@ -186,17 +213,21 @@ class Points:
         return len(self.pose)
 
     def select(self, keep: ArrayLike) -> Points:
-        """The rows where `keep` (M,) bool, or which `keep` (K,) int names."""
+        """The selected points; `keep` is a mask (M,) or row numbers (K,)."""
         keep = np.asarray(keep)
         covariance = None if self.covariance_mm2 is None else self.covariance_mm2[keep]
         turned = None if self.orientations is None else self.orientations.select(keep)
         counts_as = None if self.counts_as is None else self.counts_as[keep]
         return Points(self.pose[keep], self.xyz_mm[keep], self.target[keep], covariance, turned, counts_as)
 
+    def _brief(self) -> str:
+        targets = ", ".join(map(str, np.unique(self.target)))
+        return f"{len(self)} points at {len(np.unique(self.pose))} poses of {targets}"
+
 
 @dataclass(frozen=True)
 class Dataset(Presented):
-    """What belongs together. Either `points` is there, or scans to find them in, or both (then points win)."""
+    """A robot, its poses and what was measured: `points`, or scans to find them in, or both (the points are used)."""
 
     name: str
     robot: Robot
@@ -215,28 +246,28 @@ class Dataset(Presented):
     noise: NoiseShape | None = None  # of the points, where it is known to differ from the declared one
     about: About = field(default_factory=About)
     surroundings: Surroundings = field(default_factory=Surroundings)
-    targets: tuple[Target, ...] = ()  # besides the three-faced jig, as dataset.toml describes them
+    targets: tuple[DeclaredTarget, ...] = ()  # besides the three-faced jig, as dataset.toml describes them
     finder_file: Path | None = None  # of a finder of the user's own, for what is to be found in the scans
     read_files: Mapping[str, str] = field(default_factory=dict, compare=False)
     """Hash of each file, scans apart, as it was read, by path below the folder: a file may change under a fit."""
 
     @property
-    def all_targets(self) -> tuple[Target, ...]:
-        """What is looked for in the scans: the jig, where one is declared or nothing else is, and the other targets."""
+    def all_targets(self) -> tuple[DeclaredTarget, ...]:
+        """Targets to find in the scans: the jig, where it is declared or nothing else is, and the declared others."""
         named = any("jig" in target.names for target in self.targets)
         if self.targets and (named or not self.jig_is_declared):
             return self.targets
-        return (Target("jig", self.jig), *self.targets)
+        return (DeclaredTarget("jig", self.jig), *self.targets)
 
     def scan_path(self, pose: int) -> Path | None:
-        """Where the scan of a pose lies; None where the dataset has no scans."""
+        """Path of the scan of a pose; None where the dataset has no scans."""
         if self.folder is None or self.scan_folder is None:
             return None
         return self.folder / self.scan_folder / self.poses.scan_names[pose]
 
     @property
     def shows_faces(self) -> bool:
-        """Whether what is measured is a jig with faces, not mirrors or balls, as further targets are."""
+        """Whether the measured target is a jig with plane faces, rather than mirrors or balls."""
         if self.targets and not any(isinstance(target.shape, Jig) for target in self.all_targets):
             return False
         if self.scan_folder is not None or self.points is None:
@@ -244,12 +275,12 @@ class Dataset(Presented):
         return self.jig_is_declared and bool(np.all(self.points.target == "jig"))
 
     def with_points(self, points: Points) -> Dataset:
-        """With these points, those of poses that are left out apart."""
+        """The dataset with these measured points, except those of poses that are left out."""
         gone = [self.poses.index(pose_id) for pose_id in self.left_out]
         return replace(self, points=points.select(~np.isin(points.pose, gone)) if gone else points)
 
     def leave_out(self, pose_ids: Sequence[str]) -> Dataset:
-        """The dataset without what was measured at some poses, and a note of it; the poses themselves stay.
+        """The dataset without the measured points of some poses, with a note; the poses themselves stay.
 
         Raises DatasetError on an id that no pose has.
         """
@@ -265,11 +296,17 @@ class Dataset(Presented):
         asked = replace(self, left_out=ids, notes=(*self.notes, note))
         return asked if self.points is None else asked.with_points(self.points)
 
+    def _brief(self) -> str:
+        roles = ", ".join(f"{n} {role}" for role in ROLES if (n := int(np.sum(self.poses.role == role))))
+        measured = "scans, no points yet" if self.points is None else f"{len(self.points)} points"
+        arm = f"{self.robot.name}, {self.robot.n_joints} joints"
+        return f"{self.name}: {arm}; {len(self.poses)} poses ({roles}); {measured}"
+
 
 def points_from_corners(
     dataset: Dataset, xyz_mm: Mapping[str, ArrayLike], covariance_mm2: Mapping[str, ArrayLike]
 ) -> Points:
-    """Corners that were found in scans, by pose id, as the dataset's measured points; other poses have none."""
+    """Measured points made of the corners found in scans, by pose id; poses without a corner have no point."""
     found = [i for i, pose_id in enumerate(dataset.poses.ids) if pose_id in xyz_mm]
     ids: Sequence[str] = [dataset.poses.ids[i] for i in found]
     return Points(

@@ -1,4 +1,4 @@
-"""The joint ranges in which a fit was trained: a model is confirmed inside them and only guesses far outside."""
+"""Joint ranges of a fit's training poses; a model is confirmed inside them and extrapolates outside."""
 
 from __future__ import annotations
 
@@ -9,49 +9,49 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import Dataset
-from calib.dataset.stands import of_stands
+from calib.dataset.repeats import in_repeat_groups_of
 from calib.kinematics.robot import Robot
 
 _SHARE = 0.1  # of a joint's range: so far beyond its ends is still inside
 _LEAST_RAD, _LEAST_MM = np.radians(1.0), 1.0  # of a joint that hardly moved
-_TOLD = 10  # poses
+_MOST_NAMED = 10  # poses
 
 
 @dataclass(frozen=True)
 class TrainedRange:
-    """The least and the largest value of each joint at the poses that a fit was trained with, rad or mm."""
+    """Least and largest value of each joint over a fit's training poses, rad or mm."""
 
     low: tuple[float, ...]
     high: tuple[float, ...]
 
     @classmethod
     def of(cls, dataset: Dataset, outliers: Sequence[str] = ()) -> TrainedRange:
-        """The ranges of a dataset's measured training poses, without those of outlying poses."""
+        """Joint ranges of a dataset's measured training poses, outlying poses excluded."""
         assert dataset.points is not None
         used = ~dataset.poses.is_test & np.isin(np.arange(len(dataset.poses)), dataset.points.pose)
         if outliers:
-            used &= ~of_stands(dataset, outliers)
+            used &= ~in_repeat_groups_of(dataset, outliers)
         q = dataset.poses.q[used]
         return cls(tuple(q.min(axis=0).tolist()), tuple(q.max(axis=0).tolist()))
 
     def joints_outside(self, robot: Robot, q: Array) -> BoolArray:
-        """(N, n) which joints at q (N, n) are beyond their range by more than a tenth of it."""
+        """Mask (N, n) of the joints that, at q (N, n), are beyond their range by more than a tenth of it."""
         low, high = np.array(self.low), np.array(self.high)
         least = np.where(robot.is_revolute, _LEAST_RAD, _LEAST_MM)
         margin = np.maximum(_SHARE * (high - low), least)
         return np.asarray((q < low - margin) | (q > high + margin))
 
     def outside(self, robot: Robot, q: Array) -> BoolArray:
-        """(N,) at which of q (N, n) a joint is."""
+        """Mask (N,) of the joint vectors q (N, n) with any joint beyond its range by more than a tenth of it."""
         return np.asarray(self.joints_outside(robot, q).any(axis=1))
 
     def words(self, robot: Robot, q: Array, ids: Sequence[str]) -> str:
-        """Which poses leave the ranges, and by which joint, in a sentence; "" where none does."""
+        """Sentence that names the poses outside the trained ranges and the worst joint; "" where none is."""
         beyond = self.joints_outside(robot, q)
         rows = np.flatnonzero(beyond.any(axis=1))
         if not len(rows):
             return ""
-        names = ", ".join(ids[i] for i in rows[:_TOLD]) + (" ..." if len(rows) > _TOLD else "")
+        names = ", ".join(ids[i] for i in rows[:_MOST_NAMED]) + (" ..." if len(rows) > _MOST_NAMED else "")
         joint = int(np.argmax(beyond.sum(axis=0)))
         scale, unit = (np.degrees(1.0), "°") if robot.joints[joint].is_revolute else (1.0, " mm")
         trained = f"{scale * self.low[joint]:.4g} to {scale * self.high[joint]:.4g}{unit}"

@@ -1,1 +1,1 @@
-"""A dataset folder from a robot and the tables that a user has: columns recognised by name, units said."""
+"""Import of a dataset from a robot and a user's tables: columns recognised by name, units by name or by fit."""

@@ -1,4 +1,4 @@
-"""What the columns of a user's table mean, by their names: joints, points, poses and conditions, with their units."""
+"""Meaning of a user's columns by their names: joints, points, poses and conditions, with units."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
-from calib.user_tables.unit_names import MOST_CHARACTERS, plain, split_unit
+from calib.text_files.user_table import MOST_CHARACTERS, plain, split_unit
 
 _JOINT = re.compile(
     r"^(?P<set>.*?)(?:q|j|joint|axis|a|theta|angle|position|pos|achse|gelenk|winkel|axe|eje|asse)(?P<number>\d+)$"
@@ -52,12 +52,12 @@ _EXACT = re.compile(
 _TURNED = re.compile(
     r"^(?P<sign>-?)(?P<name>q(?:[1-9]\d?|\*))(?:_(?P<unit>deg|rad|mm|m|cm|in))?(?P<offset>[+-]\d{1,4}(?:\.\d{1,6})?)?$"
 )
-BY_NAME, AS_TOLD, BY_PLACE = "by its name", "as told", "by its place, as there is no header"
+BY_NAME, AS_MAPPED, BY_PLACE = "by its name", "as told", "by its place, as there is no header"
 
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a column is to be taken for: a joint q = sign * value + offset, a coordinate, or a name of the format's."""
+    """Meaning of a column: a joint q = sign * value + offset, a coordinate, or another column of the format."""
 
     name: str  # "q1" ..., "x", "y", "z", "pose", a condition, or a name of poses.csv and points.csv as it is
     unit: str = ""
@@ -71,7 +71,7 @@ class Meaning:
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table: its name there, what it means, its unit where that is known, and how both were found."""
+    """A recognised column of a table: name, meaning, unit where known, and how both were found."""
 
     name: str
     meaning: str
@@ -83,7 +83,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Recognised:
-    """The columns of a table by their meaning; what else it has, and what is wrong."""
+    """Recognised columns of a table by meaning, the other columns, and faults."""
 
     columns: Mapping[str, Column]
     rest: tuple[str, ...]
@@ -91,11 +91,11 @@ class Recognised:
 
 
 def parsed_mapping(pairs: Sequence[str]) -> dict[str, Meaning]:
-    """--map column=meaning as meanings by column. Raises DatasetError."""
+    """Meanings by column from the values of --map, column=meaning. Raises DatasetError."""
     out = {}
     for pair in pairs:
-        column, equals, words = pair.rpartition("=")
-        meaning = meaning_of(words)
+        column, equals, text = pair.rpartition("=")
+        meaning = meaning_of(text)
         if not equals or not column.strip() or meaning is None:
             raise DatasetError(
                 f"--map {pair}: expected column=meaning, a meaning being q1 (q1_deg, q1_rad, -q1_deg, q1_deg+90) ..., "
@@ -105,16 +105,16 @@ def parsed_mapping(pairs: Sequence[str]) -> dict[str, Meaning]:
     return out
 
 
-def meaning_of(words: str) -> Meaning | None:
-    """A meaning as --map has it; None where it is none."""
-    words = words.strip()
-    if words in _OTHERS or _EXACT.match(words):
-        return Meaning(words)
-    turned = _TURNED.match(words)
+def meaning_of(text: str) -> Meaning | None:
+    """Meaning of a text as in --map, such as -q1_deg+90; None where it has none."""
+    text = text.strip()
+    if text in _OTHERS or _EXACT.match(text):
+        return Meaning(text)
+    turned = _TURNED.match(text)
     if turned:
         sign = -1.0 if turned["sign"] else 1.0
         return Meaning(turned["name"], turned["unit"] or "", sign, float(turned["offset"] or 0.0))
-    base, unit = split_unit(words)
+    base, unit = split_unit(text)
     if base in ("x", "y", "z", "ignore", *_OTHERS) or re.fullmatch(r"q([1-9]\d?|\*)", base):
         return Meaning(base, unit)
     return None
@@ -126,9 +126,9 @@ def recognise(
     mapping: Mapping[str, Meaning],
     by_place: Mapping[str, str] | None = None,
 ) -> Recognised:
-    """What the columns mean. A mapping wins over names; `prefix*` maps the numbered columns of a prefix to q1 ...
+    """Recognise the columns of a table; a mapping takes precedence over names.
 
-    by_place  # meanings of columns that have no name
+    In a mapping `prefix*` maps the numbered columns of a prefix to q1 ... by_place  # meanings of unnamed columns
     """
     found: dict[str, Column] = {}
     faults: list[str] = []
@@ -149,22 +149,22 @@ def recognise(
             take(
                 name,
                 replace(meant, name=f"q{k + 1}" if meant.name == "q*" else meant.name, unit=unit),
-                AS_TOLD,
+                AS_MAPPED,
             )
     for name, words in (by_place or {}).items():
         if name not in taken and words not in found:
             take(name, Meaning(words), BY_PLACE)
-    left = [name for name in names if name not in taken and len(name) <= MOST_CHARACTERS]
-    told = [meaning for meaning in found if re.fullmatch(r"q\d+", meaning)]
-    if not told or robot is None or len(told) < robot.n_joints:
-        of_joints = {column.name for meaning, column in found.items() if meaning in told}
+    unmapped = [name for name in names if name not in taken and len(name) <= MOST_CHARACTERS]
+    mapped_joints = [meaning for meaning in found if re.fullmatch(r"q\d+", meaning)]
+    if not mapped_joints or robot is None or len(mapped_joints) < robot.n_joints:
+        of_joints = {column.name for meaning, column in found.items() if meaning in mapped_joints}
         others = taken - of_joints
-        joints, said = _joints([name for name in names if name not in others], robot)
-        faults += said if not told else []
+        joints, joint_faults = _joints([name for name in names if name not in others], robot)
+        faults += joint_faults if not mapped_joints else []
         for k, name in enumerate(joints):
-            if name in left and f"q{k + 1}" not in found:
+            if name in unmapped and f"q{k + 1}" not in found:
                 take(name, Meaning(f"q{k + 1}", split_unit(name)[1]))
-    for name in (name for name in left if name not in taken):
+    for name in (name for name in unmapped if name not in taken):
         base, unit = split_unit(name)
         point = _POINT.match(plain(base))
         if _EXACT.match(name):
@@ -174,15 +174,15 @@ def recognise(
                 take(name, Meaning(point["axis"], unit))
         else:
             for meaning, spellings in _OTHERS.items():
-                wanted = _CONDITION_UNITS.get(meaning, "")
-                if plain(base) in spellings and meaning not in found and unit in ("", wanted):
+                usual = _CONDITION_UNITS.get(meaning, "")
+                if plain(base) in spellings and meaning not in found and unit in ("", usual):
                     take(name, Meaning(meaning))
     rest = tuple(name for name in names if name not in taken)
     return Recognised(found, rest, tuple(faults))
 
 
 def _matching(names: Sequence[str], pattern: str) -> list[str]:
-    """The columns that a pattern of --map means; those of `prefix*` by their number."""
+    """Names that a pattern of --map matches; those of `prefix*` ordered by their number."""
     if "*" not in pattern:
         return [name for name in names if name == pattern]
     ends = re.compile(re.escape(pattern).replace(r"\*", r"(\d+)"))
@@ -191,7 +191,7 @@ def _matching(names: Sequence[str], pattern: str) -> list[str]:
 
 
 def _joints(names: Sequence[str], robot: Robot | None) -> tuple[list[str], list[str]]:
-    """The columns of the joints in order, and what is wrong. By the joints' own names, else by number."""
+    """Names of the joints' columns in order, by the robot's joint names or else by number, and faults."""
     wanted = [] if robot is None else [plain(joint.name) for joint in robot.joints]
     by_name = {plain(split_unit(name)[0]): name for name in names}
     ends = [[name for key, name in by_name.items() if key.endswith(joint)] for joint in wanted]

@@ -1,4 +1,4 @@
-"""Which convention the measurements speak for: of the robot's table, of the joints' signs, order and zeros."""
+"""Convention of the robot's table and of the joints' signs, order and zeros, chosen by the measured points."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from calib.consistency.agreement import Sample, misfit_mm, sample_of
 from calib.consistency.data_problem import Suspicions, suspicions
 from calib.consistency.joint_reading import JointReading
 from calib.dataset.dataset import Dataset, Points, Poses
-from calib.dataset_import.columns import AS_TOLD, Recognised
-from calib.dataset_import.reading import Work
+from calib.dataset_import.columns import AS_MAPPED, Recognised
+from calib.dataset_import.reading import ImportReport
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
-from calib.robot_formats.conventions import SCHOOLS, RobotReading
+from calib.robot_formats.conventions import TABLE_KINDS, RobotReading
 from calib.robot_formats.robot_file import RobotFile
 
-GAIN = 5.0  # times less is left over; nothing smaller is overwhelming
+GAIN = 5.0  # ratio of misfits from which the gain is overwhelming
 AGREES = 0.1  # of the points' spread, at most, where arm and points belong together
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """Joints and points as they were read, one point a pose, all of one target and from one place."""
+    """Joint values and points as they were read: one point per pose, all of one target and station."""
 
     ids: tuple[str, ...]  # (N,)
     q: Array  # (N, n) rad, mm
@@ -36,11 +36,11 @@ class Sheet:
 
     @property
     def sample(self) -> Sample:
-        """What the nominal arm is held against."""
+        """Sample of the poses for comparison with the nominal arm."""
         return sample_of(self.q, self.points_mm)
 
     def dataset(self, robot: Robot) -> Dataset:
-        """All measured poses as training poses of an arm."""
+        """Dataset of an arm with all measured poses as training poses."""
         known = np.flatnonzero(np.isfinite(self.q).all(axis=1) & np.isfinite(self.points_mm).all(axis=1))
         ids = tuple(self.ids[i] for i in known)
         role = np.array(["reference", *["train"] * (len(known) - 1)])
@@ -51,14 +51,14 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Settled:
-    """The robot and the reading of its joints' columns that are taken, and why those columns are read so."""
+    """Chosen robot and chosen reading of its joints' columns, with the reason for that reading."""
 
     robot: RobotFile
     joints: JointReading
     why: str = ""
 
     def applied(self, meant: Recognised, units: Sequence[str]) -> Recognised:
-        """The columns as they are read: joint k from the column order_k, with its sign and zero."""
+        """The recognised columns under the chosen reading: joint k from column order_k, with sign and zero."""
         reading, n = self.joints, len(units)
         if reading == JointReading.plain(n):
             return meant
@@ -78,9 +78,9 @@ class Settled:
 
 
 def settled(
-    work: Work, readings: Sequence[RobotReading], sheet: Sheet | None, meant: Recognised, table: Path
+    report: ImportReport, readings: Sequence[RobotReading], sheet: Sheet | None, meant: Recognised, table: Path
 ) -> Settled:
-    """What the points speak for. What is taken is said; another reading is taken only where the gain is overwhelming.
+    """Choice of convention and reading by the points, with a note of it; changed only for an overwhelming gain.
 
     sheet  # None where no point belongs to a pose
     """
@@ -89,10 +89,10 @@ def settled(
     plain = JointReading.plain(asked.robot.robot.n_joints)
     as_it_is = Settled(asked.robot, plain)
     if len(readings) == 1 and not asked.asked:
-        work.said.append(f"{asked.robot.robot.name}: its table is {SCHOOLS[asked.convention]}, by its axes")
+        report.notes.append(f"{asked.robot.robot.name}: its table is {TABLE_KINDS[asked.convention]}, by its axes")
     if sheet is None or sample is None or not sample.is_enough:
         if not any(each.asked for each in readings) and len(readings) > 1:
-            work.fault(_ask_for_convention(asked, readings))
+            report.fault(_ask_for_convention(asked, readings))
         return as_it_is
     misfits = [misfit_mm(each.robot.robot, sample) for each in readings]
     least = min(misfits)
@@ -101,51 +101,51 @@ def settled(
     if not any(each.asked for each in readings) and len(readings) > 1:
         worse = min(m for m, each in zip(misfits, readings, strict=True) if each is not best)
         if not near or worse < GAIN * least:
-            work.fault(_ask_for_convention(asked, readings))
+            report.fault(_ask_for_convention(asked, readings))
             return as_it_is
-        work.said.append(
-            f"{best.robot.robot.name}: its table is {SCHOOLS[best.convention]}, with which the nominal arm misses the "
-            f"points by {least:.3g} mm rms, and with the other one by {worse:.3g} mm"
+        report.notes.append(
+            f"{best.robot.robot.name}: its table is {TABLE_KINDS[best.convention]}, with which the nominal arm misses "
+            f"the points by {least:.3g} mm rms, and with the other one by {worse:.3g} mm"
         )
         return Settled(best.robot, plain)
     if best is not asked and near and misfits[0] >= GAIN * least:
-        work.said.append(
-            f"{asked.robot.robot.name}: its table is taken for {SCHOOLS[best.convention]}: so read, the nominal arm "
-            f"misses the points by {least:.3g} mm rms, and by {misfits[0]:.3g} mm as {SCHOOLS[asked.convention]}, "
-            "which robot.toml is written in"
+        report.notes.append(
+            f"{asked.robot.robot.name}: its table is taken for {TABLE_KINDS[best.convention]}: so read, the nominal "
+            f"arm misses the points by {least:.3g} mm rms, and by {misfits[0]:.3g} mm as "
+            f"{TABLE_KINDS[asked.convention]}, which robot.toml is written in"
         )
-        work.said += [f"{asked.robot.robot.name}: {note}" for note in best.robot.notes]
+        report.notes += [f"{asked.robot.robot.name}: {note}" for note in best.robot.notes]
         return Settled(best.robot, plain)
     names = [meant.columns[f"q{k + 1}"].name for k in range(asked.robot.robot.n_joints)]
     found = _suspicions(sheet, asked.robot.robot, names)
     problem = found.problem
     if problem is None:
         if found.likeliest is not None:
-            work.doubts.append(
+            report.doubts.append(
                 f"{table}: {found.likeliest.words}, or an effect of the arm looks so: inspector diagnose weighs them"
             )
         if misfits[0] > AGREES * sample.spread_mm:
-            work.doubts.append(
+            report.doubts.append(
                 f"{table}: the nominal arm misses the points by {misfits[0]:.3g} mm rms, and they spread by "
                 f"{sample.spread_mm:.3g} mm: they may be of another robot, or in another order; no sign, order or zero "
                 "of the joints explains it"
             )
         return as_it_is
-    told = any(column.why == AS_TOLD for name, column in meant.columns.items() if name[1:].isdigit())
+    told = any(column.why == AS_MAPPED for name, column in meant.columns.items() if name[1:].isdigit())
     reading = problem.hypothesis.reading
     if reading is None or problem.rivals or told:
         by_map = "; tell with --map" if reading is not None else ""
-        work.doubts.append(f"{table}: {problem.words}{by_map}")
+        report.doubts.append(f"{table}: {problem.words}{by_map}")
         return as_it_is
     fall = f"the error falls from {problem.now_mm:.3g} to {problem.then_mm:.3g} mm"
-    work.said.append(
-        f"{table}: {problem.found}, and is read so: {problem.hypothesis.then} {fall}; --map says it otherwise"
+    report.notes.append(
+        f"{table}: {problem.mistake}, and is read so: {problem.hypothesis.change} {fall}; --map says it otherwise"
     )
     return Settled(asked.robot, reading, f"so read, {fall}")
 
 
 def _suspicions(sheet: Sheet, robot: Robot, names: Sequence[str]) -> Suspicions:
-    """What a fit of the links says of the sheet and the robot; nothing where no fit is possible."""
+    """Mistakes in the data by a fit of the links; none where no fit is possible."""
     try:
         return suspicions(calibrate(sheet.dataset(robot)), calibrate, names)
     except CalibError:

@@ -1,30 +1,88 @@
-"""A dataset folder from a robot, a table of joints and measurements: all faults at once, nothing half-written."""
+"""A dataset folder made of a user's files: all faults are reported at once, and nothing is written half."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
+from calib.dataset_import.archive import is_archive, unpack
 from calib.dataset_import.columns import Meaning
-from calib.dataset_import.plan import Given, ImportPlan, plan_import
+from calib.dataset_import.plan import ImportPlan, ImportSources, plan_import
+from calib.dataset_import.user_files import UserFiles, look_through
 from calib.dataset_import.writing import written
-from calib.errors import DatasetError
+from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Robot
-from calib.robot_formats.conventions import RobotReading
-from calib.robot_formats.robot_file import RobotFile
+from calib.robot_formats.conventions import RobotReading, robot_readings
+from calib.robot_formats.robot_file import ReadOptions, RobotFile
+
+
+@dataclass(frozen=True)
+class ImportChoice:
+    """The user's choice among the files; None for the likeliest."""
+
+    robot: str | None = None  # the name of a built-in one, or a file
+    reading: ReadOptions = field(default_factory=ReadOptions)
+    joints: Path | None = None
+    points: Path | None = None
+    mapping: Mapping[str, Meaning] = field(default_factory=dict)
+
+
+def plan_of_files(files: UserFiles, choice: ImportChoice) -> ImportPlan:
+    """Plan of an import of the chosen files, with everything that is wrong in `faults`."""
+    joints = choice.joints or files.joints
+    points = choice.points
+    if points is None and (choice.joints is None or choice.joints == files.joints):
+        points = files.points
+    robots, faults = _robots(files, choice)
+    return plan_import(ImportSources(robots, joints, points, files.scans, choice.mapping, faults))
+
+
+def _robots(files: UserFiles, choice: ImportChoice) -> tuple[tuple[RobotReading, ...], tuple[str, ...]]:
+    name = choice.robot or next(map(str, files.robots), None)
+    if name is None:
+        return (), ()
+    try:
+        return tuple(robot_readings(name, choice.reading)), ()
+    except CalibError as error:
+        return (), (str(error),)
+
+
+@contextmanager
+def unpacked(source: Path) -> Iterator[UserFiles]:
+    """Context with the files of a folder, or of a zip unpacked for its duration. Raises CalibError."""
+    if source.is_dir():
+        yield look_through(source)
+        return
+    if not source.is_file():
+        raise CalibError(f"{source}: no such file; give a zip or a folder with a robot and tables")
+    if not is_archive(source):
+        raise CalibError(f"{source}: is no zip; give a zip or a folder, or --robot, --joints and --points")
+    with TemporaryDirectory() as made:
+        unpack(source, Path(made))
+        yield look_through(Path(made))
+
+
+def without_folder(plan: ImportPlan, folder: Path) -> ImportPlan:
+    """The plan with file names relative to the temporary folder, as the user knows them."""
+
+    def short(lines: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(line.replace(f"{folder}/", "") for line in lines)
+
+    return replace(plan, notes=short(plan.notes), doubts=short(plan.doubts), faults=short(plan.faults))
 
 
 @dataclass(frozen=True)
 class Imported:
-    """The dataset as it was written, and what was recognised and what is doubtful, a line each."""
+    """The written dataset, with notes on what was recognised and on what is doubtful."""
 
     dataset: Dataset
-    said: tuple[str, ...]
+    notes: tuple[str, ...]
     doubts: tuple[str, ...] = ()
 
 
@@ -36,24 +94,24 @@ def import_dataset(
     scans: Path | None = None,
     mapping: Mapping[str, Meaning] | None = None,
 ) -> Imported:
-    """Write a dataset folder of a robot and a user's tables. `points` None: the joints' table has them, or scans.
+    """Write a dataset folder from a robot and a user's tables; without `points` the joints' table or scans have them.
 
-    Raises DatasetError with every fault that was found, a line each; nothing is written then.
+    Raises DatasetError with all faults, a line each, and then writes nothing.
     """
     require_free(out)
     robots = (RobotReading("", RobotFile(robot, None)),)
     found = {} if scans is None else scan_files(scans)
-    return write_plan(plan_import(Given(robots, joints, points, found, dict(mapping or {}))), out)
+    return write_plan(plan_import(ImportSources(robots, joints, points, found, dict(mapping or {}))), out)
 
 
 def write_plan(plan: ImportPlan, out: Path) -> Imported:
-    """The dataset of a plan, written whole. Raises DatasetError with all faults; nothing is written then."""
+    """Write the dataset of a plan. Raises DatasetError with all faults and then writes nothing."""
     require_free(out)
-    return Imported(written(out, plan.require()), plan.said, plan.doubts)
+    return Imported(written(out, plan.require()), plan.notes, plan.doubts)
 
 
 def copy_dataset(folder: Path, out: Path) -> Dataset:
-    """A ready dataset's folder, its files as they are, at another place, whole. Raises DatasetError."""
+    """Copy a dataset folder, its files unchanged, to a new folder. Raises DatasetError."""
     require_free(out)
     load_dataset(folder)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -66,13 +124,13 @@ def copy_dataset(folder: Path, out: Path) -> Dataset:
 
 
 def scan_files(folder: Path) -> dict[str, Path]:
-    """The files of a folder of scans by their stems. Raises DatasetError."""
+    """Files of a folder of scans, by stem. Raises DatasetError."""
     if not folder.is_dir():
         raise DatasetError(f"{folder}: no such folder of scans")
     return {path.stem: path for path in sorted(folder.iterdir()) if path.is_file()}
 
 
 def require_free(out: Path) -> None:
-    """Raise DatasetError where a folder holds something already."""
+    """Raise DatasetError where a path exists and is no empty folder."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise DatasetError(f"{out}: exists and is not empty; name a new folder")

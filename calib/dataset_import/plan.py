@@ -1,4 +1,4 @@
-"""What an import would make of a robot and a user's tables: each column's meaning and why, and all faults at once."""
+"""Plan of an import: the meaning of each column with its reason, and all faults at once."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 from calib.dataset_import.columns import Column, Meaning, Recognised
 from calib.dataset_import.convention import Sheet, settled
 from calib.dataset_import.reading import (
-    Work,
-    beside,
+    ImportReport,
     joint_values,
     of_one_place,
+    point_of_each_pose,
     point_values,
     points_unit,
     pose_ids,
@@ -27,15 +27,15 @@ from calib.dataset_import.writing import Content, fault_of, points_text, poses_t
 from calib.errors import DatasetError
 from calib.robot_formats.conventions import RobotReading
 from calib.robot_formats.robot_file import RobotFile
-from calib.user_tables.user_table import UserTable, load_table
+from calib.text_files.user_table import UserTable, load_table
 
 _EXAMPLES = 3
 _MOST_SHOWN = 60  # columns of a table
 
 
 @dataclass(frozen=True)
-class Given:
-    """What a user has. `points` None: the joints' table has them, or scans."""
+class ImportSources:
+    """Robot readings, tables and scans to import; `points` is None where the joints' table or scans have them."""
 
     robots: tuple[RobotReading, ...]  # one robot by each convention that its file may be in; (): none yet
     joints: Path | None
@@ -47,7 +47,7 @@ class Given:
 
 @dataclass(frozen=True)
 class PlannedColumn:
-    """A column of a table: what it is taken for, and why. `meaning` None: kept, or left out, as it is."""
+    """Planned use of a table's column, with its reason; `meaning` is None where it is kept as it is or left out."""
 
     table: Path
     name: str
@@ -58,85 +58,89 @@ class PlannedColumn:
 
 @dataclass(frozen=True)
 class ImportPlan:
-    """What was recognised, what is doubtful, what is wrong, and what would be written; None where something is."""
+    """Notes, doubts, faults, and the content to be written, which is None where there are faults."""
 
     robot: RobotFile | None
     columns: tuple[PlannedColumn, ...]
-    said: tuple[str, ...]
+    notes: tuple[str, ...]
     doubts: tuple[str, ...]
     faults: tuple[str, ...]
     content: Content | None
     poses: int = 0
 
     def require(self) -> Content:
-        """What to write. Raises DatasetError with all faults, a line each."""
+        """Content to write. Raises DatasetError with all faults, a line each."""
         if self.content is not None and not self.faults:
             return self.content
-        work = Work(None, list(self.faults) or ["nothing to import was given"])
-        work.raise_all()
+        report = ImportReport(None, list(self.faults) or ["nothing to import was given"])
+        report.raise_all()
         raise AssertionError
 
 
-def plan_import(given: Given) -> ImportPlan:
-    """The plan. Nothing is raised for what is wrong with the user's files: it stands in `faults`."""
-    work = Work(given.robots[0].robot.robot if given.robots else None, list(given.faults))
-    table = _loaded(work, given.joints)
-    same = given.points is None or (given.joints is not None and given.points.resolve() == given.joints.resolve())
-    other = None if same else _loaded(work, given.points)
+def plan_import(sources: ImportSources) -> ImportPlan:
+    """Plan of an import; mistakes in the user's files are collected in `faults` and not raised."""
+    report = ImportReport(sources.robots[0].robot.robot if sources.robots else None, list(sources.faults))
+    table = _loaded(report, sources.joints)
+    same = sources.points is None or (
+        sources.joints is not None and sources.points.resolve() == sources.joints.resolve()
+    )
+    other = None if same else _loaded(report, sources.points)
     tables = [each for each in (table, other) if each is not None]
-    for column in given.mapping:
+    for column in sources.mapping:
         if tables and "*" not in column and not any(column in each.columns for each in tables):
-            work.fault(
+            report.fault(
                 f"--map {column}=...: no such column; there are {', '.join(c for t in tables for c in t.columns)}"
             )
-    if not given.robots and not given.faults:
-        work.fault("no robot is chosen: give a URDF, a robot.toml or another form, or choose a built-in one")
-    if given.joints is None:
-        work.fault("no table of joint values was found: a CSV with a column a joint, q1, q2 ..., or the joints' names")
+    if not sources.robots and not sources.faults:
+        report.fault("no robot is chosen: give a URDF, a robot.toml or another form, or choose a built-in one")
+    if sources.joints is None:
+        report.fault(
+            "no table of joint values was found: a CSV with a column a joint, q1, q2 ..., or the joints' names"
+        )
     if table is None:
-        return _plan(work, given, {}, None)
-    wants_points = same and not given.scans
-    meant = recognised(work, table, given.mapping, positions=wants_points)
+        return _plan(report, sources, {}, None)
+    wants_points = same and not sources.scans
+    meant = recognised(report, table, sources.mapping, positions=wants_points)
     columns = {table.path: (table, meant)}
     of_points = meant
     if other is not None:
-        of_points = recognised(work, other, given.mapping, positions=True, joints=False)
+        of_points = recognised(report, other, sources.mapping, positions=True, joints=False)
         columns[other.path] = (other, of_points)
     elif not same:
-        return _plan(work, given, columns, None)
-    return _with_numbers(work, given, columns, table, meant, other, of_points)
+        return _plan(report, sources, columns, None)
+    return _with_numbers(report, sources, columns, table, meant, other, of_points)
 
 
-def _loaded(work: Work, path: Path | None) -> UserTable | None:
+def _loaded(report: ImportReport, path: Path | None) -> UserTable | None:
     try:
-        return None if path is None else load_table(path, work.fault, any_encoding=True)
+        return None if path is None else load_table(path, report.fault, any_encoding=True)
     except DatasetError as error:
-        work.fault(str(error))
+        report.fault(str(error))
         return None
 
 
 def _with_numbers(
-    work: Work,
-    given: Given,
+    report: ImportReport,
+    sources: ImportSources,
     columns: dict[Path, tuple[UserTable, Recognised]],
     table: UserTable,
     meant: Recognised,
     other: UserTable | None,
     of_points: Recognised,
 ) -> ImportPlan:
-    """The plan of tables that could be read."""
-    q_file = joint_values(work, table, meant)
-    seen = point_values(work, other or table, of_points, needed=not given.scans)
-    ids = pose_ids(work, table, meant)
-    row_of = rows_of_points(work, table, ids, other, of_points)
-    if q_file is None or work.robot is None or not np.isfinite(q_file).any():
-        return _plan(work, given, columns, None, len(table))
-    n = work.robot.n_joints
+    """Plan of an import whose tables could be read."""
+    q_file = joint_values(report, table, meant)
+    seen = point_values(report, other or table, of_points, needed=not sources.scans)
+    ids = pose_ids(report, table, meant)
+    row_of = rows_of_points(report, table, ids, other, of_points)
+    if q_file is None or report.robot is None or not np.isfinite(q_file).any():
+        return _plan(report, sources, columns, None, len(table))
+    n = report.robot.n_joints
     names = [f"q{k + 1}" for k in range(n)]
-    near = None if seen is None else beside(q_file, seen, row_of)
+    near = None if seen is None else point_of_each_pose(q_file, seen, row_of)
     told = [meant.columns[name].unit for name in names]
-    units, how = joint_units(work.robot, q_file, told, near)
-    work.said.append(
+    units, how = joint_units(report.robot, q_file, told, near)
+    report.notes.append(
         f"{table.path}: joints are {', '.join(meant.columns[name].name for name in names)}"
         + (f"; {how}" if how else f" in {' and '.join(sorted(set(units)))} by their names")
     )
@@ -148,41 +152,41 @@ def _with_numbers(
     q = (signs * q_file + np.array([meant.columns[name].offset for name in names])) * scale
     sheet, off, unit = None, 1.0, "mm"
     if seen is not None and near is not None:
-        unit, how, off = points_unit(work, other or table, of_points, near, q)
+        unit, how, off = points_unit(report, other or table, of_points, near, q)
         of_points = _with_units(of_points, list("xyz"), [unit] * 3, "the arm's tool spreads so" if how else "")
         columns[(other or table).path] = (other or table, of_points)
         setups = table.text(meant.columns["setup"].name) if "setup" in meant.columns else []
         place = of_one_place(near, row_of, (other or table, of_points), setups)
         sheet = Sheet(tuple(ids), q, place * LENGTHS_MM[unit])
         seen = seen * LENGTHS_MM[unit]
-    taken = settled(work, given.robots, sheet, meant, table.path)
+    taken = settled(report, sources.robots, sheet, meant, table.path)
     q = taken.joints.of(q)
     columns[table.path] = (table, taken.applied(columns[table.path][1], units))
     robot_file = taken.robot
-    work.robot = robot_file.robot
+    report.robot = robot_file.robot
     if sheet is not None and off > 1.0 and near is not None:
-        require_near_spread(work, other or table, of_points, *length_unit(work.robot, q, near))
+        require_near_spread(report, other or table, of_points, *length_unit(report.robot, q, near))
     if other is not None and of_points.rest:
-        work.said.append(f"{other.path}: other columns are left out: {', '.join(of_points.rest)}")
+        report.notes.append(f"{other.path}: other columns are left out: {', '.join(of_points.rest)}")
     measured = None if near is None else np.asarray(np.isfinite(near).all(axis=1))
-    poses_csv = poses_text(work, table, columns[table.path][1], ids, q, given.scans, measured)
-    if work.faults:
-        return _plan(work, given, columns, None, len(table), robot_file)
+    poses_csv = poses_text(report, table, columns[table.path][1], ids, q, sources.scans, measured)
+    if report.faults:
+        return _plan(report, sources, columns, None, len(table), robot_file)
     points_csv = None if seen is None else points_text(other or table, of_points, [ids[i] for i in row_of], seen)
-    content = Content(work.robot, poses_csv, points_csv, given.scans, f"imported from {table.path.name}")
+    content = Content(report.robot, poses_csv, points_csv, sources.scans, f"imported from {table.path.name}")
     fault = fault_of(content)
     if fault is not None:
-        work.fault(f"{table.path}: {fault}")
-    return _plan(work, given, columns, content if fault is None else None, len(table), robot_file)
+        report.fault(f"{table.path}: {fault}")
+    return _plan(report, sources, columns, content if fault is None else None, len(table), robot_file)
 
 
 def _short(how: str) -> str:
-    """How a unit was found, in a table's cell."""
+    """Reason for a unit, shortened for a table's cell."""
     return f"the largest is {how.rpartition(' ')[2]}" if how else ""
 
 
 def _with_units(meant: Recognised, names: list[str], units: list[str], how: str) -> Recognised:
-    """The columns with the units that were found, and how."""
+    """The recognised columns with the units that were found and the reason."""
     columns = dict(meant.columns)
     for name, unit in zip(names, units, strict=True):
         column = columns[name]
@@ -193,17 +197,19 @@ def _with_units(meant: Recognised, names: list[str], units: list[str], how: str)
 
 
 def _plan(
-    work: Work,
-    given: Given,
+    report: ImportReport,
+    sources: ImportSources,
     tables: Mapping[Path, tuple[UserTable, Recognised]],
     content: Content | None,
     poses: int = 0,
     robot: RobotFile | None = None,
 ) -> ImportPlan:
-    columns = [planned for table, meant in tables.values() for planned in _planned(table, meant, given.mapping)]
-    if robot is None and given.robots:
-        robot = given.robots[0].robot
-    return ImportPlan(robot, tuple(columns), tuple(work.said), tuple(work.doubts), tuple(work.faults), content, poses)
+    columns = [planned for table, meant in tables.values() for planned in _planned(table, meant, sources.mapping)]
+    if robot is None and sources.robots:
+        robot = sources.robots[0].robot
+    return ImportPlan(
+        robot, tuple(columns), tuple(report.notes), tuple(report.doubts), tuple(report.faults), content, poses
+    )
 
 
 def _planned(table: UserTable, meant: Recognised, mapping: Mapping[str, Meaning]) -> list[PlannedColumn]:

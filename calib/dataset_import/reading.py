@@ -1,4 +1,4 @@
-"""What a user's tables say: columns, joint values, points, which point belongs to which pose; faults are collected."""
+"""Reading of a user's tables: columns, joint values, points and their poses; faults are collected."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from calib.dataset_import.columns import Meaning, Recognised, recognise
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, length_unit
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
-from calib.user_tables.user_table import UserTable
+from calib.text_files.user_table import UserTable
 
 _MOST_FAULTS = 20
 _MOST = 1e9  # degrees, micrometres
@@ -22,20 +22,20 @@ _FAR_SPREAD = 2.0  # points spread by another factor than the arm's have a unit 
 
 
 @dataclass
-class Work:
-    """What is found out on the way."""
+class ImportReport:
+    """Notes, doubts and faults that are collected during an import."""
 
     robot: Robot | None
     faults: list[str] = field(default_factory=list)
-    said: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
 
-    def fault(self, words: str) -> None:
-        """One more."""
-        self.faults.append(words)
+    def fault(self, message: str) -> None:
+        """Add a fault, up to a largest number of faults."""
+        self.faults.append(message)
 
     def raise_all(self) -> None:
-        """Raise DatasetError with all faults so far."""
+        """Raise DatasetError with all faults so far, if any."""
         if not self.faults:
             return
         shown = self.faults[:_MOST_FAULTS]
@@ -46,10 +46,10 @@ class Work:
 
 
 def recognised(
-    work: Work, table: UserTable, mapping: Mapping[str, Meaning], *, positions: bool, joints: bool = True
+    report: ImportReport, table: UserTable, mapping: Mapping[str, Meaning], *, positions: bool, joints: bool = True
 ) -> Recognised:
-    """The columns of a table; what it needs and does not have becomes a fault."""
-    robot, by_place = work.robot, None
+    """Recognised columns of a table; missing ones are reported as faults."""
+    robot, by_place = report.robot, None
     if not table.has_header and robot is not None:
         wanted = [f"q{k + 1}" for k in range(robot.n_joints)] if joints else []
         for extra in ([], ["x", "y", "z"]) if joints else (["x", "y", "z"],):
@@ -57,106 +57,106 @@ def recognised(
                 if len(table.columns) == len(first + wanted + extra):
                     meanings = first + wanted + extra
                     by_place = dict(zip(table.columns, meanings, strict=True))
-                    work.said.append(f"{table.path}: has no header; its columns are taken for {', '.join(meanings)}")
+                    report.notes.append(f"{table.path}: has no header; its columns are taken for {', '.join(meanings)}")
     found = recognise(table.columns, robot, mapping, by_place)
     for words in found.faults:
-        work.fault(f"{table.path}: line 1: {words}")
+        report.fault(f"{table.path}: line 1: {words}")
     have = ", ".join(table.columns[:30])
     if joints and robot is not None and not found.faults:
         missing = [f"q{k + 1}" for k in range(robot.n_joints) if f"q{k + 1}" not in found.columns]
         if missing:
-            work.fault(
+            report.fault(
                 f"{table.path}: line 1: {robot.n_joints} columns of joints are needed, q1 to q{robot.n_joints} or the "
                 f"joints' names; found {have}; tell with --map column=q1"
             )
     if positions and not joints:
         missing = [axis for axis in "xyz" if axis not in found.columns]
         if missing:
-            work.fault(
+            report.fault(
                 f"{table.path}: line 1: no column for {', '.join(missing)}; found {have}; tell with --map column=x"
             )
     return found
 
 
-def joint_values(work: Work, table: UserTable, meant: Recognised) -> Array | None:
-    """(N, n) as they stand in the file."""
-    if work.robot is None:  # its cells are judged all the same
+def joint_values(report: ImportReport, table: UserTable, meant: Recognised) -> Array | None:
+    """Joint values (N, n) in the file's units; None, with a fault, where columns are missing."""
+    if report.robot is None:  # its cells are judged all the same
         for name, column in meant.columns.items():
             if quantity_of(name) == "q":
-                _numbers(work, table, column.name)
+                _numbers(report, table, column.name)
         return None
-    names = [f"q{k + 1}" for k in range(work.robot.n_joints)]
+    names = [f"q{k + 1}" for k in range(report.robot.n_joints)]
     if not all(name in meant.columns for name in names):
         return None
-    for k, (name, joint) in enumerate(zip(names, work.robot.joints, strict=True)):
+    for k, (name, joint) in enumerate(zip(names, report.robot.joints, strict=True)):
         unit = meant.columns[name].unit
         if unit and unit not in (ANGLES_RAD if joint.is_revolute else LENGTHS_MM):
-            work.fault(
+            report.fault(
                 f"{table.path}: line 1, column {meant.columns[name].name}: {unit} is no unit of joint {k + 1} "
                 f"({joint.name}), which is {joint.type}"
             )
-    return np.column_stack([_numbers(work, table, meant.columns[name].name) for name in names])
+    return np.column_stack([_numbers(report, table, meant.columns[name].name) for name in names])
 
 
-def point_values(work: Work, table: UserTable, meant: Recognised, *, needed: bool) -> Array | None:
-    """(M, 3) as they stand in the file; None where there are none."""
+def point_values(report: ImportReport, table: UserTable, meant: Recognised, *, needed: bool) -> Array | None:
+    """Points (M, 3) in the file's unit; None where there are none."""
     if not all(axis in meant.columns for axis in "xyz"):
         if needed and not any(axis in meant.columns for axis in "xyz"):
-            work.fault(
+            report.fault(
                 f"{table.path}: line 1: no columns x, y, z; give --points FILE.csv, --scans FOLDER or --map column=x"
             )
         return None
-    points = np.column_stack([_coordinate(work, table, meant.columns[axis].name) for axis in "xyz"])
+    points = np.column_stack([_coordinate(report, table, meant.columns[axis].name) for axis in "xyz"])
     blank = np.array([[not cell for cell in table.text(meant.columns[axis].name)] for axis in "xyz"]).T
     for i in np.flatnonzero(blank.any(axis=1) & ~blank.all(axis=1)):
         named = " and ".join(meant.columns["xyz"[k]].name for k in np.flatnonzero(blank[i]))
-        work.fault(f"{table.path}: line {table.lines[i]}: {named} is empty; fill it in, or leave all three empty")
+        report.fault(f"{table.path}: line {table.lines[i]}: {named} is empty; fill it in, or leave all three empty")
     return points
 
 
-def _numbers(work: Work, table: UserTable, name: str) -> Array:
-    """A column's numbers; NaN, and a fault, where there is none or one that no arm has in any unit."""
-    values = table.numbers(name, work.fault)
+def _numbers(report: ImportReport, table: UserTable, name: str) -> Array:
+    """Numbers of a column; NaN, with a fault, for cells without a number or with one beyond any arm."""
+    values = table.numbers(name, report.fault)
     for i in np.flatnonzero(np.abs(values) > _MOST):
-        work.fault(f"{table.path}: line {table.lines[i]}, column {name}: found {values[i]:g}, which is far too large")
+        report.fault(f"{table.path}: line {table.lines[i]}, column {name}: found {values[i]:g}, which is far too large")
     return np.where(np.abs(values) > _MOST, np.nan, values)
 
 
-def _coordinate(work: Work, table: UserTable, name: str) -> Array:
-    """A column of coordinates; an empty cell is a point that was not measured."""
+def _coordinate(report: ImportReport, table: UserTable, name: str) -> Array:
+    """Coordinates of a column; NaN for an empty cell, a point that was not measured."""
     blank = [not cell for cell in table.text(name)]
     if not any(blank):
-        return _numbers(work, table, name)
+        return _numbers(report, table, name)
     filled = replace(table, rows=tuple(tuple(cell or "0" for cell in row) for row in table.rows))
-    return np.where(blank, np.nan, _numbers(work, filled, name))
+    return np.where(blank, np.nan, _numbers(report, filled, name))
 
 
-def pose_ids(work: Work, table: UserTable, meant: Recognised) -> list[str]:
-    """A name for each row of joints: those of the table, else p1, p2, ..."""
+def pose_ids(report: ImportReport, table: UserTable, meant: Recognised) -> list[str]:
+    """Pose names of the rows of joints: those of the table, else p1, p2, ..."""
     if "pose" not in meant.columns:
         return [f"p{i + 1}" for i in range(len(table))]
     ids = table.text(meant.columns["pose"].name)
     first: dict[str, int] = {}
     for i, name in enumerate(ids):
         if not name:
-            work.fault(f"{table.path}: line {table.lines[i]}, column {meant.columns['pose'].name}: the cell is empty")
+            report.fault(f"{table.path}: line {table.lines[i]}, column {meant.columns['pose'].name}: the cell is empty")
         elif first.setdefault(name, i) != i:
             line = table.lines[first[name]]
             where = f"{table.path}: line {table.lines[i]}: pose {name!r} stands in line {line} too"
             if "target" in meant.columns:
-                work.fault(
+                report.fault(
                     f"{where}; several targets of a pose need two tables: --joints with a row a pose, --points "
                     "with pose, target, x, y, z"
                 )
                 break
-            work.fault(f"{where}; each needs its own")
+            report.fault(f"{where}; each needs its own")
     return ids
 
 
 def rows_of_points(
-    work: Work, table: UserTable, ids: list[str], other: UserTable | None, meant: Recognised
+    report: ImportReport, table: UserTable, ids: list[str], other: UserTable | None, meant: Recognised
 ) -> list[int]:
-    """Which row of joints each point belongs to: by the pose's name, else row by row; -1 where that is a fault."""
+    """Row of joints of each point, by the pose's name or else row by row; -1, with a fault, where unknown."""
     if other is None:
         return list(range(len(table)))
     if "pose" in meant.columns:
@@ -167,21 +167,21 @@ def rows_of_points(
             row = known.get(name, known.get(_number_of(name)))
             if row is None:
                 line = other.lines[i]
-                work.fault(f"{other.path}: line {line}, column {column}: pose {name[:40]!r} is not in {table.path}")
+                report.fault(f"{other.path}: line {line}, column {column}: pose {name[:40]!r} is not in {table.path}")
             out.append(-1 if row is None else row)
         return out
     if len(other) != len(table):
-        work.fault(
+        report.fault(
             f"{other.path}: has {len(other)} rows and {table.path} {len(table)}, and no column tells the pose; add a "
             "column pose to both"
         )
         return [-1] * len(other)
-    work.said.append(f"{other.path}: no column tells the pose; its rows are taken for those of {table.path}, in order")
+    report.notes.append(f"{other.path}: no column names the pose; its rows are taken in the order of {table.path}")
     return list(range(len(table)))
 
 
 def _number_of(name: str) -> str:
-    """A pose's name that is a whole number as such, so that 7, 7.0 and 007 are one; "" for others."""
+    """Whole number in a pose's name as text, so that 7, 7.0 and 007 are equal; "" for other names."""
     try:
         value = float(name)
     except ValueError:
@@ -189,47 +189,50 @@ def _number_of(name: str) -> str:
     return f"#{int(value)}" if abs(value) < 1e15 and value == int(value) else ""
 
 
-def beside(q_file: Array, seen: Array, row_of: Sequence[int]) -> Array:
-    """(N, 3) a point of each pose, NaN where it has none."""
+def point_of_each_pose(q_file: Array, seen: Array, row_of: Sequence[int]) -> Array:
+    """A point (N, 3) of each pose, NaN where it has none."""
     out = np.full((len(q_file), 3), np.nan)
     rows = np.asarray(row_of, dtype=int)
     out[rows[rows >= 0]] = seen[rows >= 0]
     return out
 
 
-def points_unit(work: Work, table: UserTable, meant: Recognised, near: Array, q: Array) -> tuple[str, str, float]:
-    """The points' unit, how it was found, and how many times their spread is off the arm's ("" and 1 by name).
+def points_unit(
+    report: ImportReport, table: UserTable, meant: Recognised, near: Array, q: Array
+) -> tuple[str, str, float]:
+    """Unit of the points, the reason, and the ratio of their spread to the arm's ("" and 1 where by name).
 
-    By their names, else by how far they are spread against the arm's. near: (N, 3) as in the file, q: (N, n) rad, mm.
+    Taken from the columns' names, else from the points' spread relative to the arm's.
+    near: (N, 3) in the file's unit, q: (N, n) rad, mm.
     """
     told = {meant.columns[axis].unit for axis in "xyz"}
     what = ", ".join(meant.columns[axis].name for axis in "xyz")
     if len(told) > 1:
-        work.fault(f"{table.path}: line 1: columns {what} have different units")
+        report.fault(f"{table.path}: line 1: columns {what} have different units")
         return "mm", "", 1.0
     unit = told.pop()
     if unit:
-        work.said.append(f"{table.path}: points are {what}, in {unit} by their names")
+        report.notes.append(f"{table.path}: points are {what}, in {unit} by their names")
         return unit, "", 1.0
-    assert work.robot is not None
-    unit, off = length_unit(work.robot, q, near)
+    assert report.robot is not None
+    unit, off = length_unit(report.robot, q, near)
     how = f"taken for {unit}, in which they spread as the arm's tool does"
-    work.said.append(f"{table.path}: points are {what}, {how}")
+    report.notes.append(f"{table.path}: points are {what}, {how}")
     return unit, how, off
 
 
-def require_near_spread(work: Work, table: UserTable, meant: Recognised, unit: str, off: float) -> None:
-    """A fault where points without a unit are spread by another factor than the arm's tool."""
+def require_near_spread(report: ImportReport, table: UserTable, meant: Recognised, unit: str, off: float) -> None:
+    """Report a fault where points without a unit do not spread as the arm's tool does in any unit."""
     if off > _FAR_SPREAD:
         what = ", ".join(meant.columns[axis].name for axis in "xyz")
-        work.fault(
+        report.fault(
             f"{table.path}: line 1: {what} have no unit, and their spread is {off:.2g} times off the arm's in "
             f"{unit}; tell it by --map '{meant.columns['x'].name}=x_mm' (or x_m), and check joints and robot"
         )
 
 
 def of_one_place(near: Array, row_of: Sequence[int], points: tuple[UserTable, Recognised], setups: list[str]) -> Array:
-    """(N, 3) the points of the target and the placement that most of them are of; NaN elsewhere."""
+    """Points (N, 3) of the target and station with most points; NaN elsewhere."""
     table, meant = points
     out = near.copy()
     if "target" in meant.columns:
@@ -239,7 +242,7 @@ def of_one_place(near: Array, row_of: Sequence[int], points: tuple[UserTable, Re
         for i, (row, target) in enumerate(zip(row_of, targets, strict=True)):
             if target == most and row >= 0:
                 first.setdefault(row, i)
-        xyz = np.column_stack([_coordinate(Work(None), table, meant.columns[axis].name) for axis in "xyz"])
+        xyz = np.column_stack([_coordinate(ImportReport(None), table, meant.columns[axis].name) for axis in "xyz"])
         out[:] = np.nan
         out[list(first)] = xyz[list(first.values())]
     if setups:

@@ -1,4 +1,4 @@
-"""Units that no name tells, from the numbers themselves: which reading of them agrees with the nominal arm."""
+"""Units of columns without a unit in their name, by the agreement of the numbers with the nominal arm."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ _CLEARLY = 0.5  # of the other unit's misfit
 _LIKELY = ("mm", "m", "in", "cm")
 
 
-def joint_units(robot: Robot, values: Array, told: Sequence[str], points: Array | None) -> tuple[list[str], str]:
-    """The units of the joints' columns and how they were found; "" where names told all of them.
+def joint_units(robot: Robot, values: Array, named: Sequence[str], points: Array | None) -> tuple[list[str], str]:
+    """Units of the joints' columns, and the reason; "" where the names have all units.
 
-    values  # (N, n) as they stand in the file; points  # (N, 3) as they stand in the file, where each row has one
+    values  # (N, n) in the file's units; points  # (N, 3) in the file's unit, where each row has one
     """
     turns = robot.is_revolute
-    angle, length, how = _angle_unit(robot, values, told, points), "mm", []
+    angle, length, how = _angle_unit(robot, values, named, points), "mm", []
     slides = values[:, ~turns]
     if slides.size and np.nanmax(np.abs(slides)) <= _METRES_AT_MOST:
         length = "m"
-    units = [unit or (angle if turning else length) for unit, turning in zip(told, turns, strict=True)]
-    if any(not unit and turning for unit, turning in zip(told, turns, strict=True)):
+    units = [unit or (angle if turning else length) for unit, turning in zip(named, turns, strict=True)]
+    if any(not unit and turning for unit, turning in zip(named, turns, strict=True)):
         largest = float(np.nanmax(np.abs(values[:, turns])))
         how.append(f"angles are taken for {angle}, their largest being {largest:.4g}")
-    if any(not unit and not turning for unit, turning in zip(told, turns, strict=True)):
+    if any(not unit and not turning for unit, turning in zip(named, turns, strict=True)):
         how.append(f"slides are taken for {length}, their largest being {float(np.nanmax(np.abs(slides))):.4g}")
     return units, "; ".join(how)
 
 
-def _angle_unit(robot: Robot, values: Array, told: Sequence[str], points: Array | None) -> str:
+def _angle_unit(robot: Robot, values: Array, named: Sequence[str], points: Array | None) -> str:
     turning = values[:, robot.is_revolute]
     if not turning.size or np.nanmax(np.abs(turning)) > _RADIANS_AT_MOST:
         return "deg"
-    if points is not None and len(points) >= 6 and "rad" not in told and "deg" not in told:
+    if points is not None and len(points) >= 6 and "rad" not in named and "deg" not in named:
         misfit = {unit: _misfit(robot, values, unit, points) for unit in ANGLES_RAD}
         # Where the arm explains neither, because a sign or the robot is wrong, small numbers are likelier radians.
         return "deg" if misfit["deg"] < _CLEARLY * misfit["rad"] else "rad"
@@ -50,7 +50,7 @@ def _angle_unit(robot: Robot, values: Array, told: Sequence[str], points: Array 
 
 
 def _misfit(robot: Robot, values: Array, unit: str, points: Array) -> float:
-    """Share of the points' spread that the nominal arm does not explain, at the best scale."""
+    """Misfit of the nominal arm to the points, at the best scale, for angles in a unit."""
     q = values * np.where(robot.is_revolute, ANGLES_RAD[unit], 1.0)
     known = np.isfinite(q).all(axis=1) & np.isfinite(points).all(axis=1)
     mine, seen = target_points(robot, q[known]), points[known]
@@ -62,9 +62,9 @@ def _misfit(robot: Robot, values: Array, unit: str, points: Array) -> float:
 
 
 def length_unit(robot: Robot, q: Array, points: Array) -> tuple[str, float]:
-    """The points' unit by how far they are spread against the nominal arm's, and how many mm the spread then misses.
+    """Unit of points by their spread relative to the nominal arm's, and the ratio (>= 1) of the spreads in that unit.
 
-    q  # (N, n) rad, mm; points  # (N, 3), beside each other
+    q  # (N, n) rad, mm; points  # (N, 3), of the same poses
     """
     known = np.isfinite(q).all(axis=1) & np.isfinite(points).all(axis=1)
     mine, seen = _spread(target_points(robot, q[known])), _spread(points[known])

@@ -1,4 +1,4 @@
-"""What was recognised as the files of a dataset, written beside their place and moved there whole."""
+"""Writing of an imported dataset: its files as text, written to a temporary folder and moved into place."""
 
 from __future__ import annotations
 
@@ -16,16 +16,43 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.dataset.input_names import CONDITIONS, joint_input, quantity_of
 from calib.dataset_import.columns import Recognised
-from calib.dataset_import.reading import Work
-from calib.dataset_import.roles import roles_of
+from calib.dataset_import.reading import ImportReport
 from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Robot
 from calib.text_files.csv_text import rows_csv
-from calib.user_tables.user_table import UserTable
+from calib.text_files.user_table import UserTable
+
+_WORDS = {
+    "reference": "reference", "ref": "reference", "train": "train", "training": "train", "calibration": "train",
+    "fit": "train", "test": "test", "testing": "test", "validation": "test", "verification": "test", "check": "test",
+}  # fmt: skip
+_ENOUGH = 25  # poses, so that some can be kept apart
+_EVERY = 4
+
+
+def roles_of(column: Sequence[str] | None, count: int, first: int = 0) -> tuple[list[str], str]:
+    """Role of each pose, exactly one being the reference, and the reason; "" where all are in the table.
+
+    first  # index of the first measured pose
+    """
+    if column is None:
+        roles = ["test" if count >= _ENOUGH and i % _EVERY == _EVERY - 1 else "train" for i in range(count)]
+        kept = (
+            f"every fourth is kept apart to test ({roles.count('test')} of {count})"
+            if "test" in roles
+            else "none is kept"
+        )
+        roles[first] = "reference"
+        return roles, f"no column role: the first pose with a point is the reference, {kept}"
+    roles = [_WORDS.get(word.strip().lower(), word.strip()) for word in column]
+    if "reference" in roles or not roles:
+        return roles, ""
+    roles[roles.index("train") if "train" in roles else first] = "reference"
+    return roles, "column role names no reference pose: the first for training is taken"
 
 
 def poses_text(
-    work: Work,
+    report: ImportReport,
     table: UserTable,
     meant: Recognised,
     ids: list[str],
@@ -33,25 +60,25 @@ def poses_text(
     scans: Mapping[str, Path],
     measured: BoolArray | None,
 ) -> str:
-    """poses.csv in the units of the columns' names: rad and mm, which the reader takes.
+    """Text of poses.csv, with joint values in rad and mm.
 
-    q  # (N, n) rad, mm; scans  # a file by its stem; measured  # (N,) which poses have a point; None: scans only
+    q  # (N, n) rad, mm; scans  # files by stem; measured  # (N,) poses that have a point; None: scans only
     """
-    assert work.robot is not None
+    assert report.robot is not None
     given = table.text(meant.columns["role"].name) if "role" in meant.columns else None
     roles, how = roles_of(given, len(ids), 0 if measured is None else int(np.argmax(measured)))
-    work.said += [f"{table.path}: {how}"] if how else []
+    report.notes += [f"{table.path}: {how}"] if how else []
     unknown = [i for i, role in enumerate(roles) if role not in ROLES]
     for i in unknown:
         where = f"{table.path}: line {table.lines[i]}, column {meant.columns['role'].name}"
-        work.fault(f"{where}: found {roles[i][:40]!r}; expected reference, train or test")
-    names = [f"q{k + 1}_{'rad' if turns else 'mm'}" for k, turns in enumerate(work.robot.is_revolute)]
+        report.fault(f"{where}: found {roles[i][:40]!r}; expected reference, train or test")
+    names = [f"q{k + 1}_{'rad' if turns else 'mm'}" for k, turns in enumerate(report.robot.is_revolute)]
     kept = [m for m in meant.columns if m in (*CONDITIONS, "setup", "scan") or quantity_of(m) == "approach"]
     taken = {"pose", "role", *names, *kept}
     rest = [name for name in meant.rest if name not in taken]
     if rest:
-        work.said.append(f"{table.path}: other columns are kept as they are: {', '.join(rest)}")
-    columns = [_condition(work, table, meant, m) for m in kept] + [table.text(name) for name in rest]
+        report.notes.append(f"{table.path}: other columns are kept as they are: {', '.join(rest)}")
+    columns = [_condition(report, table, meant, m) for m in kept] + [table.text(name) for name in rest]
     body = [
         [ids[i], roles[i], *map(repr, map(float, q[i])), *(column[i] for column in columns)] for i in range(len(ids))
     ]
@@ -60,18 +87,18 @@ def poses_text(
         header.append("scan")
         for i, row in enumerate(body):
             if measured is None and ids[i] not in scans:
-                work.fault(f"{table.path}: line {table.lines[i]}: no such scan as {ids[i][:40]!r} among those given")
+                report.fault(f"{table.path}: line {table.lines[i]}: no such scan as {ids[i][:40]!r} among those given")
             row.append(scans[ids[i]].name if ids[i] in scans else f"{ids[i]}.ply")
     return rows_csv([header, *body])
 
 
-def _condition(work: Work, table: UserTable, meant: Recognised, meaning: str) -> list[str]:
-    """A column of a condition; one of numbers has numbers in all its cells."""
+def _condition(report: ImportReport, table: UserTable, meant: Recognised, meaning: str) -> list[str]:
+    """Cells of a condition's column; a fault is reported where one should be a number and is not."""
     column = meant.columns[meaning]
     cells = table.text(column.name)
     if meaning in CONDITIONS:
         filled = replace(table, rows=tuple(tuple(cell or "0" for cell in row) for row in table.rows))
-        filled.numbers(column.name, work.fault)  # an empty cell is for the reader to judge
+        filled.numbers(column.name, report.fault)  # an empty cell is for the reader to judge
     of_joint = joint_input(meaning)
     joint = None if of_joint is None else meant.columns.get(f"q{of_joint[1] + 1}")
     if joint is not None and joint.sign < 0:
@@ -81,7 +108,7 @@ def _condition(work: Work, table: UserTable, meant: Recognised, meaning: str) ->
 
 
 def points_text(table: UserTable, meant: Recognised, poses: Sequence[str], xyz_mm: Array) -> str:
-    """points.csv."""
+    """Text of points.csv."""
     further = [m for m in meant.columns if m == "target" or (m[:1] in "qrs" and m[1:2] in "wxyz") or m[1:3] == "_r"]
     columns = [table.text(meant.columns[m].name) for m in further]
     body = [
@@ -93,7 +120,7 @@ def points_text(table: UserTable, meant: Recognised, poses: Sequence[str], xyz_m
 
 @dataclass(frozen=True)
 class Content:
-    """What a dataset folder is to hold."""
+    """Content of a dataset folder to be written."""
 
     robot: Robot
     poses_csv: str
@@ -103,7 +130,7 @@ class Content:
 
 
 def fault_of(content: Content) -> str | None:
-    """What would keep such a dataset from being read; scans are only looked for, not read."""
+    """Error that reading such a dataset would raise; None where it can be read. Scans are only looked for."""
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made) / "dataset"
         folder.mkdir()
@@ -116,7 +143,7 @@ def fault_of(content: Content) -> str | None:
 
 
 def written(out: Path, content: Content) -> Dataset:
-    """Write beside the place, read it as every command does, and move it there whole. Raises DatasetError."""
+    """Write a dataset to a temporary folder, read it for checking, and move it into place. Raises DatasetError."""
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name[:50]}.") as made:
         draft, final = Path(made) / "draft", Path(made) / "final"

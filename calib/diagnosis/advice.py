@@ -1,105 +1,95 @@
-"""What to do next with a model: the move that the automatic search would make from it, or the verdict.
-
-Whoever follows it, one move after the other, ends with the model and the verdict of `diagnose`.
-"""
+"""What the page says of the next move: what the model's fit leaves, and what the move does about it."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from calib.calibration.result import Calibration
-from calib.consistency.data_problem import Suspicions
-from calib.diagnosis.conclusion import concluded, with_split
-from calib.diagnosis.data_check import data_suspicions, diagnosis_of_problem, problem_beside_effects
-from calib.diagnosis.decision_rules import curves_say_more
-from calib.diagnosis.diagnose import AddCurves, SearchAgain, SearchWithNoise, closing_move
-from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.explanation import noise_told
-from calib.diagnosis.moves import AddEffect, DropEffect, Stop, Tell, next_move
-from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.search_space import SearchSpace
-from calib.diagnosis.words import conclusions as words
+from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPoses, Move, ShapeNoise
+from calib.diagnosis.verdict import curves_outweigh
+from calib.diagnosis.words.conclusion_text import residual_summary_text
+from calib.diagnosis.words.conclusions import ResidualSummary
 from calib.diagnosis.words.headline import held_out_beyond_noise
+from calib.diagnosis.words.noise_text import noise_text
+from calib.diagnosis.words.phrases import curves_text, listed
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.residual_tests import ResidualTests
-
-Move = AddEffect | DropEffect | SearchAgain | SearchWithNoise | AddCurves
 
 
 @dataclass(frozen=True)
 class Advice:
-    """A move, and why."""
+    """A move that leads on from a model, and what the model's fit leaves."""
 
     move: Move
-    sentences: tuple[words.AdviceSentence, ...]  # `calib.diagnosis.words` puts them into words
+    residual: ResidualSummary
 
     @property
     def effect(self) -> str:
-        """The effect that the move adds or takes out; "" where it does neither."""
+        """The effect that the move adds or drops; "" where it does neither."""
         match self.move:
             case AddCurves():
                 return LEARNED
-            case SearchAgain() | SearchWithNoise():
+            case LeaveOutPoses() | ShapeNoise():
                 return ""
         return self.move.name
 
 
-def advice_or_verdict(
-    space: SearchSpace,
-    steps: Sequence[FitStep],
-    tests: ResidualTests,
-    dropped: Collection[str] = (),
-    tell: Tell = lambda words: None,
-) -> Advice | Diagnosis:
-    """What the search would do next with the last step's model; the verdict on it where that is nothing.
+def advice_on(move: Move, tests: ResidualTests, calibration: Calibration) -> Advice:
+    """The advice to make a move.
 
     Args:
-        space: of the fits.
-        steps: that led to the model; the last with its screening.
-        tests: of what the last fit leaves over.
-        dropped: effects that were taken out as superfluous.
-        tell: called before each stage.
+        tests: of the residual of the model that the move leads on from.
+        calibration: the fit of that model.
     """
-    of_step = space.without(steps[-1].left_out)
-    doubts = data_suspicions(of_step, steps[0]) if not steps[0].selected else Suspicions(None)
-    if doubts.problem is not None:
-        return diagnosis_of_problem(of_step, steps[0], doubts.problem)
-    move = next_move(of_step, steps[-1], dropped, tell)
-    if not isinstance(move, Stop):
-        return advice_on(move, tests, steps[-1].calibration)
-    found = concluded(space, steps, move, tests)
-    problem = problem_beside_effects(of_step, found, doubts.open)
-    if problem is not None:
-        return diagnosis_of_problem(of_step, steps[0], problem)
-    closing = closing_move(space, found, tell)
-    return with_split(found) if closing is None else advice_on(closing, tests, steps[-1].calibration)
-
-
-def advice_on(move: Move, tests: ResidualTests, calibration: Calibration) -> Advice:
-    """What speaks for a move."""
     match move:
-        case AddEffect():
-            # What an effect explains may also look like a fault: where one is convincing, the order is reported.
-            left = residual_summary(replace(tests, fault=None), calibration)
-            return Advice(move, (left, words.AddEffect(move.name, move.candidate.log_evidence, move.lead)))
-        case DropEffect():
-            return Advice(move, (residual_summary(tests, calibration), words.RemoveEffect(move.name)))
-        case SearchAgain():
-            return Advice(move, (residual_summary(tests, calibration), words.LeaveOut(move.poses, move.found.missing)))
-        case SearchWithNoise():
-            noise = noise_told(move.found)
-            assert noise is not None
-            return Advice(move, (residual_summary(tests, calibration), words.WeighNoise(noise, move.found.missing)))
-        case AddCurves():
-            curves = move.curves
-            unsaid = tests.fault is not None and curves_say_more(curves, tests.fault)
-            left = residual_summary(replace(tests, fault=None) if unsaid else tests, calibration)
-            said = words.AddCurves(LEARNED, curves.joints, curves.inputs, curves.log_evidence)
-            return Advice(move, (left, said))
+        case AddEffect():  # what an effect explains may look like a fault too: where one leads, the pattern is reported
+            tests = replace(tests, fault=None)
+        case AddCurves(curves=curves):
+            if tests.fault is not None and curves_outweigh(curves.members, curves.log_evidence, tests.fault):
+                tests = replace(tests, fault=None)
+    return Advice(move, residual_summary(tests, calibration))
 
 
-def residual_summary(tests: ResidualTests, calibration: Calibration) -> words.ResidualSummary:
+def residual_summary(tests: ResidualTests, calibration: Calibration) -> ResidualSummary:
     """What a fit leaves, in short."""
     beyond = held_out_beyond_noise(calibration, tests.noise_mm)
-    return words.ResidualSummary(tests.fault, tests.structured, tests.too_large, tests.outlier_poses, beyond)
+    return ResidualSummary(tests.fault, tests.structured, tests.too_large, tests.outlier_poses, beyond)
+
+
+def advice_text(advice: Advice) -> str:
+    """What the fit leaves, and what to do next."""
+    return f"{residual_summary_text(advice.residual)} {move_text(advice.move)}"
+
+
+def move_text(move: Move) -> str:
+    """What a move does and why, a sentence or two."""
+    match move:
+        case AddEffect():
+            leads = "" if move.log_bayes_factor is None else f" and leads the next by {move.log_bayes_factor:.0f}"
+            return (
+                f"{move.name} explains it best: its evidence is {move.candidate.log_evidence:.0f} (3 would do){leads}. "
+                "Add it; it is the cause if noise alone is left in the end."
+            )
+        case DropEffect(name=name):
+            return f"{name} is superfluous now: the other effects explain what it does. Remove it."
+        case LeaveOutPoses(poses=poses):
+            them = "them" if len(poses) > 1 else "it"
+            return (
+                f"Without {listed(poses)} nothing but noise is left{_beside(move)}. Leave {them} out, and measure "
+                f"{them} again."
+            )
+        case ShapeNoise():
+            noise = noise_told(move.diagnosis)
+            assert noise is not None
+            return f"What is left is noise of a shape of its own{_beside(move)}. {noise_text(noise)}"
+        case AddCurves(curves=curves):
+            return (
+                f"{curves_text(curves.joints, curves.inputs, curves.log_evidence)} {LEARNED} adds what was learned; it "
+                "names no cause. Watch whether the test poses follow."
+            )
+
+
+def _beside(move: LeaveOutPoses | ShapeNoise) -> str:
+    effects = move.diagnosis.missing
+    return f" beside {listed(effects)}" if effects else ""

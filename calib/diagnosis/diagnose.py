@@ -1,102 +1,101 @@
 """Which physical effect is missing from the five-parameter model of a dataset.
 
+`next_move` decides what to do with a model: `diagnose` follows its moves to the end, the page offers them one by one.
 Signs and order of joints, units, rows and the robot's table come first: where one of them is wrong, no effect is named.
-The stepwise search names effects, each with its evidence, its doubt and its held-out gain. Then what the last fit
-leaves over is tested, whatever was named: a cause outside the catalogue shows there. Moves may follow the verdict.
-Where noise has another shape than was declared, or a few poses stand out from a fit that is otherwise clean, the search
-is done once more with that shape or without those poses; where something is left that no effect explains, curves of the
-joints are learned.
+Then effects are added and dropped, each with its evidence, its doubt and its gain at poses that no fit used. Then the
+residual of the last fit is tested: a cause outside the catalogue shows there. Three moves may follow. Where the noise
+has another shape than was declared, or a few poses stand out from a fit that is otherwise clean, the search is done
+once more with that shape or without those poses; where a residual is left that no effect explains, curves of the joints
+are learned.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
 from calib.blas_threads import one_blas_thread
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
+from calib.consistency.data_problem import DataProblem, FitVariant, Suspicions, problem_given_effects, suspicions
+from calib.consistency.hypotheses import DataHypothesis
 from calib.dataset.dataset import Dataset
-from calib.diagnosis.conclusion import concluded, with_learned, with_split
-from calib.diagnosis.data_check import data_suspicions, diagnosis_of_problem, problem_beside_effects
-from calib.diagnosis.decision_rules import (
-    curves_say_more,
-    is_convincing,
-    noise_is_believed,
-    predicts_worse,
+from calib.diagnosis.decision_rules import is_convincing, predicts_worse
+from calib.diagnosis.effect_selection import FitStep, SelectedEffect, selected_curves
+from calib.diagnosis.model_diagnosis import diagnosis_of_model, with_learned
+from calib.diagnosis.moves import (
+    AddCurves,
+    AddEffect,
+    DropEffect,
+    LeaveOutPoses,
+    Move,
+    ShapeNoise,
+    Stop,
+    Tell,
+    next_effect,
+    search_stepwise,
+    step_of,
 )
-from calib.diagnosis.effect_selection import FitStep, selected_curves
-from calib.diagnosis.moves import Tell
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import MAX_EFFECTS, SearchSpace, first_fit, step_after
-from calib.diagnosis.stepwise import search_stepwise
-from calib.effects.catalogue import effects_named
+from calib.effects.catalogue import EffectChoice, effects_named
 from calib.effects.effect import Family
-from calib.options import FitOptions
+from calib.measurement.measured_dataset import measured
+from calib.options import FitFields, FitOptions, fit_options
 from calib.progress import OnStep, staged
-from calib.screening.candidates import MIN_LEAD
-from calib.screening.curves.joint_curves import LearnedCurves
+from calib.screening.candidates import MIN_LOG_BAYES_FACTOR
 from calib.screening.curves.smooth_joint_error import LEARNED
-from calib.screening.noise.shown_noise import noise_of_repeats, noise_of_residual
+from calib.screening.noise_search import noise_of_repeats, noise_of_residual
 from calib.screening.projected_residual import project_residual
+from calib.screening.residual_tests import ResidualTests
 
 MAX_SIGMAS_SHAPED = 2.0  # residual over noise, up to which its shape may explain it
 MAX_OUTLIER_SHARE = 0.1  # share of poses that may stand out and still be called outliers
 
 
-@dataclass(frozen=True)
-class SearchAgain:
-    """The search once more, without poses that stand out, leads to a clean verdict."""
-
-    found: Diagnosis
-    poses: tuple[str, ...]  # ids of those left out
-
-
-@dataclass(frozen=True)
-class AddCurves:
-    """Curves of the joints predict poses that were left out better than the model without them."""
-
-    found: Diagnosis
-    curves: LearnedCurves
-
-
-@dataclass(frozen=True)
-class SearchWithNoise:
-    """The search once more, with the points weighed by the shape of the noise, leads to a clean verdict."""
-
-    found: Diagnosis
-
-
-ClosingMove = SearchAgain | SearchWithNoise | AddCurves
-
-
 @one_blas_thread()
 def diagnose(
-    dataset: Dataset,
-    options: FitOptions = FitOptions(),
+    dataset: Dataset | str | Path,
+    options: FitOptions | None = None,
     *,
-    effects: Sequence[str] = (),
+    effects: EffectChoice | Sequence[EffectChoice] = (),
     user_effects: Sequence[Family] = (),
     max_steps: int = MAX_EFFECTS,
     progress: bool = False,
     on_step: OnStep | None = None,
+    **keywords: Unpack[FitFields],
 ) -> Diagnosis:
-    """Find what is missing from the five-parameter model.
+    """Verdict on which physical effects are missing from the five-parameter model, with the evidence for each.
+
+    Where effects are left that these data cannot tell apart, `calib.planning.discrimination.next_poses` has the poses
+    to measure next; the diagnosis' own `summary()` and `to_dict()` include them.
 
     Args:
-        dataset: with measured points; test poses are used to confirm only.
-        options: what is asked of every fit.
-        effects: families that are taken as present from the start, all joints.
+        dataset: a dataset or its folder; test poses only confirm. Where it holds scans only, corners are found first.
+        options: options of every fit.
+        effects: effects that are in the model from the start: names of the catalogue, families, or single members.
         user_effects: families beyond the catalogue.
-        max_steps: effects to add at the most.
+        max_steps: largest number of effects to add.
         progress: show the stage under way, in a notebook's cell or at the terminal.
-        on_step: called with a line of words before each stage.
+        on_step: called with a line of text before each stage.
+        **keywords: fields of `FitOptions`, in place of those of `options`.
 
     Raises:
-        FitError, CalibError: too few poses, an unknown name.
+        FitError, CalibError: too few poses, an unknown name, an impossible option.
+
+    >>> import calib
+    >>> found = calib.diagnose("sample_data/hidden_effect_a")
+    >>> found
+    Diagnosis(hidden_effect_a: named, effects: transmission_error; test RMSE 2.32 -> 0.1 mm)
+    >>> found.predict(found.calibration.dataset.poses.q[:2]).shape
+    (2, 3)
     """
+    options = fit_options(options, keywords)
+    dataset = measured(dataset, orientation=options.residual == "pose")
     space = SearchSpace.of(
         dataset,
         options,
@@ -105,131 +104,216 @@ def diagnose(
         max_effects=max_steps,
     )
     with staged(asked=progress, then=on_step) as tell:
-        return whole_diagnosis(space, tell or (lambda words: None))
+        return whole_diagnosis(space, tell or (lambda line: None))
 
 
 def whole_diagnosis(space: SearchSpace, tell: Tell) -> Diagnosis:
-    """The search, its conclusion, and the moves that follow it."""
+    """The diagnosis at which the moves end, from the link errors on."""
     repeated = noise_of_repeats(space.dataset)
     if repeated is not None:
         space = replace(space, options=replace(space.options, noise=repeated.shape))
     tell("fitting the geometry")
     first = first_fit(space)
     tell("holding joints, points and table against each other")
-    doubts = data_suspicions(space, first)
+    model = Model((first,), suspicions=data_suspicions(space, first))
+    while not isinstance(move := next_move(space, model, tell), Diagnosis):
+        model = model.after(move)
+    return move
+
+
+# ---- one move after the other ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model on the way from the link errors to a verdict."""
+
+    steps: tuple[FitStep, ...]  # that led to it
+    dropped: frozenset[str] = frozenset()  # effects that are not to be added, as they were dropped before
+    tests: ResidualTests | None = None  # of its residual, where they were done already
+    suspicions: Suspicions | None = None  # on the data, where they were asked for already
+    diagnosis: Diagnosis | None = None  # of it, where a move brought one
+
+    def after(self, move: Move) -> Model:
+        """The model that a move leads to."""
+        match move:
+            case AddEffect() | DropEffect():
+                dropped = self.dropped | {move.name} if isinstance(move, DropEffect) else self.dropped
+                return Model((*self.steps, step_of(self.steps[-1], move)), dropped, suspicions=self.suspicions)
+            case LeaveOutPoses() | ShapeNoise() | AddCurves():
+                return Model(move.diagnosis.steps, self.dropped, suspicions=self.suspicions, diagnosis=move.diagnosis)
+
+
+def next_move(space: SearchSpace, model: Model, tell: Tell = lambda line: None) -> Move | Diagnosis:
+    """The move that leads on from a model, or the diagnosis of it where none does."""
+    if model.diagnosis is not None:
+        return _closing_move(space, model.diagnosis, tell) or model.diagnosis
+    first, last = model.steps[0], model.steps[-1]
+    of_fits = space.without(last.left_out)
+    doubts = model.suspicions or (data_suspicions(of_fits, first) if not first.selected else Suspicions(None))
     if doubts.problem is not None:
-        return diagnosis_of_problem(space, first, doubts.problem)
-    found = _searched(space, tell, first=first)
-    problem = problem_beside_effects(space, found, doubts.open)
-    if problem is not None:
-        return diagnosis_of_problem(space, first, problem)
-    while (move := closing_move(space, found, tell)) is not None:
-        found = move.found
-    return with_split(found)
-
-
-def _searched(space: SearchSpace, tell: Tell, rival: str = "", first: FitStep | None = None) -> Diagnosis:
-    """The verdict at the end of a search, which does not add the rival of a wander."""
-    search = search_stepwise(space, tell, rival, first)
+        return _diagnosis_of_problem(of_fits, first, doubts.problem)
+    steps = (*model.steps[:-1], of_fits.ranked(last))
+    move = next_effect(of_fits, steps[-1], model.dropped, tell)
+    if not isinstance(move, Stop):
+        return move
     tell("judging what is left")
-    found = concluded(space, search.steps, search.stop)
-    return replace(found, noise=replace(found.noise, rival=rival)) if found.noise is not None else found
+    diagnosis = diagnosis_of_model(space, steps, move, model.tests)
+    problem = _problem_given_effects(of_fits, diagnosis, doubts.open)
+    if problem is not None:
+        return _diagnosis_of_problem(of_fits, steps[0], problem)
+    return _closing_move(space, diagnosis, tell) or diagnosis
 
 
-def closing_move(space: SearchSpace, found: Diagnosis, tell: Tell) -> ClosingMove | None:
-    """What may follow a verdict; None where it stands."""
-    if found.learned is not None:
+# ---- data that are wrong --------------------------------------------------------------------------------------------
+
+
+def data_suspicions(space: SearchSpace, first: FitStep) -> Suspicions:
+    """Hypotheses on signs, order, units, rows and robot table, by a fit without selected effects."""
+    return suspicions(first.calibration, lambda dataset: replace(space, dataset=dataset).fit((), None))
+
+
+def _diagnosis_of_problem(space: SearchSpace, first: FitStep, problem: DataProblem) -> Diagnosis:
+    """Diagnosis of wrong data: of the fit without effects, with nothing named or suspected."""
+    return replace(diagnosis_of_model(space, [space.ranked(first)], Stop()), data_problem=problem)
+
+
+def _problem_given_effects(
+    space: SearchSpace, diagnosis: Diagnosis, hypotheses: tuple[DataHypothesis, ...]
+) -> DataProblem | None:
+    """Wrong data after all, where that explains with fewer effects what effects were added for."""
+    last = next(step for step in reversed(diagnosis.steps) if step.effect != LEARNED)
+    if not hypotheses or diagnosis.verdict == "adequate":
         return None
-    space = replace(space, options=found.calibration.options)
-    shaped = _with_noise_as_it_is(space, found, tell)
+
+    def variant(kept: Sequence[SelectedEffect], without: str = "") -> FitVariant:
+        names = tuple(effect.name for effect in kept)
+        return FitVariant(names, without, lambda dataset: replace(space, dataset=dataset).fit(kept, None))
+
+    variants = [variant([e for e in last.selected if e is not one], one.name) for one in last.selected]
+    variants.append(variant(last.selected))
+    if diagnosis.refused is not None and diagnosis.refused.why == "nature":
+        # An effect beyond nature was refused, so the search stopped early: each mended dataset gets its own search.
+        for hypothesis in hypotheses:
+            mended = replace(space, dataset=hypothesis.of_dataset(last.calibration.dataset))
+            variants.append(variant(search_stepwise(mended, lambda line: None).steps[-1].selected))
+    return problem_given_effects(last.calibration, hypotheses, variants)
+
+
+# ---- moves after a search -------------------------------------------------------------------------------------------
+
+
+def _closing_move(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> Move | None:
+    """The move that leads on from a diagnosis; None where it stands."""
+    if diagnosis.learned is not None:
+        return None
+    space = replace(space, options=diagnosis.calibration.options)
+    last = diagnosis.steps[-1]
+    shaped = _with_noise_as_shown(space, diagnosis, tell)
     if shaped is not None:
-        return SearchWithNoise(shaped)
-    left_out = found.calibration.outliers
-    outliers = tuple(pose for pose in found.residual_tests.outlier_poses if pose not in left_out)
-    again = not found.steps[-1].left_out and outliers
-    if again and len(outliers) <= max(2, MAX_OUTLIER_SHARE * _measured_poses(found.calibration)):
+        return ShapeNoise(shaped)
+    left_out = diagnosis.calibration.outliers
+    outliers = tuple(pose for pose in diagnosis.residual_tests.outlier_poses if pose not in left_out)
+    few = len(outliers) <= max(2, MAX_OUTLIER_SHARE * _measured_poses(diagnosis.calibration))
+    if outliers and few and not last.left_out:
         # Only now, with the effects in: a few wrong points bend the fit and hide or feign a pattern in all others.
         tell("once more without the poses that stand out")
-        rest = _searched(space.without(outliers), tell, found.noise.rival if found.noise is not None else "")
-        if rest.is_clean and set(found.named) <= set(rest.named):
-            return SearchAgain(_of_all_poses(rest, outliers), outliers)
-    return _curves_to_add(space.without(found.steps[-1].left_out), found, tell)
+        rival = diagnosis.noise.rival if diagnosis.noise is not None else ""
+        rest = _searched(space.without(outliers), tell, rival)
+        if rest.is_clean and set(diagnosis.named) <= set(rest.named):
+            return LeaveOutPoses(_of_all_poses(rest, outliers), outliers)
+    return _curves_to_add(space.without(last.left_out), diagnosis, tell)
 
 
-def _with_noise_as_it_is(space: SearchSpace, found: Diagnosis, tell: Tell) -> Diagnosis | None:
-    """The search with the points weighed by the noise's shape; None where none shows, or it is not believed.
+def _searched(space: SearchSpace, tell: Tell, rival: str = "") -> Diagnosis:
+    """The diagnosis at the end of a search, which does not add the rival of a correlated drift ("" for none)."""
+    search = search_stepwise(space, tell, rival)
+    tell("judging what is left")
+    diagnosis = diagnosis_of_model(space, search.steps, search.stop)
+    return diagnosis if diagnosis.noise is None else replace(diagnosis, noise=replace(diagnosis.noise, rival=rival))
+
+
+def _with_noise_as_shown(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> Diagnosis | None:
+    """The search with the points weighted by the noise's shape; None where none shows, or it is not believed.
 
     Repeated measurements are believed whatever else is left.
     """
-    taken, last = space.options.noise, found.calibration
+    taken, last = space.options.noise, diagnosis.calibration
     of_repeats = noise_of_repeats(space.dataset)
-    told = taken is not None and (of_repeats is None or taken.wander is not None)
-    if told or found.steps[-1].left_out or implausibility_reason(last):
+    known = taken is not None and (of_repeats is None or taken.wander is not None)
+    if known or diagnosis.steps[-1].left_out or implausibility_reason(last):
         return None
-    start, tests = found.steps[0].calibration, found.residual_tests
+    start, tests = diagnosis.steps[0].calibration, diagnosis.residual_tests
     if of_repeats is not None and taken is None:
         tell("once more with the noise of repeated measurements")
         return _searched(space.with_noise(of_repeats.shape, start), tell)
     unknown = tests.lack_of_fit_p is None or tests.residual_mm > MAX_SIGMAS_SHAPED * tests.noise_mm
-    if found.verdict == "unexplained" and unknown:
+    if diagnosis.verdict == "unexplained" and unknown:
         return None  # no shape of the declared size is that large
-    beaten = next((one for one in found.added if one.effect == found.beaten), None)
-    shown = noise_of_residual(last.fitted_dataset, beaten, project_residual(last), tests.outlier_poses)
+    unproven = next((one for one in diagnosis.added if one.effect == diagnosis.unproven), None)
+    shown = noise_of_residual(last.fitted_dataset, unproven, project_residual(last), tests.outlier_poses)
     if shown is None:
         return None
     tell("once more with the noise as it is")
     again = _searched(space.with_noise(shown.shape, start), tell, shown.rival)
-    return again if noise_is_believed(found, again) else None
+    return again if noise_is_believed(diagnosis, again) else None
+
+
+def noise_is_believed(before: Diagnosis, again: Diagnosis) -> bool:
+    """Whether a search with the noise as it shows is clean, and loses no claim.
+
+    An unknown cause may look like noise of a strange shape. As a shape keeps the declared size, its size gives it away:
+    so a size has to be known where something was left without the shape.
+    """
+    if before.verdict == "unexplained" and again.residual_tests.lack_of_fit_p is None:
+        return False
+    return again.is_clean and set(before.missing) <= {*again.missing, *again.ambiguous_set}
 
 
 def _measured_poses(calibration: Calibration) -> int:
-    """How many poses have points; those of one stand count once."""
+    """Number of poses with points; repeats of one pose count once."""
     points = calibration.fitted_dataset.points
     assert points is not None
     return len(np.unique(points.pose))
 
 
 def _of_all_poses(rest: Diagnosis, outliers: tuple[str, ...]) -> Diagnosis:
-    """The diagnosis without the outliers, told of all poses."""
-    all_outliers = tuple(dict.fromkeys([*outliers, *rest.residual_tests.outlier_poses]))
+    """The diagnosis without the outliers as one of all poses, of which these stand out."""
+    all_outliers = tuple(dict.fromkeys([*outliers, *rest.all_tests.outlier_poses]))
     return replace(
         rest,
-        verdict="ambiguous" if rest.open_sets else "outliers",
-        residual_tests=replace(rest.residual_tests, outlier_poses=all_outliers),
+        all_tests=replace(rest.all_tests, outlier_poses=all_outliers),
         steps=tuple(replace(step, left_out=outliers) for step in rest.steps),
     )
 
 
-def _curves_to_add(space: SearchSpace, found: Diagnosis, tell: Tell) -> AddCurves | None:
-    """Where something is left that no effect explains: curves of the joints, if they predict poses left out better.
+def _curves_to_add(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> AddCurves | None:
+    """Curves of the joints, where a residual is left that no effect explains; None where they are not to be added.
 
-    They never take a name's place: not where the only one was refused or a further one is convincing, nor where effects
-    are tied, unless the curves say more than twice as much; only a cause of one place or one pose gives way to curves
-    that say more. A fault of one joint stays told unless all joints' curves say more.
+    They are offered only if (1) the verdict is `unexplained`, or `ambiguous` and their log evidence exceeds twice that
+    of the best candidate by `MIN_LOG_BAYES_FACTOR`; (2) the only effect was not refused for a reason that leaves doubt,
+    and points and poses belong together; (3) no further candidate is convincing, except where one of one place or one
+    pose gives way to curves; (4) they predict the test poses no worse than the model without them.
     """
-    last, fault = found.steps[-1], found.residual_tests.fault
-    before = last.calibration
-    only_refused = found.refused is not None and found.refused.leaves_doubt and not found.named
-    if found.verdict not in ("unexplained", "ambiguous") or only_refused or implausibility_reason(before):
+    last = diagnosis.steps[-1]
+    before, refused = last.calibration, diagnosis.refused
+    only_refused = refused is not None and refused.leaves_doubt and not diagnosis.named
+    if diagnosis.verdict not in ("unexplained", "ambiguous") or only_refused or implausibility_reason(before):
         return None
-    unnamed = not found.left_to_curves and found.refused is None and not found.ambiguous_set
-    if unnamed and any(map(is_convincing, found.screenings[-1].candidates)):
+    unnamed = not diagnosis.left_to_curves and refused is None and not diagnosis.ambiguous_set
+    if unnamed and any(map(is_convincing, diagnosis.screenings[-1].candidates)):
         return None  # as many effects as were asked for, and one more has a name
     tell("learning what the joints' curves explain")
     curves = last.curves
     if curves is None:
         return None
-    if found.ambiguous_set:
-        best = max((c.log_evidence for c in found.screenings[-1].candidates), default=0.0)
-        if curves.log_evidence < MIN_LEAD + 2.0 * best:
-            return None
-        found = replace(found, verdict="unexplained", ambiguous_set=(), missing=(), suspected=found.named)
+    best = max((c.log_evidence for c in diagnosis.screenings[-1].candidates), default=0.0)
+    if diagnosis.ambiguous_set and curves.log_evidence < MIN_LOG_BAYES_FACTOR + 2.0 * best:
+        return None
     selected = (*last.selected, selected_curves(curves))
     after = space.fit(selected, before)
     # A cause may be right and the test poses a little worse by chance; curves name none and have to earn their place.
     if predicts_worse(before, after, scatter=0.0) or before.after.train is None or after.after.train is None:
         return None
-    if fault is not None and curves_say_more(curves, fault):
-        found = replace(found, residual_tests=replace(found.residual_tests, fault=None))
-    step = step_after(last, LEARNED, selected, after, lead=curves.log_evidence)
-    return AddCurves(with_learned(found, step, curves.members), curves)
+    step = step_after(last, LEARNED, selected, after, log_bayes_factor=curves.log_evidence)
+    return AddCurves(with_learned(diagnosis, step, curves.members), curves)

@@ -1,4 +1,4 @@
-"""Effects that are selected one by one: some members of a family, with the prior sigmas that the evidence gives them.
+"""Effects selected one by one: the members that carry each, with the prior sigmas that the evidence gives them.
 
 `calibrate(effects=...)` takes whole families with their usual scales. The diagnosis and the page select less: the
 members that carry an effect in these data, each parameter with a prior sigma chosen by the evidence.
@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.brief import Brief
 from calib.calibration.calibrate import calibrate
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
@@ -28,7 +29,7 @@ GEOMETRY = "link errors"
 
 
 @dataclass(frozen=True)
-class SelectedEffect:
+class SelectedEffect(Brief):
     """An effect in the model: the members that carry it, and the prior sigmas of their parameters."""
 
     name: str
@@ -37,28 +38,28 @@ class SelectedEffect:
 
     @classmethod
     def of(cls, candidate: Candidate) -> SelectedEffect:
-        """A candidate as the screening proposes it."""
+        """Effect as the screening proposes it."""
         return cls(candidate.name, candidate.members, candidate.prior_sigmas)
 
 
 @dataclass(frozen=True)
-class FitStep:
+class FitStep(Brief):
     """One fit on the way from the link errors to a model with the effects that are missing from it."""
 
-    label: str  # what was changed: "link errors", "+ backlash", "− backlash"
+    label: str  # the change of the model: "link errors", "+ backlash", "− backlash"
     selected: tuple[SelectedEffect, ...]  # in the model, beyond the link errors and whole families
     calibration: Calibration
     effect: str | None = None  # that this step added
-    candidate: Candidate | None = None  # the case for that effect, as it stood before it was added
-    log_evidence_margin: float | None = None  # its lead over the next candidate, where there was one
+    candidate: Candidate | None = None  # that effect as it was ranked before it was added
+    log_bayes_factor: float | None = None  # of the effect over the next candidate; of learned curves over none
     left_out: tuple[str, ...] = ()  # ids of measured poses that this fit did without
-    screening: Screening | None = None  # of every effect that is not in its model, once that was asked for
-    runner_up: str = ""  # the candidate that it leads
+    screening: Screening | None = None  # of every effect that is not in its model, once asked for
+    runner_up: str = ""  # the next candidate
 
     @cached_property
     def curves(self) -> LearnedCurves | None:
-        """Curves of the joints that explain what the fit leaves over, learned when first asked for."""
-        return curves_beside(self.calibration)
+        """Curves of the joints that explain the residual of the fit, learned when first asked for."""
+        return curves_given(self.calibration)
 
 
 def first_step(calibration: Calibration) -> FitStep:
@@ -67,7 +68,7 @@ def first_step(calibration: Calibration) -> FitStep:
 
 
 def candidate_of(screening: Screening | None, name: str) -> Candidate:
-    """An effect as the screening proposes it. Raises CalibError where it is no candidate, or nothing of it shows."""
+    """A candidate of a screening by its name. Raises CalibError where there is none, or where nothing of it shows."""
     ranked = {} if screening is None else {c.name: c for c in screening.candidates}
     if name not in ranked:
         raise CalibError(f"effect {name} is not among the candidates: {', '.join(ranked) or 'none is ranked yet'}")
@@ -77,17 +78,18 @@ def candidate_of(screening: Screening | None, name: str) -> Candidate:
 
 
 def learned_curves(calibration: Calibration) -> LearnedCurves | None:
-    """Curves of the joints, learned from what a fit leaves over; None where they are worth no more than noise.
+    """Curves of the joints, learned from the residual of a fit; None where they explain no more than noise would.
 
     Raises FitError where no degree of freedom is left.
     """
     return learn_joint_curves(calibration) if calibration.options.prior else None
 
 
-def curves_beside(calibration: Calibration) -> LearnedCurves | None:
-    """Curves of the joints that explain what a fit leaves over.
+def curves_given(calibration: Calibration) -> LearnedCurves | None:
+    """Curves of the joints that explain the residual of a fit.
 
-    None where the fit has its curves already, and where no degree of freedom is left to learn from.
+    None where they explain no more than noise would, where the fit has curves already, where points and poses do not
+    belong together, and where no degree of freedom is left.
     """
     if LEARNED in calibration.model.family_names or implausibility_reason(calibration):
         return None
@@ -98,13 +100,13 @@ def curves_beside(calibration: Calibration) -> LearnedCurves | None:
 
 
 def selected_curves(curves: LearnedCurves) -> SelectedEffect:
-    """Learned curves as an effect in the model."""
+    """Effect that learned curves are in a model."""
     sigmas = {full_name(member, p): p.scale for member in curves.members for p in member.parameters}
     return SelectedEffect(LEARNED, curves.members, sigmas)
 
 
 def curves_to_add(calibration: Calibration) -> LearnedCurves:
-    """Curves of the joints, learned from what a fit leaves over. Raises CalibError where there are none to learn."""
+    """Curves of the joints, learned from the residual of a fit. Raises CalibError where there are none to learn."""
     if not calibration.options.prior:
         raise CalibError(f"effect {LEARNED}: its curves are nothing without their prior; leave out --no-prior")
     curves = learned_curves(calibration)
@@ -124,7 +126,7 @@ def calibrate_with(
     effects: Sequence[Effect] = (),
     start: Calibration | None = None,
 ) -> Calibration:
-    """`calibrate` with these effects in the model, after any whole `effects`; `options` and `start` as there."""
+    """Calibration with selected effects in the model, after any whole `effects`; the rest as in `calibrate`."""
     prior_sigmas: dict[str, float] = {}
     for effect in selected:
         prior_sigmas |= effect.prior_sigmas
@@ -135,7 +137,7 @@ def calibrate_with(
 def recalled(
     dataset: Dataset, name: str, prior_sigmas: Mapping[str, float], user_effects: Sequence[Family] = ()
 ) -> SelectedEffect:
-    """An effect as it was selected before, by its name and the prior sigmas of its members' parameters.
+    """Effect that was selected before, by its name and the prior sigmas of its members' parameters.
 
     Learned curves have no members yet: they are learned again from the fit before them (`relearned`).
 
@@ -159,9 +161,9 @@ def recalled(
 
 
 def relearned(selected: Sequence[SelectedEffect], steps: Sequence[FitStep]) -> tuple[SelectedEffect, ...]:
-    """The effects with their learned curves, taken from an earlier step that has them or learned from the last one.
+    """Selected effects with learned curves filled in, from an earlier step that has them or learned from the last one.
 
-    Raises CalibError where they are worth no more than noise now.
+    Raises CalibError where the curves explain no more than noise would now.
     """
     if all(effect.name != LEARNED for effect in selected):
         return tuple(selected)

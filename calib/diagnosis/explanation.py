@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-from calib.calibration.plausibility import implausibility_reason
 from calib.dataset.repeats import find_repeats, pooled_sigma_mm
-from calib.diagnosis.decision_rules import beside_curves, untestable_names
+from calib.diagnosis.decision_rules import ranking_given_curves, untestable_names
 from calib.diagnosis.effect_selection import FitStep
-from calib.diagnosis.findings import Findings, Learned, OpenSet
+from calib.diagnosis.verdict import Conclusion, ConfoundedSet, Findings, LearnedModel
 from calib.diagnosis.words.causes import cause_of, worst_pose
 from calib.diagnosis.words.conclusions import (
     Adequate,
@@ -27,6 +26,7 @@ from calib.diagnosis.words.sentences import (
     SMALL_CHANGE,
     CurvesLearned,
     DataWrong,
+    DiscriminatingPose,
     EffectFound,
     EffectRefused,
     EffectsTied,
@@ -41,31 +41,40 @@ from calib.diagnosis.words.sentences import (
     ResidualTooLarge,
     ResidualWithoutOrder,
     SetOpen,
-    SplitPromise,
 )
 from calib.screening.candidates import Candidate, Screening
 from calib.screening.curves.smooth_joint_error import LEARNED
-from calib.screening.nuisance import TOLD_EVIDENCE
+from calib.screening.nuisance import REPORTED_EVIDENCE
 from calib.screening.residual_tests import ResidualTests
 
 POSES_TOLD = 3
 
 
-def explain(findings: Findings) -> Explanation:
-    """What led to a diagnosis, a paragraph each, and its verdict."""
+def explain(
+    findings: Findings,
+    conclusion: Conclusion,
+    next_poses: Sequence[DiscriminatingPose] = (),
+    power: float | None = None,
+) -> Explanation:
+    """What led to a diagnosis, a paragraph each, and its verdict.
+
+    Args:
+        next_poses: that discriminate between undecided effects, those at which they differ most first.
+        power: probability that they do.
+    """
     steps = zip(findings.steps, findings.steps[1:], findings.screenings, strict=False)
     first = findings.steps[0].calibration
     opening: tuple[Reason, ...] = (model_fitted(first),)
     if first.tool_shift is not None:
         opening = (*opening, first.tool_shift)
     single: list[Reason] = [
-        _effect_found(before, after, screening, _standing(findings, after.effect))
+        _effect_found(before, after, screening, conclusion.standing(after.effect or "") or "open")
         for before, after, screening in steps
         if after.candidate is not None
     ]
-    single += [_set_open(findings, found) for found in findings.open_sets]
-    if findings.tied:
-        single.append(_effects_tied(findings))
+    single += [_set_open(findings, confounded) for confounded in findings.confounded_sets]
+    if conclusion.undecided:
+        single.append(_effects_tied(findings, conclusion.undecided, next_poses, power))
     if findings.refused is not None:
         refused = findings.refused
         single.append(EffectRefused(refused.effect, refused.why, refused.detail))
@@ -76,14 +85,8 @@ def explain(findings: Findings) -> Explanation:
     if noise is not None:
         paragraphs.append((noise,))
     if findings.learned is not None:
-        paragraphs.append((_curves_learned(findings.steps[-1], findings.learned),))
-    return Explanation(tuple(paragraphs), _verdict(findings))
-
-
-def _standing(findings: Findings, effect: str | None) -> str:
-    if effect in findings.missing:
-        return "claimed"
-    return "suspected" if effect in findings.suspected else "open"
+        paragraphs.append((_curves_learned(findings.learned),))
+    return Explanation(tuple(paragraphs), _verdict(findings, conclusion))
 
 
 def _effect_found(before: FitStep, after: FitStep, screening: Screening, standing: str) -> EffectFound:
@@ -96,7 +99,7 @@ def _effect_found(before: FitStep, after: FitStep, screening: Screening, standin
         p_value=candidate.p_holm,
         runner_up=after.runner_up,
         left_to_curves=_left_to_curves(before, screening, candidate),
-        lead=after.log_evidence_margin,
+        lead=after.log_bayes_factor,
         change=error_change(before.calibration, after.calibration),
         values=fitted_values(candidate, after.calibration),
         note=candidate.family.note,
@@ -109,35 +112,36 @@ def _left_to_curves(before: FitStep, screening: Screening, chosen: Candidate) ->
     above = [c for c in screening.candidates if c.family.sparse and c.log_evidence > chosen.log_evidence]
     if not above:
         return ()
-    kept = {c.name for c in beside_curves(screening, before.curves).candidates}
+    kept = {c.name for c in ranking_given_curves(screening, before.curves).candidates}
     return tuple(c.name for c in above if c.name not in kept)
 
 
-def _curves_learned(step: FitStep, learned: Learned) -> CurvesLearned:
+def _curves_learned(learned: LearnedModel) -> CurvesLearned:
     return CurvesLearned(
         effect=LEARNED,
         joints=learned.joints,
         inputs=learned.inputs,
         formula=learned.formula,
-        log_evidence=step.log_evidence_margin,  # over noise; not known of curves of a saved session
+        log_evidence=learned.log_evidence,
         change=error_change(learned.before, learned.after),
     )
 
 
-def _set_open(findings: Findings, found: OpenSet) -> SetOpen:
+def _set_open(findings: Findings, found: ConfoundedSet) -> SetOpen:
     confirm = {c.name: c.family.description.confirm for c in findings.candidates}
-    alike = (found.effect, *found.twins) if found.twins else ()
+    alike = (found.effect, *found.equivalent) if found.equivalent else ()
     return SetOpen(
         effect=found.effect,
-        twins=found.twins,
+        twins=found.equivalent,
         untested=found.untested,
         would_help=found.would_help,
         confirm=tuple((name, confirm[name]) for name in alike if confirm.get(name)),
     )
 
 
-def _effects_tied(findings: Findings) -> EffectsTied:
-    names = findings.tied
+def _effects_tied(
+    findings: Findings, names: tuple[str, ...], next_poses: Sequence[DiscriminatingPose], power: float | None
+) -> EffectsTied:
     ranking = findings.screenings[-1].candidates
     best = ranking[0]
     confirm = {c.name: c.family.description.confirm for c in ranking}
@@ -146,11 +150,10 @@ def _effects_tied(findings: Findings) -> EffectsTied:
         best=best.name,
         overlaps=tuple((name, share) for name, share in best.overlaps.items() if name in names),
         confirm=tuple((name, confirm[name]) for name in names if confirm.get(name)),
-        poses=findings.discriminating_poses[:POSES_TOLD],
+        poses=tuple(next_poses[:POSES_TOLD]),
         is_revolute=findings.calibration.dataset.robot.is_revolute,
-        split=None
-        if findings.split is None
-        else SplitPromise(len(findings.split.poses), findings.split.shots, findings.split.settles),
+        next_poses=len(next_poses),
+        power=power,
     )
 
 
@@ -168,7 +171,7 @@ def noise_told(findings: Findings) -> NoiseShaped | None:
 def residual_sentences(tests: ResidualTests) -> tuple[ResidualSentence, ...]:
     """What a fit leaves, with the figures that it was judged by."""
     out: list[ResidualSentence] = [ResidualSize(tests.residual_mm, tests.noise_mm, tests.noise_from)]
-    if tests.masses_evidence > TOLD_EVIDENCE:
+    if tests.masses_evidence > REPORTED_EVIDENCE:
         out.append(MassesOff(tests.masses_evidence))
     if tests.structured:
         first = tests.inputs[0]
@@ -185,18 +188,18 @@ def residual_sentences(tests: ResidualTests) -> tuple[ResidualSentence, ...]:
     return tuple(out)
 
 
-def _verdict(findings: Findings) -> VerdictSentence:
-    missing, last = findings.missing, findings.calibration
+def _verdict(findings: Findings, conclusion: Conclusion) -> VerdictSentence:
+    verdict, missing, last = conclusion.verdict, conclusion.missing, findings.calibration
     noise_mm = findings.residual_tests.noise_mm
     beyond = held_out_beyond_noise(last, noise_mm)
-    if findings.verdict == "adequate":
+    if verdict == "adequate":
         return Adequate(
             bool(findings.candidates),
             untestable_names(findings.untestable),
             beyond,
             worst_pose(last),
         )
-    if findings.verdict == "named":
+    if verdict == "named":
         causes = _causes(findings, missing)
         return Named(
             missing,
@@ -204,22 +207,21 @@ def _verdict(findings: Findings) -> VerdictSentence:
             beyond,
             causes,
         )
-    if findings.verdict == "ambiguous":
-        first = next(iter(_causes(findings, [found.effect for found in findings.open_sets])), None)
+    if verdict == "ambiguous":
+        first = next(iter(_causes(findings, [confounded.effect for confounded in findings.confounded_sets])), None)
         left = worst_pose(last) if first is None else first.largest
         joints = () if first is None else first.joints
-        return Ambiguous(missing, findings.ambiguous_set, findings.suspected, left, joints)
-    if findings.verdict == "outliers":
+        return Ambiguous(missing, conclusion.ambiguous_set, conclusion.suspected, left, joints)
+    if verdict == "outliers":
         poses = findings.residual_tests.outlier_poses
         return Outliers(missing, poses, worst_pose(last, poses), _causes(findings, missing))
     if findings.data_problem is not None:
         return Unexplained((), "data", findings.data_problem.words)
-    doubt = implausibility_reason(findings.steps[0].calibration)
     without_curves = last if findings.learned is None else findings.learned.before
     return Unexplained(
-        findings.suspected,
-        _what_is_unexplained(findings, doubt),
-        doubt,
+        conclusion.suspected,
+        conclusion.reason,
+        findings.implausible,
         worst_pose(without_curves),
         _joint_of_rest(findings.residual_tests),
         findings.held_out,
@@ -242,23 +244,6 @@ def _joint_of_rest(tests: ResidualTests) -> int | None:
         return tests.fault.joint + 1
     joint = tests.inputs[0].channel.joint if tests.structured else None
     return None if joint is None else joint + 1
-
-
-def _what_is_unexplained(findings: Findings, doubt: str) -> str:
-    tests = findings.residual_tests
-    if doubt:
-        return "implausible"
-    if tests.fault:
-        return "fault"
-    if findings.learned is not None:
-        return "curves"
-    if tests.structured:
-        return "order"
-    if findings.beaten and not tests.too_large:
-        return "wander"
-    if tests.too_large:
-        return "size"
-    return "promise" if findings.held_out is not None and findings.held_out.is_broken else "refused"
 
 
 def _contradicting_points(findings: Findings) -> int | None:

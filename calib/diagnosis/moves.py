@@ -1,16 +1,16 @@
-"""The next move from a fit and its ranking: an effect to add, one to take out, or why there is none.
+"""The moves that lead from one model to the next, and the stepwise search that adds and drops effects.
 
-The automatic search makes these moves one after the other; the page advises them, one a button. An effect is added
-only if its family beats noise (F test with Holm's correction, and the evidence floor), leads the second by more than
-`MIN_LEAD` in log evidence, has a size that nature has, and helps at poses that no fit saw. One of one place or one
-pose gives way to curves of the joints, a step to a slow course of the same displacement, that say more. What a later
-effect explains too is taken out once nothing is left to add.
+An effect is added only if its family beats noise (F test with Holm's correction, and the evidence floor), leads the
+second by more than `MIN_LOG_BAYES_FACTOR`, has a size that nature has, and helps at poses that no fit used. One of one
+place or one pose gives way to curves of the joints, a step to a slow course of the same displacement, with more
+evidence. What a later effect explains too is dropped once nothing is left to add.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,34 +19,36 @@ from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import (
     MAX_WORSENING,
     MIN_LOG_EVIDENCE,
-    beside_curves,
     can_stand_for,
     is_convincing,
     may_be_curves,
     predicts_worse,
     rank_candidates,
+    ranking_given_curves,
     refusal,
 )
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
-from calib.diagnosis.findings import Refusal
-from calib.diagnosis.search_space import SearchSpace, step_after, with_candidate
-from calib.screening.candidates import MIN_LEAD, Candidate, Screening, screen
-from calib.screening.curves.slow_courses import slow_course
+from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.search_space import SearchSpace, first_fit, step_after, with_candidate
+from calib.diagnosis.verdict import Refusal
+from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate, Screening, screen
+from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.curves.smooth_joint_error import LEARNED
+from calib.screening.smooth_motions import slow_course
 
-MAX_TRIED_AHEAD = 4  # members of a tied set that are tried with a successor
+MAX_TRIED_AHEAD = 4  # contenders that are tried with a successor
 MAX_REFUSED = 3  # effects that are tried in a step
 
-Tell = Callable[[str], None]  # called with a line of words before each stage
+Tell = Callable[[str], None]  # called with a line of text before each stage
 
 
 @dataclass(frozen=True)
 class AddEffect:
-    """An effect leads: with it in the model, and the members of those before chosen anew, this is the fit."""
+    """An effect that leads all others, with the fit that has it; members of earlier effects are selected anew."""
 
     candidate: Candidate
-    lead: float | None  # in log evidence over the next
-    runner_up: str  # the next; "" where there is none
+    log_bayes_factor: float | None  # over the next candidate
+    runner_up: str  # the next candidate; "" where there is none
     selected: tuple[SelectedEffect, ...]
     calibration: Calibration
 
@@ -58,7 +60,7 @@ class AddEffect:
 
 @dataclass(frozen=True)
 class DropEffect:
-    """An effect that the others explain too: without it, this is the fit."""
+    """An effect that the others explain too, with the fit that does without it."""
 
     name: str
     selected: tuple[SelectedEffect, ...]
@@ -66,53 +68,80 @@ class DropEffect:
 
 
 @dataclass(frozen=True)
+class LeaveOutPoses:
+    """Poses that stand out: the search without them leads to a clean verdict."""
+
+    diagnosis: Diagnosis
+    poses: tuple[str, ...]  # ids
+
+
+@dataclass(frozen=True)
+class ShapeNoise:
+    """Noise of another shape than declared: the search with the points weighted by it leads to a clean verdict."""
+
+    diagnosis: Diagnosis
+
+
+@dataclass(frozen=True)
+class AddCurves:
+    """Learned curves of the joints, with which left-out poses are predicted better than without."""
+
+    diagnosis: Diagnosis  # with the fit that has them as its last step
+    curves: LearnedCurves
+
+
+Move = AddEffect | DropEffect | LeaveOutPoses | ShapeNoise | AddCurves
+
+
+@dataclass(frozen=True)
 class Stop:
-    """No effect to add, and none to take out."""
+    """Why no effect is to be added, with none to drop either."""
 
-    implausible: bool = False  # points and poses do not belong together: no effect is their cause
-    ambiguous: tuple[Candidate, ...] = ()  # effects that these data cannot tell apart
-    refused: Refusal | None = None  # an effect that the training poses speak for, and something against
-    left_to_curves: bool = False  # learned curves say more than the best effect, which is of one place or pose
-
-
-Move = AddEffect | DropEffect | Stop
+    implausible: str = ""  # why points and poses do not belong together, as a clause: no effect is their cause
+    contenders: tuple[Candidate, ...] = ()  # effects of which none leads the others
+    refused: Refusal | None = None  # an effect with evidence at the training poses, and something against it
+    left_to_curves: bool = False  # learned curves have more evidence than the best effect, of one place or pose
 
 
-def next_move(
-    space: SearchSpace, step: FitStep, dropped: Collection[str] = (), tell: Tell = lambda words: None
-) -> Move:
-    """What to do with a model.
+def next_effect(
+    space: SearchSpace, step: FitStep, dropped: Collection[str] = (), tell: Tell = lambda line: None
+) -> AddEffect | DropEffect | Stop:
+    """The effect to add to a model, else the one to drop from it, else why there is none.
 
     Args:
-        space: of the fits.
+        space: settings of all fits.
         step: the model, with its screening.
-        dropped: effects that were taken out as superfluous; they are not added again.
+        dropped: effects that are not to be added, such as those that were dropped before.
         tell: called before each stage.
     """
     assert step.screening is not None
     names = [effect.name for effect in step.selected]
-    if LEARNED in names:  # whatever is found beside curves of all joints was not worth a name without them
+    if LEARNED in names:  # an effect that shows beside curves of all joints was not worth a name without them
         return Stop()
-    if implausibility_reason(step.calibration):
-        return Stop(implausible=True)
+    implausible = implausibility_reason(step.calibration)
+    if implausible:
+        return Stop(implausible=implausible)
     added = Stop() if len(names) >= space.max_effects else _addition(space, step, dropped, tell)
     if isinstance(added, AddEffect):
         return added
     return _superfluous(space, step, tell) or added
 
 
-def applied(step: FitStep, move: AddEffect | DropEffect) -> FitStep:
-    """The step that a move leads to."""
+def step_of(step: FitStep, move: AddEffect | DropEffect) -> FitStep:
+    """The step that adds or drops an effect after another step."""
     if isinstance(move, AddEffect):
-        after = step_after(step, move.name, move.selected, move.calibration, move.candidate, move.lead)
+        after = step_after(step, move.name, move.selected, move.calibration, move.candidate, move.log_bayes_factor)
         return replace(after, runner_up=move.runner_up)
     return FitStep(f"− {move.name}", move.selected, move.calibration, left_out=step.left_out)
+
+
+# ---- adding and dropping --------------------------------------------------------------------------------------------
 
 
 def _addition(
     space: SearchSpace, step: FitStep, dropped: Collection[str], tell: Tell, *, may_refuse: int = MAX_REFUSED
 ) -> AddEffect | Stop:
-    """The effect that is to be added, with its fit, or why there is none.
+    """The effect to add, with its fit, or why there is none.
 
     Where the best is refused, one that explains less may be the cause that it stood in for: `may_refuse` are tried.
     """
@@ -121,20 +150,20 @@ def _addition(
     if not any(is_convincing(candidate) for candidate in screening.candidates):
         return Stop()
     if may_be_curves(screening.candidates[0], step.calibration, screening):
-        screening = beside_curves(screening, step.curves)
+        screening = ranking_given_curves(screening, step.curves)
         if not any(is_convincing(candidate) for candidate in screening.candidates):
             return Stop(left_to_curves=True)
         first = screening.candidates[0]
-        if slow_course(screening.projected, first) > first.log_evidence + MIN_LEAD:
+        if slow_course(screening.projected, first) > first.log_evidence + MIN_LOG_BAYES_FACTOR:
             return Stop(left_to_curves=True)
-    best, second, tied = rank_candidates(screening)
-    lead = best.log_evidence - second.log_evidence if second is not None else None
-    if tied:
-        tell(f"looking one step ahead of {', '.join(c.name for c in tied)}")
-        ahead = _look_ahead(space, step, tied)
-        if ahead is None and not can_stand_for(best, tied[1:], screening.projected.freedom):
-            return Stop(ambiguous=tied)
-        best, second, lead = ahead or (best, None, None)
+    best, second, contenders = rank_candidates(screening)
+    log_bayes_factor = best.log_evidence - second.log_evidence if second is not None else None
+    if contenders:
+        tell(f"looking one step ahead of {', '.join(c.name for c in contenders)}")
+        ahead = _look_ahead(space, step, contenders)
+        if ahead is None and not can_stand_for(best, contenders[1:], screening.projected.dof):
+            return Stop(contenders=contenders)
+        best, second, log_bayes_factor = ahead or (best, None, None)
     tell(f"adding {best.name}")
     trial = space.fit((*step.selected, SelectedEffect.of(best)), step.calibration)
     refused = refusal(best, screening, step.calibration, trial, further=bool(step.selected))
@@ -146,37 +175,39 @@ def _addition(
     selected, fitted = with_candidate(space, step, best, trial)
     if predicts_worse(trial, fitted, scatter=MAX_WORSENING) or beyond_nature(fitted):
         selected, fitted = (*step.selected, SelectedEffect.of(best)), trial
-    return AddEffect(best, lead, runner_up, selected, fitted)
+    return AddEffect(best, log_bayes_factor, runner_up, selected, fitted)
 
 
 def _without(screening: Screening, names: Collection[str]) -> Screening:
+    """A screening without some candidates."""
     kept = tuple(c for c in screening.candidates if c.name not in names)
     return screening if len(kept) == len(screening.candidates) else replace(screening, candidates=kept)
 
 
 def _look_ahead(
-    space: SearchSpace, step: FitStep, tied: Sequence[Candidate]
+    space: SearchSpace, step: FitStep, contenders: Sequence[Candidate]
 ) -> tuple[Candidate, Candidate, float] | None:
-    """Whether one of a tied set leads clearly once the next effect is in too, as when two causes are hidden.
+    """The contender that leads clearly once the next effect is in too, with the second and its log Bayes factor.
 
-    The evidence of each with its best successor is compared; None where none leads by the margin, or where nothing
-    convincing comes after any.
+    Two hidden causes may be confounded until both are in the model. The evidence of each contender with its best
+    successor is compared; None where none leads, or where nothing convincing comes after any.
     """
     totals = []
     followed = False
-    for candidate in tied[:MAX_TRIED_AHEAD]:
+    for candidate in contenders[:MAX_TRIED_AHEAD]:
         trial = space.fit((*step.selected, SelectedEffect.of(candidate)), step.calibration)
         following = [c for c in space.screen(trial).candidates if is_convincing(c)]
         followed |= bool(following)
         totals.append(candidate.log_evidence + (following[0].log_evidence if following else 0.0))
     order = np.argsort(totals)[::-1]
-    lead = totals[order[0]] - totals[order[1]]
-    best, second = tied[int(order[0])], tied[int(order[1])]
-    return (best, second, float(lead)) if followed and lead > MIN_LEAD else None
+    log_bayes_factor = totals[order[0]] - totals[order[1]]
+    best, second = contenders[int(order[0])], contenders[int(order[1])]
+    leads = followed and log_bayes_factor > MIN_LOG_BAYES_FACTOR
+    return (best, second, float(log_bayes_factor)) if leads else None
 
 
 def _superfluous(space: SearchSpace, step: FitStep, tell: Tell) -> DropEffect | None:
-    """The weakest effect beside all others, where they explain what it does."""
+    """The effect with the least evidence given all others, where that is too little."""
     if len(step.selected) < 2:
         return None
     evidence, fits = [], []
@@ -184,11 +215,72 @@ def _superfluous(space: SearchSpace, step: FitStep, tell: Tell) -> DropEffect | 
         others = tuple(other for other in step.selected if other is not effect)
         family = space.family(effect.name)
         fits.append(space.fit(others, step.calibration))
-        found = () if family is None else screen(fits[-1], [family]).candidates
-        evidence.append(found[0].log_evidence if found else -np.inf)
+        candidates = () if family is None else screen(fits[-1], [family]).candidates
+        evidence.append(candidates[0].log_evidence if candidates else -np.inf)
     weakest = int(np.argmin(evidence))
     if evidence[weakest] > MIN_LOG_EVIDENCE:
         return None
     tell("dropping what a later effect made superfluous")
     kept = tuple(effect for k, effect in enumerate(step.selected) if k != weakest)
     return DropEffect(step.selected[weakest].name, kept, fits[weakest])
+
+
+# ---- the stepwise search --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Search:
+    """The steps that built a model, each with its screening, and why the search went no further."""
+
+    steps: tuple[FitStep, ...]
+    stop: Stop
+
+
+def search_stepwise(space: SearchSpace, tell: Tell, refused: str = "") -> Search:
+    """Add effects one by one while one is convincing, drop superfluous ones, from the link errors to the stop.
+
+    refused: an effect that is not to be added; "" for none.
+    """
+    tell("fitting the geometry")
+    steps = [space.ranked(first_fit(space))]
+    dropped = [refused]
+    while not isinstance(move := next_effect(space, steps[-1], dropped, tell), Stop):
+        if isinstance(move, DropEffect):
+            dropped.append(move.name)
+        steps.append(space.ranked(step_of(steps[-1], move)))
+    return Search(straight_steps(space, steps), move)
+
+
+def straight_steps(space: SearchSpace, steps: Sequence[FitStep]) -> tuple[FitStep, ...]:
+    """The last model built effect by effect, each step with its screening; fitted again where the steps went astray."""
+    last = steps[-1]
+    if _is_straight(steps) and all(step.left_out == last.left_out for step in steps):
+        return tuple(map(space.ranked, steps))
+    before = {step.effect: step for step in steps}
+    out = [space.ranked(replace(first_fit(space), left_out=last.left_out))]
+    for count in range(1, len(last.selected) + 1):
+        selected = last.selected[:count]
+        added = before.get(selected[-1].name)
+        is_last = count == len(last.selected)
+        fit = last.calibration if is_last else space.fit(selected, out[-1].calibration)
+        step = step_after(out[-1], selected[-1].name, selected, fit)
+        if added is not None:
+            step = replace(
+                step,
+                candidate=added.candidate,
+                log_bayes_factor=added.log_bayes_factor,
+                runner_up=added.runner_up,
+            )
+        out.append(space.ranked(replace(step, screening=last.screening if is_last else None)))
+    return tuple(out)
+
+
+def _is_straight(steps: Sequence[FitStep]) -> bool:
+    """Whether each step adds one effect to those of the step before, from none on."""
+
+    def names(selected: Sequence[SelectedEffect]) -> list[str]:
+        return [effect.name for effect in selected]
+
+    return not steps[0].selected and all(
+        names(after.selected) == [*names(before.selected), after.effect] for before, after in pairwise(steps)
+    )

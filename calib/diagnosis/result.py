@@ -1,4 +1,4 @@
-"""The result of a diagnosis: what was found, with the explanation in words."""
+"""The result of a diagnosis: the findings, the verdict that follows from them, and why."""
 
 from __future__ import annotations
 
@@ -7,29 +7,71 @@ from functools import cached_property
 
 import pandas as pd
 
+from calib.brief import Brief, errors_in_short
+from calib.calibration.result import FittedResult
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.diagnosis.explanation import explain
-from calib.diagnosis.findings import Findings
+from calib.diagnosis.verdict import Conclusion, Findings, conclude
 from calib.diagnosis.words.sentences import Explanation
 from calib.diagnosis.words.text import explanation_text
 from calib.display.shown import Documented, Viewed
 
 
-@dataclass(frozen=True)
-class Diagnosis(Findings, Documented, Viewed):
-    """The verdict on a dataset, all that led to it, and why."""
+@dataclass(frozen=True, eq=False)
+class Diagnosis(Brief, Findings, FittedResult, Documented, Viewed):
+    """The findings on a dataset and the verdict.
+
+    Poses that would tell confounded effects apart are chosen on demand: `calib.planning.discrimination.next_poses`.
+    """
+
+    @cached_property
+    def conclusion(self) -> Conclusion:
+        """The verdict and the standing of each effect, as the findings decide them."""
+        return conclude(self)
+
+    @property
+    def verdict(self) -> str:
+        """One of `calib.diagnosis.verdict.VERDICTS`."""
+        return self.conclusion.verdict
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Effects that are claimed, in the order added."""
+        return self.conclusion.missing
+
+    @property
+    def suspected(self) -> tuple[str, ...]:
+        """Effects that were added and are not claimed."""
+        return self.conclusion.suspected
+
+    @property
+    def ambiguous_set(self) -> tuple[str, ...]:
+        """Effects that these data cannot tell apart, those with one in the model first."""
+        return self.conclusion.ambiguous_set
+
+    @property
+    def undecided(self) -> tuple[str, ...]:
+        """Effects of the ambiguous set that are confounded with no effect in the model."""
+        return self.conclusion.undecided
+
+    @property
+    def is_clean(self) -> bool:
+        """Whether noise alone is left, outliers apart, and an effect in the model stands for all that is confounded."""
+        if self.verdict == "ambiguous":
+            return bool(self.confounded_sets) and not self.suspected and not self.undecided
+        return self.verdict in ("adequate", "named", "outliers")
 
     @cached_property
     def explanation(self) -> Explanation:
         """Why this verdict was reached, as sentences with their numbers."""
-        return explain(self)
+        return explain(self, self.conclusion)
 
     def summary(self) -> str:
-        """The explanation in words: several short paragraphs, the verdict last."""
+        """Explanation of the verdict in several short paragraphs, the verdict last."""
         return explanation_text(self.explanation)
 
     def to_frame(self) -> pd.DataFrame:
-        """The steps: effect, errors on training and test poses, residual sigma."""
+        """Table of the steps: effect, errors at training and test poses, sigma, p-value, log Bayes factor (margin)."""
         rows = []
         for step in self.steps:
             after = step.calibration.after
@@ -40,7 +82,12 @@ class Diagnosis(Findings, Documented, Viewed):
                     "test_rmse_mm": after.test.rmse_mm if after.test else float("nan"),
                     "sigma_mm": step.calibration.sigma_mm,
                     "p_value": step.candidate.p_value if step.candidate else None,
-                    "margin": step.log_evidence_margin,
+                    "margin": step.log_bayes_factor,
                 }
             )
         return pd.DataFrame(rows).astype({"p_value": float, "margin": float})  # None is NaN
+
+    def _brief(self) -> str:
+        last, first = self.calibration, self.steps[0].calibration
+        named = ", ".join(self.named) or "none"
+        return f"{last.dataset.name}: {self.verdict}, effects: {named}; {errors_in_short(first.before, last.after)}"

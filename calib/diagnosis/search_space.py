@@ -1,14 +1,14 @@
-"""What every fit of a search has in common, and an effect added to a model beside those that are inside already."""
+"""Settings that all fits of a search share, and the steps that add an effect to a model."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from calib.calibration.calibrate import counted_by_stands
+from calib.calibration.calibrate import with_repeats_averaged
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.dataset.stands import without_poses
+from calib.dataset.repeats import without_poses
 from calib.diagnosis.effect_selection import (
     FitStep,
     SelectedEffect,
@@ -25,19 +25,19 @@ from calib.options import FitOptions
 from calib.screening.candidates import Candidate, Screening, screen
 from calib.screening.curves.smooth_joint_error import LEARNED
 
-MAX_EFFECTS = 3  # that a search adds unless told otherwise
+MAX_EFFECTS = 3  # that a search adds unless asked otherwise
 
 
 @dataclass(frozen=True)
 class SearchSpace:
-    """What every fit and every screening of a search has in common."""
+    """Settings that all fits and screenings of a search share."""
 
     dataset: Dataset
     options: FitOptions  # asked of every fit
-    given: tuple[Effect, ...]  # in the model from the start, whole
-    families: tuple[Family, ...]  # that may be missing
+    given: tuple[Effect, ...]  # whole families that are in the model from the start
+    families: tuple[Family, ...]  # that may be missing from it
     max_effects: int = MAX_EFFECTS  # to add
-    start: Calibration | None = None  # that a first fit goes on from
+    start: Calibration | None = None  # where a first fit starts
 
     @classmethod
     def of(
@@ -49,24 +49,24 @@ class SearchSpace:
         user_effects: Sequence[Family] = (),
         max_effects: int = MAX_EFFECTS,
     ) -> SearchSpace:
-        """The catalogue's families, as far as the fitted poses can test them, and the user's."""
-        fitted = counted_by_stands(dataset, options.residual)
+        """Settings with all families of the catalogue, as far as the fitted poses can test them, and the user's."""
+        fitted = with_repeats_averaged(dataset, options.residual)
         return cls(dataset, options, tuple(given), (*effects_for(fitted), *user_effects), max_effects)
 
     def without(self, pose_ids: Sequence[str]) -> SearchSpace:
-        """The same without some poses."""
+        """These settings without some poses."""
         return replace(self, dataset=without_poses(self.dataset, tuple(pose_ids))) if pose_ids else self
 
     def with_noise(self, shape: NoiseShape, start: Calibration) -> SearchSpace:
-        """The same with noise of this shape, going on from an earlier fit."""
+        """These settings with noise of a shape, first fits starting at an earlier one."""
         return replace(self, options=replace(self.options, noise=shape), start=start)
 
     def fit(self, selected: Sequence[SelectedEffect], start: Calibration | None) -> Calibration:
-        """The given and the selected effects fitted together, going on from an earlier fit."""
+        """Fit of the given and the selected effects together, starting at an earlier fit."""
         return calibrate_with(self.dataset, selected, self.options, effects=self.given, start=start or self.start)
 
     def screen(self, calibration: Calibration) -> Screening:
-        """Every family that is not in a fit's model, tested against what that fit leaves over."""
+        """Every family that is not in a fit's model, tested against the residual of that fit."""
         return screen(calibration, self.families)
 
     def ranked(self, step: FitStep) -> FitStep:
@@ -79,20 +79,20 @@ class SearchSpace:
 
 
 def first_fit(space: SearchSpace) -> FitStep:
-    """The fit that a search begins with."""
+    """Step that a search begins with: the fit without selected effects."""
     return first_step(space.fit((), None))
 
 
 def with_candidate(
     space: SearchSpace, step: FitStep, candidate: Candidate, trial: Calibration | None = None
 ) -> tuple[tuple[SelectedEffect, ...], Calibration]:
-    """A model with one effect more, and its fit; members of those before are chosen anew.
+    """Selected effects with one more, and their fit; members of the earlier effects are selected anew.
 
-    An effect that was selected beside a cause not yet in the model had to stand in for it, or did not show in all its
-    members.
+    An effect that was selected while another cause was not yet in the model had to stand in for that one, or did not
+    show in all its members.
 
     Args:
-        space: of the fits.
+        space: settings of all fits.
         step: the model without the effect.
         candidate: to be added.
         trial: the fit of both, where it was made already.
@@ -114,10 +114,12 @@ def with_candidate(
 
 
 def with_curves(space: SearchSpace, step: FitStep) -> FitStep:
-    """The model with curves of the joints, learned from what it leaves over. Raises CalibError without any."""
+    """Step that adds curves of the joints, learned from the residual. Raises CalibError where there are none."""
     curves = curves_to_add(step.calibration)
     selected = (*step.selected, selected_curves(curves))
-    return step_after(step, LEARNED, selected, space.fit(selected, step.calibration), lead=curves.log_evidence)
+    return step_after(
+        step, LEARNED, selected, space.fit(selected, step.calibration), log_bayes_factor=curves.log_evidence
+    )
 
 
 def step_after(
@@ -126,10 +128,10 @@ def step_after(
     selected: tuple[SelectedEffect, ...],
     calibration: Calibration,
     candidate: Candidate | None = None,
-    lead: float | None = None,
+    log_bayes_factor: float | None = None,
 ) -> FitStep:
-    """The step that adds an effect to another."""
-    return FitStep(f"+ {name}", selected, calibration, name, candidate, lead, step.left_out)
+    """Step that adds an effect to the model of another step."""
+    return FitStep(f"+ {name}", selected, calibration, name, candidate, log_bayes_factor, step.left_out)
 
 
 def add_in_turn(
@@ -140,7 +142,7 @@ def add_in_turn(
     effects: Sequence[Effect] = (),
     user_effects: Sequence[Family] = (),
 ) -> tuple[FitStep, ...]:
-    """The fit without them, then one more for each name: screened after the last fit, added, fitted together.
+    """Steps that add effects one by one: each screened after the last fit, added, and all fitted together.
 
     Args:
         dataset: with measured points.
@@ -148,6 +150,8 @@ def add_in_turn(
         options: what is asked of every fit.
         effects: in the model from the start, whole.
         user_effects: families beyond the catalogue.
+
+    Returns the fit without these effects first.
 
     Raises:
         CalibError: an unknown name, one that these data cannot test, or one of which nothing shows.

@@ -2,7 +2,7 @@
 
 A result stands far below what tells of it. `calib.documents` and `calib.views` know every result, and `inspector` knows
 both, so a result must import none of them. It finds the one that tells of it by name, when it is asked for, as `calib`
-itself finds its public face: `DOCUMENTS`, `VIEWS`, `TEXTS` and `WITH_FIGURES` are the only places where a name points
+itself finds its public face: `DOCUMENTS`, `VIEWS` and `WITH_FIGURES` are the only places where a name points
 upwards, and tests/display checks every one of them. Where the extra `page` is installed the report's own sections, with
 figures, take the place of the plain views.
 """
@@ -19,16 +19,12 @@ from calib.strict_json import plain
 
 DOCUMENTS: Mapping[str, str] = {  # class -> function that makes its document
     "calib.diagnosis.result.Diagnosis": "calib.documents.diagnosis_documents:diagnosis_document",
-    "calib.fleet.result.Fleet": "calib.documents.fleet_document:fleet_document",
-    "calib.planning.plan.Plan": "calib.documents.plan_document:plan_document",
-    "calib.validation.acceptance.Check": "calib.documents.check_document:check_document",
 }
 VIEWS: Mapping[str, str] = {  # class -> function that makes its HTML, tables only
     "calib.diagnosis.result.Diagnosis": "calib.views.fit_views:diagnosis_html",
-    "calib.planning.plan.Plan": "calib.views.later_views:plan_html",
 }
 TEXTS: Mapping[str, str] = {  # class -> function that makes its plain text, where that is above it
-    "calib.planning.plan.Plan": "calib.planning.words:plan_text",
+    "calib.diagnosis.result.Diagnosis": "calib.views.fit_views:diagnosis_summary",
 }
 
 WITH_FIGURES = "inspector.notebook:html_with_figures"  # of the same classes; None where it has nothing to add

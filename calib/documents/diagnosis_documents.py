@@ -5,23 +5,29 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from calib.calibration.held_out import HeldOutTest
 from calib.consistency.data_problem import DataProblem
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.explanation import noise_told
-from calib.diagnosis.findings import Learned
 from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.verdict import ConfoundedSet, LearnedModel
 from calib.diagnosis.words.noise_text import NoiseShaped, noise_text
 from calib.diagnosis.words.phrases import fault_text
+from calib.diagnosis.words.text import explanation_text
 from calib.effects.catalogue import descriptions
+from calib.planning.discrimination import NextPoses, explanation_of, next_poses
 from calib.present.calibration import found_tool_document, stands_document
 from calib.screening.candidates import Candidate
-from calib.screening.fault_models import JointFault
 from calib.screening.residual_tests import InputTest
+from calib.screening.smooth_motions import JointFault
 
 
 def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
-    """What `diagnose --json` prints: the verdict, the steps, the ranking and what is left."""
+    """What `diagnose --json` prints: verdict, steps, ranking, tests of the residual, poses to measure next."""
+    return document_with_poses(diagnosis, next_poses(diagnosis))
+
+
+def document_with_poses(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[str, Any]:
+    """What `diagnose --json` prints, with poses that were chosen already (`next_poses`)."""
     residual_tests = diagnosis.residual_tests
     return {
         "dataset": diagnosis.calibration.dataset.name,
@@ -33,7 +39,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "missing": diagnosis.missing,
         "suspected": diagnosis.suspected,
         "ambiguous_set": diagnosis.ambiguous_set,
-        "open_sets": [asdict(found) for found in diagnosis.open_sets],
+        "open_sets": [_confounded_set(confounded) for confounded in diagnosis.confounded_sets],
         "refused": None if diagnosis.refused is None else diagnosis.refused.effect,
         "refused_why": None if diagnosis.refused is None else diagnosis.refused.why,
         "promise": None
@@ -53,8 +59,10 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
             "masses_log_evidence": residual_tests.masses_evidence,
         },
         "simpler": None,  # was a dent or a slip, which are effects now
-        "measure_next": [{"q": pose.q, "separation_mm": pose.separation_mm} for pose in diagnosis.discriminating_poses],
-        "explanation": diagnosis.summary(),
+        "measure_next": []
+        if poses is None
+        else [{"q": pose.q, "separation_mm": pose.separation_mm} for pose in poses.poses],
+        "explanation": explanation_text(explanation_of(diagnosis, poses)),
         "outside": diagnosis.calibration.outside,
         "learned": _learned(diagnosis.learned),
         "noise": _noise(noise_told(diagnosis)),
@@ -69,7 +77,7 @@ def data_problem_document(problem: DataProblem | None) -> dict[str, Any] | None:
     return {
         "kind": problem.kind,
         "joints": problem.joints,
-        "mend": problem.mend,
+        "mend": problem.remedy,
         "rmse_mm": {"now": problem.now_mm, "then": problem.then_mm},
         "words": problem.words,
     }
@@ -94,7 +102,7 @@ def _noise(noise: NoiseShaped | None) -> dict[str, Any] | None:
     }
 
 
-def _learned(learned: Learned | None) -> dict[str, Any] | None:
+def _learned(learned: LearnedModel | None) -> dict[str, Any] | None:
     if learned is None:
         return None
     train, test = learned.after.after.train, learned.after.after.test
@@ -120,8 +128,13 @@ def _input_test(test: InputTest) -> dict[str, Any]:
     return {"input": test.input, "p_value": test.p_value, "where": test.channel.name}
 
 
-def _promise(test: HeldOutTest | None) -> dict[str, Any] | None:
-    return None if test is None else asdict(test) | {"kept": not test.is_broken}
+def _confounded_set(confounded: ConfoundedSet) -> dict[str, Any]:
+    return {
+        "effect": confounded.effect,
+        "twins": confounded.equivalent,
+        "untested": confounded.untested,
+        "would_help": confounded.would_help,
+    }
 
 
 def _step(step: FitStep) -> dict[str, Any]:
@@ -132,7 +145,7 @@ def _step(step: FitStep) -> dict[str, Any]:
         "test_rmse_mm": after.test.rmse_mm if after.test else None,
         "sigma_mm": step.calibration.sigma_mm,
         "p_value": step.candidate.p_value if step.candidate else None,
-        "log_evidence_margin": step.log_evidence_margin,
+        "log_evidence_margin": step.log_bayes_factor,
     }
 
 

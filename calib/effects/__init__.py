@@ -1,1 +1,1 @@
-"""Physical effects: how a real arm and scanner, at each pose, differ from the nominal ones."""
+"""Physical effects: how a real arm and scanner differ from the nominal ones at each pose."""

@@ -1,4 +1,4 @@
-"""Checks around a user's own effect: what goes wrong in its code becomes an error of one line that says where."""
+"""Checks around a user's own effect: a failure in its code becomes a CalibError of one line with the place."""
 
 from __future__ import annotations
 
@@ -9,24 +9,25 @@ from typing import Any
 
 import numpy as np
 
+from calib.dataset.input_names import CONDITIONS
 from calib.effects.state import RobotState
 from calib.errors import CalibError
 
 
-def is_users(effect: object) -> bool:
-    """Whether an effect's class is from outside this package, a user's own."""
+def is_user_defined(effect: object) -> bool:
+    """Whether an effect's class is defined outside this package, by a user."""
     return type(effect).__module__.partition(".")[0] != "calib"
 
 
 def checked_apply(effect: Any, state: RobotState, values: Mapping[str, float]) -> RobotState:
-    """`effect.apply(state, **values)`, checked.
+    """Result of `effect.apply(state, **values)`, checked.
 
     Raises:
-        CalibError: it raises, returns no state or one of the wrong shape, gives values that are not finite, or changes
-            the state that it was handed, which fits share (its poses are the dataset's).
+        CalibError: `apply` raises, returns no state or one of the wrong shape, gives values that are not finite, or
+            changes its argument, which fits share (its poses are the dataset's).
     """
     label = f"effect {type(effect).__name__}"
-    before = [array.copy() for array in _handed(state)]
+    before = [array.copy() for array in _arrays_of(state)]
     expected = state.vector.shape[1]  # before it can be changed
     try:
         with np.errstate(all="ignore"):  # what is not finite is an error of its own, below
@@ -41,7 +42,7 @@ def checked_apply(effect: Any, state: RobotState, values: Mapping[str, float]) -
         raise CalibError(
             f"{label}: `apply` returns {type(after).__name__}; return the state that `state.add_...` gives"
         )
-    if not all(np.array_equal(a, b, equal_nan=True) for a, b in zip(before, _handed(state), strict=True)):
+    if not all(np.array_equal(a, b, equal_nan=True) for a, b in zip(before, _arrays_of(state), strict=True)):
         raise CalibError(
             f"{label}: `apply` changes what it was handed; leave arrays as they are (a copy may be changed) and return "
             "the state that `state.add_...` gives"
@@ -62,38 +63,38 @@ def checked_apply(effect: Any, state: RobotState, values: Mapping[str, float]) -
 
 
 def checked_meaning(effect: Any, parameter: object, value: float, state: RobotState) -> str:
-    """`effect.meaning(parameter, value, state)`. Raises CalibError where it fails or gives no text."""
+    """Text of `effect.meaning(parameter, value, state)`. Raises CalibError where it fails or gives no text."""
     label = f"effect {type(effect).__name__}"
     try:
-        words = effect.meaning(parameter, value, state)
+        text = effect.meaning(parameter, value, state)
     except BaseException as error:
         if is_interrupt(error):
             raise
         raise CalibError(f"{label}: `meaning` fails with {error_words(error)}") from error
-    if not isinstance(words, str):
-        raise CalibError(f"{label}: `meaning` returns {type(words).__name__}; return text")
-    return words
+    if not isinstance(text, str):
+        raise CalibError(f"{label}: `meaning` returns {type(text).__name__}; return text")
+    return text
 
 
 def is_interrupt(error: BaseException) -> bool:
-    """Whether an error is that of a user who stops the program: Python raises it on the main thread alone."""
+    """Whether an error is a user's interrupt (Ctrl-C), which Python raises on the main thread alone."""
     return isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread()
 
 
 def error_words(error: BaseException) -> str:
-    """ "KeyError: 'humidity'": what an error is, in one line."""
+    """Type and message of an error in one line: "KeyError: 'humidity'"."""
     return f"{type(error).__name__}: {one_line(error)}".removesuffix(": ")
 
 
 def one_line(error: BaseException) -> str:
-    """An error's message in one line."""
+    """Message of an error in one line."""
     return " ".join(str(error).split())
 
 
-def _handed(state: RobotState) -> tuple[np.ndarray, ...]:
-    """The arrays that `apply` is given and must not write to."""
+def _arrays_of(state: RobotState) -> tuple[np.ndarray, ...]:
+    """Arrays of a state and its poses, which `apply` must not write to."""
     poses = state.poses
-    optional = (poses.payload_kg, poses.temperature_c, poses.time_s, poses.approach)
+    optional = (*(getattr(poses, name) for name in CONDITIONS), poses.approach)
     offsets = state.target_offsets_mm.values()
     arrays = (
         state.table,
@@ -108,7 +109,7 @@ def _handed(state: RobotState) -> tuple[np.ndarray, ...]:
 
 
 def _at(effect: Any, error: BaseException) -> str:
-    """ " in line 12" of the file that defines the effect; "" where the error has no line there."""
+    """Place of an error in the file that defines the effect, as " in line 12"; "" where it has none there."""
     code = getattr(effect.apply, "__code__", None)
     frames = traceback.extract_tb(error.__traceback__)
     lines = [f.lineno for f in frames if code is not None and f.filename == code.co_filename]

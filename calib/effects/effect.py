@@ -1,4 +1,4 @@
-"""What an effect is: named parameters with units, and one pure function from the robot's state to the robot's state.
+"""Effects: named parameters with units, and one pure function from the robot's state to the robot's state.
 
 A model is a robot with a list of effects, whose parameters a fit finds. Every effect obeys one law: **zero means
 absent**. At zero parameters `apply` returns the state bit for bit.
@@ -18,6 +18,8 @@ A user's own effect needs no more than this::
         def apply(self, state, *, cos_rad, sin_rad):
             q_rad = state.q_rad[:, self.joint]
             return state.add_joint_error(self.joint, cos_rad * np.cos(q_rad) + sin_rad * np.sin(q_rad))
+
+It may carry what `CatalogueEffect` has besides: `noun`, `equation`, `needs`, `confirm`, `bounds`, `meaning`.
 """
 
 from __future__ import annotations
@@ -31,8 +33,9 @@ from typing import Any, ClassVar, Protocol, TypeGuard, runtime_checkable
 import numpy as np
 
 from calib.array_types import Array
+from calib.brief import Brief
 from calib.dataset.dataset import Dataset
-from calib.effects.checked_apply import checked_apply, checked_meaning, is_users
+from calib.effects.checked_apply import checked_apply, checked_meaning, is_user_defined
 from calib.effects.state import RobotState
 from calib.kinematics.robot import Robot
 
@@ -49,13 +52,27 @@ class Parameter:
     positive: bool = False  # whether only this sign is possible, as of a compliance
 
 
+@dataclass(frozen=True)
+class NaturalBound:
+    """The largest size that parameters in one unit are known to have, with its source as a clause.
+
+    A fitted value beyond it is hardly what its name says. The usual size, `Parameter.scale`, is far below. Bounds are
+    generous, from makers' tables and the strength of materials.
+    """
+
+    size: float
+    unit: str
+    source: str
+    refused: float = 10.0  # multiple of it from which no fit is believed; wrong masses make less than that
+
+
 @runtime_checkable
 class Effect(Protocol):
-    """What every effect has: its parameters, and `apply`, which takes a value for each of them by its name."""
+    """The interface of every effect: its parameters, and `apply`, which takes a value for each of them by name."""
 
     @property
     def parameters(self) -> Sequence[Parameter]:
-        """What is unknown about it; names are Python identifiers."""
+        """The unknowns; names are Python identifiers."""
         ...
 
     @property
@@ -73,21 +90,21 @@ class RobotCorrection(Effect, Protocol):
 
 
 class JointMotion(Effect, Protocol):
-    """A linear effect that adds to one joint and has so many parameters that its derivative is wanted at once."""
+    """A linear effect that adds to one joint and gives its derivative by all its many parameters at once."""
 
     @property
     def joint(self) -> int:
-        """Counted from 0."""
+        """Index of the joint, counted from 0."""
         ...
 
     def joint_motions(self, state: RobotState) -> Array:
-        """(N, K) what a unit of each parameter adds to the joint."""
+        """Increment of the joint by a unit of each parameter: (N, K) rad, mm for a prismatic joint."""
         ...
 
 
 @dataclass(frozen=True)
-class Family:
-    """An effect as it is named: one cause, with a member for each joint (and harmonic) that may carry it or not."""
+class Family(Brief):
+    """A named cause, with one member for each joint (and harmonic) that may carry it or not."""
 
     name: str
     members: tuple[Effect, ...]
@@ -97,48 +114,93 @@ class Family:
     covered: bool = False  # whether another family tests the same cause where this one cannot
     sparse: bool = False  # whether members are places of one cause, few of which carry it; all equally wide
     most_members: int = 8  # of a sparse family, that may carry it
-    open_with: tuple[str, ...] = ()  # families that these data cannot tell from it, whatever they show
+    confounded_with: tuple[str, ...] = ()  # families that these data cannot tell from it, whatever the fit gives
 
     @property
     def description(self) -> Description:
-        """What the members' class says; of a family without members the name alone."""
+        """The texts of the members' class; the name alone for a family without members."""
         return describe(self.members[0]) if self.members else Description(self.name)
 
     @property
     def never_testable(self) -> bool:
-        """Whether no dataset of this format can test it, so that its being untestable says nothing of the data."""
+        """Whether no dataset of this format can test it, so that `why_not` says nothing about the data."""
         return self.covered or any(getattr(member, "testable", True) is False for member in self.members)
+
+    def _brief(self) -> str:
+        return f"{self.name}: {len(self.members)} members" if not self.why_not else f"{self.name}: {self.why_not}"
 
 
 class CatalogueEffect(ABC):
-    """What the class of an effect of the catalogue has besides `parameters` and `apply`: all that is said about it.
+    """Base class of the catalogue's effects. All that is said about an effect is on its class.
 
-    An effect of a user's own needs none of this. It may carry `equation`, `needs` and `confirm` too, and so may either
-    have a method `meaning(parameter, value, state)`: what a value, in the parameter's unit, means on the arm at the
-    poses of a state, such as degrees at the largest torque. Without it the unit alone decides: degrees, stiffness,
-    per cent (`calib.diagnosis.parameter_meaning`).
+    A subclass with a `name` in a module of `calib.effects.catalogue` is registered as a family of the catalogue when it
+    is defined; a subclass of that without a name of its own as a further kind of the family's members, such as those of
+    an arm whose masses are not known. The exact law for simulations, which shares no code with it, is registered by the
+    same name (`calib.simulation.truth.sampling.SampledEffect`).
+
+    A user's own effect needs none of this. It may carry `title`, `noun`, `equation`, `needs`, `confirm` and `bounds`
+    too, and so may either have a method `meaning(parameter, value, state)`: what a value, in the parameter's unit,
+    means on the arm at the poses of a state, such as degrees at the largest torque. Without it the unit alone decides:
+    degrees, stiffness, per cent (`calib.diagnosis.parameter_meaning`).
     """
 
-    name: ClassVar[str]  # as the command line and the files take it
+    name: ClassVar[str]  # the key in commands and files
+    title: ClassVar[str] = ""  # for people, such as "joint compliance"; "": the key with spaces
+    noun: ClassVar[str]  # in a sentence, "the compliance of joint"; one that ends so is followed by the joint's number
     equation: ClassVar[str]
     symbols: ClassVar[tuple[tuple[str, str], ...]]  # the equation's unknowns: name, unit
     needs: ClassVar[str]  # what a dataset must hold
-    testable: ClassVar[bool] = True  # False where no dataset of this format can test it
-    # whether it is another before and after a pose; later poses are as the last one
-    changes_arm: ClassVar[bool] = False
     confirm: ClassVar[str] = ""  # a controlled change that shows this cause and leaves the others as they are
+    bounds: ClassVar[tuple[NaturalBound, ...]]  # one for each unit of its parameters; () where none is known
+    notes: ClassVar[str] = ""  # MyST for its page in the documentation: the law in LaTeX, what is known on real arms
+    position: ClassVar[int] = 1000  # in the catalogue's order; equal ones follow by module and order of definition
+    testable: ClassVar[bool] = True  # False where no dataset of this format can test it
+    under_load: ClassVar[bool] = False  # whether it follows gravity's load, so that unknown masses confound it
+    changes_arm: ClassVar[bool] = False  # whether it is another before and after a pose; later poses are as the last
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if not cls.__module__.startswith(_CATALOGUE) or not hasattr(cls, "name"):  # a user's, a test's; abstract
+            return
+        _MEMBER_KINDS.append(cls)
+        if "name" in vars(cls):
+            missing = [text for text in ("noun", "equation", "symbols", "needs", "bounds") if not hasattr(cls, text)]
+            if missing or cls.name in _REGISTERED:
+                trouble = f"lacks {', '.join(missing)}" if missing else f"has the name {cls.name!r} of another"
+                raise TypeError(f"effect {cls.__qualname__} {trouble}")
+            _REGISTERED[cls.name] = cls
 
     @classmethod
     @abstractmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The members for a robot and the conditions of its poses; where the data for them are missing, why not."""
+        """The members for a robot and the conditions of its poses; without the data for them, why not."""
+
+
+_CATALOGUE = "calib.effects.catalogue."
+_REGISTERED: dict[str, type[CatalogueEffect]] = {}  # by name; filled as the catalogue's modules are imported
+_MEMBER_KINDS: list[type[CatalogueEffect]] = []  # these and their further kinds of members
+
+
+def registered_effects() -> tuple[type[CatalogueEffect], ...]:
+    """The catalogue's classes that are defined so far, in the catalogue's order.
+
+    `calib.effects.catalogue.CATALOGUE` is all of them.
+    """
+    return tuple(sorted(_REGISTERED.values(), key=lambda kind: kind.position))
+
+
+def registered_member_kinds() -> tuple[type[CatalogueEffect], ...]:
+    """All classes of the catalogue's members that are defined so far; several may be of one family."""
+    return tuple(_MEMBER_KINDS)
 
 
 @dataclass(frozen=True)
 class Description:
-    """What an effect's class says of it, "" where it says nothing."""
+    """The texts on an effect's class, "" where it has none."""
 
     name: str
+    title: str = ""
+    noun: str = ""
     equation: str = ""
     symbols: tuple[tuple[str, str], ...] = ()  # name, unit
     needs: str = ""
@@ -146,7 +208,7 @@ class Description:
 
 
 def family_name(effect: Effect) -> str:
-    """The name that the command line takes: the effect's own, else its class's in lower case with underscores."""
+    """The family's name on the command line: the effect's own, else its class's in lower case with underscores."""
     name = getattr(effect, "name", None)
     return str(name) if name else re.sub(r"(?<!^)(?=[A-Z])", "_", type(effect).__name__).lower()
 
@@ -164,16 +226,25 @@ def full_name(effect: Effect, parameter: Parameter) -> str:
 
 
 def describe(effect: Effect | type[CatalogueEffect]) -> Description:
-    """The texts on an effect's class."""
+    """The texts on an effect's class; what is no text, as a user's may be, counts as none."""
     name = effect.name if isinstance(effect, type) else family_name(effect)
-    said = {text: getattr(effect, text, "") for text in ("equation", "needs", "confirm")}
-    texts = {text: words for text, words in said.items() if isinstance(words, str)}  # a user's may be anything
+    values = {text: getattr(effect, text, "") for text in ("title", "noun", "equation", "needs", "confirm")}
+    texts = {text: value for text, value in values.items() if isinstance(value, str)}
+    texts["title"] = texts.get("title") or name.replace("_", " ")
     return Description(name, symbols=getattr(effect, "symbols", ()), **texts)
 
 
 def parameters_by_name(effects: Sequence[Effect]) -> dict[str, tuple[Effect, Parameter]]:
-    """By its full name, each parameter of these effects, with its effect."""
+    """Mapping from the full name of each parameter of some effects to its effect and itself."""
     return {full_name(effect, p): (effect, p) for effect in effects for p in effect.parameters}
+
+
+def exceeded_bound(effect: Effect, parameter: Parameter, value: float, sigma: float) -> NaturalBound | None:
+    """The natural bound that a value exceeds by more than two sigmas; None where it exceeds none, or none is known."""
+    for bound in getattr(effect, "bounds", ()):
+        if bound.unit == parameter.unit:
+            return bound if abs(value) - 2.0 * sigma > bound.size else None
+    return None
 
 
 def has_meaning(effect: Effect) -> bool:
@@ -182,53 +253,58 @@ def has_meaning(effect: Effect) -> bool:
 
 
 def meaning_of(effect: Effect, parameter: Parameter, value: float, state: RobotState) -> str:
-    """What the effect says that a value of its parameter means on the arm, at the poses of a state.
+    """Meaning of a value of one of an effect's parameters on the arm, at the poses of a state, as the effect says it.
 
     Raises CalibError where an effect from outside this package fails to say it.
     """
     say = getattr(effect, "meaning")  # noqa: B009  no part of the contract
-    return checked_meaning(effect, parameter, value, state) if is_users(effect) else str(say(parameter, value, state))
+    return (
+        checked_meaning(effect, parameter, value, state)
+        if is_user_defined(effect)
+        else str(say(parameter, value, state))
+    )
 
 
 def families_from(effects: Sequence[Effect]) -> tuple[Family, ...]:
-    """Effects of a user's own, those of one name together."""
+    """A user's own effects as families, those of one name together."""
     names = list(dict.fromkeys(family_name(effect) for effect in effects))
     return tuple(Family(name, tuple(e for e in effects if family_name(e) == name)) for name in names)
 
 
 def apply_values(effect: Effect, state: RobotState, values: Array) -> RobotState:
-    """`apply` with the values in the order of the effect's parameters.
+    """The state with the effect in it: `apply` with values in the order of the effect's parameters.
 
     Raises CalibError where an effect from outside this package fails.
     """
     named: dict[str, Any] = {p.name: float(v) for p, v in zip(effect.parameters, values, strict=True)}
-    return checked_apply(effect, state, named) if is_users(effect) else effect.apply(state, **named)
+    return checked_apply(effect, state, named) if is_user_defined(effect) else effect.apply(state, **named)
 
 
 def corrects_robot(effect: Effect) -> TypeGuard[RobotCorrection]:
-    """Whether the effect says, by `corrects_robot = True`, that its values are errors of what robot.toml holds.
+    """Whether the effect declares, by `corrects_robot = True`, that its values are errors of what robot.toml holds.
 
-    They can be built into it, and are part of every fit. For this package's own effects only: whoever adds one value by
-    `add_link_error` has another effect.
+    They can be built into it, and are part of every fit. For this package's own effects only: an effect that adds one
+    value by `add_link_error` is something else.
     """
-    return not is_users(effect) and getattr(effect, "corrects_robot", False) is True
+    return not is_user_defined(effect) and getattr(effect, "corrects_robot", False) is True
 
 
 def is_held_by_prior(effect: Effect) -> bool:
-    """Whether the effect says, by `held_by_prior = True`, that its prior sigmas are part of it: it may have more
-    parameters than there are equations.
+    """Whether the effect declares, by `held_by_prior = True`, that its prior sigmas are part of it.
+
+    It may then have more parameters than there are equations.
     """
     return getattr(effect, "held_by_prior", False) is True
 
 
 def is_linear(effect: Effect) -> bool:
-    """Whether the effect says, by `linear = True`, that it adds to the state a multiple of each parameter's value."""
+    """Whether the effect declares, by `linear = True`, that it adds to the state in proportion to each parameter."""
     return getattr(effect, "linear", False) is True
 
 
 def moves_one_joint(effect: Effect) -> TypeGuard[JointMotion]:
-    """Whether the effect tells its derivative at once: a linear one of this package that adds to one joint only."""
-    return not is_users(effect) and is_linear(effect) and hasattr(effect, "joint_motions")
+    """Whether the effect gives its derivative at once: a linear one of this package that adds to one joint only."""
+    return not is_user_defined(effect) and is_linear(effect) and hasattr(effect, "joint_motions")
 
 
 def state_derivative(effect: Effect, state: RobotState, values: Array) -> Iterator[Array]:

@@ -1,10 +1,10 @@
-"""Gravity on the arm: torques about the joints and moments on the links, from where the masses hang.
+"""Gravity on the arm: torques about the joints and moments on the links, from masses and centres of mass.
 
     tau_j = z_j . sum_k (c_k - o_j) x m_k g        (N m; for a prismatic joint the force z_j . sum m_k g, N)
 
 with z_j, o_j axis and origin of joint j, c_k the centres of mass of everything beyond it. Where masses are not known,
-the torque that one kilogram at each frame's origin would cause stands in: masses along a link between two origins are
-a sum of masses at them, so these columns span what the true masses do.
+the torques of one kilogram at each frame's origin are used: a mass along a link between two origins acts as a sum of
+masses at them, so these columns span what the true masses do.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from calib.kinematics.robot import Robot
 
 
 def has_masses(robot: Robot) -> bool:
-    """Whether the robot's table tells mass and centre of mass of every link."""
+    """Whether the robot has mass and centre of mass of every link."""
     return all(joint.mass_kg is not None and joint.com_mm is not None for joint in robot.joints)
 
 
 @dataclass(frozen=True)
 class GravityLoads:
-    """What gravity does to an arm at N poses. Points, axes and moments are in the base frame."""
+    """Gravity loads of an arm at N poses. Points, axes and moments are in the base frame."""
 
     robot: Robot
-    chain: Chain  # where its axes and links are
+    chain: Chain  # the forward pass with its axes and links
     payload_kg: Array | None  # (N,)
 
     @cached_property
@@ -39,29 +39,29 @@ class GravityLoads:
 
     @property
     def _hanging(self) -> list[tuple[int, Array, Array]]:
-        """Each mass on the arm, payload included: frame that carries it, mass (1 or N,) kg, place (N, 3) mm."""
+        """Masses on the arm, payload included: frame that carries it, mass (1 or N,) kg, place (N, 3) mm."""
         robot, base_T_frame = self.robot, self.chain.base_T_frame
-        out = []
+        hanging = []
         for k, joint in enumerate(robot.joints):
             if joint.mass_kg:
                 place_mm = _at(base_T_frame[:, k + 1], joint.com_mm or (0.0, 0.0, 0.0))
-                out.append((k + 1, np.array([joint.mass_kg]), place_mm))
+                hanging.append((k + 1, np.array([joint.mass_kg]), place_mm))
         if robot.tool.mass_kg:
             place_mm = _at(self.chain.base_T_flange, robot.tool.com_mm or (0.0, 0.0, 0.0))
-            out.append((robot.n_joints, np.array([robot.tool.mass_kg]), place_mm))
+            hanging.append((robot.n_joints, np.array([robot.tool.mass_kg]), place_mm))
         if self.payload_kg is not None and np.any(self.payload_kg):
-            out.append((robot.n_joints, self.payload_kg, self._payload_mm))
-        return out
+            hanging.append((robot.n_joints, self.payload_kg, self._payload_mm))
+        return hanging
 
     @property
     def _payload_mm(self) -> Array:
-        """Centre of mass of the payload (N, 3): where robot.toml says, else the tool point."""
+        """Centre of mass of the payload (N, 3) mm: that of robot.toml, else the tool point."""
         com_mm = self.robot.tool.payload_com_mm
         return _at(self.chain.base_T_flange, com_mm) if com_mm is not None else self.chain.target_mm
 
     @cached_property
     def carried(self) -> tuple[Array, Array]:
-        """All that hangs at a frame 0 ... n + 1 or beyond: mass (n + 2, N) kg, mass times place (n + 2, N, 3) kg mm."""
+        """Mass at each frame 0 ... n + 1 or beyond: (n + 2, N) kg, and mass times place (n + 2, N, 3) kg mm."""
         shape = (self.robot.n_joints + 2, len(self.chain.base_T_frame))
         mass, first_moment = np.zeros(shape), np.zeros((*shape, 3))
         for frame, mass_kg, place_mm in self._hanging:
@@ -70,27 +70,27 @@ class GravityLoads:
         return np.cumsum(mass[::-1], axis=0)[::-1], np.cumsum(first_moment[::-1], axis=0)[::-1]
 
     def moment_about(self, origin_mm: Array, beyond: int) -> Array:
-        """Gravity's moment (N, 3) in N m about points (N, 3), of what frames after `beyond` carry."""
+        """Gravity's moment (N, 3), N m, about points (N, 3), of the masses at frames after `beyond`."""
         mass, first_moment = (of_frame[beyond + 1] for of_frame in self.carried)
         lever = (first_moment - mass[:, None] * origin_mm) * 1e-3  # (N, 3) kg m
         return np.asarray(lever @ frames.skew(self.robot.gravity_m_s2))  # each row lever x g
 
     @cached_property
     def joint_torques(self) -> Array:
-        """(N, n) gravity's torque about each revolute axis, N m, and force along each prismatic one, N."""
-        out = np.zeros((len(self.chain.base_T_frame), self.robot.n_joints))
+        """Gravity's torque about each revolute axis, N m, and force along each prismatic one, N: (N, n)."""
+        torques = np.zeros((len(self.chain.base_T_frame), self.robot.n_joints))
         for j, joint in enumerate(self.robot.joints):
             axis, origin_mm = self._axis(j)
             if joint.is_revolute:
-                out[:, j] = np.sum(axis * self.moment_about(origin_mm, j), axis=1)
+                torques[:, j] = np.sum(axis * self.moment_about(origin_mm, j), axis=1)
             else:
-                out[:, j] = (axis @ self._gravity_m_s2) * self.carried[0][j + 1]
-        return out
+                torques[:, j] = (axis @ self._gravity_m_s2) * self.carried[0][j + 1]
+        return torques
 
     def unit_torques(self, joint: int) -> Array:
-        """(N, K) torque about a joint of 1 kg at the origin of each frame beyond it, and at the tool point: N m per kg.
+        """Torque about a joint by 1 kg at the origin of each frame beyond it, and at the tool point: (N, K) N m per kg.
 
-        Along a prismatic joint the force of 1 kg, wherever it hangs: (N, 1) N per kg.
+        For a prismatic joint the force along it of 1 kg, wherever that hangs: (N, 1) N per kg.
         """
         axis, origin_mm = self._axis(joint)
         if not self.robot.joints[joint].is_revolute:
@@ -99,7 +99,7 @@ class GravityLoads:
         return np.asarray(np.einsum("ni,nki->nk", axis, np.cross(lever_mm * 1e-3, self._gravity_m_s2)))
 
     def payload_torque(self, joint: int) -> Array:
-        """(N,) torque of the payload alone about a joint, N m (a force, N, along a prismatic one)."""
+        """Torque of the payload alone about a joint: (N,) N m, or the force along a prismatic one, N."""
         axis, origin_mm = self._axis(joint)
         if self.payload_kg is None:
             return np.zeros(len(axis))
@@ -108,19 +108,19 @@ class GravityLoads:
         return np.asarray(np.einsum("ni,ni->n", axis, self.payload_moment_about(origin_mm)))
 
     def payload_moment_about(self, origin_mm: Array) -> Array:
-        """(N, 3) moment of the payload alone about points (3,) or (N, 3), N m."""
+        """Moment of the payload alone about points (3,) or (N, 3): (N, 3) N m."""
         lever_mm = self._payload_mm - origin_mm
         payload_kg = np.zeros(len(lever_mm)) if self.payload_kg is None else self.payload_kg
         return np.asarray(np.cross(lever_mm * 1e-3, self._gravity_m_s2) * payload_kg[:, None])
 
     @cached_property
     def unit_moments(self) -> Array:
-        """(N, K, 3) moment about the base's origin of 1 kg at each frame beyond it, and at the tool point."""
+        """Moment about the base's origin of 1 kg at each frame and at the tool point: (N, K, 3) N m per kg."""
         return np.asarray(np.cross(self.chain.base_T_frame[:, 1:, :3, 3] * 1e-3, self._gravity_m_s2))
 
     @cached_property
     def unit_bendings(self) -> list[tuple[Array, Array]]:
-        """What `unit_bending` gives for each link."""
+        """Bending of each link by unit masses, as `unit_bending`."""
         return [self.unit_bending(link) for link in range(self.robot.n_joints)]
 
     def unit_bending(self, link: int) -> tuple[Array, Array]:
@@ -135,7 +135,7 @@ class GravityLoads:
         return np.stack([turn for turn, _ in bent], axis=1), np.stack([shift for _, shift in bent], axis=1)
 
     def payload_bending(self, link: int) -> tuple[Array, Array]:
-        """Bending by the payload alone: (N, 3), (N, 3) as `bending`."""
+        """Bending of a link by the payload alone: (N, 3) rad and (N, 3) mm, as `bending`."""
         at_root, at_end = (
             self.payload_moment_about(self.chain.base_T_frame[:, frame, :3, 3]) for frame in (link, link + 1)
         )
@@ -143,11 +143,11 @@ class GravityLoads:
 
     @cached_property
     def bendings(self) -> list[tuple[Array, Array]]:
-        """What `bending` gives for each link."""
+        """Bending of each link by all masses, as `bending`."""
         return [self.bending(link) for link in range(self.robot.n_joints)]
 
     def bending(self, link: int) -> tuple[Array, Array]:
-        """A cantilever with L / EI = 1 rad/Nm: turn of the link's end (N, 3) rad, in its frame; shift (N, 3) mm.
+        """Bending of a link with L / EI = 1 rad/Nm: turn of its end (N, 3) rad, in its frame, and shift (N, 3) mm.
 
         With M0 and ML the moments across the link at its root and end of all beyond it, M1 that of its own weight at
         the root, e its direction and L its length, the end turns by (M0 + ML) / 2 + M1 / 3 and moves by
@@ -162,7 +162,7 @@ class GravityLoads:
         return self._bent(link, at_root, at_end, own)
 
     def _bent(self, link: int, at_root: Array, at_end: Array, own: Array | None = None) -> tuple[Array, Array]:
-        """The turn and shift of a link's end by moments (N, 3) at its root and end, and that of its own weight."""
+        """Turn and shift of a link's end by moments (N, 3) at its root and end and, at the root, of its own weight."""
         base_T_frame = self.chain.base_T_frame
         root_mm, end = base_T_frame[:, link, :3, 3], base_T_frame[:, link + 1]
         span_mm = end[:, :3, 3] - root_mm
@@ -180,10 +180,10 @@ class GravityLoads:
         return np.einsum("nji,nj->ni", end[:, :3, :3], turn), shift_mm
 
     def _axis(self, joint: int) -> tuple[Array, Array]:
-        """A joint's axis (N, 3), a unit vector, and a point on it (N, 3) mm."""
+        """Unit vector along a joint's axis (N, 3), and a point on it (N, 3) mm."""
         return self.chain.base_T_frame[:, joint, :3, 2], self.chain.base_T_frame[:, joint, :3, 3]
 
 
 def _at(base_T_frame: Array, point_mm: tuple[float, float, float]) -> Array:
-    """A point of a frame (N, 4, 4) in the base frame (N, 3), mm."""
+    """Base-frame position (N, 3), mm, of a point that is fixed in a frame (N, 4, 4)."""
     return base_T_frame[:, :3, :3] @ np.array(point_mm) + base_T_frame[:, :3, 3]

@@ -1,4 +1,4 @@
-"""Corrections of what robot.toml holds, which every calibration starts with: link errors, and places of targets."""
+"""Corrections of robot.toml, which every calibration starts with: errors of the links and of targets' positions."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.array_types import Array
+from calib.brief import Brief
 from calib.effects.effect import Parameter
 from calib.effects.state import RobotState
 from calib.kinematics.robot import LENGTH_KINDS, PARAMETER_KINDS, Robot, Target
@@ -21,7 +22,7 @@ TOLERANCE_RAD = math.radians(0.5)
 
 
 @dataclass(frozen=True)
-class LinkErrors:
+class LinkErrors(Brief):
     """Errors of every a, alpha, d, theta and beta of a robot's table (Jang 2025 eq 3), constant over the poses.
 
     `tolerances` gives single parameters, by name, another tolerance than the two defaults; mm or rad.
@@ -35,7 +36,7 @@ class LinkErrors:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """a1 alpha1 d1 theta1 beta1 ... betaTCP."""
+        """Errors of the table's entries: a1 alpha1 d1 theta1 beta1 ... betaTCP."""
         names = self.robot.parameter_names
         kinds = [kind for _ in self.robot.frame_names for kind in PARAMETER_KINDS]
         return tuple(
@@ -50,18 +51,21 @@ class LinkErrors:
         )
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """The table with the errors added; mm and rad, by the names of the table's entries."""
+        """State with the errors added to its table; values in mm and rad, by the names of the table's entries."""
         errors = np.array([values[p.name] for p in self.parameters])
         return replace(state, table=state.table + errors.reshape(state.table.shape[1:]))
 
     def corrected(self, robot: Robot, values: Array) -> Robot:
-        """The robot with the errors in its table."""
+        """Robot with the errors added to its table."""
         return robot.with_table(robot.table + values.reshape(robot.table.shape))
+
+    def _brief(self) -> str:
+        return f"{len(self.parameters)} parameters of {self.robot.name}"
 
 
 @dataclass(frozen=True)
 class TargetOffsets:
-    """Where further targets on the tool really sit: an offset along x, y and z of their link's frame, mm.
+    """Errors of the positions of further targets on the tool, along x, y and z of their link's frame, mm.
 
     `tolerances` gives single offsets, by name, another tolerance than their target's.
     """
@@ -74,7 +78,7 @@ class TargetOffsets:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """smr2.x smr2.y smr2.z ... of each target."""
+        """Errors of each target's coordinates: smr2.x smr2.y smr2.z ..."""
         return tuple(
             Parameter(
                 name,
@@ -88,7 +92,7 @@ class TargetOffsets:
         )
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """The targets moved; mm, by the parameters' names."""
+        """State with the targets moved; values in mm, by the parameters' names."""
         moved = {
             target.name: state.target_offsets_mm[target.name]
             + np.array([values[name] for name in target_parameter_names(target)])
@@ -97,7 +101,7 @@ class TargetOffsets:
         return replace(state, target_offsets_mm={**state.target_offsets_mm, **moved})
 
     def corrected(self, robot: Robot, values: Array) -> Robot:
-        """The robot with the offsets in its targets' places."""
+        """Robot with the offsets added to its targets' positions."""
         offset_mm = dict(zip((target.name for target in self.targets), values.reshape(-1, 3), strict=True))
 
         def moved(target: Target) -> Target:
@@ -110,5 +114,5 @@ class TargetOffsets:
 
 
 def target_parameter_names(target: Target) -> tuple[str, ...]:
-    """smr2.x smr2.y smr2.z."""
+    """Names of a target's coordinates as parameters: smr2.x smr2.y smr2.z."""
     return tuple(f"{target.name}.{axis}" for axis in "xyz")

@@ -1,7 +1,7 @@
-"""Effects that are one displacement of the arm times a number at each pose: a step in time, a dent along an angle.
+"""Effects that are a displacement of the arm times a number at each pose: a step in time, a dent along an angle.
 
-A family of these has many members, one for each pose or place where it may be, and few of them carry it. Members of one
-`Displacement` differ by their shapes alone, so all their columns follow from the displacement's few.
+Such a family has many members, one for each pose or place where the cause may be, of which few are present. Members of
+one `Displacement` differ by their shapes alone, so all their columns follow from the displacement's few.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from calib.effects.state import RobotState
 
 
 class Displacement(Protocol):
-    """What a unit of each of W amounts moves. Values compare equal where they move the same."""
+    """A displacement that is linear in W amounts. Equal values displace alike."""
 
     @property
     def width(self) -> int:
-        """W."""
+        """Number W of amounts."""
         ...
 
     def act(self, state: RobotState, amounts: Array) -> RobotState:
@@ -31,63 +31,63 @@ class Displacement(Protocol):
 
 
 class ShapedEffect(CatalogueEffect):
-    """An effect of which parameter l * W + w times shape l of a pose is the displacement's amount w."""
+    """An effect whose parameter l * W + w, times shape l of a pose, is amount w of the displacement there."""
 
     linear = True
 
     @property
     @abstractmethod
     def parameters(self) -> tuple[Parameter, ...]:
-        """One for each shape and amount."""
+        """The parameters, one for each shape and amount."""
 
     @property
     @abstractmethod
     def displacement(self) -> Displacement:
-        """What is moved."""
+        """The displacement that the parameters scale."""
 
     @abstractmethod
     def shapes(self, state: RobotState) -> Array:
-        """(N, L) how much of it there is at each pose."""
+        """Shapes of the effect over the poses, without unit: (N, L)."""
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """The displacement, as large at each pose as shapes and values say."""
+        """State displaced at each pose by shapes times values."""
         sizes = np.array(list(values.values())).reshape(-1, self.displacement.width)  # (L, W)
         return self.displacement.act(state, self.shapes(state) @ sizes)
 
 
 @dataclass(frozen=True)
 class JointOffset:
-    """A joint's angle is off: rad, or mm of a prismatic joint."""
+    """An error of a joint's position: rad, or mm of a prismatic joint."""
 
     joint: int
     width = 1
 
     def act(self, state: RobotState, amounts: Array) -> RobotState:
-        """The joint's error added."""
+        """State with the joint's error added."""
         return state.add_joint_error(self.joint, amounts[:, 0])
 
 
 @dataclass(frozen=True)
 class TargetShift:
-    """The target is shifted along the flange's x, y and z: mm."""
+    """A shift of the target along the flange's x, y and z: mm."""
 
     width = 3
 
     def act(self, state: RobotState, amounts: Array) -> RobotState:
-        """The target displaced."""
+        """State with the target displaced."""
         rotation = state.loaded.chain.base_T_flange[:, :3, :3]
         return state.displace(np.einsum("nij,nj->ni", rotation, amounts))
 
 
 @dataclass(frozen=True)
 class ScannerMotion:
-    """What the scanner reports moves as a rigid body: along its axes, mm, and about a point of its field, rad."""
+    """A rigid motion of the reported points: along the scanner's axes, mm, and about a point of its field, rad."""
 
     centre_mm: tuple[float, float, float]
     width = 6
 
     def act(self, state: RobotState, amounts: Array) -> RobotState:
-        """What is reported, moved."""
+        """State with the reported points moved."""
         if state.seen is None:
             return state
         arm = state.seen.scanner_mm - np.array(self.centre_mm)
@@ -97,24 +97,24 @@ class ScannerMotion:
 
 @dataclass(frozen=True)
 class BaseTilt:
-    """The base tilts about its x and y under a unit of the overturning moment: rad/Nm."""
+    """A tilt of the base about its x and y under a unit of the overturning moment: rad/Nm."""
 
     width = 2
 
     def act(self, state: RobotState, amounts: Array) -> RobotState:
-        """The base turned."""
+        """State with the base turned."""
         moment = state.loaded.gravity.moment_about(np.zeros((len(state.poses), 3)), 0)
         return state.turn_base(moment * np.column_stack([amounts, np.zeros(len(amounts))]))
 
 
 @dataclass(frozen=True)
 class Growth:
-    """All lengths grow: a and d times 1 + amount."""
+    """A growth of all lengths: a and d times 1 + amount."""
 
     width = 1
 
     def act(self, state: RobotState, amounts: Array) -> RobotState:
-        """Lengths scaled."""
+        """State with the lengths scaled."""
         nominal = state.robot.table
         for frame in range(len(nominal)):
             for column, kind in ((0, "a"), (2, "d")):

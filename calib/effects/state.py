@@ -1,4 +1,12 @@
-"""The robot's state at every pose, which effects change before the forward pass, and what they may look at."""
+"""The robot's state at every pose, which effects change before the forward pass, and the data they may use.
+
+Where the arm carries the scanner, a target that is fixed in the world is seen from the flange at
+
+    y = R^T (W^T (p - d) - t)
+
+with the chain's flange (R, t), the base's turn W, the displacement d of what the flange carries, and the target's
+position p in the base frame.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +19,7 @@ from numpy.typing import ArrayLike
 
 import calib.frames as frames
 from calib.array_types import Array
+from calib.brief import Brief
 from calib.dataset.dataset import Poses
 from calib.effects.gravity import GravityLoads
 from calib.kinematics import chain as kinematics
@@ -18,16 +27,16 @@ from calib.kinematics.robot import PARAMETER_KINDS, Robot
 
 
 @dataclass(frozen=True)
-class Seen:
-    """Where the scanner sees the target at each of N poses; known where something was measured."""
+class Seen(Brief):
+    """Positions of the target in the scanner's frame, and the frame itself, at each of N measured poses."""
 
     scanner_mm: Array  # (N, 3) measured, in the scanner's frame
-    scanner_T_base: Array  # (N, 4, 4) as an earlier fit placed the scanner
+    scanner_T_base: Array  # (N, 4, 4) by an earlier fit
 
 
 @dataclass(frozen=True)
-class RobotState:
-    """Everything that decides where the target is, at each of N poses.
+class RobotState(Brief):
+    """All that determines the target's position at each of N poses.
 
     Arrays have a leading axis of 1 until something depends on the pose.
     """
@@ -39,33 +48,35 @@ class RobotState:
     displacement_mm: Array  # (1 or N, 3) of what the flange carries, base frame, after everything else
     target_offsets_mm: Mapping[str, Array] = field(default_factory=dict)  # further targets, in their link's frame, (3,)
     seen: Seen | None = None
-    target_rotvec_rad: Array = field(default_factory=lambda: np.zeros((1, 3)))  # its turn about itself, base frame
+    target_rotvec_rad: Array = field(
+        default_factory=lambda: np.zeros((1, 3))
+    )  # turn about the target itself, base frame
     _loaded: list[RobotState] = field(default_factory=list, compare=False, repr=False)  # see `loaded`
 
     @classmethod
     def nominal(cls, robot: Robot, poses: Poses, seen: Seen | None = None) -> RobotState:
-        """The robot as its table says, at poses (N)."""
+        """State of the nominal robot at N poses."""
         offsets = {target.name: np.array(target.xyz_mm) for target in robot.targets}
         return cls(robot, poses, robot.table[None], np.zeros((1, 3)), np.zeros((1, 3)), offsets, seen)
 
     def with_loads_at(self, loaded: RobotState) -> RobotState:
-        """The same state, loads worked out at another."""
+        """State with these values whose loads are computed at another state."""
         return replace(self, _loaded=[loaded])
 
     def with_masses_of(self, robot: Robot, poses: Poses) -> RobotState:
-        """The same state with a robot's masses and the payload of poses of the same joint positions."""
-        out = replace(self, robot=robot, poses=poses)
-        out.__dict__["chain"] = self.chain  # masses do not move it
-        return out
+        """State with these values, a robot's masses and the payload of poses of the same joint positions."""
+        state = replace(self, robot=robot, poses=poses)
+        state.__dict__["chain"] = self.chain  # masses do not move it
+        return state
 
     @property
     def q_rad(self) -> Array:
-        """(N, n) joint positions as commanded; mm for prismatic joints."""
+        """Commanded joint positions (N, n) rad; mm for prismatic joints."""
         return self.poses.q
 
     @cached_property
     def vector(self) -> Array:
-        """(1 or N, S) all in one row a pose: table, base turn, displacement, target's turn, offsets of T targets.
+        """One row per pose (1 or N, S): table, base turn, displacement, target's turn, offsets of T targets.
 
         S = 5 (n + 1) + 9 + 3 T.
         """
@@ -76,7 +87,7 @@ class RobotState:
         return np.concatenate([np.broadcast_to(p, (rows, p.shape[1])) for p in parts], axis=1)
 
     def add_link_error(self, frame: int, kind: str, error: ArrayLike) -> RobotState:
-        """Add to one entry of the table: a scalar for all poses, or (N,) one a pose. Frame n is the tool row."""
+        """State with an error, a scalar or (N,), added to one entry of the table. Frame n is the tool row."""
         error = np.atleast_1d(np.asarray(error, dtype=float))  # (1 or N,)
         rows = max(len(self.table), len(error))
         table = np.repeat(self.table, rows, axis=0) if len(self.table) < rows else self.table.copy()
@@ -84,34 +95,34 @@ class RobotState:
         return replace(self, table=table)
 
     def entry_of_joint(self, joint: int) -> int:
-        """Where `vector` has what `add_joint_error` adds to."""
+        """Column of `vector` that `add_joint_error` adds to."""
         kind = "theta" if self.robot.joints[joint].is_revolute else "d"
         return joint * len(PARAMETER_KINDS) + PARAMETER_KINDS.index(kind)
 
     def add_joint_error(self, joint: int, error: ArrayLike) -> RobotState:
-        """Add to where a joint stands: rad, or mm for a prismatic joint; a scalar or (N,)."""
+        """State with an error added to a joint's position: rad, or mm for a prismatic joint; a scalar or (N,)."""
         kind = "theta" if self.robot.joints[joint].is_revolute else "d"
         return self.add_link_error(joint, kind, error)
 
     def turn_base(self, rotvec_rad: ArrayLike) -> RobotState:
-        """Turn the whole arm about the base's origin: (3,) or (N, 3)."""
+        """State with the whole arm turned about the base's origin: rotation vectors (3,) or (N, 3) rad."""
         return replace(self, base_rotvec_rad=self.base_rotvec_rad + np.atleast_2d(np.asarray(rotvec_rad, float)))
 
     def displace(self, displacement_mm: ArrayLike) -> RobotState:
-        """Move the target in the base frame: (3,) or (N, 3)."""
+        """State with the target displaced in the base frame: (3,) or (N, 3) mm."""
         return replace(self, displacement_mm=self.displacement_mm + np.atleast_2d(np.asarray(displacement_mm, float)))
 
     def displace_in_scanner(self, displacement_mm: ArrayLike) -> RobotState:
-        """Move what the scanner reports, in its own frame: (N, 3). Nothing moves where nothing was measured."""
+        """State with reported points displaced in the scanner's frame: (N, 3) mm; unchanged without measured ones."""
         if self.seen is None:
             return self
         base_R_scanner = np.swapaxes(self.seen.scanner_T_base[:, :3, :3], 1, 2)
         moved_mm = np.einsum("nij,nj->ni", base_R_scanner, np.asarray(displacement_mm, float))
-        # What is reported moves as if the target did; a scanner on the flange would itself move the other way.
+        # Reported points move as if the target did; a scanner on the flange would itself move the other way.
         return self.displace(-moved_mm if self.robot.carries_scanner else moved_mm)
 
     def turn_in_scanner(self, rotvec_rad: ArrayLike) -> RobotState:
-        """Turn what the scanner reports about the target itself, in the scanner's frame: (N, 3), small.
+        """State with the reported orientations turned in the scanner's frame: small rotation vectors (N, 3) rad.
 
         No point moves; only a measured orientation shows it.
         """
@@ -123,15 +134,15 @@ class RobotState:
 
     @cached_property
     def chain(self) -> kinematics.Chain:
-        """The forward pass at this state, the base's turn left out: effects read where axes and links are."""
+        """Forward pass at this state without the base's turn, from which effects read axes and links."""
         return kinematics.forward(self.table, self.poses.q, self.robot.is_revolute, self.robot.base_T_first)
 
     @property
     def loaded(self) -> RobotState:
-        """The state at which loads are worked out: the first that an effect asked for, unless the model fixed another.
+        """The state that loads are computed at: the first that an effect asked for, unless the model fixed another.
 
-        States that come of this one share it. Deflections of 1e-3 rad change a torque by 1e-3 of itself, so working it
-        out anew after every joint's deflection would cost much and change nothing that can be measured.
+        States derived from this one share it. Deflections of 1e-3 rad change a torque by 1e-3 of itself, so computing
+        it anew after every joint's deflection would cost much and change nothing that can be measured.
         """
         if not self._loaded:
             self._loaded.append(self)
@@ -139,16 +150,16 @@ class RobotState:
 
     @cached_property
     def gravity(self) -> GravityLoads:
-        """What gravity does to the arm at this state, by the masses of robot.toml and the poses' payload."""
+        """Gravity loads at this state, by the masses of robot.toml and the poses' payload."""
         return GravityLoads(self.robot, self.chain, self.poses.payload_kg)
 
     @property
     def gravity_torques_nm(self) -> Array:
-        """(N, n) gravity's torque about each joint (N for a prismatic one)."""
+        """Gravity's torque about each joint: (N, n) N m, or the force along a prismatic one, N."""
         return self.gravity.joint_torques
 
     def place(self, points_mm: Array) -> Array:
-        """From where the chain puts points (N, 3) to where they are: the base's turn, then the displacement."""
+        """True positions of points (N, 3) mm of the chain: the base's turn applied, then the displacement."""
         if np.any(self.base_rotvec_rad):
             turn = frames.rotation_from_rotvec(self.base_rotvec_rad)
             points_mm = np.einsum("nij,nj->ni", np.broadcast_to(turn, (len(points_mm), 3, 3)), points_mm)
@@ -156,23 +167,63 @@ class RobotState:
 
     @property
     def base_T_flange(self) -> Array:
-        """(N, 4, 4) the flange where it is: as the chain has it, with the base's turn and the displacement."""
+        """True flange frame (N, 4, 4): the chain's, with the base's turn and the displacement."""
         turn = frames.rotation_from_rotvec(self.base_rotvec_rad)
         moved = frames.make_transform(turn, self.displacement_mm)
         return np.asarray(moved @ self.chain.base_T_flange)
 
     @property
     def attitude(self) -> Array:
-        """(N, 3, 3) base_R_tool: the chain's, the base's turn and the target's own.
+        """Orientation base_R_tool (N, 3, 3), with the base's turn and the target's own.
 
-        Of an arm that carries the scanner flange_R_base: how the room stands, seen from the flange.
+        For an arm that carries the scanner: flange_R_base, the orientation of the world seen from the flange.
         """
         if self.robot.carries_scanner:
             into_chain = np.swapaxes(frames.rotation_from_rotvec(self.base_rotvec_rad), 1, 2)
             turned = frames.rotation_from_rotvec(self.target_rotvec_rad)
             return np.asarray(np.swapaxes(self.chain.base_T_flange[:, :3, :3], 1, 2) @ into_chain @ turned)
-        out = self.chain.base_T_frame[:, -1, :3, :3]
+        base_R_tool = self.chain.base_T_frame[:, -1, :3, :3]
         for rotvec in (self.base_rotvec_rad, self.target_rotvec_rad):
             if np.any(rotvec):
-                out = frames.rotation_from_rotvec(rotvec) @ out
-        return out
+                base_R_tool = frames.rotation_from_rotvec(rotvec) @ base_R_tool
+        return base_R_tool
+
+
+def world_target(state: RobotState, target: str) -> Array:
+    """Position (N, 3), mm in the flange's frame, of a target that is fixed in the world."""
+    return kinematics.seen_from_flange(state.chain, _in_chain(state, target)[0])[0]
+
+
+def world_target_by_state(state: RobotState, target: str) -> tuple[Array, Array]:
+    """Position (N, 3) of a target in the world (`world_target`), and its derivative by `state.vector` (N, 3, S)."""
+    in_chain_mm, chain_R_base = _in_chain(state, target)
+    seen_mm, by_table, by_position = kinematics.seen_from_flange(state.chain, in_chain_mm)
+    by_position = by_position @ chain_R_base
+    from_flange_mm = state.target_offsets_mm[target] - state.displacement_mm
+    # d exp(w)^T u / dw = exp(w)^T skew(u) J(w), J as in `calib.fitting.model.point_by_state`
+    by_turn = by_position @ frames.skew(from_flange_mm) @ (np.eye(3) + 0.5 * frames.skew(state.base_rotvec_rad))
+    zero = np.zeros_like(by_position)  # a turn of the target about its own point moves no point
+    offsets = [by_position if name == target else zero for name in state.target_offsets_mm]
+    by_table = by_table.reshape(*by_table.shape[:2], -1)
+    return seen_mm, np.concatenate([by_table, by_turn, -by_position, zero, *offsets], axis=-1)
+
+
+def world_turn_by_state(state: RobotState) -> Array:
+    """Derivative of the world's small turn about the flange's axes, rad, by `state.vector` (N, 3, S): `attitude`'s."""
+    by_table = kinematics.flange_turn_jacobian(state.chain)
+    by_table = by_table.reshape(*by_table.shape[:2], -1)
+    chain_R_base = np.swapaxes(frames.rotation_from_rotvec(state.base_rotvec_rad), 1, 2)
+    flange_R_base = np.swapaxes(state.chain.base_T_flange[:, :3, :3], 1, 2) @ chain_R_base
+    by_base = -flange_R_base @ (np.eye(3) + 0.5 * frames.skew(state.base_rotvec_rad))
+    by_target = flange_R_base @ (np.eye(3) + 0.5 * frames.skew(state.target_rotvec_rad))
+    zero = np.zeros_like(flange_R_base)
+    offsets = [zero for _ in state.target_offsets_mm]
+    return np.concatenate([by_table, by_base, zero, by_target, *offsets], axis=-1)
+
+
+def _in_chain(state: RobotState, target: str) -> tuple[Array, Array]:
+    """Position (N, 3) of a target before the base's turn and the flange's shift are applied; W^T (1 or N, 3, 3)."""
+    chain_R_base = np.swapaxes(frames.rotation_from_rotvec(state.base_rotvec_rad), 1, 2)
+    from_flange_mm = state.target_offsets_mm[target] - state.displacement_mm
+    in_chain_mm = (chain_R_base @ from_flange_mm[:, :, None])[..., 0]
+    return np.broadcast_to(in_chain_mm, (len(state.poses), 3)), chain_R_base

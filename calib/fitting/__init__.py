@@ -1,1 +1,1 @@
-"""The distance and position residuals, the trust-region solver and its robust weights (Jang 2025, eq 9-16)."""
+"""The model, the residuals of points, distances and poses (Jang 2025, eq 9-16), the solver and outlying poses."""

@@ -1,6 +1,6 @@
-"""The distance solver's residual (Jang 2025 eq 9-16): distances from a reference pose, which need no scanner's frame.
+"""Residuals of distances from a reference pose (Jang 2025 eq 9-16), which need no scanner frame.
 
-`calib.fitting.trust_region` solves it; its full Gauss-Newton step is the pseudo-inverse of Jang eq 16.
+`calib.fitting.trust_region` solves them; its full Gauss-Newton step is the pseudo-inverse of Jang eq 16.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.array_types import Array, IndexArray
+from calib.brief import Brief
 from calib.effects.effect import Parameter
 from calib.errors import FitError
 from calib.fitting.model import Model
@@ -19,8 +20,8 @@ from calib.fitting.residual import Linearisation
 
 
 @dataclass(frozen=True)
-class DistanceResiduals:
-    """Distances between a reference pose and all others, predicted minus measured.
+class DistanceResiduals(Brief):
+    """Distances between a reference pose and all others, predicted minus measured, whitened.
 
     Jang's row (eq 14), L_M^2 - L_N^2 = 2 (P_k - P_1)^T (J_k - J_1) dX, divided by 2 L: to first order the same
     equation in millimetres, so that long distances do not count more than short ones. All rows share the noise of the
@@ -71,7 +72,7 @@ class DistanceResiduals:
 
 @dataclass(frozen=True)
 class _DistanceRows:
-    """The K distances of one setup: between which poses (rows of the used ones), how long, and their whitening."""
+    """K measured distances of one setup, the poses that they join (rows of the used poses), and their whitening."""
 
     reference: int
     others: IndexArray  # (K,)
@@ -84,7 +85,7 @@ class _DistanceRows:
         return np.linalg.norm(base_mm[self.others] - base_mm[self.reference], axis=1)
 
     def whiten(self, rows: Array) -> Array:
-        """(1 + U U^T)^(-1/2) applied to rows (K,) or (K, P), after division by each row's own sigma."""
+        """Rows (K,) or (K, P) divided by their own sigmas, then multiplied by (1 + U U^T)^(-1/2)."""
         scaled = (rows.T / self.sigma_mm).T
         return scaled - (self.shared * self.shrink) @ (self.shared.T @ scaled)
 

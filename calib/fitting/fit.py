@@ -1,4 +1,4 @@
-"""The outcome of a fit: the parameters, their covariance, and the solver's iterations."""
+"""Result of a fit: the parameters, their covariance, and the solver's iterations."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array, BoolArray
+from calib.brief import Brief
 from calib.effects.effect import Parameter
 
 
 @dataclass(frozen=True)
-class Iteration:
+class Iteration(Brief):
     """One accepted iterate of the solver; the first is the start."""
 
     x: Array  # (P,)
@@ -20,8 +21,8 @@ class Iteration:
 
 
 @dataclass(frozen=True)
-class Fit:
-    """R equations solved for P parameters. `x` holds corrections in the parameters' own units."""
+class Fit(Brief):
+    """Solution of R equations for P parameters; `x` holds corrections in the parameters' own units."""
 
     parameters: tuple[Parameter, ...]
     x: Array  # (P,)
@@ -34,16 +35,16 @@ class Fit:
     known: int  # directions whose sigma by the data alone is below their tolerance
     rows: int  # R
     degrees_of_freedom: float
-    noise: float  # residual sigma over declared sigma; nan without degrees of freedom
+    reduced_chi: float  # sqrt of the reduced chi-square, residual sigma over declared sigma; nan without dof
 
     @property
     def sigma(self) -> Array:
-        """(P,) standard deviation of each parameter; inf where nothing bounds it."""
+        """Standard deviation (P,) of each parameter, in its unit; inf where neither data nor prior bound it."""
         return np.where(self.undetermined, np.inf, np.sqrt(np.diag(self.covariance)))
 
     def summary(self, *, declared: bool = True) -> str:
-        """How the fit ended, in a line; without a `declared` sigma of the points nothing is said of it."""
-        against = f", residual {self.noise:.3g} times the points' sigma" if declared else ""
+        """Convergence, size and rank of the fit in a line, and the residual over the sigma where that is `declared`."""
+        against = f", residual {self.reduced_chi:.3g} times the points' sigma" if declared else ""
         state = "converged" if self.converged else "not converged"
         return (
             f"{state} after {len(self.iterations) - 1} iterations ({self.reason}); {self.rows} rows, "

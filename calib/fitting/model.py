@@ -1,6 +1,6 @@
-"""The model: a robot, a list of effects, and the one bridge between parameter names and the solver's vector.
+"""Model of an arm: a robot with a list of effects; maps parameter names to the solver's vector, predicts points.
 
-The vector x holds corrections, zero for the nominal robot. Parameters named in `held` stay at zero and are invisible
+The vector x holds corrections, zero for the nominal robot. Parameters named in `fixed` stay at zero and are invisible
 to the solver. Jacobians follow by the chain rule: d point / d state (analytic) x d state / d parameter (the effect's).
 """
 
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from calib import frames
 from calib.array_types import Array, BoolArray
+from calib.brief import Brief
 from calib.dataset.dataset import Poses
 from calib.effects.effect import (
     Effect,
@@ -27,27 +28,25 @@ from calib.effects.effect import (
     state_derivative,
 )
 from calib.effects.link_errors import LinkErrors, target_parameter_names
-from calib.effects.seen_from_flange import room_target, room_target_by_state, room_turn_by_state
-from calib.effects.state import RobotState, Seen
+from calib.effects.state import RobotState, Seen, world_target, world_target_by_state, world_turn_by_state
 from calib.errors import FitError
 from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import TOOL_POINT, Robot
 
 
 @dataclass(frozen=True)
-class Model:
-    """A robot with effects. Build it with `geometric_model` for the five-parameter model alone."""
+class Model(Brief):
+    """A robot with effects; `geometric_model` makes the five-parameter model alone."""
 
     robot: Robot
     effects: tuple[Effect, ...]
-    held: frozenset[str] = frozenset()
+    fixed: frozenset[str] = frozenset()
     prior_sigmas: Mapping[str, float] = field(default_factory=dict)
     """Prior sigmas of parameters, by full name, in place of their usual scale."""
     loads_of: Robot | None = None
-    """At whose links gravity's loads are worked out; None: at those of the state itself."""
+    """Robot at whose links gravity's loads are computed; None: at those of the state itself."""
     tool_found: Robot | None = None
-    """The nominal robot with its tool point where the points have it, where robot.toml has it far off: a point of its
-    own, the target "jig"."""
+    """The nominal robot with the tool point that was found, as the target "jig", where robot.toml's is far off."""
     _loaded: list[RobotState] = field(default_factory=list, init=False, compare=False, repr=False)
 
     @cached_property
@@ -59,20 +58,20 @@ class Model:
 
     @cached_property
     def _is_free(self) -> BoolArray:
-        return np.array([p.name not in self.held for p in self._all_parameters], dtype=bool)
+        return np.array([p.name not in self.fixed for p in self._all_parameters], dtype=bool)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The free parameters, in the order of x."""
-        return tuple(p for p in self._all_parameters if p.name not in self.held)
+        """The free parameters, in the order of the solver's vector x."""
+        return tuple(p for p in self._all_parameters if p.name not in self.fixed)
 
     @property
     def placed_robot(self) -> Robot:
-        """The robot by which the scanner is placed before a fit: the nominal one, its tool point where it was found."""
+        """The nominal robot, with the tool point that was found, by which the scanner is placed before a fit."""
         return self.robot if self.tool_found is None else self.tool_found
 
     def delivered(self, x: ArrayLike) -> Array:
-        """(P,) the parameters of the arm as delivered: zero, but for a found tool point, which is where x has it."""
+        """Parameters (P,) of the arm as delivered: zero, except the place of a found tool point, which is that of x."""
         own = None if self.tool_found is None else self.robot.own_tool_point
         names = () if own is None else target_parameter_names(own)
         is_place = np.array([p.name in names for p in self.parameters], dtype=bool)
@@ -80,53 +79,53 @@ class Model:
 
     @property
     def at_tool(self) -> Model:
-        """The same model of what the arm does with its tool, whoever carries the scanner."""
+        """This model for the tool in the base frame, also where the arm carries the scanner."""
         if not self.robot.carries_scanner:
             return self
         return replace(self, robot=replace(self.robot, carries_scanner=False))
 
     @property
     def added_effects(self) -> tuple[Effect, ...]:
-        """The effects beyond the corrections of robot.toml, in the order they were added."""
+        """The effects other than the corrections of robot.toml, in the order they were added."""
         return tuple(effect for effect in self.effects if not corrects_robot(effect))
 
     @property
     def geometry_names(self) -> tuple[str, ...]:
-        """Names of the parameters that correct robot.toml: of the links, and of the targets that were measured."""
+        """Names of the parameters that correct robot.toml: of links and measured targets."""
         return tuple(p.name for effect in self.effects if corrects_robot(effect) for p in effect.parameters)
 
     @property
     def family_names(self) -> tuple[str, ...]:
-        """Their families, in the order they were added; a family of several joints once."""
+        """Families of the added effects, each once, in the order they were added."""
         return tuple(dict.fromkeys(family_name(effect) for effect in self.added_effects))
 
     @property
     def scales(self) -> Array:
-        """(P,) the prior's sigma of each free parameter: its tolerance, or the size that an effect has in practice."""
+        """Prior sigma (P,) of each free parameter: its tolerance, or the size that an effect has in practice."""
         return np.array([p.scale for p in self.parameters])
 
-    def hold(self, names: ArrayLike) -> Model:
-        """The same model with further parameters held at zero. Raises FitError on an unknown name."""
-        wanted = frozenset(str(name) for name in np.atleast_1d(np.asarray(names, dtype=str)))
-        unknown = sorted(wanted - {p.name for p in self._all_parameters})
+    def with_fixed(self, names: ArrayLike) -> Model:
+        """This model with further parameters fixed at zero. Raises FitError on an unknown name."""
+        asked = frozenset(str(name) for name in np.atleast_1d(np.asarray(names, dtype=str)))
+        unknown = sorted(asked - {p.name for p in self._all_parameters})
         if unknown:
             raise FitError(
                 f"no parameter named {unknown[0]!r}; there are {self._all_parameters[0].name} ... "
                 f"{self._all_parameters[-1].name}"
             )
-        return replace(self, held=self.held | wanted)
+        return replace(self, fixed=self.fixed | asked)
 
     def values_by_effect(self, x: ArrayLike) -> list[Array]:
-        """The parameters of each effect, those that are held at zero among them."""
+        """Parameter values of each effect, zeros for the fixed ones included."""
         full = np.zeros(len(self._is_free))
         full[self._is_free] = np.asarray(x, dtype=float)
         ends = np.cumsum([len(effect.parameters) for effect in self.effects])
         return np.split(full, ends[:-1])
 
     def with_loads_at(self, x: ArrayLike) -> Model:
-        """The same model with gravity's loads worked out once, at the links as they are at x.
+        """This model with gravity's loads computed once, at the links as they are at x.
 
-        Else loads would depend on the link errors, and derivatives by these would need a term for it.
+        Otherwise the loads would depend on the link errors, and the derivatives by these would need a further term.
         """
         return replace(self, loads_of=self.calibrated_robot(x))
 
@@ -139,38 +138,37 @@ class Model:
         return start.with_loads_at(self._loaded[0])
 
     def _states(self, x: ArrayLike, poses: Poses, seen: Seen | None) -> list[RobotState]:
-        """The state before each effect, in order, and after all of them."""
+        """The states of the arm before each effect, in order, and after the last."""
         states = [self._start(poses, seen)]
         for effect, values in zip(self.effects, self.values_by_effect(x), strict=True):
             states.append(apply_values(effect, states[-1], values))
         return states
 
     def state(self, x: ArrayLike, poses: Poses, seen: Seen | None = None) -> RobotState:
-        """The chain's parameters at every pose, all effects applied in order."""
+        """State of the arm (chain parameters at every pose) with all effects applied in order."""
         return self._states(x, poses, seen)[-1]
 
     def predict(self, x: ArrayLike, poses: Poses, target: str = "jig", seen: Seen | None = None) -> Array:
-        """A target's position at every pose (N, 3), mm in the base frame; seen from the flange where that carries the
-        scanner, mm in the flange's frame.
+        """Position of a target at every pose (N, 3), mm: base frame, or flange's frame where that carries the scanner.
 
-        With `seen` as the scanner reports it, errors of the scanner included; without, as it is.
+        With `seen`, errors of the scanner are included.
         """
         return place_of_target(self.state(x, poses, seen), target)
 
     def linearise(
         self, x: ArrayLike, poses: Poses, target: str = "jig", seen: Seen | None = None
     ) -> tuple[Array, Array]:
-        """A target's position (N, 3), mm in the base frame, and its derivative by the free parameters (N, 3, P).
+        """Position of a target (N, 3), mm in the base frame, and its derivative by the free parameters (N, 3, P).
 
-        How a later effect changes with an earlier one's parameters is left out; in the catalogue none does, once the
-        loads are worked out at given links (`with_loads_at`).
+        A dependence of a later effect on an earlier one's parameters is neglected; the catalogue's effects have none
+        once the loads are computed at given links (`with_loads_at`).
         """
         *before, last = self._states(x, poses, seen)
         points_mm, by_state = point_by_state(last, target)
         return points_mm, self._by_parameters(x, before, by_state)
 
     def linearise_pose(self, x: ArrayLike, poses: Poses, seen: Seen | None = None) -> tuple[Array, Array, Array]:
-        """The jig's position (N, 3), the tool's orientation base_R_tool (N, 3, 3), and their derivative (N, 6, P).
+        """Position of the jig (N, 3), mm, orientation base_R_tool (N, 3, 3), and their derivative (N, 6, P).
 
         The last three rows are the small turn about the base's axes, rad: base_R_tool becomes exp(turn) base_R_tool.
         """
@@ -180,7 +178,7 @@ class Model:
         return points_mm, last.attitude, self._by_parameters(x, before, both)
 
     def _by_parameters(self, x: ArrayLike, before: list[RobotState], by_state: Array) -> Array:
-        """(N, K, P) of a derivative by the last state (N, K, S): the chain rule, effect by effect."""
+        """Derivative (N, K, P) by the parameters from one by the last state (N, K, S), by the chain rule."""
         columns = [
             effect_columns(by_state, effect, state, values)
             for effect, state, values in zip(self.effects, before, self.values_by_effect(x), strict=True)
@@ -188,23 +186,27 @@ class Model:
         return np.concatenate(columns, axis=-1)[..., self._is_free]
 
     def calibrated_robot(self, x: ArrayLike) -> Robot:
-        """The robot with its link errors and its targets' offsets; other effects have no place in robot.toml."""
+        """The robot with its link errors and target offsets at x; other effects cannot be written to robot.toml."""
         robot = self.robot
         for effect, values in zip(self.effects, self.values_by_effect(x), strict=True):
             if corrects_robot(effect):
                 robot = effect.corrected(robot, values)
         return robot
 
+    def _brief(self) -> str:
+        effects = ", ".join(self.family_names) or "none"
+        return f"{self.robot.name}: {len(self.parameters)} free parameters, effects: {effects}"
+
 
 def geometric_model(robot: Robot) -> Model:
-    """The five-parameter model: link errors and nothing else."""
+    """The five-parameter model of a robot: link errors alone."""
     return Model(robot, (LinkErrors(robot),))
 
 
 def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array]:
-    """A target's position (N, 3) and its derivative by `state.vector` (N, 3, S): the chain's analytic Jacobian."""
+    """Position of a target (N, 3), mm, and its analytic derivative by `state.vector` (N, 3, S)."""
     if state.robot.carries_scanner:
-        return room_target_by_state(state, target)
+        return world_target_by_state(state, target)
     chain_mm = _target_mm(state, target)
     if _is_row_end(state, target):
         by_table = kinematics.point_jacobian(state.chain, chain_mm)  # (N, 3, n + 1, 5)
@@ -224,7 +226,7 @@ def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array
 
 
 def _by_offset(state: RobotState, target: str) -> Array:
-    """(N, 3, 3) derivative of a further target's position by its place in its link's frame."""
+    """Derivative (N, 3, 3) of a further target's position by its place in its link's frame."""
     turn = state.chain.base_T_link(state.robot.target(target).joint)[:, :3, :3]
     if np.any(state.base_rotvec_rad):
         turn = frames.rotation_from_rotvec(state.base_rotvec_rad) @ turn
@@ -232,9 +234,9 @@ def _by_offset(state: RobotState, target: str) -> Array:
 
 
 def turn_by_state(state: RobotState) -> Array:
-    """The tool's small turn about the base's axes by `state.vector` (N, 3, S), rad; or the room's, of a flange."""
+    """Derivative (N, 3, S), rad, of the tool's rotation by `state.vector`; the world's for a scanner on the flange."""
     if state.robot.carries_scanner:
-        return room_turn_by_state(state)
+        return world_turn_by_state(state)
     by_table = kinematics.turn_jacobian(state.chain)
     by_table = by_table.reshape(*by_table.shape[:2], -1)
     eye = np.broadcast_to(np.eye(3), (len(by_table), 3, 3))
@@ -251,8 +253,8 @@ def turn_by_state(state: RobotState) -> Array:
 
 
 def place_of_target(state: RobotState, target: str = "jig") -> Array:
-    """A target's position (N, 3), mm in the base frame, or in the flange's where that carries the scanner."""
-    return room_target(state, target) if state.robot.carries_scanner else state.place(_target_mm(state, target))
+    """Position of a target (N, 3), mm in the base frame, or in the flange's where that carries the scanner."""
+    return world_target(state, target) if state.robot.carries_scanner else state.place(_target_mm(state, target))
 
 
 def _target_mm(state: RobotState, target: str) -> Array:
@@ -263,14 +265,14 @@ def _target_mm(state: RobotState, target: str) -> Array:
 
 
 def _is_row_end(state: RobotState, target: str) -> bool:
-    """Whether a target is the end of the tool's row, which has no point of its own."""
+    """Whether a target is the end of the tool's row rather than a point of its own."""
     return target == TOOL_POINT and target not in state.target_offsets_mm
 
 
 def effect_columns(by_state: Array, effect: Effect, state: RobotState, values: Array) -> Array:
-    """A point's derivative by an effect's parameters (N, 3, K), the effect acting on `state`: the chain rule.
+    """Derivative (N, 3, K) of a point by an effect's parameters, at the state that the effect acts on.
 
-    by_state  # (N, 3, S), of `point_by_state`
+    by_state  # (N, 3, S), derivative of the point by the state, from `point_by_state`
     """
     if isinstance(effect, LinkErrors):  # the table comes first in the state's vector
         return by_state[..., : len(values)]

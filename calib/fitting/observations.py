@@ -1,4 +1,4 @@
-"""Observations of a fit: some of a dataset's measured points, each with its covariance, and the model's predictions."""
+"""Observations of a fit: measured points with covariances and scanner frames, and the model's predictions of them."""
 
 from __future__ import annotations
 
@@ -11,27 +11,50 @@ from numpy.typing import ArrayLike, NDArray
 
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.brief import Brief
 from calib.dataset.dataset import Dataset, Points, Poses
 from calib.effects.state import RobotState, Seen
 from calib.errors import FitError
 from calib.fitting.model import Model, geometric_model, place_of_target
-from calib.fitting.noise.point_covariance import noise_factors, shaped_covariance
-from calib.fitting.pose_means import mean_by_pose, points_by_pose
+from calib.fitting.noise import noise_factors, shaped_covariance
 from calib.fitting.scanner_frame import fit_scanner_frame
 from calib.kinematics import chain as kinematics
+from calib.kinematics.hand_eye import HandEye, solve_hand_eye, with_world_targets
 from calib.kinematics.robot import Robot
-from calib.kinematics.room_placement import RoomPlacement, place_in_room, with_room_targets
 from calib.noise_shape import NoiseShape
 
+
+def sum_by_pose(values: Array, row: IndexArray, poses: int) -> Array:
+    """Sums (N, ...) over each pose's points of values (M, ...), zero where a pose has none.
+
+    row  # (M,) index of the pose of each point
+    """
+    total = np.zeros((poses, *values.shape[1:]))
+    np.add.at(total, row, values)
+    return total
+
+
+def mean_by_pose(values: Array, row: IndexArray, poses: int, *, empty: float = 0.0) -> Array:
+    """Means (N, ...) over each pose's points of values (M, ...), `empty` where a pose has none; `row` (M,) poses."""
+    count = points_by_pose(row, poses).reshape(-1, *[1] * (values.ndim - 1))
+    mean = sum_by_pose(values, row, poses) / np.maximum(count, 1)
+    return np.asarray(np.where(count > 0, mean, empty))
+
+
+def points_by_pose(row: IndexArray, poses: int) -> IndexArray:
+    """Number (N,) of points of each pose; `row` (M,) is the pose of each point."""
+    return np.bincount(row, minlength=poses)
+
+
 UNDECLARED_SIGMA_MM = 1.0
-"""What stands for a point's sigma where none is declared; only ratios of it count then."""
+"""Sigma of a point where none is declared; then only ratios of sigmas matter."""
 BEST_SIGMA_MM = 0.01
 """The least noise of an instrument that measures arms (a laser tracker near by), where none is declared."""
 
 
 @dataclass(frozen=True)
-class Observations:
-    """M measured points of some poses, each with its covariance."""
+class Observations(Brief):
+    """M measured points of some poses with their covariances and, where known, the scanner's frames."""
 
     poses: Poses
     points: Points
@@ -47,7 +70,7 @@ class Observations:
         """The dataset's points whose pose is in `keep` (N,) bool; the training and reference poses by default.
 
         A point's covariance is its own where it has one, else the scanner's declared sigma, else 1 mm, reshaped where
-        the dataset knows the noise's shape; over the number of measurements that it counts as.
+        the dataset knows the noise's shape; divided by the number of measurements that it counts as.
         """
         if dataset.points is None:
             raise FitError(f"dataset {dataset.name}: no measured points yet; find the corners of its scans first")
@@ -77,7 +100,7 @@ class Observations:
         return observed if points.counts_as is None else weighted(observed, points.counts_as)
 
     def select(self, keep: BoolArray) -> Observations:
-        """The points where `keep` (M,); no scanner's frame is known then."""
+        """The points where `keep` (M,) is True, without scanner frames."""
         turns = self.turn_covariance_rad2
         return replace(
             self,
@@ -89,34 +112,34 @@ class Observations:
 
     @property
     def setup(self) -> NDArray[np.str_]:
-        """(M,)"""
+        """Name (M,) of each point's setup."""
         return self.poses.setup[self.points.pose]
 
     @cached_property
     def used_poses(self) -> tuple[Poses, IndexArray]:
-        """The poses that have points, and for each point its row among them (M,)."""
+        """The poses that have points, and for each point (M,) the row of its pose among them."""
         used, row = np.unique(self.points.pose, return_inverse=True)
         return self.poses.select(used), row
 
     @cached_property
     def targets(self) -> Mapping[str, BoolArray]:
-        """Which targets were measured, and which points are of each (M,)."""
+        """Masks (M,) of the points of each measured target, by name."""
         return {str(name): self.points.target == name for name in np.unique(self.points.target)}
 
     @property
     def first_target(self) -> str:
-        """The jig where it was measured, else another target."""
+        """Name of the jig where it was measured, else of the first other target."""
         return "jig" if "jig" in self.targets else next(iter(self.targets))
 
     def seen(self, target: str = "jig") -> Seen | None:
-        """A target's mean measured position and the scanner's frame at each used pose; None where no frame is known.
+        """Mean measured position of a target and scanner frame at each used pose; None where no frame is known.
 
         Effects of the scanner depend on both.
         """
         return self._seen.get(target) if self.scanner_T_base is not None else None
 
     def scanner_T_base_at(self, poses: Poses) -> Array:
-        """(N, 4, 4) where the base is, seen from the scanner as it was placed, at any poses of the setups."""
+        """Transforms scanner_T_base (N, 4, 4) at any poses of the observed setups."""
         assert self.scanner_T_base is not None
         placed = np.stack([self.scanner_T_base[str(name)] for name in poses.setup])
         if self.carried_by is None:
@@ -137,7 +160,7 @@ class Observations:
 
 
 def _reshaped(noise: NoiseShape, points: Points, covariance_mm2: Array) -> tuple[Points, Array]:
-    """The points, and their covariances (M, 3, 3), under a shape of the noise."""
+    """The points, and their covariances (M, 3, 3), mm^2, for noise of a given shape."""
     factors = noise_factors(noise, points.xyz_mm)
     if points.orientations is not None and points.orientations.cross_mm_rad is not None:
         cross = factors @ points.orientations.cross_mm_rad
@@ -146,7 +169,7 @@ def _reshaped(noise: NoiseShape, points: Points, covariance_mm2: Array) -> tuple
 
 
 def weighted(observed: Observations, weights: Array) -> Observations:
-    """The same points with their covariances, those of the orientations too, divided by weights (M,) above 0."""
+    """The observations with covariances of points and orientations divided by weights (M,) above 0."""
     share = 1.0 / weights[:, None, None]
     turns, points = observed.turn_covariance_rad2, observed.points
     if points.orientations is not None and points.orientations.cross_mm_rad is not None:
@@ -163,7 +186,7 @@ def weighted(observed: Observations, weights: Array) -> Observations:
 def with_scanner_frames(
     observed: Observations, model: Model, x: Array, chosen: BoolArray | None = None
 ) -> Observations:
-    """The observations with the scanner's frame of each setup, fitted to the model's predictions at x (P,).
+    """The observations with the scanner frame of each setup fitted to the model's predictions at x (P,).
 
     Frames are fitted to the points in `chosen` (M,), all where None; a setup without chosen points uses its own.
     """
@@ -181,42 +204,42 @@ def with_scanner_frames(
 def with_nominal_scanner_frames(observed: Observations, robot: Robot, chosen: BoolArray | None = None) -> Observations:
     """The observations with scanner frames (`with_scanner_frames`) fitted to the nominal robot without effects.
 
-    Effects of the scanner depend on where it stands; every fit and every evaluation takes these frames for them.
+    Effects of the scanner depend on its place; every fit and every evaluation uses these frames for them.
     """
-    nominal = geometric_model(in_room(robot, observed))
+    nominal = geometric_model(with_observed_targets(robot, observed))
     return with_scanner_frames(observed, nominal, np.zeros(len(nominal.parameters)), chosen)
 
 
-def in_room(robot: Robot, observed: Observations) -> Robot:
-    """The robot with the observed targets placed in the room, where its arm carries the scanner; else as it is."""
-    known = {target.name for target in robot.targets if target.in_room}
+def with_observed_targets(robot: Robot, observed: Observations) -> Robot:
+    """The robot with the observed targets placed in the world, where its arm carries the scanner; else unchanged."""
+    known = {target.name for target in robot.targets if target.in_world}
     if not robot.carries_scanner or known >= set(observed.targets):
         return robot
-    return with_room_targets(robot, room_placement(robot, observed).place_mm)
+    return with_world_targets(robot, observed_hand_eye(robot, observed).position_mm)
 
 
-def room_placement(robot: Robot, observed: Observations) -> RoomPlacement:
-    """Where the scanner sits on the flange and the targets stand in the room, by the robot's table alone."""
+def observed_hand_eye(robot: Robot, observed: Observations) -> HandEye:
+    """Pose of the scanner on the flange and of the targets in the world, by the robot's table alone."""
     poses, row = observed.used_poses
     chain = kinematics.forward(robot.table, poses.q, robot.is_revolute, robot.base_T_first)
     points = observed.points
     turns = None if points.orientations is None else points.orientations.scanner_R_jig
-    return place_in_room(chain.base_T_flange[row], points.xyz_mm, observed.setup, points.target, turns)
+    return solve_hand_eye(chain.base_T_flange[row], points.xyz_mm, observed.setup, points.target, turns)
 
 
 def nominal_state(dataset: Dataset) -> RobotState:
-    """The nominal robot's state at the measured poses, with the nominal scanner frames; effects are tried on it.
+    """State of the nominal robot at the measured poses, with nominal scanner frames, to which effects are applied.
 
     Raises FitError where nothing was measured.
     """
     observed = Observations.of(dataset)
-    robot = in_room(dataset.robot, observed)
+    robot = with_observed_targets(dataset.robot, observed)
     observed = with_nominal_scanner_frames(observed, robot)
     return RobotState.nominal(robot, observed.used_poses[0], observed.seen(observed.first_target))
 
 
 def predict_points(model: Model, x: Array, observed: Observations) -> Array:
-    """The predicted position of each observed point (M, 3), mm in the base frame, at x (P,)."""
+    """Predicted positions (M, 3) of the observed points, mm in the base frame, at x (P,)."""
     poses, row = observed.used_poses
     out = np.empty((len(observed.points), 3))
     for target, of_target in observed.targets.items():
@@ -225,7 +248,7 @@ def predict_points(model: Model, x: Array, observed: Observations) -> Array:
 
 
 def linearise_points(model: Model, x: Array, observed: Observations) -> tuple[Array, Array]:
-    """The predicted points (`predict_points`) and their derivative by the model's free parameters (M, 3, P)."""
+    """Predicted positions (M, 3) of the observed points, mm in the base frame, and their derivative (M, 3, P)."""
     poses, row = observed.used_poses
     points_mm = np.empty((len(observed.points), 3))
     jacobian = np.empty((len(observed.points), 3, len(model.parameters)))
@@ -238,8 +261,8 @@ def linearise_points(model: Model, x: Array, observed: Observations) -> tuple[Ar
 def linearise_poses(model: Model, x: Array, observed: Observations) -> tuple[Array, Array, Array]:
     """Predicted positions (M, 3) and base_R_tool (M, 3, 3) of the observed points, and their derivative (M, 6, P).
 
-    Its last three rows are the small turn about the base's axes, rad. Targets other than the jig have a position only;
-    their turn is the tool's.
+    The last three rows of the derivative are the small turn about the base's axes, rad. For targets other than the jig,
+    which have a position only, the orientation is the tool's.
     """
     poses, row = observed.used_poses
     is_jig = observed.points.target == "jig"
@@ -261,7 +284,7 @@ def predict_poses(model: Model, x: Array, observed: Observations) -> tuple[Array
 
 
 def mean_jig_points(observed: Observations) -> tuple[BoolArray, Array, Array]:
-    """Per used pose: whether it has a "jig" point, the repeats' mean (N, 3), and its covariance (N, 3, 3)."""
+    """For each used pose: whether it has a "jig" point, their mean (N, 3), mm, and its covariance (N, 3, 3)."""
     poses, row = observed.used_poses
     is_jig = observed.points.target == "jig"
     row = row[is_jig]
@@ -272,7 +295,7 @@ def mean_jig_points(observed: Observations) -> tuple[BoolArray, Array, Array]:
 
 
 def setup_references(poses: Poses, usable: BoolArray) -> dict[str, int]:
-    """By setup the pose (row) that its distances start from: the reference, else the first usable pose."""
+    """Row, by setup, of the pose from which distances run: the reference pose, else the first usable one."""
     rows = np.flatnonzero(usable)
     names, first = np.unique(poses.setup[rows], return_index=True)
     out = {str(name): int(rows[i]) for name, i in zip(names, first, strict=True)}
@@ -280,17 +303,8 @@ def setup_references(poses: Poses, usable: BoolArray) -> dict[str, int]:
 
 
 def conditions_at(like: Poses, q: Array) -> Poses:
-    """Poses at further joint vectors q (N, n), under the payload and all other conditions of the first pose."""
+    """Poses at joint vectors q (N, n), with payload and all other conditions of the first pose of `like`."""
     poses = like.select(np.zeros(len(q), dtype=np.int64))
-    return Poses(
-        ids=tuple(f"q{i + 1}" for i in range(len(q))),
-        role=np.full(len(q), "test"),
-        q=q,
-        setup=poses.setup,
-        scan_names=poses.scan_names,
-        payload_kg=poses.payload_kg,
-        temperature_c=poses.temperature_c,
-        time_s=poses.time_s,
-        approach=poses.approach,
-        extra=poses.extra.reset_index(drop=True),
-    ).measured_later()
+    ids = tuple(f"q{i + 1}" for i in range(len(q)))
+    extra = poses.extra.reset_index(drop=True)
+    return replace(poses, ids=ids, role=np.full(len(q), "test"), q=q, extra=extra).measured_later()

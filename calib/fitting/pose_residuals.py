@@ -5,10 +5,11 @@
     residual    C^(-1/2) (p - p_m, log(Q Q_m^T))
 
 with the predicted position P and orientation B = base_R_tool of the tool, the scanner's frame (R_s, t_s) of each setup,
-and the jig's orientation on the tool K = tool_R_jig, its seat. C (6, 6) is the covariance of a measured pose: point and
-orientation come from the same three planes, so their errors are correlated. Frames and seat are unknowns at every x:
-they are solved for by a few Gauss-Newton steps from the closed form, and their columns are projected out of the
-Jacobian (variable projection, Golub and Pereyra 1973, in Kaufman's form), so that the solver never sees them.
+and the hand-eye rotation K = tool_R_jig, the jig's orientation on the tool. C (6, 6) is the covariance of a measured
+pose: point and orientation come from the same three planes, so their errors are correlated. Frames and hand-eye
+rotation are unknowns at every x: they are solved for by a few Gauss-Newton steps from the closed form, and their
+columns are projected out of the Jacobian (variable projection, Golub and Pereyra 1973, in Kaufman's form), so that the
+solver never sees them.
 
 A constant turn behind the last joint is part of K: orientations alone do not determine alpha, theta, beta of the tool.
 """
@@ -23,6 +24,7 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.brief import Brief
 from calib.dataset.dataset import Dataset
 from calib.effects.effect import Parameter
 from calib.errors import FitError
@@ -40,10 +42,10 @@ _MIN_SHARE_LABELLED = 0.5  # of the training poses: where fewer faces are labell
 
 
 def require_orientations(dataset: Dataset, observed: Observations) -> None:
-    """Raise FitError where full poses cannot be fitted, with what would help.
+    """Raise FitError, with a remedy, where full poses cannot be fitted.
 
-    That is where no observed point has an orientation, or where the faces of scanned jigs could be labelled at less
-    than half of them: labels that contradict the robot so often cannot be trusted elsewhere.
+    Either no observed point has an orientation, or the faces of scanned jigs could be labelled at less than half of the
+    points: labels that contradict the robot so often cannot be trusted elsewhere.
     """
     orientations, count = observed.points.orientations, len(observed.points)
     known = 0 if orientations is None else int(orientations.known.sum())
@@ -57,16 +59,16 @@ def require_orientations(dataset: Dataset, observed: Observations) -> None:
 
 
 @dataclass(frozen=True)
-class FramesAndSeat:
-    """The unknowns of a pose's prediction beside the arm's."""
+class FramesAndHandEye:
+    """Unknowns of the predicted poses other than the arm's: scanner frames and hand-eye rotation."""
 
     scanner_T_base: Mapping[str, Array]  # by setup, (4, 4)
     tool_R_jig: Array  # (3, 3)
 
 
 @dataclass(frozen=True)
-class PoseResiduals:
-    """Predicted minus measured poses; the frames of all setups and the jig's seat are solved for at every x."""
+class PoseResiduals(Brief):
+    """Predicted minus measured poses, whitened; scanner frames and hand-eye rotation are solved for at every x."""
 
     model: Model
     observed: Observations
@@ -86,14 +88,14 @@ class PoseResiduals:
 
     @cached_property
     def has_orientation(self) -> BoolArray:
-        """(M,) which points have an orientation."""
+        """Mask (M,) of the points that have an orientation."""
         orientations = self.observed.points.orientations
         known = np.zeros(len(self.observed.points), dtype=bool)
         return known if orientations is None else orientations.known
 
     @cached_property
     def _measured(self) -> Array:
-        """(M, 3, 3) scanner_R_jig; the identity where it is not known."""
+        """Measured scanner_R_jig (M, 3, 3); the identity where it is not known."""
         orientations = self.observed.points.orientations
         if orientations is None or not self.has_orientation.any():
             raise FitError(_NO_ORIENTATION)
@@ -101,7 +103,7 @@ class PoseResiduals:
 
     @cached_property
     def _whiten(self) -> Array:
-        """(M, 6, 6) W with W C W^T = 1; zero rows where there is no orientation."""
+        """Whitening matrices W (M, 6, 6) with W C W^T = 1; zero rows where there is no orientation."""
         observed = self.observed
         turns = observed.turn_covariance_rad2
         if turns is None:
@@ -127,26 +129,26 @@ class PoseResiduals:
 
     @cached_property
     def _rows(self) -> BoolArray:
-        """(6 M,) the equations that exist: three a point, three more where its orientation is known."""
+        """Mask (6 M,) of the existing equations: three per point, three more where its orientation is known."""
         return np.repeat(self.has_orientation, 6) | np.tile([True] * 3 + [False] * 3, len(self.has_orientation))
 
     @cached_property
     def degrees_spent(self) -> int:
-        """The rank of the frames' and the seat's columns."""
+        """Number of unknowns solved for: the rank of the columns of frames and hand-eye rotation."""
         base_mm, attitude = predict_poses(self.model, np.zeros(len(self.parameters)), self.observed)
-        return self._basis(*self._solve_frames_and_seat(base_mm, attitude)[1:]).shape[1]
+        return self._basis(*self._solve_frames_and_hand_eye(base_mm, attitude)[1:]).shape[1]
 
-    def frames_and_seat(self, x: Array) -> FramesAndSeat:
-        """The best scanner frames and the jig's seat at x (P,)."""
-        return self._solve_frames_and_seat(*predict_poses(self.model, x, self.observed))[0]
+    def frames_and_hand_eye(self, x: Array) -> FramesAndHandEye:
+        """Best scanner frames and hand-eye rotation at x (P,)."""
+        return self._solve_frames_and_hand_eye(*predict_poses(self.model, x, self.observed))[0]
 
     def residual(self, x: Array) -> Array:
-        _, error, _ = self._solve_frames_and_seat(*predict_poses(self.model, x, self.observed))
+        _, error, _ = self._solve_frames_and_hand_eye(*predict_poses(self.model, x, self.observed))
         return np.einsum("mij,mj->mi", self._whiten, error).ravel()[self._rows]
 
     def linearise(self, x: Array) -> Linearisation:
         base_mm, attitude, by_x = linearise_poses(self.model, x, self.observed)
-        placed, error, columns = self._solve_frames_and_seat(base_mm, attitude)
+        placed, error, columns = self._solve_frames_and_hand_eye(base_mm, attitude)
         turn = self._scanner_R_base(placed)
         by_x = np.concatenate([turn @ by_x[:, :3], _by_left_turn(error[:, 3:]) @ turn @ by_x[:, 3:]], axis=1)
         jacobian = (self._whiten @ by_x).reshape(6 * len(error), -1)[self._rows]
@@ -155,12 +157,12 @@ class PoseResiduals:
         return Linearisation(residual, jacobian - basis @ (basis.T @ jacobian))
 
     def frame_directions(self, x: Array) -> Array:
-        """Orthonormal basis (R, `degrees_spent`) of the changes of the residual by motions of frames and seat."""
-        _, error, columns = self._solve_frames_and_seat(*predict_poses(self.model, x, self.observed))
+        """Orthonormal basis (R, `degrees_spent`) of the residual's changes by frames and hand-eye rotation."""
+        _, error, columns = self._solve_frames_and_hand_eye(*predict_poses(self.model, x, self.observed))
         return self._basis(error, columns)
 
-    def errors(self, placed: FramesAndSeat, base_mm: Array, attitude: Array) -> Array:
-        """(M, 6) predicted minus measured: mm, and the rotation vector in rad (meaningless without orientation)."""
+    def errors(self, placed: FramesAndHandEye, base_mm: Array, attitude: Array) -> Array:
+        """Errors (M, 6), predicted minus measured: mm, and rotation vector in rad (meaningless without orientation)."""
         at_mm = np.empty_like(base_mm)
         for rows in self._setups:
             scanner_T_base = placed.scanner_T_base[str(self.observed.setup[rows[0]])]
@@ -169,19 +171,19 @@ class PoseResiduals:
         turn = frames.rotvec_from_rotation(jig @ np.swapaxes(self._measured, 1, 2))
         return np.concatenate([at_mm - self.observed.points.xyz_mm, turn], axis=1)
 
-    def _scanner_R_base(self, placed: FramesAndSeat) -> Array:
-        """(M, 3, 3)"""
+    def _scanner_R_base(self, placed: FramesAndHandEye) -> Array:
+        """Rotation scanner_R_base (M, 3, 3) of each point's setup."""
         out = np.empty((len(self.observed.points), 3, 3))
         for rows in self._setups:
             out[rows] = placed.scanner_T_base[str(self.observed.setup[rows[0]])][:3, :3]
         return out
 
     def _basis(self, error: Array, columns: Array) -> Array:
-        """Orthonormal basis (R, rank) of the changes of the residual by motions of frames and seat."""
+        """Orthonormal basis (R, rank) of the residual's changes by frames and hand-eye rotation, from their columns."""
         return orthonormal((self._whiten @ columns).reshape(6 * len(error), -1)[self._rows])
 
-    def _solve_frames_and_seat(self, base_mm: Array, attitude: Array) -> tuple[FramesAndSeat, Array, Array]:
-        """The best frames and seat for these predictions, the errors (M, 6) left, and the columns (M, 6, 6 S + 3).
+    def _solve_frames_and_hand_eye(self, base_mm: Array, attitude: Array) -> tuple[FramesAndHandEye, Array, Array]:
+        """Best frames and hand-eye rotation for some predictions, the errors (M, 6), and the columns (M, 6, 6 S + 3).
 
         base_mm  # (M, 3); attitude  # (M, 3, 3)
         """
@@ -198,19 +200,19 @@ class PoseResiduals:
             placed = self._moved(placed, motion, error)
         return placed, error, columns
 
-    def _first_guess(self, base_mm: Array, attitude: Array) -> FramesAndSeat:
-        """Frames from the positions alone, then the seat as the mean over the measured orientations."""
+    def _first_guess(self, base_mm: Array, attitude: Array) -> FramesAndHandEye:
+        """Start values: frames from the positions alone, then the mean hand-eye rotation over the orientations."""
         placed = {}
         for rows in self._setups:
             placed[str(self.observed.setup[rows[0]])] = fit_scanner_frame(
                 base_mm[rows], self.observed.points.xyz_mm[rows], self.observed.covariance_mm2[rows]
             )
-        predicted = self._scanner_R_base(FramesAndSeat(placed, np.eye(3))) @ attitude
-        seats = (np.swapaxes(predicted, 1, 2) @ self._measured)[self.has_orientation]
-        return FramesAndSeat(placed, frames.mean_rotation(seats))
+        predicted = self._scanner_R_base(FramesAndHandEye(placed, np.eye(3))) @ attitude
+        estimates = (np.swapaxes(predicted, 1, 2) @ self._measured)[self.has_orientation]
+        return FramesAndHandEye(placed, frames.mean_rotation(estimates))
 
-    def _nuisance_columns(self, placed: FramesAndSeat, error: Array, attitude: Array) -> Array:
-        """(M, 6, 6 S + 3): of each of S setups a shift and a turn about its points' centre; then the seat's turn."""
+    def _nuisance_columns(self, placed: FramesAndHandEye, error: Array, attitude: Array) -> Array:
+        """Columns (M, 6, 6 S + 3): shift and turn of each of S frames about its points' centre; hand-eye turn last."""
         out = np.zeros((len(error), 6, 6 * len(self._setups) + 3))
         by_turn = _by_left_turn(error[:, 3:])
         at_mm = error[:, :3] + self.observed.points.xyz_mm
@@ -222,7 +224,7 @@ class PoseResiduals:
         out[:, 3:, -3:] = by_turn @ self._scanner_R_base(placed) @ attitude
         return out
 
-    def _moved(self, placed: FramesAndSeat, motion: Array, error: Array) -> FramesAndSeat:
+    def _moved(self, placed: FramesAndHandEye, motion: Array, error: Array) -> FramesAndHandEye:
         moved = {}
         at_mm = error[:, :3] + self.observed.points.xyz_mm
         for k, rows in enumerate(self._setups):
@@ -234,11 +236,11 @@ class PoseResiduals:
             centre = at_mm[rows].mean(axis=0)
             about_centre = frames.make_transform(turn, centre - turn @ centre + shift)
             moved[name] = about_centre @ placed.scanner_T_base[name]
-        return FramesAndSeat(moved, frames.rotation_from_rotvec(motion[-3:]) @ placed.tool_R_jig)
+        return FramesAndHandEye(moved, frames.rotation_from_rotvec(motion[-3:]) @ placed.tool_R_jig)
 
 
 def _by_left_turn(error: Array) -> Array:
-    """(M, 3, 3) derivative of a rotation vector (M, 3) by a small turn from the left: SO(3)'s inverse left Jacobian.
+    """Derivative (M, 3, 3) of a rotation vector (M, 3) by a small turn from the left (inverse left Jacobian of SO(3)).
 
     1 - [e] / 2 + c [e]^2 with c = (1 - (t / 2) cot(t / 2)) / t^2, t = |e|; c is 1/12 at 0.
     """

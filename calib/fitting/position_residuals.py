@@ -1,4 +1,4 @@
-"""Position residuals: measured points against predicted ones, the scanner's frame of each setup unknown."""
+"""Residuals of points and of all distances between them, with the scanner frame of each setup unknown."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array, IndexArray
+from calib.brief import Brief
 from calib.effects.effect import Parameter
 from calib.fitting.model import Model
 from calib.fitting.observations import (
@@ -21,8 +22,8 @@ from calib.fitting.scanner_frame import fit_scanner_frame, frame_columns, orthon
 
 
 @dataclass(frozen=True)
-class PositionResiduals:
-    """Predicted minus measured points in the scanner's frame; each setup's frame is solved for at every x.
+class PositionResiduals(Brief):
+    """Predicted minus measured points in the scanner's frame, whitened; the frames are solved for at every x.
 
     The frames are unknowns that enter in closed form, so they are eliminated (variable projection, Golub and Pereyra
     1973, in Kaufman's form): their columns are projected out of the Jacobian, and the solver never sees them.
@@ -55,7 +56,7 @@ class PositionResiduals:
         return sum(self._frame_basis(points_mm[rows], rows).shape[1] for rows in self._setups)
 
     def scanner_frames(self, x: Array) -> dict[str, Array]:
-        """setup -> scanner_T_base (4, 4) at x."""
+        """Transform scanner_T_base (4, 4) of each setup at x (P,)."""
         base_mm = predict_points(self.model, x, self.observed)
         return {str(self.observed.setup[rows[0]]): self._frame(base_mm, rows) for rows in self._setups}
 
@@ -66,7 +67,7 @@ class PositionResiduals:
         return fit_scanner_frame(base_mm[rows], observed.points.xyz_mm[rows], observed.covariance_mm2[rows])
 
     def _frame_basis(self, scanner_mm: Array, rows: IndexArray) -> Array:
-        """Orthonormal basis (3 M, rank) of the changes of a setup's whitened residual by a motion of its frame."""
+        """Orthonormal basis (3 M, rank) of the changes of a setup's whitened residual by motions of its frame."""
         if self.frame_known:
             return np.empty((3 * len(rows), 0))
         return orthonormal(frame_columns(scanner_mm, self._whiten[rows]))
@@ -94,7 +95,7 @@ class PositionResiduals:
         return Linearisation(residual.ravel(), jacobian.reshape(-1, by_x.shape[-1]))
 
     def base_to_residual(self, x: Array) -> Array:
-        """(M, 3, 3) from a change of each predicted point, mm in the base frame, to the residual's rows."""
+        """Matrices (M, 3, 3) from a change of each predicted point, mm in the base frame, to the residual's rows."""
         base_mm = predict_points(self.model, x, self.observed)
         out = np.empty((len(base_mm), 3, 3))
         for rows in self._setups:
@@ -102,7 +103,7 @@ class PositionResiduals:
         return out
 
     def frame_directions(self, x: Array) -> Array:
-        """Orthonormal basis (3 M, `degrees_spent`) of the changes of the residual by motions of the frames."""
+        """Orthonormal basis (3 M, `degrees_spent`) of the residual's changes by motions of the frames."""
         base_mm = predict_points(self.model, x, self.observed)
         blocks = []
         for rows in self._setups:
@@ -116,7 +117,7 @@ class PositionResiduals:
 
 @dataclass(frozen=True)
 class PairResiduals(PositionResiduals):
-    """The distances between all points of a setup, weighted by the inverse of their joint covariance.
+    """Distances between all points of a setup, weighted by the inverse of their joint covariance.
 
     N points have N (N - 1) / 2 distances, of which 3 N - 6 are independent: moving the points rigidly changes none. To
     first order the distances are D dp, D the (singular) matrix of unit vectors, their covariance is D C D^T, and

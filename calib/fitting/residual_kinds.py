@@ -1,11 +1,11 @@
-"""The residuals that a user may choose, by name.
+"""Residuals by the name that a user chooses:
 
-* "position" (`PositionResiduals`): measured points against predicted ones, the scanner's frame of each setup unknown.
+* "position" (`PositionResiduals`): predicted minus measured points, the scanner frame of each setup unknown.
 * "distance" (`DistanceResiduals`): distances from a reference pose, which need no frame at all (Jang 2025 eq 9-16).
-* "pairs" (`PairResiduals`): the distances between all points of a setup, with the covariance that they really have.
+* "pairs" (`PairResiduals`): the distances between all points of a setup, with their joint covariance.
 * "pose" (`PoseResiduals`): positions, and orientations of the jig where they were measured.
 
-All have the interface `calib.fitting.residual.Residuals`; the solver knows none of them.
+All implement `calib.fitting.residual.Residuals`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from calib.options import RESIDUAL_KINDS
 def make_residuals(
     kind: str, model: Model, observed: Observations
 ) -> PositionResiduals | DistanceResiduals | PoseResiduals:
-    """Residuals by their name, of `RESIDUAL_KINDS`. Raises FitError on another name, and where the arm has none."""
+    """The residuals of a kind in `RESIDUAL_KINDS`. Raises FitError on another name or a kind unfit for the arm."""
     require_kind_for(model.robot, kind)
     if kind == "pairs":
         return PairResiduals(model, observed)
@@ -37,7 +37,7 @@ def make_residuals(
 
 
 def require_kind_for(robot: Robot, kind: str) -> None:
-    """Raise FitError on distances where the arm carries the scanner: the points then do not move with the tool."""
+    """Raise FitError on residuals of distances for an arm that carries the scanner, as its points do not move."""
     if robot.carries_scanner and kind in ("distance", "pairs"):
         raise FitError(
             f"residual {kind}: a scanner on the flange measures a jig that stands still, and distances between poses "

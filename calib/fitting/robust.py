@@ -1,20 +1,20 @@
-"""Poses that do not belong to the others: found from a resistant fit, left out only where they stand out of the bulk.
+"""Outlying poses: found from a resistant fit, and left out only where they lie far outside the bulk of all poses.
 
-What looks like an outlier is often a missing effect, so no pose loses weight for being off. A pose is left out where
-its error is beyond what the bulk of all poses makes likely, tails heavier than normal allowed for. The fit of the
-others is an ordinary fit, and where no pose stands out it is the plain one.
+What looks like an outlier is often a missing effect, so poses are not down-weighted. A pose is left out where its
+error is improbable given the bulk of all poses, for tails heavier than normal. The others are fitted by ordinary least
+squares; without outliers that is the plain fit.
 
-A pose pulls the fit towards itself, the more the fewer there are. So its error is taken against a fit without it: with
-the residual r of a pose and its block H of the hat matrix (parameters with their prior, and the frames),
+A pose pulls the fit towards itself, the more the fewer there are. Its error is therefore taken relative to a fit
+without it: with the residual r of a pose and its block H of the hat matrix (parameters with prior, and frames),
 
     T = r^T (1 - H)^-1 r     of a pose that was fitted,
     T = e^T (1 + L)^-1 e     of one that was not, e its error, L what the fit's uncertainty adds to it,
 
 each chi^2 times the noise's variance, with as many degrees of freedom as the pose has rows (Cook and Weisberg 1982,
-section 2.2). The variance is by the median over all poses.
+section 2.2). The variance is estimated by the median over all poses.
 
-Several wrong poses hide each other, and one of great leverage hides itself. The first set of poses is therefore that of
-an iteratively reweighted fit with Tukey's biweight (Beaton and Tukey 1974), the median over all poses its scale.
+Several outliers mask each other, and one of great leverage masks itself. The first set of poses therefore comes from an
+iteratively reweighted fit with Tukey's biweight (Beaton and Tukey 1974), the median over all poses its scale.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ import numpy as np
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.distributions import chi2_ppf, chi_median, f_sf
 from calib.fitting.fit import Fit
-from calib.fitting.noise.student import student_weights
+from calib.fitting.noise import student_weights
 from calib.fitting.observations import Observations, weighted
 from calib.fitting.pose_residuals import PoseResiduals
 from calib.fitting.position_residuals import PositionResiduals
 from calib.fitting.residual import Residuals
 from calib.fitting.trust_region import solve
 
-F = TypeVar("F")  # what `fit_belonging` fits
+F = TypeVar("F")  # the fit of `fit_inliers`
 
 _TUKEY = {3: 5.490, 6: 6.356}  # c of 95 % efficiency by the number of coordinates (4.685 in one)
 _LEAST = 1e-6  # weight of a point at c; less beyond, so that outliers add no cost
@@ -42,32 +42,32 @@ _TUKEY_ROUNDS = 12
 _FIT_ROUNDS = 10
 _OUT = 1e-14  # weight of a pose that is left out: small enough for whatever it is off
 _TAIL = 5.0  # degrees of freedom of the bulk's tails: misfit is not normal
-LEVEL = 0.05  # p, times the number of poses, below which a pose stands out
-BACK_LEVEL = 0.5  # above which one that stood out of an earlier fit belongs again
+LEVEL = 0.05  # p, times the number of poses, below which a pose is an outlier
+BACK_LEVEL = 0.5  # p, times the number of poses, above which a pose that an earlier fit left out is taken back
 _FLOOR = 1e-12  # of the noise's variance over the declared one: exact data have rounding only
 _TAIL_ROUNDS = 2
 
 
-def fit_belonging(
+def fit_inliers(
     fit_of: Callable[[BoolArray], F],
-    belonging: Callable[[F, BoolArray, float], BoolArray],
+    inliers: Callable[[F, BoolArray, float], BoolArray],
     kept: BoolArray,
     back_level: float,
 ) -> tuple[F, BoolArray]:
-    """Fit the points that belong, test which belong to that fit, and so on until they are the same.
+    """Fit the inliers and test all poses against that fit, in turns, until the set of inliers is stable.
 
     Args:
-        fit_of: a fit of some points (M,).
-        belonging: `belonging_points` of a fit, the points it was made from, and the level that brings poses back.
-        kept: the points to begin with.
-        back_level: that brings poses back to the first fit; `BACK_LEVEL` later, so that none goes out and in.
+        fit_of: fits the points where a mask (M,) is True.
+        inliers: mask (M,) by `inlying_points` from a fit, the mask it was made with, and `back_level`.
+        kept: mask (M,) of the points to begin with.
+        back_level: p above which a rejected pose is taken back by the first fit; later `BACK_LEVEL`, against cycles.
 
     Returns:
-        The fit, and its points (M,): at least half of all.
+        The fit, and the mask (M,) of its points: at least half of all.
     """
     fitted = fit_of(kept)
     for _ in range(_FIT_ROUNDS):
-        now = belonging(fitted, kept, back_level)
+        now = inliers(fitted, kept, back_level)
         if np.array_equal(now, kept) or 2 * np.count_nonzero(now) < len(now):
             break
         kept, back_level = now, BACK_LEVEL
@@ -75,7 +75,7 @@ def fit_belonging(
     return fitted, kept
 
 
-def belonging_points(
+def inlying_points(
     make: Callable[[Observations], PositionResiduals | PoseResiduals],
     observed: Observations,
     fit: Fit,
@@ -84,13 +84,13 @@ def belonging_points(
     prior: bool,
     back_level: float,
 ) -> BoolArray:
-    """(M,) the points of the poses that belong to a fit of the points `kept` (M,).
+    """Mask (M,) of the points of inlying poses, by a fit of the points `kept` (M,).
 
     Args:
         make: residuals of the fit's model from observations.
         observed: all points.
-        prior: whether the fit had one.
-        back_level: p, times the number of poses, that brings back a pose that is not in `kept`.
+        prior: whether the fit used a prior.
+        back_level: p, times the number of poses, above which a pose that is not in `kept` is taken back.
     """
     pose = np.unique(observed.points.pose, return_inverse=True)[1]
     p_value = _p_values(make, observed, fit, kept, prior=prior) * (int(pose.max()) + 1)
@@ -107,7 +107,7 @@ def _p_values(
     *,
     prior: bool,
 ) -> Array:
-    """(N,) of each used pose's T, by the tail of F."""
+    """p-value (N,) of the statistic T of each used pose, by Fisher's F distribution."""
     weights = np.where(kept, 1.0, _OUT)
     residuals = make(weighted(observed, weights))
     at = residuals.linearise(fit.x)
@@ -116,7 +116,7 @@ def _p_values(
     scales = np.array([p.scale for p in fit.parameters])
     jacobian = at.jacobian * scales
     square, turn = np.linalg.eigh(jacobian.T @ jacobian)
-    information = np.maximum(square, 0.0) + (fit.noise**2 if prior and np.isfinite(fit.noise) else 0.0)
+    information = np.maximum(square, 0.0) + (fit.reduced_chi**2 if prior and np.isfinite(fit.reduced_chi) else 0.0)
     known = information > 1e-12 * max(float(information[-1]), 1e-300)
     spread = np.where(known, 1.0 / np.sqrt(np.where(known, information, 1.0)), 0.0)
     lever = unweighted[:, None] * np.column_stack([residuals.frame_directions(fit.x), jacobian @ turn * spread])
@@ -127,20 +127,20 @@ def _p_values(
     blocks = np.split(order, np.flatnonzero(np.diff(row_pose[order])) + 1)
     size = np.array([len(block) for block in blocks], dtype=float)
     distance = np.array([_distance(error[block], lever[block], fitted=bool(row_kept[block[0]])) for block in blocks])
-    median = np.array([chi2_ppf(0.5, freedom) for freedom in size])
+    median = np.array([chi2_ppf(0.5, dof) for dof in size])
     variance = max(float(np.median(distance / median)), _FLOOR)
     return np.array([f_sf(t / (d * variance), d, _TAIL) for t, d in zip(distance, size, strict=True)])
 
 
 def _distance(error: Array, lever: Array, *, fitted: bool) -> float:
-    """T of one pose; error  # (D,), lever  # (D, K) with lever lever^T = H, or L."""
+    """Statistic T of one pose; error  # (D,), lever  # (D, K) with lever lever^T = H, or L if it was not fitted."""
     of_fit = lever @ lever.T
     variance = (1.0 + 1e-9) * np.eye(len(error)) + (-of_fit if fitted else of_fit)
     return float(error @ np.linalg.solve(variance, error))
 
 
 def resistant_core(make: Callable[[Observations], Residuals], observed: Observations, *, prior: bool) -> BoolArray:
-    """(M,) the points of poses that a Tukey fit gives weight: hardly a wrong one, not all of the right ones."""
+    """Mask (M,) of the points of poses with weight in a Tukey fit: hardly any outlier, not all inliers."""
     residuals = make(observed)
     rows = rows_of_points(residuals, observed)
     fit = solve(residuals, prior=prior)
@@ -168,10 +168,10 @@ def solve_with_tails(
     start: Array | None = None,
     prior: bool = True,
 ) -> Fit:
-    """Fit with noise that follows Student's t of `tail` degrees of freedom; other arguments as of `solve`.
+    """Fit for noise that follows Student's t of `tail` degrees of freedom; other arguments as for `solve`.
 
-    Weights settle in a few rounds, as they change little with the fit. Distances share their points: they have no
-    residual of each point, and no weights.
+    The weights converge in a few rounds, as they change little with the fit. Residuals of distances, which share
+    points, have no weights and are fitted plainly.
     """
     residuals = make(observed)
     fit = solve(residuals, start=start, prior=prior)
@@ -186,19 +186,19 @@ def solve_with_tails(
 
 
 def rows_of_points(residuals: Residuals, observed: Observations) -> IndexArray:
-    """(M,) how many of the residual's rows are each point's."""
+    """Number (M,) of the residual's rows that belong to each point, 3 or 6."""
     rows = np.full(len(observed.points), 3)
     return rows + 3 * residuals.has_orientation if isinstance(residuals, PoseResiduals) else rows
 
 
 def point_norms(residual: Array, rows: IndexArray) -> Array:
-    """(M,) length of each point's whitened residual, of so many rows (M,) each."""
+    """Length (M,) of each point's whitened residual; `rows` (M,) is the number of rows of each."""
     first = np.concatenate([[0], np.cumsum(rows)[:-1]])
     return np.asarray(np.sqrt(np.add.reduceat(residual**2, first)))
 
 
 def tukey_weights(norm: Array, rows: IndexArray) -> Array:
-    """(M,) weights of residuals of these lengths and numbers of rows, 3 or 6, scaled by their median."""
+    """Tukey's biweights (M,) from the residuals' lengths and numbers of rows (M,), scaled by their median."""
     scale = float(np.median(norm / _by_rows(rows, chi_median)))
     if scale <= 0.0:
         return np.ones_like(norm)
@@ -212,6 +212,6 @@ def _by_rows(rows: IndexArray, of: Callable[[int], float]) -> Array:
 
 
 def _kept_above_zero(weights: Array, norm: Array) -> Array:
-    """The weights, those of rejected points so small that all of them together add nothing to the cost, none zero."""
+    """The weights (M,) with zeros replaced by values so small that rejected points add nothing to the cost."""
     near = np.minimum(float(np.median(norm)) / np.maximum(norm, 1e-300), 1.0)
     return np.maximum(weights, np.maximum(_LEAST * near**2, _OUT))

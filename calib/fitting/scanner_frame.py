@@ -1,4 +1,4 @@
-"""The scanner's frame: the rigid motion that brings predicted points onto measured ones, and its derivative."""
+"""Scanner frame of a setup: the rigid motion from predicted to measured points that fits best, and its derivatives."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from calib.errors import FitError
 
 
 def fit_scanner_frame(base_mm: Array, scanner_mm: Array, covariance_mm2: Array) -> Array:
-    """scanner_T_base (4, 4) that minimises sum (T b - s)^T C^-1 (T b - s) over predicted b and measured s.
+    """Transform scanner_T_base (4, 4) that minimises sum (T b - s)^T C^-1 (T b - s) over predicted b and measured s.
 
     Closed form (`frames.best_fit_transform`) for isotropic covariances; Gauss-Newton from there for others. Collinear
     points leave one turn undetermined; the result is then one of the equally good frames.
@@ -39,7 +39,7 @@ def fit_scanner_frame(base_mm: Array, scanner_mm: Array, covariance_mm2: Array) 
 
 
 def whitener(covariance_mm2: Array) -> Array:
-    """(M, 3, 3) W with W C W^T = 1 for covariances C (M, 3, 3): the inverse of the Cholesky factor.
+    """Whitening matrices W (M, 3, 3) with W C W^T = 1 for covariances C (M, 3, 3): inverse Cholesky factors.
 
     Raises FitError where a covariance is not positive definite.
     """
@@ -53,7 +53,7 @@ def whitener(covariance_mm2: Array) -> Array:
 
 
 def frame_columns(scanner_mm: Array, whiten: Array) -> Array:
-    """Derivative of whitened points (3 M, 6) by a small motion of the frame: a shift, then a turn about their centre.
+    """Derivative (3 M, 6) of whitened points by a small motion of the frame: a shift, then a turn about their centre.
 
     scanner_mm  # (M, 3); whiten  # (M, 3, 3)
     """
@@ -62,13 +62,13 @@ def frame_columns(scanner_mm: Array, whiten: Array) -> Array:
 
 
 def frame_motion(points_mm: Array, centre_mm: Array) -> Array:
-    """(M, 3, 6) how points (M, 3) move with a small motion of the frame: a shift, then a turn about the centre (3,)."""
+    """Derivative (M, 3, 6) of points (M, 3) by a small motion of the frame: a shift, a turn about the centre (3,)."""
     eye = np.broadcast_to(np.eye(3), (len(points_mm), 3, 3))
     return np.concatenate([eye, -frames.skew(points_mm - centre_mm)], axis=-1)
 
 
 def orthonormal(columns: Array) -> Array:
-    """An orthonormal basis (R, rank) of the span of columns (R, K); the six of collinear points have rank 5."""
+    """Orthonormal basis (R, rank) of the span of columns (R, K); the six of collinear points have rank 5."""
     scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     u, s, _ = np.linalg.svd(scaled, full_matrices=False)
     return u[:, s > 1e-7 * s[0]]

@@ -1,9 +1,9 @@
-"""The solver: a trust region around Gauss-Newton, in units in which every parameter is of size one.
+"""Nonlinear least squares by Gauss-Newton steps in a trust region, parameters scaled by their tolerances.
 
 Millimetres and radians share the vector, so each column is scaled by its parameter's tolerance. The step comes from
 the singular values of the scaled Jacobian; while the full Gauss-Newton step (Jang eq 16: the pseudo-inverse) lowers the
 cost as predicted it is taken whole, which is why exact data are met in a handful of iterations. Where it does not, the
-step is held inside a radius (More and Sorensen 1983): in near-redundant directions the pseudo-inverse divides by
+step is limited to a radius (More and Sorensen 1983): in near-redundant directions the pseudo-inverse divides by
 almost nothing and its steps are far too long.
 
 Where the residual is large, its curvature makes full steps too short or too long, and they shrink slowly. Then the last
@@ -11,8 +11,8 @@ few are combined so that their steps cancel best (Anderson 1965), and the combin
 further.
 
 The prior is a normal distribution of each correction, its sigma the manufacturing tolerance. Its weight is the noise
-that the residual shows, at least the declared one: no instrument is better for an arm that has lost its length. Exact
-data are met exactly in a last step, near the fit that the prior held.
+estimated from the residual, at least the declared noise, so that degenerate arms (links without length) cannot lower
+it. For exact data a last step, near that fit, lowers the weight further.
 """
 
 from __future__ import annotations
@@ -44,19 +44,19 @@ _SLOW = 0.3  # of the full step before
 def solve(
     residuals: Residuals, *, start: ArrayLike | None = None, prior: bool = True, max_iterations: int = 100
 ) -> Fit:
-    """Find the parameters that make the residuals least.
+    """Minimise the squared residuals and, with a prior, the squared corrections over their tolerances.
 
     Args:
-        residuals: what to make small.
+        residuals: the problem.
         start: (P,) first guess, such as an earlier fit; zeros, the nominal robot, where None.
-        prior: hold each parameter within about its tolerance (`Parameter.scale`).
-        max_iterations: accepted steps at the most.
+        prior: normal prior on each correction, with `Parameter.scale` as sigma.
+        max_iterations: largest number of accepted steps.
 
     Raises:
-        FitError: nothing to fit, too few rows, or a residual that is not finite at the start.
+        FitError: no free parameter, too few rows, or a residual that is not finite at the start.
     """
     if not residuals.parameters:
-        raise FitError("no free parameter: everything is held; free at least one")
+        raise FitError("no free parameter: everything is fixed; free at least one")
     descent = _Descent(residuals, start, max_iterations)
     if not prior:
         descent.run(weight=0.0)
@@ -72,10 +72,9 @@ def solve(
 
 
 def _settle(descent: _Descent, floor: float, *, hurry: bool = True) -> float:
-    """Go down until the prior's weight is the noise that the residual shows, but at least the floor; the weight.
+    """Descend until the prior's weight equals the residual's noise or the floor, if that is larger; the final weight.
 
-    Where the weight could follow the residual down to zero, an arm without length would meet any constraint (a ball in
-    a socket, a tip on a plane) at no cost.
+    Without a floor, an arm without length would meet any constraint (a ball in a socket, a tip on a plane) at no cost.
     """
     weight = max(descent.first_weight(), floor)
     while hurry and descent.steps < descent.limit:
@@ -96,14 +95,14 @@ def _settle(descent: _Descent, floor: float, *, hurry: bool = True) -> float:
 
 
 def _below_floor(descent: _Descent, weight: float, floor: float) -> Fit:
-    """The fit at this weight; with less noise than the floor, as computed points have, the prior gives way further.
+    """The fit at a weight of the prior, which is lowered further where the noise is below the floor (computed points).
 
-    Only while many equations are left over to tell so, and as far as no parameter goes elsewhere for it.
+    It is lowered only with many degrees of freedom, and only as far as no parameter changes by several tolerances.
     """
-    fit, held = descent.fit(weight), descent.z
-    if not fit.noise < floor:
+    fit, before = descent.fit(weight), descent.z
+    if not fit.reduced_chi < floor:
         return fit
-    noise = fit.noise
+    noise = fit.reduced_chi
     for _ in range(_WEIGHINGS):
         if not noise > 1e-9:
             break
@@ -112,21 +111,21 @@ def _below_floor(descent: _Descent, weight: float, floor: float) -> Fit:
         noise = descent.noise(weight)
         if abs(noise - weight) <= 0.05 * weight:
             break
-    below, further = descent.fit(weight), float(np.max(np.abs(descent.z - held)))
+    below, further = descent.fit(weight), float(np.max(np.abs(descent.z - before)))
     overdetermined = below.degrees_of_freedom > _OVERDETERMINED * (fit.rows - descent.residuals.degrees_spent)
     return below if overdetermined and further <= _ELSEWHERE else fit
 
 
 @dataclass(frozen=True)
 class _Factors:
-    """A = U diag(s) V^T of the stacked, scaled problem with right-hand side b, and g = U^T b."""
+    """Singular value decomposition A = U diag(s) V^T of a scaled linear problem A z + b, and g = U^T b."""
 
     s: Array
     v: Array
     g: Array
 
     def with_prior(self, weight: float, z: Array) -> _Factors:
-        """The factors of [A; w 1] with right-hand side [b; w z]: the same V, as w 1 is alike in all directions.
+        """The factors of [A; w 1] with right-hand side [b; w z], whose V is that of A.
 
         Directions without information are left out.
         """
@@ -137,11 +136,11 @@ class _Factors:
 
     @property
     def possible_drop(self) -> float:
-        """The most by which the linear model can lower the squared norm."""
+        """Largest possible decrease of the squared norm in the linear model."""
         return float(self.g @ self.g)
 
     def step(self, radius: float) -> tuple[Array, float]:
-        """The minimiser of |A z + b| within the radius, and the drop of the squared norm that it predicts."""
+        """Minimiser of |A z + b| within the radius, and the decrease of the squared norm that it predicts."""
 
         def damped(mu: float) -> Array:
             return -self.s * self.g / (self.s**2 + mu)
@@ -157,7 +156,7 @@ class _Factors:
 
 
 def _factorise(matrix: Array, rhs: Array) -> _Factors:
-    """All P directions of a matrix (R, P); those beyond its rank have s = 0."""
+    """Factors of a matrix (R, P) and right-hand side (R,), with s = 0 in directions beyond the rank."""
     # R of [A b] carries the whole problem in P + 1 rows, however many poses there are.
     r = np.asarray(np.linalg.qr(np.column_stack([matrix, rhs]), mode="r"))
     count = matrix.shape[1]
@@ -170,12 +169,12 @@ def _padded(values: Array, count: int) -> Array:
 
 
 def _is_slow(full: list[tuple[Array, Array]]) -> bool:
-    """Whether the last full step is hardly shorter than the one before, so that the limit is far beyond it."""
+    """Whether the last full step is hardly shorter than the one before, as in slow linear convergence."""
     return len(full) > 1 and bool(np.linalg.norm(full[-1][1]) > _SLOW * np.linalg.norm(full[-2][1]))
 
 
 def _limit(full: list[tuple[Array, Array]]) -> Array:
-    """The limit of full steps that shrink slowly: the mix of the last points whose steps cancel best (Anderson)."""
+    """Extrapolated limit of slowly converging steps: the mix of the last points whose steps cancel best (Anderson)."""
     points, steps = np.array(full).transpose(1, 2, 0)  # each (P, points)
     moves, changes = np.diff(points), np.diff(steps)
     mix = np.linalg.lstsq(changes, steps[:, -1], rcond=1e-6)[0]
@@ -183,7 +182,7 @@ def _limit(full: list[tuple[Array, Array]]) -> Array:
 
 
 class _Descent:
-    """One run of the solver: the current z = x / tolerance (P,), its cost and factors, and the iterations so far."""
+    """State of one run of the solver: z = x / tolerance (P,), its cost and factors, and the iterations so far."""
 
     def __init__(self, residuals: Residuals, start: ArrayLike | None, max_iterations: int) -> None:
         self.residuals = residuals
@@ -213,18 +212,18 @@ class _Descent:
         return len(self.history) - 1
 
     def first_weight(self) -> float:
-        """The noise that the residual shows at the start; 1 where no degree of freedom is left."""
+        """Residual sigma over declared sigma at the start; 1 where no degree of freedom is left."""
         noise = self.noise(1.0)
         return noise if np.isfinite(noise) and noise > 0.0 else 1.0
 
     def promised_noise(self) -> float:
-        """The residual's sigma after a full step without prior, if the problem were linear."""
+        """Residual sigma over declared sigma after a full step without prior, in the linear model."""
         factors = self.factors.with_prior(0.0, self.z)
         left = self.rows - self.residuals.degrees_spent - len(factors.s)
         return float(np.sqrt(max(self.cost - factors.possible_drop, 0.0) / left)) if left > 0 else np.inf
 
     def run(self, weight: float, steps: int | None = None) -> None:
-        """Go down to the minimum of |residual|^2 + weight^2 |z|^2, or `steps` steps towards it."""
+        """Descend to the minimum of |residual|^2 + weight^2 |z|^2, by at most `steps` steps."""
         radius = np.inf
         last = None if steps is None else self.steps + steps
         full: list[tuple[Array, Array]] = []  # the last points, each with its full step
@@ -267,7 +266,7 @@ class _Descent:
                 return self._stop(True, "the residual is at the level of rounding")
 
     def _drop(self, step: Array, weight: float, objective: float) -> tuple[float, float]:
-        """By how much a step lowers the objective, and the data's cost there."""
+        """Decrease of the objective by a step, and the cost of the data after it."""
         z = self.z + step
         residual = self.residuals.residual(z * self.scales)
         cost = float(residual @ residual) if np.all(np.isfinite(residual)) else np.inf
@@ -280,18 +279,18 @@ class _Descent:
         self.converged, self.reason = converged, reason
 
     def degrees_of_freedom(self, weight: float) -> float:
-        """Rows minus frames minus parameters; a direction with a prior counts s^2 / (s^2 + weight^2) of a parameter."""
+        """Rows minus eliminated unknowns minus effective parameters, s^2 / (s^2 + weight^2) for each direction."""
         s2 = self.factors.s**2
-        held = weight**2 if weight > 0.0 else (_NULL**2) * float(s2.max())
-        return self.rows - self.residuals.degrees_spent - float(np.sum(s2 / (s2 + held)))
+        penalty = weight**2 if weight > 0.0 else (_NULL**2) * float(s2.max())
+        return self.rows - self.residuals.degrees_spent - float(np.sum(s2 / (s2 + penalty)))
 
     def noise(self, weight: float) -> float:
-        """Residual sigma in units of the declared one; nan where no degree of freedom is left."""
+        """Residual sigma over declared sigma (reduced chi); nan where no degree of freedom is left."""
         left = self.degrees_of_freedom(weight)
         return float(np.sqrt(self.cost / left)) if left > 0.5 else float("nan")
 
     def surprise(self, weight: float) -> float:
-        """-2 log of the posterior density of parameters and noise together, less constants."""
+        """Minus twice the log posterior density of parameters and noise, up to a constant."""
         left = max(self.degrees_of_freedom(weight), 1.0)
         variance = max(self.cost / left, self.residuals.noise_floor**2)
         return float(left * np.log(variance) + self.cost / variance + self.z @ self.z)
@@ -317,5 +316,5 @@ class _Descent:
             known=int(np.sum(s / sigma > 1.0)),
             rows=self.rows,
             degrees_of_freedom=self.degrees_of_freedom(weight),
-            noise=noise,
+            reduced_chi=noise,
         )

@@ -1,1 +1,1 @@
-"""Many datasets at once: each judged by itself on any executor, then what they say together of arms and causes."""
+"""Many datasets at once: each judged by itself on any executor, then compared by arm and searched for shared causes."""

@@ -1,4 +1,4 @@
-"""What a fleet's work runs on: processes of this machine, or a Dask cluster that runs already.
+"""Workers of a fleet: processes of this machine, or a Dask cluster that runs already.
 
 Dask is imported where a cluster is named. Whoever reaches a cluster's scheduler can have its workers run code: with TLS
 (`tls://head:8786`) it asks for the certificates that Dask's own settings name, without it has no password.
@@ -16,13 +16,13 @@ from calib.fleet.judge import versions
 from calib.fleet.processes import Processes
 from calib.fleet.run import Workers
 
-CONNECT_S = 10.0  # that a scheduler may take to answer
-_PURE = False  # of a submission: Dask would answer a second try with the failure of the first
+CONNECT_S = 10.0  # longest time that a scheduler may take to answer
+_PURE = False  # a pure task would not run again: Dask answers a second try with the failure of the first
 
 
 @contextmanager
 def local_workers(count: int) -> Iterator[Workers]:
-    """An executor with this many processes of this machine, which nobody else can reach."""
+    """Workers that are `count` processes of this machine, which no other user can reach."""
     with Processes(count) as executor:
         yield Workers(executor, count, own_processes=True)
 
@@ -62,7 +62,7 @@ def cluster_workers(address: str, folder: Path) -> Iterator[Workers]:
 
 
 def seen_by_worker(folder: str) -> dict[str, object]:
-    """Asked of each worker: its versions, and whether the folder is there."""
+    """Versions of a worker, and whether it sees the folder; runs on the worker."""
     return {"versions": versions(), "folder": Path(folder).is_dir()}
 
 

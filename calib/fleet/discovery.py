@@ -15,7 +15,7 @@ MOST_LEVELS = 32
 
 @dataclass(frozen=True)
 class Discovered:
-    """Folders with a dataset.toml, and folders that could not be looked into."""
+    """Folders below a folder that hold a dataset.toml, and folders that could not be listed."""
 
     folder: Path
     datasets: tuple[str, ...]  # paths below the folder, with slashes, in order; "." is the folder itself
@@ -23,7 +23,7 @@ class Discovered:
 
 
 def discover(folder: Path) -> Discovered:
-    """Look through a folder and all below it; a dataset's own folders are not looked into, nor hidden ones.
+    """Datasets in a folder and all folders below it, but for hidden folders and those inside a dataset.
 
     Links are followed; a folder that two paths lead to counts once, by the first of them in order.
 

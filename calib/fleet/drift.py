@@ -1,4 +1,4 @@
-"""What changed of one arm from one dataset to the next, by `calib.monitoring.watch`."""
+"""Changes of one arm from one dataset to the next, by `calib.monitoring.watch`."""
 
 from __future__ import annotations
 
@@ -14,41 +14,31 @@ from calib.errors import CalibError
 from calib.fleet.judge import FleetOptions, FoundCorners, one_blas_thread_for_good, one_line
 from calib.fleet.row import Row
 from calib.fleet.time_limit import OutOfTime, time_limit
+from calib.monitoring.change_tests import Change
 from calib.monitoring.kinds import BASE, JIG, NOISE, SCANNER
 from calib.monitoring.watch import watch
 
 NOT_OF_THE_ARM = (SCANNER, BASE, JIG, NOISE)
-"""Changes that are none of the arm itself."""
-
-
-@dataclass(frozen=True)
-class Change:
-    """One thing that changed, as `watch` has it."""
-
-    what: str
-    joint: int | None  # counted from 1
-    parameter: str
-    size: float
-    sigma: float
-    unit: str
+"""Kinds of changes that are not of the arm itself."""
 
 
 @dataclass(frozen=True)
 class Drift:
-    """Two datasets of one arm, the earlier one's calibration held against the later one's points."""
+    """Changes between two datasets of one arm: the later points compared with the earlier calibration."""
 
     base: str  # path
     later: str
     verdict: str  # unchanged, changed, unclear; "" where they cannot be compared
     changes: tuple[Change, ...]
-    rmse_mm: float | None  # of the later points by the earlier calibration
-    expected_mm: float | None  # of that by noise alone
-    words: str  # one line
-    settled: bool = True  # whether another try with the same files would say the same
+    rmse_mm: float | None  # 3D error of the later points by the earlier calibration
+    expected_mm: float | None  # part of rmse_mm that noise alone makes
+    poses: int = 0  # of the later dataset that were compared
+    reason: str = ""  # why they cannot be compared, or what is wrong with the later poses.csv; one line
+    settled: bool = True  # whether another try with the same files would give the same
 
     @property
     def of_the_arm(self) -> tuple[Change, ...]:
-        """The changes that the arm must answer for, where that is clear."""
+        """Changes of the arm itself, where the verdict is clear."""
         clear = self.verdict == "changed"
         return tuple(c for c in self.changes if clear and c.what not in NOT_OF_THE_ARM)
 
@@ -60,7 +50,7 @@ class DriftTask:
     folder: str
     base: str
     later: str
-    effects: tuple[str, ...]  # that the earlier dataset's diagnosis claims
+    effects: tuple[str, ...]  # claimed by the earlier dataset's diagnosis
     base_corners: FoundCorners | None
     later_corners: FoundCorners | None
     options: FleetOptions
@@ -68,10 +58,10 @@ class DriftTask:
 
 
 def consecutive(rows: Iterable[Row]) -> list[tuple[Row, Row]]:
-    """Pairs of datasets of one arm: each with the last one of an earlier date that carried a fit.
+    """Pairs of datasets of one arm: each dataset with the last one of an earlier date that was fitted.
 
-    Those without a serial number or a date are in none. A few check poses carry no fit and are held against the last
-    calibration before them.
+    Datasets without a serial number or a date are in no pair. A few check poses are too few for a fit and are compared
+    with the last calibration before them.
     """
     dated = sorted((row for row in rows if row.serial and row.date), key=lambda row: (row.arm, row.date, row.path))
     out = []
@@ -85,7 +75,7 @@ def consecutive(rows: Iterable[Row]) -> list[tuple[Row, Row]]:
 
 
 def compare(task: DriftTask) -> Drift:
-    """Hold the later points against the earlier calibration. What cannot be compared says why."""
+    """Changes between two datasets of an arm; where they cannot be compared, a Drift that says why."""
     if task.own_process:
         one_blas_thread_for_good()
     try:
@@ -100,23 +90,25 @@ def compare(task: DriftTask) -> Drift:
 
 
 def not_compared(task: DriftTask, reason: str) -> Drift:
-    """Two datasets that say nothing of each other."""
-    return Drift(task.base, task.later, "", (), None, None, one_line(reason), settled=False)
+    """The Drift of two datasets that could not be compared, with the reason."""
+    return Drift(task.base, task.later, "", (), None, None, reason=one_line(reason), settled=False)
 
 
 def _compared(task: DriftTask) -> Drift:
     base = _measured(task, task.base, task.base_corners)
     later = _measured(task, task.later, task.later_corners)
     calibration = add_in_turn(base, task.effects, task.options.fit.with_residual("position"))[-1].calibration
-    seen = watch(calibration, later)
+    report = watch(calibration, later)
+    problem = report.data_problem
     return Drift(
         task.base,
         task.later,
-        seen.verdict,
-        tuple(Change(c.what, c.joint, c.parameter, c.size, c.sigma, c.unit) for c in seen.changes),
-        seen.rmse_mm,
-        seen.expected_mm,
-        one_line(seen.headline),
+        report.verdict,
+        report.changes,
+        report.rmse_mm,
+        report.expected_mm,
+        report.poses,
+        "" if problem is None else one_line(problem.words),
     )
 
 

@@ -1,4 +1,4 @@
-"""One dataset of a fleet, judged where its files are: corners, fit, diagnosis, and the row that tells of it."""
+"""One dataset of a fleet, judged by a worker: corners, fit, diagnosis, and the row of the fleet's table."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from calib.options import FitOptions
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.strict_json import to_json
 from calib.targets.batch import find_targets
-from calib.validation.acceptance import Check, check
+from calib.validation.acceptance import Check, TooFewPoses, check
 
 LONGEST_REASON = 400  # characters
 PACKAGES = ("numpy", "scipy", "pandas")
@@ -42,27 +42,27 @@ PACKAGES = ("numpy", "scipy", "pandas")
 
 @dataclass(frozen=True)
 class FleetOptions:
-    """How each dataset is to be judged."""
+    """Options by which each dataset is judged."""
 
     fit: FitOptions = field(default_factory=FitOptions)
-    max_test_rmse_mm: float | None = None  # what the test poses' error may be; None: less than before
-    limit_s: float = 1800.0  # that one dataset may take
+    max_test_rmse_mm: float | None = None  # largest error of the test poses; None: less than that of the nominal robot
+    limit_s: float = 1800.0  # longest time for one dataset
 
 
 @dataclass(frozen=True)
 class Task:
-    """A dataset to be judged, by its path: whoever judges it reads the files."""
+    """A dataset to be judged, by its path; the worker reads the files."""
 
     folder: str  # of the fleet
     path: str  # of the dataset below it
     options: FleetOptions
-    known: str = ""  # key of the row that is there already
-    own_process: bool = False  # whether the process is there for such tasks alone, and may be ended
+    known: str = ""  # key of the row of an earlier run
+    own_process: bool = False  # whether the process does only such tasks, and may be ended
 
 
 @dataclass(frozen=True)
 class FoundCorners:
-    """Corners that were found in scans, one a pose."""
+    """Corners that were found in scans, one per pose."""
 
     poses: tuple[str, ...]  # (K,) ids
     xyz_mm: tuple[tuple[float, ...], ...]  # (K, 3)
@@ -78,9 +78,9 @@ class FoundCorners:
 
 @dataclass(frozen=True)
 class Judged:
-    """A row, and what is kept beside it."""
+    """A row with its key, corners and duration."""
 
-    key: str  # of the files, the options and the versions that the row follows from
+    key: str  # hash of the files, options and versions that the row depends on
     row: Row
     corners: FoundCorners | None  # where the dataset has scans
     seconds: float
@@ -88,13 +88,13 @@ class Judged:
 
 @dataclass(frozen=True)
 class Unchanged:
-    """The row that is there already is that of these files."""
+    """A dataset whose row of an earlier run is still valid."""
 
     path: str
 
 
 def judge(task: Task) -> Judged | Unchanged | Failure:
-    """Judge a dataset. Whatever goes wrong in it becomes a Failure with one line."""
+    """The row of a dataset; whatever goes wrong in it becomes a Failure with one line."""
     if task.own_process:
         one_blas_thread_for_good()
     try:
@@ -109,7 +109,7 @@ def judge(task: Task) -> Judged | Unchanged | Failure:
 
 
 def one_line(words: str) -> str:
-    """Words in one line of bounded length."""
+    """A text in one line of bounded length."""
     line = " ".join(words.split())
     return line if len(line) <= LONGEST_REASON else f"{line[: LONGEST_REASON - 3]}..."
 
@@ -151,7 +151,8 @@ def row_of(path: str, checked: Check, without_corner: tuple[str, ...] = ()) -> R
     told = None if last is None else headline_of([last])
     words = "" if found is None else verdict_text(found.explanation.verdict)
     if found is None:
-        words = next((f.description for f in checked.items if f.description.startswith("not tried")), "")
+        tried = (i for i in checked.items if i.name == "diagnosis" or isinstance(i.evidence, TooFewPoses))
+        words = next((item.headline for item in tried), "")
     return Row(
         path=path,
         name=dataset.name,
@@ -168,7 +169,7 @@ def row_of(path: str, checked: Check, without_corner: tuple[str, ...] = ()) -> R
         test=_rmse(links, last, test=True),
         noise_ratio=None if told is None or told.noise.source == FIT else told.noise_ratio,
         passed=checked.passed,
-        reasons=tuple(map(one_line, checked.reasons)),
+        reasons=tuple(one_line(f"{item.name}: {item.headline}") for item in checked.failed),
         verdict="" if found is None else found.verdict,
         missing=() if found is None else found.missing,
         suspected=() if found is None else found.suspected,
@@ -179,7 +180,7 @@ def row_of(path: str, checked: Check, without_corner: tuple[str, ...] = ()) -> R
 
 
 def _fits(checked: Check) -> tuple[Calibration | None, Calibration | None]:
-    """The fit of the links alone, and the last one."""
+    """The fit of the link errors alone, and the last fit."""
     if checked.diagnosis is not None:
         return checked.diagnosis.steps[0].calibration, checked.diagnosis.calibration
     return checked.calibration, checked.calibration
@@ -198,7 +199,7 @@ def _rmse(links: Calibration | None, last: Calibration | None, *, test: bool) ->
 
 
 def sizes_of(found: Diagnosis) -> tuple[EffectSize, ...]:
-    """The members of the effects that a diagnosis added, by effect and joint; learned curves have no such size."""
+    """Sizes of the effects that a diagnosis added, by effect and joint; learned curves have none."""
     calibration = found.calibration
     members = [m for m in calibration.model.effects if family_name(m) in found.named]
     out = []
@@ -232,13 +233,13 @@ def _flat(prefix: str, values: Mapping[str, object]) -> list[tuple[str, str]]:
 
 
 def row_key(files: Mapping[str, str], options: FleetOptions) -> str:
-    """A hash of all that a row follows from: the dataset's files, what was asked, this program and its libraries."""
+    """Hash of all that a row depends on: the dataset's files, the options, this program and its libraries."""
     asked = {"fit": asdict(options.fit), "max_test_rmse_mm": options.max_test_rmse_mm}
     return _hash({"files": dict(sorted(files.items())), "asked": asked, "versions": versions()})
 
 
 def pair_key(base: str, later: str) -> str:
-    """A hash of all that a comparison of two datasets follows from, by the keys of their rows."""
+    """Hash of all that a comparison of two datasets depends on, from the keys of their rows."""
     return _hash({"base": base, "later": later})
 
 
@@ -248,7 +249,7 @@ def _hash(document: Mapping[str, object]) -> str:
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of what a row is computed with; of this program a hash of its files, as they change in between."""
+    """Versions of Python and the libraries, and a hash of this program's files, which change between versions."""
     digest = hashlib.sha256()
     root = Path(calib.__file__).parent
     for path in sorted(root.rglob("*.py")):
@@ -259,9 +260,9 @@ def versions() -> dict[str, str]:
 
 @cache
 def one_blas_thread_for_good() -> None:
-    """Keep one BLAS thread in a worker for good: a task that ends must not give the others their threads back."""
+    """Limit BLAS to one thread for the rest of a worker's life, whatever tasks set and restore."""
     from threadpoolctl import threadpool_limits
 
     with one_blas_thread():
-        pass  # now all is loaded that is to be limited
+        pass  # now every library is loaded whose threads are to be limited
     threadpool_limits(limits=1)

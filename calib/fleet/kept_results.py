@@ -1,4 +1,4 @@
-"""What a run has found so far, a file a dataset in a folder beside the table: a later run goes on from there."""
+"""Results of a run so far, one file per dataset in a folder beside the table, from which a later run continues."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ class _DriftFile(msgspec.Struct):
 
 @dataclass(frozen=True)
 class KeptResults:
-    """The folder of results. What is damaged in it counts as not there."""
+    """The folder of results; damaged files count as missing."""
 
     folder: Path
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """For one run at a time. Raises DatasetError where another is at work, or the folder cannot be made."""
+        """Lock of the folder for one run. Raises DatasetError where another run has it, or no folder can be made."""
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             lock = (self.folder / ".lock").open("a")
@@ -61,7 +61,7 @@ class KeptResults:
                 import fcntl
 
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # it ends with the process, however that ends
-            except ImportError:  # a system without: then nobody keeps two runs apart
+            except ImportError:  # a system without file locks: two runs are not kept apart there
                 pass
             except OSError:
                 raise DatasetError(
@@ -70,30 +70,30 @@ class KeptResults:
             yield
 
     def forget(self) -> None:
-        """Drop all that is kept."""
+        """Delete all results."""
         for path in self.folder.glob("*.json"):
             path.unlink(missing_ok=True)
 
     def store(self, judged: Judged) -> None:
-        """Keep what was found of a dataset, in place of what was kept of it before."""
+        """Write the result of a dataset, in place of an earlier one."""
         self._write(
             self._place(judged.row.path),
             {"key": judged.key, "row": judged.row, "corners": judged.corners, "seconds": judged.seconds},
         )
 
     def judged(self, path: str) -> Judged | None:
-        """What is kept of a dataset."""
+        """The result of a dataset; None where there is none."""
         file = self._read(self._place(path), _JudgedFile)
         if file is None or file.row.path != path:
             return None
         return Judged(file.key, file.row, file.corners, file.seconds)
 
     def store_drift(self, drift: Drift, key: str) -> None:
-        """Keep what two datasets of an arm say of each other."""
+        """Write the comparison of two datasets of an arm."""
         self._write(self._place(drift.base, drift.later), {"key": key, "drift": drift})
 
     def drift(self, base: str, later: str, key: str) -> Drift | None:
-        """What is kept of two datasets, where it follows from what this key stands for."""
+        """The comparison of two datasets, where it was written with this key; else None."""
         file = self._read(self._place(base, later), _DriftFile)
         return file.drift if file is not None and file.key == key else None
 

@@ -20,20 +20,20 @@ from typing import Any, ParamSpec, TypeVar
 P = ParamSpec("P")
 T = TypeVar("T")
 
-_LOOK_S = 0.2  # between two looks at how a process fares
-_SHARE = 0.9  # of its part of the memory, beyond which a process is ended: others would be, by the system
+_LOOK_S = 0.2  # between two checks of a process's memory
+_SHARE = 0.9  # of its part of the memory, beyond which a process is ended before the system ends any
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class WorkerDied(Exception):
-    """The process that was at a task ended without an answer."""
+    """A worker process ended without a result."""
 
 
 class Processes(Executor):
-    """So many processes, one task each at a time."""
+    """Executor of `count` processes, each with one task at a time."""
 
     def __init__(self, count: int, memory_bytes: float | None = None) -> None:
-        """memory_bytes: that one process may take; None: its part of what the machine, or the container, has."""
+        """`memory_bytes`: most memory of one process; None: its part of that of the machine or container."""
         self._memory_bytes = _SHARE * machine_memory_bytes() / count if memory_bytes is None else memory_bytes
         self._threads = ThreadPoolExecutor(count, thread_name_prefix="processes")
         self._places: SimpleQueue[_Worker | None] = SimpleQueue()
@@ -43,17 +43,17 @@ class Processes(Executor):
         self._lock, self._over = threading.Lock(), threading.Event()
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Have a function of a module called with values, all of which can be pickled."""
+        """The future of a module's function called with arguments that can be pickled."""
         return self._threads.submit(self._ask, (fn, args, kwargs))
 
     @property
     def pids(self) -> list[int]:
-        """Process ids of the workers that run."""
+        """Process ids of the running workers."""
         with self._lock:
             return [worker.pid for worker in self._alive]
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End all processes, whatever they are at."""
+        """End all processes at once, in the middle of their tasks."""
         with self._lock:
             self._over.set()
             for worker in self._alive:
@@ -85,7 +85,7 @@ class Processes(Executor):
 
 
 class _Worker:
-    """A process, and this program's end of the pair."""
+    """A worker process, and this program's end of the connection to it."""
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -99,7 +99,7 @@ class _Worker:
         return self._process.pid or 0
 
     def answer(self, task: tuple[Any, ...], memory_bytes: float) -> tuple[bool, Any]:
-        """Whether the task came to its end, and its result or exception. Raises WorkerDied."""
+        """(True, result) of a task, or (False, exception). Raises WorkerDied."""
         try:
             self._connection.send(task)
             while not self._connection.poll(_LOOK_S):
@@ -111,15 +111,15 @@ class _Worker:
         return answer
 
     def kill(self) -> None:
-        """End it, now."""
+        """End the process at once."""
         self._process.kill()
 
 
 def _serve(connection: Connection) -> None:
-    """What a process does: answers tasks until nobody asks."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to all: it is for whoever asks
-    os.dup2(2, 1)  # nothing is printed where the command prints its answer
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # before numpy is imported: there is a process a core
+    """Main loop of a worker process: runs tasks until the connection closes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to all processes; the parent handles it
+    os.dup2(2, 1)  # what a task prints goes to stderr, as stdout is for the command's own result
+    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # before numpy is imported: there is one process per core
     while True:
         try:
             function, args, kwargs = connection.recv()
@@ -138,7 +138,7 @@ def _serve(connection: Connection) -> None:
 
 
 def resident_bytes(pid: int) -> int:
-    """What a process has in memory; 0 where the system does not say."""
+    """Resident memory of a process; 0 where the system does not say."""
     try:
         pages = Path(f"/proc/{pid}/statm").read_text("ascii").split()[1]
     except (OSError, IndexError):
@@ -147,7 +147,7 @@ def resident_bytes(pid: int) -> int:
 
 
 def machine_memory_bytes() -> float:
-    """Memory of this machine, or of the container that it is; infinity where the system does not say."""
+    """Memory of this machine or container; infinity where the system does not say."""
     try:
         most = float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     except (AttributeError, OSError, ValueError):

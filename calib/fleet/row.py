@@ -1,13 +1,15 @@
-"""What is known of one dataset of a fleet: a small row, whatever the dataset's size."""
+"""One dataset of a fleet as a row of its table, small whatever the dataset's size."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from calib.brief import Brief
+
 
 @dataclass(frozen=True)
 class EffectSize:
-    """How large one member of an effect is, on one joint where it has one."""
+    """Size of one member of an effect, such as that of one joint."""
 
     effect: str  # family
     joint: int | None  # counted from 1
@@ -15,7 +17,7 @@ class EffectSize:
     value: float
     sigma: float | None
     unit: str
-    moves_mm: float  # how far it moves the measured points, RMS about their mean
+    moves_mm: float  # RMS displacement of the measured points, about its mean
 
 
 @dataclass(frozen=True)
@@ -28,52 +30,52 @@ class Rmse:
 
 
 @dataclass(frozen=True)
-class Row:
-    """One dataset: who was measured, how far it is off, what is missing. Equal files and options give an equal row."""
+class Row(Brief):
+    """One dataset: arm, errors, verdict and effects. Equal files and options give an equal row."""
 
     path: str  # below the fleet's folder, with slashes
     name: str
     serial: str
     site: str
     date: str
-    about: dict[str, str]  # further keys of [about], as a gear's batch
+    about: dict[str, str]  # further keys of [about], such as a gear's batch
     robot: str
     joints: int
     poses: int
     points: int
-    left_out: tuple[str, ...] = ()  # ids of poses that count for nothing, as no corner was found or as they stand out
+    left_out: tuple[str, ...] = ()  # ids of poses without a corner, and of outliers
     train: Rmse = field(default_factory=Rmse)
     test: Rmse = field(default_factory=Rmse)
-    noise_ratio: float | None = None  # the last error over the declared noise
-    passed: bool = False  # as `calib.validation.acceptance.check` has it
+    noise_ratio: float | None = None  # last error over the declared noise
+    passed: bool = False  # by `calib.validation.acceptance.check`
     reasons: tuple[str, ...] = ()  # why it did not pass
     verdict: str = ""  # of the diagnosis; "" where there was none
     missing: tuple[str, ...] = ()
     suspected: tuple[str, ...] = ()
     ambiguous: tuple[str, ...] = ()
     sizes: tuple[EffectSize, ...] = ()  # of the effects in the last model
-    words: str = ""  # the verdict in words, or why there is none
+    words: str = ""  # verdict as text, or why there is none
 
     @property
     def arm(self) -> tuple[str, str]:
-        """Which arm was measured: robot and serial number; a dataset without a number is an arm of its own."""
+        """Robot and serial number; a dataset without a number is an arm of its own."""
         return self.robot, self.serial or f"({self.path})"
 
     @property
     def headline(self) -> str:
-        """The verdict's first sentence, which stands without what a full diagnosis says before it."""
+        """First sentence of the verdict."""
         first, dot, _ = self.words.partition(". ")
         return first + dot.strip()
 
     @property
     def error_mm(self) -> float | None:
-        """The last error: of the test poses, or of the training poses where there are none."""
+        """RMSE of the last model at the test poses, or at the training poses where there are none."""
         return self.train.final_mm if self.test.final_mm is None else self.test.final_mm
 
 
 @dataclass(frozen=True)
 class Failure:
-    """A dataset without a row, or a folder that could not be looked into."""
+    """A dataset without a row, or a folder that could not be listed."""
 
     path: str
     reason: str  # one line

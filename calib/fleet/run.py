@@ -1,4 +1,4 @@
-"""A whole fleet: every dataset below a folder judged on an executor, then what they say together."""
+"""A whole fleet: every dataset below a folder judged on an executor, then arms compared and shared causes sought."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True)
 class Workers:
-    """What runs the work, and how much of it at a time."""
+    """Executor of a fleet's tasks, and number of tasks at a time."""
 
     executor: Executor | None = None  # None: this thread
     count: int = 1
-    own_processes: bool = False  # whether its processes are there for this alone, and may be ended
+    own_processes: bool = False  # whether its processes do nothing else, and may be ended
 
 
 def run_fleet(
@@ -42,15 +42,15 @@ def run_fleet(
     progress: bool = False,
     on_progress: OnProgress | None = None,
 ) -> Fleet:
-    """Judge every dataset that was found below a folder.
+    """Judgements of every dataset that was found below a folder, changes of arms, and shared causes.
 
     Args:
         found: the datasets, by `discover`.
-        results: folder in which each result is kept as soon as it is there; a later run takes over those whose files,
-            options and versions are the same, so one that was stopped goes on.
-        workers: they read the files by their absolute paths.
+        results: folder to which each result is written as soon as it is there; a later run takes over the results whose
+            files, options and versions are the same, so that a stopped run continues.
+        workers: executor of the tasks; its workers read the files by their absolute paths.
         options: how each dataset is judged.
-        fresh: drop the results that are kept.
+        fresh: delete the results of earlier runs first.
         progress: show a bar, in a notebook's cell or at the terminal.
         on_progress: called as (done, total, path) after each dataset, then after each comparison of two.
 
@@ -83,7 +83,7 @@ def run_fleet(
 
 
 def _rows(paths: Sequence[str], kept: KeptResults) -> tuple[tuple[Row, ...], dict[str, str], float]:
-    """The rows, their keys by path, and the seconds that they took."""
+    """The rows, their keys by path, and the sum of their durations, s."""
     rows, keys, seconds = [], {}, 0.0
     for path in paths:
         judged = kept.judged(path)
@@ -102,7 +102,7 @@ class _Stored:
 def _judged_twice(
     paths: Sequence[str], folder: Path, kept: KeptResults, workers: Workers, options: FleetOptions
 ) -> Iterator[_Stored | Unchanged | Failure]:
-    """The outcome of each dataset, as soon as it is settled; results are kept before they are told."""
+    """Outcome of each dataset as soon as it is known, a failure after a second try; results are written first."""
 
     def tasks(of: Iterable[str]) -> Iterator[Task]:
         for path in of:
@@ -131,13 +131,13 @@ def _judged_twice(
 def _done(
     function: Callable[[Asked], Answer], items: Iterable[Asked], workers: Workers
 ) -> Iterator[tuple[int, Future[Answer]]]:
-    """The futures of items as they are done. No more are submitted than run: a dead worker loses one."""
+    """Futures of items as they are done. No more are submitted than run, so that a dead worker loses one."""
     executor = _Here() if workers.executor is None else workers.executor
     return futures_as_completed(function, items, executor, workers.count)
 
 
 class _Here(Executor):
-    """Runs what is submitted at once, in the thread that submits it."""
+    """Executor that runs each task at once, in the thread that submits it."""
 
     def submit(self, fn: Callable[..., Answer], /, *args: object, **kwargs: object) -> Future[Answer]:
         future: Future[Answer] = Future()
@@ -148,7 +148,7 @@ class _Here(Executor):
 def _outcome(
     future: Future[Judged | Unchanged | Failure], path: str, options: FleetOptions
 ) -> Judged | Unchanged | Failure:
-    """What a worker answered, or why it did not."""
+    """Result of a worker, or a Failure with the reason why there is none."""
     return Failure(path, _lost(future, options)) if _is_lost(future) else future.result()
 
 
@@ -157,7 +157,7 @@ def _is_lost(future: Future[Answer]) -> bool:
 
 
 def _lost(future: Future[Answer], options: FleetOptions) -> str:
-    """Why there is no answer: `judge` itself raises nothing, so it is what ran it that failed."""
+    """Reason why a worker gave no result: `judge` raises nothing, so its worker failed."""
     error = CancelledError() if future.cancelled() else future.exception()
     if isinstance(error, CancelledError):
         return "the cluster cancelled it"
@@ -175,7 +175,7 @@ def _drifts(
     options: FleetOptions,
     on_progress: OnProgress | None,
 ) -> list[Drift]:
-    """What each pair says, in the pairs' order."""
+    """Changes of each pair, in the pairs' order."""
 
     def task(pair: tuple[Row, Row]) -> DriftTask:
         base, later = (kept.judged(row.path) for row in pair)

@@ -1,11 +1,11 @@
 """Causes that several arms of a fleet share, and what those arms have in common.
 
-A cause is an effect on one joint that a diagnosis claims. Its arms are held against every site, every value of a
+A cause is an effect on one joint that a diagnosis claims. Its arms are compared with every site, every value of a
 further key of [about] (a gear's batch), and every range of serial numbers by Fisher's exact test, one-sided: is the
-share of arms with this cause larger in the group than in the rest of the fleet's arms of that model? Models are held
-against each other in the same way. A range is the best of all ranges, so its probability is that of a range as good
-where the cause is dealt out at random (permutations, or all ranges by Bonferroni where that is less). All tests of a
-fleet are corrected together (Holm).
+share of arms with this cause larger in the group than in the rest of the fleet's arms of that model? Models are
+compared with each other in the same way. A range is the best of all ranges, so its p-value is the probability of a
+range as good where the cause is permuted at random (or Bonferroni's over all ranges, where that is less). All tests of
+a fleet are corrected together (Holm).
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from calib.distributions import hypergeometric_sf
 from calib.fleet.row import EffectSize, Row
 from calib.screening.evidence import holm
 
-FEWEST = 3  # arms with a cause, before it is shared
-MAIN_SHARE = 0.25  # of what the largest member of an effect moves, from which on a joint carries it too
-LEVEL = 0.01  # probability of telling a group that is none
+FEWEST = 3  # arms that make a cause shared
+MAIN_SHARE = 0.25  # of the displacement by an effect's largest member, from which another joint carries it too
+LEVEL = 0.01  # family-wise error rate of the groups that are reported
 PERMUTATIONS = 999
 
 Cause = tuple[str, int | None]  # effect, joint counted from 1
@@ -32,26 +32,20 @@ Cause = tuple[str, int | None]  # effect, joint counted from 1
 
 @dataclass(frozen=True)
 class Group:
-    """Arms with something in common, that have a cause more often than the rest."""
+    """Arms of one site, batch or range of serial numbers, which have a cause more often than the rest."""
 
     what: str  # "site", "serial numbers", "robot", or a key of [about]
     value: str
-    inside: tuple[int, int]  # with the cause, all
+    inside: tuple[int, int]  # arms with the cause, all arms
     outside: tuple[int, int]
-    p_value: float  # corrected for all tests
-
-    @property
-    def words(self) -> str:
-        """ "8 of 10 with serial numbers A-041 to A-050, 1 of 50 others (p = 1e-07)"."""
-        (a, n), (b, m) = self.inside, self.outside
-        return f"{a} of {n} with {self.what} {self.value}, {b} of {m} others (p = {self.p_value:.1g})"
+    p_value: float  # family-wise (Holm), over all tests
 
 
 @dataclass(frozen=True)
 class SharedCause:
-    """An effect on one joint that several arms show."""
+    """An effect on one joint that several arms have."""
 
-    robot: str  # "" where models are held against each other
+    robot: str  # "" where models are compared with each other
     effect: str
     joint: int | None
     arms: tuple[str, ...]  # serial numbers, or paths in brackets
@@ -59,21 +53,9 @@ class SharedCause:
     moves_mm: float  # median over the arms
     groups: tuple[Group, ...]  # those that stand out, the surest first
 
-    @property
-    def where(self) -> str:
-        """ "joint_compliance of joint 2"."""
-        return self.effect if self.joint is None else f"{self.effect} of joint {self.joint}"
-
-    @property
-    def words(self) -> str:
-        """ "joint_compliance of joint 2 in 9 of 60 arms RB5: 8 of 10 with gear lot 17, 1 of 50 others (p = 1e-07)"."""
-        robot = f" {self.robot}" if self.robot else ""
-        said = "; ".join(group.words for group in self.groups) or "no group of them stands out"
-        return f"{self.where} in {len(self.arms)} of {self.of} arms{robot}: {said}"
-
 
 def shared_causes(rows: Iterable[Row]) -> tuple[SharedCause, ...]:
-    """The causes that at least FEWEST arms share, those with a group that stands out first, then by their arms."""
+    """Causes that at least FEWEST arms share, first those with a significant group, then by number of arms."""
     last_of: dict[tuple[str, str], Row] = {}
     for row in sorted(rows, key=lambda row: (row.date, row.path)):
         if row.verdict:
@@ -111,7 +93,7 @@ def _by_robot(arms: Sequence[Row]) -> dict[str, list[Row]]:
 
 
 def _causes(row: Row) -> dict[Cause, EffectSize]:
-    """What the diagnosis of an arm claims, by effect and joint, without joints that hardly carry it."""
+    """Effects that the diagnosis of an arm claims, by effect and joint, without joints that hardly carry them."""
     claimed = [size for size in row.sizes if size.effect in row.missing]
     most = {
         effect: max(size.moves_mm for size in claimed if size.effect == effect)
@@ -121,7 +103,7 @@ def _causes(row: Row) -> dict[Cause, EffectSize]:
 
 
 def _groups(arms: Sequence[Row], has: BoolArray, *, across_models: bool) -> list[Group]:
-    """Every group that these arms can be told apart by, with its probability before any correction."""
+    """Every group of these arms, with its p-value before correction."""
     population, cases = len(arms), int(has.sum())
     table = hypergeometric_sf(population, cases)
 
@@ -132,8 +114,8 @@ def _groups(arms: Sequence[Row], has: BoolArray, *, across_models: bool) -> list
 
     out = []
     keys = [{"robot": r.robot} if across_models else {"site": r.site, **r.about} for r in arms]
-    for what in sorted({key for told in keys for key in told}):
-        values = np.array([told.get(what, "") for told in keys])
+    for what in sorted({key for row_keys in keys for key in row_keys}):
+        values = np.array([row_keys.get(what, "") for row_keys in keys])
         for value in np.unique(values[values != ""]).tolist():
             inside = values == value
             if 2 <= inside.sum() < population:
@@ -151,9 +133,10 @@ def _groups(arms: Sequence[Row], has: BoolArray, *, across_models: bool) -> list
 
 
 def best_range(has: BoolArray) -> tuple[int, int, float]:
-    """The range of neighbours in which a cause is most unlikely by chance: first, last, and its probability.
+    """The range of neighbours in which a cause is most unlikely by chance: first, last, and its p-value.
 
-    has: (N,) in order. The probability is that of a range as unlikely anywhere where the cases are dealt out at random.
+    `has` (N,) says which arms have the cause, in order. The p-value is the probability of a range as unlikely anywhere,
+    where the cases are permuted at random.
     """
     n, cases = len(has), int(has.sum())
     table = hypergeometric_sf(n, cases)
@@ -173,5 +156,5 @@ def best_range(has: BoolArray) -> tuple[int, int, float]:
 
 
 def natural(text: str) -> tuple[tuple[int, int, str], ...]:
-    """A key by which "A-9" comes before "A-10"."""
+    """Sort key by which "A-9" comes before "A-10"."""
     return tuple((0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", text) if part)

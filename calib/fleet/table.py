@@ -1,4 +1,4 @@
-"""The table of a fleet: a row a dataset, as .csv or .parquet. Equal rows give an equal file."""
+"""The table of a fleet: one row per dataset, as .csv or .parquet. Equal rows give an equal file."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from calib.text_files.csv_text import frame_csv
 
 SUFFIXES = (".csv", ".parquet")
 FIRST = ("path", "name", "serial")
-"""The columns that every such table begins with."""
+"""First columns of every fleet table."""
 _TEXTS = ("path", "name", "serial", "site", "date", "robot")
 
 
 def fleet_frame(rows: Sequence[Row]) -> pd.DataFrame:
-    """A row a dataset. Lists are texts with "; " between; of each effect's member its main value and sigma.
+    """One row per dataset. Lists are texts with "; " between; an effect's member has its main value and sigma.
 
-    Columns of effects and of further keys of [about] are those that any of the rows has, by name.
+    There are columns for the effects and the further keys of [about] of any row, sorted by name.
     """
     abouts = sorted({key for row in rows for key in row.about})
     parameters = sorted({size.parameter for row in rows for size in row.sizes})
@@ -48,12 +48,12 @@ def fleet_frame(rows: Sequence[Row]) -> pd.DataFrame:
     return pd.DataFrame(columns).astype(dict.fromkeys(numbers, float))
 
 
-def _of(size: EffectSize | None, what: str) -> float | None:
-    return None if size is None else getattr(size, what)
+def _of(size: EffectSize | None, field: str) -> float | None:
+    return None if size is None else getattr(size, field)
 
 
 def table_bytes(rows: Sequence[Row], suffix: str) -> bytes:
-    """The file's content. Raises CalibError for another suffix, and where pyarrow is missing for .parquet."""
+    """Content of a table's file. Raises CalibError for another suffix, and where pyarrow is missing for .parquet."""
     frame = fleet_frame(rows)
     if suffix.lower() == ".csv":
         return frame_csv(frame).encode("utf-8")
@@ -82,7 +82,7 @@ def require_table_kind(suffix: str) -> None:
 
 
 def is_table(path: Path) -> bool:
-    """Whether a file is such a table, or empty: one that may be replaced."""
+    """Whether a file is a fleet table or empty, so that it may be replaced."""
     if path.suffix.lower() == ".parquet":
         import pyarrow.parquet
 

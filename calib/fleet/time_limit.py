@@ -1,4 +1,4 @@
-"""A time limit for work in a thread: an exception where the work still listens, the end of the process where it may."""
+"""A time limit for work in a thread: an exception between two steps of Python, else the end of the process."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-GRACE_S = 20.0  # that work has to end in after it was told
+GRACE_S = 20.0  # for the work to end after the exception
 
 
 class OutOfTime(BaseException):
-    """Raised inside work that takes too long. No Exception, so that nothing on the way takes it for its own."""
+    """Raised inside work that takes too long. It is no Exception, so that no `except Exception` stops it."""
 
 
 @contextmanager
 def time_limit(seconds: float, *, end_process: bool) -> Iterator[None]:
     """Raise OutOfTime in this thread after so many seconds.
 
-    It shows between two steps of Python. Work that is stuck in one, as in a file system that does not answer, ends with
-    its process, where `end_process` allows that: whoever started the process then counts it as died.
+    The exception is raised between two steps of Python. Work that is stuck in one, such as a file system that does not
+    answer, ends with its process where `end_process` allows that: its parent then counts the process as died.
     """
     lock, over, worker = threading.Lock(), threading.Event(), threading.get_ident()
 
@@ -38,5 +38,5 @@ def time_limit(seconds: float, *, end_process: bool) -> Iterator[None]:
     try:
         yield
     finally:
-        with lock:  # where the exception is on its way it comes before this thread can leave here
+        with lock:  # an exception on its way arrives before this thread can leave the block
             over.set()

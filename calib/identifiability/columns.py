@@ -1,4 +1,4 @@
-"""The Jacobian of what a kind of residual compares, for the nominal robot at given joint vectors."""
+"""Jacobian of the quantities that a kind of residual compares, for the nominal robot at given joint vectors."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def columns_of(
     targets: tuple[Target, ...] = (),
     of_target: IndexArray | None = None,
 ) -> tuple[Array, Array]:
-    """The Jacobian (R, P) of what a residual compares, and its columns' norms (P,) before unknowns are projected out.
+    """Jacobian (R, P) of the compared quantities, and the norms (P,) of its columns before unknowns are projected out.
 
-    q  # (N, n); setup  # (N,), whose first pose is the one that distances start from
-    of_target  # (N,) which of `targets` is seen in each row, -1 for the tool point; None: nothing else
+    q  # (N, n); setup  # (N,), distances are from the first pose of each
+    of_target  # (N,) index of the target measured in each row, -1 for the tool point; None: the tool point in all
     """
     if residual not in RESIDUAL_KINDS:
         raise FitError(f"no residual named {residual!r}; there are {', '.join(RESIDUAL_KINDS)}")
@@ -40,7 +40,7 @@ def columns_of(
     points_mm = chain.target_mm
     if robot.carries_scanner:
         of_target = np.zeros(len(q), dtype=np.int64) if of_target is None else of_target
-        points_mm, columns = _columns_in_room(chain, targets, of_target)
+        points_mm, columns = _columns_of_world_targets(chain, targets, of_target)
     elif of_target is None:
         columns = kinematics.point_jacobian(chain, points_mm).reshape(len(q), 3, -1)
     else:
@@ -53,69 +53,67 @@ def columns_of(
     if not frame_known or residual == "pairs":
         absorbed = [_motion(points_mm, rows) for rows in setups]
     if residual == "pose":
-        turned, stands = kinematics.turn_jacobian(chain), chain.base_T_frame[:, -1, :3, :3]
+        by_table, orientation = kinematics.turn_jacobian(chain), chain.base_T_frame[:, -1, :3, :3]
         if robot.carries_scanner:
-            turned, stands = (
-                kinematics.flange_turn_jacobian(chain),
-                np.swapaxes(chain.base_T_flange[:, :3, :3], 1, 2),
-            )
-        turn = MM_PER_RADIAN * turned.reshape(len(q), 3, -1)
+            by_table = kinematics.flange_turn_jacobian(chain)
+            orientation = np.swapaxes(chain.base_T_flange[:, :3, :3], 1, 2)
+        turn = MM_PER_RADIAN * by_table.reshape(len(q), 3, -1)
         turn = np.concatenate([turn, np.zeros((len(q), 3, columns.shape[-1] - turn.shape[-1]))], axis=2)
         columns = np.concatenate([columns, turn], axis=1)
-        seat = np.zeros((len(q), 6, 3))
-        seat[:, 3:] = MM_PER_RADIAN * stands
-        absorbed.append(seat)
+        by_jig_rotation = np.zeros((len(q), 6, 3))  # unknown on the tool, or in the world
+        by_jig_rotation[:, 3:] = MM_PER_RADIAN * orientation
+        absorbed.append(by_jig_rotation)
         if of_target is not None:  # further targets have no orientation
-            jig = [k for k, target in enumerate(targets) if target.name == "jig"]  # among them in the room alone
+            jig = [k for k, target in enumerate(targets) if target.name == "jig"]  # only where it is in the world
             for block in (columns, *absorbed):
                 block[~np.isin(of_target, [-1, *jig]), 3:] = 0.0
-    moved = np.linalg.norm(columns, axis=(0, 1))
+    norms = np.linalg.norm(columns, axis=(0, 1))
     columns = np.asarray(columns.reshape(-1, columns.shape[-1]), dtype=np.float64)
     if absorbed:
         height = len(columns) // len(q)  # 3 rows a position, 6 a full pose
         basis = orthonormal(np.concatenate([a[:, :height] for a in absorbed], axis=2).reshape(len(columns), -1))
         columns = columns - basis @ (basis.T @ columns)
-    return columns, moved
+    return columns, norms
 
 
 def _columns_of_targets(
     chain: kinematics.Chain, targets: tuple[Target, ...], of_target: IndexArray
 ) -> tuple[Array, Array]:
-    """The points (N, 3), each of its target, and their derivative by table and targets' places (N, 3, P)."""
+    """Points (N, 3) of the measured targets, and their derivative (N, 3, P) by the table and the targets' positions."""
     points_mm = chain.target_mm.copy()
     by_table = kinematics.point_jacobian(chain, points_mm)
-    by_place = np.zeros((len(of_target), 3, len(targets), 3))
+    by_position = np.zeros((len(of_target), 3, len(targets), 3))
     for k, target in enumerate(targets):
         rows = of_target == k
         link = chain.base_T_link(target.joint)
         points_mm[rows] = (link[:, :3, :3] @ np.array(target.xyz_mm) + link[:, :3, 3])[rows]
         by_table[rows] = kinematics.link_point_jacobian(chain, points_mm, target.joint)[rows]
-        by_place[rows, :, k] = link[rows, :3, :3]
-    return points_mm, np.concatenate([part.reshape(len(of_target), 3, -1) for part in (by_table, by_place)], axis=2)
+        by_position[rows, :, k] = link[rows, :3, :3]
+    return points_mm, np.concatenate([part.reshape(len(of_target), 3, -1) for part in (by_table, by_position)], axis=2)
 
 
-def _columns_in_room(
+def _columns_of_world_targets(
     chain: kinematics.Chain, targets: tuple[Target, ...], of_target: IndexArray
 ) -> tuple[Array, Array]:
-    """Columns (as `_columns_of_targets`) of targets in the room that are seen from the flange, in its frame."""
-    places_mm = np.array([target.xyz_mm for target in targets])[of_target]
-    points_mm, by_table, by_place = kinematics.seen_from_flange(chain, places_mm)
-    by_places = np.zeros((len(of_target), 3, len(targets), 3))
-    by_places[np.arange(len(of_target)), :, of_target] = by_place
-    return points_mm, np.concatenate([part.reshape(len(of_target), 3, -1) for part in (by_table, by_places)], axis=2)
+    """Points and derivatives, as `_columns_of_targets`, of targets in the world, in the flange's frame."""
+    positions_mm = np.array([target.xyz_mm for target in targets])[of_target]
+    points_mm, by_table, by_position = kinematics.seen_from_flange(chain, positions_mm)
+    by_positions = np.zeros((len(of_target), 3, len(targets), 3))
+    by_positions[np.arange(len(of_target)), :, of_target] = by_position
+    return points_mm, np.concatenate([part.reshape(len(of_target), 3, -1) for part in (by_table, by_positions)], axis=2)
 
 
 def _motion(points_mm: Array, rows: IndexArray) -> Array:
-    """(N, 6, 6) derivative of position and orientation by a shift of a setup's frame and a turn about its points."""
-    out = np.zeros((len(points_mm), 6, 6))
-    out[rows, :3, :3] = np.eye(3)
-    out[rows, :3, 3:] = -frames.skew(points_mm[rows] - points_mm[rows].mean(axis=0))
-    out[rows, 3:, 3:] = MM_PER_RADIAN * np.eye(3)
-    return out
+    """Derivative (N, 6, 6) of positions and orientations by a shift and a turn of a setup's frame."""
+    motion = np.zeros((len(points_mm), 6, 6))
+    motion[rows, :3, :3] = np.eye(3)
+    motion[rows, :3, 3:] = -frames.skew(points_mm[rows] - points_mm[rows].mean(axis=0))
+    motion[rows, 3:, 3:] = MM_PER_RADIAN * np.eye(3)
+    return motion
 
 
 def _distance_columns(points_mm: Array, by_parameter: Array) -> Array:
-    """Phi of Jang eq (14): 2 (P_k - P_1)^T (J_k - J_1), (N - 1, P), divided by twice the length."""
+    """Derivatives of distances to the first point: Phi of Jang eq (14) (N - 1, P) divided by twice the length."""
     along = points_mm[1:] - points_mm[0]
     length = np.linalg.norm(along, axis=1)
     keep = length > 1e-6

@@ -1,4 +1,4 @@
-"""Redundant parameters: the Pearson redundancy matrix (Park 2022, section 3), and the Jacobian's rank beside it.
+"""Redundant parameters: the Pearson redundancy matrix (Park 2022, section 3), and the rank of the Jacobian.
 
 Columns of the Jacobian that are proportional to each other can only be identified as one sum. Pearson's r between all
 pairs finds them, |r| = 1; columns of zeros (r undefined, NaN) have no influence. One parameter of each group is kept.
@@ -40,12 +40,12 @@ class Redundancy(Presented):
     rank: int  # of the Jacobian: how many parameters can be identified
     independent: tuple[str, ...]  # the first `rank` parameters with independent columns
     combinations: tuple[dict[str, float], ...]  # coefficients of corrections that cancel: three or more parameters
-    measured_by: str = ""  # by which measurements, as text
+    measured_by: str = ""  # the measurements, as text
     observed: str = "the measured point"  # what parameters without influence leave unchanged
 
     @property
     def dropped(self) -> dict[str, str]:
-        """Every parameter outside `independent`, with the reason."""
+        """Reasons, by name, why parameters are not among the independent ones."""
         why = dict.fromkeys(self.no_influence, "no influence on what is measured")
         for group in (*self.groups, *self.mixed_groups):
             why |= {name: f"acts like {group[0]}" for name in group[1:] if name not in why}
@@ -58,12 +58,15 @@ class Redundancy(Presented):
         return {name: reason for name, reason in why.items() if name not in self.independent}
 
     def to_frame(self) -> pd.DataFrame:
-        """The matrix with the parameters' names."""
+        """Pearson matrix with the parameters' names."""
         return pd.DataFrame(self.pearson, index=self.parameters, columns=self.parameters)
+
+    def _brief(self) -> str:
+        return f"{len(self.parameters)} parameters, rank {self.rank}, {len(self.dropped)} dropped"
 
 
 def pearson_matrix(jacobian: ArrayLike, is_zero: ArrayLike | None = None) -> Array:
-    """Pearson's r between all columns of a Jacobian (R, P): (P, P), NaN where a column is zero (Park 2022)."""
+    """Pearson's r (P, P) between all columns of a Jacobian (R, P), NaN where a column is zero (Park 2022)."""
     columns = np.asarray(jacobian, dtype=float)
     centred = columns - columns.mean(axis=0)
     norm = np.linalg.norm(centred, axis=0)
@@ -82,16 +85,16 @@ def analyse(
     parameters: tuple[str, ...],
     units: tuple[str, ...],
     *,
-    moved: ArrayLike | None = None,
+    unprojected_norms: ArrayLike | None = None,
     measured_by: str = "",
     observed: str = "the measured point",
 ) -> Redundancy:
-    """The redundancy of a Jacobian (R, P) in the parameters' own units.
+    """Redundancy of the columns of a Jacobian (R, P) in the parameters' own units.
 
     Args:
-        moved: (P,) norms of the columns before other unknowns were projected out of them; a column counts as zero in
-            comparison to these. Their own norms where None.
-        measured_by, observed: as of `Redundancy`.
+        unprojected_norms: (P,) norms of the columns before other unknowns were projected out of them; a column counts
+            as zero in comparison with these. Their own norms where None.
+        measured_by, observed: texts, see `Redundancy`.
 
     Raises FitError where the Jacobian has fewer than two rows or is not finite.
     """
@@ -101,7 +104,7 @@ def analyse(
     if not np.all(np.isfinite(columns)):
         raise FitError("the Jacobian is not finite; check the robot's table and the joint angles")
     norm = np.linalg.norm(columns, axis=0)
-    whole = norm if moved is None else np.asarray(moved, dtype=float)
+    whole = norm if unprojected_norms is None else np.asarray(unprojected_norms, dtype=float)
     largest = np.array([max((n for n, v in zip(whole, units, strict=True) if v == u), default=0.0) for u in units])
     is_zero = norm <= _ZERO * np.maximum(largest, 1e-300)
     pearson = pearson_matrix(columns, is_zero)
@@ -130,20 +133,20 @@ def analyse(
 def _groups(pearson: Array, allowed: BoolArray, names: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
     """Sets of parameters with |r| = 1 to the first of them, in the parameters' order."""
     alike = (np.abs(np.nan_to_num(pearson)) >= 1.0 - _SAME) & allowed
-    seen: set[int] = set()
+    grouped: set[int] = set()
     groups = []
     for i in range(len(names)):
-        members = [j for j in np.flatnonzero(alike[i]) if j >= i and j not in seen]
-        if i not in seen and len(members) > 1:
+        members = [j for j in np.flatnonzero(alike[i]) if j >= i and j not in grouped]
+        if i not in grouped and len(members) > 1:
             groups.append(tuple(names[j] for j in members))
-            seen.update(int(j) for j in members)
+            grouped.update(int(j) for j in members)
     return tuple(groups)
 
 
 def _dependencies(
     columns: Array, is_zero: BoolArray, names: tuple[str, ...]
 ) -> tuple[tuple[str, ...], dict[str, dict[str, float]]]:
-    """The first columns that span all others (Gram-Schmidt in order), and the others as combinations of these."""
+    """Names of the first columns that span all others (Gram-Schmidt in order), and relations that give the others."""
     norm = np.where(is_zero, 1.0, np.linalg.norm(columns, axis=0))
     unit = columns / norm
     chosen: list[int] = []

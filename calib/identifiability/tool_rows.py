@@ -1,7 +1,7 @@
-"""What the measurements of a dataset can tell of [tool]: which parameters of its row, and which in sums only.
+"""Identifiability of the tool row by a dataset's measurements: which parameters alone, and which in sums only.
 
-The points of one target tell a place, not an attitude: what turns the tool about the measured point moves nothing. A
-length along the last joint's axis is one with the last link's.
+The points of one target give a position, no orientation: a turn of the tool about the measured point moves nothing. A
+length along the last joint's axis adds to the last link's.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from calib.dataset.dataset import Dataset
 from calib.effects.link_errors import target_parameter_names
 from calib.fitting.model import Model
-from calib.fitting.tool_point.placement import behind_last_axis
+from calib.fitting.tool_point import behind_last_axis
 from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import redundancy
 
@@ -21,31 +21,31 @@ _ROW = "TCP"
 
 @dataclass(frozen=True)
 class ToolRows:
-    """The parameters of the tool row by what can be known of each, with the scanner's place known."""
+    """Parameters of the tool row by how far each is identifiable, with the scanner's frame known."""
 
     known: tuple[str, ...]  # each alone
-    sums: Mapping[str, tuple[str, ...]]  # known only together with these: one of them at the nominal tells the other
-    unseen: tuple[str, ...]  # move nothing that is measured, and stay as robot.toml has them
+    sums: Mapping[str, tuple[str, ...]]  # known only in sums with these others
+    unseen: tuple[str, ...]  # move no measured point, and stay as in robot.toml
     residual: str
     on_flange: bool = False  # the arm carries the scanner
-    point: tuple[str, ...] = ()  # where the measured point is one of its own, not the end of the row
+    point: tuple[str, ...] = ()  # coordinates of a measured point of its own, that is not the end of the row
 
 
 def tool_rows(dataset: Dataset, *, residual: str = "position", model: Model | None = None) -> ToolRows:
-    """What the dataset's training poses can tell of the tool row, for the nominal robot, or as a model has its tool."""
+    """Identifiability of the tool row at a dataset's training poses, for the nominal robot or a model's tool point."""
     own = None if model is None else model.robot.own_tool_point
     if model is not None and own is not None:
-        unseen = tuple(name for name in behind_last_axis(model.robot) if name in model.held)
+        unseen = tuple(name for name in behind_last_axis(model.robot) if name in model.fixed)
         return ToolRows((), {}, unseen, residual, point=target_parameter_names(own))
     rows = rows_of_tool(redundancy(dataset, residual=residual), residual)
     return replace(rows, on_flange=dataset.robot.carries_scanner)
 
 
-def rows_of_tool(found: Redundancy, residual: str) -> ToolRows:
-    """The tool row's parameters among those of an analysis."""
-    mine = [name for name in found.parameters if name.endswith(_ROW) and "." not in name]
-    unseen = tuple(name for name in mine if name in found.no_influence)
-    relations = [*found.groups, *found.mixed_groups, *map(tuple, found.combinations)]
+def rows_of_tool(redundant: Redundancy, residual: str) -> ToolRows:
+    """Identifiability of the tool row by an analysis of all parameters."""
+    mine = [name for name in redundant.parameters if name.endswith(_ROW) and "." not in name]
+    unseen = tuple(name for name in mine if name in redundant.no_influence)
+    relations = [*redundant.groups, *redundant.mixed_groups, *map(tuple, redundant.combinations)]
     sums = {}
     for name in mine:
         others = [other for relation in relations if name in relation for other in relation if other != name]

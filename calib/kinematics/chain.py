@@ -29,7 +29,7 @@ from calib.kinematics.robot import Robot
 class Chain:
     """Frames of a forward pass over N poses of an arm with n joints.
 
-    `base_T_frame` (N, n + 2, 4, 4): where the first row starts, frames 1..n, tool.
+    `base_T_frame` (N, n + 2, 4, 4): the frame that the first row starts from, frames 1..n, tool.
     `turned_x` (N, n + 1, 3): the x axes after theta + q.
     """
 
@@ -38,27 +38,27 @@ class Chain:
 
     @property
     def base_T_flange(self) -> Array:
-        """(N, 4, 4) the last joint's frame: the tool row starts from it, further targets are given in it."""
+        """Frame of the last joint (N, 4, 4), from which the tool row starts and in which further targets are given."""
         return self.base_T_frame[:, -2]
 
     def base_T_link(self, joint: int | None) -> Array:
-        """(N, 4, 4) the frame of the link that a joint moves, counted from 1; None: the last."""
+        """Frame (N, 4, 4) of the link that a joint moves, counted from 1; None: the last."""
         return self.base_T_frame[:, -2 if joint is None else joint]
 
     @property
     def target_mm(self) -> Array:
-        """(N, 3) the tool point, base frame."""
+        """Tool point (N, 3) mm, base frame."""
         return self.base_T_frame[:, -1, :3, 3]
 
 
 def forward(table: ArrayLike, q: ArrayLike, is_revolute: ArrayLike, base_T_first: ArrayLike | None = None) -> Chain:
-    """All frames of an arm at N joint vectors, base frame: products of the links' transforms (Jang eq 3).
+    """Frames of all links of an arm at N joint vectors, base frame: products of the links' transforms (Jang eq 3).
 
     Args:
         table: (n + 1, 5), or (1 or N, n + 1, 5) where poses differ; rows a, alpha, d, theta, beta in mm and rad.
         q: (N, n) rad, mm for prismatic joints.
         is_revolute: (n,) bool.
-        base_T_first: (4, 4) where the first row starts, `Robot.base_T_first`; None: in the base frame itself.
+        base_T_first: (4, 4) the frame that the first row starts from, `Robot.base_T_first`; None: the base frame.
     """
     table, q = np.asarray(table, dtype=float), np.asarray(q, dtype=float)
     table = table[None] if table.ndim == 2 else table
@@ -81,7 +81,7 @@ def forward(table: ArrayLike, q: ArrayLike, is_revolute: ArrayLike, base_T_first
 
 
 def _link_transforms(a: Array, alpha: Array, d: Array, theta: Array, beta: Array) -> Array:
-    """Jang eq (3) multiplied out, lengths in mm and angles in rad (...,), which broadcast: (4, 4, ...)."""
+    """Link transforms (4, 4, ...) by Jang eq (3) multiplied out, lengths in mm and angles in rad, which broadcast."""
     ct, st = np.cos(theta), np.sin(theta)
     ca, sa = np.cos(alpha), np.sin(alpha)
     cb, sb = np.cos(beta), np.sin(beta)
@@ -103,10 +103,10 @@ def _link_transforms(a: Array, alpha: Array, d: Array, theta: Array, beta: Array
 
 
 def point_jacobian(chain: Chain, points_mm: ArrayLike) -> Array:
-    """Derivative of points that are fixed to the tool by the table's entries (Jang eq 8).
+    """Derivative by the table's entries of points that are fixed to the tool (Jang eq 8).
 
     Args:
-        points_mm: (N, 3) in the base frame, one a pose.
+        points_mm: (N, 3) in the base frame, one per pose.
 
     Returns:
         (N, 3, n + 1, 5): mm per mm for a and d, mm per rad for alpha, theta and beta.
@@ -121,21 +121,20 @@ def point_jacobian(chain: Chain, points_mm: ArrayLike) -> Array:
 
 
 def link_point_jacobian(chain: Chain, points_mm: ArrayLike, joint: int | None) -> Array:
-    """The Jacobian (`point_jacobian`) of points fixed to the link that a joint moves; joints beyond it move none."""
-    out = point_jacobian(chain, points_mm)
-    out[:, :, -1 if joint is None else joint :] = 0.0
-    return out
+    """Jacobian (as `point_jacobian`) of points that are fixed to the link which a joint moves; zero for rows beyond."""
+    by_table = point_jacobian(chain, points_mm)
+    by_table[:, :, -1 if joint is None else joint :] = 0.0
+    return by_table
 
 
 def seen_from_flange(chain: Chain, points_mm: ArrayLike) -> tuple[Array, Array, Array]:
-    """Points that stand still in the base frame (N, 3), one a pose, seen from the flange.
+    """Positions in the flange's frame of points that are fixed in the base frame (N, 3), one per pose.
 
-    A small motion of the flange moves them, seen from it, by the opposite of what it does to a point of the flange at
-    the same place.
+    A small motion of the flange moves them, as seen from it, opposite to a point of the flange at the same position.
 
     Returns:
-        Places (N, 3), mm in the flange's frame, and their derivative by the table's entries (N, 3, n + 1, 5) and by the
-        points' own places (N, 3, 3).
+        Positions (N, 3), mm in the flange's frame, and their derivatives by the table's entries (N, 3, n + 1, 5) and
+        by the points' base-frame coordinates (N, 3, 3).
     """
     points_mm = np.asarray(points_mm, dtype=float)
     flange_R_base = np.swapaxes(chain.base_T_flange[:, :3, :3], 1, 2)
@@ -145,16 +144,16 @@ def seen_from_flange(chain: Chain, points_mm: ArrayLike) -> tuple[Array, Array, 
 
 
 def flange_turn_jacobian(chain: Chain) -> Array:
-    """How the room turns about the flange's axes, seen from it, by the table's entries: (N, 3, n + 1, 5)."""
+    """Derivative of the world's small turn about the flange's axes by the table's entries: (N, 3, n + 1, 5)."""
     by_table = turn_jacobian(chain)
     by_table[:, :, -1] = 0.0  # the tool's row does not turn the flange
     return -np.einsum("nji,njrk->nirk", chain.base_T_flange[:, :3, :3], by_table)
 
 
 def turn_jacobian(chain: Chain) -> Array:
-    """The tool frame's small turn about the base's axes by the table's entries: (N, 3, n + 1, 5), rad per mm or rad.
+    """Derivative of the tool's small turn about the base's axes, rad, by the table's entries: (N, 3, n + 1, 5).
 
-    Lengths turn nothing. An angle turns the tool about its own axis: theta about z_(i-1), alpha about x'_i, beta about
+    Lengths do not turn it. An angle turns it about its own axis: theta about z_(i-1), alpha about x'_i, beta about
     y_i.
     """
     z, y = chain.base_T_frame[:, :-1, :3, 2], chain.base_T_frame[:, 1:, :3, 1]
@@ -163,9 +162,9 @@ def turn_jacobian(chain: Chain) -> Array:
 
 
 def joint_jacobian(chain: Chain, is_revolute: ArrayLike) -> tuple[Array, Array]:
-    """How the joints move the tool point (N, 3, n), mm, and turn the tool about the base's axes (N, 3, n), rad.
+    """Derivatives by the joints of the tool point (N, 3, n), mm, and of the tool's turn (N, 3, n), rad, base frame.
 
-    Per rad of a joint that turns (its theta), per mm of a prismatic one (its d), which turns nothing.
+    Per rad of a revolute joint (its theta), per mm of a prismatic one (its d), which does not turn the tool.
     """
     turns = np.asarray(is_revolute, dtype=bool)
     by_table = point_jacobian(chain, chain.target_mm)[:, :, :-1]
@@ -174,17 +173,17 @@ def joint_jacobian(chain: Chain, is_revolute: ArrayLike) -> tuple[Array, Array]:
 
 
 def target_points(robot: Robot, q: ArrayLike) -> Array:
-    """The measured point of the tool (N, 3), mm in the base frame, at joint vectors q (N, n)."""
+    """Measured point of the tool (N, 3), mm in the base frame, at joint vectors q (N, n)."""
     return tool_points(robot, forward(robot.table, q, robot.is_revolute, robot.base_T_first))
 
 
 def tool_points(robot: Robot, chain: Chain) -> Array:
-    """The measured point of the tool (N, 3), mm in the base frame, at the poses of a forward pass."""
+    """Measured point of the tool (N, 3), mm in the base frame, at the poses of a forward pass."""
     own = robot.own_tool_point
     return chain.target_mm if own is None else apply(chain.base_T_flange, np.array(own.xyz_mm))
 
 
 def target_jacobian(robot: Robot, q: ArrayLike) -> Array:
-    """J of Jang eq (8): (N, 3, P) by the robot's parameters, in the order of `robot.parameter_names`."""
+    """Jacobian of the tool point (Jang eq 8): (N, 3, P) by the robot's parameters, ordered as `parameter_names`."""
     chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
     return point_jacobian(chain, chain.target_mm).reshape(len(chain.target_mm), 3, -1)

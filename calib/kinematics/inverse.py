@@ -1,17 +1,17 @@
 """Inverse kinematics: joint vectors that bring an arm's tool to its goal, all goals at once.
 
-Newton's method on the arm's own forward map. With the derivative J of the place by the joints and the error e that is
-left, rows and columns both in millimetres (`InverseProblem`), a step is
+Newton's method on the arm's own forward map. With the derivative J of the position by the joints and the remaining
+error e, rows and columns both in millimetres (`InverseProblem`), a step is
 
     dq = J^T (J J^T + mu)^(-1) e + (1 - J^+ J) (q0 - q)
 
 by the singular values of J. The second term makes a redundant arm move the least from q0; a damped step (mu > 0:
-Levenberg 1944; Nakamura and Hanafusa 1986) leaves it out. A preference (`Preference`) is what else is to be small
-beside that motion: with its derivative S and what is left of it, r, the free motion minimises |q0 - q|^2 + |r|^2.
-Joints that press against their box are held there and the others step anew. Two rules say how much is damped:
+Levenberg 1944; Nakamura and Hanafusa 1986) leaves it out. A `Preference` is a further quantity r to be made
+small by the free motion: with its derivative S that minimises |q0 - q|^2 + |r|^2. Joints that press against a limit are
+fixed there and the others step anew. Two rules set the damping:
 
-* `FROM_NEARBY`: mu is 0 while full steps lower |e|; where one does not, it is refused and mu is raised.
-* `FROM_ANYWHERE`: from a random start, which |e| may have to rise to leave: mu is constant and every step is taken.
+* `FROM_NEARBY`: mu is 0 while full steps lower |e|; a step that does not is refused and mu is raised.
+* `FROM_ANYWHERE`: for random starts, from which |e| may first have to rise: mu is constant and every step is taken.
 
 J may leave out terms that change slowly with q: that costs an iteration or two and no accuracy, since e is exact.
 """
@@ -33,8 +33,8 @@ _FIRST_DAMPING, _LAST_DAMPING = 1e-8, 1e4  # shares of the largest squared singu
 
 
 Preference = Callable[[Array, IndexArray], tuple[Array, Array]]
-"""For the goals `rows` (K,) at q (K, n): what is left of what is preferred (K, s), and its derivative by the scaled
-joints (K, s, n); both are weighed against a joint's scaled motion."""
+"""Function of q (K, n) and goals `rows` (K,): the quantity to be made small (K, s), and its derivative by the scaled
+joints (K, s, n), both in units of a joint's scaled motion."""
 
 
 class InverseProblem(Protocol):
@@ -42,11 +42,11 @@ class InverseProblem(Protocol):
 
     @property
     def joint_units(self) -> Array:
-        """(n,) what one scaled unit of each joint is, in rad or mm."""
+        """Size of one scaled unit of each joint (n,), rad or mm."""
         ...
 
     def linearise(self, q: Array, rows: IndexArray) -> tuple[Array, Array]:
-        """For the goals `rows` (K,) at q (K, n): what is left (K, m), mm, and the place by the scaled joints (K, m, n).
+        """Errors (K, m), mm, of the goals `rows` (K,) at q (K, n), and derivatives by the scaled joints (K, m, n).
 
         Turns count in mm too, times a length that the problem chooses.
         """
@@ -55,7 +55,7 @@ class InverseProblem(Protocol):
 
 @dataclass(frozen=True)
 class StepRule:
-    """How steps are damped and when they are taken."""
+    """Rule by which steps are damped and accepted."""
 
     iterations: int
     constant_damping_mm2: float = 0.0  # mu; 0: damped only where a full step does not lower the error
@@ -75,9 +75,9 @@ def solve_inverse(
     rule: StepRule = FROM_NEARBY,
     prefer: Preference | None = None,
 ) -> Array:
-    """Joint vectors (N, n) from `low` to `high` (N, n), near `start` (N, n), with the least error.
+    """Joint vectors (N, n) between `low` and `high` (N, n), near `start` (N, n), with the least error.
 
-    `prefer`: what a redundant arm makes small with its free motion, beside that motion itself.
+    `prefer`: a quantity that a redundant arm makes small by its free motion, in addition to that motion itself.
     Where a goal cannot be met the result is the closest approach that was found; ask the problem how close.
     """
     units = problem.joint_units
@@ -96,8 +96,8 @@ def solve_inverse(
         if rule.by_normal_equations:
             step = _damped_by_normal_equations(jacobian, error, rule.constant_damping_mm2)
         else:
-            wanted = None if prefer is None else prefer(at, active)
-            step = _step(jacobian, error, to_start, damped, at <= low[active], at >= high[active], wanted)
+            preferred = None if prefer is None else prefer(at, active)
+            step = _step(jacobian, error, to_start, damped, at <= low[active], at >= high[active], preferred)
         longest = np.abs(step).max(axis=1, keepdims=True)
         step = step * np.minimum(1.0, rule.longest_step / np.maximum(longest, 1e-12))
         trial = np.clip(at + step * units, low[active], high[active])
@@ -122,24 +122,24 @@ def _step(
     damping: tuple[Array, float],
     at_low: BoolArray,
     at_high: BoolArray,
-    wanted: tuple[Array, Array] | None = None,
+    preferred: tuple[Array, Array] | None = None,
 ) -> Array:
-    """Scaled steps (K, n); joints at an end of their box that would press outward are held and the rest steps anew."""
-    held = np.zeros_like(at_low)
+    """Scaled steps (K, n); joints at a limit that would press outward are fixed and the others step anew."""
+    fixed = np.zeros_like(at_low)
     for _ in range(jacobian.shape[2]):
-        if wanted is None:
-            step = _damped(jacobian * ~held[:, None], error, to_start, damping) * ~held
+        if preferred is None:
+            step = _damped(jacobian * ~fixed[:, None], error, to_start, damping) * ~fixed
         else:
-            step = _preferring(jacobian, error, to_start, damping, wanted, ~held) * ~held
+            step = _preferring(jacobian, error, to_start, damping, preferred, ~fixed) * ~fixed
         pressing = ((step < 0.0) & at_low) | ((step > 0.0) & at_high)
         if not pressing.any():
             break
-        held |= pressing
-    return step * ~held
+        fixed |= pressing
+    return step * ~fixed
 
 
 def _damped(jacobian: Array, error: Array, to_start: Array, damping: tuple[Array, float]) -> Array:
-    """J^T (J J^T + mu)^(-1) e + (1 - J^+ J) to_start, by singular values: (K, m, n) -> (K, n).
+    """Damped steps (K, n) J^T (J J^T + mu)^(-1) e + (1 - J^+ J) to_start, by the singular values of J (K, m, n).
 
     damping  # (K,) as a share of the largest squared singular value, and one for all in mm^2: mu is their sum
     """
@@ -158,25 +158,25 @@ def _preferring(
     error: Array,
     to_start: Array,
     damping: tuple[Array, float],
-    wanted: tuple[Array, Array],
+    preferred: tuple[Array, Array],
     free: BoolArray,
 ) -> Array:
-    """A damped step (`_damped`) whose free motion is in the metric W = 1 + S^T S: (K, n), of the free joints (K, n).
+    """Damped steps (K, n) of the free joints (K, n), as `_damped`, with the free motion in the metric W = 1 + S^T S.
 
-    By W = L L^T the motion y = L^T dq counts evenly, and W^-1 (to_start + S^T r) is where it would go by itself.
+    By W = L L^T the motion y = L^T dq counts evenly, and W^-1 (to_start + S^T r) is its minimum without the goal.
     """
-    left, derivative = wanted
+    remaining, derivative = preferred
     derivative = derivative * free[:, None]
     metric = np.eye(jacobian.shape[2]) + np.swapaxes(derivative, 1, 2) @ derivative
     inverse = np.linalg.inv(np.linalg.cholesky(metric))  # L^-1
     undamped = (damping[0] + damping[1] == 0.0)[:, None]
-    pull = (to_start + np.where(undamped, np.einsum("ksn,ks->kn", derivative, left), 0.0)) * free
+    pull = (to_start + np.where(undamped, np.einsum("ksn,ks->kn", derivative, remaining), 0.0)) * free
     across = (jacobian * free[:, None]) @ np.swapaxes(inverse, 1, 2)
     motion = _damped(across, error, np.einsum("kmn,kn->km", inverse, pull), damping)
     return np.asarray(np.einsum("knm,kn->km", inverse, motion))
 
 
 def _damped_by_normal_equations(jacobian: Array, error: Array, constant_mm2: float) -> Array:
-    """J^T (J J^T + mu)^(-1) e as it stands: (K, m, n) -> (K, n)."""
+    """Damped steps (K, n) J^T (J J^T + mu)^(-1) e, by solving with J J^T + mu; J (K, m, n)."""
     square = jacobian @ np.swapaxes(jacobian, 1, 2) + constant_mm2 * np.eye(jacobian.shape[1])
     return np.einsum("kmn,km->kn", jacobian, np.linalg.solve(square, error[..., None])[..., 0])

@@ -10,12 +10,12 @@ from calib.kinematics.robot import Robot
 
 
 def joint_range(robot: Robot) -> tuple[Array, Array]:
-    """Lower and upper bound (n,): the joints' own limits, and half a turn either way for those that turn.
+    """Lower and upper bounds (n,) of the joints: their own limits, and half a turn either way for revolute ones.
 
     A prismatic joint without limits goes from 0 to 500 mm.
 
     Raises:
-        CalibError: a joint has no room between its bounds.
+        CalibError: a joint has no range between its bounds.
     """
     low = np.array([-np.inf if joint.min is None else joint.min for joint in robot.joints])
     high = np.array([np.inf if joint.max is None else joint.max for joint in robot.joints])
@@ -24,18 +24,18 @@ def joint_range(robot: Robot) -> tuple[Array, Array]:
     if np.any(low >= high):
         j = int(np.argmax(low >= high))
         raise CalibError(
-            f"robot {robot.name}: joint {robot.joints[j].name} has no room within +-180 deg "
+            f"robot {robot.name}: joint {robot.joints[j].name} has no range within +-180 deg "
             f"of zero (limits {robot.joints[j].min}, {robot.joints[j].max} rad)"
         )
     return low, high
 
 
 def random_poses(robot: Robot, count: int, *, rng: np.random.Generator) -> Array:
-    """(count, n) joints uniform within +-180 deg (Park 2022) and within their limits."""
+    """Random joint vectors (count, n), uniform within +-180 deg (Park 2022) and the joints' limits."""
     low, high = joint_range(robot)
     return rng.uniform(low, high, (count, robot.n_joints))
 
 
 def wrapped(q: Array, low: Array) -> Array:
-    """Angles moved by whole turns to the first value at or above the lower limits."""
+    """Angles shifted by whole turns to the first value at or above the lower limits."""
     return np.asarray(low + np.mod(q - low, 2.0 * np.pi))

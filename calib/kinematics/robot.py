@@ -1,8 +1,9 @@
-"""The robot as a value: the five-parameter table, limits, masses and the points on its tool.
+"""Robot: the five-parameter table, limits, masses and the points on its tool.
 
 Frame i is `Rz(theta + q) Trans(a, 0, d) Rx(alpha) Ry(beta)` (Jang 2025 eq 3, Park 2022 section 2); a prismatic joint
 adds q to d instead. A tool row of the same form, without q, ends the chain. In files angles are degrees (robot.toml,
-read and written by `calib.dataset.files.robot_toml`); here they are radians. `Base` says where the first row starts.
+read and written by `calib.dataset.files.robot_toml`); here they are radians. `Base` is the frame that the first row
+starts from.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray
+from calib.brief import Brief
 from calib.frames import make_transform, rotation_from_rpy
 
 PARAMETER_KINDS = ("a", "alpha", "d", "theta", "beta")
@@ -26,7 +28,7 @@ Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Link:
+class Link(Brief):
     """One row of the table: the transform to the next frame (Jang eq 3) at q = 0."""
 
     a_mm: float = 0.0
@@ -37,19 +39,20 @@ class Link:
 
     @property
     def row(self) -> tuple[float, float, float, float, float]:
+        """Entries a, alpha, d, theta, beta in mm and rad."""
         return (self.a_mm, self.alpha_rad, self.d_mm, self.theta_rad, self.beta_rad)
 
 
 @dataclass(frozen=True)
 class Base:
-    """Where the first row starts, in the base frame: known, never fitted."""
+    """Frame that the first row starts from, in the base frame: known, never fitted."""
 
     xyz_mm: Vector = (0.0, 0.0, 0.0)
     rpy_rad: Vector = (0.0, 0.0, 0.0)  # about the base's own x, then y, then z axis
 
     @property
     def transform(self) -> Array:
-        """base_T_first (4, 4)."""
+        """Transform base_T_first (4, 4)."""
         return make_transform(rotation_from_rpy(self.rpy_rad), self.xyz_mm)
 
 
@@ -72,12 +75,13 @@ class Joint(Link):
 
     @property
     def is_revolute(self) -> bool:
+        """Whether the joint turns; else it slides."""
         return self.type == "revolute"
 
 
 @dataclass(frozen=True)
 class Tool(Link):
-    """From the last joint's frame to the measured point. Centres of mass are in the last joint's frame."""
+    """Transform from the last joint's frame to the measured point. Centres of mass are in the last joint's frame."""
 
     mass_kg: float | None = None
     com_mm: Vector | None = None
@@ -86,27 +90,27 @@ class Tool(Link):
 
 
 TOOL_POINT = "jig"
-"""What the measured point of the tool is called among the targets: the end of the tool's row, unless it is one."""
+"""Name of the tool's measured point among the targets: the end of the tool's row, unless a target has this name."""
 TARGET_TOLERANCE_MM = 0.5
-"""How far a target's coordinate may be off where robot.toml does not say it: the default prior's sigma."""
+"""Default tolerance of a target's coordinate, the prior's sigma, where robot.toml has none."""
 
 
 @dataclass(frozen=True)
 class Target:
     """A further measured point on the tool or on an earlier link, in that link's frame.
 
-    A fit holds it within about its tolerance.
+    A fit keeps it within about its tolerance.
     """
 
     name: str
     xyz_mm: Vector
     tolerance_mm: float = TARGET_TOLERANCE_MM
-    joint: int | None = None  # it sits on the link that this joint moves, counted from 1; None: on the last
-    in_room: bool = False  # it stands in the room, its place in the base frame: for a scanner on the flange
+    joint: int | None = None  # the joint that moves its link, counted from 1; None: the last
+    in_world: bool = False  # fixed in the world, its coordinates in the base frame: for a scanner on the flange
 
 
 @dataclass(frozen=True)
-class Robot:
+class Robot(Brief):
     """A serial arm of any number of revolute or prismatic joints.
 
     `extra`, here and in its parts, holds keys of robot.toml that this package does not know; they are written back.
@@ -121,7 +125,7 @@ class Robot:
     coupling: tuple[tuple[float, ...], ...] = ()  # (n, n) joint values by commanded ones; (): they are the same
     base: Base = field(default_factory=Base)
     carries_scanner: bool = False
-    """Whether the scanner sits on the flange and measures targets in the room, not in the room measuring the tool."""
+    """Whether the scanner is on the flange and measures targets in the world; else it measures the tool."""
 
     @property
     def n_joints(self) -> int:
@@ -129,60 +133,65 @@ class Robot:
 
     @property
     def frame_names(self) -> tuple[str, ...]:
-        """("1", ..., "n", "TCP"): what stands behind a parameter's kind in its name."""
+        """Suffixes of the parameters' names, one per row of the table: "1", ..., "n", "TCP"."""
         return (*(str(i + 1) for i in range(self.n_joints)), "TCP")
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """a1 alpha1 d1 theta1 beta1 ... betaTCP: the table, row by row."""
+        """Names of the table's entries, row by row: a1 alpha1 d1 theta1 beta1 ... betaTCP."""
         return tuple(kind + frame for frame in self.frame_names for kind in PARAMETER_KINDS)
 
     @property
     def parameter_units(self) -> tuple[str, ...]:
+        """Units of the table's entries, row by row: "mm" or "rad"."""
         return tuple("mm" if kind in LENGTH_KINDS else "rad" for _ in self.frame_names for kind in PARAMETER_KINDS)
 
     @property
     def is_revolute(self) -> BoolArray:
-        """(n,) which joints turn."""
+        """Mask (n,) of the revolute joints."""
         return np.array([joint.is_revolute for joint in self.joints], dtype=bool)
 
     @property
     def base_T_first(self) -> Array:
-        """(4, 4) from the frame in which the first row starts to the base frame."""
+        """Transform (4, 4) from the frame that the first row starts from to the base frame."""
         return self.base.transform
 
     @property
     def own_tool_point(self) -> Target | None:
-        """The tool's measured point as a point of its own on the last link; None where the tool's row ends there."""
-        return next((t for t in self.targets if t.name == TOOL_POINT and not t.in_room), None)
+        """Target on the last link that is the tool's measured point; None where the tool's row ends at that point."""
+        return next((t for t in self.targets if t.name == TOOL_POINT and not t.in_world), None)
 
     def target(self, name: str) -> Target:
-        """A further target by its name."""
+        """Further target of a name."""
         return next(target for target in self.targets if target.name == name)
 
     def joints_of(self, commanded: ArrayLike) -> Array:
-        """(..., n) values of the joints, of commanded ones (..., n) in the same units: coupling @ commanded."""
+        """Joint values (..., n) for commanded ones (..., n) in the same units: coupling @ commanded."""
         commanded = np.asarray(commanded, dtype=float)
         return commanded @ np.array(self.coupling).T if self.coupling else commanded
 
     def commands_of(self, q: ArrayLike) -> Array:
-        """(..., n) the commanded values that give joint values (..., n), the inverse of `joints_of`."""
+        """Commanded values (..., n) that give joint values (..., n): the inverse of `joints_of`."""
         q = np.asarray(q, dtype=float)
         return q @ np.linalg.inv(np.array(self.coupling)).T if self.coupling else q
 
     @property
     def table(self) -> Array:
-        """(n + 1, 5) rows a, alpha, d, theta, beta in mm and rad; the last row is the tool."""
+        """Table (n + 1, 5) with rows a, alpha, d, theta, beta in mm and rad; the last row is the tool."""
         return np.array([*(joint.row for joint in self.joints), self.tool.row], dtype=float)
 
     def with_table(self, table: ArrayLike) -> Robot:
-        """The same robot with other link parameters (n + 1, 5)."""
+        """Robot with another table (n + 1, 5)."""
         table = np.asarray(table, dtype=float)
         if table.shape != (self.n_joints + 1, len(PARAMETER_KINDS)):
             raise ValueError(f"a table for {self.n_joints} joints is {self.n_joints + 1} x 5, got {table.shape}")
         rows = [dict(zip(_ROW_FIELDS, map(float, row), strict=True)) for row in table]
         joints = tuple(replace(joint, **row) for joint, row in zip(self.joints, rows[:-1], strict=True))  # type: ignore[arg-type]
         return replace(self, joints=joints, tool=replace(self.tool, **rows[-1]))  # type: ignore[arg-type]
+
+    def _brief(self) -> str:
+        kinds = "".join("R" if joint.is_revolute else "P" for joint in self.joints)
+        return f"{self.name}: {self.n_joints} joints {kinds}"
 
 
 _ROW_FIELDS = ("a_mm", "alpha_rad", "d_mm", "theta_rad", "beta_rad")

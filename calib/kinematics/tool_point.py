@@ -1,7 +1,7 @@
-"""The point of the tool that is measured: the end of the tool's row, or a point of its own on the last link.
+"""Measured point of the tool: the end of the tool's row, or a point of its own on the last link.
 
-A robot whose targets hold one named "jig" says where the measured point is, in the last joint's frame; the tool's row
-then ends at the tip alone, whose place and attitude no single measured point tells.
+A robot with a target named "jig" has its measured point there, in the last joint's frame; the tool's row then ends at
+the tip, whose position and orientation a single measured point does not determine.
 """
 
 from __future__ import annotations
@@ -21,31 +21,31 @@ _A, _D, _THETA = (PARAMETER_KINDS.index(kind) for kind in ("a", "d", "theta"))
 
 
 def tool_point_of(robot: Robot) -> Array:
-    """(3,) mm, in the last joint's frame: where a robot has the measured point of its tool."""
+    """Measured point of a robot's tool (3,), mm in the last joint's frame."""
     own = robot.own_tool_point
     return tool_point(robot.table) if own is None else np.array(own.xyz_mm)
 
 
 def tool_point(table: Array) -> Array:
-    """(3,) mm, in the last joint's frame: the end of the tool's row of a table (n + 1, 5)."""
+    """End of the tool's row of a table (n + 1, 5): (3,) mm in the last joint's frame."""
     a, d, theta = table[-1, [_A, _D, _THETA]]
     return np.array([a * np.cos(theta), a * np.sin(theta), d])
 
 
 def with_own_tool_point(robot: Robot, point_mm: ArrayLike) -> Robot:
-    """The robot with its measured point as a point of its own, mm in the last joint's frame; its tip stays."""
+    """Robot with its measured point as a target of its own, mm in the last joint's frame; the tip is kept."""
     x, y, z = np.asarray(point_mm, dtype=float).tolist()
     others = tuple(target for target in robot.targets if target.name != TOOL_POINT)
     return replace(robot, targets=(Target(TOOL_POINT, (x, y, z)), *others))
 
 
 def tip_T_last(robot: Robot) -> Array:
-    """(4, 4) from the last joint's frame to the frame of the tip, the end of the tool's row."""
+    """Transform (4, 4) from the last joint's frame to that of the tip, the end of the tool's row."""
     return np.asarray(frames.invert(forward(robot.table[-1:], np.zeros((1, 0)), []).base_T_frame[0, -1]))
 
 
 def ending_at_tool_point(robot: Robot) -> Robot:
-    """The same arm with a tool row that ends at the measured point: for what measures, to which the tip is nothing."""
+    """Arm whose tool row ends at its measured point, for measurements, which do not involve the tip."""
     own = robot.own_tool_point
     if own is None:
         return robot
@@ -54,7 +54,7 @@ def ending_at_tool_point(robot: Robot) -> Robot:
 
 
 def with_tool_point(robot: Robot, point_mm: Array) -> Robot:
-    """The robot with the end of its tool row elsewhere, mm in the last joint's frame; it turns as little as it can.
+    """Robot with the end of its tool row at another point, mm in the last joint's frame, turned as little as possible.
 
     p = (a cos theta, a sin theta, d) reaches any point twice, with a and with -a.
     """
@@ -70,4 +70,5 @@ def with_tool_point(robot: Robot, point_mm: Array) -> Robot:
 
 
 def _wrapped(angle_rad: float) -> float:
+    """Angle within -pi to pi."""
     return float((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)

@@ -12,9 +12,8 @@ from calib.corners.intersection import Corner
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset, Orientations, Points, points_from_corners
 from calib.errors import CornerError, ScanError
-from calib.measurement.face_labels import label_corners
-from calib.measurement.labels import FaceLabels
-from calib.targets.assignment import Assignment, told_apart
+from calib.measurement.face_labels import FaceLabels, label_corners
+from calib.targets.assignment import Assignment, assign_targets
 from calib.targets.search import ScanSearch
 
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")
@@ -25,32 +24,32 @@ def with_corners(
 ) -> Dataset:
     """The dataset with the corners that were found, by pose id, as its points; poses without a corner have none.
 
-    Of searches for other targets or several, each target that can be told from the others is a point.
+    From searches for other targets or for several, each identified target becomes a point.
 
     With `orientation` the points are full poses, except where the jig's faces cannot be labelled. Labelling takes a
     while: a caller that has the labels already (`label_faces`) hands them over.
     """
     if any(isinstance(search, ScanSearch) for search in searches.values()):
-        return dataset.with_points(points_of_targets(dataset, told_apart(dataset, searches)))
-    found = found_corners(searches)
+        return dataset.with_points(points_of_targets(dataset, assign_targets(dataset, searches)))
+    corners = found_corners(searches)
     points = points_from_corners(
         dataset,
-        {pose_id: corner.xyz_mm for pose_id, corner in found.items()},
-        {pose_id: corner.covariance_mm2 for pose_id, corner in found.items()},
+        {pose_id: corner.xyz_mm for pose_id, corner in corners.items()},
+        {pose_id: corner.covariance_mm2 for pose_id, corner in corners.items()},
     )
     if orientation:
-        labels = label_corners(dataset, found) if orientation is True else orientation
+        labels = label_corners(dataset, corners) if orientation is True else orientation
         ids = [dataset.poses.ids[i] for i in points.pose]
         points = replace(points, orientations=_orientations(labels, ids))
     return dataset.with_points(points)
 
 
-def points_of_targets(dataset: Dataset, found: Assignment) -> Points:
-    """The places of all targets as measured points, pose by pose."""
+def points_of_targets(dataset: Dataset, assigned: Assignment) -> Points:
+    """Places of all targets as measured points, pose by pose."""
     rows = [
         (i, name, place)
         for i, pose_id in enumerate(dataset.poses.ids)
-        for name, place in found.points.get(pose_id, {}).items()
+        for name, place in assigned.points.get(pose_id, {}).items()
     ]
     return Points(
         pose=np.array([i for i, _, _ in rows], dtype=np.int64),
@@ -61,7 +60,7 @@ def points_of_targets(dataset: Dataset, found: Assignment) -> Points:
 
 
 def label_faces(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> FaceLabels:
-    """Which face of the jig is which in the corners that were found, and so how the jig stands.
+    """Labels of the jig's faces in the corners that were found, and so the jig's orientations.
 
     Raises CornerError for face angles that no jig can have.
     """
@@ -82,28 +81,28 @@ def _orientations(labels: FaceLabels, ids: Sequence[str]) -> Orientations:
 
 
 def found_corners(searches: Mapping[str, CornerSearch]) -> dict[str, Corner]:
-    """The corners that were found, by pose id."""
+    """Corners that were found, by pose id."""
     return {pose_id: search.corner for pose_id, search in searches.items() if search.corner is not None}
 
 
 def failed_searches(searches: Mapping[str, CornerSearch]) -> dict[str, str]:
-    """Why which pose has no corner, or none of its targets."""
+    """Reasons by pose id why a scan has no corner, or none of its targets."""
     return {pose_id: search.failure for pose_id, search in searches.items() if search.failure}
 
 
 def require_corners(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> None:
     """Raise where not one scan has a corner: ScanError where no file could be read, else CornerError.
 
-    A scan that cannot be read beside others that can is a failed search like any other (`failed_searches`).
+    A scan that cannot be read among others that can is a failed search like any other (`failed_searches`).
     """
     failed = failed_searches(searches)
     if len(failed) < len(searches):
         return
     unreadable = [search.failure for search in searches.values() if search.unreadable]
     others = len(unreadable) - 1
-    beside = f"; {others} further scan{'' if others == 1 else 's'} cannot be read" if others > 0 else ""
+    more_unreadable = f"; {others} further scan{'' if others == 1 else 's'} cannot be read" if others > 0 else ""
     if unreadable and len(unreadable) == len(searches):
-        raise ScanError(f"{unreadable[0]}{beside}")
+        raise ScanError(f"{unreadable[0]}{more_unreadable}")
     reasons = {pose_id: reason for pose_id, reason in failed.items() if not searches[pose_id].unreadable}
     also = f"; of those that cannot be read the first is {unreadable[0]}" if unreadable else ""
     raise CornerError(
@@ -112,27 +111,27 @@ def require_corners(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> N
 
 
 def counted_reasons(reasons: Mapping[str, str]) -> str:
-    """Why poses have no corner, the most frequent reason first, each with its count and its numbers' ranges.
+    """Reasons why poses have no corner, the most frequent first, each with its count and its numbers' ranges.
 
-    Such as: 41 of 54: two faces only, at 84 to 90 deg to each other ...; 13 of 54: ... What would help is said of the
-    most frequent one.
+    Such as: 41 of 54: two faces only, at 84 to 90 deg to each other ...; 13 of 54: ... The remedy is given for the most
+    frequent one.
     """
     alike: dict[str, list[str]] = {}
     for pose_id, reason in reasons.items():
         alike.setdefault(_NUMBER.sub("#", reason.partition("; ")[0]), []).append(pose_id)
-    said: list[str] = []
+    clauses: list[str] = []
     for poses in sorted(alike.values(), key=len, reverse=True):
-        told = [reasons[pose_id].partition("; ") for pose_id in poses]
-        numbers = zip(*(_NUMBER.findall(what) for what, _, _ in told), strict=True)
+        parts = [reasons[pose_id].partition("; ") for pose_id in poses]
+        numbers = zip(*(_NUMBER.findall(what) for what, _, _ in parts), strict=True)
         ranges = [_range(column) for column in numbers]
-        words = _NUMBER.split(told[0][0])
-        text = words[0] + "".join(f"{number}{word}" for number, word in zip(ranges, words[1:], strict=True))
-        remedy = f" ({told[0][2]})" if told[0][2] and not said else ""
-        said.append(f"{len(poses)} of {len(reasons)}: {text}{remedy}")
-    return "; ".join(said)
+        pieces = _NUMBER.split(parts[0][0])
+        text = pieces[0] + "".join(f"{number}{word}" for number, word in zip(ranges, pieces[1:], strict=True))
+        remedy = f" ({parts[0][2]})" if parts[0][2] and not clauses else ""
+        clauses.append(f"{len(poses)} of {len(reasons)}: {text}{remedy}")
+    return "; ".join(clauses)
 
 
 def _range(numbers: Sequence[str]) -> str:
-    """The least and the largest of some numbers, as they are written; one where they are equal."""
+    """Least and largest of some numbers, as they are written; one number where they are equal."""
     least, largest = min(numbers, key=float), max(numbers, key=float)
     return least if float(least) == float(largest) else f"{least} to {largest}"

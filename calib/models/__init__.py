@@ -1,1 +1,1 @@
-"""What is taken away from a calibration: the table that is best alone, and the full model as a file."""
+"""Files made of a calibration: the full model, and the table that is best without effects."""

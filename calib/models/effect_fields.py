@@ -1,7 +1,7 @@
 """Members of effects as plain data: the family's name with the member's own fields, and back.
 
-A class of this package whose fields are numbers, texts, arrays, tuples, mappings and dataclasses of these is saved and
-read once it is in `MEMBER_KINDS`. A user's effect, whose code no file holds, is looked up in the effects file.
+A class whose fields are numbers, texts, arrays, tuples, mappings and dataclasses of these is saved and read once it is
+in `MEMBER_KINDS`. A user's effect, whose code no file holds, is looked up in the effects file.
 """
 
 from __future__ import annotations
@@ -14,13 +14,8 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from calib.effects.catalogue import CATALOGUE
-from calib.effects.catalogue.unknown_masses import (
-    BaseComplianceUnknownMasses,
-    JointComplianceUnknownMasses,
-    LinkBendingUnknownMasses,
-)
-from calib.effects.checked_apply import is_users
+from calib.effects.catalogue import MEMBER_KINDS as CATALOGUE_MEMBERS
+from calib.effects.checked_apply import is_user_defined
 from calib.effects.effect import Effect, Family, family_name
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import CalibError
@@ -31,24 +26,21 @@ from calib.strict_json import JsonFile, Place
 MEMBER_KINDS: tuple[tuple[str, type], ...] = (
     (LinkErrors.name, LinkErrors),
     (TargetOffsets.name, TargetOffsets),
-    *((kind.name, kind) for kind in CATALOGUE),
-    (JointComplianceUnknownMasses.name, JointComplianceUnknownMasses),
-    (LinkBendingUnknownMasses.name, LinkBendingUnknownMasses),
-    (BaseComplianceUnknownMasses.name, BaseComplianceUnknownMasses),
+    *((kind.name, kind) for kind in CATALOGUE_MEMBERS),
     (SmoothJointError.name, SmoothJointError),
 )
-"""Families and the classes of their members; of several in a family the fields tell which is meant."""
-_LARGEST_INT = 10_000  # of a joint's number, a harmonic, a count of frames
+"""Families and the classes of their members; where a family has several, the fields decide."""
+_LARGEST_INT = 10_000  # bound of a joint's number, a harmonic, a count of frames
 _SIGNED = ("sign", "place_deg")  # whole numbers that may be below 0
-_ROBOT = "robot"  # a field that is the model's robot is not saved again
+_ROBOT = "robot"  # field with the model's robot, which is in the file already
 
 
 def member_document(effect: Effect) -> dict[str, Any]:
-    """Family and fields of a member. Raises CalibError for a user's effect with a field that is no plain data."""
-    if not is_users(effect) and type(effect) not in [kind for _, kind in MEMBER_KINDS]:
+    """Family and fields of a member. Raises CalibError for a user's effect with a field that is not plain data."""
+    if not is_user_defined(effect) and type(effect) not in [kind for _, kind in MEMBER_KINDS]:
         raise CalibError(f"effect {family_name(effect)} cannot be saved in a model file")
     try:
-        value: object = effect  # a user's effect is what has its methods, a dataclass or not
+        value: object = effect  # a user's effect may be any class with the methods, a dataclass or not
         values: dict[str, Any] = _plain(value) if is_dataclass(value) else {}
     except (TypeError, RecursionError) as error:
         raise CalibError(
@@ -60,8 +52,8 @@ def member_document(effect: Effect) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Numbers, texts, lists and mappings; a dataclass by its fields, those at their default left out."""
-    if isinstance(value, Robot):  # it stands in the file already
+    """A value as numbers, texts, lists and mappings; a dataclass by its fields, without those at their default."""
+    if isinstance(value, Robot):  # it is in the file already
         return None
     if is_dataclass(value) and not isinstance(value, type):
         own = {f.name: (getattr(value, f.name), f.default) for f in fields(value)}
@@ -90,7 +82,7 @@ def member_from(
     robot: Robot,
     user_effects: Sequence[Family] = (),
 ) -> Effect:
-    """The member that `member_document` has told of, for this robot. Raises the file's error where there is none."""
+    """The member that `member_document` described, for this robot. Raises the file's error where there is none."""
     family, saved = document["family"], document["fields"]
     kinds = [kind for name, kind in MEMBER_KINDS if name == family]
     if not kinds:
@@ -108,12 +100,12 @@ def member_from(
 
 
 def _own_fields(kind: type) -> set[str]:
-    """The fields that a member has of its own, those without a default."""
+    """Names of the fields that each member of a class has, those without a default."""
     return {f.name for f in fields(kind) if f.default is MISSING and f.name != _ROBOT}
 
 
 def _built(file: JsonFile, place: Place, saved: Any, kind: type, robot: Robot) -> Any:
-    """A dataclass of a kind by its fields, each checked."""
+    """A dataclass of a kind, made of saved fields, each checked."""
     saved = file.checked(place, saved, dict[str, Any])
     hints = get_type_hints(kind)
     known = {field.name: field for field in fields(kind)}
@@ -130,7 +122,7 @@ def _built(file: JsonFile, place: Place, saved: Any, kind: type, robot: Robot) -
 
 
 def _field(file: JsonFile, place: Place, value: Any, hint: Any, robot: Robot) -> Any:
-    """A value of a field; of several dataclasses that it may be, the one that has the value's fields."""
+    """Value of a field; where it may be one of several dataclasses, the one that has the value's fields."""
     choices = [kind for kind in (hint, *get_args(hint)) if isinstance(kind, type) and is_dataclass(kind)]
     for kind in choices:
         if isinstance(value, dict) and set(value) <= {field.name for field in fields(kind)}:
@@ -141,9 +133,9 @@ def _field(file: JsonFile, place: Place, value: Any, hint: Any, robot: Robot) ->
 
 
 def _users(file: JsonFile, place: Place, document: Mapping[str, Any], user_effects: Sequence[Family]) -> Effect:
-    """The same member of the user's effects."""
+    """The member of the user's effects that a file describes."""
     family = document["family"]
-    members = [member for found in user_effects if found.name == family for member in found.members]
+    members = [member for one in user_effects if one.name == family for member in one.members]
     for member in members:
         if member_document(member) == document:
             return member
@@ -152,7 +144,7 @@ def _users(file: JsonFile, place: Place, document: Mapping[str, Any], user_effec
 
 
 def _decoded(kind: type, value: Any) -> Any:
-    """An array of numbers."""
+    """A field that is an array of finite numbers."""
     if (get_origin(kind) or kind) is np.ndarray:
         try:
             array = np.array(value, dtype=float)

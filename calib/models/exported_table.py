@@ -1,33 +1,39 @@
-"""robot.toml as a result: the calibrated table that is best alone, with its own errors.
+"""A calibrated robot as a file, robot.toml or the user's own URDF or kinematics YAML: the table that is best alone.
 
-A controller takes a table and nothing else. Link errors that were fitted beside an effect are right only together with
-it: without the effect they can be worse than those of a fit that never had it. So the exported table is fitted without
-effects, to the same points and by the same options.
+A controller takes a table and nothing else. Link errors that were fitted together with an effect are right only
+together with it: without the effect they can be worse than those of a fit that never had it. So the exported table is
+fitted without effects, to the same points and by the same options.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
+from calib.brief import Brief
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.model_versions import fits_same_points, options_for_links
 from calib.calibration.result import Calibration
+from calib.dataset.files.atomic_write import write_bytes_atomically
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.kinematics.robot import Robot
+from calib.models.fitted_model import PROGRAM, program_version
+from calib.robot_formats.calibrated_file import CalibratedFile, calibrated_urdf, calibrated_yaml
+from calib.robot_formats.robots import robot_content
 
 
 @dataclass(frozen=True)
-class ExportedTable:
-    """A robot whose table is best without any effect, beside the model that it came from."""
+class ExportedTable(Brief):
+    """A robot whose table is best without any effect, and the model that it came from."""
 
     full: Calibration  # the model, its effects included
     links: Calibration | None
-    """The fit of the link errors alone; `full` itself where it has no effects, None where every link error is held."""
+    """Fit of the link errors alone; `full` itself where it has no effects, None where every link error is held."""
 
     @property
     def robot(self) -> Robot:
-        """With the table to export."""
+        """The robot with the table to export."""
         return self.full.dataset.robot if self.links is None else self.links.robot
 
     @property
@@ -42,12 +48,12 @@ class ExportedTable:
 
     @property
     def error_words(self) -> str:
-        """The errors of the table alone."""
+        """Errors of the table alone, as text."""
         return _errors(self.errors)
 
     @property
     def words(self) -> str:
-        """The errors of the table alone and of the full model, in one line; "" where the two are the same."""
+        """Errors of the table alone and of the full model, in one line; "" where the two are the same."""
         if not self.left_out:
             return ""
         names = ", ".join(self.left_out)
@@ -57,24 +63,52 @@ class ExportedTable:
         )
 
     def to_toml(self) -> str:
-        """The text of robot.toml; its first line tells the errors where the model has more than the table."""
+        """The text of robot.toml; its first line gives the errors where the model has more than the table."""
         comment = f"# {self.words}\n" if self.words else ""
         return comment + robot_to_toml(self.robot)
 
+    def in_template(self, template: Path) -> CalibratedFile:
+        """A URDF or YAML with the calibrated origins; a URDF's comment has dataset and errors.
+
+        Raises RobotFileError where the template is not of the dataset's arm.
+        """
+        dataset = self.full.dataset
+        names = ", ".join(self.left_out)
+        comment = f"origins calibrated by {PROGRAM} {program_version()} with dataset {dataset.name}: {self.error_words}"
+        notes = []
+        if names:
+            notes.append(f"no origin holds {names}; these are the origins that are best without: {self.words}")
+            comment += f"; without {names}, which no origin holds"
+        return _in_template(template, self.robot, dataset.robot, comment).with_notes(notes)
+
+    def save(self, path: str | Path, template: str | Path | None = None) -> None:
+        """Write the robot as .toml, .urdf or .yaml; a template is the user's own file, whose origins are replaced."""
+        path = Path(path)
+        if template is not None:
+            content = self.in_template(Path(template)).content
+        elif path.suffix.lower() == ".toml":
+            content = self.to_toml().encode()
+        else:
+            content, _ = robot_content(self.robot, path)
+        write_bytes_atomically(path, content)
+
     def require_improvement(self, *, force: bool = False) -> None:
-        """Raise as `Calibration.require_improvement` does, where the table alone is no improvement."""
+        """Raise FitError where the table alone is no improvement (`Calibration.require_improvement`)."""
         if self.links is not None:
             self.links.require_improvement(force=force)
 
+    def _brief(self) -> str:
+        return f"{self.robot.name}: {self.error_words}"
+
 
 def exported_table(calibration: Calibration, links: Calibration | None = None) -> ExportedTable:
-    """The table of a calibration that is best alone.
+    """The table that is best without the effects of a calibration.
 
-    `links` is a fit of the link errors alone; it counts where it is of the same points and options, else it is made.
+    `links` is a fit of the link errors alone; it is used where it has the same points and options, else one is made.
     """
     if not calibration.model.added_effects:
         return ExportedTable(calibration, calibration)
-    if set(calibration.model.geometry_names) <= calibration.model.held:
+    if set(calibration.model.geometry_names) <= calibration.model.fixed:
         return ExportedTable(calibration, None)
     if links is None or links.model.added_effects or not fits_same_points(links, calibration):
         links = calibrate(calibration.dataset, options_for_links(calibration))
@@ -82,8 +116,19 @@ def exported_table(calibration: Calibration, links: Calibration | None = None) -
 
 
 def _errors(evaluation: Evaluation) -> str:
-    """ "test RMSE 0.203 mm (training 0.195)"."""
+    """Errors as text, such as "test RMSE 0.203 mm (training 0.195)"."""
     train, test = evaluation.train, evaluation.test
     if test is None:
         return f"training RMSE {train.rmse_mm:.4g} mm, no test poses" if train else "no poses"
     return f"test RMSE {test.rmse_mm:.4g} mm" + (f" (training {train.rmse_mm:.4g})" if train else "")
+
+
+def require_template_of(template: Path, robot: Robot) -> None:
+    """Raise RobotFileError where a template cannot be read or is not of a robot's arm."""
+    _in_template(template, robot, robot, "")
+
+
+def _in_template(template: Path, calibrated: Robot, nominal: Robot, comment: str) -> CalibratedFile:
+    if template.suffix.lower() in (".yaml", ".yml"):
+        return calibrated_yaml(template, calibrated, nominal)
+    return calibrated_urdf(template, calibrated, nominal, comment=comment)

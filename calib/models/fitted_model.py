@@ -3,34 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
+from pathlib import Path
 
+import msgspec
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array
+from calib.brief import Brief, errors_in_short
 from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
 from calib.calibration.result import Calibration
 from calib.compensation.attitude import FitKnowledge
 from calib.compensation.target_correction import Correction, corrected_joints, needed_columns, plain_poses
 from calib.dataset.dataset import Dataset, Poses
+from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.fingerprint import fingerprint
 from calib.dataset.input_names import CONDITIONS, quantity_of
-from calib.dataset.stands import without_poses
+from calib.dataset.repeats import without_poses
 from calib.dataset.trained_range import TrainedRange
 from calib.errors import FitError
 from calib.fitting.model import Model
-from calib.kinematics.robot import Robot
+from calib.kinematics.robot import TOOL_POINT, Robot
+from calib.kinematics.tool_point import tool_point_of
+from calib.models.effect_fields import member_document
+from calib.models.model_document import KIND, VERSION, options_document
 from calib.options import FitOptions
 from calib.presented import Presented
+from calib.strict_json import to_json
 
 PROGRAM = "robot-calibration-inspector"
 _SAME_TABLE = 1e-9  # mm or rad
 
 
 @dataclass(frozen=True)
-class RoleErrors:
+class RoleErrors(Brief):
     """Errors of the training poses and of the test poses; None where there are none."""
 
     train: Figures | None
@@ -38,8 +47,8 @@ class RoleErrors:
 
 
 @dataclass(frozen=True)
-class Source:
-    """Where a model comes from."""
+class Source(Brief):
+    """Dataset, poses and program version that a model was fitted with."""
 
     dataset: str  # its name
     files: Mapping[str, str]  # hash by file name; empty for a dataset that lies in no folder
@@ -50,7 +59,7 @@ class Source:
 
 @dataclass(frozen=True)
 class FittedModel(Presented):
-    """A model at its fitted values, which predicts and corrects without a refit. P free parameters."""
+    """A model at its fitted values of P free parameters, which predicts and corrects without its dataset."""
 
     model: Model
     x: Array  # (P,) corrections in the parameters' units
@@ -58,17 +67,17 @@ class FittedModel(Presented):
     sigma: Array  # (P,) inf where nothing bounds the parameter
     options: FitOptions
     scanner_T_base: Mapping[str, Array]
-    """(4, 4) by setup, as the training poses place the scanner; scanner_T_flange where the arm carries it"""
+    """(4, 4) by setup, fitted to the training poses; scanner_T_flange where the arm carries the scanner."""
     needs: tuple[str, ...]  # columns of poses.csv that a prediction depends on, besides the joints
     before: RoleErrors  # of the nominal robot
     after: RoleErrors
     sigma_mm: float  # residual of one coordinate; nan without degrees of freedom
     source: Source
-    trained: TrainedRange | None = None  # of the joints; None in a file that does not say it
+    trained: TrainedRange | None = None  # of the joints; None where a file has none
 
     @classmethod
     def of(cls, calibration: Calibration) -> FittedModel:
-        """The model of a calibration."""
+        """The fitted model of a calibration, without its measurements."""
         dataset, fit = calibration.dataset, calibration.fit
         bounded = ~fit.undetermined
         return cls(
@@ -88,20 +97,37 @@ class FittedModel(Presented):
 
     @property
     def robot(self) -> Robot:
-        """The robot with the fitted table: right only together with the effects."""
+        """The robot with the fitted table; where the model has effects, right only together with them."""
         return self.model.calibrated_robot(self.x)
 
-    def predict(self, q: ArrayLike, conditions: Poses | None = None, target: str = "jig") -> Array:
-        """A target's position (N, 3), mm in the base frame, at joint vectors q (N, n), rad or mm; "jig" is the tool.
+    @property
+    def parameters(self) -> pd.DataFrame:
+        """One row per free parameter: name, nominal, value, change, sigma, tolerance, unit."""
+        parameters = self.model.parameters
+        return pd.DataFrame(
+            {
+                "name": [p.name for p in parameters],
+                "nominal": [p.nominal for p in parameters],
+                "value": [p.nominal + change for p, change in zip(parameters, self.x, strict=True)],
+                "change": self.x,
+                "sigma": self.sigma,
+                "tolerance": [p.scale for p in parameters],
+                "unit": [p.unit for p in parameters],
+            }
+        )
 
-        `conditions`: payload, temperature ... of each, where the model depends on them; its own q is not used.
+    def predict(self, q: ArrayLike, conditions: Poses | None = None, target: str = TOOL_POINT) -> Array:
+        """A target's position (N, 3), mm in the base frame, at joint vectors q (N, n), rad or mm.
+
+        `target`: "jig" is the measured point of the tool. `conditions`: payload, temperature ... of each joint vector,
+        where the model depends on them; their own q is not used.
         Raises FitError where they are missing, for q of another shape, or for an unknown target.
         """
         q = np.array(q, dtype=float)
         joints = self.model.robot.n_joints
         if q.ndim != 2 or q.shape[1] != joints:
             raise FitError(f"joint vectors for {self.model.robot.name} have shape (N, {joints}), found {q.shape}")
-        targets = ("jig", *(known.name for known in self.model.robot.targets if not known.in_room))
+        targets = (TOOL_POINT, *(known.name for known in self.model.robot.targets if not known.in_world))
         if target not in targets:
             raise FitError(f"no target named {target!r}; there are {', '.join(targets)}")
         self.require_conditions(conditions)
@@ -110,45 +136,46 @@ class FittedModel(Presented):
         poses = plain_poses(q) if conditions is None else replace(conditions, q=q)
         return self.model.at_tool.predict(self.x, poses, target)
 
-    def corrected_joints(
+    def correct(
         self,
         q_nominal: ArrayLike,
         conditions: Poses | None = None,
-        what: str | None = None,
+        kind: str | None = None,
         nominal: Robot | None = None,
         ids: Sequence[str] | None = None,
     ) -> Correction:
-        """`calib.corrected_joints` for this model: joint vectors with which the arm goes where the nominal one would.
+        """Joint vectors with which the calibrated arm goes where the nominal one would (`calib.corrected_joints`).
 
-        `nominal`: the robot that the controller computes with, where not the one that was fitted. Raises FitError.
+        `nominal`: the robot that the controller computes with, where it is not the one that was fitted.
+        Raises FitError.
         """
         self.require_conditions(conditions)
         robot = nominal or self.model.robot
         open_ended = np.where(np.isfinite(self.sigma), 0.0, self.model.scales**2)
-        covariance = self.covariance + np.diag(open_ended)  # what no point tells is known by its tolerance alone
+        covariance = self.covariance + np.diag(open_ended)  # parameters without a bound have their tolerance
         full_poses = self.options.residual == "pose"
-        known = FitKnowledge(covariance, frozenset(self.options.held), full_poses, self.trained)
+        known = FitKnowledge(covariance, frozenset(self.options.fixed), full_poses, self.trained)
         return corrected_joints(
-            robot, self.model, q_nominal, x=self.x, conditions=conditions, what=what, known=known, ids=ids
+            robot, self.model, q_nominal, x=self.x, conditions=conditions, kind=kind, known=known, ids=ids
         )
 
     def evaluate(self, dataset: Dataset) -> Evaluation:
-        """Hold the model, as it is, against a dataset's points; raises as `before_and_after`."""
+        """Errors of the model at a dataset's points; raises as `before_and_after`."""
         return self.before_and_after(dataset)[1]
 
     def before_and_after(self, dataset: Dataset) -> tuple[Evaluation, Evaluation]:
-        """The errors of the arm as delivered at a dataset's points, and the model's, as it is.
+        """Errors of the arm as delivered and of the model, at a dataset's points.
 
-        Each setup's scanner frame is fitted to the setup's training poses, as in every evaluation; nothing else is. The
-        poses of another dataset than the model was fitted to count as later than all of that one's.
+        Each setup's scanner frame is fitted to the setup's training poses, as in every evaluation; nothing else is
+        fitted. Poses of another dataset than the model was fitted to count as measured after all of that one.
 
         Raises FitError for another arm, unknown targets, or missing conditions.
         """
         self.require_same_arm(dataset)
         if dataset.points is not None:
-            in_room = self.model.robot.carries_scanner
-            on_arm = set() if in_room else {"jig"}
-            known = on_arm | {target.name for target in self.model.robot.targets if target.in_room == in_room}
+            in_world = self.model.robot.carries_scanner
+            on_arm = set() if in_world else {TOOL_POINT}
+            known = on_arm | {target.name for target in self.model.robot.targets if target.in_world == in_world}
             unknown = sorted(set(map(str, np.unique(dataset.points.target))) - known)
             if unknown:
                 raise FitError(f"dataset {dataset.name}: the model has no target {unknown[0]!r}")
@@ -188,7 +215,7 @@ class FittedModel(Presented):
             )
 
     def require_conditions(self, conditions: Poses | None) -> None:
-        """Raise FitError where poses lack what the model's effects depend on."""
+        """Raise FitError where poses lack columns that the model's effects depend on."""
         missing = [name for name in self.needs if conditions is None or not _has(conditions, name)]
         if missing:
             raise FitError(
@@ -197,7 +224,7 @@ class FittedModel(Presented):
             )
 
     def outside(self, dataset: Dataset) -> tuple[str, ...] | None:
-        """The poses of a dataset whose joints leave the ranges that were trained; None where the model has none."""
+        """Ids of the poses whose joints leave the trained ranges; None where the model's file has no ranges."""
         if self.trained is None:
             return None
         beyond = self.trained.outside(self.model.robot, dataset.poses.q)
@@ -207,9 +234,65 @@ class FittedModel(Presented):
         """Whether the files of a dataset are those that the model was fitted to."""
         return bool(self.source.files) and dict(self.source.files) == fingerprint(dataset)
 
+    def save(self, path: str | Path) -> None:
+        """Write the model as model.json, whole or not at all; `calib.load_model` reads it.
+
+        Raises CalibError for a user's effect that cannot be saved.
+        """
+        write_text_atomically(Path(path), self.to_json())
+
+    def to_json(self) -> str:
+        """Content of model.json, one line per key (`model_document`)."""
+        model, source = self.model, self.source
+        loads, tool_found = model.loads_of, model.tool_found
+        document = {
+            "format": KIND,
+            "version": VERSION,
+            "program_version": source.program_version,
+            "dataset": {
+                "name": source.dataset,
+                "files": source.files,
+                "training_poses": source.training_poses,
+                "left_out": source.left_out,
+            },
+            "before": asdict(self.before),
+            "after": asdict(self.after),
+            "sigma_mm": self.sigma_mm,
+            "options": options_document(self.options),
+            "needs": self.needs,
+            "robot": msgspec.to_builtins(model.robot),
+            "table": self.robot.table,
+            "loads_table": None if loads is None else loads.table,
+            "found_tool_mm": None if tool_found is None else tool_point_of(tool_found),
+            "trained": None if self.trained is None else asdict(self.trained),
+            "effects": [member_document(effect) for effect in model.effects],
+            "held": sorted(model.fixed),
+            "parameters": [
+                {
+                    "name": p.name,
+                    "unit": p.unit,
+                    "nominal": p.nominal,
+                    "change": change,
+                    "sigma": sigma,
+                    "prior_sigma": p.scale,
+                }
+                for p, change, sigma in zip(model.parameters, self.x.tolist(), self.sigma.tolist(), strict=True)
+            ],
+            "scanner_T_base": {} if model.robot.carries_scanner else self.scanner_T_base,
+            "scanner_T_flange": self.scanner_T_base if model.robot.carries_scanner else {},
+            "covariance": [row[: i + 1] for i, row in enumerate(self.covariance)],
+        }
+        lines = (to_json({key: value})[1:-1] for key, value in document.items())
+        return "{\n" + ",\n".join(lines) + "\n}\n"
+
+    def _brief(self) -> str:
+        effects = ", ".join(self.model.family_names) or "none"
+        errors = errors_in_short(self.before, self.after)
+        return f"{self.model.robot.name}, fitted to {self.source.dataset}: {errors}, effects: {effects}"
+
 
 def program_version() -> str:
-    """The version of this program."""
+    """Version of the installed program."""
     return version(PROGRAM)
 
 

@@ -1,38 +1,63 @@
-"""What a model.json holds, as structs that msgspec checks: lengths mm, angles rad, other values in the unit beside."""
+"""Content of model.json as structs that msgspec checks: lengths mm, angles rad, other values with their unit."""
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Annotated, Any
 
 import msgspec
 from msgspec import Meta
 
+from calib.noise_shape import NoiseShape
+from calib.options import FitOptions
 from calib.strict_json import Finite, Size, SizeOrSign, Text
 
+KIND, VERSION = "robot-calibration-inspector model", 1
 Row = tuple[Finite, ...]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e300)]
 
 
+def options_document(options: FitOptions) -> dict[str, Any]:
+    """Options of a fit as in the file, where the fixed parameters have the key `held`."""
+    document = asdict(options)
+    return document | {"held": document.pop("fixed")}
+
+
+class SavedOptions(msgspec.Struct, frozen=True):
+    """Options of a fit, as `options_document` writes them."""
+
+    residual: str = "position"
+    prior: bool = True
+    held: tuple[str, ...] = ()
+    tolerances: dict[str, float] = {}
+    robust: bool = False
+    noise: NoiseShape | None = None
+
+    def options(self) -> FitOptions:
+        """The options. Raises FitError for a value that no fit can have."""
+        return FitOptions(self.residual, self.prior, self.held, self.tolerances, self.robust, self.noise)
+
+
 class SavedMember(msgspec.Struct, frozen=True):
-    """A member of an effect, see `effect_fields`."""
+    """A member of an effect (`effect_fields`)."""
 
     family: Text
     fields: dict[str, Any]
 
 
 class SavedParameter(msgspec.Struct, frozen=True):
-    """A free parameter. nominal + change is its value."""
+    """A free parameter, whose value is nominal + change."""
 
     name: Text
     unit: str
     nominal: SizeOrSign
     change: SizeOrSign
     prior_sigma: Size
-    sigma: NotNegative | None = None  # null: nothing bounds it
+    sigma: NotNegative | None = None  # null: no bound
 
 
 class SavedFigures(msgspec.Struct, frozen=True):
-    """Errors of a set of poses, as `calib.calibration.evaluation.Figures` has them."""
+    """Errors of a set of poses (`calib.calibration.evaluation.Figures`)."""
 
     points: int
     rmse_mm: NotNegative
@@ -50,23 +75,23 @@ class SavedErrors(msgspec.Struct, frozen=True):
 
 
 class SavedSource(msgspec.Struct, frozen=True):
-    """Which dataset it was."""
+    """The dataset that the model was fitted to."""
 
     name: Text
     files: dict[str, Any]  # hash by file name; checked one by one
     training_poses: tuple[Text, ...]
-    left_out: tuple[Text, ...] = ()  # poses that the fit did not see, as asked or because they stand out
+    left_out: tuple[Text, ...] = ()  # poses left out of the fit, by request or as outliers
 
 
 class SavedRange(msgspec.Struct, frozen=True):
-    """The least and largest value of each joint, rad or mm."""
+    """Least and largest value of each joint, rad or mm."""
 
     low: Row
     high: Row
 
 
 class ModelDocument(msgspec.Struct, frozen=True):
-    """The whole file, beside its format and version."""
+    """The whole file, apart from its format and version."""
 
     program_version: Text
     dataset: SavedSource
@@ -81,8 +106,8 @@ class ModelDocument(msgspec.Struct, frozen=True):
     needs: tuple[Text, ...]  # columns of poses.csv that a prediction depends on
     before: SavedErrors
     after: SavedErrors
-    loads_table: tuple[Row, ...] | None = None  # at whose links gravity's loads are worked out
-    found_tool_mm: Row | None = None  # in the last joint's frame, where robot has the tool point far off
+    loads_table: tuple[Row, ...] | None = None  # links with which gravity's loads are computed
+    found_tool_mm: Row | None = None  # tool point in the last joint's frame, where that of the robot is far off
     trained: SavedRange | None = None  # of the joints at the training poses
     sigma_mm: NotNegative | None = None
     scanner_T_flange: dict[str, Any] = {}  # in place of scanner_T_base where the arm carries the scanner

@@ -166,7 +166,7 @@ def _noise(base: Calibration) -> tuple[float, float, float]:
     Where the fit left less than was declared by no more than chance does, what was declared stands: a fit whose
     residuals happened to be small would take every later noise for a change.
     """
-    noise, freedom = base.fit.noise, base.fit.degrees_of_freedom
+    noise, freedom = base.fit.reduced_chi, base.fit.degrees_of_freedom
     if not np.isfinite(noise):
         return 1.0, np.inf, 1.0
     by_chance = noise < 1.0 and 1.0 - chi2_sf(freedom * noise**2, freedom) > _CHANCE

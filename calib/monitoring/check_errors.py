@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array, IndexArray
+from calib.brief import Brief
 from calib.dataset.dataset import Poses
 from calib.distributions import chi2_ppf
 from calib.monitoring.iso9283 import Visits
@@ -16,7 +17,7 @@ LIMIT_SHARE = 0.9973  # of unchanged cells that stay below the limit: three sigm
 
 
 @dataclass(frozen=True)
-class CheckErrors:
+class CheckErrors(Brief):
     """Measured minus predicted at M points, the scanner where it was, or where they say if it was put up anew."""
 
     poses: Poses  # (N,)

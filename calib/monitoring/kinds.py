@@ -86,8 +86,3 @@ def kind_words_of(what: str, joint: int | None, parameter: str = "") -> str:
     """The words of a kind (`kind_words`) by its parts."""
     named = parameter if what in (LENGTH, ANGLE) else "" if joint is None else str(joint)
     return f"{what} {named}".strip()
-
-
-def size_words(value: float, unit: str) -> str:
-    """Angles in degrees, all else in its own unit."""
-    return f"{np.degrees(value):.3g} deg" if unit == "rad" else f"{value:.3g} {unit}"

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
+from calib.brief import Brief
 from calib.calibration.uncertainty import covariance_root
 
 _ROUNDING = 1e-12  # share of a column's size: what is below is rounding, no direction
@@ -68,7 +69,7 @@ class Spread:
 
 
 @dataclass(frozen=True)
-class ErrorCovariance:
+class ErrorCovariance(Brief):
     """Covariance of M errors (3 M, 3 M): own on the diagonal, plus shared shared^T, less taken taken^T."""
 
     own_mm2: Array  # (M, 3, 3)

@@ -13,7 +13,7 @@ from calib.consistency.agreement import points_of_poses, training_sample
 from calib.consistency.data_problem import DataProblem, is_beyond_effects
 from calib.consistency.hypotheses import (
     ROW_ORDER,
-    Hypothesis,
+    DataHypothesis,
     column_names,
     of_matching,
     of_reading,
@@ -46,7 +46,7 @@ def sheet_problem(base: Calibration, new: Dataset) -> DataProblem | None:
     if now_mm is None or not is_beyond_effects(now_mm, new.robot):
         return None
     names = column_names(new.robot)
-    tried: dict[Hypothesis, float] = {}
+    tried: dict[DataHypothesis, float] = {}
     for hypothesis in _hypotheses(base, new, names):
         left_mm = _left_mm(base, hypothesis.of_dataset(new))
         if left_mm is not None and left_mm < _FALLS_TO * now_mm and not is_beyond_effects(left_mm, new.robot):
@@ -67,7 +67,7 @@ def found_of(problem: DataProblem) -> Change:
     return Change(problem.kind, joint, "", float(max(len(problem.joints), 1)), 0.0, "joints", 0.0, ())
 
 
-def _hypotheses(base: Calibration, new: Dataset, names: tuple[str, ...]) -> Iterable[Hypothesis]:
+def _hypotheses(base: Calibration, new: Dataset, names: tuple[str, ...]) -> Iterable[DataHypothesis]:
     yield from (of_reading(reading, names) for reading in simple_readings(new.robot.is_revolute))
     every = replace(new, poses=replace(new.poses, role=np.full(len(new.poses), "train")))
     sample = training_sample(every)

@@ -10,13 +10,16 @@ on the arm that a moved scanner explains, and nothing on the cell that a sheet i
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from calib.calibration.result import Calibration
+from calib.calibration.calibrate import as_calibration
+from calib.calibration.result import FittedResult
 from calib.consistency.data_problem import DataProblem
 from calib.dataset.dataset import Dataset
 from calib.errors import FitError
+from calib.measurement.measured_dataset import measured
 from calib.monitoring.cell import Cell
 from calib.monitoring.change_tests import (
     ALARM,
@@ -73,14 +76,30 @@ class ChangeReport(Presented):
         """Kinds that these poses show only where they move the points by more than three times the noise, or never."""
         return tuple(d for d in self.detectable if d.moves_mm is None or d.moves_mm > 3.0 * self.expected_mm)
 
+    def _brief(self) -> str:
+        errors = f"RMSE {self.rmse_mm:.3g} mm, {self.expected_mm:.3g} mm by noise"
+        return f"{self.name}: {self.verdict}, {self.poses} poses, {errors}"
 
-def watch(base: Calibration, new: Dataset, *, scanner_moved: bool = False) -> ChangeReport:
-    """Hold new measurements of the same cell against an earlier calibration.
 
-    scanner_moved: it was put up anew, which is no change to be told; else it stands where that setup stood.
+def watch(
+    base: FittedResult | Dataset | str | Path, new: Dataset | str | Path, *, scanner_moved: bool = False
+) -> ChangeReport:
+    """Changes of a cell between an earlier calibration and new measurements of some check poses.
 
-    Raises FitError for another robot, and for fewer than three poses.
+    Args:
+        base: the earlier calibration or diagnosis, or a dataset or its folder, which is then calibrated.
+        new: the check poses, a dataset or its folder.
+        scanner_moved: whether the scanner was put up anew, which is then no change; else it stands where it stood.
+
+    Raises:
+        FitError: another robot, or fewer than three poses.
+
+    >>> import calib
+    >>> earlier = calib.calibrate("sample_data/hidden_effect_a", effects="transmission_error")
+    >>> calib.watch(earlier, "sample_data/hidden_effect_a").verdict
+    'unchanged'
     """
+    base, new = as_calibration(base), measured(new)
     if new.robot.is_revolute.tolist() != base.dataset.robot.is_revolute.tolist():
         raise FitError(f"dataset {new.name}: its robot has other joints than that of {base.dataset.name}")
     if new.robot.carries_scanner != base.dataset.robot.carries_scanner:

@@ -1,9 +1,9 @@
 """Plane groups: passing sample sets that lie on one plane (Jang 2025, section 2.3, processes 1-3 and eq 1).
 
-The first free set founds a group; the others are held against it in one batch (all of them at once, a loop per group,
+The first free set founds a group; the others are compared with it in one batch (all of them at once, a loop per group,
 none per set); those that pass all three processes join. A founder is small, so its normal is off by a degree and the
-height tolerance has to be wide; the group's plane is therefore fitted to its members and the sets are held against it
-again, more narrowly, before the next group is founded.
+height tolerance has to be wide; the group's plane is therefore fitted to its members and the sets are compared with
+that plane again, in narrower tolerances, before the next group is founded.
 """
 
 from __future__ import annotations
@@ -14,14 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.brief import Brief
 from calib.planes.filters import SampleSets
 
 _NARROWING = (20.0, 8.0, 5.0)  # height tolerances of the three rounds after the founder's, in units of sigma
 
 
 @dataclass(frozen=True)
-class PlaneGroup:
-    """One plane, normal . p = offset_mm, and the sets on it."""
+class PlaneGroup(Brief):
+    """Plane normal . p = offset_mm, and the sample sets on it."""
 
     sets: IndexArray  # (K,) indices into the SampleSets
     centre_mm: Array  # (3,)
@@ -31,7 +32,7 @@ class PlaneGroup:
 
 @dataclass(frozen=True)
 class ClusterTolerances:
-    """When a set belongs to a group."""
+    """Tolerances within which a sample set belongs to a group."""
 
     parallel_rad: float  # process 1: largest angle between the normals
     in_plane_rad: float  # process 2: how far from 90 deg the way from centre to centre may be, to both normals
@@ -40,7 +41,7 @@ class ClusterTolerances:
 
 
 def process_1(normal: Array, normals: Array, parallel_rad: float) -> BoolArray:
-    """True where a set's normal is parallel to the group's: n . n_k >= cos(tolerance). normals  # (K, 3)"""
+    """(K,) whether sets' normals (K, 3) are parallel to the group's: n . n_k >= cos(tolerance)."""
     return normals @ normal >= np.cos(parallel_rad)
 
 
@@ -52,9 +53,9 @@ def process_2(
     in_plane_rad: float,
     height_mm: float,
 ) -> BoolArray:
-    """True where the way v from the group's centre to the set's is perpendicular to both normals.
+    """(K,) whether the vector v from the group's centre to a set's is perpendicular to both normals.
 
-    |v . n| <= |v| sin(tolerance), and the same for the set's own normal. Over a short way the noise of the centres
+    |v . n| <= |v| sin(tolerance), and alike for the set's own normal. Over a short distance the noise of the centres
     alone tilts v, so a height below `height_mm` always passes.
     """
     v = centroids_mm - centre_mm
@@ -63,14 +64,14 @@ def process_2(
 
 
 def process_3(centre_mm: Array, normal: Array, centroids_mm: Array, height_mm: float) -> BoolArray:
-    """True where the height difference h = |n . (c_k - c)| (eq 1) lies inside the band. centroids_mm  # (K, 3)"""
+    """(K,) whether the height difference h = |n . (c_k - c)| (eq 1) of sets' centroids (K, 3) is within `height_mm`."""
     return np.abs((centroids_mm - centre_mm) @ normal) <= height_mm
 
 
 def cluster(sets: SampleSets, tolerances: ClusterTolerances) -> tuple[PlaneGroup, ...]:
     """Plane groups of the sets that passed the filters, the group with the most sets first.
 
-    Sets found groups in the order of their size: a large set's normal is more exact.
+    Sets found groups in the order of their size: the normal of a large set is more exact.
     """
     passed = sets.passed()
     size = np.linalg.norm(sets.points_mm[passed] - sets.centroids_mm[passed, None], axis=2).min(axis=1)
@@ -85,7 +86,7 @@ def cluster(sets: SampleSets, tolerances: ClusterTolerances) -> tuple[PlaneGroup
 
 @dataclass(frozen=True)
 class _FreeSets:
-    """Sets in no group yet. A plane through some of them is fitted to the sums of their moments."""
+    """Sets that belong to no group yet, with the moments from which planes through some of them are fitted."""
 
     sets: IndexArray  # (K,) the next founder first
     centroids_mm: Array  # (K, 3)
@@ -95,6 +96,7 @@ class _FreeSets:
 
     @staticmethod
     def of(sets: SampleSets, order: IndexArray) -> _FreeSets:
+        """The sets `order` with the moments of their points."""
         centroids = sets.centroids_mm[order]
         origin = np.median(centroids, axis=0) if len(order) else np.zeros(3)
         points = sets.points_mm[order] - origin
@@ -102,7 +104,7 @@ class _FreeSets:
         return _FreeSets(order, centroids, sets.normals[order], np.hstack([centroids - origin, second]), origin)
 
     def without(self, joins: IndexArray) -> _FreeSets:
-        """Those that stay free."""
+        """The free sets other than `joins`."""
         stay = np.ones(len(self.sets), dtype=bool)
         stay[joins] = False
         return _FreeSets(
@@ -110,7 +112,7 @@ class _FreeSets:
         )
 
     def plane(self, members: IndexArray, toward: Array) -> tuple[Array, Array]:
-        """Centre and unit normal of the total-least-squares plane through the members' points, on that side."""
+        """Centre and unit normal, on `toward`'s side, of the total-least-squares plane through the members' points."""
         mean = np.full(len(members), 1 / len(members)) @ self.moments.take(members, axis=0)
         middle = mean[:3]
         normal = np.linalg.eigh(mean[3:].reshape(3, 3) - np.outer(middle, middle))[1][:, 0]
@@ -118,7 +120,7 @@ class _FreeSets:
 
 
 def _found_group(free: _FreeSets, tolerances: ClusterTolerances) -> tuple[IndexArray, Array, Array]:
-    """The first free set's group: indices of its members among the free sets, its centre and normal."""
+    """Members of the first free set's group (indices into the free sets), its centre and its normal."""
     centre, normal = free.centroids_mm[0], free.normals[0]
     heights = [tolerances.height_mm, *(k * tolerances.sigma_mm for k in _NARROWING)]
     members = np.zeros(1, dtype=np.int64)
@@ -146,7 +148,10 @@ def off_planes(
     normals: Array | None = None,
     parallel_rad: float = np.pi,
 ) -> BoolArray:
-    """Mask of the points (V, 3) on none of the planes; given normals (V, 3), on none that a point's own agrees with."""
+    """(V,) whether points (V, 3) lie on none of the groups' planes.
+
+    With normals (V, 3), a plane counts only for points whose own normal is parallel to its normal.
+    """
     off = np.ones(len(points_mm), dtype=bool)
     for group in groups:
         on = np.abs(points_mm @ group.normal - group.offset_mm) <= height_mm

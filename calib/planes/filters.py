@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from calib.array_types import Array, BoolArray, ByteArray, IndexArray
+from calib.brief import Brief
 
 PASSED = 0
 SHORT_WALK, LONG_WALK = 2, 8  # steps from neighbour to neighbour: as far as 36 and 160 nearest points reach
@@ -23,8 +24,8 @@ _TRIANGLES = tuple(combinations(range(4), 3))
 
 
 @dataclass(frozen=True)
-class SampleSets:
-    """M sample sets, and which filter rejected each."""
+class SampleSets(Brief):
+    """M sample sets of four points, and the filter that rejected each."""
 
     points_mm: Array  # (M, 4, 3)
     centroids_mm: Array  # (M, 3)
@@ -42,7 +43,7 @@ class SampleSets:
 
 @dataclass(frozen=True)
 class FilterTolerances:
-    """What the three filters accept."""
+    """Tolerances of the three filters."""
 
     distance_mm: tuple[float, float]  # filter 1: least and largest distance of a point from the set's centroid
     point_normals_rad: float  # filter 2: largest angle between two points' own normals
@@ -58,13 +59,12 @@ def draw_sample_sets(
     local: bool = True,
     around: IndexArray | None = None,
 ) -> IndexArray:
-    """Indices (count, 4) of the points of each set.
+    """Indices (count, 4) of the points of each drawn sample set.
 
     neighbours  # (V, k) indices of each point's nearest points. `local` draws each set around a random point, or one of
     the points `around` (K,), by four walks from neighbour to neighbour: of 2 steps for half of the sets, of `long_walk`
-    steps for the other half.
-    Otherwise the four points come from the whole cloud, as in the paper. A set whose draw hit a point twice is left to
-    filter 3, which no such set passes.
+    steps for the other half. Otherwise the four points come from the whole cloud, as in the paper. A set in which a
+    point was drawn twice is left to filter 3, which no such set passes.
     """
     total, k = neighbours.shape
     if not local:
@@ -80,7 +80,7 @@ def draw_sample_sets(
 
 
 def walk_for(distance_mm: float, step_mm: float) -> int:
-    """Steps of a walk that ends `distance_mm` away (RMS), between neighbourhoods of radius `step_mm`; 8 at least.
+    """Number of steps, 8 at least, of a walk between neighbours within `step_mm` that ends `distance_mm` away (RMS).
 
     One step leads r / sqrt(2) away, n steps sqrt(n) times as far.
     """
@@ -88,60 +88,60 @@ def walk_for(distance_mm: float, step_mm: float) -> int:
 
 
 def filter_1(points_mm: Array, distance_mm: tuple[float, float]) -> BoolArray:
-    """True where each point's distance from the set's centroid lies inside the range. points_mm  # (M, 4, 3)."""
+    """(M,) whether all distances of a set's points (M, 4, 3) from its centroid lie inside the range."""
     distance = _length(points_mm - _middle(points_mm)[:, None])
     return np.all((distance >= distance_mm[0]) & (distance <= distance_mm[1]), axis=1)
 
 
 def filter_2(point_normals: Array, tolerance_rad: float) -> BoolArray:
-    """True where the four points' own normals agree pairwise: n_i . n_j >= cos(tolerance). # (M, 4, 3)"""
+    """(M,) whether the own normals (M, 4, 3) of a set's points agree pairwise: n_i . n_j >= cos(tolerance)."""
     gram = np.matmul(point_normals, point_normals.transpose(0, 2, 1))
     least = np.min([gram[:, i, j] for i, j in _PAIRS], axis=0)
     return least >= np.cos(tolerance_rad)
 
 
 def filter_3(triangles: Array, point_normals: Array, tolerance_rad: float) -> BoolArray:
-    """True where all four triangles' normals agree with the mean of the point normals: |t_i . n| >= cos(tolerance).
+    """(M,) whether all four triangles' normals agree with the mean of the point normals: |t_i . n| >= cos(tolerance).
 
-    It rejects points on two parallel faces, whose own normals agree. triangles, point_normals  # (M, 4, 3) unit.
+    Rejects points on two parallel faces, whose own normals agree. triangles, point_normals  # (M, 4, 3) unit.
     """
     dots = np.einsum("mtc,mc->mt", triangles, _unit(_middle(point_normals)))
     return np.all(np.abs(dots) >= np.cos(tolerance_rad), axis=1)
 
 
 def triangle_normals(points_mm: Array) -> Array:
-    """Unit normals (M, 4, 3) of the four triangles that each set's points form; zero for a triangle without area."""
+    """Unit normals (M, 4, 3) of the four triangles of each set's points; zero for a triangle without area."""
     corners = [[points_mm[:, corner] for corner in triangle] for triangle in _TRIANGLES]
     return _unit(np.stack([np.cross(b - a, c - a) for a, b, c in corners], axis=1))
 
 
 def apply_filters(points_mm: Array, point_normals: Array, tolerances: FilterTolerances) -> SampleSets:
-    """All sets through filters 1, 2 and 3 in that order; each records the first filter that rejected it.
+    """Sample sets with the first of filters 1, 2 and 3 that rejected each, or none.
 
     points_mm, point_normals  # (M, 4, 3)
     """
     rejected_by = np.zeros(len(points_mm), dtype=np.uint8)
-    left = np.arange(len(points_mm))
+    remaining = np.arange(len(points_mm))
 
     def reject(number: int, passed: BoolArray) -> None:
-        nonlocal left
-        rejected_by[left[~passed]] = number
-        left = left[passed]
+        nonlocal remaining
+        rejected_by[remaining[~passed]] = number
+        remaining = remaining[passed]
 
     reject(1, filter_1(points_mm, tolerances.distance_mm))
-    reject(2, filter_2(point_normals.take(left, axis=0), tolerances.point_normals_rad))
-    triangles, own = triangle_normals(points_mm.take(left, axis=0)), point_normals.take(left, axis=0)
+    reject(2, filter_2(point_normals.take(remaining, axis=0), tolerances.point_normals_rad))
+    triangles, own = triangle_normals(points_mm.take(remaining, axis=0)), point_normals.take(remaining, axis=0)
     passed = filter_3(triangles, own, tolerances.triangle_normals_rad)
     reject(3, passed)
     triangles, mean = triangles[passed], _middle(own[passed])
     side = np.sign(np.einsum("mtc,mc->mt", triangles, mean))  # a triangle's normal may point to either side
     normals = np.zeros((len(points_mm), 3))
-    normals[left] = _unit(np.einsum("mtc,mt->mc", triangles, side))
+    normals[remaining] = _unit(np.einsum("mtc,mt->mc", triangles, side))
     return SampleSets(points_mm, _middle(points_mm), normals, rejected_by)
 
 
 def _middle(of_four: Array) -> Array:
-    """Mean (M, 3) of the four in each set. of_four  # (M, 4, 3)"""
+    """Mean (M, 3) of the four vectors (M, 4, 3) of each set."""
     return np.asarray(0.25 * np.einsum("mkc->mc", of_four))
 
 
@@ -151,6 +151,6 @@ def _length(vectors: Array) -> Array:
 
 
 def _unit(vectors: Array) -> Array:
-    """Vectors of length 1 along the last axis; those of no length stay zero."""
+    """Vectors scaled to length 1 along the last axis; vectors of length zero stay zero."""
     length = _length(vectors)[..., None]
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 1e-12)

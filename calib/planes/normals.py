@@ -1,4 +1,4 @@
-"""From the whole cloud to the points that sample sets are drawn from: one point a voxel, with a normal each.
+"""Normals of a scan's thinned points, from which sample sets are drawn: trimmed PCA of each point's neighbours.
 
 Normals of a full structured-light cloud take longer than all later steps and improve none of them: a face of the jig
 needs some hundreds of normals, not a hundred thousand.
@@ -6,7 +6,6 @@ needs some hundreds of normals, not a hundred thousand.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,17 +17,9 @@ from calib.array_types import Array, BoolArray, IndexArray
 NEIGHBOURS = 20
 TRIM_KEPT = 0.7  # share of the neighbours that the second and third PCA see
 _TRIMMED_VARIANCE = 0.310  # of a normal variable cut to its central 70 %
-_VOXELS_AN_AXIS = 2**20
 _UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-_ENOUGH_POINTS = 75_000
-_GOLDEN = 0.618
-_ENOUGH_A_VOXEL = 6
 _AT_A_TIME = 4096
-_BLOCK = 4
-_MOST_OF_USUAL = 20
 _LOOSE = 0.25
-_SURFACE_SHARE = 0.9  # so that up to nine of ten points may be stray
-_STRAY_SHARE = 0.04  # a face at 78 deg incidence has a twelfth of the points of one seen squarely
 
 
 @dataclass(frozen=True)
@@ -43,104 +34,28 @@ class Neighbourhoods:
     radius_mm: Array  # (V,) distance of the farthest of the neighbours
 
     def spacing_mm(self, some: IndexArray | BoolArray) -> float:
-        """Median distance between neighbouring points on the surfaces, of `some` of the points (indices or mask)."""
+        """Median distance between neighbouring points on the surfaces, over the points `some` (indices or mask)."""
         return float(np.median(self.radius_mm[some]) * np.sqrt(np.pi / self.neighbours.shape[1]))
 
     def loose(self) -> BoolArray:
-        """Mask (V,) of points about which others fill space instead of a surface.
+        """Mask (V,) of points whose neighbours fill space instead of a surface.
 
         Uniform stray points have a thickness of 0.2 to 0.4 of the radius, points of a surface one of some hundredths.
         """
         return np.asarray(self.thickness_mm > _LOOSE * self.radius_mm)
 
     def noise_mm(self) -> float:
-        """Noise along the normals in the flat parts of the scene.
+        """Standard deviation of the noise along the normals in the flat parts of the scene.
 
-        The lower quartile, not the median: edges, curved parts and stray points only make neighbourhoods thicker.
+        From the lower quartile, not the median: edges, curved parts and stray points only make neighbourhoods thicker.
         """
         return float(np.quantile(self.thickness_mm, 0.25)) * 1.1
 
 
-def thin_to_voxels(points_mm: Array, voxel_mm: float) -> IndexArray:
-    """Indices of one point per occupied voxel, voxel by voxel; those that hold stray points are left out.
-
-    points_mm  # (N, 3). Stray points (flying pixels, reflections) fill space thinly where surfaces fill it densely. A
-    voxel is left out where the block of 4 x 4 x 4 voxels around holds a twenty-fifth of the points that blocks of
-    surfaces hold, and where it has itself far fewer than the median, if that is four or more. Of a scan so fine that a
-    part of it fills the voxels as well, only every n-th point is used.
-    """
-    step = len(points_mm) / _ENOUGH_POINTS
-    if step > 2:
-        # A step that fits into no row of a scan: otherwise whole columns would be left out.
-        some = np.arange(0, len(points_mm) - 1, np.floor(step) + _GOLDEN).astype(np.int64)
-        first, count = _occupied(points_mm.take(some, axis=0), voxel_mm)
-        if len(first) and np.median(count) >= _ENOUGH_A_VOXEL:
-            return np.asarray(some[first])
-    return _occupied(points_mm, voxel_mm)[0]
-
-
-def _occupied(points_mm: Array, voxel_mm: float) -> tuple[IndexArray, IndexArray]:
-    """Index of the first point of each voxel that holds no stray points, and how many points the voxel holds."""
-    kept = np.flatnonzero(finite_rows(points_mm))
-    if len(kept) < len(points_mm):
-        points_mm = points_mm[kept]
-    if not len(kept):
-        return kept, kept
-    columns = np.ascontiguousarray(points_mm.T)
-    if max(np.ptp(x) for x in columns) >= (_VOXELS_AN_AXIS / 2 - 1) * voxel_mm:
-        middle = np.median(points_mm[:: max(1, len(kept) // 10_000)], axis=0)
-        inside = np.abs(points_mm - middle).max(axis=1) < (_VOXELS_AN_AXIS / 2 - 1) * voxel_mm
-        kept, columns = kept[inside], columns[:, inside]
-        if not len(kept):
-            return kept, kept
-    cell = [((x - x.min()) / voxel_mm).astype(np.int64) for x in columns]
-    first, count = _first_of_each(_keys(cell))
-    # Thousands of points in one place are no surface, but for example pixels without depth at the scanner's origin.
-    count = np.minimum(count, _MOST_OF_USUAL * np.median(count))
-    block = np.unique(_keys([x[first] // _BLOCK for x in cell]), return_inverse=True)[1].ravel()
-    around = np.bincount(block, count)[block]
-    dense = np.argsort(around)
-    surface = around[dense[np.searchsorted(np.cumsum(count[dense]), _SURFACE_SHARE * count.sum())]]
-    solid = around >= _STRAY_SHARE * surface
-    usual = np.median(count[solid])
-    if usual >= 4:
-        solid &= count >= 0.25 * usual
-    return kept[first[solid]], count[solid]
-
-
-def _keys(cell: Sequence[IndexArray]) -> IndexArray:
-    """One integer a cell. cell  # (3, N) from 0"""
-    x, y, z = cell
-    key = x * (int(y.max()) + 1)
-    key += y
-    key *= int(z.max()) + 1
-    key += z
-    return key
-
-
-def _first_of_each(key: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """Where each value of `key` occurs first, in the order of the values, and how often."""
-    bits = len(key).bit_length()
-    if int(key.max()).bit_length() + bits > 63:
-        _, first, count = np.unique(key, return_index=True, return_counts=True)
-        return first, count
-    # Value and place in one integer: sorting those takes a fifth of the time of sorting places by values.
-    packed = np.sort((key << bits) | np.arange(len(key)))
-    value = packed >> bits
-    start = np.flatnonzero(np.r_[True, value[1:] != value[:-1]])
-    return packed[start] & ((1 << bits) - 1), np.diff(start, append=len(key))
-
-
-def finite_rows(points_mm: Array) -> BoolArray:
-    """True where a point has three finite coordinates. points_mm  # (N, 3)"""
-    with np.errstate(invalid="ignore", over="ignore"):
-        return np.asarray(np.isfinite(points_mm @ np.ones(3)))  # a sum is quicker than all(axis=1)
-
-
 def estimate_normals(points_mm: Array, neighbours: int = NEIGHBOURS) -> Neighbourhoods:
-    """Trimmed PCA: the plane through the nearest `neighbours`, twice fitted again to the best 70 % of them.
+    """Neighbourhoods of points (V, 3), V >= 4, with normals by PCA, trimmed twice to the best 70 % of the neighbours.
 
-    points_mm  # (V, 3), V >= 4. The trimming keeps a normal near an edge on its own side of the edge.
+    The trimming keeps a normal near an edge on its own side of the edge.
     """
     tree = cKDTree(points_mm, balanced_tree=False, compact_nodes=False)
     distance, near = (np.asarray(found) for found in tree.query(points_mm, k=min(neighbours, len(points_mm))))
@@ -148,7 +63,7 @@ def estimate_normals(points_mm: Array, neighbours: int = NEIGHBOURS) -> Neighbou
 
 
 def with_fewer_neighbours(around: Neighbourhoods, neighbours: int) -> Neighbourhoods:
-    """The same points with normals by the nearest of their neighbours; they need not be looked up again."""
+    """Neighbourhoods of the same points with fewer neighbours each, which need not be looked up again."""
     if neighbours >= around.neighbours.shape[1]:
         return around
     near = around.neighbours[:, :neighbours]
@@ -157,6 +72,7 @@ def with_fewer_neighbours(around: Neighbourhoods, neighbours: int) -> Neighbourh
 
 
 def _neighbourhoods(points_mm: Array, near: IndexArray, radius_mm: Array) -> Neighbourhoods:
+    """Neighbourhoods from points (V, 3), indices of their neighbours (V, k) and the distance (V,) of the farthest."""
     kept = max(4, round(TRIM_KEPT * near.shape[1]))
     columns = np.ascontiguousarray(points_mm.T)
     # Some at a time, whose neighbours, side by side, a processor's own memory holds.
@@ -171,7 +87,7 @@ def _neighbourhoods(points_mm: Array, near: IndexArray, radius_mm: Array) -> Nei
 
 
 def _trimmed_planes(columns: Array, near: IndexArray, start: int, kept: int) -> _Planes:
-    """Planes through the neighbourhoods of the points from `start` on. columns  # (3, V), near  # (V, k)"""
+    """Planes through the neighbourhoods of one batch of points, from `start` on. columns  # (3, V), near  # (V, k)"""
     stop = start + _AT_A_TIME
     local = np.stack([x[near[start:stop]] - x[start:stop, None] for x in columns])  # (3, B, k)
     plane = _fit_planes(local, np.ones(local.shape[1:]))
@@ -191,10 +107,10 @@ class _Planes(NamedTuple):
 
 
 def _fit_planes(local: Array, weights: Array) -> _Planes:
-    """Weighted PCA of V neighbourhoods at once. local  # (3, V, k), weights  # (V, k)
+    """Planes by weighted PCA of V neighbourhoods at once. local  # (3, V, k), weights  # (V, k)
 
     The eigenvalues of each 3 x 3 scatter matrix S come in closed form (Smith 1961); the adjugate of S - l I, l the
-    least of them, is a multiple of n n^T, whose longest column gives the normal n. It takes a tenth of the time of
+    least of them, is a multiple of n n^T, whose longest column gives the normal n. This takes a tenth of the time of
     LAPACK's loop over matrices, and is exact enough: the error is that of rounding relative to the largest eigenvalue.
     """
     total = weights.sum(axis=1)
@@ -225,4 +141,5 @@ def _fit_planes(local: Array, weights: Array) -> _Planes:
 
 
 def _determinant(xx: Array, xy: Array, xz: Array, yy: Array, yz: Array, zz: Array) -> Array:
+    """Determinants (V,) of symmetric 3 x 3 matrices given by their six entries."""
     return xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)

@@ -1,9 +1,11 @@
-"""One face's plane from all its points: robust total least squares, and its residuals."""
+"""Robust total least squares of a plane through all points of a face, and its residuals."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -22,7 +24,7 @@ _LEAST_SIGMA_MM = 1e-9  # of a scan without noise
 
 @dataclass(frozen=True)
 class PlaneFit:
-    """One face's robust fit, in coordinates around some origin near the apex."""
+    """Robustly fitted plane of one face, in coordinates about some origin near the apex."""
 
     normal: Array  # (3,) unit, toward the scanner
     offset_mm: float
@@ -35,17 +37,35 @@ class PlaneFit:
     sigma_mm: float  # 1.4826 MAD of the heights
 
     def design(self, points_mm: Array) -> Array:
-        """Rows (K, 3) of a = (1, u, v): how the plane's height and its two slopes move its height at each point."""
+        """Rows (K, 3) of (1, u, v): derivatives of the plane's height at each point by its height and two slopes."""
         return np.column_stack([np.ones(len(points_mm)), (points_mm - self.centre_mm) @ self.axes.T])
 
 
-def fit_plane_robustly(points: Array, indices: IndexArray, normal: Array, offset: float) -> PlaneFit:
-    """Iteratively reweighted total least squares, starting from the plane normal . p = offset. points  # (K, 3)
+class PlaneAxes(Protocol):
+    """Plane with the point and the two directions in it that its height and slopes refer to."""
 
-    The scale s is the MAD of the heights h over the plane before; a weight is (1 - (h / 6 s)^2)^2, beyond that 0.
-    To first order the estimate is ordinary least squares on the pseudo-values psi / mean(psi'), psi = w h (Huber 1981,
+    @property
+    def centre_mm(self) -> Array: ...  # (3,)
+
+    @property
+    def axes(self) -> Array: ...  # (2, 3) unit
+
+
+def height_lever(planes: Sequence[PlaneAxes], point_mm: Array) -> Array:
+    """(3, 9) matrix from heights (mm) and two slopes (rad) of three planes in turn to their heights at a point, mm."""
+    lever = np.zeros((3, 9))
+    for i, plane in enumerate(planes):
+        lever[i, 3 * i : 3 * i + 3] = 1.0, *(plane.axes @ (point_mm - plane.centre_mm))
+    return lever
+
+
+def fit_plane_robustly(points: Array, indices: IndexArray, normal: Array, offset: float) -> PlaneFit:
+    """Plane through points (K, 3) by iteratively reweighted total least squares, started from normal . p = offset.
+
+    The scale s is the MAD of the heights h over the previous plane; a weight is (1 - (h / 6 s)^2)^2, beyond that 0. To
+    first order the estimate is ordinary least squares on the pseudo-values psi / mean(psi'), psi = w h (Huber 1981,
     section 7.6), whose residuals are those values at the solution. Steps are longer than those of reweighting by
-    mean(w) / mean(psi'), which makes them Newton's, nearly; half as many do.
+    mean(w) / mean(psi'), which makes them nearly Newton's; half as many are enough.
 
     With coordinates (u, v) in the first plane and h0 over it, h = (h0 - a - b u - c v) / sqrt(1 + b^2 + c^2).
     """
@@ -98,7 +118,7 @@ def fit_plane_robustly(points: Array, indices: IndexArray, normal: Array, offset
 
 
 def _middle_and_sigma(heights: Array) -> tuple[float, float]:
-    """Median, or 0 where that is near, and 1.4826 MAD; of very many heights by every n-th."""
+    """Median of the heights, or 0 where that is near, and 1.4826 MAD; of very many heights every n-th is used."""
     some = heights[:: max(1, len(heights) // _ENOUGH_FOR_SCALE)]
     middle = float(np.median(some))
     sigma = max(float(MAD_TO_SIGMA * np.median(np.abs(some - middle))), _LEAST_SIGMA_MM)
@@ -106,7 +126,7 @@ def _middle_and_sigma(heights: Array) -> tuple[float, float]:
 
 
 def _root(heights: Array, middle: float, sigma_mm: float) -> Array:
-    """Roots of Tukey's weights: 1 - z^2, z in six sigmas; 0 beyond."""
+    """Square roots of Tukey's weights: 1 - z^2 with z the height in units of six sigmas; 0 beyond."""
     root = (heights - middle) * (1 / (TUKEY * sigma_mm))
     root *= root
     np.subtract(1.0, root, out=root)
@@ -114,9 +134,9 @@ def _root(heights: Array, middle: float, sigma_mm: float) -> Array:
 
 
 def _least_squares(normal_matrix: Array, right: Array) -> Array:
-    """Offset and slopes (3,) of weighted least squares.
+    """Solution (3,) of weighted least squares: offset and two slopes of a plane.
 
-    Slopes in a direction in which there is no spread stay as they are.
+    The slope in a direction in which the points do not spread is zero.
     """
     total, middle = normal_matrix[0, 0], normal_matrix[0, 1:] / normal_matrix[0, 0]
     spreads, turn = np.linalg.eigh(normal_matrix[1:, 1:] - total * np.outer(middle, middle))
@@ -135,7 +155,7 @@ def _perpendicular(normal: Array) -> Array:
 
 
 def _across(normal: Array, points: Array, weights: Array) -> Array:
-    """The plane's two main directions (2, 3) of the weighted points (K, 3), the one of less spread first."""
+    """Main directions (2, 3) in the plane of the weighted points (K, 3), the one of less spread first."""
     axes = _perpendicular(normal)
     local = axes @ points.T
     total = weights.sum()

@@ -10,7 +10,6 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.dataset.dataset import Poses
-from calib.display.shown import Documented, Viewed
 from calib.effects.catalogue import family_of
 from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError
@@ -18,6 +17,7 @@ from calib.identifiability.structural import fewest_poses
 from calib.kinematics.joint_range import random_poses
 from calib.options import PLAN_REGIONS
 from calib.planning.exchange import best_poses
+from calib.planning.outcome import Outcome, PoseReason
 from calib.planning.prediction import (
     Prediction,
     Region,
@@ -26,8 +26,9 @@ from calib.planning.prediction import (
     predicted_once_placed,
 )
 from calib.planning.purpose import WATCH, ForCalibration, Purpose, Situation
-from calib.planning.reasons import new_ids, reasons
+from calib.planning.reasons import new_ids, parameter_reasons
 from calib.planning.start import Start
+from calib.presented import Presented
 from calib.workcell.candidates import candidate_poses
 from calib.workcell.order import clear_ways, order_poses
 
@@ -41,24 +42,28 @@ _FURTHER = 40  # poses beyond the plan, to see when more no longer pay
 
 
 @dataclass(frozen=True)
-class Plan(Documented, Viewed):
+class Plan(Presented):
     """The poses to measure, in the order of measuring, and what they are good for."""
 
     start: Start
     purpose: Purpose
     poses: Poses
-    why: tuple[str, ...]  # a few words a pose
+    reasons: tuple[PoseReason, ...]  # why each pose was chosen
     worth: tuple[int, ...]  # 1 is the pose that tells most, by pose
     region: str  # where the error is predicted, in words
     now: Prediction
     then: Prediction
     curve_mm: Array  # (n + 1,) the predicted error by the number of new poses, from none to beyond the plan
     enough: int | None  # new poses from which five more lower it by less than 5 %; None: not within the curve
-    settles: float | None  # probability that what is open is settled
-    shots: int  # measurements of each pose, of which the mean counts
+    power: float | None  # probability that confounded effects are told apart; None where none are to be
     model: tuple[str, ...]  # families beside the link errors
-    told: tuple[str, ...]  # what the plan does for its purpose
-    notes: tuple[str, ...]  # what was assumed, and what the prediction cannot know
+    outcome: Outcome | None  # what the plan does for its purpose, beside the predicted error
+    least: int | None  # poses that a fit takes, where these are a first set of fewer
+    blocked: tuple[tuple[str, str], ...]  # poses between which the straight way in joint space is blocked
+
+    def _brief(self) -> str:
+        error = f"predicted RMSE {self.now.geometry_mm:.3g} -> {self.then.geometry_mm:.3g} mm"
+        return f"{self.start.dataset.name}: {len(self.poses)} poses for {self.purpose.name}, {error}"
 
 
 @one_blas_thread()
@@ -107,45 +112,38 @@ def plan_poses(
     else:
         now = predicted(situation.region, situation.information(none), unknowns.degrees_of_freedom, rng)
     then = predicted(situation.region, situation.information(chosen), unknowns.degrees_of_freedom, rng)
-    why = purpose.why(situation, chosen) or reasons(situation, chosen)
+    reasons = purpose.reasons(situation, chosen) or parameter_reasons(situation, chosen)
     order = _order(situation, chosen)
     planned = _to_measure(situation, chosen[order], a_set=purpose.name == WATCH)
     return Plan(
         start=start,
         purpose=purpose,
         poses=planned,
-        why=tuple(why[k] for k in order),
+        reasons=tuple(reasons[k] for k in order),
         worth=tuple(int(k) + 1 for k in order),
         region=situation.region.words,
         now=now,
         then=then,
         curve_mm=curve_mm,
         enough=enough_poses(curve_mm, first=1 if placed_anew else 0),
-        settles=purpose.settles(situation, chosen),
-        shots=purpose.shots(situation, chosen),
+        power=purpose.power(situation, chosen),
         model=unknowns.model.family_names,
-        told=purpose.told(situation, chosen),
-        notes=(*_too_few(start, count), *_blocked_ways(start, planned), *start.notes),
+        outcome=purpose.outcome(situation, chosen),
+        least=_more_than(start, count),
+        blocked=_blocked_ways(start, planned),
     )
 
 
-def _too_few(start: Start, count: int) -> tuple[str, ...]:
-    """A sentence where a first set is smaller than a fit takes."""
+def _more_than(start: Start, count: int) -> int | None:
+    """Number of poses that a fit of the link errors takes, where a first set of `count` has fewer."""
     least = fewest_poses(start.dataset.robot)
-    if start.measured is not None or count >= least:
-        return ()
-    return (
-        f"{count} poses are too few for a fit of the link errors, which takes {least} and better three times as many",
-    )
+    return least if start.measured is None and count < least else None
 
 
-def _blocked_ways(start: Start, planned: Poses) -> tuple[str, ...]:
-    """A sentence where a straight way in joint space leads through something, whatever the order."""
+def _blocked_ways(start: Start, planned: Poses) -> tuple[tuple[str, str], ...]:
+    """Successive poses between which moving all joints at once leads through an obstacle, whatever the order."""
     blocked = np.flatnonzero(~clear_ways(start.cell, planned.q))
-    if not len(blocked):
-        return ()
-    ways = ", ".join(f"{planned.ids[k]} to {planned.ids[k + 1]}" for k in blocked)
-    return (f"moving all joints at once leads through floor, box, scanner or the arm itself: {ways}; go around",)
+    return tuple((planned.ids[k], planned.ids[k + 1]) for k in blocked)
 
 
 def _members(start: Start, offered: Poses, names: Sequence[str], user_effects: Sequence[Family]) -> tuple[Effect, ...]:

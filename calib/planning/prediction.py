@@ -56,10 +56,6 @@ class Prediction:
     high_mm: float
     with_noise_mm: float  # as measured there, each point with its noise
 
-    @property
-    def words(self) -> str:
-        return f"{self.geometry_mm:.2g} mm (90 % of arms: {self.low_mm:.2g} to {self.high_mm:.2g})"
-
 
 def predicted(region: Region, information: Array, degrees_of_freedom: float, rng: np.random.Generator) -> Prediction:
     """The error of a fit with this information (K, K); its noise is known by so many degrees of freedom."""

@@ -12,11 +12,12 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Poses
 from calib.planning.exchange import best_poses
+from calib.planning.offered_poses import under_conditions
+from calib.planning.outcome import Outcome, PoseReason
 from calib.planning.prediction import Region
 from calib.planning.question import VARIANCE, VOLUME, Question, condensed
 from calib.planning.start import Start
 from calib.planning.unknowns import Unknowns
-from calib.screening.rivals.further_poses import under_conditions
 from calib.workcell.pose_conditions import conditions_for
 
 CALIBRATION = "calibration"
@@ -65,40 +66,33 @@ class Purpose(Protocol):
         """(count,) the candidates that tell most of what is asked, the most telling first."""
         ...
 
-    def settles(self, situation: Situation, chosen: IndexArray) -> float | None:
-        """The probability that what is open is settled by these candidates; None where nothing is."""
+    def power(self, situation: Situation, chosen: IndexArray) -> float | None:
+        """Probability that these candidates tell confounded effects apart; None where none are to be told apart."""
         ...
 
-    def shots(self, situation: Situation, chosen: IndexArray) -> int:
-        """How often each is to be measured, the mean of which counts."""
+    def reasons(self, situation: Situation, chosen: IndexArray) -> tuple[PoseReason, ...]:
+        """Why each candidate was chosen; () where that is the parameters it tells most of."""
         ...
 
-    def why(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
-        """A few words on each chosen candidate; () where those of `calib.planning.reasons` say it."""
-        ...
-
-    def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
-        """What the chosen candidates do for the purpose, a sentence each."""
+    def outcome(self, situation: Situation, chosen: IndexArray) -> Outcome | None:
+        """What the chosen candidates achieve for the purpose; None where the predicted error says it all."""
         ...
 
 
 class PlainPurpose:
-    """What most purposes have in common: poses measured once, as they were offered, that settle nothing."""
+    """What most purposes have in common: poses as they were offered, with no confounded effects to tell apart."""
 
     def prepared(self, start: Start, offered: Poses) -> Poses:
         return offered
 
-    def settles(self, situation: Situation, chosen: IndexArray) -> float | None:
+    def power(self, situation: Situation, chosen: IndexArray) -> float | None:
         return None
 
-    def shots(self, situation: Situation, chosen: IndexArray) -> int:
-        return 1
-
-    def why(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
+    def reasons(self, situation: Situation, chosen: IndexArray) -> tuple[PoseReason, ...]:
         return ()
 
-    def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
-        return ()
+    def outcome(self, situation: Situation, chosen: IndexArray) -> Outcome | None:
+        return None
 
 
 @dataclass(frozen=True)

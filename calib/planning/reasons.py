@@ -1,4 +1,4 @@
-"""Why a pose is in a plan: what it tells more of than the others, and what is unusual about where the arm stands."""
+"""Why a pose is in a plan: parameters that are known better by it, and a joint far from all measured poses."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.array_types import Array, IndexArray
+from calib.planning.outcome import ParameterReason
 from calib.planning.purpose import Situation
 from calib.planning.question import inverse
 
@@ -15,8 +16,8 @@ _TELLS = 0.01  # share by which a pose lowers a parameter's sigma, below which i
 _FAR_RAD, _FAR_MM = np.radians(25.0), 100.0  # from every measured pose, in one joint
 
 
-def reasons(situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
-    """A few words on each chosen candidate."""
+def parameter_reasons(situation: Situation, chosen: IndexArray) -> tuple[ParameterReason, ...]:
+    """The parameters whose sigma each chosen candidate lowers most, and a joint far from all measured poses."""
     whole = situation.information(chosen)
     p = len(situation.unknowns.scales)
     with_all = np.diag(inverse(whole))[:p]
@@ -27,24 +28,23 @@ def reasons(situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
         without = np.diag(inverse(whole - rows.T @ rows))[:p]
         gains = 1.0 - np.sqrt(with_all / without)
         best = [k for k in np.argsort(-gains)[:_NAMED] if gains[k] > _TELLS]
-        told = ", ".join(dict.fromkeys(names[k] for k in best)) or "a little of everything"
-        where = _unusual(situation, situation.candidates.q[candidate])
-        out.append(f"{where}: {told}" if where else told)
+        known_better = tuple(dict.fromkeys(names[k] for k in best))
+        out.append(ParameterReason(known_better, _far_joint(situation, situation.candidates.q[candidate])))
     return tuple(out)
 
 
-def _unusual(situation: Situation, q: Array) -> str:
-    """The joint that stands farthest from all measured poses, where that is far; "" else."""
+def _far_joint(situation: Situation, q: Array) -> int | None:
+    """Number from 1 of the joint that is farthest from all measured poses, where that is far; else None."""
     measured = situation.start.measured
     if measured is None:
-        return ""
+        return None
     trained = measured.q[~measured.is_test]
     revolute = situation.start.dataset.robot.is_revolute
     apart = np.abs(trained - q)
     apart = np.where(revolute, np.minimum(apart % (2 * np.pi), -apart % (2 * np.pi)), apart)
     far = apart.min(axis=0) / np.where(revolute, _FAR_RAD, _FAR_MM)
     joint = int(np.argmax(far))
-    return f"joint {joint + 1} far from what was measured" if far[joint] > 1.0 else ""
+    return joint + 1 if far[joint] > 1.0 else None
 
 
 def new_ids(count: int, taken: Sequence[str]) -> tuple[str, ...]:

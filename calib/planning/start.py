@@ -11,7 +11,7 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array
-from calib.calibration.noise_check import check_sigma
+from calib.brief import Brief
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset, Poses
 from calib.effects.effect import Effect
@@ -48,11 +48,6 @@ class Start(Protocol):
         """What decides which poses can be measured."""
         ...
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was assumed, and what a prediction cannot know, a sentence each."""
-        ...
-
     def unknowns(self, effects: Sequence[Effect] = ()) -> Unknowns:
         """The unknowns of the fit to come, these effects among them."""
         ...
@@ -63,12 +58,20 @@ class Start(Protocol):
 
 
 @dataclass(frozen=True)
-class FromFit:
+class DiagnosedModel:
+    """Why a diagnosis chose the model to plan for, and whether it left anything open."""
+
+    noise_ratio: float  # residual of the link errors alone over the declared noise
+    confounded: bool  # whether effects stayed confounded
+
+
+@dataclass(frozen=True)
+class FromFit(Brief):
     """The next poses of a calibration; from where its scanner stood last, or from a further place."""
 
     calibration: Calibration
     scanner_place: Array | None = None  # (4, 4) base_T_scanner of a placement that was not measured from yet
-    assumed: tuple[str, ...] = ()  # sentences for `notes`
+    diagnosed: DiagnosedModel | None = None  # where a diagnosis chose the calibration's model
 
     @property
     def dataset(self) -> Dataset:
@@ -104,23 +107,6 @@ class FromFit:
         seen_from = frames.invert(self.calibration.after.scanner_T_base[last])
         cell = workcell_of_dataset(fitted, base_T_scanner=seen_from, setup=last)
         return cell if self.scanner_place is None else replace(cell, base_T_scanner=self.scanner_place)
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        out = [*self.assumed]
-        check = check_sigma(self.calibration)
-        if check.verdict == "excess" and check.declared_mm:
-            ratio = check.sigma_mm / check.declared_mm
-            out.append(
-                f"the fit leaves {ratio:.3g} times the declared noise, so something is missing from the model: the "
-                "prediction is of its parameters alone, and what is missing may be the larger part away from the "
-                "measured poses"
-            )
-        elif check.verdict == "unknown":
-            out.append("no noise of the points is declared: what the fit leaves over is taken for noise")
-        if self.calibration.residual != "position":
-            out.append(f"planned as for a fit of positions; this one is of {self.calibration.residual}")
-        return (*out, *self.cell.notes)
 
     def unknowns(self, effects: Sequence[Effect] = ()) -> Unknowns:
         return self._unknowns_with(effects) if effects else self._unknowns
@@ -161,11 +147,6 @@ class FromRobot:
     def setup(self) -> str:
         return ""
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        said = f"{self.noise_mm:g} mm of noise a coordinate of a measured point, and errors within their tolerances"
-        return (f"assumed: {said}", *self.cell.notes)
-
     def unknowns(self, effects: Sequence[Effect] = ()) -> Unknowns:
         if not self.options.prior:
             raise CalibError("a first set of poses is planned with tolerances; leave out --no-prior")
@@ -176,7 +157,7 @@ class FromRobot:
             noise_mm=self.noise_mm,
             effects=effects,
             tolerances=self.options.tolerances,
-            held=self.options.held,
+            held=self.options.fixed,
         )
 
     def poses_at(self, q: Array) -> Poses:

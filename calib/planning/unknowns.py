@@ -19,7 +19,7 @@ from calib.effects.effect import Effect
 from calib.effects.link_errors import LinkErrors
 from calib.errors import CalibError, FitError
 from calib.fitting.model import Model
-from calib.fitting.noise.point_covariance import noise_factors, shaped_covariance
+from calib.fitting.noise import noise_factors, shaped_covariance
 from calib.fitting.observations import Observations, linearise_points
 from calib.fitting.scanner_frame import frame_motion, whitener
 from calib.kinematics.robot import Robot
@@ -118,9 +118,9 @@ def unknowns_of_fit(
     if effects:
         model = replace(model.with_loads_at(calibration.fit.x), effects=(*model.effects, *effects))
     x = _extended(calibration, model)
-    noise = calibration.fit.noise if np.isfinite(calibration.fit.noise) else 1.0
+    noise = calibration.fit.reduced_chi if np.isfinite(calibration.fit.reduced_chi) else 1.0
     noise = max(noise, _FINEST_MM / declared_sigma_mm(dataset))
-    require_in_room(dataset)
+    require_scanner_in_world(dataset)
     observed = replace(Observations.of(dataset), scanner_T_base=calibration.after.scanner_T_base)
     places = {name: calibration.after.scanner_T_base[name] for name in sorted(set(map(str, observed.setup)))}
     points = dataset.points
@@ -158,7 +158,7 @@ def unknowns_of_robot(
     """What is known of an arm that was never measured: its table within tolerances, nothing of the scanner's place."""
     if not 0.0 < noise_mm < np.inf:
         raise CalibError(f"noise of {noise_mm:g} mm: a standard deviation above 0 is needed")
-    model = Model(robot, (LinkErrors(robot, tolerances or {}), *effects)).hold(held)
+    model = Model(robot, (LinkErrors(robot, tolerances or {}), *effects)).with_fixed(held)
     return _before_measuring(
         model,
         np.zeros(len(model.parameters)),
@@ -230,7 +230,7 @@ def _extended(calibration: Calibration, model: Model) -> Array:
     return np.array([fitted.get(p.name, 0.0) for p in model.parameters])
 
 
-def require_in_room(dataset: Dataset) -> None:
+def require_scanner_in_world(dataset: Dataset) -> None:
     """Raise FitError where the arm carries the scanner."""
     if dataset.robot.carries_scanner:
         raise FitError(

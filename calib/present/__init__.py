@@ -6,9 +6,12 @@ are a choice of them. `results.presentation` and `results.document` find what be
 
 from calib.present import calibration as calibration
 from calib.present import changes as changes
+from calib.present import checks as checks
 from calib.present import corners as corners
 from calib.present import correction as correction
 from calib.present import dataset as dataset
+from calib.present import fleets as fleets
+from calib.present import plans as plans
 from calib.present import redundancy as redundancy
 from calib.present import validation as validation
 from calib.present.results import document, headline, notebook_html, presentation, summary, to_dict

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from calib.calibration.evaluation import Evaluation
-from calib.calibration.noise_check import SigmaCheck
+from calib.calibration.noise_level import SigmaCheck
 from calib.calibration.result import Calibration, is_declared
 from calib.calibration.uncertainty import Combination, correlated_pairs, identifiable_combinations
 from calib.consistency.data_problem import DataProblem
@@ -100,7 +100,7 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
         ("fit", f"{'converged' if fit.converged else 'not converged'} after {_iterations(calibration)}: {fit.reason}"),
     ]
     if np.isfinite(calibration.sigma_mm):
-        times = f", {numbers.times(fit.noise)} the declared" if is_declared(calibration.dataset) else ""
+        times = f", {numbers.times(fit.reduced_chi)} the declared" if is_declared(calibration.dataset) else ""
         facts.append(("residual sigma", f"{numbers.length(calibration.sigma_mm)} per coordinate{times}"))
     if calibration.faces_named:
         facts.append(("faces of the jig", calibration.faces_named))
@@ -364,8 +364,9 @@ def found_tool_document(calibration: Calibration) -> dict[str, Any]:
 
 
 def stands_document(calibration: Calibration) -> dict[str, int] | None:
-    """How many standing poses there are of how many shots; None where no pose was measured several times."""
-    return None if calibration.shots is None else asdict(calibration.shots)
+    """Number of repeat groups ("stands") and of measured points ("shots"); None where no pose was measured twice."""
+    count = calibration.repeat_count
+    return None if count is None else {"stands": count.groups, "shots": count.repeats}
 
 
 def steps_document(steps: Sequence[FitStep]) -> list[dict[str, Any]]:
@@ -396,7 +397,7 @@ def _data_problem_document(problem: DataProblem) -> dict[str, Any]:
     return {
         "kind": problem.kind,
         "joints": problem.joints,
-        "mend": problem.mend,
+        "mend": problem.remedy,
         "rmse_mm": {"now": problem.now_mm, "then": problem.then_mm},
         "words": problem.words,
     }

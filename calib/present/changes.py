@@ -159,23 +159,30 @@ def change_verdict(reports: Sequence[ChangeReport]) -> list[Block]:
 
 def change_headline(report: ChangeReport) -> str:
     """What changed in a cell, in a sentence or two."""
+    phrases = "; ".join(change_phrases(report))
+    return change_sentence(report.name, report.verdict, phrases, report.poses, report.rmse_mm, report.expected_mm)
+
+
+def change_sentence(name: str, verdict: str, phrases: str, poses: int, rmse_mm: float, expected_mm: float) -> str:
+    """What changed between two measurements of a cell, and by how much the later points are off."""
     off = (
-        f"{report.poses} check poses are off by {numbers.length(report.rmse_mm)} RMS, where the noise and the earlier "
-        f"fit's uncertainty make {numbers.length(report.expected_mm)}"
+        f"{poses} check poses are off by {numbers.length(rmse_mm)} RMS, where the noise and the earlier fit's "
+        f"uncertainty make {numbers.length(expected_mm)}"
     )
-    if report.verdict == "unchanged":
-        return f"{report.name}: unchanged. {off}."
-    return f"{report.name}: {report.verdict}. {numbers.capitalised('; '.join(change_phrases(report)))}. {off}."
+    if verdict == "unchanged":
+        return f"{name}: unchanged. {off}."
+    return f"{name}: {verdict}. {numbers.capitalised(phrases)}. {off}."
 
 
 def change_phrases(report: ChangeReport) -> tuple[str, ...]:
     """What changed, a phrase each."""
     if report.data_problem is not None:
         return (report.data_problem.words,)
-    return tuple(_change(change) for change in report.changes)
+    return tuple(change_phrase(change) for change in report.changes)
 
 
-def _change(change: Change) -> str:
+def change_phrase(change: Change) -> str:
+    """One change with its size, and what cannot be discriminated from it."""
     if change.what == NOISE:
         return f"the noise is {numbers.times(change.size)} what it was"
     moved = {

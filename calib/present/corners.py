@@ -14,7 +14,7 @@ from calib.corners.intersection import Corner
 from calib.corners.quality import CornerQuality
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
-from calib.measurement.labels import FaceLabels
+from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import counted_reasons, failed_searches, label_faces
 from calib.present import numbers
 from calib.present.blocks import (
@@ -32,7 +32,7 @@ from calib.present.blocks import (
 )
 from calib.present.colours import BAD, DOUBT
 from calib.present.results import document, presentation
-from calib.targets.assignment import Assignment, told_apart
+from calib.targets.assignment import Assignment, assign_targets
 from calib.targets.protocol.finder import FoundPoint
 from calib.targets.search import ScanSearch
 
@@ -48,7 +48,7 @@ _PLAIN = 1.05  # a smooth error that makes the sigma larger by less than this fa
 
 @presentation.register
 def _batch(batch: CornerBatch) -> Presentation:
-    named = told_apart(batch.dataset, batch)
+    named = assign_targets(batch.dataset, batch)
     head = [*batch_head(batch.dataset, batch, named), *failures(batch, named)]
     tables = {"corner": corner_table(batch), "target": target_table(named)}
     sections = [
@@ -295,7 +295,7 @@ def _labels_document(labels: FaceLabels) -> dict[str, Any]:
 
 @document.register
 def _batch_document(batch: CornerBatch) -> dict[str, Any]:
-    return corners_document(batch, label_faces(batch.dataset, batch), told_apart(batch.dataset, batch))
+    return corners_document(batch, label_faces(batch.dataset, batch), assign_targets(batch.dataset, batch))
 
 
 def corners_document(searches: Mapping[str, CornerSearch], labels: FaceLabels, named: Assignment) -> dict[str, Any]:

@@ -43,7 +43,7 @@ def _facts(correction: Correction) -> list[tuple[str, object]]:
     ]
     mean, worst = numbers.length(correction.uncorrected_mm.mean()), numbers.length(correction.uncorrected_mm.max())
     return [
-        ("targets reached", f"{int(correction.reached.sum())} of {len(correction.q)} ({correction.what})"),
+        ("targets reached", f"{int(correction.reached.sum())} of {len(correction.q)} ({correction.kind})"),
         ("error without correction", f"{mean} on average, {worst} at most"),
         ("largest change of a joint", numbers.listing(largest)),
     ]
@@ -61,7 +61,7 @@ def attitude_phrase(correction: Correction) -> str:
         return ""
     known, turn = (numbers.digits(1e3 * float(np.sqrt(np.mean(a**2)))) for a in (sigma_rad, correction.uncorrected_rad))
     phrase = f"the fit knows the tool's attitude to {known} mrad (sigma), a correction turns it by {turn} mrad"
-    return phrase if correction.what == "pose" else f"{phrase}: the positions are corrected and no attitude is claimed"
+    return phrase if correction.kind == "pose" else f"{phrase}: the positions are corrected and no attitude is claimed"
 
 
 @document.register
@@ -79,7 +79,7 @@ def correction_document(correction: Correction, ids: Sequence[str]) -> dict[str,
     missed = [(pose, why) for pose, why in zip(ids, correction.reasons, strict=True) if why]
     outside = correction.is_outside
     return {
-        "what": correction.what,
+        "what": correction.kind,
         "reached": int(correction.reached.sum()),
         "not_reached": [{"pose": pose, "why": why} for pose, why in missed],
         "largest_move_deg": correction.largest_move_deg,

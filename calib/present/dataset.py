@@ -71,7 +71,7 @@ def instrument(dataset: Dataset) -> str:
 
 
 def _measured(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> str:
-    jig = f"a jig of {dataset.jig.edge_words()}"
+    jig = f"a jig of {dataset.jig.edges_text()}"
     if searches:
         found = len(searches) - len(failed_searches(searches))
         return f"the corner of {jig} in {found} of {numbers.count(len(searches), 'scan')}"

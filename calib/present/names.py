@@ -19,6 +19,14 @@ def role(name: str) -> str:
     return ROLES.get(name, name)
 
 
+def change(what: str, joint: int | None, parameter: str = "") -> str:
+    """A kind of change of a cell: "zero of joint 3", "length a2", "tool"."""
+    if parameter and what in ("length", "angle"):
+        return f"{what} {parameter}"
+    noun = "zero" if what == "joint_zero" else what
+    return noun if joint is None else f"{noun} of joint {joint}"
+
+
 def parameter(name: str) -> Span:
     """A parameter's short name; a parameter of a joint's row in the table refers to its joint."""
     of_joint = _OF_JOINT.fullmatch(name)

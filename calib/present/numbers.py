@@ -24,7 +24,7 @@ def length(mm: float) -> str:
         return MISSING
     if abs(mm) < _NOTHING_MM:
         return "0 µm"
-    if abs(mm) < _MICRO_BELOW_MM:
+    if abs(float(f"{mm:.2g}")) < _MICRO_BELOW_MM:
         return f"{float(f'{1e3 * mm:.2g}'):g} µm".replace("-", MINUS)
     return f"{digits(mm)} mm"
 

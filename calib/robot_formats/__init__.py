@@ -1,1 +1,1 @@
-"""Robots in the forms that users have them in: URDF, tables of other schools, makers' files; in and out."""
+"""Robot descriptions in users' formats, read and written: URDF, xacro, MJCF, tables, makers' files."""

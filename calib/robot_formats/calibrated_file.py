@@ -1,4 +1,4 @@
-"""A calibrated robot as the user's own URDF or kinematics YAML with other origins."""
+"""Calibrated robot written as the user's own URDF or kinematics YAML with changed origins."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LOST_MM, _LOST_RAD = 1e-6, 1e-9
 
 @dataclass(frozen=True)
 class CalibratedFile:
-    """The text of a robot's file, and what is to be said of it."""
+    """Text of a calibrated robot's file, with the changed joints and notes."""
 
     content: bytes
     changed: tuple[str, ...]  # joints with another origin
@@ -30,12 +30,12 @@ class CalibratedFile:
 
     @property
     def summary(self) -> str:
-        """What was changed, in a line, and notes."""
+        """Changed joints and notes, a line each."""
         what = f"origins changed: {', '.join(self.changed)}" if self.changed else "no origin changed"
         return "\n".join([what, *(f"note: {note}" for note in self.notes)])
 
     def with_notes(self, notes: Sequence[str]) -> CalibratedFile:
-        """The same with more to be said."""
+        """This file with further notes."""
         return replace(self, notes=(*self.notes, *notes))
 
 
@@ -48,10 +48,10 @@ def calibrated_urdf(
     base: str | None = None,
     comment: str = "",
 ) -> CalibratedFile:
-    """The template's text with the origins of the calibrated robot, every other byte as it was.
+    """Template URDF with the origins of the calibrated robot, every other byte unchanged.
 
-    `nominal`: the robot before calibration, whose axes are those of the template; None: as the template says, for a
-    robot that was made of it. Tip and base: as robot.toml says, else those that the template leaves.
+    `nominal`: the robot before calibration, whose axes are those of the template; None: the template's own, for a robot
+    made from it. Tip and base: from robot.toml, else the only ones in the template.
     Raises RobotFileError where the template is not of this arm.
     """
     known_tip, known_base = source_links(calibrated)
@@ -72,7 +72,7 @@ def calibrated_urdf(
 
 
 def calibrated_yaml(template: Path, calibrated: Robot, nominal: Robot | None = None) -> CalibratedFile:
-    """A maker's kinematics file with calibrated numbers; its hash and all else stay. As `calibrated_urdf`."""
+    """A maker's kinematics file with calibrated numbers, all else unchanged; arguments as of `calibrated_urdf`."""
     origins = read_origin_yaml(template)
     chain = chain_of_yaml(origins)
     holds_tip = origins.flange is not None
@@ -82,7 +82,7 @@ def calibrated_yaml(template: Path, calibrated: Robot, nominal: Robot | None = N
 
 
 def _not_in_yaml(origins: OriginYaml, chain: SerialChain, found: CalibratedChain) -> tuple[str, ...]:
-    """What a kinematics file does not hold of the tool, of its measured point, or of the flange."""
+    """Notes on what a kinematics file cannot hold: tool, measured point, or the place of the flange."""
     notes = []
     if found.chain.tool_point_mm is not None:
         place = ", ".join(f"{value:.4g}" for value in found.chain.tool_point_mm)
@@ -103,6 +103,6 @@ def _not_in_yaml(origins: OriginYaml, chain: SerialChain, found: CalibratedChain
 
 
 def _place(chain: SerialChain) -> str:
-    """ "50.1, -29.5, 119.8 mm"."""
+    """Tool point of a chain as text: "50.1, -29.5, 119.8 mm"."""
     assert chain.tool_point_mm is not None
     return f"{', '.join(f'{value:.4g}' for value in chain.tool_point_mm)} mm"

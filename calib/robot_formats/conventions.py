@@ -1,4 +1,4 @@
-"""A robot's table under the other convention of Denavit and Hartenberg, so that points may tell which is meant."""
+"""Robot's table under both Denavit-Hartenberg conventions, for a choice by the measured points."""
 
 from __future__ import annotations
 
@@ -12,25 +12,24 @@ from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
 from calib.robot_formats.chain.five_parameters import robot_of, row_transform
 from calib.robot_formats.chain.serial_chain import ChainJoint, SerialChain
-from calib.robot_formats.robot_file import Reading, RobotFile, named_robot
+from calib.robot_formats.robot_file import ReadOptions, RobotFile, named_robot
 from calib.robot_formats.tables import CONVENTIONS
-from calib.user_tables.unit_names import plain, split_unit
-from calib.user_tables.user_table import load_table
+from calib.text_files.user_table import load_table, plain, split_unit
 
-SCHOOLS = {"standard": "standard Denavit-Hartenberg", "modified": "modified Denavit-Hartenberg (Craig)"}
+TABLE_KINDS = {"standard": "standard Denavit-Hartenberg", "modified": "modified Denavit-Hartenberg (Craig)"}
 
 
 @dataclass(frozen=True)
 class RobotReading:
-    """A robot as one convention reads its file, and whether the user said that it is this one."""
+    """A robot read from its file under one convention, and whether the user asked for that convention."""
 
     convention: str  # "standard", "modified"; "" where the file leaves no choice
     robot: RobotFile
     asked: bool = True
 
 
-def robot_readings(name: str, reading: Reading) -> list[RobotReading]:
-    """A robot as asked for, first, then as the other convention of its table would have it, where there is one.
+def robot_readings(name: str, reading: ReadOptions) -> list[RobotReading]:
+    """Readings of a robot: as asked for, then under the other convention of its table, where there is one.
 
     A table of theta, d, a, alpha without --convention has no first choice: none of its readings is `asked`.
     Raises CalibError as `named_robot`.
@@ -55,16 +54,16 @@ def _is_denavit_hartenberg(path: Path) -> bool:
     return {"theta", "d", "a", "alpha"} <= columns
 
 
-def _readings_of_table(path: Path, reading: Reading) -> list[RobotReading]:
+def _readings_of_table(path: Path, reading: ReadOptions) -> list[RobotReading]:
     found: list[RobotReading] = []
     failed: list[CalibError] = []
-    wanted = reading.convention
-    for convention in sorted(CONVENTIONS, key=lambda each: each != wanted):
+    asked = reading.convention
+    for convention in sorted(CONVENTIONS, key=lambda each: each != asked):
         try:
             robot = named_robot(str(path), replace(reading, convention=convention))
-            found.append(RobotReading(convention, robot, asked=convention == wanted))
+            found.append(RobotReading(convention, robot, asked=convention == asked))
         except CalibError as error:
-            if convention == wanted:
+            if convention == asked:
                 raise
             failed.append(error)
     if not found:
@@ -73,10 +72,10 @@ def _readings_of_table(path: Path, reading: Reading) -> list[RobotReading]:
 
 
 def as_modified(robot: Robot) -> Robot | None:
-    """The robot whose rows are those of modified tables, Rx(alpha) Trans(a, 0, 0) Rz(theta + q) Trans(0, 0, d).
+    """Robot with the rows taken as modified Denavit-Hartenberg, Rx(alpha) Trans(a, 0, 0) Rz(theta + q) Trans(0, 0, d).
 
-    None where it has what those have not: beta, further targets, coupled joints. The tool's row stays as it is;
-    centres of mass, which stand in other frames then, are left out.
+    None where modified tables cannot express it: beta, further targets, coupled joints. The tool's row stays as it is;
+    centres of mass, which would be in other frames, are left out.
     """
     if any(joint.beta_rad for joint in robot.joints) or robot.targets or robot.coupling:
         return None

@@ -1,6 +1,6 @@
-"""MuJoCo's own models, read by MuJoCo itself (the extra `mujoco`): bodies, joints and masses as its compiler has them.
+"""MuJoCo models (MJCF), compiled by MuJoCo itself (the extra `mujoco`) and read as a serial chain.
 
-MuJoCo never sees the user's file. What a serial arm is made of is copied from it and from what it includes to one text:
+MuJoCo is not given the user's file. The parts of a serial arm are copied from it and its includes into one text:
 bodies, joints, masses, shapes with their meshes, the defaults of these, and joints that follow others. Every file that
 is named lies in the model's folder or below it. The text and the meshes go to MuJoCo in a process of its own with
 bounded memory and time (`mjcf_process`), which reads no other file.
@@ -16,11 +16,11 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from calib.bounded_process import Limits, ProcessFailed, ask
+from calib.bounded_process import ProcessFailed, ProcessLimits, ask
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
 from calib.robot_formats.urdf.safe_xml import Element, XmlFile, parse_xml, read_bytes
 
-_LIMITS = Limits(seconds=60.0, memory_bytes=2 * 1024**3)
+_LIMITS = ProcessLimits(seconds=60.0, memory_bytes=2 * 1024**3)
 _MOST_FILES = 500
 _MOST_BYTES = 512 * 1024**2  # of all meshes
 _MOST_ELEMENTS = 100_000
@@ -43,9 +43,9 @@ _LEFT_OUT = {"material", "hfield"}  # attributes that name what is not kept
 
 
 def chain_of_mjcf(file: XmlFile, tip: str | None, base: str | None) -> SerialChain:
-    """The arm from a base body (None: the world) to a tip, a body or a site (None: the only body that is an end).
+    """Chain of the arm from a base body (None: the world) to a tip, a body or a site (None: the only end body).
 
-    Raises RobotFileError in one line: MuJoCo is not there or refuses the model, several tips, no serial arm.
+    Raises RobotFileError in one line: MuJoCo is not installed or refuses the model, several tips, no serial arm.
     """
     model = _Model(file)
     request = {
@@ -68,7 +68,7 @@ def chain_of_mjcf(file: XmlFile, tip: str | None, base: str | None) -> SerialCha
 
 
 def chain_from_document(document: Mapping[str, Any]) -> SerialChain:
-    """The chain of what `mjcf_process` answers."""
+    """Chain from the dict that `mjcf_process` returns."""
     joints = tuple(
         ChainJoint(
             **joint
@@ -90,7 +90,7 @@ def chain_from_document(document: Mapping[str, Any]) -> SerialChain:
 
 @dataclass
 class _Model:
-    """A model and what it includes, as the one text that MuJoCo is given."""
+    """A model and its includes, rewritten as the one text that MuJoCo is given."""
 
     file: XmlFile
     meshes: dict[str, Path] = field(default_factory=dict)  # by their names in the text
@@ -104,7 +104,7 @@ class _Model:
         self.lines[""] = self.file.root.line
 
     def text(self) -> str:
-        """The text. Raises RobotFileError for what is no part of a serial arm, and for files elsewhere."""
+        """Text for MuJoCo. Raises RobotFileError for elements outside serial arms and for files outside the folder."""
         root = self._whole(self.file, self.file.root, 0)
         for element in _below(root):
             if element.tag == "compiler":
@@ -113,7 +113,7 @@ class _Model:
         return "".join(self._written(root))
 
     def _whole(self, file: XmlFile, element: Element, depth: int) -> Element:
-        """An element with what its includes stand for, each with the file that it stands in."""
+        """Element with its includes replaced by their content, each child with the file that it is from."""
         self._count += 1
         if self._count > _MOST_ELEMENTS or depth > _MOST_DEPTH:
             file.fail(element, "too many elements or levels", "a serial arm has a few hundred")
@@ -126,7 +126,7 @@ class _Model:
         return Element(element.tag, element.attributes, element.line, element.start, children, file.path)
 
     def _children(self, file: XmlFile, element: Element, depth: int) -> list[Element]:
-        """The children of an element, those of an included file in the place of its <include>."""
+        """Children of an element, those of an included file in the place of its <include>."""
         children: list[Element] = []
         for child in element.children:
             if child.tag == "include":
@@ -137,7 +137,7 @@ class _Model:
         return children
 
     def _include(self, file: XmlFile, element: Element) -> XmlFile:
-        """The file that an <include> names: beside the model, as MuJoCo has it, or beside the file that names it."""
+        """Parsed file of an <include>: relative to the model, as in MuJoCo, or to the including file."""
         name = element.attributes.get("file", "")
         path = self._inside(file, element, self._folder / name)
         if not path.is_file():
@@ -150,14 +150,14 @@ class _Model:
         return parse_xml(path, read_bytes(path))
 
     def _inside(self, file: XmlFile, element: Element, path: Path) -> Path:
-        """The path, which has to be below the model's folder, links followed."""
+        """The path unchanged. Raises RobotFileError where it, links followed, is not below the model's folder."""
         if not path.resolve().is_relative_to(self._folder.resolve()):
             name = element.attributes.get("file", "")
             file.fail(element, f"names {name[:60]!r}, which is not below its folder", "put it there")
         return path
 
     def _written(self, element: Element) -> Iterator[str]:
-        """The element as text, as far as it is kept."""
+        """Text of an element and of those of its children that are kept."""
         attributes = {key: value for key, value in element.attributes.items() if key not in _LEFT_OUT}
         if element.tag == "compiler":
             attributes = {key: value for key, value in attributes.items() if key not in _DIRECTORIES}
@@ -174,7 +174,7 @@ class _Model:
         yield f"</{element.tag}>"
 
     def _mesh(self, element: Element, attributes: dict[str, str]) -> dict[str, str]:
-        """The attributes of a mesh, its file under a name that leads nowhere but to the bytes that are handed over."""
+        """Attributes of a mesh, its file replaced by a name for the bytes that are passed to MuJoCo."""
         name = attributes["file"]
         assert element.file is not None
         named_in = XmlFile(element.file, b"", element)

@@ -1,4 +1,4 @@
-"""MuJoCo on a model's text, in a process of its own (`calib.bounded_process`): it reads the named meshes alone."""
+"""Compilation of a model by MuJoCo in a separate bounded process, which reads only the named meshes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _FURTHEST_M = 1e6  # from the world, as of a URDF's numbers
 
 
 def prepare() -> None:
-    """Import MuJoCo where it is, before memory is bounded."""
+    """Import MuJoCo, if installed, before memory is bounded."""
     try:
         import mujoco
     except ImportError:
@@ -28,7 +28,7 @@ def prepare() -> None:
 
 
 def answer(asked: dict[str, Any]) -> dict[str, Any]:
-    """The chain as a document, or `error`.
+    """The chain as a dict, or a dict with the key `error`.
 
     Args:
         asked: text, meshes (path by name), file and lines (by name) for messages, tip, base.
@@ -50,7 +50,7 @@ def answer(asked: dict[str, Any]) -> dict[str, Any]:
 
 
 def document_of(chain: SerialChain) -> dict[str, Any]:
-    """A chain of MuJoCo's as JSON can have it; `mjcf.chain_from_document` makes the chain of it again."""
+    """A chain as a dict for JSON; `mjcf.chain_from_document` makes the chain from it."""
     return {
         "name": chain.name,
         "joints": [asdict(joint) | {"before_T_joint": joint.before_T_joint.tolist()} for joint in chain.joints],
@@ -73,7 +73,7 @@ class _Arm:
         self._refuse_far()
 
     def chain(self, tip: str | None, base: str | None) -> SerialChain:
-        """From base to tip."""
+        """Chain from a base body to a tip."""
         end_body, world_T_tip, tip_name = self._tip(tip)
         way = [end_body]
         root = 0 if base is None else self._body(base)
@@ -111,7 +111,7 @@ class _Arm:
         )
 
     def _refuse_far(self) -> None:
-        """Raise RobotFileError for what is so far off that its place in mm is no number any more."""
+        """Raise RobotFileError where a position in mm is not finite."""
         for kind, one, places_m in (
             ("body", self._m.body, self._data.xpos),
             ("the masses of body", self._m.body, self._data.xipos),
@@ -127,7 +127,7 @@ class _Arm:
                 )
 
     def _tip(self, tip: str | None) -> tuple[int, Array, str]:
-        """Body, place in the world and name of the tip."""
+        """Body number, transform in the world (4, 4) and name of the tip."""
         m = self._m
         for site in range(m.nsite):
             if tip is not None and m.site(site).name == tip:
@@ -157,7 +157,7 @@ class _Arm:
         )
 
     def _line(self, name: str = "") -> int:
-        """The line of the element with a name; that of the whole where it stands in another file."""
+        """Line of a named element in the user's file; the root's line where it is in another file."""
         return self._lines.get(name, self._lines[""])
 
     def _body_frame(self, body: int) -> Array:
@@ -193,7 +193,7 @@ class _Arm:
                 )
 
     def _joint_frame(self, j: int) -> Array:
-        """(4, 4) in the world: turned as the world, at the joint's anchor."""
+        """Frame (4, 4) of a joint in the world: at its anchor, with the world's axes."""
         return make_transform(np.eye(3), 1e3 * self._data.xanchor[j])
 
     def _joint(self, j: int, before: Array, place: Array, carried: tuple[float, Array]) -> ChainJoint:
@@ -216,7 +216,7 @@ class _Arm:
         )
 
     def _carried(self, way: list[int], numbers: list[int], k: int) -> tuple[float, Array]:
-        """Mass, and its centre in the world, of what joint k carries up to the next joint of the arm."""
+        """Mass, kg, and centre of mass in the world of all bodies from joint k to the next joint of the arm."""
         m = self._m
         body = int(m.jnt_bodyid[numbers[k]])
         following = int(m.jnt_bodyid[numbers[k + 1]]) if k + 1 < len(numbers) else -1

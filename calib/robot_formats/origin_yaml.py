@@ -1,15 +1,20 @@
-"""Joint origins as makers' YAML: UR, UFACTORY, Flexiv, Franka; in, and out by changing numbers only.
+"""Joint origins in makers' YAML (UR, UFACTORY, Flexiv, Franka), read and written by changing numbers only.
 
-Metres and radians, a block `x y z roll pitch yaw` a joint, which the maker's xacro puts into its <origin>. Joints turn
-about their z axis. rpy is about fixed axes, as URDF has it.
+Metres and radians, a block `x y z roll pitch yaw` per joint, which the maker's xacro puts into its <origin>. Joints
+turn about their z axis. rpy is about fixed axes, as in URDF.
+
+The YAML is nested `key: value` by indentation, and `{key: value}` on one line. Anchors, lists, tags (but !degrees and
+!radians) and texts over several lines are refused with their line. Each value keeps its position in the text, so that a
+writer may change it and leave every other character as it is.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,7 +22,100 @@ from scipy.spatial.transform import Rotation
 from calib.array_types import Array
 from calib.frames import make_transform, rotation_from_rpy, rpy_from_rotation
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, chain_frames
-from calib.robot_formats.simple_yaml import YamlFile, YamlNode, read_yaml
+from calib.robot_formats.urdf.safe_xml import read_bytes
+
+_MOST_BYTES = 1024 * 1024
+_MOST_DEPTH = 20
+_MOST_CHARACTERS = 1000  # of a line
+_LINE = re.compile(r"""(?P<space>[ \t]*)(?P<key>"[^"]*"|'[^']*'|[^\s:#'"{}\[\]&*!|>-][^:#{}\[\]]*?)\s*:(?=\s|$)""")
+_PAIR = re.compile(r"""\s*(?P<key>"[^"]*"|'[^']*'|[^\s:,{}]+)\s*:\s*(?P<value>[^,{}]*)""")
+_COMMENT = re.compile(r"(^|\s)#.*$")
+
+
+@dataclass(frozen=True)
+class YamlNode:
+    """A value of a YAML file: a text, or the nodes below it by key."""
+
+    line: int
+    text: str = ""
+    start: int = 0  # of the text in the file's characters
+    children: dict[str, YamlNode] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class YamlFile:
+    """A YAML file with its text and its nodes."""
+
+    path: Path
+    text: str
+    root: YamlNode
+
+    def fail(self, line: int, found: str, remedy: str) -> NoReturn:
+        """Raise RobotFileError that names file, line, what was found and a remedy."""
+        raise RobotFileError(f"{self.path}: line {line}: {found}; {remedy}")
+
+
+def read_yaml(path: Path) -> YamlFile:
+    """Read a YAML file of this kind. Raises RobotFileError with the line of anything else."""
+    try:
+        text = read_bytes(path, _MOST_BYTES).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        at_line = error.object[: error.start].count(b"\n") + 1
+        raise RobotFileError(f"{path}: line {at_line}: is no UTF-8 text ({error.reason}); save it as UTF-8") from None
+    root = YamlNode(1)
+    file = YamlFile(path, text, root)
+    open_: list[tuple[int, YamlNode]] = [(-1, root)]
+    at = 0
+    for number, whole in enumerate(text.splitlines(keepends=True), 1):
+        start, at = at, at + len(whole)
+        if len(whole) > _MOST_CHARACTERS:
+            file.fail(number, f"the line has {len(whole)} characters", "lines of `key: value` are needed")
+        line = _COMMENT.sub("", whole.rstrip("\r\n")).rstrip()
+        if not line.strip() or line.strip() in ("---", "...") or line.startswith("%"):
+            continue
+        match = _LINE.match(line)
+        if match is None:
+            kind = "a list" if line.lstrip().startswith("- ") else f"{line.strip()[:40]!r}"
+            file.fail(number, f"found {kind}", "lines of `key: value` are needed")
+        if "\t" in match["space"]:
+            file.fail(number, "the line is indented by tabs", "indent by spaces")
+        indent, key = len(match["space"]), match["key"].strip("\"'").strip()
+        while open_[-1][0] >= indent:
+            open_.pop()
+        parent = open_[-1][1]
+        if parent.text:
+            file.fail(number, f"{key[:40]!r} is indented below a value", "indent it as its neighbours")
+        if key in parent.children:
+            file.fail(number, f"{key[:40]!r} stands there twice", "remove one")
+        rest = line[match.end() :]
+        node = _value(file, number, rest.strip(), start + match.end() + len(rest) - len(rest.lstrip()))
+        parent.children[key] = node
+        open_.append((indent, node))
+        if len(open_) > _MOST_DEPTH:
+            file.fail(number, "too many levels", "a kinematics file has three or four")
+    return file
+
+
+def _value(file: YamlFile, line: int, text: str, start: int) -> YamlNode:
+    """Node of the text behind `key:`."""
+    if not text.startswith("{"):
+        if text[:1] in ("&", "*", "|", ">", "[") or (text[:1] == "!" and not text.startswith(("!degrees", "!radians"))):
+            file.fail(line, f"found {text[:40]!r}", "a number or a text is needed")
+        return YamlNode(line, text, start)
+    if not text.endswith("}") or text.count("{") > 1:
+        file.fail(line, f"found {text[:40]!r}", "give {key: value, ...} on one line")
+    node, at = YamlNode(line), 1
+    while text[at:-1].strip():
+        pair = _PAIR.match(text, at)
+        if pair is None:
+            file.fail(line, f"found {text[at:-1].strip()[:40]!r}", "give {key: value, ...} on one line")
+        key = pair["key"].strip("\"'")
+        if key in node.children:
+            file.fail(line, f"{key[:40]!r} stands there twice", "remove one")
+        node.children[key] = YamlNode(line, pair["value"].strip(), start + pair.start("value"))
+        at = pair.end() + (text[pair.end() : pair.end() + 1] == ",")
+    return node
+
 
 KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 _UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
@@ -28,7 +126,7 @@ _MOST = 1e6
 
 @dataclass(frozen=True)
 class OriginYaml:
-    """A kinematics file: the blocks in the order of the joints."""
+    """A kinematics file with its blocks in the order of the joints."""
 
     file: YamlFile
     blocks: dict[str, YamlNode]  # by name of the joint or link
@@ -36,7 +134,7 @@ class OriginYaml:
 
 
 def read_origin_yaml(path: Path) -> OriginYaml:
-    """The blocks of a kinematics file. Raises RobotFileError with file and line."""
+    """Read a kinematics file. Raises RobotFileError with file and line."""
     file = read_yaml(path)
     top = file.root.children.get("kinematics", file.root)
     blocks = {}
@@ -61,7 +159,7 @@ def read_origin_yaml(path: Path) -> OriginYaml:
 
 
 def chain_of_yaml(origins: OriginYaml) -> SerialChain:
-    """The arm: each joint turns about z of its block's frame."""
+    """Chain of a kinematics file; each joint turns about z of its block's frame."""
     places = [_place(origins.file, name, block) for name, block in origins.blocks.items()]
     end = np.eye(4) if origins.flange is None else _place(origins.file, _FRANKA_FLANGE, origins.flange)
     joints = tuple(ChainJoint(name, place) for name, place in zip(origins.blocks, places, strict=True))
@@ -77,7 +175,7 @@ def chain_of_yaml(origins: OriginYaml) -> SerialChain:
 
 
 def with_yaml_origins(origins: OriginYaml, chain: SerialChain) -> tuple[str, tuple[str, ...]]:
-    """The file's text with the origins of a chain of its joints, and the blocks that changed; a hash stays."""
+    """Text of the file with the origins of a chain of its joints, and the names of the changed blocks."""
     wanted = [joint.before_T_joint for joint in chain.joints]
     blocks = list(origins.blocks.items())
     if origins.flange is not None:
@@ -102,7 +200,7 @@ def with_yaml_origins(origins: OriginYaml, chain: SerialChain) -> tuple[str, tup
 
 
 def plain_yaml(chain: SerialChain) -> str:
-    """A kinematics file of a chain whose joints turn about z. Raises RobotFileError for others."""
+    """Text of a new kinematics file for a chain whose joints turn about z. Raises RobotFileError for others."""
     lines = ["kinematics:"]
     for k, joint in enumerate(chain.joints, 1):
         if not joint.is_revolute or not np.allclose(joint.axis, (0.0, 0.0, 1.0), atol=1e-12):
@@ -116,7 +214,7 @@ def plain_yaml(chain: SerialChain) -> str:
 
 
 def _place(file: YamlFile, name: str, block: YamlNode) -> Array:
-    """(4, 4) of a block, mm."""
+    """Transform (4, 4) of a block, mm."""
     x, y, z, *rpy = (_number(file, name, key, block.children[key]) for key in KEYS)
     return make_transform(rotation_from_rpy(rpy), 1e3 * np.array([x, y, z]))
 
@@ -135,7 +233,7 @@ def _number(file: YamlFile, name: str, key: str, node: YamlNode) -> float:
 
 
 def _intrinsic_differs_mm(origins: OriginYaml, chain: SerialChain) -> float:
-    """How far the tip moves at most where the angles are taken about moving axes x, y, z."""
+    """Largest change of the tip's position, mm, if the angles were about moving instead of fixed axes."""
     other = []
     for (name, block), joint in zip(origins.blocks.items(), chain.joints, strict=True):
         rpy = [_number(origins.file, name, key, block.children[key]) for key in KEYS[3:]]

@@ -1,4 +1,4 @@
-"""A robot's file of any form, by its suffix, as a robot of this library."""
+"""Reading of a robot from a file of any supported format, by its suffix."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.dataset.files.robot_toml import builtin_robot, load_robot
-from calib.dataset.robot_checks import refuse_beyond
+from calib.dataset.files.robot_toml import builtin_robot, load_robot, refuse_beyond
 from calib.errors import is_one_line
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
@@ -30,7 +29,7 @@ SUFFIXES = (".toml", ".urdf", ".xml", ".yaml", ".yml", ".conf", ".csv", ".xacro"
 
 @dataclass(frozen=True)
 class RobotFile:
-    """A robot that was read, and the chain that it was made of; None for a robot.toml."""
+    """A robot that was read, with the chain from which its table was made (None for a robot.toml) and notes."""
 
     robot: Robot
     chain: SerialChain | None
@@ -38,7 +37,7 @@ class RobotFile:
 
     @property
     def summary(self) -> str:
-        """What was read, a line each."""
+        """Robot, accuracy of the conversion and notes, a line each."""
         names = ", ".join(joint.name for joint in self.robot.joints)
         lines = [f"{self.robot.name}: {self.robot.n_joints} joints ({names})"]
         if self.chain is not None:
@@ -52,8 +51,8 @@ class RobotFile:
 
 
 @dataclass(frozen=True)
-class Reading:
-    """What a file does not say by itself."""
+class ReadOptions:
+    """Options for what a robot's file leaves open: tip, base, convention, model, xacro arguments."""
 
     tip: str | None = None  # link, body or site
     base: str | None = None
@@ -62,10 +61,10 @@ class Reading:
     xacro: Xacro | None = None  # None: a xacro is refused, as it computes and reads other files
 
 
-def read_robot(path: str | Path, reading: Reading = Reading()) -> RobotFile:
-    """The robot of a file, by its suffix.
+def read_robot(path: str | Path, reading: ReadOptions = ReadOptions()) -> RobotFile:
+    """Read the robot of a file, by its suffix.
 
-    Raises CalibError in one line that names the file, the line or key, and what would do.
+    Raises CalibError in one line that names the file, the line or key, and a remedy.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -94,34 +93,34 @@ def read_robot(path: str | Path, reading: Reading = Reading()) -> RobotFile:
 
 
 def tips_of(path: Path) -> tuple[str, ...]:
-    """The links of a URDF that an arm may end at, the longest arm's first; () for other forms. Raises CalibError."""
+    """Possible tip links of a URDF, that of the longest arm first; () for other formats. Raises CalibError."""
     if path.suffix.lower() not in (".urdf", ".xml", ".xacro"):
         return ()
     file = read_xml(path)
     return () if file.root.tag == "mujoco" else tuple(tip_links(read_tree(file)))
 
 
-def named_robot(name: str, reading: Reading = Reading()) -> RobotFile:
-    """A robot by the name of a built-in one or by its file."""
+def named_robot(name: str, reading: ReadOptions = ReadOptions()) -> RobotFile:
+    """Read a robot by the name of a built-in one or by its file. Raises CalibError."""
     if name in BUILTIN_ROBOTS:
         return RobotFile(builtin_robot(name), None)
     return read_robot(Path(name), reading)
 
 
 def read_xml(path: Path, xacro: Xacro | None = None) -> XmlFile:
-    """The elements of an XML file; those that a .xacro makes, where it may be expanded."""
+    """Parsed XML file, a .xacro expanded where that is allowed. Raises CalibError."""
     if xacro is not None and path.suffix.lower() == ".xacro":
         return expanded_xacro(path, xacro)
     return parse_xml(path, read_bytes(path))
 
 
 def read_arm(path: Path, *, tip: str | None = None, base: str | None = None) -> ArmPath:
-    """The arm in a URDF, to change its origins."""
+    """The arm in a URDF, for changing its origins. Raises CalibError."""
     return find_arm(read_tree(read_xml(path)), tip, base)
 
 
 def source_links(robot: Robot) -> tuple[str | None, str | None]:
-    """Tip and base of the file that robot.toml was made of, where it says so."""
+    """Tip and base links of the file from which robot.toml was made; None where not recorded."""
     source = robot.extra.get(SOURCE)
     if not isinstance(source, dict):
         return None, None
@@ -130,7 +129,7 @@ def source_links(robot: Robot) -> tuple[str | None, str | None]:
 
 
 def conversion_error_mm(robot: Robot, chain: SerialChain) -> float:
-    """How far table and chain are apart at most, over 20 joint vectors."""
+    """Largest distance, mm, between the tips of table and chain over 20 joint vectors."""
     span = np.where(robot.is_revolute, np.pi, 500.0)
     q = np.random.default_rng(0).uniform(-span, span, (20, robot.n_joints))
     mine = forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame[:, -1]
@@ -147,8 +146,8 @@ def _with_source(robot: Robot, chain: SerialChain, path: Path) -> RobotFile:
     return RobotFile(robot, chain, chain.notes)
 
 
-def _refuse_unused(path: Path, suffix: str, reading: Reading) -> None:
-    """Raise RobotFileError for what this form of a robot has no use for."""
+def _refuse_unused(path: Path, suffix: str, reading: ReadOptions) -> None:
+    """Raise RobotFileError for an option that the file's format does not use."""
     has_links = suffix in (".urdf", ".xml", ".xacro")
     for option, value, used in (
         ("--tip", reading.tip, has_links),

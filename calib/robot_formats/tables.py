@@ -1,6 +1,6 @@
-"""Tables of other schools as CSV: standard and modified Denavit-Hartenberg, screw axes at home, joint origins.
+"""Robot tables as CSV: standard and modified Denavit-Hartenberg, screw axes at home, joint origins.
 
-Units stand in the columns' names. A row of the name tool, flange, tcp or ee, or of the type fixed, is the way
+The columns' names carry the units. A row of the name tool, flange, tcp or ee, or of the type fixed, is the transform
 from the last joint to the tip.
 
 | columns | row i |
@@ -25,8 +25,7 @@ from calib.array_types import Array
 from calib.frames import make_transform, rotation_from_rpy
 from calib.robot_formats.chain.five_parameters import row_transform
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
-from calib.user_tables.unit_names import plain, split_unit
-from calib.user_tables.user_table import UserTable, load_table
+from calib.text_files.user_table import UserTable, load_table, plain, split_unit
 
 CONVENTIONS = ("standard", "modified")
 _TIPS = ("tool", "tool0", "flange", "tcp", "ee", "tip", "home", "m")
@@ -41,9 +40,9 @@ _OF_PI = re.compile(  # as makers print angles: π/2, -π/2, pi, 3pi/4, 0.5*pi
 
 
 def chain_of_table(path: Path, convention: str | None) -> SerialChain:
-    """The arm of a table, whose school its columns tell; for Denavit-Hartenberg `convention` says which of the two.
+    """Chain of a table, whose kind follows from its columns; `convention` for Denavit-Hartenberg.
 
-    Raises RobotFileError in one line; so it does where the table is one of the other convention by all signs.
+    Raises RobotFileError in one line, also where the table looks like one of the other convention.
     """
     table = _Table(load_table(path))
     if table.has("a", "alpha", "d", "theta"):
@@ -61,7 +60,7 @@ def chain_of_table(path: Path, convention: str | None) -> SerialChain:
 
 
 def _without_pi(cell: str) -> str:
-    """A cell such as -π/2 as a number; any other as it is."""
+    """A cell such as -π/2 as the text of a number; any other cell unchanged."""
     found = _OF_PI.fullmatch(cell.strip().replace("\N{MINUS SIGN}", "-"))
     if found is None or found["times"] == "." or (found["by"] is not None and int(found["by"]) == 0):
         return cell
@@ -70,7 +69,7 @@ def _without_pi(cell: str) -> str:
 
 
 class _Table:
-    """Columns by their plain names; values in mm and rad."""
+    """A robot's table with columns by their plain names; values in mm and rad."""
 
     def __init__(self, table: UserTable) -> None:
         self.table, self.path = table, table.path
@@ -101,21 +100,21 @@ class _Table:
 
     @property
     def named(self) -> str:
-        """The columns."""
+        """Names of the columns, for messages."""
         return ", ".join(self.table.columns[:20])
 
     def has(self, *columns: str) -> bool:
-        """Whether all of them are there."""
+        """Whether the table has all of some columns."""
         return all(column in self._columns for column in columns)
 
     def words(self, column: str, default: str) -> list[str]:
-        """A column of texts; the default where it is missing or a cell is empty."""
+        """Texts of a column; the default where the column is missing or a cell is empty."""
         if column not in self._columns:
             return [default] * len(self.table)
         return [cell or default for cell in self.table.text(self._columns[column][0])]
 
     def values(self, column: str, kind: str) -> Array:
-        """(rows,) a column, mm or rad as `kind` is "length" or "angle", bare numbers for "none"."""
+        """Values (rows,) of a column: mm or rad as `kind` is "length" or "angle", bare numbers for "none"."""
         name, unit = self._columns[column]
         faults: list[str] = []
         filled = [tuple(cell or "0" for cell in row) for row in self.table.rows]
@@ -140,7 +139,7 @@ class _Table:
         return out
 
     def limits(self, end: str) -> list[float | None]:
-        """One end of the joints' ranges, rad or mm; None where the table has none."""
+        """Lower or upper limits of the joints, rad or mm; None where the table has none."""
         if end not in self._columns:
             return [None] * len(self.joints)
         cells = self.table.text(self._columns[end][0])
@@ -149,13 +148,13 @@ class _Table:
         return [float(values[i]) if cells[i] else None for i in self.joints]
 
     def fail(self, row: int, words: str) -> None:
-        """Raise RobotFileError with a row's line."""
+        """Raise RobotFileError with the line of a row."""
         raise RobotFileError(f"{self.path}: line {self.table.lines[row]}: {words}")
 
     def chain(
         self, places: Sequence[Array], end: Array, axes: Array | None = None, notes: tuple[str, ...] = ()
     ) -> SerialChain:
-        """A chain of the joints at places (4, 4) in the frame before, each turning about its axis (3,) or z."""
+        """Chain of the joints at origins (4, 4) in the frame before, each about its axis (3,), by default z."""
         low, high = self.limits("min"), self.limits("max")
         joints = []
         for k, (name, kind, place) in enumerate(zip(self.names, self.types, places, strict=True)):
@@ -202,7 +201,7 @@ def _modified(table: _Table, rows: Array) -> SerialChain:
 
 
 def _same_axes(chain: SerialChain) -> list[int]:
-    """The joints, from 1, that turn about the same axis as the next one."""
+    """Numbers, from 1, of the joints that turn about the same axis as the next joint."""
     out = []
     for k, (joint, following) in enumerate(zip(chain.joints, chain.joints[1:], strict=False), 1):
         place = following.before_T_joint

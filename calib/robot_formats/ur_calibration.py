@@ -1,8 +1,8 @@
-"""calibration.conf of a Universal Robots controller: lists of six that are added to the nominal table.
+"""Universal Robots' calibration.conf: corrections, six of each kind, of the nominal Denavit-Hartenberg table.
 
 Standard Denavit-Hartenberg, metres and radians. As axes 2 to 4 are nearly parallel, the controller's d of them may
-reach hundreds of metres; the same arm has a table with small numbers, each frame on its axis where it is closest to the
-nominal one, and that is the one that is made.
+reach hundreds of metres; the robot that is made is the same arm with small numbers, each frame on its axis where it is
+closest to the nominal one.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ _MOST = 1e5  # m or rad
 
 
 def read_ur_calibration(path: Path, model: str | None) -> tuple[Robot, SerialChain]:
-    """The robot of a calibration.conf with small numbers, and the controller's own table as a chain.
+    """Robot of a calibration.conf with small numbers, and the controller's own table as a chain.
 
-    `model`: which arm it is of, as the file does not say. Raises RobotFileError with file and line.
+    `model`: the type of the arm, which the file does not name. Raises RobotFileError with file and line.
     """
     if model is None or model.lower() not in MODELS:
-        said = "does not say which arm it is of" if model is None else f"--model {model} is not known"
-        raise RobotFileError(f"{path}: {said}; give --model, one of {', '.join(MODELS)}")
+        reason = "does not say which arm it is of" if model is None else f"--model {model} is not known"
+        raise RobotFileError(f"{path}: {reason}; give --model, one of {', '.join(MODELS)}")
     deltas = _deltas(path)
     nominal = chain_of_standard(nominal_rows(model), model)
     rows = nominal_rows(model) + np.column_stack([deltas[key] for key in _LISTS]) * [1.0, 1000.0, 1000.0, 1.0]
@@ -79,21 +79,21 @@ def read_ur_calibration(path: Path, model: str | None) -> tuple[Robot, SerialCha
 
 
 def nominal_rows(model: str) -> Array:
-    """(6, 4) theta, a, d, alpha in rad and mm."""
+    """Nominal table (6, 4) of a model: theta, a, d, alpha in rad and mm."""
     a2, a3, d1, d4, d5, d6 = MODELS[model.lower()]
     a, d = [0.0, a2, a3, 0.0, 0.0, 0.0], [d1, 0.0, 0.0, d4, d5, d6]
     return np.column_stack([np.zeros(6), 1e3 * np.array(a), 1e3 * np.array(d), _ALPHA])
 
 
 def chain_of_standard(rows: Array, name: str) -> SerialChain:
-    """The chain of a standard table (6, 4): row i leads from axis i to axis i + 1."""
+    """Chain of a standard Denavit-Hartenberg table (6, 4); row i leads from axis i to axis i + 1."""
     ends = [_row(*row) for row in rows]
     joints = [ChainJoint(label, before) for label, before in zip(_NAMES, [np.eye(4), *ends[:-1]], strict=True)]
     return SerialChain(name, tuple(joints), ends[-1])
 
 
 def _row(theta: float, a_mm: float, d_mm: float, alpha: float) -> Array:
-    """(4, 4) Rz(theta) Trans(a, 0, d) Rx(alpha)."""
+    """Transform (4, 4) Rz(theta) Trans(a, 0, d) Rx(alpha)."""
     out = np.eye(4)
     turn = rotation_from_rpy([0.0, 0.0, theta])
     out[:3, :3] = turn @ rotation_from_rpy([alpha, 0.0, 0.0])
@@ -102,7 +102,7 @@ def _row(theta: float, a_mm: float, d_mm: float, alpha: float) -> Array:
 
 
 def _deltas(path: Path) -> dict[str, list[float]]:
-    """The four lists of section [mounting]."""
+    """The four lists of corrections in section [mounting], by name. Raises RobotFileError."""
     text = read_bytes(path, _MOST_BYTES).decode("utf-8-sig", errors="replace")
     section, found, begins = "", {}, 1
     for number, line in enumerate(text.splitlines(), 1):

@@ -1,1 +1,1 @@
-"""One point cloud: loaded from any of its file formats, written, counted."""
+"""Point clouds of scans: loaded from any of their file formats, written, counted."""

@@ -1,1 +1,1 @@
-"""What a fit leaves over: held against every candidate effect, against faults of one joint, and against noise."""
+"""The residual of a fit, tested against every candidate effect, smooth motions of a joint, and noise of any shape."""

@@ -1,4 +1,4 @@
-"""Test every candidate effect against the residual of a fit.
+"""Tests of every candidate effect against the residual of a fit.
 
 The fitted directions (parameters that the data determine, and the scanner's frames) are projected out of the residual
 and of each candidate's columns. A candidate whose columns vanish then is untestable with these poses.
@@ -8,26 +8,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
-from calib.calibration.result import Calibration
+from calib.brief import Brief
+from calib.calibration.calibrate import as_calibration
+from calib.calibration.result import FittedResult
+from calib.dataset.dataset import Dataset
+from calib.effects.catalogue import effects_for
 from calib.effects.effect import Effect, Family, full_name
 from calib.screening.evidence import Evidence, holm, most_columns
 from calib.screening.left_out import cross_validated_rmse_mm
 from calib.screening.member_columns import VisibleColumns, visible_columns
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 
-MIN_LEAD = 3.0  # in log evidence over the nearest rival, from which an effect is named
-MIN_RIVAL_OVERLAP = 0.5  # share of what one effect explains that its rival could explain too
+MIN_LOG_BAYES_FACTOR = 3.0  # of one effect over another that could explain the same, from which it leads
+MIN_CONFOUNDED_OVERLAP = 0.5  # share of what one effect explains that another could explain, from which it counts
 
 
 @dataclass(frozen=True)
 class Value:
-    """A coefficient as the linear screening estimates it."""
+    """Estimate of a coefficient by the linear screening."""
 
     name: str
     value: float
@@ -36,7 +41,7 @@ class Value:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Candidate(Brief):
     """A family with the evidence for it."""
 
     family: Family
@@ -44,16 +49,19 @@ class Candidate:
     p_holm: float
     log_evidence: float
     explained_share: float  # of the residual's sum of squares
-    cv_rmse_mm: float  # error a coordinate of each pose predicted from the others, linearised
-    members: tuple[Effect, ...]  # those that carry it
+    cv_rmse_mm: float  # RMS of a coordinate when each pose is predicted from the others, linearised
+    members: tuple[Effect, ...]  # that carry it
     values: tuple[Value, ...]
-    prior_sigmas: dict[str, float]  # of those members' parameters, by full name: of highest evidence
-    explained: Array  # (R,) its part of the residual, whitened
+    prior_sigmas: dict[str, float]  # of highest evidence, by full name of those members' parameters
+    explained: Array  # (R,) the part of the residual that it explains, whitened
     overlaps: dict[str, float]  # by family: share of `explained` that lies in the span of its columns
 
     @property
     def name(self) -> str:
         return self.family.name
+
+    def _brief(self) -> str:
+        return f"{self.name}: log evidence {self.log_evidence:.3g}, p {self.p_value:.2g}"
 
 
 @dataclass(frozen=True)
@@ -67,8 +75,8 @@ class Untestable:
 
 
 @dataclass(frozen=True)
-class Screening:
-    """All families tested against one fit, the highest log evidence first."""
+class Screening(Brief):
+    """Tests of all families against the residual of one fit, the highest log evidence first."""
 
     projected: ProjectedResidual
     candidates: tuple[Candidate, ...]
@@ -76,7 +84,7 @@ class Screening:
     cv_rmse_mm: float  # of the fit without any candidate
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a candidate."""
+        """Table of the candidates, a row each."""
         return pd.DataFrame(
             {
                 "effect": [c.name for c in self.candidates],
@@ -88,10 +96,25 @@ class Screening:
             }
         )
 
+    def _brief(self) -> str:
+        best = ", ".join(f"{one.name} {one.log_evidence:.3g}" for one in self.candidates[:3]) or "none"
+        return f"{len(self.candidates)} candidates, best by log evidence: {best}; {len(self.untestable)} untestable"
+
 
 @one_blas_thread()
-def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
-    """Test every family that is not yet in the model; see `Candidate`."""
+def screen(fitted: FittedResult | Dataset | str | Path, families: Sequence[Family] | None = None) -> Screening:
+    """Evidence of every family that is not yet in a model, by the residual of its fit; see `Candidate`.
+
+    Args:
+        fitted: a calibration, or a dataset or its folder, to which the link errors are fitted first.
+        families: candidates; those of the catalogue where None.
+
+    >>> import calib
+    >>> calib.screen("sample_data/hidden_effect_a").candidates[0]
+    Candidate(transmission_error: log evidence 145, p ...)
+    """
+    calibration = as_calibration(fitted)
+    families = effects_for(calibration.dataset) if families is None else families
     projected = project_residual(calibration)
     present = set(calibration.model.family_names)
     untestable: list[Untestable] = []
@@ -111,11 +134,11 @@ def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
                     "poses that differ more: other configurations, wider joint ranges, varied load",
                 )
             )
-        elif columns.narrowest > most_columns(projected.freedom):
+        elif columns.narrowest > most_columns(projected.dof):
             untestable.append(_too_wide(projected, family, columns.narrowest))
         else:
             tested.append(columns)
-    evidence = [columns.evaluate(-projected.residual, projected.freedom) for columns in tested]
+    evidence = [columns.evaluate(-projected.residual, projected.dof) for columns in tested]
     corrected = holm([e.p_value for e in evidence])
     overlaps = _overlaps(tested, evidence)
     plain = cross_validated_rmse_mm(projected)
@@ -128,18 +151,18 @@ def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
 
 
 def _too_wide(projected: ProjectedResidual, family: Family, columns: int) -> Untestable:
-    """A family of which one member alone has more parameters than the equations bear."""
+    """Entry of a family of which one member alone has more parameters than the equations bear."""
     poses = len(projected.residuals.observed.used_poses[0])
-    more = int(np.ceil((2 * columns - projected.freedom) / 3))
+    more = int(np.ceil((2 * columns - projected.dof) / 3))
     return Untestable(
         family.name,
-        f"it has {columns} parameters at least, and the fit leaves {projected.freedom} equations to judge them by",
+        f"it has {columns} parameters at least, and the fit leaves {projected.dof} equations to judge them by",
         f"{poses + more} training poses or more",
     )
 
 
 def _not_of_single_poses(candidate: Candidate, plain_rmse_mm: float) -> Candidate:
-    """A candidate of a sparse family without evidence where it does not predict poses that are left out better.
+    """A candidate, its evidence set to zero where its family is sparse and it predicts left-out poses no better.
 
     Single poses that are wrong have their places and times too, and no effect makes them.
     """
@@ -149,7 +172,7 @@ def _not_of_single_poses(candidate: Candidate, plain_rmse_mm: float) -> Candidat
 
 
 def _overlaps(tested: Sequence[VisibleColumns], evidence: Sequence[Evidence]) -> list[dict[str, float]]:
-    """For each family, by the others' names, the share of what it explains that they could make, where above 0.2."""
+    """For each family, by the others' names, the share of its explained part that they could explain, if above 0.2."""
     if not tested:
         return []
     explained = np.column_stack([e.explained for e in evidence])
@@ -166,12 +189,12 @@ def _overlaps(tested: Sequence[VisibleColumns], evidence: Sequence[Evidence]) ->
 
 def _candidate(
     projected: ProjectedResidual,
-    shown: VisibleColumns,
+    visible: VisibleColumns,
     evidence: Evidence,
     p_holm: float,
     overlaps: dict[str, float],
 ) -> Candidate:
-    family, groups = shown.family, shown.groups
+    family, groups = visible.family, visible.groups
     active = [i for i in np.flatnonzero(evidence.scales).tolist() if np.any(groups[i])]
     columns = np.concatenate([groups[i] for i in active], axis=1) if active else np.zeros((len(projected.residual), 0))
     spread = (
@@ -192,13 +215,13 @@ def _candidate(
             )
             prior_sigmas[name] = float(evidence.scales[i]) * scale
     total = float(projected.residual @ projected.residual)
-    left = projected.residual + evidence.explained  # the residual is predicted minus measured
+    rest = projected.residual + evidence.explained  # the residual is predicted minus measured
     return Candidate(
         family=family,
         p_value=evidence.p_value,
         p_holm=p_holm,
         log_evidence=evidence.log_evidence,
-        explained_share=1.0 - float(left @ left) / total if total > 0.0 else 0.0,
+        explained_share=1.0 - float(rest @ rest) / total if total > 0.0 else 0.0,
         cv_rmse_mm=cross_validated_rmse_mm(projected, columns, spread),
         members=tuple(family.members[i] for i in active),
         values=tuple(values),

@@ -1,7 +1,7 @@
-"""How well a block of columns explains a residual: F tests, and the evidence of a cause whose size is unknown.
+"""F tests and evidence of blocks of columns that may explain a residual, of a cause whose size is unknown.
 
-Everything here is linear and works on what is left of residual and columns after the fitted directions are projected
-out. The noise's sigma is never needed: it is estimated with each hypothesis, so a wrongly declared one changes nothing.
+All of it is linear and works on residual and columns from which the fitted directions were projected out. The sigma of
+the noise is never needed: it is estimated with each hypothesis, so that a wrongly declared one changes nothing.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from calib.array_types import Array, BoolArray
 from calib.distributions import f_sf
 
-SCALES = np.geomspace(1e-3, 1e4, 57)  # tried, of a member's coefficients over their usual scale
+SCALES = np.geomspace(1e-3, 1e4, 57)  # that are tried, of a member's coefficients over their usual scale
 GAIN = 0.5  # a further member has to raise the log evidence by this, beyond what choosing it costs
 _SIGN_PRIOR = 0.9  # probability that a coefficient has the sign that physics asks for
 _ROUNDING = 1e-14  # share of a square sum
@@ -22,32 +22,32 @@ _ROUNDING = 1e-14  # share of a square sum
 
 @dataclass(frozen=True)
 class FamilyColumns:
-    """What is missing (R,), measured minus predicted, and a family's columns, a group (R, K_g) a member; projected.
+    """Residual (R,), measured minus predicted, and the columns of a family, a group (R, K_g) a member; projected.
 
-    Columns are those of a coefficient of the parameter's usual scale. `positive`: whether a member's coefficients
-    are physical with this sign only, one flag a group; empty: none of them.
+    Columns are for coefficients of the parameters' usual scales. `positive`: for each group, whether its coefficients
+    are physical with this sign only; empty: none is.
     """
 
     residual: Array
     groups: tuple[Array, ...]
-    freedom: int
+    dof: int
     positive: tuple[bool, ...] = ()
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """The evidence for a family; `log_evidence` is against noise alone, at the scales that maximise it."""
+    """Evidence for a family; `log_evidence` is over noise alone, at the scales that maximise it."""
 
     p_value: float  # F test of the whole family or of its best member, the smaller, corrected for the choice
     log_evidence: float
     scales: Array  # (G,) of each member's coefficients; zero where it is not needed
     coefficients: tuple[Array, ...]  # posterior means, one array a member
-    explained: Array  # (R,) the part of the residual that they make
+    explained: Array  # (R,) the part of the residual that they explain
     rank: int
 
 
 def evaluate_family(family: FamilyColumns) -> Evidence:
-    """F test and evidence of a family.
+    """F test and evidence of a family whose members are few.
 
     Evidence: coefficients of member g are N(0, s_g^2), noise N(0, sigma^2) with sigma unknown,
 
@@ -63,23 +63,23 @@ def evaluate_family(family: FamilyColumns) -> Evidence:
     if triangle.shape[1] == 0 or total <= 0.0:
         nothing = tuple(np.zeros(g.shape[1]) for g in family.groups)
         return Evidence(1.0, 0.0, np.zeros(len(bounds)), nothing, np.zeros_like(family.residual), 0)
-    p_value, rank = _gate(y, rest, triangle, bounds, family.freedom)
+    p_value, rank = _gate(y, rest, triangle, bounds, family.dof)
     tried = []
-    if triangle.shape[1] <= most_columns(family.freedom):
+    if triangle.shape[1] <= most_columns(family.dof):
         together = np.ones(len(bounds), dtype=bool)
         shared_value, shared_scale = _best_scale(
-            y, rest, triangle, np.zeros(triangle.shape[1]), together, bounds, family.freedom
+            y, rest, triangle, np.zeros(triangle.shape[1]), together, bounds, family.dof
         )
         tried.append((shared_value, np.full(len(bounds), shared_scale)))
     if len(bounds) > 1 or not tried:
-        sparse_scales, sparse_value = _choose_members(y, rest, triangle, bounds, family.freedom)
+        sparse_scales, sparse_value = _choose_members(y, rest, triangle, bounds, family.dof)
         tried.append((sparse_value, sparse_scales))
     widths = [b - a for a, b in bounds]
     one_sided = np.repeat(family.positive or [False] * len(bounds), widths)
     found = []
     for found_value, found_scales in tried:
         spread = np.repeat(found_scales, widths)
-        weights, gain = _coefficients(y, rest, triangle, spread, one_sided, family.freedom)
+        weights, gain = _coefficients(y, rest, triangle, spread, one_sided, family.dof)
         found.append((found_value + gain, found_scales, weights))
     value, scales, weights = max(found, key=lambda one: one[0])
     explained = np.concatenate(family.groups, axis=1) @ weights
@@ -87,24 +87,24 @@ def evaluate_family(family: FamilyColumns) -> Evidence:
     return Evidence(p_value, max(value, 0.0), scales, coefficients, explained, rank)
 
 
-def most_columns(freedom: int) -> int:
-    """The most columns of an effect for so many degrees of freedom: with more there is little left to judge it by."""
-    return freedom // 2
+def most_columns(dof: int) -> int:
+    """Largest number of columns of an effect for so many degrees of freedom; more would leave little to judge it by."""
+    return dof // 2
 
 
-def evidence_of(residual: Array, columns: Array, freedom: int) -> float:
-    """The log evidence that `evaluate_family` gives a family of one member (R, K), without the rest of it."""
+def evidence_of(residual: Array, columns: Array, dof: int) -> float:
+    """Log evidence of a family of one member with columns (R, K), as `evaluate_family` has it."""
     total = float(residual @ residual)
     if columns.shape[1] == 0 or total <= 0.0:
         return 0.0
-    values = evidence_by_scale(*_spectrum(columns, residual), total, total, freedom)
+    values = evidence_by_scale(*_spectrum(columns, residual), total, total, dof)
     return max(float(np.max(values)), 0.0)
 
 
 def _coefficients(
-    y: Array, rest: float, triangle: Array, spread: Array, one_sided: BoolArray, freedom: int
+    y: Array, rest: float, triangle: Array, spread: Array, one_sided: BoolArray, dof: int
 ) -> tuple[Array, float]:
-    """Posterior means (K,), and what their signs add to the log evidence.
+    """Posterior means (K,) of the coefficients, and the contribution of their signs to the log evidence.
 
     With a one-sided prior the evidence is multiplied by P(all >= 0 | data) / P(all >= 0) = 2^k P(all >= 0 | data) for k
     one-sided coefficients. The sign is believed with probability `_SIGN_PRIOR`, so that an opposite sign convention, or
@@ -119,18 +119,18 @@ def _coefficients(
     mean = covariance @ (columns.T @ y)
     weights = np.zeros(len(spread))
     weights[active] = mean
-    shown = one_sided[active] & np.any(columns, axis=0)
-    if not shown.any():
+    bounded = one_sided[active] & np.any(columns, axis=0)
+    if not bounded.any():
         return weights, 0.0
-    variance = max(rest + float(y @ (y - columns @ mean)), 1e-300) / freedom
-    covariance = variance * covariance[np.ix_(shown, shown)]
+    variance = max(rest + float(y @ (y - columns @ mean)), 1e-300) / dof
+    covariance = variance * covariance[np.ix_(bounded, bounded)]
     scale = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(scale, scale)
-    count = int(shown.sum())
+    count = int(bounded.sum())
     positive = multivariate_normal(  # scipy's stubs forget maxpts
         np.zeros(count), correlation, allow_singular=True, seed=0, maxpts=5000 * count
     )  # type: ignore[call-overload]
-    share = float(np.clip(positive.cdf(mean[shown] / scale), 0.0, 1.0))
+    share = float(np.clip(positive.cdf(mean[bounded] / scale), 0.0, 1.0))
     return weights, float(np.log(_SIGN_PRIOR * 2.0**count * share + 1.0 - _SIGN_PRIOR))
 
 
@@ -143,24 +143,27 @@ def _reduce(residual: Array, groups: tuple[Array, ...]) -> tuple[Array, float, A
     return y, max(float(residual @ residual) - float(y @ y), 0.0), triangle, bounds
 
 
-def _f_test(y: Array, rest: float, columns: Array, freedom: int) -> tuple[float, int]:
+def _f_test(y: Array, rest: float, columns: Array, dof: int) -> tuple[float, int]:
     u, s, _ = np.linalg.svd(columns, full_matrices=False)
     u = u[:, s > 1e-6 * max(float(s[0]), 1e-300)] if len(s) and s[0] > 1e-9 else u[:, :0]
     rank = u.shape[1]
-    left = freedom - rank
-    if rank == 0 or left <= 0:
+    rest_dof = dof - rank
+    if rank == 0 or rest_dof <= 0:
         return 1.0, rank
     explained = float(np.sum((u.T @ y) ** 2))
     unexplained = max(rest + float(y @ y) - explained, 1e-300)
-    return f_sf(explained / rank / (unexplained / left), rank, left), rank
+    return f_sf(explained / rank / (unexplained / rest_dof), rank, rest_dof), rank
 
 
-def _gate(y: Array, rest: float, triangle: Array, bounds: list[tuple[int, int]], freedom: int) -> tuple[float, int]:
-    """The family's p: twice the smaller of its own and its best member's, the latter times the number of members."""
-    whole, rank = _f_test(y, rest, triangle, freedom)
+def _gate(y: Array, rest: float, triangle: Array, bounds: list[tuple[int, int]], dof: int) -> tuple[float, int]:
+    """p-value of a family, and its rank.
+
+    Twice the smaller of the whole family's p-value and its best member's, the latter times the number of members.
+    """
+    whole, rank = _f_test(y, rest, triangle, dof)
     if len(bounds) == 1:
         return whole, rank
-    single = min(_f_test(y, rest, triangle[:, a:b], freedom)[0] for a, b in bounds)
+    single = min(_f_test(y, rest, triangle[:, a:b], dof)[0] for a, b in bounds)
     return min(1.0, 2.0 * min(whole, len(bounds) * single)), rank
 
 
@@ -171,19 +174,19 @@ def _best_scale(
     spread: Array,
     chosen: BoolArray,
     bounds: list[tuple[int, int]],
-    freedom: int,
+    dof: int,
 ) -> tuple[float, float]:
-    """The best common scale of the chosen members beside others of the given spread, and the log evidence there."""
+    """Log evidence at the best common scale of the chosen members, given others of some spread, and that scale."""
     of = np.repeat(chosen, [b - a for a, b in bounds])
-    z, columns, fixed = _beside(y, triangle[:, of], triangle, np.where(of, 0.0, spread))
+    z, columns, fixed = _given(y, triangle[:, of], triangle, np.where(of, 0.0, spread))
     lam, h2 = _spectrum(columns, z)
-    values = fixed + evidence_by_scale(lam, h2, rest + float(z @ z), rest + float(y @ y), freedom)
+    values = fixed + evidence_by_scale(lam, h2, rest + float(z @ z), rest + float(y @ y), dof)
     best = int(np.argmax(values))
     return float(values[best]), float(SCALES[best])
 
 
-def _beside(y: Array, columns: Array, triangle: Array, spread: Array) -> tuple[Array, Array, float]:
-    """y and columns in units of what noise and the columns (R, K) of this spread make, and the log evidence of that."""
+def _given(y: Array, columns: Array, triangle: Array, spread: Array) -> tuple[Array, Array, float]:
+    """y and columns whitened by noise and the columns (R, K) of this spread, and the log evidence of these."""
     others = spread > 0.0
     if not others.any():
         return y, columns, 0.0
@@ -192,26 +195,24 @@ def _beside(y: Array, columns: Array, triangle: Array, spread: Array) -> tuple[A
     return whitened[:, 0], whitened[:, 1:], -float(np.sum(np.log(np.diag(root))))
 
 
-def _best_scales(
-    y: Array, rest: float, triangle: Array, spread: Array, width: int, freedom: int
-) -> tuple[Array, Array]:
-    """The best scale (`_best_scale`) of each member, `width` columns wide, beside those that have one: (G,), (G,)."""
-    z, columns, fixed = _beside(y, triangle, triangle, spread)
+def _best_scales(y: Array, rest: float, triangle: Array, spread: Array, width: int, dof: int) -> tuple[Array, Array]:
+    """Log evidence (G,) at the best scale of each member, `width` columns wide, given those with one; the scales."""
+    z, columns, fixed = _given(y, triangle, triangle, spread)
     members = columns.T.reshape(-1, width, len(y))
     u, s, _ = np.linalg.svd(np.swapaxes(members, 1, 2), full_matrices=False)
     h2 = np.einsum("grk,r->gk", u, z)[:, None, :] ** 2
-    values = fixed + evidence_by_scale(s[:, None, :] ** 2, h2, rest + float(z @ z), rest + float(y @ y), freedom)
+    values = fixed + evidence_by_scale(s[:, None, :] ** 2, h2, rest + float(z @ z), rest + float(y @ y), dof)
     best = np.argmax(values, axis=1)
     return np.take_along_axis(values, best[:, None], axis=1)[:, 0], SCALES[best]
 
 
-def evidence_by_scale(lam: Array, h2: Array, left: float, total: float, freedom: int) -> Array:
-    """Log evidence at each of `SCALES`; `left` is the residual's square beside the other members, `total` alone."""
+def evidence_by_scale(lam: Array, h2: Array, rest: float, total: float, dof: int) -> Array:
+    """Log evidence at each of `SCALES`; `rest` is the residual's square given the other members, `total` without."""
     grow = 1.0 + SCALES[:, None] ** 2 * lam  # (..., scales, K)
-    quadratic = left - np.sum(h2 * (1.0 - 1.0 / grow), axis=-1)
-    least = _ROUNDING * max(total, 1e-300)  # exact data: what is left is rounding, and has no logarithm
-    fit = -0.5 * freedom * np.log(np.maximum(quadratic, least) / max(total, 1e-300))
-    return np.asarray(fit - 0.5 * np.sum(np.log(grow), axis=-1) + unusual(SCALES))
+    quadratic = rest - np.sum(h2 * (1.0 - 1.0 / grow), axis=-1)
+    least = _ROUNDING * max(total, 1e-300)  # exact data: the rest is rounding, and has no logarithm
+    fit = -0.5 * dof * np.log(np.maximum(quadratic, least) / max(total, 1e-300))
+    return np.asarray(fit - 0.5 * np.sum(np.log(grow), axis=-1) + scale_penalty(SCALES))
 
 
 def _spectrum(columns: Array, z: Array) -> tuple[Array, Array]:
@@ -223,38 +224,38 @@ def _spectrum(columns: Array, z: Array) -> tuple[Array, Array]:
     return s**2, (u.T @ z) ** 2
 
 
-def unusual(scales: Array) -> Array:
-    """What scales above the usual one cost in log evidence: ten times as large is one standard deviation off."""
+def scale_penalty(scales: Array) -> Array:
+    """Log prior of scales above the usual one: ten times as large is one standard deviation off."""
     return np.asarray(-0.5 * np.maximum(np.log10(scales), 0.0) ** 2)
 
 
 def _choose_members(
-    y: Array, rest: float, triangle: Array, bounds: list[tuple[int, int]], freedom: int
+    y: Array, rest: float, triangle: Array, bounds: list[tuple[int, int]], dof: int
 ) -> tuple[Array, float]:
-    """Members added one by one while the evidence grows, scales polished; the evidence after paying for the choice."""
+    """Scales (G,) of members added one by one while the evidence grows, and the evidence less the cost of choosing."""
     count = len(bounds)
-    cost, most = float(np.log(count)), most_columns(freedom)
+    cost, most = float(np.log(count)), most_columns(dof)
     scales, value = np.zeros(count), 0.0
 
     def best(member: int) -> tuple[float, float]:
-        """The evidence with a member at its best scale beside the others at theirs, and that scale."""
+        """Log evidence with a member at its best scale given the others at theirs, and that scale."""
         alone = np.arange(count) == member
         spread = np.repeat(scales, [b - a for a, b in bounds])
-        found, scale = _best_scale(y, rest, triangle, spread, alone, bounds, freedom)
+        found, scale = _best_scale(y, rest, triangle, spread, alone, bounds, dof)
         others = scales[~alone & (scales > 0.0)]
-        return found + float(np.sum(unusual(others))), scale
+        return found + float(np.sum(scale_penalty(others))), scale
 
     widths = {b - a for a, b in bounds}
 
     def each() -> list[tuple[float, float, int]]:
-        """`best` of every member that is not chosen yet and that the equations bear."""
+        """Log evidence, best scale and number of every member that is not chosen yet and that the equations bear."""
         room = most - sum(b - a for (a, b), scale in zip(bounds, scales, strict=True) if scale > 0.0)
         free = [g for g, (a, b) in enumerate(bounds) if scales[g] == 0.0 and b - a <= room]
         if len(widths) > 1 or not free:
             return [(*best(g), g) for g in free]
         width = min(widths)
-        values, found = _best_scales(y, rest, triangle, np.repeat(scales, width), width, freedom)
-        values = values + float(np.sum(unusual(scales[scales > 0.0])))
+        values, found = _best_scales(y, rest, triangle, np.repeat(scales, width), width, dof)
+        values = values + float(np.sum(scale_penalty(scales[scales > 0.0])))
         return [(float(values[g]), float(found[g]), g) for g in free]
 
     for _ in range(count):
@@ -268,19 +269,17 @@ def _choose_members(
     return scales, value - cost * int(np.count_nonzero(scales))
 
 
-def posterior(
-    columns: Array, residual: Array, spread: Array, one_sided: BoolArray, freedom: int
-) -> tuple[Array, float]:
-    """Posterior means (K,) of coefficients of columns (R, K), and what their signs add to the log evidence.
+def posterior(columns: Array, residual: Array, spread: Array, one_sided: BoolArray, dof: int) -> tuple[Array, float]:
+    """Posterior means (K,) of coefficients of columns (R, K), and the contribution of their signs to the log evidence.
 
     spread  # (K,) scale of each, above 0
     """
     y, rest, triangle, _ = _reduce(residual, (columns,))
-    return _coefficients(y, rest, triangle, spread, one_sided, freedom)
+    return _coefficients(y, rest, triangle, spread, one_sided, dof)
 
 
 def holm(p_values: list[float]) -> list[float]:
-    """Holm's step-down correction, in the order given."""
+    """p-values after Holm's step-down correction, in the order given."""
     order = np.argsort(p_values)
     out = np.empty(len(p_values))
     running = 0.0

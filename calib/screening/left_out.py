@@ -1,4 +1,4 @@
-"""Errors of poses that a fit did not see: test poses, and training poses left out one by one (linearised)."""
+"""Errors at poses that a fit did not use: test poses, and training poses left out one by one (linearised)."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.calibration.result import Calibration
 from calib.errors import FitError
-from calib.fitting.pose_means import mean_by_pose
+from calib.fitting.observations import mean_by_pose
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 
 
 def left_out_errors_mm(
     projected: ProjectedResidual, columns: Array | None = None, spread: Array | None = None
 ) -> Array:
-    """(R,) error in mm of each coordinate when its pose is predicted from all others (leave one pose out, linearised).
+    """(R,) error, mm, of each coordinate when its pose is predicted from all others (leave one pose out, linearised).
 
     e_i = (1 - H_ii)^-1 r_i for each pose's block of the hat matrix H of fitted directions and candidate; exact for a
     linear model with fixed sizes of the candidate's coefficients.
 
     Args:
-        projected: what a fit leaves over.
+        projected: residual of a fit.
         columns: (R, K) of a candidate, projected and whitened; None for the fit as it is.
         spread: (K,) prior sigmas of its coefficients.
     """
@@ -34,7 +34,7 @@ def left_out_errors_mm(
         residual = nuisance.coloured(residual)
         shrunk = np.concatenate([uncertain, nuisance.coloured(shrunk)], axis=1)
     inner = np.linalg.inv(np.eye(shrunk.shape[1]) + shrunk.T @ shrunk)
-    left = residual - shrunk @ (inner @ (shrunk.T @ residual))
+    rest = residual - shrunk @ (inner @ (shrunk.T @ residual))
     observed = projected.residuals.observed
     sigma_mm = np.sqrt(np.trace(observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
     order = np.argsort(observed.points.pose, kind="stable")
@@ -47,7 +47,7 @@ def left_out_errors_mm(
         fitted, extra = projected.basis[rows], shrunk[rows]
         hat = fitted @ np.swapaxes(fitted, 1, 2) + extra @ inner @ np.swapaxes(extra, 1, 2)
         # Without a pose that alone determines a direction, I - H is singular; the floor keeps its error finite.
-        error = np.linalg.solve((1.0 + 1e-9) * np.eye(rows.shape[1]) - hat, left[rows][..., None])[..., 0]
+        error = np.linalg.solve((1.0 + 1e-9) * np.eye(rows.shape[1]) - hat, rest[rows][..., None])[..., 0]
         out[rows] = error * np.repeat(sigma_mm[points], 3, axis=1)
     return out
 
@@ -55,20 +55,20 @@ def left_out_errors_mm(
 def cross_validated_rmse_mm(
     projected: ProjectedResidual, columns: Array | None = None, spread: Array | None = None
 ) -> float:
-    """RMS of a coordinate, mm, when each pose is predicted from all others (`left_out_errors_mm`)."""
+    """RMS error of a coordinate, mm, when each pose is predicted from all others (`left_out_errors_mm`)."""
     return float(np.sqrt(np.mean(left_out_errors_mm(projected, columns, spread) ** 2)))
 
 
 @dataclass(frozen=True)
 class LeftOutGain:
-    """What an effect brings at poses that neither fit saw: the test poses, and training poses left out one by one."""
+    """Gain by an effect at poses that neither fit used: the test poses, and training poses left out one by one."""
 
     share: float  # by which the RMS error of all of them falls
     standard_errors: float  # of the mean fall of the squared error; above 0 where it falls
 
 
 def left_out_gain(before: Calibration, after: Calibration) -> LeftOutGain | None:
-    """How much better a fit with an effect predicts poses that were left out; None where too few equations are left."""
+    """Gain of one fit over another at poses that were left out; None where too few equations are left."""
     try:
         squared = [_squared_errors(fit) for fit in (before, after)]
     except FitError:
@@ -82,7 +82,7 @@ def left_out_gain(before: Calibration, after: Calibration) -> LeftOutGain | None
 
 
 def _squared_errors(calibration: Calibration) -> Array:
-    """(K,) mm^2 the squared 3D error at each training pose left out, then at each test pose; means over its points."""
+    """(K,) squared 3D error, mm^2, at each training pose left out, then at each test pose; means over its points."""
     projected = project_residual(calibration)
     squared = np.sum(left_out_errors_mm(projected).reshape(-1, 3) ** 2, axis=1)
     after = calibration.after
@@ -93,6 +93,6 @@ def _squared_errors(calibration: Calibration) -> Array:
 
 
 def _pose_means(values: Array, pose: IndexArray) -> Array:
-    """The mean over the points of each pose that has any."""
+    """Mean over the points of each pose that has any."""
     poses, row = np.unique(pose, return_inverse=True)
     return mean_by_pose(values, row, len(poses))

@@ -1,4 +1,4 @@
-"""The columns of effects that are not in a model: what each parameter does to the residual, and what shows of it."""
+"""Columns of effects that are not in a model: the change of the residual by each parameter, and its visible part."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ _HIDDEN = 0.02  # share of a column that projection has to leave: below it, fitt
 
 @dataclass(frozen=True)
 class VisibleColumns:
-    """The visible columns of a family's members (R, K) each, for coefficients of usual size, zero where hidden."""
+    """Visible columns of a family's members (R, K) each, for coefficients of usual size; zero where hidden."""
 
     family: Family
     groups: tuple[Array, ...]
-    stacked: Array | None = None  # (R, G, K) of a sparse family, of which the groups are parts
-    shapes: Array | None = None  # (G, N) of its members, where they are shapes
+    stacked: Array | None = None  # (R, G, K) columns of a sparse family, of which the groups are parts
+    shapes: Array | None = None  # (G, N) shapes of its members, where they are `ShapedEffect`s
     of_same: IndexArray | None = None  # (G,) members with the same number are shapes of the same displacement
 
     @property
     def narrowest(self) -> int:
-        """How many columns the member with the fewest shows, of those that show at all; 0 where none does."""
+        """Number of visible columns of the member with the fewest, of those with any; 0 where none has."""
         if self.stacked is not None:
             counts = np.count_nonzero(self.stacked.any(axis=0), axis=1)
         else:
             counts = np.array([np.count_nonzero(group.any(axis=0)) for group in self.groups])
         return int(min(counts[counts > 0], default=0))
 
-    def evaluate(self, residual: Array, freedom: int) -> Evidence:
-        """The evidence for the family by what is missing (R,)."""
+    def evaluate(self, residual: Array, dof: int) -> Evidence:
+        """Evidence for the family by a residual (R,), measured minus predicted."""
         if self.stacked is not None:
             one_sided = all(p.positive for p in self.family.members[0].parameters)
             most = self.family.most_members
-            columns = SparseColumns(residual, self.stacked, freedom, one_sided, most, self.shapes, self.of_same)
+            columns = SparseColumns(residual, self.stacked, dof, one_sided, most, self.shapes, self.of_same)
             return evaluate_sparse(columns)
         positive = tuple(all(p.positive for p in member.parameters) for member in self.family.members)
-        return evaluate_family(FamilyColumns(residual, self.groups, freedom, positive))
+        return evaluate_family(FamilyColumns(residual, self.groups, dof, positive))
 
     def shares(self, signals: Array) -> Array:
-        """(F,) the share of each signal (R, F) that the family, of a sparse one a single member, could make."""
+        """(F,) the share of each signal (R, F) that the family, of a sparse one a single member, could explain."""
         if self.stacked is not None:
             return SparseColumns(np.zeros(len(signals)), self.stacked, 0).shares(signals)
         u, s, _ = np.linalg.svd(np.concatenate(self.groups, axis=1), full_matrices=False)
@@ -58,7 +58,7 @@ class VisibleColumns:
 
 
 def visible_columns(projected: ProjectedResidual, family: Family) -> VisibleColumns:
-    """What of a family shows beside the fitted parameters."""
+    """Columns of a family without what fitted parameters do as well."""
     members = family.members
     if not family.sparse:
         return VisibleColumns(family, tuple(_visible(projected, member) for member in members))
@@ -70,7 +70,7 @@ def visible_columns(projected: ProjectedResidual, family: Family) -> VisibleColu
         raw = np.stack([member_columns(projected, member) for member in members], axis=1)
     scales = np.array([[p.scale for p in member.parameters] for member in members])
     raw = raw.reshape(len(raw), -1) * scales.ravel()
-    stacked = _shown(raw, projected.visible(raw)).reshape(len(raw), len(members), -1)
+    stacked = _without_hidden(raw, projected.visible(raw)).reshape(len(raw), len(members), -1)
     return VisibleColumns(family, tuple(np.moveaxis(stacked, 1, 0)), stacked, shapes, of_same)
 
 
@@ -87,9 +87,9 @@ def member_columns(projected: ProjectedResidual, member: Effect) -> Array:
 
 
 def displacement_columns(projected: ProjectedResidual, members: Sequence[ShapedEffect]) -> Array:
-    """(M, 3, W) derivative of the whitened residual by what each of some members displaces, in usual sizes.
+    """(M, 3, W) derivative of the whitened residual by the displacements of some members, in usual sizes.
 
-    Each displacement once, however many members share it; before projection.
+    Each displacement is taken once, however many members share it; before projection.
     """
     sizes: dict[Displacement, Array] = {}
     for member in members:
@@ -101,13 +101,13 @@ def displacement_columns(projected: ProjectedResidual, members: Sequence[ShapedE
 
 
 def _visible(projected: ProjectedResidual, member: Effect) -> Array:
-    """(R, K) a member's visible columns, for coefficients of usual size; zero where fitted parameters do the same."""
+    """(R, K) visible columns of a member, for coefficients of usual size; zero where fitted parameters do the same."""
     raw = member_columns(projected, member) * np.array([p.scale for p in member.parameters])
-    return _shown(raw, projected.visible(raw))
+    return _without_hidden(raw, projected.visible(raw))
 
 
-def _shown(raw: Array, visible: Array) -> Array:
-    """The visible columns, zero where projection leaves next to nothing of the raw ones."""
+def _without_hidden(raw: Array, visible: Array) -> Array:
+    """Visible columns, set to zero where projection leaves next to nothing of the raw ones."""
     size = np.linalg.norm(raw, axis=0)
     hidden = np.linalg.norm(visible, axis=0) <= np.maximum(_HIDDEN * size, 1e-9)
     visible[:, hidden] = 0.0
@@ -132,9 +132,9 @@ class _Unit:
 
 
 def _of_shapes(projected: ProjectedResidual, members: Sequence[ShapedEffect]) -> tuple[Array, Array, IndexArray]:
-    """(R, G, K) as `member_columns` of each: the columns of each displacement times the members' shapes.
+    """(R, G, K) columns of members that are shapes of few displacements, as `member_columns` has each.
 
-    Beside them the shapes (G, N), those of one member in a row, and the number of each one's displacement (G,).
+    With the shapes (G, N), those of one member in a row, and the number of each one's displacement (G,).
     """
     row = projected.residuals.observed.used_poses[1]
     shapes = np.stack([member.shapes(projected.state) for member in members])  # (G, N, L)

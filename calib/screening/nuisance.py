@@ -1,8 +1,8 @@
-"""What is uncertain about the effects already in a model, beyond their parameters: masses and where they hang.
+"""Uncertainty of the effects in a model beyond their parameters: masses and their centres.
 
-An effect of load that is in the model predicts by the masses of robot.toml. Where these are off, it leaves order that
-other effects can follow. Each uncertain quantity is one column: the change of the prediction by one prior sigma of it.
-The residual is then judged as if the noise had these directions too: its covariance is 1 + N N^T, with the noise's
+An effect of load that is in the model predicts by the masses of robot.toml. Where these are off, it leaves a pattern
+that other effects can follow. Each uncertain quantity is one column: the change of the prediction by one prior sigma of
+it. The residual is then judged as if the noise had these directions too: its covariance is 1 + N N^T, with the noise's
 variance as unit and N (R, K) what projection leaves of the columns. They are never a cause of their own.
 """
 
@@ -24,13 +24,13 @@ from calib.kinematics.robot import Joint, Robot, Vector
 MASS_SHARE = 0.3  # prior sigma of a link's and of a payload's mass over itself
 UNLISTED_KG = 0.3  # prior sigma of a tool's mass that robot.toml does not list, such as cables
 CENTRE_MM = 30.0  # prior sigma of a coordinate of a centre of mass
-TOLD_EVIDENCE = 3.0  # log evidence from which they are said to explain a part of what is left
-_FEWEST_FREE = 10  # degrees of freedom outside the columns, from which these alone tell the noise
+REPORTED_EVIDENCE = 3.0  # log evidence from which they are reported to explain a part of the residual
+_FEWEST_FREE = 10  # degrees of freedom outside the columns, from which these alone give the noise
 
 
 @dataclass(frozen=True)
 class Nuisance:
-    """Orthonormal directions that are uncertain, and by how much.
+    """Orthonormal directions of the residual that are uncertain, and by how much.
 
     `log_evidence` compares a residual with these directions in its noise against one without.
     """
@@ -40,29 +40,29 @@ class Nuisance:
     log_evidence: float
 
     @classmethod
-    def of(cls, columns: Array, residual: Array, freedom: int) -> Nuisance | None:
-        """The nuisance of projected columns (R, K), in units of a projected residual (R,); None where nothing shows."""
+    def of(cls, columns: Array, residual: Array, dof: int) -> Nuisance | None:
+        """Nuisance of projected columns (R, K) in a projected residual (R,); None where no column is visible."""
         u, s, _ = np.linalg.svd(columns, full_matrices=False)
-        shown = s > 1e-9 * np.sqrt(len(residual))
-        u, s = u[:, shown], s[shown]
+        visible = s > 1e-9 * np.sqrt(len(residual))
+        u, s = u[:, visible], s[visible]
         if not len(s):
             return None
         along = u.T @ residual
         total = float(residual @ residual)
-        free = freedom - len(s)
-        noise2 = (total - float(along @ along)) / free if free >= _FEWEST_FREE else total / freedom
+        free = dof - len(s)
+        noise2 = (total - float(along @ along)) / free if free >= _FEWEST_FREE else total / dof
         sizes = s / np.sqrt(max(noise2, 1e-300))
         shrunk = total - float(np.sum(along**2 * (1.0 - 1.0 / (1.0 + sizes**2))))
-        gain = -0.5 * float(np.sum(np.log1p(sizes**2))) - 0.5 * freedom * float(np.log(shrunk / total))
+        gain = -0.5 * float(np.sum(np.log1p(sizes**2))) - 0.5 * dof * float(np.log(shrunk / total))
         return cls(u, sizes, gain)
 
     def whitened(self, columns: Array) -> Array:
-        """Projected columns (R, K), or a residual (R,), in units in which noise and nuisance together are white."""
+        """Projected columns (R, K), or a residual (R,), scaled so that noise and nuisance together are white."""
         less = 1.0 - 1.0 / np.sqrt(1.0 + self.sizes**2)
         return np.asarray(columns - self.directions @ _scaled(less, self.directions.T @ columns))
 
     def coloured(self, columns: Array) -> Array:
-        """The inverse of `whitened`."""
+        """Columns or residual before `whitened` scaled them."""
         more = np.sqrt(1.0 + self.sizes**2) - 1.0
         return np.asarray(columns + self.directions @ _scaled(more, self.directions.T @ columns))
 
@@ -72,7 +72,7 @@ def _scaled(factors: Array, rows: Array) -> Array:
 
 
 def load_columns(residuals: PositionResiduals, x: Array, base_to_residual: Array) -> Array:
-    """(R, K) change of the whitened residual by one prior sigma of each mass and each centre of mass; K may be 0."""
+    """(R, K) change of the whitened residual by one prior sigma of each mass and centre of mass; K may be 0."""
     model, observed = residuals.model, residuals.observed
     robot = model.loads_of
     none = np.zeros((3 * len(observed.points), 0))
@@ -105,7 +105,7 @@ def load_columns(residuals: PositionResiduals, x: Array, base_to_residual: Array
 
 
 def _moved(effects: Sequence[tuple[Effect, Array]], start: RobotState, loaded: RobotState) -> Array:
-    """The vector (1 or N, S) of a state after effects with these values, loads worked out at another state."""
+    """Vector (1 or N, S) of a state after effects with these values, their loads computed at another state."""
     state = start.with_loads_at(loaded)
     for effect, values in effects:
         state = apply_values(effect, state, values)
@@ -113,7 +113,7 @@ def _moved(effects: Sequence[tuple[Effect, Array]], start: RobotState, loaded: R
 
 
 def _uncertain(robot: Robot, poses: Poses) -> Iterator[tuple[Robot, Poses]]:
-    """The robot, or the payload, with one uncertain quantity off by its prior sigma."""
+    """Robot and poses with one uncertain quantity off by its prior sigma, for each quantity."""
     for k, joint in enumerate(robot.joints):
         if joint.mass_kg:
             yield _with_joint(robot, k, _heavier(joint)), poses
@@ -143,6 +143,6 @@ def _with_joint(robot: Robot, k: int, joint: Joint) -> Robot:
 
 
 def _shifted(place_mm: Vector) -> Iterator[Vector]:
-    """A place moved along x, y and z of its frame."""
+    """A place moved by `CENTRE_MM` along x, y and z of its frame in turn."""
     x, y, z = place_mm
     yield from ((x + CENTRE_MM, y, z), (x, y + CENTRE_MM, z), (x, y, z + CENTRE_MM))

@@ -1,4 +1,4 @@
-"""The residual of a fit without what the fit could have absorbed, and how each joint's motion would show in it."""
+"""The residual of a fit without what the fit could have absorbed, and the columns of joint motions in it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
-from calib.calibration.joint_directions import directions_at
+from calib.brief import Brief
+from calib.calibration.pose_errors import directions_at
 from calib.calibration.result import Calibration
 from calib.effects.effect import is_held_by_prior
 from calib.effects.state import RobotState
 from calib.errors import FitError
 from calib.fitting.model import point_by_state
-from calib.fitting.noise.whitening import Whitening
+from calib.fitting.noise import Whitening
 from calib.fitting.observations import Observations, with_scanner_frames
 from calib.fitting.position_residuals import PositionResiduals
 from calib.screening.nuisance import Nuisance, load_columns
@@ -24,8 +25,8 @@ _KNOWN_OF_CURVES = 1.0  # with learned curves, which may have more parameters th
 
 
 @dataclass(frozen=True)
-class ProjectedResidual:
-    """The whitened residual of a fit, and the directions that were projected out of it.
+class ProjectedResidual(Brief):
+    """Whitened residual of a fit, and the directions that were projected out of it.
 
     N used poses, M measured points, R = 3 M rows, P parameters, S entries of the state.
     """
@@ -33,48 +34,51 @@ class ProjectedResidual:
     residuals: PositionResiduals
     x: Array  # (P,)
     states: Mapping[str, RobotState]  # by target, of the used poses
-    by_state: Mapping[str, Array]  # by target (N, 3, S): the point's derivative by the state
+    by_state: Mapping[str, Array]  # by target (N, 3, S): derivative of the point by the state
     base_to_residual: Array  # (M, 3, 3)
-    residual: Array  # (R,) projected, white beside the nuisance
+    residual: Array  # (R,) projected, white given the nuisance
     basis: Array  # (R, rank) orthonormal: fitted parameters and frames
-    freedom: int
-    nuisance: Nuisance | None = None  # what is uncertain about the effects in the model
+    dof: int  # degrees of freedom
+    nuisance: Nuisance | None = None  # uncertainty of the effects in the model
     whitening: Whitening | None = None  # beyond the points' own covariances; residual and basis have it
 
     @property
     def state(self) -> RobotState:
-        """The state at the used poses, as the first target sees it."""
+        """State at the used poses, for the first target."""
         return next(iter(self.states.values()))
 
     @property
     def row_poses(self) -> tuple[str, ...]:
-        """(R,) the id of the pose that each row is of."""
+        """(R,) id of the pose of each row."""
         poses, row = self.residuals.observed.used_poses
         return tuple(poses.ids[i] for i in row for _ in range(3))
 
     @property
     def sigma(self) -> float:
         """Residual sigma over the declared one."""
-        return float(np.sqrt(self.residual @ self.residual / self.freedom))
+        return float(np.sqrt(self.residual @ self.residual / self.dof))
 
     def project(self, columns: Array) -> Array:
-        """White noise (R, K) without what the fit could have absorbed."""
+        """Columns (R, K) that are whitened already, without what the fit could have absorbed."""
         return np.asarray(columns - self.basis @ (self.basis.T @ columns))
 
     def visible(self, columns: Array) -> Array:
-        """Columns (R, K), whitened by point, without what the fit could have absorbed; small along the nuisance."""
-        left = self.project(columns if self.whitening is None else self.whitening.apply(columns))
-        return left if self.nuisance is None else self.nuisance.whitened(left)
+        """Columns (R, K), whitened by point, without what the fit could have absorbed; scaled along the nuisance."""
+        projected = self.project(columns if self.whitening is None else self.whitening.apply(columns))
+        return projected if self.nuisance is None else self.nuisance.whitened(projected)
 
     def motion_columns(self, direction: Array, motion: Array) -> Array:
-        """(R, K) projected columns of motions (N, K) at the used poses; a unit motion moves the points (M, 3) so."""
+        """(R, K) visible columns of motions (N, K) at the used poses.
+
+        direction  # (M, 3) displacement of each point by a unit motion, whitened
+        """
         row = self.residuals.observed.used_poses[1]
         moved = direction[:, :, None] * motion[row][:, None, :]
         return self.visible(moved.reshape(-1, motion.shape[1]))
 
 
 def project_residual(calibration: Calibration) -> ProjectedResidual:
-    """The residual of a calibration, of positions whatever it was fitted by, projected.
+    """Projected residual of the positions of a calibration, whatever residual was fitted.
 
     Raises FitError where no degree of freedom is left.
     """
@@ -84,30 +88,30 @@ def project_residual(calibration: Calibration) -> ProjectedResidual:
     at = residuals.linearise(x)
     frames = residuals.frame_directions(x)
     scaled = at.jacobian * model.scales
-    missed = at.residual
-    whitening = None if dataset.noise is None else Whitening.of(dataset.noise, *observed.used_poses, missed)
+    residual = at.residual
+    whitening = None if dataset.noise is None else Whitening.of(dataset.noise, *observed.used_poses, residual)
     if whitening is not None:
-        missed, scaled = whitening.apply(missed[:, None])[:, 0], whitening.apply(scaled)
+        residual, scaled = whitening.apply(residual[:, None])[:, 0], whitening.apply(scaled)
         frames = np.linalg.qr(whitening.apply(frames))[0]
         scaled = scaled - frames @ (frames.T @ scaled)
     q, triangle = np.linalg.qr(scaled)
     turn, s, _ = np.linalg.svd(triangle)  # of a few rows, however many poses there are
-    noise = calibration.fit.noise if np.isfinite(calibration.fit.noise) else 1.0
+    noise = calibration.fit.reduced_chi if np.isfinite(calibration.fit.reduced_chi) else 1.0
     least = _KNOWN_OF_CURVES if any(map(is_held_by_prior, model.effects)) else _KNOWN
     known = s > max(least * noise, 1e-9 * float(s[0]))
     basis = np.linalg.qr(np.concatenate([frames, q @ turn[:, known]], axis=1))[0]
-    freedom = len(missed) - basis.shape[1]
-    if freedom < 3:
+    dof = len(residual) - basis.shape[1]
+    if dof < 3:
         raise FitError(
-            f"dataset {dataset.name}: {len(missed)} equations and {basis.shape[1]} fitted directions leave "
+            f"dataset {dataset.name}: {len(residual)} equations and {basis.shape[1]} fitted directions leave "
             "nothing to judge a further cause by; measure more poses"
         )
-    residual = missed - basis @ (basis.T @ missed)
+    residual = residual - basis @ (basis.T @ residual)
     base_to_residual = residuals.base_to_residual(x)
     loads = load_columns(residuals, x, base_to_residual)
     if whitening is not None:
         loads = whitening.apply(loads)
-    nuisance = Nuisance.of(loads - basis @ (basis.T @ loads), residual, freedom)
+    nuisance = Nuisance.of(loads - basis @ (basis.T @ loads), residual, dof)
     if nuisance is not None:
         residual = nuisance.whitened(residual)
     poses = observed.used_poses[0]
@@ -121,13 +125,13 @@ def project_residual(calibration: Calibration) -> ProjectedResidual:
         base_to_residual=base_to_residual,
         residual=residual,
         basis=basis,
-        freedom=freedom,
+        dof=dof,
         nuisance=nuisance,
         whitening=whitening,
     )
 
 
 def joint_directions(projected: ProjectedResidual) -> list[Array]:
-    """For each joint (M, 3): how its motion moves the measured points, whitened, mm (or mm/rad) over sigma."""
+    """For each joint (M, 3) the whitened displacement of the points by a unit motion: mm/rad (or mm/mm) over sigma."""
     residuals = projected.residuals
     return directions_at(residuals.model, projected.x, residuals.observed, projected.base_to_residual)

@@ -1,6 +1,6 @@
-"""Tests of a fit's residual: order against any input, outlying poses, and a size beyond the noise.
+"""Tests of the residual of a fit: a systematic pattern over any input, outlying poses, and a size beyond the noise.
 
-A residual that is noise has no order. For each input (a joint angle, a torque, the temperature, the place, any column
+A residual that is noise has no pattern. For each input (a joint angle, a torque, the temperature, the place, any column
 of poses.csv) smooth bumps over it are correlated with the residual's components; the largest response over all
 inputs and widths is compared with that of simulated noise that went through the same fit (Westfall and Young 1993),
 which corrects for the number of inputs and places.
@@ -15,13 +15,14 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
+from calib.brief import Brief
 from calib.calibration.noise_level import noise_of_repeats
 from calib.dataset.dataset import Dataset
-from calib.dataset.stands import SIGMA_DOUBT
+from calib.dataset.repeats import SIGMA_DOUBT
 from calib.distributions import chi2_sf, f_sf
-from calib.screening.fault_models import JointFault, smooth_motion
 from calib.screening.projected_residual import ProjectedResidual
 from calib.screening.scan_statistic import Channel, ScanStatistic, sum_by_pose
+from calib.screening.smooth_motions import JointFault, smooth_motion
 
 DRAWS = 999
 STRUCTURE_LEVEL = 0.01
@@ -32,40 +33,40 @@ _BLOCK = 3_000_000  # numbers of noise held at once
 
 @dataclass(frozen=True)
 class InputTest:
-    """Order of the residual against one input; p is corrected for all inputs, channels and widths."""
+    """Systematic pattern of the residual over one input; p is corrected for all inputs, channels and widths."""
 
     input: str
     p_value: float
-    channel: Channel  # in what it shows most
+    channel: Channel  # where the pattern is strongest
 
 
 @dataclass(frozen=True)
-class ResidualTests:
-    """The results of all tests of one fit's residual."""
+class ResidualTests(Brief):
+    """Results of all tests of the residual of one fit."""
 
     lack_of_fit_p: float | None  # of the residual's size against the noise; None where no noise is known
     noise_mm: float  # sigma of a coordinate that the residual was compared with
     noise_from: str  # "repeats", "dataset" or "fit"
-    residual_mm: float  # a coordinate's sigma of the residual
-    inputs: tuple[InputTest, ...]  # the most order first
+    residual_mm: float  # sigma of a coordinate of the residual
+    inputs: tuple[InputTest, ...]  # the strongest pattern first
     outlier_poses: tuple[str, ...]
-    fault: JointFault | None = None  # outside the catalogue, that the residual shows
+    fault: JointFault | None = None  # a motion of one joint that no effect of the catalogue describes
     masses_evidence: float = 0.0  # log evidence that masses differ from robot.toml by what is allowed for
 
     @property
     def structured(self) -> tuple[str, ...]:
-        """Inputs against which the residual has order beyond noise."""
+        """Inputs over which the residual has a systematic pattern beyond noise."""
         return tuple(test.input for test in self.inputs if test.p_value < STRUCTURE_LEVEL)
 
     @property
     def too_large(self) -> bool:
-        """Whether more is left than noise, with a declared sigma believed to a factor only."""
+        """Whether the residual is larger than noise, a declared sigma being taken as accurate to 25 %."""
         return self.lack_of_fit_p is not None and self.lack_of_fit_p < 0.01
 
 
 @one_blas_thread()
 def run_residual_tests(dataset: Dataset, projected: ProjectedResidual, *, draws: int = DRAWS) -> ResidualTests:
-    """Outlying poses first; then order and faults, without the outliers; then the size of the whole residual."""
+    """All tests: outlying poses; patterns and faults without the outliers; then the size of the whole residual."""
     noise = _noise_again(projected, draws)
     outliers = _outliers(projected, noise)
     lack, noise_mm, source, residual_mm = _lack_of_fit(dataset, projected)
@@ -97,7 +98,7 @@ def _noise(projected: ProjectedResidual, draws: int) -> Iterator[Array]:
 
 
 def _noise_again(projected: ProjectedResidual, draws: int) -> Callable[[], Iterable[Array]]:
-    """`_noise` as often as it is asked for: kept where it is one block, else drawn again."""
+    """Source of the same simulated noise, as often as it is asked for: kept if one block, else drawn again."""
     if draws * len(projected.residual) > _BLOCK:
         return lambda: _noise(projected, draws)
     kept = list(_noise(projected, draws))
@@ -105,14 +106,14 @@ def _noise_again(projected: ProjectedResidual, draws: int) -> Callable[[], Itera
 
 
 def _without(projected: ProjectedResidual, outlier: BoolArray) -> ProjectedResidual:
-    """The residual set to zero at outlying points (M,), so that one wrong pose is not taken for a dent."""
+    """Residual set to zero at outlying points (M,), so that one wrong pose is not taken for a local pattern."""
     residual = projected.residual.copy()
     residual[np.repeat(outlier, 3)] = 0.0
     return replace(projected, residual=residual)
 
 
 def _outliers(projected: ProjectedResidual, noise: Callable[[], Iterable[Array]]) -> BoolArray:
-    """(N,) poses whose residual is larger than the largest of a whole dataset of noise should be."""
+    """(N,) whether each pose has a larger residual than the largest of a whole dataset of noise should be."""
     of_pose, rng = sum_by_pose(projected), np.random.default_rng(1)
     numbers = 3.0 * np.asarray(of_pose.sum(axis=1))  # (N, 1) coordinates at each pose
 
@@ -131,14 +132,14 @@ def _outliers(projected: ProjectedResidual, noise: Callable[[], Iterable[Array]]
 
 
 def _median(values: Array) -> Array:
-    """Along the first axis, above zero: of exact data more than half may be zero."""
+    """Median along the first axis, kept above zero: of exact data more than half may be zero."""
     return np.maximum(np.median(values, axis=0), np.maximum(1e-12 * np.max(values, axis=0), 1e-300))
 
 
 def _structure(
     projected: ProjectedResidual, outlier: BoolArray, noise: Callable[[], Iterable[Array]]
 ) -> tuple[InputTest, ...]:
-    """Westfall-Young corrected p of each input."""
+    """Test of each input with its Westfall-Young corrected p-value, the strongest pattern first."""
     statistic = ScanStatistic.at(projected, outlier)
     ours = statistic.scores(projected.residual[:, None])
     blocks = [statistic.scores(block) for block in noise()]
@@ -162,29 +163,29 @@ def _structure(
 
 
 def _lack_of_fit(dataset: Dataset, projected: ProjectedResidual) -> tuple[float | None, float, str, float]:
-    """p of the residual's size, the noise it was held against, where that came from, and the residual's sigma; mm."""
+    """p-value of the residual's size, the noise that it was compared with, its source, and the residual's sigma; mm."""
     observed = projected.residuals.observed
     declared_mm = float(np.sqrt(np.mean(np.trace(observed.covariance_mm2, axis1=1, axis2=2)) / 3.0))
     residual_mm = projected.sigma * declared_mm
     square = float(projected.residual @ projected.residual)
     repeats = noise_of_repeats(dataset)
-    noise_mm, freedom = repeats or (0.0, 0)
+    noise_mm, dof = repeats or (0.0, 0)
     counts_as = observed.points.counts_as
     if repeats is not None and counts_as is not None:
         # Points are means of repeats, whose scatter is no part of the residual.
         single = observed.covariance_mm2 * counts_as[:, None, None]
         single_mm = float(np.sqrt(np.mean(np.trace(single, axis1=1, axis2=2)) / 3.0))
-        ratio = square / projected.freedom / (noise_mm / single_mm) ** 2
+        ratio = square / projected.dof / (noise_mm / single_mm) ** 2
         mean_noise_mm = noise_mm * declared_mm / single_mm
-        return f_sf(ratio, projected.freedom, freedom), mean_noise_mm, "repeats", residual_mm
+        return f_sf(ratio, projected.dof, dof), mean_noise_mm, "repeats", residual_mm
     if repeats is not None:
         # Repeats are part of the residual; what exceeds them is compared with them.
-        pure = freedom * (noise_mm / declared_mm) ** 2
-        left = projected.freedom - freedom
-        if left > 0:
-            ratio = max(square - pure, 0.0) / left / (noise_mm / declared_mm) ** 2
-            return f_sf(ratio, left, freedom), noise_mm, "repeats", residual_mm
+        pure = dof * (noise_mm / declared_mm) ** 2
+        rest = projected.dof - dof
+        if rest > 0:
+            ratio = max(square - pure, 0.0) / rest / (noise_mm / declared_mm) ** 2
+            return f_sf(ratio, rest, dof), noise_mm, "repeats", residual_mm
     if observed.points.covariance_mm2 is not None or dataset.scanner.point_sigma_mm is not None:
         doubted = square / SIGMA_DOUBT**2
-        return chi2_sf(doubted, projected.freedom), declared_mm, "dataset", residual_mm
+        return chi2_sf(doubted, projected.dof), declared_mm, "dataset", residual_mm
     return None, residual_mm, "fit", residual_mm

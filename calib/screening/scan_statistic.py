@@ -1,5 +1,6 @@
-"""The scan statistic of the residual tests: smooth bumps over each input, correlated with scalars of a pose
-("channels"). Where the residual has order, the largest response is larger than that of noise.
+"""Scan statistic of the residual tests: smooth bumps over each input, correlated with scalars of a pose ("channels").
+
+Where the residual has a systematic pattern, the largest response is larger than that of noise.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from calib.array_types import Array, BoolArray
-from calib.calibration.input_variables import inputs_at
+from calib.calibration.pose_errors import inputs_at
 from calib.dataset.input_names import PLACES, joint_input
 from calib.screening.projected_residual import ProjectedResidual, joint_directions
 
@@ -21,20 +22,20 @@ _CENTRES = 25
 
 @dataclass(frozen=True)
 class Channel:
-    """A scalar of each pose: the residual along an axis of the scanner's frame, or the apparent motion of a joint."""
+    """Scalar of each pose: the residual along an axis of the scanner's frame, or the apparent motion of a joint."""
 
     joint: int | None = None  # from 0; None for an axis
     axis: str = ""  # "x", "y" or "z"; "" for a joint
 
     @property
     def name(self) -> str:
-        """ "joint 3" or "x"."""
+        """Name of the channel: "joint 3" or "x"."""
         return self.axis if self.joint is None else f"joint {self.joint + 1}"
 
 
 @dataclass(frozen=True)
 class ScanStatistic:
-    """The response of a residual to smooth bumps over each input, in each of the input's channels."""
+    """Responses of a residual to smooth bumps over each input, in each of the input's channels."""
 
     of_pose: csr_matrix  # (N, M)
     kept: Array  # (R, 1) 0 at outliers
@@ -44,7 +45,7 @@ class ScanStatistic:
 
     @classmethod
     def at(cls, projected: ProjectedResidual, outlier: BoolArray) -> ScanStatistic:
-        """The statistic at what a fit leaves over, without the points (M,) that stand out."""
+        """Statistic for the residual of a fit, without the points (M,) that stand out."""
         directions: dict[Channel, Array] = {}
         for axis, name in enumerate("xyz"):
             directions[Channel(axis=name)] = np.broadcast_to(np.eye(3)[axis], (len(outlier), 3))
@@ -61,7 +62,7 @@ class ScanStatistic:
         )
 
     def scores(self, values: Array) -> dict[str, Array]:
-        """For each input (S, D) responses of residuals (R, D), each scaled to length 1: channels times widths."""
+        """(S, D) responses for each input, S channels times widths, of residuals (R, D), each scaled to length 1."""
         values = values * self.kept
         values /= np.maximum(np.linalg.norm(values, axis=0), 1e-300)
         rows = values.reshape(self.of_pose.shape[1], 3, -1)
@@ -73,7 +74,7 @@ class ScanStatistic:
 
 
 def _bumps(values: Array) -> list[Array]:
-    """For each width normalised Gaussian bumps over an input's range, as C <= 25 rows of the same Gram matrix (C, N).
+    """(C, N) rows for each width, C <= 25, with the Gram matrix of normalised Gaussian bumps over an input's range.
 
     Wide bumps are much alike, so that a few rows do; what is dropped adds less than 1e-12 to a sum of squares.
     """
@@ -97,7 +98,7 @@ def _squares(values: Array) -> Array:
 
 
 def _relevant(name: str, channels: Iterable[Channel]) -> list[Channel]:
-    """The axes for every input; a joint's own motion for its own inputs, every joint's for time, load and the like."""
+    """Channels of an input: the axes; a joint's motion for its own inputs, every joint's for time, load and so on."""
     of_joint = joint_input(name)
     if of_joint is not None:
         return [channel for channel in channels if channel.joint in (None, of_joint[1])]
@@ -105,13 +106,13 @@ def _relevant(name: str, channels: Iterable[Channel]) -> list[Channel]:
 
 
 def inputs_of(projected: ProjectedResidual) -> dict[str, Array]:
-    """Everything a residual may depend on, by name, one value a used pose (N,)."""
+    """Values (N,) at the used poses of every input that a residual may depend on, by name."""
     poses, _ = projected.residuals.observed.used_poses
     return inputs_at(projected.residuals.model.robot, poses, projected.state)
 
 
 def sum_by_pose(projected: ProjectedResidual) -> csr_matrix:
-    """(N, M) matrix that sums values of points over each pose."""
+    """(N, M) matrix that sums values at points over each pose."""
     poses, row = projected.residuals.observed.used_poses
     points = np.arange(len(row))
     return csr_matrix((np.ones(len(row)), (row, points)), shape=(len(poses), len(row)))

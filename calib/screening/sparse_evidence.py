@@ -1,8 +1,8 @@
-"""The evidence of a family whose members are places of one cause, hundreds of them, of which few carry it.
+"""Evidence of a family whose members are the possible places of one cause, hundreds of them, of which few carry it.
 
-As `calib.screening.evidence.evaluate_family`, all members at once: a member's K columns enter by their Gram matrix and
-by the residual along them, so that no factorisation of all columns is needed. One scale for all members is not tried,
-as a cause that sets in at every pose alike is none of these.
+The formulas are those of `calib.screening.evidence.evaluate_family`, for all members at once: a member's K columns
+enter by their Gram matrix and by the residual along them, so that no factorisation of all columns is needed. One scale
+for all members is not tried, as a cause that sets in at every pose alike is none of these.
 """
 
 from __future__ import annotations
@@ -21,32 +21,32 @@ from calib.screening.evidence import (
     evidence_by_scale,
     most_columns,
     posterior,
-    unusual,
+    scale_penalty,
 )
 
 RARITY = 2.0  # log odds against each: what sets in at one pose or sits at one place is rarer than what is always there
-FEWEST_APART = 4  # poses
-_SHOWN = 1e-6  # of a member's directions, by length over its longest
+FEWEST_APART = 4  # poses at which two members have to differ
+_VISIBLE = 1e-6  # of a member's directions, by length over its longest
 
 
 @dataclass(frozen=True)
 class SparseColumns:
-    """What is missing (R,), measured minus predicted, and the columns (R, G, K) of G members; projected.
+    """Residual (R,), measured minus predicted, and the columns (R, G, K) of G members; projected.
 
-    Columns are those of a coefficient of the parameter's usual scale.
+    Columns are for coefficients of the parameters' usual scales.
     """
 
     residual: Array
     columns: Array
-    freedom: int
+    dof: int
     positive: bool = False  # whether coefficients are physical with this sign only
     most: int = 8  # members that may carry it
-    shapes: Array | None = None  # (G, N) how much of it there is at each pose, where members are shapes of one thing
-    of_same: IndexArray | None = None  # (G,) members with the same number are shapes of the same thing
+    shapes: Array | None = None  # (G, N) amount at each pose, where members are shapes of a displacement
+    of_same: IndexArray | None = None  # (G,) members with the same number are shapes of the same displacement
     _distinct: dict[int, BoolArray] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     def distinct(self, member: int) -> BoolArray:
-        """(G,) members that do something else than this one at `FEWEST_APART` poses or more.
+        """(G,) whether each member differs from a given one at `FEWEST_APART` poses or more.
 
         Two steps at neighbouring poses, one back, are an error of the pose between: an outlier, no cause.
         """
@@ -61,23 +61,23 @@ class SparseColumns:
 
     @cached_property
     def gram(self) -> Array:
-        """(G, K, K)"""
+        """(G, K, K) Gram matrix of each member's columns."""
         return _products(self.columns, self.columns)
 
     def shares(self, signals: Array) -> Array:
-        """(F,) the largest share of each signal (R, F) that a single member could make."""
+        """(F,) the largest share of each signal (R, F) that a single member could explain."""
         count, members, width = self.columns.shape
         along = (signals.T @ self.columns.reshape(count, -1)).reshape(-1, members, width)
         lengths, directions = np.linalg.eigh(self.gram)
-        shown = lengths > _SHOWN**2 * np.maximum(lengths[:, -1:], 1e-300)
+        visible = lengths > _VISIBLE**2 * np.maximum(lengths[:, -1:], 1e-300)
         h2 = np.einsum("fgk,gkl->fgl", along, directions) ** 2
-        made = np.sum(np.where(shown, h2 / np.where(shown, lengths, 1.0), 0.0), axis=2)
-        return np.asarray(made.max(axis=1) / np.maximum(np.sum(signals**2, axis=0), 1e-300))
+        explained = np.sum(np.where(visible, h2 / np.where(visible, lengths, 1.0), 0.0), axis=2)
+        return np.asarray(explained.max(axis=1) / np.maximum(np.sum(signals**2, axis=0), 1e-300))
 
 
 @dataclass(frozen=True)
 class _Chosen:
-    """Members that are in, and the scale of each."""
+    """Members that are chosen, and the scale of each."""
 
     members: tuple[int, ...] = ()
     scales: tuple[float, ...] = ()
@@ -86,16 +86,16 @@ class _Chosen:
         kept = [(m, s) for m, s in zip(self.members, self.scales, strict=True) if m != member]
         return _Chosen(tuple(m for m, _ in kept), tuple(s for _, s in kept))
 
-    def beside(self, member: int, scale: float) -> _Chosen:
+    def with_member(self, member: int, scale: float) -> _Chosen:
         return _Chosen((*self.members, member), (*self.scales, scale))
 
 
 def evaluate_sparse(family: SparseColumns) -> Evidence:
-    """F test and evidence of a family.
+    """F test and evidence of a family whose members are many and of which few carry the cause.
 
-    Of one member the likelihoods are averaged over all, as it could be any of them; each further one, added while the
-    evidence grows, costs log G; and each costs `RARITY`: else a staircase of steps would stand beside every drift. The
-    F test is the best single member's, its p times G.
+    The likelihood of one member is averaged over all, as it could be any of them; each further one, added while the
+    evidence grows, costs log G; and each costs `RARITY`: else a staircase of steps would follow every drift. The F test
+    is the best single member's, its p-value times G.
     """
     residual = family.residual
     count, members, width = family.columns.shape
@@ -109,18 +109,18 @@ def evaluate_sparse(family: SparseColumns) -> Evidence:
     chosen, raw = _Chosen((best,), (float(scales[best]),)), float(values[best])
     paid = raw - mean_likelihood(values) + RARITY
     cost = float(np.log(members)) + RARITY
-    most = min(family.most, members, most_columns(family.freedom) // width)
+    most = min(family.most, members, most_columns(family.dof) // width)
     while len(chosen.members) < most:
         values, scales = _each(family, chosen)
         best = int(np.argmax(values))
         if values[best] < raw + cost + GAIN:
             break
-        chosen, raw = _polished(family, chosen.beside(best, float(scales[best])), float(values[best]))
+        chosen, raw = _polished(family, chosen.with_member(best, float(scales[best])), float(values[best]))
         paid += cost
     columns = np.concatenate([family.columns[:, m] for m in chosen.members], axis=1)
     spread = np.repeat(chosen.scales, width)
     one_sided = np.full(len(spread), family.positive)
-    weights, gain = posterior(columns, residual, spread, one_sided, family.freedom)
+    weights, gain = posterior(columns, residual, spread, one_sided, family.dof)
     coefficients, of_member = nothing.copy(), np.zeros(members)
     coefficients[list(chosen.members)] = weights.reshape(-1, width)
     of_member[list(chosen.members)] = chosen.scales
@@ -129,33 +129,33 @@ def evaluate_sparse(family: SparseColumns) -> Evidence:
 
 
 def _products(left: Array, right: Array) -> Array:
-    """(G, K, L) of columns (R, G, K) and (R, G, L)."""
+    """(G, K, L) products of each member's columns (R, G, K) and (R, G, L)."""
     if left.shape[2] == right.shape[2] == 1:
         return np.einsum("rg,rg->g", left[:, :, 0], right[:, :, 0])[:, None, None]
     return np.asarray(np.einsum("rgk,rgl->gkl", left, right, optimize=True))
 
 
 def _gate(family: SparseColumns) -> tuple[float, int]:
-    """G times the best member's p, and the rank of that member."""
+    """p-value of the best member times G, and the rank of that member."""
     residual = family.residual
     along = np.tensordot(residual, family.columns, axes=1)  # (G, K)
     lengths, directions = np.linalg.eigh(family.gram)
-    shown = lengths > _SHOWN**2 * np.maximum(lengths[:, -1:], 1e-300)
+    visible = lengths > _VISIBLE**2 * np.maximum(lengths[:, -1:], 1e-300)
     h2 = np.einsum("gk,gkl->gl", along, directions) ** 2
-    explained = np.sum(np.where(shown, h2 / np.where(shown, lengths, 1.0), 0.0), axis=1)
-    rank = np.count_nonzero(shown, axis=1)
-    left = family.freedom - rank
-    tested = (rank > 0) & (left > 0)
+    explained = np.sum(np.where(visible, h2 / np.where(visible, lengths, 1.0), 0.0), axis=1)
+    rank = np.count_nonzero(visible, axis=1)
+    rest_dof = family.dof - rank
+    tested = (rank > 0) & (rest_dof > 0)
     rest = np.maximum(float(residual @ residual) - explained, 1e-300)
-    ratio = np.where(tested, explained / np.maximum(rank, 1) * np.maximum(left, 1) / rest, 0.0)
-    p = np.where(tested, special.fdtrc(np.maximum(rank, 1), np.maximum(left, 1), ratio), 1.0)
+    ratio = np.where(tested, explained / np.maximum(rank, 1) * np.maximum(rest_dof, 1) / rest, 0.0)
+    p = np.where(tested, special.fdtrc(np.maximum(rank, 1), np.maximum(rest_dof, 1), ratio), 1.0)
     best = int(np.argmin(p))
     return min(1.0, len(p) * float(p[best])), int(rank[best])
 
 
 def _each(family: SparseColumns, chosen: _Chosen) -> tuple[Array, Array]:
-    """The log evidence (G,) of the chosen members with each other one beside them, and its best scale (G,)."""
-    residual, freedom = family.residual, family.freedom
+    """Log evidence (G,) of the chosen members with each other member added, and its best scale (G,)."""
+    residual, dof = family.residual, family.dof
     total = float(residual @ residual)
     gram, along, left, fixed = family.gram, np.tensordot(residual, family.columns, axes=1), total, 0.0
     if chosen.members:
@@ -168,14 +168,14 @@ def _each(family: SparseColumns, chosen: _Chosen) -> tuple[Array, Array]:
         gram = gram - _products(taken, taken)
         along = along - np.tensordot(seen, taken, axes=1)
         left = total - float(seen @ seen)
-        fixed = -float(np.sum(np.log(np.diag(root)))) + float(np.sum(unusual(np.array(chosen.scales))))
+        fixed = -float(np.sum(np.log(np.diag(root)))) + float(np.sum(scale_penalty(np.array(chosen.scales))))
     lengths, directions = np.linalg.eigh(gram)
     lengths = np.maximum(lengths, 0.0)
     h2 = np.einsum("gk,gkl->gl", along, directions) ** 2
     h2 = np.where(lengths > 0.0, h2 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
     # Below rounding a direction is hidden, and its share would be noise over noise.
-    h2 = np.where(lengths > _SHOWN**2 * np.maximum(lengths[:, -1:], 1e-300), h2, 0.0)
-    values = fixed + evidence_by_scale(lengths[:, None], h2[:, None], left, total, freedom)
+    h2 = np.where(lengths > _VISIBLE**2 * np.maximum(lengths[:, -1:], 1e-300), h2, 0.0)
+    values = fixed + evidence_by_scale(lengths[:, None], h2[:, None], left, total, dof)
     best = np.argmax(values, axis=1)
     out = np.take_along_axis(values, best[:, None], axis=1)[:, 0]
     for member in chosen.members:
@@ -184,17 +184,20 @@ def _each(family: SparseColumns, chosen: _Chosen) -> tuple[Array, Array]:
 
 
 def _polished(family: SparseColumns, chosen: _Chosen, raw: float) -> tuple[_Chosen, float]:
-    """Each member, the newest last, chosen anew beside the others: it was chosen without those that came later."""
+    """Chosen members and their log evidence after each, the newest last, was chosen anew given the others.
+
+    An earlier one was chosen without those that came later.
+    """
     for member in chosen.members:
         others = chosen.without(member)
         values, scales = _each(family, others)
         best = int(np.argmax(values))
         if values[best] >= raw:
-            chosen, raw = others.beside(best, float(scales[best])), float(values[best])
+            chosen, raw = others.with_member(best, float(scales[best])), float(values[best])
     return chosen, raw
 
 
 def mean_likelihood(log_evidence: Array) -> float:
-    """The log evidence of a choice of (G,), any of which is as likely before: log mean exp."""
+    """Log evidence of one of several hypotheses (G,) that are equally likely before: log mean exp."""
     top = float(np.max(log_evidence))
     return top + float(np.log(np.mean(np.exp(log_evidence - top))))

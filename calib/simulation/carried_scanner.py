@@ -1,7 +1,7 @@
-"""Poses for scans of an arm that carries the scanner: from each it looks at a jig that stands in the room.
+"""Poses for scans by a scanner on the flange, of a jig that is fixed in the world.
 
-They are computed on the nominal chain, as those of `calib.simulation.pose_design` for a scanner in the room are. The
-jig stands on a table before the arm and looks up, more or less.
+They are computed on the nominal chain, as those of `calib.simulation.pose_design` for a scanner in the world are. The
+jig is on a table before the arm, its axis up to 35 deg from the vertical.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from calib.workcell.measurable import incidence_cosines
 from calib.workcell.scan_field import JANG_FIELD, tilted
 
 _LEVER_MM = 300.0  # weighs one radian of the line of sight against millimetres
-_PLACES = 14  # of the jig that are tried
+_JIG_TRIES = 14  # positions of the jig that are tried
 _BATCH = 256  # starts of the search for poses
-_GOOD_SHARE = 0.1  # of them that succeed at a place that is taken at once
+_GOOD_SHARE = 0.1  # of them that succeed at a position that is taken at once
 _MAX_TILT_DEG = 22.0  # of the jig's axis from the line of sight
 _CLEARANCE_MM = 120.0  # of the arm's frames from the line of sight
-_LOWEST_MM = 60.0  # frame of the arm over its base
+_LOWEST_MM = 60.0  # height of the arm's frames over its base
 
 
 @dataclass(frozen=True)
-class LookGoals:
-    """Points (N, 3) and directions (N, 3) of the flange's frame that are to meet one point and one direction.
+class ViewGoals:
+    """Goals that bring N points and directions of the flange's frame to one point and one direction of the base frame.
 
-    With the jig's apex and axis as the scanner on the flange shall see them, and as they are in the room; the
-    scanner's turn about the jig's axis does not matter.
+    They are the jig's apex and axis, as desired in the scanner's view and as they are in the world; the scanner's turn
+    about the jig's axis is free.
     """
 
     robot: Robot
@@ -47,19 +47,20 @@ class LookGoals:
 
     @property
     def joint_units(self) -> Array:
+        """Unit of each scaled joint (n,): 1 rad, or 1 mm."""
         return np.ones(self.robot.n_joints)
 
-    def _seen(self, chain: Chain, rows: IndexArray | slice) -> tuple[Array, Array]:
-        """Where point and direction are at each pose (K, 3), base frame."""
+    def _point_and_direction(self, chain: Chain, rows: IndexArray | slice) -> tuple[Array, Array]:
+        """Point (K, 3) mm and direction (K, 3) at each pose, base frame."""
         flange = chain.base_T_flange
         point_mm = np.einsum("kij,kj->ki", flange[:, :3, :3], self.point_mm[rows]) + flange[:, :3, 3]
         return point_mm, np.einsum("kij,kj->ki", flange[:, :3, :3], self.direction[rows])
 
     def linearise(self, q: Array, rows: IndexArray) -> tuple[Array, Array]:
-        """What is left of the point, and the sine of the direction's error times `_LEVER_MM`."""
+        """Error of the point, and the sine of the direction's error times `_LEVER_MM`, with their Jacobian."""
         chain = forward(self.robot.table, q, self.robot.is_revolute, self.robot.base_T_first)
         moved, axes = joint_jacobian(chain, self.robot.is_revolute)
-        point_mm, direction = self._seen(chain, rows)
+        point_mm, direction = self._point_and_direction(chain, rows)
         moved = moved + np.swapaxes(np.cross(np.swapaxes(axes, 1, 2), (point_mm - chain.target_mm)[:, None]), 1, 2)
         turn = np.cross(direction, self.axis)
         turn += np.where(direction @ self.axis < -0.99, 0.1, 0.0)[:, None]  # the wrong way round: any turn leads on
@@ -70,19 +71,19 @@ class LookGoals:
         )
 
     def reached(self, chain: Chain) -> BoolArray:
-        """(N,) whether point and direction are where they should be, to 1 mm and 0.02 rad."""
-        point_mm, direction = self._seen(chain, slice(None))
+        """Mask (N,) of the poses whose point and direction meet the goal, to 1 mm and 0.02 rad."""
+        point_mm, direction = self._point_and_direction(chain, slice(None))
         near = np.linalg.norm(point_mm - self.apex_mm, axis=1) < 1.0
         return np.asarray(near & (np.arccos(np.clip(direction @ self.axis, -1.0, 1.0)) < 0.02))
 
 
-def draw_watched_jig(
+def draw_jig_in_view(
     robot: Robot, flange_T_scanner: Array, *, rng: np.random.Generator, jig: Jig = CUBE_CORNER
 ) -> Array:
-    """base_T_jig (4, 4): on a table before the arm, tilted by up to 35 deg, where the scanner can look at it.
+    """Random base_T_jig (4, 4): on a table before the arm, tilted by up to 35 deg, in view from many poses.
 
     Raises:
-        CalibError: the scanner sees it from nowhere.
+        CalibError: no pose has it in view.
     """
     reach_mm = float(
         np.linalg.norm(
@@ -96,11 +97,11 @@ def draw_watched_jig(
         ).max()
     )
     best, most = np.eye(4), 0
-    for _ in range(_PLACES):
+    for _ in range(_JIG_TRIES):
         place_mm = reach_mm * rng.uniform([0.3, -0.25, -0.15], [0.65, 0.25, 0.1])
         outward = tilted(np.array([[0.0, 0.0, 1.0]]), 35.0, rng)[0]
         base_T_jig = make_transform(_turn_with_z(-outward, rng.uniform(-np.pi, np.pi)), place_mm)
-        count = len(_looks(robot, flange_T_scanner, base_T_jig, rng=rng, jig=jig))
+        count = len(_poses_in_view(robot, flange_T_scanner, base_T_jig, rng=rng, jig=jig))
         if count > most:
             best, most = base_T_jig, count
         if most >= _GOOD_SHARE * _BATCH:
@@ -108,12 +109,12 @@ def draw_watched_jig(
     if not most:
         raise CalibError(
             f"robot {robot.name}: with the scanner on its flange no pose looks at a jig on a table before it, at "
-            f"{_PLACES} places tried; check its limits, or simulate points instead of scans"
+            f"{_JIG_TRIES} places tried; check its limits, or simulate points instead of scans"
         )
     return best
 
 
-def looking_poses(
+def poses_with_jig_in_view(
     robot: Robot,
     flange_T_scanner: Array,
     base_T_jig: Array,
@@ -122,12 +123,12 @@ def looking_poses(
     rng: np.random.Generator,
     jig: Jig = CUBE_CORNER,
 ) -> Array:
-    """(count, n) poses from which the scanner has the jig in its field with all three faces turned at it.
+    """Random poses (count, n) with the jig in the scanner's field and all three faces turned at it.
 
     Raises:
         CalibError: too few such poses exist.
     """
-    found: list[Array] = []
+    batches: list[Array] = []
     total = tries = 0
     while total < count:
         if tries > 20 + count:
@@ -135,16 +136,18 @@ def looking_poses(
                 f"robot {robot.name}: found {total} of {count} poses that look at the jig; ask for fewer, or simulate "
                 "points instead of scans"
             )
-        found.append(_looks(robot, flange_T_scanner, base_T_jig, rng=rng, jig=jig))
-        total, tries = total + len(found[-1]), tries + 1
-    return np.concatenate(found)[:count]
+        batches.append(_poses_in_view(robot, flange_T_scanner, base_T_jig, rng=rng, jig=jig))
+        total, tries = total + len(batches[-1]), tries + 1
+    return np.concatenate(batches)[:count]
 
 
-def _looks(robot: Robot, flange_T_scanner: Array, base_T_jig: Array, *, rng: np.random.Generator, jig: Jig) -> Array:
-    """(K, n) what comes of `_BATCH` random wishes and starts."""
+def _poses_in_view(
+    robot: Robot, flange_T_scanner: Array, base_T_jig: Array, *, rng: np.random.Generator, jig: Jig
+) -> Array:
+    """Poses (K, n) with the jig in view that result from `_BATCH` random goals and starts."""
     apex_mm = JANG_FIELD.draw(_BATCH, rng)  # scanner frame
     axis = tilted(apex_mm / np.linalg.norm(apex_mm, axis=1, keepdims=True), _MAX_TILT_DEG, rng)
-    goals = LookGoals(
+    goals = ViewGoals(
         robot,
         apply(flange_T_scanner, apex_mm),
         axis @ flange_T_scanner[:3, :3].T,
@@ -170,11 +173,10 @@ def _looks(robot: Robot, flange_T_scanner: Array, base_T_jig: Array, *, rng: np.
 
 
 def _is_clear(chain: Chain, base_T_scanner: Array, apex_mm: Array) -> BoolArray:
-    """(N,) frames above the base, the scanner too, and none of them beside the line of sight.
+    """Mask (N,) of the poses with all frames and the scanner above the base, and no frame near the line of sight.
 
-    What is as near to the scanner as its flange is beside its lens, wherever it sits.
-
-    A check on frame origins only: it rejects folded arms and is no collision check.
+    Frames as near to the scanner as its flange are beside its lens and do not count. A check on frame origins only: it
+    rejects folded arms and is no collision check.
     """
     origins_mm = chain.base_T_frame[:, 1:-1, :3, 3]  # (N, n, 3)
     clear = np.all(origins_mm[:, 1:, 2] > _LOWEST_MM, axis=1) & (base_T_scanner[:, 2, 3] > _LOWEST_MM)
@@ -188,7 +190,7 @@ def _is_clear(chain: Chain, base_T_scanner: Array, apex_mm: Array) -> BoolArray:
 
 
 def _turn_with_z(z: Array, about_rad: float) -> Array:
-    """(3, 3) with that z axis, turned about it."""
+    """Rotation (3, 3) with a given z axis, turned about it."""
     x = np.cross([0.0, 1.0, 0.0], z)
     x /= np.linalg.norm(x)
     return rotation_from_rotvec(about_rad * z) @ np.column_stack([x, np.cross(z, x), z])

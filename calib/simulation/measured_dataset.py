@@ -1,4 +1,4 @@
-"""The measurement of a simulated arm: its points or scans as a dataset, beside the truth; and both as files."""
+"""Measurement of a simulated arm: points or scans as a dataset, with the truth; and both as files."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calib.array_types import Array
+from calib.brief import Brief
 from calib.dataset.dataset import Dataset, Orientations, Points, Poses, Scanner
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import write_dataset
@@ -24,29 +25,29 @@ from calib.simulation.scene import CUBE_CORNER
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target, truth_document
 from calib.simulation.truth.mechanism import Conditions
 from calib.simulation.truth.visibility import SimulatedCell
-from calib.workcell.jig_frames import JIG_HEIGHT_MM, target_T_jig
+from calib.workcell.jig_on_tool import JIG_HEIGHT_MM, target_T_jig
 
 _WINDOW_RASTER_MM = 30.0
 
 
 @dataclass(frozen=True)
-class Simulation:
-    """A dataset and the truth that it was measured from. `scan` casts a scan on demand, each from its seed."""
+class Simulation(Brief):
+    """A dataset and the truth behind it. `scan` casts a scan on demand, each from its own seed."""
 
     dataset: Dataset
     truth: Truth
-    apex_mm: Array  # (N, 3) where the scanner has the measured point, without noise
+    apex_mm: Array  # (N, 3) measured point without noise, scanner frame
     scanner_T_jig: Array  # (N, 4, 4)
     scan_model: ScanModel | None
     scan_seeds: tuple[int, ...]
 
     def scan(self, pose: int) -> SimulatedScan:
-        """Cast the scan of one pose: the same points every time."""
+        """Simulated scan of one pose; repeated calls give the same points."""
         if self.scan_model is None:
             raise CalibError(f"dataset {self.dataset.name}: simulated as points; ask for scans when simulating")
         # Rounded to a raster over the field, so that repeated scans of a pose have the same window.
         apex_mm = self.apex_mm[pose, :2]
-        in_room = self.truth.base_T_jig is not None
+        on_plate = self.truth.base_T_jig is not None
         offset_mm = _WINDOW_RASTER_MM * np.round(apex_mm / _WINDOW_RASTER_MM) - apex_mm
         return simulate_scan(
             self.scanner_T_jig[pose],
@@ -54,14 +55,14 @@ class Simulation:
             rng=np.random.default_rng(self.scan_seeds[pose]),
             name=self.dataset.poses.ids[pose],
             model=self.scan_model,
-            flange_mm=JIG_HEIGHT_MM if in_room else abs(self.dataset.robot.tool.d_mm),
+            flange_mm=JIG_HEIGHT_MM if on_plate else abs(self.dataset.robot.tool.d_mm),
             arm_turn_rad=float(-self.dataset.poses.q[pose, -1]),
-            in_room=in_room,
+            on_plate=on_plate,
             window_offset_mm=(float(offset_mm[0]), float(offset_mm[1])),
         )
 
     def document(self) -> dict[str, Any]:
-        """What truth.json holds."""
+        """Content of truth.json."""
         poses = self.dataset.poses
         cell = SimulatedCell(self.dataset.robot, self.truth.with_effects(), poses.q, Conditions.of(poses))
         visible = {effect.name: cell.visible_rms_mm(effect) for effect in self.truth.effects if not effect.is_absent}
@@ -87,7 +88,7 @@ def measure(
     repeats: int = 1,
     orientation_sigma_rad: float | None = None,
 ) -> Simulation:
-    """Measure given poses of a given arm: points where `noise_mm` is given, scans where `scan_model` is.
+    """Simulated measurement of an arm at given poses: points where `noise_mm` is given, scans where `scan_model` is.
 
     The points are full poses of the jig where `orientation_sigma_rad` is given.
     """
@@ -111,15 +112,15 @@ def measure(
         poses=poses,
         points=points,
         scan_folder=None if scan_model is None else "scans",
-        scanner=_known_of_scanner(noise_mm, scan_model, orientation_sigma_rad),
+        scanner=_declared_noise(noise_mm, scan_model, orientation_sigma_rad),
         jig=jig,
     )
     seeds = tuple(int(seed) for seed in rng.integers(2**63, size=len(poses))) if scan_model is not None else ()
     return Simulation(dataset, truth, apex_mm, scanner_T_jig, scan_model, seeds)
 
 
-def _known_of_scanner(noise_mm: float | None, model: ScanModel | None, orientation_sigma_rad: float | None) -> Scanner:
-    """What dataset.toml tells of the scanner: the sizes of its errors and the reach of the smooth part."""
+def _declared_noise(noise_mm: float | None, model: ScanModel | None, orientation_sigma_rad: float | None) -> Scanner:
+    """Scanner errors as declared in dataset.toml: their sizes, and the correlation length of the smooth part."""
     scanner = Scanner(point_sigma_mm=noise_mm or None, orientation_sigma_rad=orientation_sigma_rad or None)
     if model is None:
         return scanner
@@ -141,7 +142,7 @@ def write_simulation(
     progress: bool = False,
     on_progress: OnProgress | None = None,
 ) -> None:
-    """Write the dataset's folder, its scans, and the truth (truth.json in the folder unless told otherwise).
+    """Write the dataset's folder, its scans, and the truth (truth.json in the folder unless `truth_path` is given).
 
     `progress` shows a bar while scans are made, in a notebook's cell or at the terminal.
     """

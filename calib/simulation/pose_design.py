@@ -1,7 +1,6 @@
-"""Commanded joint vectors: poses whose jig the scanner can see, and poses over the whole work space.
+"""Commanded joint vectors: poses with the jig in the scanner's view, and poses over the whole work space.
 
-They are computed on the nominal chain; where the true arm then stands follows from
-`calib.simulation.truth.equilibrium`.
+They are computed on the nominal chain; the true positions follow from `calib.simulation.truth.equilibrium`.
 """
 
 from __future__ import annotations
@@ -20,17 +19,16 @@ from calib.kinematics.inverse import FROM_ANYWHERE, solve_inverse
 from calib.kinematics.joint_range import joint_range, random_poses, wrapped
 from calib.kinematics.robot import Robot
 from calib.simulation.scene import CUBE_CORNER
-from calib.workcell.in_front import in_front
-from calib.workcell.jig_frames import jig_outward, target_T_jig
-from calib.workcell.jig_goals import JigGoals
+from calib.workcell.jig_on_tool import JigGoals, jig_outward, target_T_jig
 from calib.workcell.measurable import incidence_cosines
 from calib.workcell.scan_field import JANG_FIELD, tilted
+from calib.workcell.scanner_place import in_front
 
 _MAX_TILT_DEG = 22.0  # of the jig's axis from the line of sight, where poses are drawn
 
 
 def draw_scanner_pose(robot: Robot, *, rng: np.random.Generator) -> Array:
-    """base_T_scanner (4, 4): in front of the arm, facing the middle of its reach, up to 4 deg off about each axis."""
+    """Random base_T_scanner (4, 4): before the arm, facing the middle of its reach, up to 4 deg off about each axis."""
     middle_mm, looking_back = in_front(robot)
     tilt_rad = np.radians(rng.uniform(-4.0, 4.0, 3))
     turn = rotation_from_rotvec(tilt_rad) @ looking_back
@@ -38,14 +36,14 @@ def draw_scanner_pose(robot: Robot, *, rng: np.random.Generator) -> Array:
 
 
 def draw_flange_mount(*, rng: np.random.Generator) -> Array:
-    """flange_T_scanner (4, 4): up to 80 mm beside the flange's axis, 20 to 120 mm before it, turned by up to 40 deg."""
+    """Random flange_T_scanner (4, 4): up to 80 mm off the flange's axis, 20 to 120 mm before it, up to 40 deg."""
     axis = rng.standard_normal(3)
     turn = rotation_from_rotvec(np.radians(rng.uniform(0.0, 40.0)) * axis / np.linalg.norm(axis))
     return make_transform(turn, rng.uniform([-80.0, -80.0, 20.0], [80.0, 80.0, 120.0]))
 
 
 def draw_jig_place(robot: Robot, *, rng: np.random.Generator) -> Array:
-    """base_T_jig (4, 4): within 200 mm along each axis of where the arm reaches in front of it, turned anyhow."""
+    """Random base_T_jig (4, 4): within 200 mm along each axis of the middle of the reach, in any orientation."""
     middle_mm, _ = in_front(robot)
     axis = rng.standard_normal(3)
     turn = rotation_from_rotvec(rng.uniform(0.0, np.pi) * axis / np.linalg.norm(axis))
@@ -53,9 +51,9 @@ def draw_jig_place(robot: Robot, *, rng: np.random.Generator) -> Array:
 
 
 def draw_setups(base_T_scanner: Array, count: int, *, rng: np.random.Generator) -> dict[str, Array]:
-    """Setups "A", "B", ... as base_T_scanner: the given one, then up to 60 deg around the base and 200 mm shifted.
+    """Setups "A", "B", ... by base_T_scanner: the given one, then others up to 60 deg around the base and 200 mm off.
 
-    Of a scanner on the flange as flange_T_scanner, about the flange.
+    For a scanner on the flange by flange_T_scanner, around the flange.
     """
     places = {"A": base_T_scanner}
     for k in range(1, count):
@@ -66,10 +64,10 @@ def draw_setups(base_T_scanner: Array, count: int, *, rng: np.random.Generator) 
 
 
 def facing_poses(robot: Robot, base_T_scanner: Array, count: int, *, rng: np.random.Generator) -> Array:
-    """(count, n) as `random_poses`, with the jig turned at the scanner: less than 75 deg from the line of sight.
+    """Random poses (count, n) with the jig turned at the scanner: less than 75 deg from the line of sight.
 
     Raises:
-        CalibError: too few poses are.
+        CalibError: too few poses have it so.
     """
     q = random_poses(robot, 20 * count, rng=rng)
     chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
@@ -84,7 +82,7 @@ def facing_poses(robot: Robot, base_T_scanner: Array, count: int, *, rng: np.ran
 
 
 def spread_poses(q: Array, count: int) -> NDArray[np.intp]:
-    """Indices of `count` rows of q (M, n) that lie far from each other on the circle of each joint.
+    """Indices of `count` rows of q (M, n) that are far from each other on the circle of each joint.
 
     Farthest-point selection, starting from row 0.
     """
@@ -106,16 +104,15 @@ def scan_poses(
     jig: Jig = CUBE_CORNER,
     start_q: ArrayLike | None = None,
 ) -> Array:
-    """(count, n) poses that hold the jig in the scanner's field with all three faces turned at it.
+    """Random poses (count, n) that hold the jig in the scanner's field with all three faces turned at it.
 
-    Apex and jig axis are drawn, the turn about the axis is left to chance, and the joints follow by damped least
-    squares from random starts: the whole range, or some 0.4 rad around one of `start_q` (S, n), which keeps to its
-    configuration.
+    Apex and jig axis are drawn, the turn about the axis is free, and the joints follow by damped least squares from
+    random starts: over the whole range, or some 0.4 rad around one of `start_q` (S, n), which keeps its configuration.
 
     Raises:
         CalibError: too few such poses exist.
     """
-    found: list[Array] = []
+    batches: list[Array] = []
     tried = total = 0
     while total < count:
         if tried >= 40 * count + 20_000 or (tried >= 4096 and total == 0):
@@ -131,9 +128,9 @@ def scan_poses(
         if start_q is not None:
             starts = np.atleast_2d(np.asarray(start_q, dtype=float))
             q = starts[rng.integers(len(starts), size=batch)] + 0.4 * rng.standard_normal(q.shape)
-        found.append(_usable(robot, np.asarray(base_T_scanner, float), apex_mm, axis, q, jig))
-        total += len(found[-1])
-    return np.concatenate(found)[:count]
+        batches.append(_usable(robot, np.asarray(base_T_scanner, float), apex_mm, axis, q, jig))
+        total += len(batches[-1])
+    return np.concatenate(batches)[:count]
 
 
 def reach_apexes(
@@ -143,31 +140,31 @@ def reach_apexes(
     *,
     rng: np.random.Generator,
 ) -> Array:
-    """(K, n) one pose for each wanted apex (K, 3) in the scanner's frame, under the same conditions as `scan_poses`.
+    """Poses (K, n), one for each apex (K, 3) in the scanner's frame, under the same conditions as `scan_poses`.
 
     Raises:
         CalibError: an apex is out of reach.
     """
-    out = []
-    for wanted_mm in np.asarray(apex_mm, dtype=float):
+    poses = []
+    for goal_mm in np.asarray(apex_mm, dtype=float):
         for _ in range(12):
-            apexes = np.tile(wanted_mm, (256, 1))
+            apexes = np.tile(goal_mm, (256, 1))
             axis = tilted(apexes / np.linalg.norm(apexes, axis=1, keepdims=True), _MAX_TILT_DEG, rng)
             start = random_poses(robot, 256, rng=rng)
             q = _usable(robot, np.asarray(base_T_scanner, float), apexes, axis, start, CUBE_CORNER)
             if len(q):
-                out.append(q[0])
+                poses.append(q[0])
                 break
         else:
             raise CalibError(
-                f"robot {robot.name}: cannot hold the jig at {np.round(wanted_mm, 1).tolist()} mm of the scanner; "
+                f"robot {robot.name}: cannot hold the jig at {np.round(goal_mm, 1).tolist()} mm of the scanner; "
                 "place the scanner elsewhere"
             )
-    return np.array(out)
+    return np.array(poses)
 
 
 def _usable(robot: Robot, base_T_scanner: Array, apex_mm: Array, axis: Array, q: Array, jig: Jig) -> Array:
-    """Solve for the joints and keep the rows that reach, within limits and clear of obstacles, with all faces seen."""
+    """Joint vectors that reach their goals, within limits, clear of obstacles, with all faces in view."""
     outward = -axis @ base_T_scanner[:3, :3].T
     along_z = np.array([0.0, 0.0, jig_outward(robot)])
     goals = JigGoals(robot, along_z, apply(base_T_scanner, apex_mm), outward)
@@ -187,7 +184,7 @@ def _usable(robot: Robot, base_T_scanner: Array, apex_mm: Array, axis: Array, q:
 
 
 def _is_clear(robot: Robot, chain: Chain, base_T_scanner: Array) -> BoolArray:
-    """(N,) frames above the table, the wrist off the base column, and nothing of the arm between scanner and jig.
+    """Mask (N,) of the poses with frames above the table, wrist off the base column, and no frame before the jig.
 
     A check on frame origins only: it rejects folded arms and is no collision check.
     """

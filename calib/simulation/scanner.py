@@ -2,10 +2,10 @@
 
 The scanner's frame is a camera's: origin in the lens, z along the view, y down; lengths in mm. The jig's frame has its
 origin in the apex and z along the jig's axis, away from the scanner: a convex jig lies at z > 0, and flange and arm lie
-behind it. Behind these stand a wall and a table, fixed to the scanner.
+behind it. Behind these are a wall and a table, fixed to the scanner.
 
-A scanner reports a window around the jig, not its whole field: at 12 000 points the whole 450 mm field would leave
-fewer than 200 of them on a 60 mm jig.
+A simulated scan is a window around the jig, not the whole field of 450 mm, of whose 12 000 points fewer than 200 would
+be on a 60 mm jig.
 """
 
 from __future__ import annotations
@@ -15,16 +15,28 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import gaussian_filter, map_coordinates
 
 from calib.array_types import Array, BoolArray
 from calib.errors import ScanError
 from calib.jig import Jig, jig_geometry
 from calib.scans.scan import Scan
 from calib.simulation.scene import CUBE_CORNER, SCENE, scene_triangles
-from calib.simulation.smooth_noise import smooth_noise
 
 FLYING = -1
-"""Label of a point that lies on no surface: a flying pixel or an outlier. Others: see `calib.simulation.scene`."""
+"""Label of a point on no surface: a flying pixel or an outlier. Other labels: see `calib.simulation.scene`."""
+
+SHORT_WAVES = 0.15
+"""Correlation length of the short waves over that of the long ones.
+
+With `short_share` 0.3 and long waves of 25 mm the correlation has the shape by which views of one sheet differ that a
+structured-light scanner took from several sides (RegHEC, `data/Plane`; what is the sheet's own shape all views share):
+over that at 2 mm it is 0.88, 0.71, 0.57, 0.26, 0.01 at 4.5, 9, 18, 36, 72 mm, where the median pair of views has 0.8,
+0.7, 0.54, 0.3, 0. Neither one Gaussian nor one exponential has that shape.
+"""
+
+_CELLS_A_LENGTH = 4.0
+_REACH = 4.0  # standard deviations of the filter
 
 
 @dataclass(frozen=True)
@@ -36,7 +48,7 @@ class ScanModel:
     `grazing_deg`, and where the projector, `baseline_mm` to the side, is shaded. `outlier_share` of the points are
     replaced by points anywhere in the view. `correlated_sigma_mm` adds range noise that is correlated over
     `correlation_length_mm` across the view, `short_share` of its variance over a seventh of that
-    (`calib.simulation.smooth_noise`), and drawn anew for each scan; a face's average keeps it.
+    (`smooth_noise`), and drawn anew for each scan; a face's average keeps it.
     """
 
     points: int = 12_000
@@ -54,14 +66,13 @@ class ScanModel:
 
 
 PLAIN_MODEL = ScanModel()
-"""White noise only: what a bound can be computed for, and no scanner has."""
+"""White noise only, for which a bound can be computed; no real scanner has it."""
 
 STRUCTURED_LIGHT = ScanModel(scan_sigma_mm=0.03, correlated_sigma_mm=0.06, correlation_length_mm=25.0, short_share=0.3)
-"""A structured-light scanner's: white noise, and twice as much that is smooth.
+"""A structured-light scanner: white noise, and twice as much smooth noise.
 
-Shape: see `SHORT_WAVES`; the two views that were compared there have 0.035 mm of white noise and 0.02 to 0.05 mm of
-smooth one each. Size: corners of a jig of 60 mm that stands still scatter by some 0.06 to 0.1 mm (3D), as in Table 1 of
-Jang 2025.
+Shape: see `SHORT_WAVES`; the two views compared there have 0.035 mm of white noise and 0.02 to 0.05 mm of smooth noise
+each. Size: corners of a 60 mm jig at rest scatter by some 0.06 to 0.1 mm (3D), as in Table 1 of Jang 2025.
 """
 
 
@@ -85,19 +96,19 @@ def simulate_scan(
     model: ScanModel = PLAIN_MODEL,
     flange_mm: float = 88.0,
     arm_turn_rad: float = 0.0,
-    in_room: bool = False,
+    on_plate: bool = False,
     window_offset_mm: tuple[float, float] = (0.0, 0.0),
 ) -> SimulatedScan:
-    """Scan a jig that stands at `scanner_T_jig` (4, 4).
+    """Simulated scan of a jig at `scanner_T_jig` (4, 4).
 
     Args:
-        flange_mm: from the flange's front to the apex, or from the plate's where the jig stands in the room.
+        flange_mm: distance of the flange's front from the apex, or of the plate's where the jig is fixed in the world.
         arm_turn_rad: turn of the arm behind the flange about the jig's axis.
-        in_room: the jig stands on a plate in the room, for a scanner that moves; it is on an arm's flange otherwise.
+        on_plate: the jig is fixed in the world on a plate, for a scanner that moves; else it is on an arm's flange.
         window_offset_mm: shift of the window's middle from the apex, across the view.
 
     Raises:
-        ScanError: the scanner does not see the jig.
+        ScanError: the jig is not in the scanner's view.
     """
     scanner_T_jig = np.asarray(scanner_T_jig, dtype=float)
     apex_mm = scanner_T_jig[:3, 3]
@@ -110,17 +121,19 @@ def simulate_scan(
         jig,
         flange_mm=flange_mm,
         arm_turn_rad=arm_turn_rad,
-        room=None if in_room else (model.wall_z_mm, model.table_y_mm),
+        background=None if on_plate else (model.wall_z_mm, model.table_y_mm),
     )
     scene = _Scene(triangles, triangle_label)
 
     coarse = scene.cast(_window(apex_mm, model, window_offset_mm, 64))
-    seen = _lit(coarse, scene, model).mean()
+    lit_share = _lit(coarse, scene, model).mean()
     if not np.any(coarse.label > 0):
         raise ScanError(
             f"{name}: the scanner does not see the jig at {np.round(apex_mm, 1).tolist()} mm; turn its faces here"
         )
-    view = scene.cast(_window(apex_mm, model, window_offset_mm, max(8, round(float(np.sqrt(model.points / seen))))))
+    view = scene.cast(
+        _window(apex_mm, model, window_offset_mm, max(8, round(float(np.sqrt(model.points / lit_share)))))
+    )
 
     cos_incidence = np.maximum(view.cos_incidence, 1e-3)
     noise_sigma_mm = model.scan_sigma_mm * (0.5 + 0.5 / cos_incidence**2)
@@ -158,7 +171,7 @@ def simulate_scan(
 
 @dataclass(frozen=True)
 class _View:
-    """What the rays of a pixel grid (H, W) meet; a ray that meets nothing has range inf."""
+    """Surfaces hit by the rays of a pixel grid (H, W); a ray without a hit has range inf."""
 
     direction: Array  # (H, W, 3) unit
     range_mm: Array  # (H, W)
@@ -169,7 +182,7 @@ class _View:
 
 
 class _Scene:
-    """Triangles to cast rays at. Hits come from Open3D in float32; ranges are computed again in float64."""
+    """Triangles that rays are cast at. Hits come from Open3D in float32; ranges are computed again in float64."""
 
     def __init__(self, triangles: Array, label: NDArray[np.int8]) -> None:
         import open3d as o3d
@@ -185,6 +198,7 @@ class _Scene:
         self._caster.add_triangles(vertices, faces)
 
     def cast(self, grid: tuple[Array, float]) -> _View:
+        """Surfaces hit by the rays of a grid: unit directions (H, W, 3) and pitch."""
         direction, pitch = grid
         rays = np.concatenate([np.zeros_like(direction), direction], axis=-1).astype(np.float32)
         triangle = self._caster.cast_rays(rays)["primitive_ids"].numpy()
@@ -199,7 +213,7 @@ class _Scene:
         return _View(direction, range_mm, np.abs(slope), -np.sign(slope)[..., None] * normal, label, pitch)
 
     def is_shaded(self, view: _View, light_mm: Array) -> BoolArray:
-        """(H, W) whether something stands between the light and the point seen, or the light is behind its surface."""
+        """Mask (H, W) of points that the light does not reach: occluded, or on a surface turned away from it."""
         hit = np.isfinite(view.range_mm)
         point_mm = view.direction * np.where(hit, view.range_mm, 1.0)[..., None]
         start_mm = point_mm + 0.05 * view.normal  # off the surface, past float32's resolution
@@ -221,11 +235,12 @@ def _window(apex_mm: Array, model: ScanModel, offset_mm: tuple[float, float], pi
 
 
 def _lit(view: _View, scene: _Scene, model: ScanModel) -> BoolArray:
+    """Mask (H, W) of the pixels that hit a surface lit by the projector."""
     return np.isfinite(view.range_mm) & ~scene.is_shaded(view, np.array([model.baseline_mm, 0.0, 0.0]))
 
 
 def _depth_edges(view: _View) -> tuple[BoolArray, Array]:
-    """(H, W) pixels beside a jump in range, and the range on the jump's other side.
+    """Mask (H, W) of the pixels beside a jump in range, and the range on the other side of the jump.
 
     A jump is more than 4 mm and more than a surface at 80 degrees would rise within a pixel.
     """
@@ -240,3 +255,31 @@ def _depth_edges(view: _View) -> tuple[BoolArray, Array]:
         other_mm = np.where(jump_mm > largest_mm, neighbour, other_mm)
         largest_mm = np.maximum(largest_mm, jump_mm)
     return largest_mm > limit_mm, other_mm
+
+
+def smooth_noise(across_mm: Array, length_mm: float, short_share: float, *, rng: np.random.Generator) -> Array:
+    """Random field (...) of variance 1 at positions across the view, `across_mm` (..., 2): error that points share.
+
+    Its correlation is (1 - s) exp(-r^2 / 2 l^2) + s exp(-r^2 / 2 (0.15 l)^2) with l = length_mm, s = short_share. Each
+    part is drawn on a lattice that is fine compared with its waves, and interpolated: over one view it is the same
+    surface for any number of rays.
+    """
+    field = np.zeros(across_mm.shape[:-1])
+    for share, length in ((1.0 - short_share, length_mm), (short_share, SHORT_WAVES * length_mm)):
+        if share > 0:
+            field += np.sqrt(share) * _gaussian_field(across_mm, length, rng)
+    return field
+
+
+def _gaussian_field(across_mm: Array, length_mm: float, rng: np.random.Generator) -> Array:
+    """Random field with correlation exp(-r^2 / 2 l^2): white noise filtered by a Gaussian with sigma l / sqrt(2)."""
+    cell_mm = length_mm / _CELLS_A_LENGTH
+    width = _CELLS_A_LENGTH / np.sqrt(2.0)  # of the filter, in cells
+    margin = int(np.ceil(_REACH * width)) + 2
+    flat = across_mm.reshape(-1, 2)
+    start = flat.min(axis=0)
+    cells = np.ceil((flat.max(axis=0) - start) / cell_mm).astype(int) + 1
+    white = rng.standard_normal(tuple(cells + 2 * margin))
+    lattice = gaussian_filter(white, width, truncate=_REACH) * (2.0 * np.sqrt(np.pi) * width)
+    place = (flat - start).T / cell_mm + margin
+    return np.asarray(map_coordinates(lattice, place, order=3)).reshape(across_mm.shape[:-1])

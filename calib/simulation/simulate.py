@@ -1,14 +1,14 @@
 """Whole datasets with known truth: an arm with link errors and effects, its poses, its points or scans.
 
-The arm's errors are drawn in `calib.simulation.truth.arm_sampling`, its poses in `calib.simulation.pose_design`,
-payloads, temperatures and times in `calib.simulation.conditions`. Where the arm then stands follows from
-`calib.simulation.truth.equilibrium`; `calib.simulation.measured_dataset` measures it.
+The arm's errors are drawn in `calib.simulation.truth.arm_sampling`, its poses in `calib.simulation.pose_design`. The
+true positions follow from `calib.simulation.truth.equilibrium`; `calib.simulation.measured_dataset` measures them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,8 @@ from calib.jig import Jig
 from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Robot
 from calib.kinematics.tool_point import ending_at_tool_point
-from calib.simulation.carried_scanner import draw_watched_jig, looking_poses
-from calib.simulation.conditions import draw_conditions
+from calib.robot_formats.robots import load_robot
+from calib.simulation.carried_scanner import draw_jig_in_view, poses_with_jig_in_view
 from calib.simulation.measured_dataset import Simulation, measure
 from calib.simulation.pose_design import (
     draw_flange_mount,
@@ -35,24 +35,43 @@ from calib.simulation.pose_design import (
 from calib.simulation.scanner import STRUCTURED_LIGHT, ScanModel
 from calib.simulation.scene import CUBE_CORNER
 from calib.simulation.truth.arm_sampling import (
-    NEED_CONDITIONS,
-    NEED_FACING,
+    SIMULATED,
     TYPICAL,
+    EffectRequest,
     Tolerances,
-    Wanted,
     check_effects,
     draw_truth,
     effect_name,
 )
 from calib.simulation.truth.mechanism import Conditions
-from calib.workcell.jig_frames import with_jig
+from calib.workcell.jig_on_tool import with_jig
+
+PAYLOADS_KG = (0.0, 1.0, 2.5)
+
+
+def draw_conditions(robot: Robot, count: int, *, rng: np.random.Generator) -> Conditions:
+    """Random conditions of `count` consecutive poses: every column of poses.csv except the setup.
+
+    A pose takes 25 to 60 s. The cell warms up by about 10 K in the first hour or so and swings by 2 K with the
+    air conditioning, so that temperature and time are not confounded. Joints come from either side at random.
+    """
+    time_s = np.asarray(np.round(np.cumsum(np.append(0.0, rng.uniform(25.0, 60.0, count - 1))), 1), dtype=float)
+    swing = np.sin(2.0 * np.pi * (time_s / rng.uniform(900.0, 1500.0) + rng.random()))
+    warming = 1.0 - np.exp(-time_s / rng.uniform(1200.0, 2400.0))
+    temperature_c = 20.0 + rng.uniform(9.0, 12.0) * warming + rng.uniform(1.5, 2.5) * swing
+    return Conditions(
+        payload_kg=rng.choice(np.array(PAYLOADS_KG), count),
+        temperature_c=np.round(temperature_c, 2),
+        time_s=time_s,
+        approach=rng.choice(np.array([-1.0, 1.0]), (count, robot.n_joints)),
+    )
 
 
 def simulate_dataset(
-    robot: Robot,
+    robot: Robot | str | Path,
     *,
-    rng: np.random.Generator,
-    effects: Sequence[Wanted] = (),
+    rng: np.random.Generator | int,
+    effects: Sequence[EffectRequest] = (),
     visible_sigmas: float | None = None,
     conditions: bool | None = None,
     poses: int = 64,
@@ -68,27 +87,34 @@ def simulate_dataset(
     setups: int = 1,
     orientation_sigma_rad: float | None = None,
 ) -> Simulation:
-    """Simulate a calibration of `robot`, which stays the nominal arm of the dataset.
+    """A simulated calibration of a robot, which stays the nominal arm of the dataset, and the truth behind it.
 
-    Where the arm carries the scanner, that sits on the flange and the jig stands in front of the arm.
+    Where the arm carries the scanner, the scanner is on the flange and the jig stands in front of the arm.
 
     Args:
+        robot: a robot, its file, or the name of a built-in one.
+        rng: generator of all that is drawn, or a seed of one.
         effects: of the true arm, each by name (`SIMULATED_EFFECTS`, `OUTSIDE_EFFECTS`), as (name, visible magnitude in
-            noise sigmas), or with all parameters; what is not given is drawn.
+            noise sigmas), or with all parameters; the rest is drawn.
         visible_sigmas: visible magnitude of effects given by name alone; None: each moves the point by 0.2 to 0.5 mm.
         conditions: payload, temperature, time and approach vary and are columns of poses.csv; None: where an effect
             needs them.
-        poses: how many; one is the reference, the others are shared 50 : 13 between train and test (Jang 2025).
-        noise_mm: of a measured point, each axis; scans make their own from `scan_model`.
-        scans: poses hold the jig in the scanner's field and scans are cast. Otherwise points over the work space.
+        poses: their number; one is the reference, the others are split 50 : 13 into train and test (Jang 2025).
+        noise_mm: standard deviation of a measured point along each axis; scans have that of `scan_model` instead.
+        scans: poses keep the jig in the scanner's field, and scans are cast. Otherwise points over the work space.
         payloads_kg: each pose carries one of these; (): no payload and no such column, or those of `conditions`.
         repeats: measurements of each pose (points only).
-        setups: how many placements of the scanner share the poses (points only).
+        setups: number of placements of the scanner that share the poses (points only).
         orientation_sigma_rad: noise about each axis of the jig's orientation at each point; None: no orientations.
 
     Raises:
         CalibError: an unknown effect, too few poses, or a robot that lacks what the effect needs.
+
+    >>> import calib
+    >>> calib.simulate_dataset("rb5", rng=0, effects=["joint_compliance"], poses=40).dataset
+    Dataset(simulated: RB5-850, 6 joints; 40 poses (1 reference, 31 train, 8 test); 40 points)
     """
+    robot, rng = load_robot(robot), np.random.default_rng(rng)
     if poses < 2:
         raise CalibError(f"found {poses} poses, a dataset needs 2 or more: the reference and one to compare with")
     if not np.isfinite(noise_mm) or noise_mm < 0:
@@ -98,11 +124,12 @@ def simulate_dataset(
         raise CalibError(
             f"found {setups} setups for {poses} poses; simulate points, with 4 poses or more for each setup"
         )
-    facing = [name for name in map(effect_name, effects) if name in NEED_FACING]
+    kinds = [SIMULATED[effect_name(effect)] for effect in effects]
+    facing = [kind.name for kind in kinds if kind.needs_facing_jig]
     if robot.carries_scanner and facing:
         raise CalibError(
             f"cannot simulate the effect {facing[0]} with a scanner on the flange: no fit takes it there; simulate a "
-            "scanner in the room"
+            "scanner beside the arm"
         )
     robot = ending_at_tool_point(robot)
     if scans and not robot.carries_scanner:
@@ -112,8 +139,8 @@ def simulate_dataset(
     if scans:
         if robot.carries_scanner:
             placed = draw_flange_mount(rng=rng)
-            base_T_jig = draw_watched_jig(robot, placed, rng=rng, jig=jig)
-            candidates = looking_poses(robot, placed, base_T_jig, 4 * poses, rng=rng, jig=jig)
+            base_T_jig = draw_jig_in_view(robot, placed, rng=rng, jig=jig)
+            candidates = poses_with_jig_in_view(robot, placed, base_T_jig, 4 * poses, rng=rng, jig=jig)
         else:
             candidates = scan_poses(robot, base_T_scanner, 4 * poses, rng=rng, jig=jig)
         q = candidates[spread_poses(np.where(robot.is_revolute, candidates, candidates / 300.0), poses)]
@@ -123,10 +150,9 @@ def simulate_dataset(
         q = random_poses(robot, poses, rng=rng)
     q = rounded(robot, q)
     if conditions is None:
-        conditions = any(effect_name(effect) in NEED_CONDITIONS for effect in effects)
+        conditions = any(kind.needs_conditions for kind in kinds)
     drawn = draw_conditions(robot, poses, rng=rng) if conditions else Conditions()
-    if any(effect_name(effect) == "warm_up" for effect in effects):
-        drawn = replace(drawn, temperature_c=None)  # nobody wrote down how warm the arm was
+    drawn = replace(drawn, **{column: None for kind in kinds for column in kind.unrecorded})
     if len(payloads_kg):
         drawn = replace(drawn, payload_kg=rng.choice(np.asarray(payloads_kg, float), poses))
     if robot.carries_scanner and base_T_jig is None:
@@ -176,7 +202,7 @@ def simulate_dataset(
 
 
 def draw_roles(count: int, *, rng: np.random.Generator) -> NDArray[np.str_]:
-    """(count,) the first pose is the reference; of the others 13 in 63 are for testing, drawn at random."""
+    """Random roles (count,): the first pose is the reference; of the others 13 in 63 are test poses."""
     role = np.full(count, "train", dtype="<U9")
     role[0] = "reference"
     role[1 + rng.permutation(count - 1)[: round((count - 1) * 13 / 63)]] = "test"
@@ -184,5 +210,5 @@ def draw_roles(count: int, *, rng: np.random.Generator) -> NDArray[np.str_]:
 
 
 def rounded(robot: Robot, q: Array) -> Array:
-    """Joint vectors as a controller would command them: whole thousandths of a degree, or of a millimetre."""
+    """Joint vectors rounded as a controller would command them: to 0.001 deg, or 0.001 mm."""
     return np.where(robot.is_revolute, np.radians(np.round(np.degrees(q), 3)), np.round(q, 3))

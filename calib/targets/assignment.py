@@ -1,8 +1,9 @@
-"""Which place found in a scan is which target: by name or size where those tell, else by the robot and all poses.
+"""Assignment of the places found in scans to targets: by name or size where possible, else by the robot and all poses.
 
-Targets on the tool are rigid to each other, and the nominal robot says where each of them should be up to the scanner's
-frame. So one frame, the same at all poses of a setup, fits when all places have their right names, and none fits when
-they have not. It is found by trying: two poses, named in every way, give a frame (Kabsch 1976), which names all others.
+Targets on the tool are rigid to each other, and the nominal robot predicts where each of them should be up to the
+scanner's frame. So one frame, the same at all poses of a setup, fits when all places have their right names, and none
+fits when they have not. It is found by trials: two poses, named in every way, give a frame (Kabsch 1976), which names
+all others.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from calib.targets.search import ScanSearch
 _TRIALS = 600
 _ROUNDS = 5
 _JUDGED = 16  # poses by which a trial is judged
-_MOST_NAMED = 4  # equal targets that are told apart
+_MOST_NAMED = 4  # equal targets that can be identified
 _PLACED_MM = 8.0  # by which nominal distances between targets may be off
 _MOST_OFF_SHARE = 0.5  # of the misfit of the next-best naming, that the best may have
 _RIGID_SIGMAS = 8.0
@@ -34,7 +35,7 @@ _LEAST_POSES = 3
 
 @dataclass(frozen=True)
 class Assignment:
-    """The targets found at each pose, and why others were not."""
+    """Targets assigned at each pose, and the reasons why others were not."""
 
     points: Mapping[str, Mapping[str, FoundPoint]]  # pose id -> target -> its place
     refused: Mapping[str, Mapping[str, str]]  # pose id -> target -> the reason
@@ -49,8 +50,8 @@ class Assignment:
         ]
 
 
-def told_apart(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> Assignment:
-    """The places of every target by pose, as far as they can be named; from searches of `find_targets`."""
+def assign_targets(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> Assignment:
+    """Places of every target by pose, as far as they can be named, from the searches of `find_targets`."""
     points: dict[str, dict[str, FoundPoint]] = {}
     refused: dict[str, dict[str, str]] = {}
     open_: dict[tuple[str, ...], dict[str, Sequence[FoundPoint]]] = {}
@@ -88,13 +89,16 @@ def _named(
     places: Mapping[str, Sequence[FoundPoint]],
     known: Mapping[str, Mapping[str, FoundPoint]],
 ) -> tuple[dict[str, dict[str, FoundPoint]], dict[str, dict[str, str]]]:
-    """Names of equal targets, by the nominal robot; `known` are places whose names are sure."""
-    words = f"{', '.join(names)} look alike"
+    """Names of equal targets by pose, and reasons for those refused, by the nominal robot.
+
+    `known` are places whose names are certain.
+    """
+    alike = f"{', '.join(names)} look alike"
     if dataset.robot.carries_scanner:
-        reason = f"{words}, and nothing tells them apart in the room; give them different sizes"
+        reason = f"{alike}, and nothing distinguishes them where the arm carries the scanner; give them different sizes"
         return {}, {pose: dict.fromkeys(names, reason) for pose in places}
     if len(names) > _MOST_NAMED:
-        reason = f"{words}, and more than {_MOST_NAMED} are not told apart; give them different sizes"
+        reason = f"{alike}, and more than {_MOST_NAMED} cannot be distinguished; give them different sizes"
         return {}, {pose: dict.fromkeys(names, reason) for pose in places}
     named: dict[str, dict[str, FoundPoint]] = {}
     refused: dict[str, dict[str, str]] = {}
@@ -114,7 +118,7 @@ def _named(
             sure += [(expected_others[k, row], named_here[n].xyz_mm) for k, n in enumerate(others) if n in named_here]
         frame = _best_frame(seen, sure)
         if frame is None:
-            reason = f"{words}, and {len(seen)} poses are too few to tell them apart; measure more poses"
+            reason = f"{alike}, and {len(seen)} poses are too few to distinguish them; measure more poses"
             refused |= {one.pose_id: dict.fromkeys(names, reason) for one in seen}
             continue
         for one in seen:
@@ -123,7 +127,7 @@ def _named(
             best, second = misfits[order[0]], misfits[order[1]] if len(order) > 1 else np.inf
             if best > _MOST_OFF_SHARE * second:
                 reason = (
-                    f"{words}: they stand {best:.3g} mm from where the nominal robot has them, by another naming "
+                    f"{alike}: they are {best:.3g} mm from where the nominal robot predicts them, by another naming "
                     f"{second:.3g} mm; check their xyz_mm in robot.toml, or give them different sizes"
                 )
                 refused[one.pose_id] = dict.fromkeys(names, reason)
@@ -135,7 +139,7 @@ def _named(
 
 @dataclass(frozen=True)
 class _Seen:
-    """Places of equal targets at one pose, and in which ways they may be named."""
+    """Places of equal targets at one pose, and the ways in which they may be named."""
 
     pose_id: str
     xyz_mm: Array  # (S, 3) scanner frame
@@ -143,34 +147,34 @@ class _Seen:
     ways: IndexArray  # (W, S) which target each place is
 
     def misfits(self, scanner_T_base: Array) -> Array:
-        """(W,) root mean square distance, mm, from where the targets are expected, named in each way."""
+        """(W,) root mean square distance, mm, from where the targets are expected, for each way of naming."""
         there = frames.apply(scanner_T_base, self.expected_mm)
         away = self.xyz_mm[: self.ways.shape[1], None] - there[None]  # (S, T, 3)
         squares = np.einsum("sti,sti->st", away, away)
         return np.asarray(np.sqrt(squares[np.arange(self.ways.shape[1]), self.ways].mean(axis=1)))
 
     def pairs(self, way: IndexArray) -> tuple[Array, Array]:
-        """Expected places and seen ones (S, 3), named in one way."""
+        """Expected and measured places (S, 3) under one way of naming."""
         return self.expected_mm[way], self.xyz_mm[: len(way)]
 
 
 def nominal_targets(dataset: Dataset, names: Sequence[str]) -> Array:
-    """(T, N, 3) mm, where the nominal robot has targets at all poses, in the base frame; NaN where it does not say."""
+    """Nominal positions (T, N, 3) mm of targets at all poses, base frame; NaN where the robot does not define them."""
     robot = dataset.robot
     chain = kinematics.forward(robot.table, dataset.poses.q, robot.is_revolute, robot.base_T_first)
-    out = np.full((len(names), len(dataset.poses), 3), np.nan)
+    targets_mm = np.full((len(names), len(dataset.poses), 3), np.nan)
     for k, name in enumerate(names):
         if name == "jig":
-            out[k] = kinematics.tool_points(robot, chain)
+            targets_mm[k] = kinematics.tool_points(robot, chain)
             continue
         target = next((t for t in robot.targets if t.name == name), None)
-        if target is not None and not target.in_room:
-            out[k] = frames.apply(chain.base_T_link(target.joint), np.asarray(target.xyz_mm))
-    return out
+        if target is not None and not target.in_world:
+            targets_mm[k] = frames.apply(chain.base_T_link(target.joint), np.asarray(target.xyz_mm))
+    return targets_mm
 
 
 def _ways(xyz_mm: Array, expected_mm: Array) -> IndexArray:
-    """(W, S) which target each place is, in every way that agrees with the distances between the targets."""
+    """(W, S) target of each place, for every naming that agrees with the distances between the targets."""
     count = min(len(xyz_mm), len(expected_mm))
     ways = np.array(list(permutations(range(len(expected_mm)), count)), dtype=np.int64)
     if count < 2:
@@ -183,7 +187,10 @@ def _ways(xyz_mm: Array, expected_mm: Array) -> IndexArray:
 
 
 def _best_frame(seen: Sequence[_Seen], sure: Sequence[tuple[Array, Array]]) -> Array | None:
-    """scanner_T_base (4, 4) with which most places have a name; None where too few are seen. `sure` need no name."""
+    """Frame scanner_T_base (4, 4) under which most places have a name; None where too few are seen.
+
+    `sure` are pairs of base and scanner coordinates whose names are certain.
+    """
     many = [one for one in seen if one.ways.shape[1] > 1] or (list(seen) if len(sure) >= _LEAST_POSES else [])
     if len(many) < _LEAST_POSES:
         return None
@@ -205,6 +212,7 @@ def _best_frame(seen: Sequence[_Seen], sure: Sequence[tuple[Array, Array]]) -> A
 
 
 def _frame_of(pairs: Sequence[tuple[Array, Array]]) -> Array:
+    """Frame scanner_T_base (4, 4) that fits pairs of base and scanner coordinates best."""
     base, scanner = (np.vstack(column) for column in zip(*pairs, strict=True))
     return frames.best_fit_transform(base, scanner)
 
@@ -212,7 +220,7 @@ def _frame_of(pairs: Sequence[tuple[Array, Array]]) -> Array:
 def _refuse_moved(
     dataset: Dataset, points: dict[str, dict[str, FoundPoint]], refused: dict[str, dict[str, str]]
 ) -> None:
-    """Take out places whose distance from others is not what it is at the other poses: they are no such target."""
+    """Move places to `refused` whose distance from others is not that of the other poses: they are something else."""
     joint = {"jig": None} | {target.name: target.joint for target in dataset.robot.targets}
     names = list(dict.fromkeys(n for of in points.values() for n in of))
     if not dataset.robot.carries_scanner:

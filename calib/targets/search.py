@@ -1,4 +1,4 @@
-"""From a scan to all its targets: each kind of target has its finder, and what was found, or why not, is kept."""
+"""Search of one scan for all targets by the finder of each kind, with the places found and reasons for failures."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
+from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
 from calib.errors import TargetError
 from calib.jig import Jig
 from calib.scans.scan import Scan
-from calib.target_shapes import OwnShape, PlaneSet, Plate, Socket, Sphere, Spheres, Target
+from calib.target_shapes import DeclaredTarget, OwnShape, PlaneSet, Plate, Socket, Sphere, Spheres
 from calib.targets.flat.plane_set import find_plane_set
 from calib.targets.flat.plate_corner import find_plate_corner
 from calib.targets.protocol.finder import FoundPoint, TargetFinder, Wanted
@@ -21,7 +21,7 @@ from calib.targets.protocol.user_file import UserFinder, checked_answer
 from calib.targets.spheres.constellation import find_constellation
 from calib.targets.spheres.socket import find_socket
 from calib.targets.spheres.sphere_finder import find_spheres
-from calib.targets.trihedral import Jigs, find_jigs
+from calib.targets.trihedral import find_jigs
 
 _FINDERS: dict[type, TargetFinder] = {
     Sphere: find_spheres,
@@ -37,92 +37,94 @@ UserFunction = Callable[[Scan, Wanted], Any]
 
 @dataclass(frozen=True)
 class TargetSearch:
-    """What a finder says of the targets of one shape in one scan."""
+    """Result of a finder for the targets of one shape in one scan."""
 
     names: tuple[str, ...]  # of the targets
-    places: tuple[FoundPoint, ...]  # where such targets are; which is which is told from all poses together
+    places: tuple[FoundPoint, ...]  # where such targets are; all poses together decide which is which
     failure: str  # "" or why there is none
 
 
 @dataclass(frozen=True)
 class ScanSearch(CornerSearch):
-    """The search of a scan for several targets: the corner of the first jig, if any, and all that was found."""
+    """Search of a scan for several targets: the corner of the first jig, if any, and all places found."""
 
     found: tuple[TargetSearch, ...] = ()
 
     @property
     def places(self) -> tuple[FoundPoint, ...]:
-        """All places of all targets."""
+        """Places of all targets."""
         return tuple(place for search in self.found for place in search.places)
 
     def state(self) -> str:
-        """In a word or two: whether all targets were found."""
+        """ "found", or "found, 2 missing" with the number of kinds of target that were not found."""
         missing = sum(bool(one.failure) for one in self.found)
         return f"found, {missing} missing" if missing else "found"
 
 
-def wanted_of(targets: Sequence[Target], scan_sigma_mm: float | None) -> list[Wanted]:
-    """Targets of equal shape together: they are looked for at once, and told apart later."""
-    out: list[Wanted] = []
+def wanted_of(targets: Sequence[DeclaredTarget], scan_sigma_mm: float | None) -> list[Wanted]:
+    """Requests to finders, one for all targets of equal shape, which are identified later."""
+    requests: list[Wanted] = []
     for target in targets:
-        same = next((k for k, w in enumerate(out) if w.shape == target.shape), None)
+        same = next((k for k, w in enumerate(requests) if w.shape == target.shape), None)
         if same is None or isinstance(target.shape, OwnShape):
-            out.append(Wanted(target.shape, target.names, scan_sigma_mm))
+            requests.append(Wanted(target.shape, target.names, scan_sigma_mm))
         else:
-            out[same] = replace(out[same], names=(*out[same].names, *target.names))
-    return out
+            requests[same] = replace(requests[same], names=(*requests[same].names, *target.names))
+    return requests
 
 
 def find_targets_in(
     scan: Scan,
-    targets: Sequence[Target],
+    targets: Sequence[DeclaredTarget],
     *,
     scan_sigma_mm: float | None = None,
     finder: UserFunction | UserFinder | None = None,
-    told: ToldNoise = NOTHING_TOLD,
+    declared: DeclaredNoise = NOTHING_DECLARED,
 ) -> CornerSearch:
     """Find all targets in one scan; where the one target is a jig, this is `find_corner`.
 
-    `finder` is asked for targets of shape "own"; where there is none, in place of the product's own finders. Never
-    raises on a scan: reasons are kept.
+    `finder` is called for targets of shape "own"; where there is none, in place of the built-in finders. Never raises
+    on a scan: reasons are kept.
     """
     started = time.perf_counter()
     own = any(isinstance(target.shape, OwnShape) for target in targets)
-    wanted = [replace(one, told=told) for one in wanted_of(targets, scan_sigma_mm)]
+    wanted = [replace(one, declared=declared) for one in wanted_of(targets, scan_sigma_mm)]
     if finder is None and len(targets) == 1 and isinstance(targets[0].shape, Jig):
-        options = CornerOptions(refinement=RefinementOptions(told=told))
+        options = CornerOptions(refinement=RefinementOptions(declared=declared))
         return find_corner(scan, targets[0].shape, scan_sigma_mm=scan_sigma_mm, options=options)
     corner_search: CornerSearch | None = None
-    jigs = Jigs(tuple(w.shape for w in wanted if isinstance(w.shape, Jig)))
-    found = []
+    jig_shapes = sum(isinstance(w.shape, Jig) for w in wanted)
+    searches = []
     for one in wanted:
         try:
             if finder is not None and (not own or isinstance(one.shape, OwnShape)):
-                places = _asked(finder, scan, one)
+                places = _call_finder(finder, scan, one)
             elif isinstance(one.shape, OwnShape):
                 raise TargetError("no finder of your own is given for this target; give one with --finder FILE.py")
             elif isinstance(one.shape, Jig):
-                first, places = find_jigs(scan, one, jigs)
+                first, places = find_jigs(scan, one, jig_shapes)
                 corner_search = corner_search or first
             else:
                 places = _FINDERS[type(one.shape)](scan, one)
         except TargetError as error:
-            found.append(TargetSearch(one.names, (), str(error)))
+            searches.append(TargetSearch(one.names, (), str(error)))
         else:
-            found.append(TargetSearch(one.names, tuple(places), ""))
+            searches.append(TargetSearch(one.names, tuple(places), ""))
     base = corner_search or failed_search(scan.name, "")
-    none = not any(search.places for search in found)
-    failure = "; ".join(_named(search) for search in found) if none else ""
+    none = not any(search.places for search in searches)
+    failure = "; ".join(_failure_text(search) for search in searches) if none else ""
     values = {f.name: getattr(base, f.name) for f in fields(CornerSearch)}
     values |= {"failure": failure, "seconds": time.perf_counter() - started}
-    return ScanSearch(**values, found=tuple(found))
+    return ScanSearch(**values, found=tuple(searches))
 
 
-def _named(search: TargetSearch) -> str:
+def _failure_text(search: TargetSearch) -> str:
+    """Reason of a failed search, after the targets' names where there are several."""
     return search.failure if len(search.names) == 1 else f"{', '.join(search.names)}: {search.failure}"
 
 
-def _asked(finder: UserFunction | UserFinder, scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
+def _call_finder(finder: UserFunction | UserFinder, scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
+    """Places that a user's finder returns, checked. Raises TargetError."""
     if isinstance(finder, UserFinder):
         return finder(scan, wanted)
     return checked_answer(finder, scan, wanted, getattr(finder, "__name__", "finder"))

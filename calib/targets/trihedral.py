@@ -1,12 +1,12 @@
-"""Three-faced jigs by the protocol of a finder: `find_corner`, again and again where several are in view.
+"""Finder of three-faced jigs: `find_corner`, repeatedly where several are in view.
 
-Each corner that was found is taken out of the scan before the next search. Jigs of several sizes are told apart by how
+Each corner that was found is taken out of the scan before the next search. Jigs of several sizes are identified by how
 far their faces reach.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,55 +28,44 @@ _SIZE_SLACK = 0.12
 _BAND_SIGMA = 6.0
 
 
-@dataclass(frozen=True)
-class Jigs:
-    """The jigs of different shapes that a dataset has, whose corners may be mistaken for each other."""
+def find_jigs(scan: Scan, wanted: Wanted, shapes: int) -> tuple[CornerSearch, list[FoundPoint]]:
+    """The first search, for its intermediate products, and the corners of at most as many jigs as are wanted.
 
-    shapes: tuple[Jig, ...]
-
-    @property
-    def sizes_differ(self) -> bool:
-        """Whether a corner has to show its size."""
-        return len(self.shapes) > 1
-
-
-def find_jigs(scan: Scan, wanted: Wanted, jigs: Jigs) -> tuple[CornerSearch, list[FoundPoint]]:
-    """The first search, for its intermediate products, and the corners of as many jigs as are wanted, at most.
-
-    Raises TargetError where none is found.
+    `shapes` is the number of different jigs that may be in view. Raises TargetError where none is found.
     """
     jig = wanted.shape
     assert isinstance(jig, Jig)
-    options = CornerOptions(refinement=RefinementOptions(told=wanted.told))
+    options = CornerOptions(refinement=RefinementOptions(declared=wanted.declared))
     searches: list[CornerSearch] = []
     found: list[FoundPoint] = []
     first: CornerSearch | None = None
-    left = np.arange(len(scan.points_mm))
+    remaining = np.arange(len(scan.points_mm))
     refusal = ""
-    for _ in range(wanted.most + len(jigs.shapes) - 1 + (1 if wanted.most > 1 else 0)):
-        rest = Scan(scan.name, scan.points_mm[left])
+    for _ in range(wanted.most + shapes - 1 + (1 if wanted.most > 1 else 0)):
+        rest = Scan(scan.name, scan.points_mm[remaining])
         search = find_corner(rest, jig, scan_sigma_mm=wanted.scan_sigma_mm, options=options)
         searches.append(search)
         corner = search.corner
         if corner is None:
             break
-        reach = reach_mm(rest.points_mm, corner, jig) if jigs.sizes_differ else jig.longest_mm
+        reach = reach_mm(rest.points_mm, corner, jig) if shapes > 1 else jig.longest_mm
         if abs(reach - jig.longest_mm) < _SIZE_SLACK * jig.longest_mm:
-            found.append(_found(corner, left, len(scan.points_mm)))
-            first = first or _in_whole_scan(search, left, len(scan.points_mm))
+            found.append(_found(corner, remaining, len(scan.points_mm)))
+            first = first or _in_whole_scan(search, remaining, len(scan.points_mm))
             if len(found) == wanted.most:
                 break
         else:
-            refusal = f"a corner is in view whose faces reach {reach:.3g} mm, the jig has {jig.edge_words()}; "
+            refusal = f"a corner is in view whose faces reach {reach:.3g} mm, the jig has {jig.edges_text()}; "
             refusal += "check edge_mm"
-        left = left[~_of_jig(rest.points_mm, corner, jig)]
+        remaining = remaining[~_of_jig(rest.points_mm, corner, jig)]
     if not found:
         raise TargetError(refusal or searches[0].failure)
     return first or searches[0], found
 
 
-def _found(corner: Corner, left: IndexArray, count: int) -> FoundPoint:
-    inliers = np.concatenate([left[face.inliers] for face in corner.faces])
+def _found(corner: Corner, remaining: IndexArray, count: int) -> FoundPoint:
+    """Place of a corner; `remaining` are the indices in the scan of the points that were searched."""
+    inliers = np.concatenate([remaining[face.inliers] for face in corner.faces])
     return FoundPoint(
         corner.xyz_mm,
         corner.covariance_mm2,
@@ -87,18 +76,18 @@ def _found(corner: Corner, left: IndexArray, count: int) -> FoundPoint:
     )
 
 
-def _in_whole_scan(search: CornerSearch, left: IndexArray, count: int) -> CornerSearch:
-    """The search with its faces' inliers as indices into the whole scan."""
+def _in_whole_scan(search: CornerSearch, remaining: IndexArray, count: int) -> CornerSearch:
+    """Search with its faces' inliers as indices into the whole scan."""
     corner = search.corner
     assert corner is not None
-    if len(left) == count:
+    if len(remaining) == count:
         return search
-    one, two, three = (replace(face, inlier_bits=packed(left[face.inliers], count)) for face in corner.faces)
+    one, two, three = (replace(face, inlier_bits=packed(remaining[face.inliers], count)) for face in corner.faces)
     return replace(search, corner=replace(corner, faces=(one, two, three)))
 
 
 def _edges(corner: Corner) -> Array:
-    """(3, 3) unit, one a row: edge i leaves face i, from the apex along the jig."""
+    """Unit vectors (3, 3), one a row, along the edges from the apex; edge i is the one that does not lie in face i."""
     normals = np.array([face.normal for face in corner.faces])
     edges = np.zeros((3, 3))
     for i, j in FACE_PAIRS:
@@ -110,22 +99,22 @@ def _edges(corner: Corner) -> Array:
 
 
 def _of_jig(points: Array, corner: Corner, jig: Jig) -> BoolArray:
-    """(N,) mask of the points that a jig takes with it when it is taken out of the scan."""
+    """(N,) mask of the points that are taken out of the scan with a jig."""
     axis = _edges(corner).sum(axis=0)
     middle = corner.xyz_mm + _BALL_AT * jig.longest_mm * axis / np.linalg.norm(axis)
     return np.asarray(np.linalg.norm(points - middle, axis=1) < _TAKEN_OUT * jig.longest_mm)
 
 
 def reach_mm(points: Array, corner: Corner, jig: Jig) -> float:
-    """How far the faces of a corner reach from the apex, along the edges: the median of three faces.
+    """Distance from the apex to which a corner's faces reach along the edges: the median of three faces.
 
-    On a face the points are p = apex + u e_1 + v e_2. Of a triangle u + v ends at the edge's length, of a rectangle the
-    larger of u and v does. It ends where the density falls below a third of that near the apex.
+    On a face the points are p = apex + u e_1 + v e_2. On a triangle u + v ends at the edge's length, on a rectangle the
+    larger of u and v does. The end is where the density falls below a third of that near the apex.
     """
     edges = _edges(corner)
     away = points - corner.xyz_mm
     near = away[np.einsum("ni,ni->n", away, away) < (4 * jig.longest_mm) ** 2]
-    out = []
+    reaches = []
     for face in range(3):
         on = np.abs(near @ corner.faces[face].normal) < _BAND_SIGMA * max(corner.faces[face].rms_mm, 1e-6)
         first, second = ((face + 1) % 3, (face + 2) % 3)
@@ -137,5 +126,5 @@ def reach_mm(points: Array, corner: Corner, jig: Jig) -> float:
         usual = float(np.median(density[2:8])) if len(span) else 0.0
         beyond = np.flatnonzero(density[3:] < _EMPTY * usual)
         bin_ = 3 + int(beyond[0]) if len(beyond) else len(counts)
-        out.append((bin_ - 0.0) * _STEP * jig.longest_mm)
-    return float(np.median(out))
+        reaches.append((bin_ - 0.0) * _STEP * jig.longest_mm)
+    return float(np.median(reaches))

@@ -1,7 +1,7 @@
 """CSV text, read within bounds and written so that a spreadsheet takes no cell for a formula.
 
-A text that begins as a formula does (`=cmd|...`, `@SUM(...)`, `+1+2`) stands in our files behind an apostrophe, as
-spreadsheets themselves write a text. Reading takes the apostrophe away, so a table comes back as it was. Numbers stay.
+A text that begins as a formula does (`=cmd|...`, `@SUM(...)`, `+1+2`) is written behind an apostrophe, as
+spreadsheets themselves do. Reading takes the apostrophe away, so a table comes back as it was. Numbers stay.
 Source: "CSV Injection", OWASP.
 """
 
@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from calib.errors import DatasetError, shown, visible
+from calib.errors import DatasetError, printable, visible
 
 MOST_BYTES = 200_000_000
 MOST_CELLS = 10_000_000  # a hundred thousand poses with a hundred columns
@@ -28,7 +28,7 @@ _GUARDED = re.compile(rf"'+{_FORMULA.pattern}")
 
 
 def as_number(cell: str) -> float | None:
-    """A cell's finite number; None where it has none. Neither 1_0 nor the digits of other scripts are one here."""
+    """The finite number in a cell; None where it holds none. Neither 1_0 nor digits of other scripts are numbers."""
     try:
         value = float(cell) if cell.isascii() and "_" not in cell else math.nan
     except ValueError:
@@ -37,9 +37,9 @@ def as_number(cell: str) -> float | None:
 
 
 def csv_rows(path: Path, text: str, delimiter: str = ",") -> list[tuple[int, list[str]]]:
-    """The rows that hold anything, each with the line that it ends in, counted from 1.
+    """Non-empty rows of CSV text, each with the number, from 1, of the line that it ends in.
 
-    Raises DatasetError for more than `MOST_CELLS`, told before any is made, and for what is no CSV.
+    Raises DatasetError for more than `MOST_CELLS` cells, before any is made, and for text that is no CSV.
     """
     cells = text.count(delimiter) + text.count("\n") + text.count("\r")
     if cells > MOST_CELLS:
@@ -60,7 +60,7 @@ def csv_rows(path: Path, text: str, delimiter: str = ",") -> list[tuple[int, lis
 
 
 def _refuse_wide(path: Path, line: int, row: list[str]) -> None:
-    """Raise DatasetError for a row of more columns than a table of measurements has."""
+    """Raise DatasetError for a row of more columns than a table of measurements may have."""
     if len(row) <= MOST_COLUMNS:
         return
     used = max(k + 1 for k, cell in enumerate(row) if cell)
@@ -72,7 +72,7 @@ def _refuse_wide(path: Path, line: int, row: list[str]) -> None:
 
 
 def lines_of(text: str) -> Iterator[str]:
-    """Lines with their ends. A file object of text would hold four bytes a character."""
+    """Lines of a text with their line ends, without the copy of four bytes a character that a file object makes."""
     return (found[0] for found in _LINE.finditer(text))
 
 
@@ -81,9 +81,9 @@ def _plain(cell: str) -> str:
 
 
 def _guarded(cell: object) -> object:
-    """A cell as it is written: a text that begins as a formula, or as one that is guarded, behind an apostrophe.
+    """A cell as it is written: a text that begins like a formula, or with an apostrophe, gets one in front.
 
-    What would be hidden in it is an escape, but for the ends of lines and tabs, which a quoted cell may hold.
+    Control characters become escapes, except line ends and tabs, which a quoted cell may hold.
     """
     if not isinstance(cell, str) or as_number(cell) is not None:
         return cell
@@ -112,6 +112,6 @@ def rows_csv(rows: Sequence[Sequence[str]]) -> str:
 
 
 def names_in_short(names: Sequence[str], most: int = 30) -> str:
-    """Names with commas between, the first `most` of them, each cut."""
-    told = ", ".join(shown(name[:60]) for name in names[:most])
-    return told + (f" and {len(names) - most} more" if len(names) > most else "")
+    """The first `most` names, each cut to a few characters, with commas between."""
+    listed = ", ".join(printable(name[:60]) for name in names[:most])
+    return listed + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -1,4 +1,4 @@
-"""The text of a dataset's small files, read so that nothing odd in their place holds the program up."""
+"""Text of small files, read with bounds on size and type so that a pipe or device cannot block the program."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from calib.errors import DatasetError
 def decoded(content: bytes) -> str:
     """A table's text in UTF-8, UTF-16 or UTF-32, as spreadsheets write them, else in Windows' Western encoding.
 
-    UTF-16 without a mark at its beginning is told by the zeros that ASCII has in it.
+    UTF-16 without a byte order mark is recognised by the zero bytes of its ASCII characters.
     """
     if content.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE)):
         return content.decode("utf-32", errors="replace")
@@ -34,15 +34,15 @@ def decoded(content: bytes) -> str:
 def read_text(
     path: Path, *, missing: str, kind: str, most_bytes: int, pipe: bool = False, any_encoding: bool = False
 ) -> str:
-    """A file's text; a byte order mark, as editors on Windows and spreadsheets write it, is left out.
+    """A file's text without its byte order mark, which editors on Windows and spreadsheets write.
 
     Args:
         path: of the file.
-        missing: what would do where there is none.
-        kind: as what it is read, "TOML" or "CSV".
-        most_bytes: that a file of this kind has.
-        pipe: whether a pipe will do, where the user named it for this reading alone.
-        any_encoding: whether other encodings than UTF-8 will do.
+        missing: the remedy in the error where the file does not exist.
+        kind: name of the format in errors, "TOML" or "CSV".
+        most_bytes: the largest size that is read.
+        pipe: whether a pipe is accepted, as where the user names one on the command line.
+        any_encoding: whether encodings other than UTF-8 are accepted.
 
     Raises:
         DatasetError: it is missing, no file (reading a pipe would wait for ever), too large, or not UTF-8.

@@ -1,4 +1,4 @@
-"""TOML tables whose every error names the file, the key and what would do."""
+"""TOML tables whose every error names the file, the key and a remedy."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _TOKEN = re.compile(  # strings, comments, and what ends or nests keys; all else
 
 
 class TomlTable:
-    """One table of a TOML file; remembers where it stands and which of its keys were read."""
+    """One table of a TOML file, with its place in the file and a record of the keys that were read."""
 
     def __init__(self, data: Mapping[str, Any], file: Path, place: str = "") -> None:
         self.data = data
@@ -37,7 +37,7 @@ class TomlTable:
 
     @classmethod
     def load(cls, path: Path) -> TomlTable:
-        """The file's outermost table. Raises DatasetError."""
+        """Read a TOML file as its top-level table. Raises DatasetError."""
         missing = f"a dataset folder needs {path.name}"
         text = read_text(path, missing=missing, kind="TOML", most_bytes=MOST_BYTES)
         _refuse_nested(path, text)
@@ -60,7 +60,7 @@ class TomlTable:
         return self.data.get(key)
 
     def number(self, key: str, default: float | None = None, *, positive: bool = False) -> float | None:
-        """A finite number; `default` where the key is absent."""
+        """Finite number under a key; `default` where the key is absent. Raises DatasetError."""
         value = self._get(key)
         if value is None:
             return default
@@ -79,7 +79,7 @@ class TomlTable:
     def text(
         self, key: str, default: str | None = None, *, choices: Iterable[str] = (), lines: bool = False
     ) -> str | None:
-        """A text without hidden characters, of one line unless `lines`; `default` where the key is absent."""
+        """Text under a key, of one line unless `lines`; `default` where the key is absent. Raises DatasetError."""
         value = self._get(key)
         if value is None:
             return default
@@ -94,7 +94,7 @@ class TomlTable:
         return value
 
     def date(self, key: str) -> str | None:
-        """A date of TOML's own, 2026-03-14 without quotes, as text; None where the key holds something else."""
+        """TOML date (2026-03-14 without quotes) under a key, as text; None where the key holds something else."""
         value = self._get(key)
         return value.isoformat() if isinstance(value, date) else None  # a time with a date is one too
 
@@ -113,7 +113,7 @@ class TomlTable:
         return value
 
     def vector(self, key: str) -> tuple[float, float, float] | None:
-        """Three finite numbers, or None where the key is absent."""
+        """Three finite numbers under a key; None where the key is absent. Raises DatasetError."""
         value = self._get(key)
         if value is None:
             return None
@@ -125,7 +125,7 @@ class TomlTable:
         return (float(value[0]), float(value[1]), float(value[2]))
 
     def square_matrix(self, key: str, size: int) -> tuple[tuple[float, ...], ...]:
-        """`size` rows of as many finite numbers, or () where the key is absent."""
+        """Matrix (size, size) of finite numbers under a key; () where the key is absent. Raises DatasetError."""
         rows = self._get(key)
         if rows is None:
             return ()
@@ -138,7 +138,7 @@ class TomlTable:
         return tuple(tuple(map(float, row)) for row in rows)
 
     def table(self, key: str) -> TomlTable:
-        """A sub-table; empty where it is absent."""
+        """The sub-table under a key; empty where it is absent. Raises DatasetError."""
         value = self._get(key)
         place = f"{self.place}.[{key}]" if self.place else f"[{key}]"
         if value is not None and not isinstance(value, dict):
@@ -146,7 +146,7 @@ class TomlTable:
         return TomlTable(value or {}, self.file, place)
 
     def tables(self, key: str) -> list[TomlTable]:
-        """An array of tables; empty where it is absent."""
+        """The array of tables under a key; empty where it is absent. Raises DatasetError."""
         value = self._get(key)
         if value is None:
             return []
@@ -155,15 +155,15 @@ class TomlTable:
         return [TomlTable(item, self.file, f"[[{key}]] {i + 1}") for i, item in enumerate(value)]
 
     def unread(self) -> dict[str, Any]:
-        """Keys that were not read: kept, so that writing the file again loses nothing."""
+        """The keys that were not read, with their values, so that writing the file again loses nothing."""
         return {key: value for key, value in self.data.items() if key not in self._read}
 
 
 def _refuse_nested(file: Path, text: str) -> None:
-    """Raise DatasetError, with the line, for keys of many parts and for tables and lists nested deep, before parsing.
+    """Raise DatasetError, with the line, for dotted keys of many parts and for deeply nested tables and lists.
 
-    It reads strings and comments as TOML has them, so that nothing stands hidden in one; where a string has no end the
-    parser goes no further either.
+    Done before parsing, by the tokens alone: strings and comments are passed over. A string without an end stops the
+    check, as it stops the parser.
     """
     depth = parts = 0
     for found in _TOKEN.finditer(text):
@@ -185,7 +185,7 @@ def _refuse_nested(file: Path, text: str) -> None:
 
 
 def _require_usual_integers(file: Path, place: str, value: object) -> None:
-    """Raise DatasetError, with the place, where a value holds an integer that is no number of a measurement."""
+    """Raise DatasetError, with the place, where a value holds an integer too large for a measurement."""
     if isinstance(value, dict):
         for key, inside in value.items():
             _require_usual_integers(file, f"{place}.{key}", inside)

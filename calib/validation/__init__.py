@@ -1,1 +1,1 @@
-"""Cross-validation, learning curve, and the check that passes or fails a dataset."""
+"""Cross-validation, learning curve, comparison of two calibrations, and the check that passes or fails a dataset."""

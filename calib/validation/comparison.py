@@ -1,4 +1,4 @@
-"""Two calibrations side by side: the same arm before and after a repair, or two arms of a type.
+"""Comparison of two calibrations: the same arm before and after a repair, or two arms of a type.
 
 A posterior mean moves with the true parameters by its averaging kernel M = I - C L (C the posterior covariance, L the
 prior's precision), and with the noise, whose part of the covariance is M C. Both means are drawn to the nominal robot
@@ -13,28 +13,31 @@ moves the difference by M2's column: that is how one change is told from the man
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from calib import frames
 from calib.array_types import Array
+from calib.calibration.calibrate import as_calibration
 from calib.calibration.evaluation import Evaluation
-from calib.calibration.result import Calibration
+from calib.calibration.result import Calibration, FittedResult
+from calib.dataset.dataset import Dataset
 from calib.distributions import chi2_sf
 from calib.errors import FitError
 from calib.kinematics.chain import forward
 from calib.presented import Presented
 from calib.screening.evidence import holm
 
-ALPHA = 0.01  # of a change that is told, over all parameters
+ALPHA = 0.01  # family-wise significance level of a change, over all parameters
 MOST_CHANGES = 4
-SAME = 0.95  # correlation of two changes' effects from which these data do not tell one from the other
-_KNOWN = 1e-6  # share of the largest direction of D below which nothing is known of the difference
+SAME = 0.95  # correlation of two changes' effects from which these data cannot discriminate them
+_KNOWN = 1e-6  # share of the largest eigenvalue of D below which the difference is unknown in a direction
 
 
 @dataclass(frozen=True)
 class ParameterDifference:
-    """One parameter of both; the second minus the first."""
+    """Difference of one parameter of both calibrations, the second minus the first."""
 
     name: str = field(metadata={"key": "parameter"})
     unit: str
@@ -51,14 +54,14 @@ class ParameterDifference:
 
 @dataclass(frozen=True)
 class ParameterChange:
-    """One parameter's change that explains the difference best, with those told before."""
+    """Change of one parameter that explains the difference best, given the changes before it."""
 
     name: str = field(metadata={"key": "parameter"})
     unit: str
     size: float
     sigma: float
     p_holm: float
-    alike: tuple[str, ...]  # other parameters whose change these data do not tell from it
+    alike: tuple[str, ...]  # other parameters whose change these data cannot discriminate from this one
 
 
 @dataclass(frozen=True)
@@ -69,24 +72,44 @@ class Comparison(Presented):
     errors: tuple[tuple[Evaluation, Evaluation], tuple[Evaluation, Evaluation]]  # before and after, of each
     parameters: tuple[ParameterDifference, ...]
     only_in: tuple[tuple[str, ...], tuple[str, ...]]  # effects in one model and not in the other
-    p_same: float  # of a difference at least this large where the arms are the same
+    p_same: float  # p-value of the difference, where the arms are the same
     changes: tuple[ParameterChange, ...]
-    p_rest: float  # of what these changes leave, where the arms are otherwise the same
-    rms_mm: float  # of the tool points' difference at all poses of both, after the best rigid motion
+    p_rest: float  # p-value of the rest of the difference, where the arms are otherwise the same
+    rms_mm: float  # RMS distance of the tool points at all poses of both, after the best rigid motion
     largest_mm: float
     largest_pose: str
 
     @property
     def differs(self) -> bool:
-        """Whether any change is beyond what noise makes."""
+        """Whether any change is beyond the noise."""
         return bool(self.changes) or any(self.only_in)
 
+    def _brief(self) -> str:
+        changed = ", ".join(change.name for change in self.changes) or "no parameter"
+        return f"{self.names[0]} and {self.names[1]}: {changed} differs, tool point {self.rms_mm:.3g} mm RMS apart"
 
-def compare(one: Calibration, other: Calibration, names: tuple[str, str] | None = None) -> Comparison:
-    """Compare two calibrations of different measurements of the same kind of robot.
 
-    names: what they are called, by default their datasets' names. Raises FitError for robots with other joints.
+def compare(
+    one: FittedResult | Dataset | str | Path,
+    other: FittedResult | Dataset | str | Path,
+    names: tuple[str, str] | None = None,
+) -> Comparison:
+    """Differences between two calibrations of different measurements of the same kind of robot.
+
+    Args:
+        one: a calibration or diagnosis, or a dataset or its folder, which is then calibrated.
+        other: the second, whose parameters minus those of the first are the differences.
+        names: names of both in the text; those of their datasets where None.
+
+    Raises:
+        FitError: robots with other joints.
+
+    >>> import calib
+    >>> one, other = (calib.simulate_dataset("rb5", rng=seed).dataset for seed in (0, 1))
+    >>> calib.compare(one, other, names=("before", "after")).differs
+    True
     """
+    one, other = as_calibration(one), as_calibration(other)
     robots = (one.dataset.robot, other.dataset.robot)
     if robots[0].is_revolute.tolist() != robots[1].is_revolute.tolist():
         kinds = [f"{r.name} ({r.n_joints} joints)" for r in robots]
@@ -137,12 +160,12 @@ def _parameters(
 
 @dataclass(frozen=True)
 class _Side:
-    """One calibration over the common parameters (P,); kernel and noise in units of the parameters' tolerances."""
+    """One calibration restricted to the common parameters (P,); kernel and noise in units of their tolerances."""
 
     values: Array  # (P,) nominal + correction
     sigma: Array  # (P,)
     scales: Array  # (P,)
-    kernel: Array  # (P, P) how the fitted values follow the true ones
+    kernel: Array  # (P, P) derivative of the fitted values by the true ones
     noise: Array  # (P, P) the noise's part of their covariance
 
     @classmethod
@@ -170,7 +193,7 @@ def _changes(
     kernel: Array,
     scales: Array,
 ) -> tuple[tuple[ParameterChange, ...], float, float]:
-    """The fewest changes of single parameters that explain the difference; how likely it is without any, and the rest.
+    """Fewest changes of single parameters that explain the difference, p-value without any, and that of the rest.
 
     Generalised least squares along the directions that the data know, one more parameter at a time.
     """
@@ -182,7 +205,7 @@ def _changes(
     y, columns = whiten @ difference, whiten @ kernel  # (K,), (K, P)
     p_same = chi2_sf(float(y @ y), float(known.sum()))
     chosen: list[int] = []
-    told: list[tuple[float, tuple[str, ...]]] = []
+    evidence: list[tuple[float, tuple[str, ...]]] = []  # p-value and alike parameters of each chosen one
     while len(chosen) < MOST_CHANGES:
         basis = np.linalg.qr(columns[:, chosen])[0] if chosen else np.zeros((len(y), 0))
         rest, free = y - basis @ (basis.T @ y), columns - basis @ (basis.T @ columns)
@@ -193,10 +216,10 @@ def _changes(
         p_values = holm([chi2_sf(float(g), 1.0) for g in gain])
         if p_values[best] > ALPHA:
             break
-        alike = np.abs(free.T @ free[:, best]) > SAME * length * length[best]
-        others = tuple(names[k] for k in np.flatnonzero(alike & usable) if k != best)
+        is_alike = np.abs(free.T @ free[:, best]) > SAME * length * length[best]
+        others = tuple(names[k] for k in np.flatnonzero(is_alike & usable) if k != best)
         chosen.append(best)
-        told.append((p_values[best], others))
+        evidence.append((p_values[best], others))
     if not chosen:
         return (), p_same, p_same
     sizes = np.linalg.lstsq(columns[:, chosen], y, rcond=None)[0]
@@ -204,14 +227,14 @@ def _changes(
     p_rest = chi2_sf(float(rest @ rest), max(float(known.sum()) - len(chosen), 1.0))
     spread = np.sqrt(np.diag(np.linalg.inv(columns[:, chosen].T @ columns[:, chosen])))
     changes = tuple(
-        ParameterChange(names[k], units[names[k]], float(size * scales[k]), float(s * scales[k]), *said)
-        for k, size, s, said in zip(chosen, sizes, spread, told, strict=True)
+        ParameterChange(names[k], units[names[k]], float(size * scales[k]), float(s * scales[k]), p_value, alike)
+        for k, size, s, (p_value, alike) in zip(chosen, sizes, spread, evidence, strict=True)
     )
     return changes, p_same, p_rest
 
 
 def _shift(one: Calibration, other: Calibration) -> tuple[float, float, str]:
-    """How far the two arms' tool points lie apart at the poses of both: RMS, largest, and at which pose, mm.
+    """Distance between the two arms' tool points at the poses of both, mm: RMS, largest, and the pose of that.
 
     The table's part alone; a rigid motion, which the unknown place of the scanner would take up, is taken out.
     """

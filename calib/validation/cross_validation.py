@@ -1,38 +1,42 @@
 """K-fold cross-validation over the training poses: each pose's error by a fit that was made without it.
 
 Poses of the role test take no part. Whether more poses would help is the question of
-`calib.validation.learning_curve`, whether more than noise is left that of `calib.calibration.noise_check`.
+`calib.validation.learning_curve`, whether more than noise is left that of `calib.calibration.noise_level`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 import pandas as pd
 
 from calib.array_types import IndexArray
 from calib.blas_threads import one_blas_thread
+from calib.brief import Brief
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Evaluation, Figures
-from calib.calibration.noise_check import SigmaCheck, check_sigma
+from calib.calibration.noise_level import SigmaCheck, check_sigma
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.effects.effect import Effect
+from calib.effects.catalogue import EffectChoice, effects_named
 from calib.errors import FitError
 from calib.fitting.fit import Fit
-from calib.options import DEFAULT_FOLDS, FitOptions
+from calib.measurement.measured_dataset import measured
+from calib.options import DEFAULT_FOLDS, FitFields, FitOptions, fit_options
 from calib.presented import Presented
 from calib.progress import OnProgress, counted
 from calib.validation.splits import deal_folds, split_dataset, training_groups
 
-SUSPICIOUS = 1.5  # held-out over training error, in multiples of what noise explains, that calls the model in question
+SUSPICIOUS = 1.5  # held-out over training error, in multiples of its value by noise alone, for a warning
 
 
 @dataclass(frozen=True)
-class Fold:
-    """One fold: the fit without its poses, and its errors at them."""
+class Fold(Brief):
+    """Errors of one fold of poses by the fit without them."""
 
     poses: tuple[str, ...]  # held out
     train: Figures
@@ -42,7 +46,7 @@ class Fold:
 
 @dataclass(frozen=True)
 class CrossValidation(Presented):
-    """Errors at every training pose, by the fit without its fold."""
+    """Errors at every training pose, each by the fit without its fold."""
 
     dataset: Dataset
     residual: str
@@ -54,6 +58,7 @@ class CrossValidation(Presented):
 
     @property
     def held_out(self) -> Figures:
+        """Errors at all held-out points."""
         assert self.after.test is not None
         return self.after.test
 
@@ -64,22 +69,23 @@ class CrossValidation(Presented):
 
     @property
     def ratio(self) -> float:
-        """Held-out RMSE over the training RMSE of the whole fit."""
+        """Held-out RMSE over the training RMSE of the fit to all poses."""
         assert self.whole.after.train is not None
         train = self.whole.after.train.rmse_mm
         return self.held_out.rmse_mm / train if train > 0.0 else float("inf")
 
     @property
     def expected_ratio(self) -> float:
-        """`ratio` where only noise is left."""
+        """Value of `ratio` where only noise is left."""
         return noise_ratio(self.whole.fit)
 
     @property
     def sigma(self) -> SigmaCheck:
+        """Residual sigma of the fit to all poses, compared with the declared one."""
         return check_sigma(self.whole)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a held-out pose: setup, fold, points, RMS over its points before and after, distance error."""
+        """One row per held-out pose: setup, fold, points, RMS over its points before and after, distance error."""
         fold_of = {pose: k + 1 for k, fold in enumerate(self.folds) for pose in fold.poses}
         points = self.after.to_frame(self.dataset)
         points["nominal_mm"] = self.before.to_frame(self.dataset)["error_mm"]
@@ -97,9 +103,12 @@ class CrossValidation(Presented):
         ]
         return pd.DataFrame(rows)
 
+    def _brief(self) -> str:
+        return f"{self.dataset.name}: {len(self.folds)} folds, held-out RMSE {self.held_out.rmse_mm:.3g} mm"
+
 
 def noise_ratio(fit: Fit) -> float:
-    """Error at other poses over that at the fit's own, where only noise is left: sqrt((R + P) / (R - P)).
+    """Error at other poses over that at the fitted poses, where only noise is left: sqrt((R + P) / (R - P)).
 
     R rows with P parameters fitted; inf where no degree of freedom is left.
     """
@@ -109,29 +118,38 @@ def noise_ratio(fit: Fit) -> float:
 
 @one_blas_thread()
 def cross_validate(
-    dataset: Dataset,
-    options: FitOptions = FitOptions(),
+    dataset: Dataset | str | Path,
+    options: FitOptions | None = None,
     *,
     folds: int = DEFAULT_FOLDS,
-    effects: Sequence[Effect] = (),
+    effects: EffectChoice | Sequence[EffectChoice] = (),
     rng: np.random.Generator | None = None,
     progress: bool = False,
     on_progress: OnProgress | None = None,
+    **keywords: Unpack[FitFields],
 ) -> CrossValidation:
-    """Fit `folds` times, each time without one fold of the training poses, and evaluate the fold.
+    """Errors at every training pose by a fit without its fold: `folds` fits, each without one fold of the poses.
 
     Args:
-        dataset: with measured points; its test poses are not touched.
-        folds: how many; each has its share of every setup.
-        options: what is asked of every fit.
-        effects: in the model of every fit, beyond the link errors.
+        dataset: a dataset or its folder; its test poses are not touched.
+        folds: number of folds; each has its share of every setup.
+        options: options of every fit.
+        effects: effects in the model of every fit: names of the catalogue, families, or single members.
         rng: deals the poses into folds; always the same where None.
         progress: show a bar, in a notebook's cell or at the terminal.
-        on_progress: called with fits done, fits in all, and what was fitted.
+        on_progress: called with the number of fits done, of all fits, and the name of the fold.
+        **keywords: fields of `FitOptions`, in place of those of `options`.
 
     Raises:
         FitError: no points, fewer than two folds, more folds than poses, or too few poses in a fold's training part.
+
+    >>> import calib
+    >>> calib.cross_validate("sample_data/hidden_effect_a", effects="transmission_error")
+    CrossValidation(hidden_effect_a: 5 folds, held-out RMSE 0.1... mm)
     """
+    options = fit_options(options, keywords)
+    dataset = measured(dataset, orientation=options.residual == "pose")
+    members = effects_named(dataset, effects)
     groups = training_groups(dataset)
     if folds < 2:
         raise FitError(f"found {folds} folds; cross-validation needs 2 at least, 5 is usual")
@@ -147,14 +165,14 @@ def cross_validate(
             "each setup three poses for its frame; ask for fewer folds or measure more poses"
         )
     everything = groups.poses_of(range(len(groups)))
-    whole = calibrate(split_dataset(dataset, everything, everything[:0])[0], options, effects=effects)
+    whole = calibrate(split_dataset(dataset, everything, everything[:0])[0], options, effects=members)
     done: list[Fold] = []
     before, after = [], []
     with counted("fits", "fit", asked=progress, then=on_progress) as tell:
         for fold in dealt:
             held_out = groups.poses_of(fold)
             split, rows = split_dataset(dataset, np.setdiff1d(everything, held_out), held_out)
-            fitted = calibrate(split, options, effects=effects)
+            fitted = calibrate(split, options, effects=members)
             before.append(_held_out(fitted.before, rows, len(dataset.poses)))
             after.append(_held_out(fitted.after, rows, len(dataset.poses)))
             train, test = fitted.after.train, fitted.after.test

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 import pandas as pd
@@ -15,13 +17,14 @@ import pandas as pd
 from calib.array_types import IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.calibrate import calibrate
-from calib.calibration.noise_check import SigmaCheck, check_sigma
+from calib.calibration.noise_level import SigmaCheck, check_sigma
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.effects.effect import Effect
+from calib.effects.catalogue import EffectChoice, effects_named
 from calib.errors import FitError
 from calib.identifiability.structural import structural_rank
-from calib.options import FitOptions
+from calib.measurement.measured_dataset import measured
+from calib.options import FitFields, FitOptions, fit_options
 from calib.presented import Presented
 from calib.progress import OnProgress, counted
 from calib.validation.splits import (
@@ -33,27 +36,27 @@ from calib.validation.splits import (
     training_groups,
 )
 
-FLAT = 0.05  # share by which twice the poses have to lower the error to be worth measuring
-FAR = 2.0  # held-out over training error, from which on the held-out poses are of another kind
+FLAT = 0.05  # least share by which twice the poses lower the error, for them to be worth measuring
+FAR = 2.0  # held-out over training error from which the held-out poses are of another kind
 _FOLDS = 5
 
 
 @dataclass(frozen=True)
 class LearningStep:
-    """Errors of fits to the same number of training poses, over several draws of these."""
+    """Errors of fits to the same number of training poses, over several draws of poses."""
 
     poses: int  # different ones; repeats of one count once
     fits: int
     train_rmse_mm: float  # 3D, RMS over the fits
     held_out_rmse_mm: float
     spread_mm: float  # standard deviation of the fits' held-out RMSE; 0 of one fit
-    sigma_mm: float  # residual sigma of a coordinate, by degrees of freedom; nan where none are left
+    sigma_mm: float  # residual sigma per coordinate, by degrees of freedom; nan where none are left
     degrees_of_freedom: float  # mean
 
 
 @dataclass(frozen=True)
 class LearningCurve(Presented):
-    """Error against the number of training poses. `steps` rise in poses."""
+    """Error against the number of training poses, which rises from step to step."""
 
     dataset: Dataset
     residual: str
@@ -81,7 +84,7 @@ class LearningCurve(Presented):
         upper = [step for step in self.steps if 2.5 * step.poses >= self.steps[-1].poses]
         upper = upper if len(upper) >= 3 else list(self.steps[-3:])
         square = np.array([step.held_out_rmse_mm**2 for step in upper])
-        weight = 1.0 / np.maximum(square, 1e-300)  # the share of the error counts, not its size
+        weight = 1.0 / np.maximum(square, 1e-300)  # relative errors count, not absolute ones
         columns = np.array([[1.0, 1.0 / step.poses] for step in upper]) * weight[:, None]
         floor, slope = nnls(columns, square * weight)[0]
         return float(floor), float(slope)
@@ -96,42 +99,56 @@ class LearningCurve(Presented):
         return self.steps[above[-1] + 1 if above else 0].poses
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a count: poses, fits, training and held-out RMSE, their spread, residual and declared sigma."""
+        """One row per count: poses, fits, training and held-out RMSE, their spread, residual and declared sigma."""
         frame = pd.DataFrame([vars(step) for step in self.steps])
         declared = self.sigma.declared_mm
         return frame.assign(declared_sigma_mm=float("nan") if declared is None else declared)
 
+    def _brief(self) -> str:
+        first, last = self.steps[0], self.steps[-1]
+        errors = f"held-out RMSE {first.held_out_rmse_mm:.3g} -> {last.held_out_rmse_mm:.3g} mm"
+        return f"{self.dataset.name}: {first.poses} to {last.poses} poses, {errors}"
+
 
 @one_blas_thread()
 def learning_curve(
-    dataset: Dataset,
-    options: FitOptions = FitOptions(),
+    dataset: Dataset | str | Path,
+    options: FitOptions | None = None,
     *,
     counts: Sequence[int] | None = None,
     repeats: int = 5,
-    effects: Sequence[Effect] = (),
+    effects: EffectChoice | Sequence[EffectChoice] = (),
     rng: np.random.Generator | None = None,
     progress: bool = False,
     on_progress: OnProgress | None = None,
+    **keywords: Unpack[FitFields],
 ) -> LearningCurve:
-    """Fit growing subsets of the training poses and evaluate poses that are always held out.
+    """Held-out error against the number of training poses, by fits to growing subsets of them.
 
     Held out are the test poses where there are any, else one of five folds, another one each repeat. Within a repeat
     each subset contains the smaller ones, so that steps of the curve are due to the added poses alone.
 
     Args:
-        dataset: with measured points.
-        counts: of different training poses; six from the fewest that carry a fit to all where None.
-        repeats: draws of the poses.
-        options: what is asked of every fit.
-        effects: in the model of every fit, beyond the link errors.
+        dataset: a dataset or its folder.
+        counts: numbers of different training poses; None: six, from the fewest that a fit takes to all.
+        repeats: number of draws of the poses.
+        options: options of every fit.
+        effects: effects in the model of every fit: names of the catalogue, families, or single members.
         rng: draws the poses; always the same where None.
         progress: show a bar, in a notebook's cell or at the terminal.
-        on_progress: called with fits done, fits in all, and the count just fitted.
+        on_progress: called with the number of fits done, of all fits, and the count just fitted.
+        **keywords: fields of `FitOptions`, in place of those of `options`.
 
     Raises:
-        FitError: no points, too few poses, or counts that cannot be.
+        FitError: no points, too few poses, or impossible counts.
+
+    >>> import calib
+    >>> calib.learning_curve("sample_data/hidden_effect_a", repeats=2)
+    LearningCurve(hidden_effect_a: 11 to 51 poses, held-out RMSE ... -> 0.415 mm)
     """
+    options = fit_options(options, keywords)
+    dataset = measured(dataset, orientation=options.residual == "pose")
+    members = effects_named(dataset, effects)
     rng = rng or np.random.default_rng(0)
     groups = training_groups(dataset)
     if repeats < 1:
@@ -156,7 +173,7 @@ def learning_curve(
                     continue  # all poses and the same test poses: the same fit again
                 outside = tests if held is None else groups.poses_of(held)
                 split, _ = split_dataset(dataset, groups.poses_of(order[:n]), outside)
-                fits[n].append(calibrate(split, options, effects=effects))
+                fits[n].append(calibrate(split, options, effects=members))
                 if tell is not None:
                     tell(repeat * len(counts) + k + 1, repeats * len(counts), f"{n} poses")
     last = fits[counts[-1]][0]
@@ -167,7 +184,7 @@ def learning_curve(
 def _draws(
     dataset: Dataset, groups: JointGroups, repeats: int, rng: np.random.Generator
 ) -> tuple[str, list[tuple[IndexArray, IndexArray | None]]]:
-    """For each repeat the order in which groups are added, and the groups held out; None: the test poses."""
+    """Order in which groups are added, and the groups held out (None: the test poses), for each repeat."""
     assert dataset.points is not None
     everything = np.arange(len(groups))
     if np.any(dataset.poses.is_test[dataset.points.pose]):
@@ -182,7 +199,7 @@ def _draws(
 
 
 def _fewest(dataset: Dataset, groups: JointGroups, residual: str) -> int:
-    """The fewest groups that can be fitted: two more than parameters and frames need, and three a setup."""
+    """Fewest groups that can be fitted: two more than parameters and frames need, and three per setup."""
     assert dataset.points is not None
     setups = len(np.unique(groups.setup))
     knowable = structural_rank(dataset.robot)

@@ -1,7 +1,7 @@
-"""Test points that are off all alike: the scanner, the arm's foot or the tool was mounted anew between the roles.
+"""Common error of all test points: the scanner, the arm's foot or the tool was remounted after the training poses.
 
-Test poses are placed by the scanner's frame of the training poses. Where the arm stands elsewhere for the scanner, one
-rigid motion brings all test points back; where the tool sits elsewhere, one shift in its own frame does.
+Test poses are placed by the scanner frame of the training poses. Where scanner or arm was moved, one rigid motion
+brings all test points back; where the tool was moved, one shift in the tool's frame does.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from calib.calibration.result import Calibration
 from calib.fitting.observations import Observations
 
 _FEWEST = 5  # test poses
-_BROUGHT_BACK = 0.5  # share of the test error that may be left
+_BROUGHT_BACK = 0.5  # largest share of the test error that may remain
 
 
 @dataclass(frozen=True)
 class Remounting:
-    """What one motion of all test points takes away of their error."""
+    """One motion of all test points, and their error before and after it."""
 
     what: str  # "scanner" or "tool"
     shift_mm: float
     turn_rad: float  # of the scanner; 0 of the tool
     before_mm: float  # 3D RMSE of the test poses
     after_mm: float
-    on_flange: bool = False  # the arm carries the scanner: the jig in the room is in the tool's place
+    on_flange: bool = False  # the arm carries the scanner; "tool" is then the jig in the room
 
     @property
     def words(self) -> str:
-        """A clause."""
+        """The motion as a clause, with its likely cause."""
         left = f"brings the test poses from {self.before_mm:.3g} to {self.after_mm:.3g} mm"
         if self.what == "tool" and self.on_flange:
             return f"a jig that stands {self.shift_mm:.2g} mm elsewhere in the room {left}: it was moved, or the arm"
@@ -44,9 +44,9 @@ class Remounting:
 
 
 def remounting(calibration: Calibration) -> Remounting | None:
-    """The motion that explains the test poses' error; None where none explains most of it, or where they are few.
+    """The motion that explains the test poses' error; None where none explains most of it, or the poses are few.
 
-    A motion has six unknowns, a tool's place three; what is left is by degrees of freedom.
+    A motion has six unknowns, a tool's place three; the remaining error is by degrees of freedom.
     """
     after = calibration.after
     rows = after.is_test[after.pose]
@@ -60,7 +60,7 @@ def remounting(calibration: Calibration) -> Remounting | None:
 
 
 def _of_scanner(calibration: Calibration, rows: BoolArray) -> Remounting | None:
-    """A motion of the scanner that brings the test points back; None where they are of several setups."""
+    """A motion of the scanner that explains the test points' error; None where they are of several setups."""
     after, measured_mm = calibration.after, _points(calibration).points.xyz_mm[rows]
     if len(np.unique(calibration.dataset.poses.setup[after.pose[rows]])) > 1:
         return None
@@ -74,7 +74,7 @@ def _of_scanner(calibration: Calibration, rows: BoolArray) -> Remounting | None:
 
 
 def _of_tool(calibration: Calibration, rows: BoolArray) -> Remounting | None:
-    """A shift t in the tool's frame: error = scanner_R_base base_R_tool t."""
+    """A shift t in the tool's frame that explains the test points' error = scanner_R_base base_R_tool t."""
     after, observed = calibration.after, _points(calibration)
     if np.any(observed.points.target[rows] != "jig"):
         return None
@@ -90,10 +90,10 @@ def _of_tool(calibration: Calibration, rows: BoolArray) -> Remounting | None:
 
 
 def _points(calibration: Calibration) -> Observations:
-    """All points, in the order of the evaluation."""
+    """All points as observations, in the order of the evaluation."""
     return Observations.of(calibration.dataset, np.ones(len(calibration.dataset.poses), dtype=bool))
 
 
 def _rmse(error_mm: Array, unknowns: int) -> float:
-    """3D RMSE of points (M, 3) with so many unknowns fitted."""
+    """3D RMSE of errors (M, 3) with `unknowns` fitted."""
     return float(np.sqrt(np.sum(error_mm**2) / max(len(error_mm) - unknowns / 3.0, 1.0)))

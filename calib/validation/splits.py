@@ -1,8 +1,8 @@
 """Splitting a dataset's training poses: folds, growing subsets, and the dataset that a split makes.
 
 Poses with the same joint vector form a group and stay together: repeats, several targets, the same joints under another
-name. Else a pose would be tested by a fit to its own repeats. Every setup keeps training poses, because its scanner
-frame is fitted to them. Poses of the role test take no part.
+name. Otherwise a pose would be tested by a fit to its own repeats. Every setup keeps training poses, because its
+scanner frame is fitted to them. Poses of the role test take no part.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MIN_FRAME_POSES = 3  # fewer points do not determine a scanner frame
 
 @dataclass(frozen=True)
 class JointGroups:
-    """The K groups of a dataset's measured training poses: those of one group have the same joint vector."""
+    """The K groups of a dataset's measured training poses; poses of one group have the same joint vector."""
 
     poses: tuple[IndexArray, ...]  # of each group, indices into the dataset's poses
     setup: NDArray[np.str_]  # (K,) the setup of each group's first pose
@@ -70,7 +70,7 @@ def deal_folds(groups: JointGroups, folds: int, rng: np.random.Generator) -> tup
 
 
 def growing_order(groups: JointGroups, among: IndexArray, rng: np.random.Generator) -> IndexArray:
-    """Some groups in an order in which every beginning has all setups: three of each first, then in proportion."""
+    """Some groups, ordered so that every beginning has all setups: three groups of each first, then in proportion."""
     rank, share = {}, {}
     for setup in np.unique(groups.setup[among]):
         members = rng.permutation(among[groups.setup[among] == setup])

@@ -7,7 +7,8 @@ import math
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.phrases import capitalised, untestable_texts
-from calib.diagnosis.words.text import reason_texts
+from calib.diagnosis.words.text import explanation_text, reason_texts
+from calib.planning.discrimination import explanation_of, next_poses
 from calib.present.blocks import (
     Block,
     Bullets,
@@ -25,6 +26,11 @@ _RANKED = 12
 _PLACES = 9  # of a parameter's value, beyond which there is rounding alone
 
 
+def diagnosis_summary(diagnosis: Diagnosis) -> str:
+    """A diagnosis in words: several short paragraphs, the verdict last."""
+    return explanation_text(explanation_of(diagnosis, next_poses(diagnosis)))
+
+
 def diagnosis_html(diagnosis: Diagnosis) -> str:
     """A diagnosis as HTML: how the error fell, the verdict, the steps; why, the ranking, the last fit's parameters."""
     shown = ("train_rmse_mm", "test_rmse_mm", "sigma_mm", "margin")
@@ -37,7 +43,8 @@ def diagnosis_html(diagnosis: Diagnosis) -> str:
         (c.name, f"{c.log_evidence:.1f}", f"{c.p_holm:.2g}", f"{100 * c.explained_share:.0f}")
         for c in diagnosis.candidates[:_RANKED]
     ]
-    why = [Paragraph(words.replace("+-", "±")) for words in reason_texts(diagnosis.explanation)]
+    explanation = explanation_of(diagnosis, next_poses(diagnosis))
+    why = [Paragraph(words.replace("+-", "±")) for words in reason_texts(explanation)]
     sections = [
         Section("How the verdict was reached", why),
         Section("What could be missing", [

@@ -1,1 +1,1 @@
-"""The cell around an arm: what of a jig its scanner can see, where the arm can stand, in which order to go there."""
+"""The cell around an arm: which poses can be measured, what is in the way, and an order in which to visit them."""

@@ -1,4 +1,4 @@
-"""Poses that can be measured, spread over all that an arm can do."""
+"""Candidate poses that can be measured, spread over all that an arm can do."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from calib.errors import CalibError
 from calib.frames import apply
 from calib.kinematics.inverse import StepRule, solve_inverse
 from calib.kinematics.joint_range import wrapped
-from calib.workcell.jig_goals import JigGoals
+from calib.workcell.jig_on_tool import JigGoals
 from calib.workcell.measurable import counted, measurable
 from calib.workcell.scan_field import tilted
 from calib.workcell.workcell import Workcell
@@ -25,16 +25,16 @@ _TOWARDS = StepRule(iterations=14, constant_damping_mm2=400.0, longest_step=0.5,
 
 
 def candidate_poses(cell: Workcell, count: int, *, rng: np.random.Generator) -> Array:
-    """(count, n) poses that `measurable` accepts.
+    """(count, n) joint vectors, rad or mm, that can be measured in the cell.
 
-    Where the scanner's place and field are known, apexes and axes of the jig are drawn in it, and the joints go there
-    from random ones of the whole range; they need not arrive, only to end where the jig is seen. Otherwise joints are
-    drawn within their range.
+    Where the scanner's pose and field are known, apexes and axes of the jig are drawn in it, and the joints are solved
+    for them from random ones of the whole range; they need not arrive, only end where the jig is seen. Otherwise joints
+    are drawn within their range.
 
     Raises:
-        CalibError: too few exist, with what refused the others.
+        CalibError: too few exist, with the reasons that refused the others.
     """
-    found: list[Array] = []
+    accepted: list[Array] = []
     reasons: list[NDArray[np.str_]] = []
     total = tried = 0
     while total < count:
@@ -45,15 +45,15 @@ def candidate_poses(cell: Workcell, count: int, *, rng: np.random.Generator) -> 
             )
         q = likely_poses(cell, rng)
         judged = measurable(cell, q)
-        found.append(q[judged.ok])
+        accepted.append(q[judged.ok])
         reasons.append(judged.reason)
         tried += len(q)
-        total += len(found[-1])
-    return np.concatenate(found)[:count]
+        total += len(accepted[-1])
+    return np.concatenate(accepted)[:count]
 
 
 def likely_poses(cell: Workcell, rng: np.random.Generator) -> Array:
-    """(1024, n) joints that are likely to hold the jig in the field."""
+    """(1024, n) joint vectors that are likely to bring the jig into the field."""
     low, high = cell.low, cell.high
     if cell.field is None or cell.base_T_scanner is None:
         return rng.uniform(low, high, (_BATCH, len(low)))
@@ -70,7 +70,7 @@ def likely_poses(cell: Workcell, rng: np.random.Generator) -> Array:
 
 
 def _goals(cell: Workcell, rng: np.random.Generator) -> JigGoals:
-    """Apexes in the field and, of a jig, axes within a tilt from which its faces can be seen."""
+    """Apexes in the field and, for a jig, axes within a tilt from which its faces can be seen."""
     assert cell.field is not None
     assert cell.base_T_scanner is not None
     apex_mm = cell.field.draw(_BATCH, rng)

@@ -1,4 +1,4 @@
-"""The cell of a dataset, of which what was measured tells most, and the cell of a robot still to be measured."""
+"""The cell of a dataset, mostly inferred from its measured poses, and the cell of a robot still to be measured."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike
 
 from calib import frames
 from calib.array_types import Array, IndexArray
-from calib.dataset.dataset import Dataset
-from calib.dataset.surroundings import Surroundings
+from calib.dataset.dataset import Dataset, Surroundings
 from calib.errors import CalibError
 from calib.jig import Jig, jig_geometry
 from calib.kinematics.chain import Chain, forward
@@ -19,9 +18,7 @@ from calib.kinematics.robot import Robot
 from calib.kinematics.tool_point import ending_at_tool_point
 from calib.workcell.bodies.arm_bodies import FIXED, ArmBodies, arm_bodies
 from calib.workcell.bodies.link_mesh import load_link_mesh
-from calib.workcell.evident_field import MAX_INCIDENCE_DEG, evident_field, fitted_scanner_place
-from calib.workcell.in_front import likely_scanner_place
-from calib.workcell.jig_frames import target_T_jig, with_jig
+from calib.workcell.jig_on_tool import target_T_jig, with_jig
 from calib.workcell.measurable import (
     BOX,
     BOX_HIDES,
@@ -32,7 +29,8 @@ from calib.workcell.measurable import (
     incidence_cosines,
     measurable,
 )
-from calib.workcell.scan_field import JANG_FIELD, BoxField, ScanField
+from calib.workcell.scan_field import JANG_FIELD, MAX_INCIDENCE_DEG, BoxField, ScanField, evident_field
+from calib.workcell.scanner_place import fitted_scanner_place, likely_scanner_place
 from calib.workcell.workcell import Workcell
 
 CUBE_CORNER = Jig()
@@ -51,12 +49,12 @@ def workcell_of_robot(
     field: ScanField | BoxField | None = None,
     surroundings: Surroundings = NOTHING_KNOWN,
 ) -> Workcell:
-    """The cell of a robot of which nothing has been measured; `notes` tell what is assumed.
+    """Cell of a robot of which nothing has been measured; `notes` list the assumptions.
 
-    Its robot has a tool row that reaches to the jig's apex, where the given one has none.
+    Its robot has a tool row that reaches to the jig's apex, added where the given one has none.
 
     Args:
-        base_T_scanner: (4, 4); None: in front of the arm (with a jig), or not asked (without).
+        base_T_scanner: (4, 4); None: in front of the arm (with a jig), or not considered (without).
         jig: None: a mirror or a ball, which is seen from everywhere.
         field: None: with a jig Jang's scanner.
 
@@ -107,10 +105,10 @@ def workcell_of_dataset(
     base_T_scanner: ArrayLike | None = None,
     setup: str | None = None,
 ) -> Workcell:
-    """The cell in which a dataset was measured; `notes` tell what its points say of it and what is assumed.
+    """Cell in which a dataset was measured; `notes` list what its points say of it and what is assumed.
 
-    What was measured can be measured: a rule that refuses more than a tenth of the measured poses (guessed bodies, a
-    floor that is only likely, the jig's faces) is left out, and guessed bodies are made thinner until they hide none.
+    Measured poses can be measured: a rule that refuses more than a tenth of them (guessed bodies, an assumed floor, the
+    jig's faces) is left out, and guessed bodies are made thinner until they hide none.
 
     Args:
         base_T_scanner: (4, 4) where a fit has the scanner; None: where the robot's own table has it by the points.
@@ -121,8 +119,8 @@ def workcell_of_dataset(
     """
     if dataset.robot.carries_scanner:
         raise CalibError(
-            f"dataset {dataset.name}: the scanner is on the flange; which poses can be measured is known for a scanner "
-            "in the room alone"
+            f"dataset {dataset.name}: the scanner is on the flange; which poses can be measured is known only for "
+            "a scanner that is fixed in the cell"
         )
     dataset = replace(dataset, robot=ending_at_tool_point(dataset.robot))
     names = list(dict.fromkeys(str(name) for name in dataset.poses.setup))
@@ -130,18 +128,18 @@ def workcell_of_dataset(
         raise CalibError(f"dataset {dataset.name}: no setup {setup!r}; its setups are {', '.join(names)}")
     measured = _Measured.of(dataset, names[0] if setup is None else setup)
     jig = dataset.jig if dataset.shows_faces else None
-    told = dataset.surroundings
+    surroundings = dataset.surroundings
     if len(measured.rows) < 3 and base_T_scanner is None:
         field = None if dataset.scanner.field_mm is None else evident_field(dataset.scanner, np.zeros((0, 3)))[0]
-        return workcell_of_robot(dataset.robot, jig=jig, field=field, surroundings=told)
+        return workcell_of_robot(dataset.robot, jig=jig, field=field, surroundings=surroundings)
     notes: list[str] = []
     if base_T_scanner is None:
         base_T_scanner = fitted_scanner_place(measured.base_mm, measured.scanner_mm)
         notes.append(f"scanner: where the robot's own table has it by {len(measured.base_mm)} points")
     base_T_scanner = np.asarray(base_T_scanner, dtype=float)
     apex_mm = frames.apply(frames.invert(base_T_scanner), measured.chain.target_mm)
-    field, said = evident_field(dataset.scanner, apex_mm)
-    notes.append(said)
+    field, field_note = evident_field(dataset.scanner, apex_mm)
+    notes.append(field_note)
     low, high = joint_range(dataset.robot)
     notes += _limits_note(dataset.robot)
     tool_T_jig = target_T_jig(dataset.robot)
@@ -158,17 +156,17 @@ def workcell_of_dataset(
         base_T_scanner=base_T_scanner,
         field=field,
         bodies=arm_bodies(dataset.robot, jig, tool_T_jig, meshes),
-        least_manipulability=told.least_manipulability,
+        least_manipulability=surroundings.least_manipulability,
         notes=tuple(notes),
     )
     cell = _as_thick_as_measured(cell, measured.q)
-    cell = replace(cell, floor_z_mm=told.floor_z_mm, boxes=told.boxes)
-    return _with_likely_floor(_with_doubt_of_what_is_told(cell, measured.q), measured.q)
+    cell = replace(cell, floor_z_mm=surroundings.floor_z_mm, boxes=surroundings.boxes)
+    return _with_likely_floor(_with_doubt_of_declared(cell, measured.q), measured.q)
 
 
 @dataclass(frozen=True)
 class _Measured:
-    """What one setup measured: its points where the robot's table has them, and its poses, once each."""
+    """Measurements of one setup: its points, measured and nominal, and its poses, once each."""
 
     rows: IndexArray  # (N,) of the dataset's poses
     q: Array  # (N, n)
@@ -178,6 +176,7 @@ class _Measured:
 
     @classmethod
     def of(cls, dataset: Dataset, setup: str) -> _Measured:
+        """Measurements of a dataset in one setup."""
         robot, points = dataset.robot, dataset.points
         every = np.zeros(0, dtype=np.intp) if points is None else points.pose
         here = dataset.poses.setup[every] == setup
@@ -195,7 +194,7 @@ class _Measured:
 
 
 def _limits_note(robot: Robot) -> list[str]:
-    """Which joints have no limits, and what is taken instead."""
+    """Note on the joints without limits and what is assumed instead; none where all have limits."""
     open_ended = [j for j in robot.joints if j.min is None or j.max is None]
     if not open_ended:
         return []
@@ -207,6 +206,7 @@ def _limits_note(robot: Robot) -> list[str]:
 
 
 def _bodies_note(bodies: ArmBodies) -> str:
+    """Note on the arm's bodies: meshes of robot.toml, or guessed radii."""
     guessed = bodies.radius_mm[bodies.piece != FIXED]
     if not len(guessed):
         return f"the arm's bodies: {len(bodies.meshes)} meshes of robot.toml"
@@ -218,7 +218,7 @@ def _bodies_note(bodies: ArmBodies) -> str:
 
 
 def _mounted(jig: Jig, tool_T_jig: Array, chain: Chain, eye_mm: Array) -> tuple[Array, Jig | None, list[str]]:
-    """How the jig sits on the tool, by the side from which it was seen; None where it was seen from all sides."""
+    """Pose of the jig on the tool by the side it was seen from, the jig (None: seen from all sides), and notes."""
     _, normals = jig_geometry(jig)
     if _unseen(tool_T_jig, normals, chain, eye_mm) <= _MOST_REFUSED:
         return tool_T_jig, jig, []
@@ -243,7 +243,7 @@ def _unseen(tool_T_jig: Array, normals: Array, chain: Chain, eye_mm: Array) -> f
 
 
 def _as_thick_as_measured(cell: Workcell, q: Array) -> Workcell:
-    """With bodies that neither hide what was measured nor meet there, as far as the guess allows that."""
+    """Cell with bodies that neither hide the jig nor meet at the measured poses, as far as the guess allows that."""
     for share in _THINNER:
         thinner = replace(cell, bodies=cell.bodies.thinner(share))
         hidden, inside = _refused(thinner, q, (HIDDEN, SCANNER)), _refused(thinner, q, (SELF,))
@@ -261,12 +261,12 @@ def _as_thick_as_measured(cell: Workcell, q: Array) -> Workcell:
 
 
 def _refused(cell: Workcell, q: Array, reasons: tuple[str, ...]) -> float:
-    """Share of the poses that are refused for these reasons."""
+    """Share of the poses that are refused for the given reasons."""
     return float(np.mean(np.isin(measurable(cell, q).reason, reasons)))
 
 
-def _with_doubt_of_what_is_told(cell: Workcell, q: Array) -> Workcell:
-    """With a note where measured poses stand in the floor or in a box that dataset.toml tells."""
+def _with_doubt_of_declared(cell: Workcell, q: Array) -> Workcell:
+    """Cell with a note where measured poses lie in the floor or in a box that dataset.toml declares."""
     reasons = measurable(replace(cell, least_manipulability=0.0), q).reason
     inside = int(np.isin(reasons, (FLOOR, BOX, BOX_HIDES)).sum())
     if not inside:
@@ -276,7 +276,7 @@ def _with_doubt_of_what_is_told(cell: Workcell, q: Array) -> Workcell:
 
 
 def _with_likely_floor(cell: Workcell, measured_q: Array) -> Workcell:
-    """With the plane in which an upright arm's base stands, where no floor is told and nothing speaks against it."""
+    """Cell with the base's plane as floor of an upright arm, where none is declared and no measured pose refutes it."""
     robot = cell.robot
     if cell.floor_z_mm is not None or not len(cell.bodies):
         return cell
@@ -287,5 +287,5 @@ def _with_likely_floor(cell: Workcell, measured_q: Array) -> Workcell:
     if not upright or not above or (len(measured_q) and _refused(floor, measured_q, (FLOOR,)) > _MOST_REFUSED):
         return replace(cell, notes=(*cell.notes, "floor: not known; add [cell] floor_z_mm to dataset.toml"))
     return replace(
-        floor, notes=(*cell.notes, "floor: the base's plane z = 0, assumed; [cell] floor_z_mm tells another")
+        floor, notes=(*cell.notes, "floor: the base's plane z = 0, assumed; [cell] floor_z_mm declares another")
     )

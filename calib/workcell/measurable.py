@@ -1,4 +1,4 @@
-"""Which joint vectors can be measured, and what is in the way of the others."""
+"""Whether joint vectors can be measured in a cell, and the first reason why not."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SELF = "the arm in itself"
 HIDDEN = "a face hidden by the arm"
 BOX_HIDES = "a face hidden by a box"
 REASONS = (LIMIT, FIELD, STEEP, SINGULAR, FLOOR, BOX, SCANNER, SELF, HIDDEN, BOX_HIDES)
-"""In the order in which they are asked: a pose has the first that holds."""
+"""Reasons in the order of the checks: a pose gets the first that holds."""
 
 _ROUNDING = 1e-9  # rad or mm: a joint commanded to its limit is within it
 _SCANNER_RADIUS_MM = 100.0
@@ -37,79 +37,83 @@ _SCANNER_RADIUS_MM = 100.0
 
 @dataclass(frozen=True)
 class Measurable:
-    """For each of N poses whether it can be measured, and the first of REASONS why not; "" where it can."""
+    """Result for N poses: the first of REASONS why each cannot be measured, "" where it can."""
 
     reason: NDArray[np.str_]  # (N,)
 
     @property
     def ok(self) -> BoolArray:
-        """(N,)"""
+        """(N,) whether each pose can be measured."""
         return np.asarray(self.reason == "")
 
 
 def counted(reasons: Sequence[NDArray[np.str_]]) -> str:
-    """What refused poses, the most frequent first, such as: 3100 outside the scanner's field, 12 the arm in a box."""
-    found, times = np.unique(np.concatenate([*reasons, np.array([], dtype=str)]), return_counts=True)
+    """Counts of the reasons, the most frequent first: "3100 outside the scanner's field, 12 the arm in a box"."""
+    named, times = np.unique(np.concatenate([*reasons, np.array([], dtype=str)]), return_counts=True)
     order = np.argsort(-times, kind="stable")
-    return ", ".join(f"{times[k]} {found[k]}" for k in order if found[k])
+    return ", ".join(f"{times[k]} {named[k]}" for k in order if named[k])
 
 
 def measurable(cell: Workcell, q: ArrayLike) -> Measurable:
-    """Ask of joints (N, n), rad or mm, everything that the cell knows; what refuses most and costs least first."""
+    """Check joints (N, n), rad or mm, against all that the cell knows, the cheapest and most frequent reasons first."""
     q = np.atleast_2d(np.asarray(q, dtype=float))
     reason = np.full(len(q), "", dtype=f"<U{max(map(len, REASONS))}")
-    standing = _Standing(cell, q, cell.chain(q))
-    left = np.arange(len(q))
-    for name, refuses in _QUESTIONS:
-        refused = refuses(standing)
+    poses = _ArmPoses(cell, q, cell.chain(q))
+    remaining = np.arange(len(q))
+    for name, refuses in _CHECKS:
+        refused = refuses(poses)
         if refused is None or not refused.any():
             continue
-        reason[left[refused]] = name
-        left, standing = left[~refused], standing.take(~refused)
+        reason[remaining[refused]] = name
+        remaining, poses = remaining[~refused], poses.take(~refused)
     return Measurable(reason)
 
 
 @dataclass(frozen=True)
-class _Standing:
+class _ArmPoses:
     """The arm at N poses in its cell."""
 
     cell: Workcell
     q: Array  # (N, n)
     chain: Chain
 
-    def take(self, rows: BoolArray) -> _Standing:
+    def take(self, rows: BoolArray) -> _ArmPoses:
+        """The poses that a mask (N,) selects."""
         chain = Chain(self.chain.base_T_frame[rows], self.chain.turned_x[rows])
         return replace(self, q=self.q[rows], chain=chain)
 
     @property
     def eye_mm(self) -> Array | None:
-        """(3,) the scanner, base frame."""
+        """Position (3,) of the scanner, base frame; None where it is not known."""
         return None if self.cell.base_T_scanner is None else self.cell.base_T_scanner[:3, 3]
 
     @property
     def base_T_jig(self) -> Array:
-        """(N, 4, 4)"""
+        """(N, 4, 4) poses of the jig, base frame."""
         return self.chain.base_T_frame[:, -1] @ self.cell.tool_T_jig
 
     def jig_points_mm(self) -> Array:
-        """(N, P, 3) what the scanner has to see, base frame: points on the faces, or the target itself."""
+        """Points (N, P, 3) that the scanner has to see, base frame: points on the faces, or the target itself."""
         if self.cell.jig is None:
             return self.chain.target_mm[:, None]
         return on_faces(self.base_T_jig, jig_geometry(self.cell.jig)[0])
 
 
-def _beyond_limit(at: _Standing) -> BoolArray:
+def _beyond_limit(at: _ArmPoses) -> BoolArray:
+    """(N,) whether a joint is beyond its range."""
     beyond = (at.q < at.cell.low - _ROUNDING) | (at.q > at.cell.high + _ROUNDING)
     return np.asarray(beyond.any(axis=1))
 
 
-def _outside_field(at: _Standing) -> BoolArray | None:
+def _outside_field(at: _ArmPoses) -> BoolArray | None:
+    """(N,) whether the apex is outside the scanner's field; None where that is not known."""
     if at.cell.base_T_scanner is None or at.cell.field is None:
         return None
     return ~at.cell.field.contains(apply(invert(at.cell.base_T_scanner), at.chain.target_mm))
 
 
-def _too_steep(at: _Standing) -> BoolArray | None:
+def _too_steep(at: _ArmPoses) -> BoolArray | None:
+    """(N,) whether a face is seen at too large an incidence; None where that is not known."""
     if at.eye_mm is None or at.cell.jig is None or at.cell.field is None:
         return None
     cosine = incidence_cosines(at.base_T_jig, jig_geometry(at.cell.jig)[1], at.eye_mm)
@@ -117,23 +121,24 @@ def _too_steep(at: _Standing) -> BoolArray | None:
 
 
 def incidence_cosines(base_T_jig: Array, normals: Array, eye_mm: Array) -> Array:
-    """(N, 3) of the angle at the apex between each face's normal and the line to the scanner at (3,), base frame."""
+    """(N, 3) cosines of the angles at the apex between face normals and the line to the scanner at eye_mm (3,)."""
     to_eye = eye_mm - base_T_jig[:, :3, 3]
     to_eye = to_eye / np.linalg.norm(to_eye, axis=1, keepdims=True)
     return np.einsum("nij,kj,ni->nk", base_T_jig[:, :3, :3], normals, to_eye, optimize=True)
 
 
-def _near_singularity(at: _Standing) -> BoolArray | None:
+def _near_singularity(at: _ArmPoses) -> BoolArray | None:
+    """(N,) whether the manipulability is below the cell's least; None where the cell has none."""
     if at.cell.least_manipulability <= 0.0:
         return None
     return manipulability(at.cell, at.chain) < at.cell.least_manipulability
 
 
 def manipulability(cell: Workcell, chain: Chain) -> Array:
-    """(N,) least over largest singular value of the Jacobian, turns times a third of the reach: 0 at a singularity.
+    """(N,) least over largest singular value of the Jacobian, rotations times a third of the reach: 0 at a singularity.
 
     An arm of fewer than six joints has as many singular values as joints. A prismatic joint's unit is a third of the
-    reach too, so that the figure has none.
+    reach too, so that the ratio has no unit.
     """
     third_mm = reach_mm(cell.robot) / 3.0
     moved, axes = joint_jacobian(chain, cell.robot.is_revolute)
@@ -142,7 +147,8 @@ def manipulability(cell: Workcell, chain: Chain) -> Array:
     return np.asarray(values[:, -1] / np.maximum(values[:, 0], 1e-12))
 
 
-def _in_floor(at: _Standing) -> BoolArray | None:
+def _in_floor(at: _ArmPoses) -> BoolArray | None:
+    """(N,) whether a moving body is below the floor; None where there is no floor."""
     if at.cell.floor_z_mm is None or not len(at.cell.bodies):
         return None
     start, end, radius = _moving(at)
@@ -150,7 +156,8 @@ def _in_floor(at: _Standing) -> BoolArray | None:
     return np.asarray(np.any(lowest < at.cell.floor_z_mm, axis=1))
 
 
-def _in_box(at: _Standing) -> BoolArray | None:
+def _in_box(at: _ArmPoses) -> BoolArray | None:
+    """(N,) whether a moving body is in one of the cell's boxes; None where there are none."""
     if not at.cell.boxes or not len(at.cell.bodies):
         return None
     start, end, radius = _moving(at)
@@ -160,34 +167,38 @@ def _in_box(at: _Standing) -> BoolArray | None:
     return refused
 
 
-def _at_scanner(at: _Standing) -> BoolArray | None:
+def _at_scanner(at: _ArmPoses) -> BoolArray | None:
+    """(N,) whether a moving body is within 100 mm of the scanner; None where its place is not known."""
     if at.eye_mm is None or at.cell.jig is None or not len(at.cell.bodies):
         return None
     start, end, radius = _moving(at)
     return np.asarray(np.any(between_segments(start, end, at.eye_mm, at.eye_mm) < radius + _SCANNER_RADIUS_MM, axis=1))
 
 
-def _moving(at: _Standing) -> tuple[Array, Array, Array]:
-    """Ends (N, K, 3) and radii (K,) of the bodies that do not stand on the floor."""
+def _moving(at: _ArmPoses) -> tuple[Array, Array, Array]:
+    """Ends (N, K, 3) and radii (K,) of the bodies that the joints move."""
     bodies = at.cell.bodies
     start, end = bodies.at(at.chain)
     return start[:, ~bodies.static], end[:, ~bodies.static], bodies.radius_mm[~bodies.static]
 
 
-def _in_itself(at: _Standing) -> BoolArray | None:
+def _in_itself(at: _ArmPoses) -> BoolArray | None:
+    """(N,) whether two bodies of the arm meet; None where no pair of them can."""
     bodies = at.cell.bodies
     if not len(bodies.pairs):
         return None
     return np.asarray(touching(bodies, *bodies.at(at.chain), bodies.pairs).any(axis=1))
 
 
-def _arm_hides(at: _Standing) -> BoolArray | None:
+def _arm_hides(at: _ArmPoses) -> BoolArray | None:
+    """(N,) whether the arm hides a face from the scanner; None where that is not known."""
     if at.eye_mm is None or not len(at.cell.bodies):
         return None
     return np.asarray(hidden_by_arm(at.cell.bodies, at.chain, at.eye_mm, at.jig_points_mm()).any(axis=1))
 
 
-def _box_hides(at: _Standing) -> BoolArray | None:
+def _box_hides(at: _ArmPoses) -> BoolArray | None:
+    """(N,) whether a box hides a face from the scanner; None where that is not known."""
     if at.eye_mm is None or not at.cell.boxes:
         return None
     points_mm = at.jig_points_mm()
@@ -199,24 +210,24 @@ def _box_hides(at: _Standing) -> BoolArray | None:
 
 def collides(cell: Workcell, q: Array) -> BoolArray:
     """(N,) whether the arm at joints (N, n) is in the floor, a box, the scanner or itself."""
-    standing = _Standing(cell, q, cell.chain(q))
+    poses = _ArmPoses(cell, q, cell.chain(q))
     hits = np.zeros(len(q), dtype=bool)
     for _, refuses in _COLLISIONS:
-        refused = refuses(standing)
+        refused = refuses(poses)
         if refused is not None:
             hits |= refused
     return hits
 
 
-_Question: TypeAlias = tuple[str, Callable[[_Standing], BoolArray | None]]
+_Check: TypeAlias = tuple[str, Callable[[_ArmPoses], BoolArray | None]]
 
-_COLLISIONS: tuple[_Question, ...] = (
+_COLLISIONS: tuple[_Check, ...] = (
     (FLOOR, _in_floor),
     (BOX, _in_box),
     (SCANNER, _at_scanner),
     (SELF, _in_itself),
 )
-_QUESTIONS: tuple[_Question, ...] = (
+_CHECKS: tuple[_Check, ...] = (
     (LIMIT, _beyond_limit),
     (FIELD, _outside_field),
     (STEEP, _too_steep),

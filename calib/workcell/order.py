@@ -1,4 +1,4 @@
-"""An order of poses with short ways between them, none of which leads through what is known of the cell."""
+"""Order of poses with short paths between them that avoid known obstacles where possible."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from calib.kinematics.robot import Robot
 from calib.workcell.measurable import collides
 from calib.workcell.workcell import Workcell
 
-PRISMATIC_MM = 300.0  # of a prismatic joint take as long as a radian of one that turns
-_STEP = 0.15  # rad: ways are looked at every so far
+PRISMATIC_MM = 300.0  # of a prismatic joint take as long as a radian of a revolute one
+_STEP = 0.15  # rad between the checked places of a path
 _MOST_STEPS = 24
-_BLOCKED = 20.0  # rad, by which a way counts as longer that leads through something
+_BLOCKED = 20.0  # rad added to the length of a path that leads through an obstacle
 _ROUNDS = 8
 _TRIED_PATHS = 6
 
 
 def order_poses(cell: Workcell, q: ArrayLike, start: ArrayLike | None = None) -> IndexArray:
-    """(N,) in which order to go to joints (N, n): from the nearest to the nearest, then by exchanges (2-opt).
+    """Order (N,) in which to visit joints (N, n): from the nearest to the nearest, then improved by exchanges (2-opt).
 
-    Joints move together, so a way takes as long as the joint that moves most. Ways that lead through the floor, a box,
-    the scanner or the arm itself are gone around where that is possible; ask `clear_ways` of the result.
+    Joints move together, so a path takes as long as the joint that moves most. Paths that lead through the floor, a
+    box, the scanner or the arm itself are avoided where that is possible; check the result with `clear_ways`.
 
     Args:
-        start: (n,) where the arm stands; None: it begins at any of the poses.
+        start: (n,) joints at which the arm is; None: it begins at any of the poses.
     """
     q = np.atleast_2d(np.asarray(q, dtype=float))
     if not len(q):
@@ -48,19 +48,19 @@ def order_poses(cell: Workcell, q: ArrayLike, start: ArrayLike | None = None) ->
 
 
 def way_lengths(robot: Robot, one: Array, other: Array) -> Array:
-    """(N, M) how far the joint moves that moves most, rad, between joints (N, n) and (M, n)."""
+    """(N, M) largest joint movement, rad, between joints (N, n) and (M, n)."""
     scaled = np.where(robot.is_revolute, 1.0, 1.0 / PRISMATIC_MM)
     return np.asarray(np.abs((one[:, None] - other[None]) * scaled).max(axis=-1))
 
 
 def path_length(robot: Robot, q: Array) -> float:
-    """The sum of `way_lengths` from row to row of q (N, n), rad."""
+    """Sum of the largest joint movements, rad, from row to row of q (N, n)."""
     scaled = np.where(robot.is_revolute, 1.0, 1.0 / PRISMATIC_MM)
     return float(np.abs(np.diff(q, axis=0) * scaled).max(axis=1).sum())
 
 
 def clear_ways(cell: Workcell, q: Array) -> BoolArray:
-    """(N - 1,) whether straight ways in joint space between the rows of q (N, n) lead through nothing that is known."""
+    """(N - 1,) whether straight paths in joint space between the rows of q (N, n) avoid all known obstacles."""
     if len(q) < 2:
         return np.ones(0, dtype=bool)
     longest = max(way_lengths(cell.robot, q[k : k + 1], q[k + 1 : k + 2])[0, 0] for k in range(len(q) - 1))
@@ -72,7 +72,7 @@ def clear_ways(cell: Workcell, q: Array) -> BoolArray:
 
 
 def _short_path(apart: Array, *, from_first: bool) -> IndexArray:
-    """An open path through all nodes of a matrix of distances (N, N), which begins at the first where asked."""
+    """Short open path through all nodes of a matrix of distances (N, N), from the first node where `from_first`."""
     starts = [0] if from_first else range(len(apart))
     paths = [_nearest_neighbours(apart, first) for first in starts]
     shorter = [_exchanged(apart, path, from_first=from_first) for path in _shortest(apart, paths)]
@@ -80,22 +80,23 @@ def _short_path(apart: Array, *, from_first: bool) -> IndexArray:
 
 
 def _shortest(apart: Array, paths: list[IndexArray]) -> list[IndexArray]:
-    """A few of the paths, the shortest first."""
+    """The few shortest of some paths, the shortest first."""
     lengths = [apart[path[:-1], path[1:]].sum() for path in paths]
     return [paths[k] for k in np.argsort(lengths, kind="stable")[:_TRIED_PATHS]]
 
 
 def _nearest_neighbours(apart: Array, first: int) -> IndexArray:
-    left = apart.copy()
+    """Path from the node `first` on, always to the nearest node not visited yet."""
+    remaining = apart.copy()
     path = [first]
     for _ in range(len(apart) - 1):
-        left[:, path[-1]] = np.inf
-        path.append(int(np.argmin(left[path[-1]])))
+        remaining[:, path[-1]] = np.inf
+        path.append(int(np.argmin(remaining[path[-1]])))
     return np.array(path)
 
 
 def _exchanged(apart: Array, path: IndexArray, *, from_first: bool) -> IndexArray:
-    """Turn pieces of the path around as long as one makes it shorter; a piece may end with the path."""
+    """Path with pieces reversed as long as one makes it shorter; a piece may end with the path."""
     n = len(path)
     padded = np.pad(apart, ((0, 1), (0, 1)))  # a node beyond either end, at no distance
     for _ in range(50 * n):

@@ -1,4 +1,4 @@
-"""What has to differ between poses beside the joints: the side they are reached from, the payload, the temperature.
+"""Conditions of poses other than the joints that effects need: side of approach, payload, temperature.
 
 An effect says what a dataset must hold for it (`needs`), by the names of the columns of poses.csv.
 """
@@ -21,7 +21,7 @@ _COME_FROM_RAD, _COME_FROM_MM = np.radians(3.0), 10.0
 
 @dataclass(frozen=True)
 class WantedConditions:
-    """Which conditions the poses should have. `helpful` names columns that serve, and without which it goes too."""
+    """Conditions under which the poses should be measured; `helpful` names columns that are useful but not needed."""
 
     both_sides: bool = False
     payloads_kg: tuple[float, ...] = ()
@@ -30,24 +30,24 @@ class WantedConditions:
 
 
 def conditions_for(needs: Iterable[str], *, payload_kg: float = PAYLOAD_KG) -> WantedConditions:
-    """What effects need, of their `needs`: columns of poses.csv that they name.
+    """Conditions that effects need, from their `needs`: texts that name columns of poses.csv.
 
     Args:
-        payload_kg: what the arm can carry for it, beside nothing.
+        payload_kg: payload in part of the poses; the others have none.
     """
-    said = list(needs)
-    payload = any(PAYLOAD in text for text in said)
-    must = any(PAYLOAD in text.replace(_WHERE_IT_VARIES, "") for text in said)
+    texts = list(needs)
+    payload = any(PAYLOAD in text for text in texts)
+    must = any(PAYLOAD in text.replace(_WHERE_IT_VARIES, "") for text in texts)
     return WantedConditions(
-        both_sides=any(APPROACH in text for text in said),
+        both_sides=any(APPROACH in text for text in texts),
         payloads_kg=(0.0, payload_kg) if payload else (),
-        temperatures_c=(COLD_C, WARM_C) if any(TEMPERATURE in text.replace(_WITHOUT_IT, "") for text in said) else (),
+        temperatures_c=(COLD_C, WARM_C) if any(TEMPERATURE in text.replace(_WITHOUT_IT, "") for text in texts) else (),
         helpful=(PAYLOAD,) if payload and not must else (),
     )
 
 
 def come_from(q: Array, approach: Array, is_revolute: BoolArray, low: Array, high: Array) -> Array:
-    """(M, n) joints to go to before q (M, n), so that each joint then arrives from its side: 3 deg or 10 mm before it.
+    """(M, n) joints to visit before q (M, n), 3 deg or 10 mm off, so that each joint then arrives from its side.
 
     Joints that would leave their range (n,) go as far as it allows.
     """

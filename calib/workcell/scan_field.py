@@ -1,4 +1,4 @@
-"""Where in its own frame a scanner measures: a camera's field, or the space in which it was seen to measure."""
+"""The space in which a scanner measures, in its own frame: declared, or inferred from where it measured."""
 
 from __future__ import annotations
 
@@ -7,11 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array, BoolArray
+from calib.dataset.dataset import Scanner
+from calib.errors import CalibError
+
+MAX_INCIDENCE_DEG = 70.0
+_WIDER = 0.1  # of the range that was measured, either side
+_LEAST_MM = 40.0  # by which it is widened
+_WIDEST = 1.0  # tangent off the line of sight: beyond it the instrument's z axis is no line of sight
 
 
 @dataclass(frozen=True)
 class ScanField:
-    """The scanner's field and the steepest incidence on a face (Jang 2025: 450 mm field, 700 mm away)."""
+    """Field of a camera-like scanner and its steepest incidence on a face (Jang 2025: 450 mm field, 700 mm away)."""
 
     distance_mm: float = 700.0
     width_mm: float = 450.0  # at that distance, as the height
@@ -23,17 +30,17 @@ class ScanField:
 
     @property
     def half_mm(self) -> Array:
-        """(2,) how far the apex may be from the field's middle at the field's distance."""
+        """(2,) largest offset of the apex from the field's middle at the field's distance."""
         return 0.5 * np.array([self.width_mm, self.height_mm]) - self.margin_mm
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
-        """(count, 3) apexes in the field's frustum, scanner frame."""
+        """(count, 3) random apexes in the field's frustum, scanner frame."""
         depth_mm = self.distance_mm + self.depth_mm * rng.uniform(-0.5, 0.5, count)
         across = rng.uniform(-self.half_mm, self.half_mm, (count, 2)) + np.array(self.middle_mm)
         return np.column_stack([across * (depth_mm / self.distance_mm)[:, None], depth_mm])
 
     def contains(self, apex_mm: Array) -> BoolArray:
-        """(N,) whether apexes (N, 3), scanner frame, lie in it."""
+        """(N,) whether apexes (N, 3), scanner frame, lie in the field."""
         depth_mm = apex_mm[:, 2]
         inside = np.abs(depth_mm - self.distance_mm) <= 0.5 * self.depth_mm
         across = apex_mm[:, :2] * (self.distance_mm / np.where(inside, depth_mm, 1.0))[:, None]
@@ -43,18 +50,18 @@ class ScanField:
 
 @dataclass(frozen=True)
 class BoxField:
-    """A box in the scanner's frame: where an instrument that looks all around was seen to measure."""
+    """Field of an instrument that looks all around: a box in its frame in which it measured."""
 
     low_mm: tuple[float, float, float]
     high_mm: tuple[float, float, float]
     max_incidence_deg: float = 70.0
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
-        """(count, 3) apexes, scanner frame."""
+        """(count, 3) random apexes in the box, scanner frame."""
         return rng.uniform(self.low_mm, self.high_mm, (count, 3))
 
     def contains(self, apex_mm: Array) -> BoolArray:
-        """(N,) whether apexes (N, 3), scanner frame, lie in it."""
+        """(N,) whether apexes (N, 3), scanner frame, lie in the box."""
         return np.asarray(np.all((apex_mm >= np.array(self.low_mm)) & (apex_mm <= np.array(self.high_mm)), axis=1))
 
 
@@ -71,3 +78,42 @@ def tilted(sight: Array, most_deg: float, rng: np.random.Generator) -> Array:
     other = np.cross(sight, across)
     sideways = np.cos(azimuth)[:, None] * across + np.sin(azimuth)[:, None] * other
     return np.asarray(cosine[:, None] * sight + np.sqrt(1.0 - cosine**2)[:, None] * sideways)
+
+
+def evident_field(scanner: Scanner, apex_mm: Array) -> tuple[ScanField | BoxField, str]:
+    """Field declared in dataset.toml, else the one in which apexes (M, 3), scanner frame, were measured; and a note.
+
+    Raises:
+        CalibError: neither exists.
+    """
+    incidence = scanner.max_incidence_deg or MAX_INCIDENCE_DEG
+    if scanner.field_mm is not None and scanner.distance_mm is not None:
+        width, height, depth = scanner.field_mm
+        field = ScanField(scanner.distance_mm, width, height, depth, JANG_FIELD.margin_mm, incidence)
+        return (
+            field,
+            f"scanner's field: {width:g} x {height:g} x {depth:g} mm at {scanner.distance_mm:g} mm, as declared",
+        )
+    if not len(apex_mm):
+        raise CalibError("no point is measured, so the scanner's field is not known; add [scanner] field_mm")
+    low, high = _widened(apex_mm)
+    if low[2] <= 0.0 or np.any(np.abs(apex_mm[:, :2]) > _WIDEST * apex_mm[:, 2:]):
+        size = " x ".join(f"{size:.0f}" for size in high - low)
+        box = BoxField((low[0], low[1], low[2]), (high[0], high[1], high[2]), incidence)
+        return box, f"space that is measured: {size} mm, where points were measured and a little more"
+    distance = float(0.5 * (low[2] + high[2]))
+    low_xy, high_xy = _widened(apex_mm[:, :2] * (distance / apex_mm[:, 2:]))
+    (width, height), middle = high_xy - low_xy, 0.5 * (low_xy + high_xy)
+    field = ScanField(
+        distance, float(width), float(height), float(high[2] - low[2]), 0.0, incidence,
+        (float(middle[0]), float(middle[1])),
+    )  # fmt: skip
+    size = f"{width:.0f} x {height:.0f} x {field.depth_mm:.0f} mm at {distance:.0f} mm"
+    return field, f"scanner's field: {size}, where the jig was measured and a little more"
+
+
+def _widened(values: Array) -> tuple[Array, Array]:
+    """Least and largest coordinates of points, each moved outward by a tenth of the range or more."""
+    low, high = values.min(axis=0), values.max(axis=0)
+    more = np.maximum(_WIDER * (high - low), _LEAST_MM)
+    return low - more, high + more

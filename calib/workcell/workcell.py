@@ -1,11 +1,11 @@
-"""A cell as a value: the arm, the jig, where the scanner stands and what it sees, and what is in the way."""
+"""A cell as a value: the arm, the jig, the scanner's pose and field, and obstacles."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from calib.array_types import Array
-from calib.dataset.surroundings import Box
+from calib.dataset.dataset import Box
 from calib.jig import Jig
 from calib.kinematics.chain import Chain, forward
 from calib.kinematics.robot import Robot
@@ -15,10 +15,10 @@ from calib.workcell.scan_field import BoxField, ScanField
 
 @dataclass(frozen=True, eq=False)
 class Workcell:
-    """What decides whether a pose can be measured. None: not known, and then not asked."""
+    """Facts that decide whether a pose can be measured; None where a fact is not known, so that it is not checked."""
 
     robot: Robot
-    low: Array  # (n,) rad or mm: what the joints may be commanded
+    low: Array  # (n,) rad or mm: range of the joint commands
     high: Array
     jig: Jig | None  # None: a mirror or a ball, which is seen from everywhere
     tool_T_jig: Array  # (4, 4) apex and axis, z into the material
@@ -31,5 +31,5 @@ class Workcell:
     notes: tuple[str, ...] = ()  # what was assumed or measured, a sentence each
 
     def chain(self, q: Array) -> Chain:
-        """The arm's frames at joints (N, n)."""
+        """Frames of the arm at joints (N, n)."""
         return forward(self.robot.table, q, self.robot.is_revolute, self.robot.base_T_first)

@@ -16,7 +16,7 @@ from effect_channels import LEVER, NOISE_MM, Channel, Input, in_shown_unit, labe
 
 from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
-from calib.calibration.input_variables import inputs_at
+from calib.calibration.pose_errors import inputs_at
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import CATALOGUE

@@ -1,9 +1,8 @@
 """A page for each effect of the catalogue, and their index, written while the documentation is built.
 
 All that a page says is read from the effect's class and computed by the project's screening on a standard arm
-(`effect_signatures`), so that an effect has its page as soon as it is in the catalogue. `docs/effects/notes.toml` may
-add a note to it: its law as an equation, and what is known of it on real arms. The pages go to
-`docs/generated/effects`, what the index shows beside them.
+(`effect_signatures`), so that an effect has its page as soon as it is in the catalogue. The pages and the content of
+their index go to `docs/generated/effects`.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from __future__ import annotations
 import inspect
 import math
 import re
-import tomllib
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -23,20 +22,9 @@ from sphinx.application import Sphinx
 
 from calib.effects.catalogue import CATALOGUE
 from calib.effects.effect import CatalogueEffect, full_name
-from calib.effects.natural_bounds import NATURAL_BOUNDS
 
 ROOM = "/generated/effects"
 INDEX = "index.inc"
-GROUPS = {
-    "joints": "Drives and bearings",
-    "joint_shapes": "Drives and bearings",
-    "compliance": "What gives way under load",
-    "loads": "What gives way under load",
-    "thermal": "Temperature",
-    "scanner": "The scanner",
-    "order_steps": "What sets in at one pose",
-}
-"""Headings of the index, by the module of the catalogue; another module's name is its own heading."""
 ANY_INPUT = (
     (r"joint \d+", "a joint"),
     (r"^\d+ times q\d+", "many times a joint's angle"),
@@ -48,28 +36,21 @@ ANY_INPUT = (
 """From the input of a picture to the inputs that are like it."""
 
 
-def write_pages(folder: Path, notes: Path) -> tuple[str, ...]:
-    """Write the pages and what the index shows into a folder; the names of the effects, in order.
+def write_pages(folder: Path) -> tuple[str, ...]:
+    """Write the pages and the content of their index into a folder; the names of the effects, in order.
 
-    A page that is as it was is not touched, so that it is not read again. `notes` may be no file.
-
-    Raises ValueError where a note is of no effect.
+    A page that is unchanged is not written again, so that Sphinx does not read it again.
     """
-    said = tomllib.loads(notes.read_text(encoding="utf-8")) if notes.is_file() else {}
-    unknown = set(said) - {kind.name for kind in CATALOGUE}
-    if unknown:
-        raise ValueError(f"{notes}: no effect is named {', '.join(sorted(unknown))}")
     standard = Standard.made()
     signatures = {kind.name: standard.signature(kind.name) for kind in CATALOGUE}
     folder.mkdir(parents=True, exist_ok=True)
     for kind in CATALOGUE:
-        note = said.get(kind.name, {}).get("text", "")
-        _write(folder / f"{kind.name}.md", page(kind, signatures[kind.name], standard, note))
+        _write(folder / f"{kind.name}.md", page(kind, signatures[kind.name], standard))
     _write(folder / INDEX, index(signatures, standard))
     return tuple(signatures)
 
 
-def page(kind: type[CatalogueEffect], signature: Signature, standard: Standard, note: str = "") -> str:
+def page(kind: type[CatalogueEffect], signature: Signature, standard: Standard) -> str:
     """The page of one effect, in MyST."""
     parts = [
         f"# {kind.name}",
@@ -77,10 +58,10 @@ def page(kind: type[CatalogueEffect], signature: Signature, standard: Standard, 
         _figure(arm_picture(signature, standard), _arm_words(signature)),
         "## Law",
         f"```text\n{kind.equation}\n```",
-        note.strip(),
+        inspect.cleandoc(kind.notes),
         "## Parameters",
         _parameters(signature),
-        _bounds(kind.name),
+        _bounds(kind),
         "## What its residual looks like",
         _figure(curve_picture(signature, standard), _left_words(signature)),
         "## What it needs, and how to confirm it",
@@ -101,8 +82,8 @@ def index(signatures: Mapping[str, Signature], standard: Standard) -> str:
     """What the index shows: the small pictures with their links, and the table."""
     groups: dict[str, list[type[CatalogueEffect]]] = {}
     for kind in CATALOGUE:
-        module = kind.__module__.rpartition(".")[2]
-        groups.setdefault(GROUPS.get(module, module), []).append(kind)
+        heading = (sys.modules[kind.__module__].__doc__ or kind.__module__).partition(":")[0]
+        groups.setdefault(heading, []).append(kind)
     out = []
     for heading, kinds in groups.items():
         cards = [
@@ -194,11 +175,10 @@ def _parameters(signature: Signature) -> str:
     )
 
 
-def _bounds(name: str) -> str:
-    bounds = NATURAL_BOUNDS.get(name, ())
-    if not bounds:
+def _bounds(kind: type[CatalogueEffect]) -> str:
+    if not kind.bounds:
         return ""
-    rows = [f"| {_size(b.size, b.unit)} | {_cell(b.source)} |" for b in bounds]
+    rows = [f"| {_size(b.size, b.unit)} | {_cell(b.source)} |" for b in kind.bounds]
     return "\n".join(
         [
             "A value that is beyond these bounds by more than two sigmas is told with a warning:",
@@ -238,8 +218,8 @@ def _alike(signature: Signature) -> str:
 def _code(kind: type[CatalogueEffect]) -> str:
     module = kind.__module__.replace(".", "/") + ".py"
     return (
-        f"`{kind.__name__}` in `{module}`; its natural bounds in `calib/effects/natural_bounds.py`. Its truth in "
-        "simulations is written apart, `calib/simulation/truth`, and shares no code with it."
+        f"`{kind.__name__}` in `{module}`. Its truth in simulations is written apart, `calib/simulation/truth`, and "
+        "shares no code with it."
     )
 
 
@@ -254,7 +234,7 @@ def _write(path: Path, text: str) -> None:
 
 def _on_start(app: Sphinx) -> None:
     source = Path(app.srcdir)
-    write_pages(source / ROOM.strip("/"), source / "effects" / "notes.toml")
+    write_pages(source / ROOM.strip("/"))
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -169,25 +169,30 @@ def as_restructured(app: Sphinx, what: str, name: str, thing: Any, options: Any,
     if what in ("class", "exception") and lines and lines[0].startswith(f"{name.rpartition('.')[2]}("):
         lines.clear()  # a dataclass's own signature, which Python writes where nobody wrote a docstring
     out: list[str] = []
-    section, example = "", False
+    section, example, doctest = "", False, False
     for line in lines:
         head = re.fullmatch(r"(Args|Raises|Returns):\s*", line)
         if head:
             section = head[1]
             out.append("")
         elif section and (entry := re.match(r" {4}(?=\S)([^:]+): (.*)", line)):
-            names = [full_error(one) for one in entry[1].split(", ")] if section == "Raises" else [entry[1]]
+            names = [entry[1].replace("*", r"\*")]
+            if section == "Raises":
+                names = [full_error(one) for one in entry[1].split(", ")]
             out += [f"{FIELD[section].format(name=one)} {escaped(entry[2])}" for one in names]
         elif section and line.startswith("    "):
             out.append(f"    {escaped(line.strip())}" if out[-1] else f":{section.lower()}: {escaped(line.strip())}")
         else:
             if line.strip():
                 section = ""
+            if line.startswith(">>>"):  # up to the next empty line, as doctest has it
+                doctest = True
+            doctest = doctest and bool(line.strip())
             if example and line.strip() and not line.startswith(" "):
                 example = False
-            plain = example or line.lstrip().startswith((":", ".. "))
+            plain = doctest or example or line.lstrip().startswith((":", ".. "))
             out.append(line if plain else escaped(line))
-            example = example or line.rstrip().endswith("::")
+            example = example or (line.rstrip().endswith("::") and not doctest)
     lines[:] = out
 
 
@@ -199,7 +204,7 @@ def full_error(name: str) -> str:
 class Room(SphinxDirective):
     """`.. room:: calib.frames`: what a module's docstring says, and its public classes and functions.
 
-    With words behind the module, those names alone. The public face, `calib.__all__`, is told where it is asked for.
+    With words behind the module, those names alone. Functions that `calib` offers have their place on the page.
     """
 
     required_arguments = 1
@@ -228,11 +233,12 @@ class Room(SphinxDirective):
 
 
 def public_names(module: Any) -> list[str]:
-    """Classes and functions that a module defines, but for those of the public face, in the order of the source."""
+    """Classes and functions of a module in the order of the source, without functions that `calib` itself offers."""
     source = ast.parse(inspect.getsource(module))
     kinds = (ast.ClassDef, ast.FunctionDef)
     names = [node.name for node in source.body if isinstance(node, kinds) and not node.name.startswith("_")]
-    return [name for name in names if calib._HOME.get(name) != module.__name__]
+    face = {name for name, home in calib._HOME.items() if home == module.__name__}
+    return [name for name in names if name not in face or inspect.isclass(getattr(module, name))]
 
 
 def in_contents(kind: type[PyObject]) -> None:

@@ -15,7 +15,7 @@ from inspector.figures.style import figure as figure_of
 scans = calib.load_dataset("sample_data/rb5_repeats")
 dataset = with_corners(scans, calib.find_corners(scans))
 held = scatter_against_covariances(dataset)
-print(f"scatter over covariance: {held.ratio:.2f} ({held.freedom} degrees of freedom, p = {held.chance:.2g})")
+print(f"scatter over covariance: {held.ratio:.2f} ({held.dof} degrees of freedom, p = {held.p_value:.2g})")
 
 # %%
 # Place by place and axis by axis of the scanner; z is depth. Ten scans of a place leave each bar of scatter

@@ -16,10 +16,7 @@ from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Family
 from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
-from calib.models.exported_robot_file import exported_robot_file, require_template_of
-from calib.models.exported_table import ExportedTable, exported_table
-from calib.models.fitted_model import FittedModel
-from calib.models.model_file import model_text
+from calib.models.exported_table import ExportedTable, exported_table, require_template_of
 from calib.present.calibration import (
     calibration_document,
     calibration_head,
@@ -30,7 +27,7 @@ from calib.present.calibration import (
     table_document,
 )
 from calib.present.text import block_text
-from calib.screening.curves.effect_file import effect_file_text
+from calib.screening.curves.fitted_curves import effect_file_text
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options import CalibrateOptions, CompareOptions, CorrectOptions, WatchOptions
 from inspector.cli.output_paths import check_outputs
@@ -75,7 +72,7 @@ def run_calibrate(options: CalibrateOptions) -> int:
         require_plausible(result, options.force)
     if options.out is not None or templates:
         table.require_improvement(force=options.force)
-    robot_files = {out: exported_robot_file(table, template) for out, template in templates.items()}
+    robot_files = {out: table.in_template(template) for out, template in templates.items()}
     hint = outlier_hint(result)
     said = "\n".join(f"{path}: {robot_file.summary}" for path, robot_file in robot_files.items())
     document = calibration_document(result) | {
@@ -91,7 +88,7 @@ def run_calibrate(options: CalibrateOptions) -> int:
     if options.out is not None:
         contents[options.out] = table.to_toml()
     if options.model_out is not None:
-        contents[options.model_out] = model_text(FittedModel.of(result))
+        contents[options.model_out] = result.fitted_model.to_json()
     if options.residuals is not None:
         contents[options.residuals] = residuals_csv(result)
     if options.scene is not None:

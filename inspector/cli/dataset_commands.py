@@ -16,7 +16,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import load_dataset
 from calib.effects.catalogue import descriptions
-from calib.errors import shown, visible
+from calib.errors import printable, visible
 from calib.identifiability.structural import free_frame_rank, redundancy
 from calib.measurement.measured_points import (
     failed_searches,
@@ -30,7 +30,7 @@ from calib.present.corners import batch_blocks, corners_document
 from calib.present.redundancy import free_frame_sentence, redundancy_blocks, redundancy_document
 from calib.present.text import block_text
 from calib.strict_json import to_json
-from calib.targets.assignment import told_apart
+from calib.targets.assignment import assign_targets
 from calib.targets.batch import find_targets
 from calib.targets.protocol.user_file import load_finder
 from inspector.cli.options import (
@@ -73,7 +73,7 @@ def run_corners(options: CornersOptions) -> int:
     check_outputs(dataset, [options.out], [options.finder])
     searches = found_corners(dataset, options.processes)
     require_corners(dataset, searches)
-    named = told_apart(dataset, searches)
+    named = assign_targets(dataset, searches)
     labels = label_faces(dataset, searches)
     if options.out is not None:
         found = with_corners(dataset, searches, orientation=labels if options.orientation else False)
@@ -116,9 +116,9 @@ def load(path: Path, leave_out: Sequence[str] = (), finder: Path | None = None) 
     if finder is not None:
         dataset = replace(dataset, finder_file=load_finder(finder).path)
     for warning in dataset.warnings:
-        print(f"inspector: warning: {shown(warning)}", file=sys.stderr)
+        print(f"inspector: warning: {printable(warning)}", file=sys.stderr)
     for note in dataset.notes:
-        print(f"inspector: note: {shown(note)}", file=sys.stderr)
+        print(f"inspector: note: {printable(note)}", file=sys.stderr)
     return dataset
 
 
@@ -140,7 +140,7 @@ def searched(dataset: Dataset) -> dict[str, CornerSearch]:
     require_corners(dataset, searches)
     for pose_id, reason in failed_searches(searches).items():
         print(visible(f"inspector: warning: {pose_id} has no corner and is left out: {reason}"), file=sys.stderr)
-    for line in told_apart(dataset, searches).lines():
+    for line in assign_targets(dataset, searches).lines():
         print(visible(f"inspector: warning: {line}"), file=sys.stderr)
     return searches
 

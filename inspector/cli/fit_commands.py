@@ -6,8 +6,7 @@ import sys
 from datetime import datetime
 from pathlib import Path
 
-from calib.compensation.corrected_file import corrected_file
-from calib.compensation.targets_csv import load_targets, require_conditions
+from calib.compensation.target_files import corrected_file, load_targets, require_conditions
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.diagnosis.diagnose import diagnose
@@ -16,11 +15,12 @@ from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.conclusions import Adequate, Named
 from calib.diagnosis.words.headline import headline_note, headline_of, headline_text
 from calib.diagnosis.words.phrases import listed, untestable_line
+from calib.diagnosis.words.text import explanation_text
 from calib.effects.catalogue import effects_named
 from calib.errors import CalibError, DatasetError, visible
 from calib.measurement.measured_points import require_corners, with_corners
-from calib.models.fitted_model import FittedModel
 from calib.models.model_file import save_model
+from calib.planning.discrimination import NextPoses, explanation_of, next_poses
 from calib.present.correction import correction_blocks, correction_document
 from calib.present.text import block_text
 from calib.present.validation import (
@@ -30,8 +30,8 @@ from calib.present.validation import (
     learning_curve_verdict,
     validation_document,
 )
-from calib.robot_formats.programs.point_lists import is_point_list, require_point_list
-from calib.screening.curves.effect_file import effect_file_text
+from calib.robot_formats.programs import is_point_list, require_point_list
+from calib.screening.curves.fitted_curves import effect_file_text
 from calib.validation.acceptance import check
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import learning_curve
@@ -84,9 +84,9 @@ def run_correct(options: CorrectOptions) -> int:
     require_plausible(result, options.force)
     if result.tool_shift is not None:
         print(visible(f"inspector: warning: {result.tool_shift.words}"), file=sys.stderr)
-    model, ids = FittedModel.of(result), targets.poses.ids
+    model, ids = result.fitted_model, targets.poses.ids
     require_conditions(targets, model.needs, result.model.family_names)
-    correction = model.corrected_joints(targets.poses.q, targets.poses, options.what, dataset.robot, ids)
+    correction = model.correct(targets.poses.q, targets.poses, options.what, dataset.robot, ids)
     write_text_atomically(options.out, corrected_file(options.out, targets, correction))
     show(options, correction_document(correction, ids), block_text(*correction_blocks(correction, ids)))
     return 0 if correction.reached.all() else 1
@@ -111,9 +111,9 @@ def run_report(options: ReportOptions) -> int:
         found = diagnose(
             given, options.fit_options(), effects=options.effect, user_effects=user_effects, on_step=on_step
         )
-    report = report_of(with_found(session, found))
-    write_text_atomically(options.out, report_html(report, now=datetime.now()))
-    document = documents.diagnosis_document(found) | {"report": str(options.out)}
+    session = with_found(session, found)
+    write_text_atomically(options.out, report_html(report_of(session), now=datetime.now()))
+    document = documents.document_with_poses(found, session.next_poses) | {"report": str(options.out)}
     verdict = verdict_text(found.explanation.verdict, reasons="in the report", tied=listed(found.ambiguous_set, "or"))
     show(options, document, f"{options.out}: {verdict}")
     return 0
@@ -139,9 +139,10 @@ def run_diagnose(options: DiagnoseOptions) -> int:
         )
     if options.model_out is not None:
         require_plausible(result.calibration, options.force)
-    document = documents.diagnosis_document(result)
-    next_steps = planned_next(result, options.path)
-    text = "\n".join([diagnosis_text(result), *next_steps, *without(result.calibration.fitted_dataset)])
+    poses = next_poses(result)
+    document = documents.document_with_poses(result, poses)
+    next_steps = planned_next(result, poses, options.path)
+    text = "\n".join([diagnosis_text(result, poses), *next_steps, *without(result.calibration.fitted_dataset)])
     if options.model_out is not None:
         save_model(result.calibration, options.model_out)
     if options.learned_out is not None and result.learned is not None:
@@ -153,9 +154,9 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     return 0
 
 
-def planned_next(result: Diagnosis, path: Path) -> list[str]:
-    """The poses to plan next: those that settle an open set, or that tell more of the link errors."""
-    if result.split is not None:
+def planned_next(result: Diagnosis, poses: NextPoses | None, path: Path) -> list[str]:
+    """The poses to plan next: those that tell confounded effects apart, or that tell more of the link errors."""
+    if poses is not None:
         return [f"next: inspector plan {path} --for split plans the poses that settle it"]
     verdict = result.explanation.verdict
     if isinstance(verdict, (Adequate, Named)) and verdict.held_out is not None:
@@ -163,7 +164,7 @@ def planned_next(result: Diagnosis, path: Path) -> list[str]:
     return []
 
 
-def diagnosis_text(result: Diagnosis) -> str:
+def diagnosis_text(result: Diagnosis, poses: NextPoses | None) -> str:
     """A diagnosis as the terminal has it: ranking, steps, what cannot be told, the verdict."""
     ranked = result.screenings[0].to_frame()
     ranking = "No effect can be ranked: none is testable with these data."
@@ -173,7 +174,7 @@ def diagnosis_text(result: Diagnosis) -> str:
     silent = "\n".join(map(untestable_line, result.untestable))
     told = headline_of([step.calibration for step in result.steps])
     way = f"{headline_text(told)}\n{headline_note(told)}"
-    return f"{ranking}\n\n{steps}\n\n{silent}\n\n{way}\n\n{result.summary()}"
+    return f"{ranking}\n\n{steps}\n\n{silent}\n\n{way}\n\n{explanation_text(explanation_of(result, poses))}"
 
 
 def run_check(options: CheckOptions) -> int:
@@ -202,6 +203,6 @@ def run_check(options: CheckOptions) -> int:
             print(visible(results[-1].summary()), flush=True)
     passed = all(result.passed for result in results)
     if options.json:
-        each = [documents.check_document(result) for result in results]
+        each = [result.to_dict() for result in results]
         show(options, each[0] if len(each) == 1 else {"passed": passed, "datasets": each}, "")
     return 0 if passed else 1

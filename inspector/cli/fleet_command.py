@@ -7,7 +7,6 @@ from contextlib import AbstractContextManager
 from datetime import datetime
 
 from calib.dataset.files.atomic_write import write_text_atomically
-from calib.documents.fleet_document import fleet_document
 from calib.errors import CalibError, visible
 from calib.fleet.cluster import cluster_workers, local_workers
 from calib.fleet.discovery import discover
@@ -49,7 +48,7 @@ def run_fleet_command(options: FleetOptions) -> int:
         return 130
     write_table(fleet.rows, out)
     write_text_atomically(page, fleet_html(fleet, page, now=datetime.now()))
-    document = fleet_document(fleet) | {"table": str(out), "page": str(page), "results": str(results)}
+    document = fleet.to_dict() | {"table": str(out), "page": str(page), "results": str(results)}
     show(options, document, f"{fleet.summary()}\n{out}, {page}: the table and the page")
     return 0 if is_good(fleet) else 1
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from calib.compensation.corrected_file import corrected_file
-from calib.compensation.targets_csv import load_targets, require_conditions
+from calib.compensation.target_files import corrected_file, load_targets, require_conditions
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError
 from calib.models.model_file import load_model
@@ -13,7 +12,7 @@ from calib.options import DEFAULT_FOLDS
 from calib.present.correction import correction_blocks, correction_document
 from calib.present.text import block_text
 from calib.present.validation import saved_model_blocks, saved_model_document
-from calib.robot_formats.programs.point_lists import is_point_list, require_point_list
+from calib.robot_formats.programs import is_point_list, require_point_list
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options import CorrectOptions, ValidateOptions
 from inspector.cli.output_paths import check_outputs
@@ -43,7 +42,7 @@ def correct_by_model(options: CorrectOptions, path: Path) -> int:
         require_point_list(options.out, dataset.robot.is_revolute.tolist())
     targets = load_targets(options.joints, dataset.robot)
     require_conditions(targets, model.needs, model.model.family_names)
-    correction = model.corrected_joints(targets.poses.q, targets.poses, options.what, dataset.robot, targets.poses.ids)
+    correction = model.correct(targets.poses.q, targets.poses, options.what, dataset.robot, targets.poses.ids)
     write_text_atomically(options.out, corrected_file(options.out, targets, correction))
     ids = targets.poses.ids
     show(options, correction_document(correction, ids), block_text(*correction_blocks(correction, ids)))

@@ -1,4 +1,4 @@
-"""What each subcommand is asked for: the parser fills one of these, the command reads it. Nothing slow is imported."""
+"""Options of each subcommand, filled by the parser. Nothing slow is imported."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from calib.options import FitOptions
 
 @dataclass(frozen=True, kw_only=True)
 class Output:
-    """How a command answers; `effects` is asked for nothing else."""
+    """Common options: how a command answers."""
 
     json: bool  # one JSON object in place of text
     stdout: TextIO  # with --json, `sys.stdout` leads to stderr while a command runs
@@ -53,7 +53,7 @@ class RedundancyOptions(Output):
 
 @dataclass(frozen=True, kw_only=True)
 class _FittingOptions(Output):
-    """What a fit is to be like."""
+    """Common options of commands that fit a model."""
 
     path: Path
     residual: str
@@ -67,11 +67,11 @@ class _FittingOptions(Output):
     finder: Path | None  # of targets in the scans, a file of the user's own
 
     def fit_options(self) -> FitOptions:
-        """What --residual, --hold, --no-prior, --tolerance and --robust ask of a fit."""
+        """Fit options that --residual, --hold, --no-prior, --tolerance and --robust ask for."""
         return FitOptions(
             residual=self.residual,
             prior=not self.no_prior,
-            held=tuple(self.hold),
+            fixed=tuple(self.hold),
             tolerances=dict(self.tolerance),
             robust=self.robust,
         )
@@ -126,7 +126,7 @@ class DiagnoseOptions(_FittingOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class CompareOptions(Output):
-    """Options of `compare`: both datasets are fitted alike."""
+    """Options of `compare`, for the fits of both datasets."""
 
     path: Path
     other: Path
@@ -136,7 +136,7 @@ class CompareOptions(Output):
     add: Sequence[str]
 
     def fit_options(self) -> FitOptions:
-        """What --residual asks of both fits."""
+        """Fit options of both calibrations that --residual asks for."""
         return FitOptions(residual=self.residual)
 
 
@@ -153,7 +153,7 @@ class WatchOptions(Output):
     out: Sequence[Path]
 
     def fit_options(self) -> FitOptions:
-        """The earlier calibration's."""
+        """Fit options of the earlier calibration."""
         return FitOptions()
 
 
@@ -212,7 +212,7 @@ class FleetOptions(Output):
 
 @dataclass(frozen=True, kw_only=True)
 class RobotFileOptions(Output):
-    """What a robot's file does not say by itself."""
+    """Options that say what a robot's file leaves open."""
 
     tip: str | None
     base: str | None

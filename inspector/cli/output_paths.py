@@ -1,4 +1,4 @@
-"""Where a command may write: to no file that it reads, and to no place twice."""
+"""Checks that a command does not write to a file that it reads, or twice to the same place."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
 
-from calib.errors import CalibError, shown
+from calib.errors import CalibError, printable
 from inspector.cli.subcommands import SUBCOMMANDS, Subcommand
 
 EXTRA_OF = {
@@ -61,8 +61,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _refused(words: str) -> int:
-    """Say why on stderr; the exit code for it."""
-    print(f"inspector: {shown(words)}", file=sys.stderr)
+    """Print an error on stderr; returns the exit code for it."""
+    print(f"inspector: {printable(words)}", file=sys.stderr)
     return 2
 
 
@@ -86,7 +86,7 @@ def _run(subcommand: Subcommand, options: object) -> int:
 
 
 class _Version(argparse.Action):
-    """Prints which version this is; it is looked up where it is asked for, which takes longer than all the rest."""
+    """Action that prints the version, which is looked up only when it is asked for because that takes long."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         from importlib.metadata import version
@@ -97,10 +97,10 @@ class _Version(argparse.Action):
 
 
 class _Parser(argparse.ArgumentParser):
-    """Wrong usage in one line."""
+    """Argument parser that reports wrong usage in one line."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"inspector: {shown(message)}; see {self.prog} --help\n")
+        self.exit(2, f"inspector: {printable(message)}; see {self.prog} --help\n")
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -1,4 +1,4 @@
-"""Long work at a terminal: progress on stderr, and a process for each core."""
+"""Progress of long work on stderr, and processes for it."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ MIN_SCANS_FOR_PROCESSES = 12  # below this, starting further interpreters takes 
 
 @contextmanager
 def stages() -> Iterator[OnStep | None]:
-    """A function that shows the step under way in one line of a terminal; None where stderr is none."""
+    """Callback that shows the current step in one line of the terminal; None where stderr is no terminal."""
     with staged(asked=sys.stderr.isatty()) as tell:
         yield tell
 
 
 def cores() -> int:
-    """Number of CPU cores this process may run on."""
+    """Number of CPU cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
 def processes(scans: int, wanted: int | None = None) -> Iterator[Executor | None]:
-    """An executor with the wanted processes; by default one a core, from MIN_SCANS_FOR_PROCESSES scans on."""
+    """Executor with the requested number of processes; by default one a core, from MIN_SCANS_FOR_PROCESSES scans on."""
     count = min(scans, cores() if wanted is None else wanted)
     if count < 2 or (wanted is None and scans < MIN_SCANS_FOR_PROCESSES):
         yield None
@@ -45,7 +45,7 @@ def processes(scans: int, wanted: int | None = None) -> Iterator[Executor | None
 
 @contextmanager
 def _ignored_interrupts() -> Iterator[None]:
-    """Let processes that start here ignore Ctrl-C, which a terminal sends to all of them; this process ends them."""
+    """Context in which new processes ignore Ctrl-C, which a terminal sends to all; this process ends them."""
     if threading.current_thread() is not threading.main_thread():  # no other may set signals
         yield
         return
@@ -58,6 +58,6 @@ def _ignored_interrupts() -> Iterator[None]:
 
 @contextmanager
 def progress(what: str, unit: str = "scan") -> Iterator[OnProgress | None]:
-    """A function that moves a progress bar on stderr; None where that is no terminal."""
+    """Callback that moves a progress bar on stderr; None where that is no terminal."""
     with counted(what, unit, asked=sys.stderr.isatty()) as on_progress:
         yield on_progress

@@ -1,4 +1,4 @@
-"""The subcommands with their arguments. Nothing slow is imported: `--help` and a wrong word are answered at once."""
+"""Subcommands with their arguments. Nothing slow is imported: `--help` and a wrong word are answered at once."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ DATASETS = "dataset folder, or a folder of them"
 
 @dataclass(frozen=True)
 class Subcommand:
-    """A subcommand: its name, what it is asked for, and which function answers."""
+    """Name, help text, arguments and function of a subcommand."""
 
     name: str
     run: str  # "module.function" in `inspector.cli`; loaded when it runs

@@ -25,17 +25,17 @@ def corners_csv(dataset: Dataset) -> str:
 
 
 def residuals_csv(calibration: Calibration) -> str:
-    """What the fit leaves over, a row a pose; see `calib.calibration.residual_table`."""
+    """Residuals of the fit as CSV, one row for each pose (`calib.calibration.residual_table`)."""
     return frame_csv(residual_table(calibration))
 
 
 def redundancy_csv(redundancy: Redundancy) -> str:
-    """Pearson's r of all pairs, parameters by parameters; empty where a parameter has no influence."""
+    """Pearson's r of all parameter pairs as CSV; empty where a parameter has no influence."""
     return frame_csv(redundancy.to_frame().rename_axis("parameter").reset_index())
 
 
 def file_name(dataset: str, what: str) -> str:
-    """ "cell_residuals.csv": a name that is one on every system, whatever the dataset is called."""
+    """File name that every system accepts, made of a dataset's name: "cell_residuals.csv"."""
     safe = re.sub(r"[^A-Za-z0-9-]+", "_", dataset).strip("_")[:NAME_LIMIT]
     return f"{safe or 'dataset'}_{what}"
 
@@ -50,7 +50,9 @@ def png(image: NDArray[np.uint8]) -> bytes:
 
 
 def over(image: NDArray[np.uint8], background: tuple[int, int, int]) -> NDArray[np.uint8]:
-    """An image (H, W, 4) with transparency laid over a colour: (H, W, 3). One without (H, W, 3) stays as it is."""
+    """Image (H, W, 3) of an image (H, W, 4) with transparency over a colour; an image (H, W, 3) is returned
+    unchanged.
+    """
     if image.shape[2] == 3:
         return image
     share = image[..., 3:].astype(float) / 255.0

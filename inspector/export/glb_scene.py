@@ -27,7 +27,7 @@ _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 
 def scene_glb(calibration: Calibration, pose: int, arrows: float) -> bytes:
-    """The scene as a file's content, in the base frame of the calibrated robot.
+    """Content of a .glb file with the scene, in the base frame of the calibrated robot.
 
     Args:
         pose: at which the arm stands.
@@ -61,7 +61,7 @@ def scene_glb(calibration: Calibration, pose: int, arrows: float) -> bytes:
 
 
 def _arm(shape: ArmShape) -> dict[str, Any]:
-    """The solids of each kind as one mesh."""
+    """Solids of each kind as one mesh."""
     solids: dict[str, list[Any]] = {}
     for start, end, radius, part in zip(shape.start_mm, shape.end_mm, shape.radius_mm, shape.part, strict=True):
         stick = _stick(start, end, float(radius))
@@ -82,7 +82,7 @@ def _balls(centres_mm: Array, radius_mm: float, colour: str) -> Any:
 
 
 def _stick(start_mm: Array, end_mm: Array, radius_mm: float) -> Any:
-    """A cylinder between two points; None where they are one."""
+    """Cylinder between two points; None where they coincide."""
     if np.linalg.norm(end_mm - start_mm) < 1e-6:
         return None
     ends = np.stack([start_mm, end_mm]) * M_PER_MM

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from calib.dataset_import.files.user_files import UserFile
 from calib.dataset_import.plan import ImportPlan, PlannedColumn
+from calib.dataset_import.user_files import UserFile
 
 
 def plan_document(plan: ImportPlan, files: Sequence[UserFile] = ()) -> dict[str, Any]:
-    """What was recognised, what is doubtful and what is wrong."""
+    """Planned import as a document: what was recognised, doubts and faults."""
     return {
         "robot": None if plan.robot is None else plan.robot.robot.name,
         "poses": plan.poses,
         "files": [{"file": file.path.name, "is": file.kind, "why": file.why} for file in files],
         "columns": [_column(column) for column in plan.columns],
-        "recognised": plan.said,
+        "recognised": plan.notes,
         "doubts": plan.doubts,
         "faults": plan.faults,
     }
@@ -38,7 +38,7 @@ def _column(column: PlannedColumn) -> dict[str, Any]:
 
 
 def plan_lines(plan: ImportPlan) -> list[str]:
-    """The plan for a terminal: columns, then what was recognised and what is doubtful."""
+    """Planned import as lines for a terminal: columns, what was recognised, doubts."""
     rows = [("table", "column", "first value", "taken for", "why")]
     rows += [
         (
@@ -52,4 +52,4 @@ def plan_lines(plan: ImportPlan) -> list[str]:
     ]
     widths = [min(max(len(row[k]) for row in rows), 24) for k in range(4)]
     table = ["  ".join([*(row[k][:24].ljust(widths[k]) for k in range(4)), row[4]]).rstrip() for row in rows]
-    return [*table, "", *plan.said, *(f"doubtful: {doubt}" for doubt in plan.doubts)]
+    return [*table, "", *plan.notes, *(f"doubtful: {doubt}" for doubt in plan.doubts)]

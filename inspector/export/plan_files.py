@@ -1,4 +1,4 @@
-"""A plan as a file for whoever drives the arm, by the file's name: poses.csv, a controller's point list, ROS."""
+"""Files of a plan for the robot, by the file's name: poses.csv, a controller's point list, a ROS trajectory."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from pathlib import Path
 from calib.dataset.files.poses_csv import poses_frame
 from calib.errors import CalibError
 from calib.planning.plan import Plan
-from calib.robot_formats.programs.point_lists import (
+from calib.robot_formats.programs import (
     JointTarget,
     is_point_list,
     point_list,
     require_point_list,
+    trajectory_yaml,
 )
-from calib.robot_formats.programs.trajectory import trajectory_yaml
 from calib.text_files.csv_text import frame_csv
 from calib.workcell.pose_conditions import come_from
 
@@ -21,7 +21,7 @@ CSV, ROS = ".csv", (".yaml", ".yml")
 
 
 def check_plan_file(path: Path) -> None:
-    """Raise CalibError for a name of no form that a plan is written in."""
+    """Raise CalibError for a file name of no form that plans are written in."""
     suffix = path.suffix.lower()
     if suffix != CSV and suffix not in ROS and not is_point_list(path):
         raise CalibError(
@@ -31,7 +31,7 @@ def check_plan_file(path: Path) -> None:
 
 
 def planned_file(path: Path, plan: Plan) -> str:
-    """What a file of this name is to hold.
+    """Content of a plan's file with this name.
 
     Raises CalibError for a name of no such form, and for an arm that its form cannot hold.
     """
@@ -50,7 +50,7 @@ def planned_file(path: Path, plan: Plan) -> str:
 
 
 def _targets(plan: Plan) -> list[JointTarget]:
-    """The poses as commanded; before one that is to be approached from given sides, the place to come from."""
+    """Commanded poses; a pose that is to be approached from given sides is preceded by the place to come from."""
     robot, poses, cell = plan.start.dataset.robot, plan.poses, plan.start.cell
     start = None
     if poses.approach is not None:

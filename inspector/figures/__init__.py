@@ -12,21 +12,21 @@ Plotly comes with the extra `page`; viser is not needed. The modules below take 
 from importlib import import_module
 
 _HOME = {
-    "added_variable": "inspector.figures.results.findings",
-    "control_chart": "inspector.figures.results.further",
-    "convergence": "inspector.figures.results.fits",
-    "error_bars": "inspector.figures.results.fits",
-    "error_history": "inspector.figures.results.findings",
-    "fleet_errors": "inspector.figures.results.further",
-    "learned_curves": "inspector.figures.results.findings",
-    "learning_curve": "inspector.figures.results.further",
-    "plan_curve": "inspector.figures.results.further",
-    "ranking": "inspector.figures.results.findings",
-    "redundancy_heatmap": "inspector.figures.results.fits",
-    "residuals_over": "inspector.figures.results.fits",
+    "added_variable": "inspector.figures.results.of_results",
+    "control_chart": "inspector.figures.results.of_results",
+    "convergence": "inspector.figures.results.of_results",
+    "error_bars": "inspector.figures.results.of_results",
+    "error_history": "inspector.figures.results.of_results",
+    "fleet_errors": "inspector.figures.results.of_results",
+    "learned_curves": "inspector.figures.results.of_results",
+    "learning_curve": "inspector.figures.results.of_results",
+    "plan_curve": "inspector.figures.results.of_results",
+    "ranking": "inspector.figures.results.of_results",
+    "redundancy_heatmap": "inspector.figures.results.of_results",
+    "residuals_over": "inspector.figures.results.of_results",
     "to_svg": "inspector.figures.results.still",
-    "where_measured": "inspector.figures.results.fits",
-    "work_space": "inspector.figures.results.fits",
+    "where_measured": "inspector.figures.results.of_results",
+    "work_space": "inspector.figures.results.of_results",
 }
 
 __all__ = [
@@ -49,7 +49,9 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """A figure of results, from the module that has it (PEP 562). Raises CalibError where plotly is not installed."""
+    """Figure function of this name, loaded when first used (PEP 562). Raises CalibError where plotly is not
+    installed.
+    """
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     try:

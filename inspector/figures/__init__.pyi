@@ -1,19 +1,19 @@
 """The figures of results as type checkers see them: what `__init__.py` loads when it is first asked for."""
 
-from inspector.figures.results.findings import added_variable as added_variable
-from inspector.figures.results.findings import error_history as error_history
-from inspector.figures.results.findings import learned_curves as learned_curves
-from inspector.figures.results.findings import ranking as ranking
-from inspector.figures.results.fits import convergence as convergence
-from inspector.figures.results.fits import error_bars as error_bars
-from inspector.figures.results.fits import redundancy_heatmap as redundancy_heatmap
-from inspector.figures.results.fits import residuals_over as residuals_over
-from inspector.figures.results.fits import where_measured as where_measured
-from inspector.figures.results.fits import work_space as work_space
-from inspector.figures.results.further import control_chart as control_chart
-from inspector.figures.results.further import fleet_errors as fleet_errors
-from inspector.figures.results.further import learning_curve as learning_curve
-from inspector.figures.results.further import plan_curve as plan_curve
+from inspector.figures.results.of_results import added_variable as added_variable
+from inspector.figures.results.of_results import control_chart as control_chart
+from inspector.figures.results.of_results import convergence as convergence
+from inspector.figures.results.of_results import error_bars as error_bars
+from inspector.figures.results.of_results import error_history as error_history
+from inspector.figures.results.of_results import fleet_errors as fleet_errors
+from inspector.figures.results.of_results import learned_curves as learned_curves
+from inspector.figures.results.of_results import learning_curve as learning_curve
+from inspector.figures.results.of_results import plan_curve as plan_curve
+from inspector.figures.results.of_results import ranking as ranking
+from inspector.figures.results.of_results import redundancy_heatmap as redundancy_heatmap
+from inspector.figures.results.of_results import residuals_over as residuals_over
+from inspector.figures.results.of_results import where_measured as where_measured
+from inspector.figures.results.of_results import work_space as work_space
 from inspector.figures.results.still import to_svg as to_svg
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""The figure of learned curves: a small panel each, with the band of the fit's uncertainty and the measured inputs.
+"""Figure of learned curves: a small panel for each, with the band of the fit's uncertainty and the measured inputs.
 
 Fitted curves in, a plotly figure out; style and labels are in `inspector.figures.style`.
 """
@@ -30,7 +30,7 @@ _BEYOND = 0.5  # of the inside's height that the outside may add to the axis on 
 
 
 def height_px(panels: int, columns: int = 1) -> int:
-    """How high the figure of so many curves is."""
+    """Height of the figure of a number of curves, px."""
     rows = -(-panels // columns)
     return _TOP_PX + rows * _PLOT_PX + (rows - 1) * _GAP_PX + _BOTTOM_PX
 
@@ -43,7 +43,7 @@ def joint_curves(
     selected: int | None = None,
     dark: bool = False,
 ) -> go.Figure:
-    """Each curve's error over its input, a panel each, `columns` beside each other.
+    """Each curve's error over its input, one panel each, in `columns` columns.
 
     selected: the joint, from 0, whose panels have an outline.
     """
@@ -96,7 +96,7 @@ def joint_curves(
 
 
 def _range(curve: FittedCurve) -> tuple[float, float]:
-    """The range of the axis of errors: all within the measured range, and of what is outside as much as is readable."""
+    """Range of the axis of errors: all of the measured range, and of the rest as much as stays readable."""
     value, half = curve.scale * curve.value, 2.0 * curve.scale * curve.sigma
     inside = curve.inside
     low, high = float((value - half)[inside].min()), float((value + half)[inside].max())
@@ -108,7 +108,7 @@ def _range(curve: FittedCurve) -> tuple[float, float]:
 
 
 def _traces(curve: FittedCurve, xaxis: str, yaxis: str, rug: float, dark: bool, *, first: bool) -> list[dict[str, Any]]:
-    """rug: the error at which the measured inputs are marked."""
+    """Traces of one curve. rug: the error at which the measured inputs are marked."""
     colour = "#56B4E9" if dark else "#0072B2"
     band = "rgba(86,180,233,0.30)" if dark else "rgba(0,114,178,0.22)"
     x, y = curve.input_scale * curve.u, curve.scale * curve.value
@@ -154,7 +154,7 @@ def _traces(curve: FittedCurve, xaxis: str, yaxis: str, rug: float, dark: bool, 
 
 
 def _unmeasured(curve: FittedCurve, xaxis: str, yaxis: str) -> list[dict[str, Any]]:
-    """Grey on either side of the measured range."""
+    """Grey rectangles on either side of the measured range."""
     u, first, last = (curve.input_scale * v for v in (curve.u, curve.measured[:1], curve.measured[-1:]))
     return [
         {
@@ -166,7 +166,7 @@ def _unmeasured(curve: FittedCurve, xaxis: str, yaxis: str) -> list[dict[str, An
 
 
 def _outline(xaxis: str, yaxis: str, dark: bool) -> dict[str, Any]:
-    """Around a panel."""
+    """Rectangle around a panel."""
     return {
         "type": "rect", "xref": f"{xaxis} domain", "yref": f"{yaxis} domain", "x0": 0, "x1": 1, "y0": 0, "y1": 1,
         "line": {"width": 2.5, "color": strong_ink(dark)}, "fillcolor": "rgba(0,0,0,0)",
@@ -174,10 +174,10 @@ def _outline(xaxis: str, yaxis: str, dark: bool) -> dict[str, Any]:
 
 
 def _closed(outside: BoolArray) -> BoolArray:
-    """The places outside and the one beside each, so that two parts of a line meet."""
+    """Mask of places outside, each extended by one, so that two parts of a line meet."""
     return np.asarray(outside | np.append(outside[1:], False) | np.insert(outside[:-1], 0, False))
 
 
 def _short(values: Array) -> list[float | None]:
-    """Numbers of five figures; None for nan, where plotly interrupts a line."""
+    """Numbers with five figures; None for NaN, where plotly interrupts a line."""
     return [float(f"{v:.5g}") if np.isfinite(v) else None for v in values]

@@ -1,4 +1,4 @@
-"""Figures of what the data say: the evidence for each effect, and whether more poses would help."""
+"""Figures of the evidence for each effect, and of the error against the number of poses."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def evidence_bars(
     *,
     dark: bool = False,
 ) -> go.Figure:
-    """A bar an effect, the best `_MOST` in the order given; a line at the `least` log evidence that convinces."""
+    """Bars of the log evidence of the best `_MOST` effects in the given order; a line at the `least` that convinces."""
     labels = [shortened(name, 26) for name in names[:_MOST]]
     traces: list[dict[str, Any]] = []
     for trace, colour, of in ((NAMED, PROPOSAL, True), (NOT_NAMED, UNKNOWN, False)):
@@ -65,7 +65,7 @@ def errors_by_poses(
     *,
     dark: bool = False,
 ) -> go.Figure:
-    """Training and held-out error against the number of poses fitted; the spread of the held-out error as bars."""
+    """Training and held-out error against the number of fitted poses; bars show the spread of the held-out error."""
     traces = [
         {
             "type": "scatter", "mode": "lines+markers", "name": name, "x": list(poses), "y": list(values),

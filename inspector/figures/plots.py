@@ -40,7 +40,7 @@ def correlation_heatmap(
     no_influence: Sequence[str] = (),
     joints: Mapping[str, int] | None = None,
 ) -> go.Figure:
-    """Pearson's r of all pairs. pearson  # (P, P); NaN where a parameter has no influence: those cells are grey.
+    """Heatmap of Pearson's r of all pairs. pearson  # (P, P), NaN where a parameter has no influence: grey cells.
 
     joints: the joint, from 1, of each parameter that belongs to one; a click on its row picks it.
     """
@@ -89,7 +89,7 @@ def correlation_heatmap(
 
 
 def _why_missing(names: Sequence[str], no_influence: Sequence[str]) -> list[list[str]]:
-    """For each pair, which of the two parameters has no influence."""
+    """Hover texts that tell which parameter of each pair has no influence."""
     without = set(no_influence)
     return [
         [
@@ -140,7 +140,7 @@ def _curve(role: str, x: list[int], y: Array) -> dict[str, Any]:
 
 
 def _log_ticks(values: Sequence[float]) -> dict[str, Any]:
-    """1, 2, 5, 10, ... over the values' range; only powers of ten where that is wide."""
+    """Ticks 1, 2, 5, 10, ... over the values' range; only powers of ten where it is wide."""
     if not len(values):
         return {}
     low, high = np.floor(np.log10(min(values))), np.ceil(np.log10(max(values)))
@@ -159,7 +159,7 @@ def pose_residuals(
     what: str = "residual",
     dark: bool = False,
 ) -> go.Figure:
-    """One bar a pose, coloured by role, the selected pose outlined. residual_mm  # (N,); NaN leaves a gap."""
+    """Bar for each pose, coloured by role, the selected pose outlined. residual_mm  # (N,); NaN leaves a gap."""
     values = np.asarray(residual_mm, dtype=float)
     names = [escape(name) for name in ids]  # plotly reads a little markup in labels
     traces = []
@@ -198,7 +198,7 @@ def pose_residuals(
 
 
 def outline(fig: go.Figure, selected: str | None) -> go.Figure:
-    """The same bars with this pose's outlined."""
+    """The bars with another pose outlined."""
     name = None if selected is None else escape(selected)
     for bars in (trace for trace in fig.data if trace.type == "bar"):
         bars.marker.line.width = [2 if x == name else 0 for x in bars.x]
@@ -214,7 +214,7 @@ def error_history(
     noise: str = "noise alone",
     dark: bool = False,
 ) -> go.Figure:
-    """3D RMSE after each change of the model, logarithmic, with the noise as a line. NaN leaves a gap."""
+    """3D RMSE after each change of the model, on a logarithmic axis, with a line at the noise. NaN leaves a gap."""
     traces = []
     steps = list(range(len(labels)))
     names = [escape(label) for label in labels]

@@ -42,7 +42,7 @@ def residual_against(
     selected: str | None = None,
     dark: bool = False,
 ) -> go.Figure:
-    """What is left at each pose against one input, the noise band behind it. x, y, is_test  # (N,)
+    """Residual of each pose against one input, over the band of the noise. x, y, is_test  # (N,)
 
     `smooth` may have rows of nan: the line stops there. Single values between two (levels of an input) are dashes.
     """
@@ -117,7 +117,7 @@ def place_views(
     selected: str | None = None,
     dark: bool = False,
 ) -> go.Figure:
-    """The work space from above and from the side, each pose coloured. place_mm  # (N, 3) base frame; values  # (N,)
+    """Work space from above and from the side, each pose coloured. place_mm  # (N, 3) base frame; values  # (N,)
 
     `title` names the values with their unit. Signed values are coloured symmetrically about zero.
     """
@@ -160,7 +160,7 @@ def place_views(
 
 
 def places_by_role(place_mm: ArrayLike, ids: Sequence[str], roles: Sequence[str], *, dark: bool = False) -> go.Figure:
-    """Places from above and from the side, each pose in the colour of its role. place_mm  # (N, 3) base frame"""
+    """Measured places from above and from the side, coloured by role. place_mm  # (N, 3) base frame"""
     place = np.asarray(place_mm, dtype=float)
     traces = [
         {
@@ -179,7 +179,7 @@ def places_by_role(place_mm: ArrayLike, ids: Sequence[str], roles: Sequence[str]
 
 
 def _two_views(traces: Sequence[dict[str, Any]], dark: bool) -> go.Figure:
-    """Traces on "y", from above, and on "y2", from the side, to one scale."""
+    """Figure of traces on "y" (from above) and "y2" (from the side), with equal scales."""
     equal = {"scaleanchor": "x", "constrain": "domain"}
     return figure(
         traces,
@@ -192,7 +192,7 @@ def _two_views(traces: Sequence[dict[str, Any]], dark: bool) -> go.Figure:
 
 
 def select(fig: go.Figure, pose_id: str | None) -> go.Figure:
-    """The same figure with the ring about this pose; about none where it is not among the points."""
+    """The figure with the ring around another pose; without it where the pose is not among the points."""
     name = None if pose_id is None else escape(pose_id)
     points = [trace for trace in fig.data if trace.customdata is not None]
     for ring in fig.data:
@@ -255,5 +255,5 @@ def _ring(dark: bool, yaxis: str | None = None) -> dict[str, Any]:
 
 
 def _listed(values: Array) -> list[float | None]:
-    """Plain numbers; None for NaN, where plotly interrupts a line."""
+    """Values as a list, with None for NaN, where plotly interrupts a line."""
     return [float(v) if np.isfinite(v) else None for v in values]

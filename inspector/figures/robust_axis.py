@@ -1,4 +1,4 @@
-"""The range of an axis that a few wild values do not flatten, and what says that they are there.
+"""Axis ranges that leave outlying values out, and marks that say how many there are.
 
 A value is wild where it lies more than `FAR` times as far from the middle as nine in ten of all values do. Where more
 than one in twenty (and more than two) would be, they are no exceptions and all is shown. A triangle at the edge stands
@@ -26,7 +26,7 @@ PAD = 0.08  # of the range, on either side
 
 @dataclass(frozen=True)
 class RobustRange:
-    """From `low` to `high` all but the wild values lie."""
+    """Range of an axis from `low` to `high`, which holds all but the outlying values."""
 
     low: float
     high: float
@@ -35,7 +35,7 @@ class RobustRange:
 
 
 def robust_range(values: ArrayLike, *, from_zero: bool = False) -> RobustRange | None:
-    """The range of values (N,), nan among them, without wild ones; None where there are none, and the usual does.
+    """Range of values (N,), which may hold NaN, without outlying ones; None where the usual range does.
 
     from_zero: the axis begins there.
     """
@@ -60,7 +60,7 @@ def robust_range(values: ArrayLike, *, from_zero: bool = False) -> RobustRange |
 def beyond(
     shown: RobustRange, x: Sequence[Any], values: Array, names: Sequence[str], unit: str, *, dark: bool
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The trace of triangles at the edge of the y axis, and the text that counts them, of poses by escaped name."""
+    """Trace of triangles at the edge of the y axis, and the text that counts outlying values by escaped pose name."""
     at = [int(i) for i in np.flatnonzero(shown.wild)]
     above = values[at] > shown.high
     inset = 0.02 * (shown.high - shown.low)

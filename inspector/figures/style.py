@@ -1,4 +1,4 @@
-"""What all figures have in common: layout, colours of axes, names short enough for an axis.
+"""Common style of all figures: layout, colours of axes, names short enough for an axis.
 
 Every figure fits a panel about 400 pixels wide, names its axes with units, shows values on hover, and comes in a light
 and a dark version, because a plotly figure does not follow the colours of the page.
@@ -31,12 +31,12 @@ SHOWS_STEP = {"ask": "step"}  # the same of points whose `ids` are steps of the 
 
 
 def selects_joint(joint: int) -> dict[str, object]:
-    """Meta of a trace that is about one joint, from 1: a click on any of its points picks that joint."""
+    """Trace meta by which a click on any of its points selects a joint, counted from 1."""
     return {"ask": "joint", "value": joint}
 
 
 def selects_joint_of_row(joints: Mapping[str, int]) -> dict[str, object]:
-    """Meta of a heatmap: a click on a cell picks the joint, from 1, of the label of its row."""
+    """Heatmap meta by which a click on a cell selects the joint, counted from 1, of its row's label."""
     return {"ask": "joint", "rows": dict(joints)}
 
 
@@ -44,17 +44,17 @@ LIGHT_PAGE, DARK_PAGE = "#ffffff", "#15191f"  # behind a figure that stands alon
 
 
 def ink(dark: bool) -> str:
-    """The colour of text and thin lines."""
+    """Colour of text and thin lines."""
     return "#E8EAED" if dark else "#24292F"
 
 
 def strong_ink(dark: bool) -> str:
-    """The colour of what marks the selected pose: the strongest contrast to the page."""
+    """Colour that marks the selected pose, with the strongest contrast to the page."""
     return "#FFFFFF" if dark else "#111111"
 
 
 def shortened(name: str, most: int = 22) -> str:
-    """A name for an axis, escaped; one of more than `most` characters is cut in the middle: "transmi…error"."""
+    """Escaped name for an axis; one of more than `most` characters is cut in the middle: "transmi…error"."""
     if len(name) > most:
         end = (most - 1) // 2
         name = f"{name[: most - 1 - end]}…{name[-end:]}"
@@ -62,7 +62,7 @@ def shortened(name: str, most: int = 22) -> str:
 
 
 def distinct_labels(names: Sequence[str], most: int = 12) -> list[str]:
-    """Names for an axis, `shortened`; long ones without their common prefix and suffix: "…17…"."""
+    """Shortened names for an axis; long ones lose their common prefix and suffix: "…17…"."""
     start = end = 0
     if max(map(len, names), default=0) > most and len(names) > 1:
         start = _common_prefix_length(names)
@@ -77,7 +77,7 @@ def _common_prefix_length(names: Sequence[str]) -> int:
 
 
 def log_axis(low: float, high: float) -> dict[str, object]:
-    """Keys of a logarithmic axis over these values, numbered as 0.1, 0.2, 0.5, 1 ..."""
+    """Layout keys of a logarithmic axis over these values, with ticks at 0.1, 0.2, 0.5, 1 ..."""
     ticks = [float(f"{step}e{power}") for power in range(-7, 5) for step in (1, 2, 5)]
     return {
         "type": "log", "tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks],
@@ -86,7 +86,7 @@ def log_axis(low: float, high: float) -> dict[str, object]:
 
 
 def _key(traces: Sequence[dict[str, Any]], *axes: dict[str, Any]) -> str:
-    """Tells figures of other numbers apart: a zoom stays with those that it was made for.
+    """Key that differs between figures of other numbers, so that a zoom stays with its own figure.
 
     Viser keeps a zoom whatever is plotted next, unless an axis says that it is another.
     """
@@ -104,7 +104,7 @@ def figure(
     dark: bool,
     layout: Mapping[str, Any] | None = None,
 ) -> go.Figure:
-    """A figure of these traces in the common style. margin: left, right, top, bottom, pixels; layout: further keys.
+    """Figure of traces in the common style. margin: left, right, top, bottom, pixels; layout: further keys.
 
     Plotly's templates and its check of every value take fifty milliseconds a figure, which would be felt at each turn
     of a page; so there is no template, and the tests check the values.

@@ -22,7 +22,7 @@ _MANY_TIMES = 8.0  # the limit: from there on the axis is logarithmic
 
 
 def control_chart(seen: Sequence[ChangeReport], *, dark: bool = False) -> go.Figure:
-    """The 3D RMSE of each, in the order of time, with what it likely is and its limit where nothing changed."""
+    """3D RMSE of each measurement in the order of time, with its likely size and its limit where nothing changed."""
     shown = in_time(seen)
     x = list(range(1, len(shown) + 1))
     limits = [w.errors.limit_mm for w in shown]

@@ -1,4 +1,4 @@
-"""What every panel knows: the view that it shows, and what it may ask the app for."""
+"""Common parts of all panels: the requests that they may make, and helpers for widgets."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import viser
 
 
 class Actions(Protocol):
-    """What a widget may ask for. Each call returns at once; the work is done in order on the app's one thread."""
+    """Requests that a widget may make. Each call returns at once; the work is done in order on the app's one thread."""
 
     def open(self, name: str) -> None: ...
     def select(self, pose: int) -> None: ...
@@ -49,17 +49,17 @@ class Actions(Protocol):
 
 
 def by_page(event: Any) -> bool:
-    """Whether a page changed the widget, and not this program itself (viser calls back for both)."""
+    """Whether a page changed the widget; False where this program did (viser calls back for both)."""
     return event.client_id is not None
 
 
 def put(handle: Any, value: Any) -> None:
-    """Show a value in a widget (viser's own annotation takes its `value` for read-only)."""
+    """Set a widget's value (viser's own annotation takes `value` for read-only)."""
     handle.value = value
 
 
 class ChangedValues:
-    """Puts a value into a widget only where it is another than the one put last.
+    """Sets a widget's value only where it differs from the one set last.
 
     A page may just have chosen something else whose turn is still to come: that must not be taken back.
     """
@@ -68,14 +68,14 @@ class ChangedValues:
         self._last: dict[int, Any] = {}  # by widget
 
     def put(self, handle: Any, value: Any) -> None:
-        """Show a value, unless it is the one that was put last."""
+        """Set a value, unless it is the one that was set last."""
         if self._last.get(id(handle)) != value:
             self._last[id(handle)] = value
             put(handle, value)
 
 
 class ChosenByDataset:
-    """What a user has chosen in a widget, by dataset: what was chosen for one is not the next one's."""
+    """A widget's choice for each dataset, so that the choice for one is not taken over for the next."""
 
     def __init__(self, handle: Any, default: Any) -> None:
         self._handle, self._default = handle, default
@@ -83,14 +83,16 @@ class ChosenByDataset:
         self._chosen: dict[str, Any] = {}
 
     def open(self, dataset: str) -> Any:
-        """What was chosen for this dataset when it was on show last, else the default; the choice now is kept."""
+        """Choice made when this dataset was on show last, else the default; the current choice is kept for its
+        dataset.
+        """
         self._chosen[self._dataset] = self._handle.value
         self._dataset = dataset
         return self._chosen.get(dataset, self._default)
 
 
 def offer(handle: Any, options: tuple[str, ...]) -> None:
-    """These options; what was chosen stays chosen where it is still there."""
+    """Set the options of a list; the choice stays where it is still offered."""
     if options == tuple(handle.options):
         return
     before = str(handle.value)
@@ -99,7 +101,7 @@ def offer(handle: Any, options: tuple[str, ...]) -> None:
 
 
 def hidden_plot(gui: viser.GuiApi, aspect: float, name: str) -> viser.GuiPlotlyHandle:
-    """A figure that is shown once there is something in it. aspect: height over width; name: of a file with it.
+    """Plot widget that stays hidden until it has a figure. aspect: height over width; name: of its image file.
 
     The wheel zooms with Ctrl alone, or in the enlarged figure: server/client/plots.js sees to it.
     """

@@ -11,7 +11,7 @@ from inspector.panels.base import Actions
 
 NOTE = (
     "Each is made when you press and goes to your browser's downloads; nothing is written where the server runs. "
-    "Behind each stands the command that does the same."
+    "The command that does the same is given with each."
 )
 SCREENSHOT = "Screenshot (PNG)"
 ITEMS: dict[str, tuple[str, str]] = {  # what the button is called: icon, what the file holds
@@ -60,7 +60,7 @@ ITEMS: dict[str, tuple[str, str]] = {  # what the button is called: icon, what t
 
 
 class DownloadsPanel:
-    """A button for each file, and what it holds."""
+    """A button for each file, with a description of it."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
@@ -71,7 +71,7 @@ class DownloadsPanel:
             gui.add_html(elements.note(holds))
 
     def say(self, words: str) -> None:
-        """What is being made; "" when nothing is."""
+        """Show what is being made; "" clears it."""
         self._doing.content = elements.alert(words, colour="#56B4E9") if words else ""
 
 

@@ -1,4 +1,4 @@
-"""The headline: how far the arm is off, what has been done and what comes next. The page shows it over the 3D view."""
+"""The headline over the 3D view: how far the arm is off, what has been done and what comes next."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from inspector.session.view import View
 
 
 class HeadlinePanel:
-    """One piece of HTML, sent again only where it has changed."""
+    """The headline as one piece of HTML, sent only when it has changed."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._html = gui.add_html("")
@@ -22,14 +22,14 @@ class HeadlinePanel:
         self._view: View | None = None
 
     def update(self, view: View) -> None:
-        """The session and the version of its model on show."""
+        """Show the session and the version of its model on show."""
         before, self._view = self._view, view
         # Another pose changes nothing.
         if before is None or before.session is not view.session or before.shown_step != view.shown_step:
             self._show()
 
     def doing(self, **what: bool | str) -> None:
-        """What the program is at (fields of `Doing`)."""
+        """Set what the program is working on (fields of `Doing`)."""
         doing = replace(self._doing, **what)  # type: ignore[arg-type]
         if doing != self._doing:
             self._doing = doing

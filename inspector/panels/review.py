@@ -1,4 +1,4 @@
-"""The left panel: which dataset, which pose, how far the search has come, and what the scene shows."""
+"""The left panel: dataset, pose, progress of the search, and layers of the scene."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ LAYER_WORDS = {
 AS_POINTS = {"All corners": "All points", "Corner": "Point"}
 VIEW_OF = {label: view for view, label in AS_POINTS.items()}
 LAYERS_AS_POINTS = {"corner": "This point", "corners": "All points"}
-NOTHING_OPEN = "No dataset is open: choose another one, or mend this one and start the program again."
+NOTHING_OPEN = "No dataset is open: choose another one, or correct this one and start the program again."
 KEYS = "Keys: N next, P previous, 1–7 views, F front, S side, T top, R reset, D dark"
 PAGES = "{} pages are open: they share what is shown."
 PREVIOUS, NEXT = "◀ Previous", "Next ▶"
@@ -53,7 +53,7 @@ LEAVE_OUT, TAKE_IN = "Leave this pose out", "Take this pose in again"
 
 
 class ReviewPanel:
-    """One selection for the whole page."""
+    """Widgets that choose the dataset, the pose and the layers for the whole page."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions, datasets: tuple[str, ...]) -> None:
         self._actions = actions
@@ -137,7 +137,7 @@ class ReviewPanel:
     # ---- showing ----------------------------------------------------------------------------------------------------
 
     def set_poses(self, view: View) -> None:
-        """The poses of a dataset that was just opened, and the views that there is something to see in."""
+        """List the poses of a dataset that was just opened, and the views that have something to show."""
         self._names = Names.of(view.session.dataset)
         has_scans = view.session.dataset.scan_folder is not None
         self._folders["Scan layers"].visible = has_scans
@@ -147,7 +147,7 @@ class ReviewPanel:
         self.list_poses(view)
 
     def list_poses(self, view: View) -> None:
-        """Each pose with its role, and whether it is left out."""
+        """List each pose with its role, and whether it is left out."""
         poses, out = view.session.dataset.poses, view.session.uncounted
         options = tuple(
             f"{i} · {names.role(str(r))}{' · left out' if i in out else ''}"
@@ -157,7 +157,7 @@ class ReviewPanel:
             self.pose.options = options
 
     def update(self, view: View) -> None:
-        """Everything that depends on the selected pose or on what has been found."""
+        """Refresh what depends on the selected pose or on what has been found."""
         dataset = view.session.dataset
         poses = dataset.poses
         roles = [str(r) for r in poses.role]
@@ -216,11 +216,11 @@ class ReviewPanel:
         return elements.facts(rows) + alert
 
     def list_datasets(self, names: tuple[str, ...]) -> None:
-        """The datasets that can be chosen."""
+        """List the datasets that can be chosen."""
         self.dataset.options, self.dataset.disabled = names, len(names) < 2
 
     def show_nothing(self) -> None:
-        """No dataset could be opened; the reason stands above."""
+        """Show that no dataset could be opened; the reason stands above."""
         self.progress_text.content = elements.note(NOTHING_OPEN)
         self.progress.visible = self.search.visible = False
 
@@ -235,7 +235,9 @@ class ReviewPanel:
         seconds: float | None = None,
         why: str = "",
     ) -> None:
-        """How far the search through the scans has come; ids of poses that failed or have doubts; why all failed."""
+        """Show the search's progress, the poses whose corner is missing or doubtful, and why all failed where they
+        did.
+        """
         if total == 0:
             self.progress_text.content = elements.note("Nothing to search: the points were measured (points.csv).")
             self.progress.visible = self.search.visible = False
@@ -262,25 +264,25 @@ class ReviewPanel:
         self.search.visible = done < total
 
     def show_layers(self, visible: set[str]) -> None:
-        """Tick the layers that are on show."""
+        """Tick the visible layers."""
         for name, box in self.layers.items():
             put(box, name in visible)
 
     def show_legend(self, html: str) -> None:
-        """What the colours in the 3D view mean."""
+        """Show the meaning of the colours in the 3D view."""
         self._legend.content = html
 
     def show_pages(self, pages: int) -> None:
-        """How many browsers look at this, where there are several."""
+        """Show how many browsers are connected, where there are several."""
         self._pages.content = elements.note(PAGES.format(pages)) if pages > 1 else ""
 
     def show_problem(self, text: str) -> None:
-        """The last error, which stays after its notification has gone."""
+        """Show the last error, which stays after its notification has gone."""
         self._problem.content = elements.alert(linked(text, self._names)) if text else ""
 
 
 def few(names: Sequence[str], most: int = 3) -> str:
-    """ "p1, p2, p3 …": the first of many, each short and a link to its pose, as HTML."""
+    """First of many pose ids, shortened and linked: "p1, p2, p3 …", as HTML."""
     limit = elements.LONG_NAME
     short = [name if len(name) <= limit else f"{name[: limit - 1]}…" for name in names[:most]]
     shown = [elements.pose_link(name, text) for name, text in zip(names, short, strict=False)]

@@ -1,4 +1,4 @@
-"""The window of an import: what was recognised, to be corrected, named and opened. Each page has its own."""
+"""Window of an import: what was recognised, to be corrected, named and opened. Each page has its own."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any, Protocol
 import viser
 
 from calib.dataset_import.columns import Meaning
-from calib.dataset_import.files.user_files import UserFiles
 from calib.dataset_import.plan import ImportPlan, PlannedColumn
+from calib.dataset_import.user_files import UserFiles
 from inspector.markup.measure.your_data import (
     CORRECT,
     WIDE,
@@ -39,7 +39,7 @@ _OTHERS = ("pose", "role", "target", "setup", "payload_kg", "temperature_c", "ti
 
 
 class OwnDataButton:
-    """At the top of the left panel: takes files where the server takes data, else says how it would."""
+    """Upload button at the top of the left panel; where the server takes no data it tells how it would."""
 
     def __init__(self, gui: viser.GuiApi, *, takes_data: bool) -> None:
         self.upload: viser.GuiUploadButtonHandle | None = None
@@ -51,7 +51,7 @@ class OwnDataButton:
 
 
 class ImportActions(Protocol):
-    """What the window may ask for; each call returns at once."""
+    """Requests that the window may make; each call returns at once."""
 
     def choose(self, client: int) -> None: ...
     def column(self, client: int, column: str, words: str) -> None: ...
@@ -61,7 +61,7 @@ class ImportActions(Protocol):
 
 @dataclass(frozen=True)
 class Offer:
-    """What there is to choose from, and what is chosen."""
+    """What the window offers to choose from, and what is chosen."""
 
     files: UserFiles
     plan: ImportPlan | None  # None: a ready dataset, which needs no plan
@@ -79,7 +79,7 @@ class Offer:
 
     @property
     def is_ready(self) -> bool:
-        """Whether it can be imported."""
+        """Whether the planned dataset can be imported."""
         return not self.faults and (self.plan is None or self.plan.content is not None)
 
 
@@ -123,7 +123,7 @@ class YourDataWindow:
         self.cancel.on_click(lambda _: actions.cancel(client))
 
     def show(self, offer: Offer) -> None:
-        """What was recognised."""
+        """Show what was recognised."""
         plan = offer.plan
         self._files.content = WIDE + files_html(offer.files.files, offer.files.folder) + elements.note(NOTE)
         for widget in (self.robot, self._columns, self._folder):
@@ -149,7 +149,7 @@ class YourDataWindow:
         self.open.label = OPEN
 
     def _correct(self, plan: ImportPlan) -> None:
-        """A dropdown for each column."""
+        """Show a dropdown for the meaning of each column."""
         joints = 0 if plan.robot is None else plan.robot.robot.n_joints
         labels = [f"{column.name}\0{column.table}" for column in plan.columns]
         for label in [known for known in self._choices if known not in labels]:
@@ -173,27 +173,27 @@ class YourDataWindow:
         return ask
 
     def say(self, words: str) -> None:
-        """What went wrong, or is going on; it can be tried again."""
+        """Show a message on what went wrong or is going on; the user may try again."""
         self._said.content = elements.alert(words)
 
     def busy(self) -> None:
-        """It is being imported."""
+        """Show that the import is running."""
         self.open.disabled, self.open.label = True, "Importing …"
 
     def close(self) -> None:
-        """Take the window away."""
+        """Close the window."""
         if not self._modal.closed:
             self._modal.close()
 
 
 def _is_open(offer: Offer) -> bool:
-    """Whether there is a choice of tables, beyond one of joints and one of points."""
+    """Whether the user can choose among tables, beyond one of joints and one of points."""
     files = offer.files
     return len(files.tables) > 2 or (len(files.tables) == 2 and files.points is None)
 
 
 def explain(gui: viser.GuiApi) -> None:
-    """A window that says how a server takes data."""
+    """Open a window that says how to start a server that takes data."""
     modal = gui.add_modal("Your own data")
     with modal:
         gui.add_html(elements.note(HOW) + elements.code(COMMANDS))
@@ -202,7 +202,7 @@ def explain(gui: viser.GuiApi) -> None:
 
 
 def all_meanings(joints: int, column: PlannedColumn | None = None) -> dict[str, Meaning]:
-    """What a column may be taken for, by the words of its list; what it is taken for now is among them."""
+    """Meanings that a column may be given, by their label; its present meaning is among them."""
     meanings = [Meaning("ignore")]
     for k in range(1, joints + 1):
         meanings += [Meaning(f"q{k}", unit, sign) for unit in ("deg", "rad") for sign in (1.0, -1.0)]
@@ -214,7 +214,7 @@ def all_meanings(joints: int, column: PlannedColumn | None = None) -> dict[str, 
 
 
 def _offer(widget: viser.GuiDropdownHandle[str], options: Sequence[str], value: str) -> None:
-    """New options and value of a list, where they are others."""
+    """Update options and value of a list, where they differ."""
     if tuple(widget.options) != tuple(options):
         widget.options = tuple(options)
     if widget.value != value and value in options:

@@ -1,4 +1,4 @@
-"""The arm as a picture: its solids, the measured points and how far the model is off there, before and after.
+"""Picture of the arm with the measured points and the model's errors there, before and after.
 
 Made without a browser, as SVG: each solid's faces are sorted by depth and drawn from the back to the front. The view is
 from the side on which the measured points spread the most, a little from above, without perspective.
@@ -40,7 +40,7 @@ class _View:
     left: float  # px of the panel
 
     def px(self, points_mm: Array) -> Array:
-        """Places on the picture (N, 2) of points (N, 3) in the base frame."""
+        """Places on the picture (N, 2), px, of points (N, 3) in the base frame."""
         flat = (points_mm @ self.axes[:2].T - self.middle_mm) * self.px_per_mm
         height = HEIGHT - _HEAD - _FOOT
         return np.stack([self.left + 0.5 * _PANEL + flat[:, 0], _HEAD + 0.5 * height - flat[:, 1]], axis=1)
@@ -48,7 +48,7 @@ class _View:
 
 @dataclass(frozen=True)
 class _Shown:
-    """What one picture shows, in the base frame."""
+    """Contents of one picture, in the base frame."""
 
     arm: ArmShape
     points_mm: Array  # (M, 3)
@@ -56,7 +56,7 @@ class _Shown:
 
 
 def arm_drawing(before: Version, after: Version, words: tuple[str, str], pose: int) -> str:
-    """Two pictures beside each other, the arm at one pose, errors in both as much enlarged.
+    """Two pictures side by side of the arm at one pose, with errors enlarged equally in both.
 
     Args:
         before, after: the models, the first the one that is off by more.
@@ -87,7 +87,7 @@ def arm_drawing(before: Version, after: Version, words: tuple[str, str], pose: i
 
 
 def stride(points: int) -> int:
-    """Which points are shown: each first, second or third ... so that arrows do not hide one another."""
+    """Step between shown points, chosen so that arrows do not hide one another."""
     return max(1, -(-points // _MOST_ARROWS))
 
 
@@ -109,7 +109,7 @@ def _extent_mm(picture: _Shown) -> Array:
 
 
 def _axes(picture: _Shown) -> Array:
-    """The view in which the arm and the points spread the most to the side."""
+    """View in which the arm and the points spread most to the side."""
     all_mm = _extent_mm(picture)
 
     def axes(azimuth: float) -> Array:
@@ -123,7 +123,7 @@ def _axes(picture: _Shown) -> Array:
 
 
 def _round_factor(errors_mm: Array, longest_mm: float) -> float:
-    """1, 2 or 5 times a power of ten, by which the larger errors become about this long; 1 at the least."""
+    """Enlargement of 1, 2 or 5 times a power of ten, at least 1, that makes the larger errors about this long."""
     large_mm = float(np.percentile(np.linalg.norm(errors_mm, axis=1), 90.0)) if len(errors_mm) else 0.0
     if not large_mm > 0.0:
         return 1.0
@@ -136,7 +136,7 @@ def _round_factor(errors_mm: Array, longest_mm: float) -> float:
 
 
 def _solids(arm: ArmShape, view: _View) -> str:
-    """Cylinders and balls as faces, the farthest first."""
+    """Faces of cylinders and balls, the farthest first."""
     colours = {"revolute": JOINT, "prismatic": SLIDE, "link": ARM, "tool": _TOOL}
     faces: list[tuple[float, str]] = []
     for start, end, radius, part in zip(arm.start_mm, arm.end_mm, arm.radius_mm, arm.part, strict=True):
@@ -147,7 +147,7 @@ def _solids(arm: ArmShape, view: _View) -> str:
 
 
 def _cylinder(start: Array, end: Array, radius: float, colour: str, view: _View) -> list[tuple[float, str]]:
-    """The faces that are seen, with their depths."""
+    """Visible faces of a cylinder, with their depths."""
     axis = end - start
     length = float(np.linalg.norm(axis))
     axis = axis / length
@@ -170,7 +170,7 @@ def _cylinder(start: Array, end: Array, radius: float, colour: str, view: _View)
 
 
 def _ball(centre: Array, radius: float, view: _View) -> list[tuple[float, str]]:
-    """A few discs, the nearer the smaller and the lighter."""
+    """Discs that draw a ball, nearer ones smaller and lighter."""
     out = []
     lit = _LIGHT / np.linalg.norm(_LIGHT)
     for k, share in enumerate(np.linspace(1.0, 0.15, 7)):
@@ -183,7 +183,7 @@ def _ball(centre: Array, radius: float, view: _View) -> list[tuple[float, str]]:
 
 
 def _face(corners_mm: Array, normal: Array, colour: str, view: _View) -> tuple[float, str] | None:
-    """A face (C, 3) with its depth; None where it looks away."""
+    """Face (C, 3) with its depth; None where it faces away."""
     seen = view.axes @ (normal / np.linalg.norm(normal))
     if seen[2] <= 0.0:
         return None
@@ -203,7 +203,7 @@ def _shaded(colour: str, light: float) -> str:
 
 
 def _floor(picture: _Shown, view: _View) -> str:
-    """A grid at the height of the base's origin."""
+    """Grid at the height of the base's origin."""
     spacing = _grid_mm(view)
     reach = np.ceil(np.abs(_extent_mm(picture)[:, :2]).max() / spacing) * spacing
     lines = np.arange(-reach, reach + 0.5 * spacing, spacing)
@@ -245,7 +245,7 @@ def _arrows(picture: _Shown, view: _View, longer: float, colour: str) -> str:
 
 
 def _legend(longer: float, px_per_mm: float) -> str:
-    """What the dots and arrows are, and a scale."""
+    """Legend of dots and arrows, with a scale."""
     y = HEIGHT - 0.5 * _FOOT
     times = f", drawn {longer:g} times longer" if longer != 1.0 else ""
     spacing = _grid_mm(_View(np.eye(3), np.zeros(2), px_per_mm, 0.0))

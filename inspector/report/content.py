@@ -11,7 +11,6 @@ from calib.dataset.dataset import Dataset
 from calib.diagnosis.result import Diagnosis
 from calib.identifiability.redundancy import Redundancy
 from calib.models.exported_table import ExportedTable, exported_table
-from calib.models.fitted_model import FittedModel
 from calib.screening.candidates import Screening
 from calib.screening.residual_tests import ResidualTests, run_residual_tests
 from inspector.session.measuring import with_redundancy
@@ -72,7 +71,7 @@ def report_of(session: Session) -> Report:
     correction = None
     if calibration.model.family_names:
         poses = calibration.dataset.poses
-        correction = FittedModel.of(calibration).corrected_joints(poses.q, poses, ids=poses.ids)
+        correction = calibration.fitted_model.correct(poses.q, poses, ids=poses.ids)
     return Report(session, calibration, ranking, ranking_of, tuple(residuals), analysis, table, correction)
 
 

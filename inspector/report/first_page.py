@@ -169,10 +169,11 @@ def _confirmations(found: Diagnosis | None) -> list[str]:
 
 def _to_measure(report: Report, found: Diagnosis | None) -> list[str]:
     out = []
-    if found is not None and found.discriminating_poses:
-        poses = poses_text(found.discriminating_poses[:_AGAIN], report.dataset.robot.is_revolute)
+    next_poses = report.session.next_poses
+    if found is not None and next_poses is not None:
+        poses = poses_text(next_poses.poses[:_AGAIN], report.dataset.robot.is_revolute)
         out.append(
-            f"To tell {numbers.listing(found.tied, 'from')} apart, measure at these joints, in degrees: {poses} "
+            f"To tell {numbers.listing(found.undecided, 'from')} apart, measure at these joints, in degrees: {poses} "
             "(inspector plan --for split plans them)."
         )
     tests = found.residual_tests if found is not None else report.session.residual_tests

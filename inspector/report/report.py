@@ -10,9 +10,9 @@ from datetime import datetime
 from importlib import metadata
 from pathlib import Path
 
-from calib.calibration.noise_check import check_sigma
-from calib.calibration.noise_level import noise_level
+from calib.calibration.noise_level import check_sigma, noise_level
 from calib.diagnosis.words.text import reason_texts
+from calib.planning.discrimination import explanation_of
 from calib.present.blocks import (
     Block,
     Bullets,
@@ -105,7 +105,7 @@ def versions() -> list[tuple[str, str]]:
 
 def _reasons(report: Report) -> list[Block]:
     if report.diagnosis is not None:
-        return list(map(Paragraph, reason_texts(report.diagnosis.explanation)))
+        return list(map(Paragraph, reason_texts(explanation_of(report.diagnosis, report.session.next_poses))))
     sentence, colour = last_change(report.session.history)
     return [
         *([Verdict(sentence, colour)] if sentence else []),

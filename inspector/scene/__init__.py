@@ -1,1 +1,1 @@
-"""Nodes of the 3D view from arrays."""
+"""The 3D view: arrays in, viser nodes out."""

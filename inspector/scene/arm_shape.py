@@ -1,4 +1,4 @@
-"""An arm as simple solids: a short cylinder for each joint along its axis, straight ones for links and tool.
+"""Simple solids for drawing an arm: a short cylinder for each joint along its axis, straight ones for links and tool.
 
 A row of the table leads from one frame to the next in two straight pieces, d along the joint's axis and a across it, so
 each link is drawn as at most two cylinders with a ball at the knee between them. Thickness means nothing: it follows
@@ -48,7 +48,7 @@ class ArmShape:
     tip_mm: Array  # (3,) the tool point
 
     def moved(self, a_T_base: ArrayLike) -> ArmShape:
-        """The same solids in frame a, which may be the scanner's."""
+        """The same solids expressed in frame a, for example the scanner's."""
         a_T_base = np.asarray(a_T_base, dtype=float)
         return ArmShape(
             frames.apply(a_T_base, self.start_mm),
@@ -65,7 +65,7 @@ class ArmShape:
 
 
 def arm_shape(model: Model, x: ArrayLike, poses: Poses, pose: int, flange_T_scanner: Array | None = None) -> ArmShape:
-    """The arm of the model at x (P,) at one of its poses, all effects on the arm itself in it.
+    """Solids of the model's arm at parameters x (P,) and one of the poses, with all effects on the arm applied.
 
     The frames are those of the model, so the arm stands where its prediction says; effects that only move what the
     scanner reports leave it alone. `flange_T_scanner` (4, 4): of a scanner that it carries.
@@ -78,7 +78,7 @@ def arm_shape(model: Model, x: ArrayLike, poses: Poses, pose: int, flange_T_scan
     for i in range(robot.n_joints + 1):
         solids.add_link(i, base_T_frame[i], base_T_frame[i + 1], turned_x[i])
     flange = base_T_frame[-2]
-    on_arm = [target.name for target in robot.targets if not target.in_room]
+    on_arm = [target.name for target in robot.targets if not target.in_world]
     carried = [state.target_offsets_mm[name] for name in on_arm]
     if flange_T_scanner is not None:
         carried.append(flange_T_scanner[:3, 3])
@@ -88,7 +88,7 @@ def arm_shape(model: Model, x: ArrayLike, poses: Poses, pose: int, flange_T_scan
 
 
 def arm_of(version: Version, pose: int) -> ArmShape | None:
-    """The arm at a pose, in the scanner's frame as this model places it; None where its setup has no points."""
+    """Solids of the arm at a pose, in the scanner's frame; None where the pose's setup has no points."""
     poses, scanner_T_base = version.calibration.dataset.poses, version.scanner_T_base[pose]
     if not np.isfinite(scanner_T_base).all():
         return None
@@ -97,18 +97,18 @@ def arm_of(version: Version, pose: int) -> ArmShape | None:
 
 
 def _row(values: Array, pose: int) -> Array:
-    """Row of a pose, where rows may stand for all poses."""
+    """Row of a pose in an array that may have one row for all poses."""
     return values[pose if len(values) > 1 else 0]
 
 
 def _base_motion(state: RobotState, pose: int) -> Array:
-    """What `RobotState.place` does to the pose's points, as a transform (4, 4)."""
+    """Motion of the base at a pose by the model's effects (`RobotState.place`), as a transform (4, 4)."""
     turn = frames.rotation_from_rotvec(_row(state.base_rotvec_rad, pose))
     return frames.make_transform(turn, _row(state.displacement_mm, pose))
 
 
 class _Solids:
-    """Collects cylinders and balls."""
+    """Collects the cylinders and balls of an arm."""
 
     def __init__(self, robot: Robot, shortest_mm: float) -> None:
         self._robot, self._shortest_mm = robot, shortest_mm
@@ -118,7 +118,9 @@ class _Solids:
         self._balls: list[tuple[Array, float, int]] = []
 
     def add_link(self, i: int, previous: Array, current: Array, turned_x: Array) -> None:
-        """Joint i and its link, or the tool; between two frames (4, 4), the x axis after the joint's turn (3,)."""
+        """Add joint i and its link, or the tool, between two frames (4, 4); x_axis (3,) is that after the joint's
+        rotation.
+        """
         start, axis, end = previous[:3, 3], previous[:3, 2], current[:3, 3]
         if i < self._robot.n_joints:
             radius = float(self._joint_radius[i])
@@ -133,7 +135,7 @@ class _Solids:
             self._balls.append((knee, self._thickness(i, part), i))
 
     def strut(self, i: int, start: Array, end: Array, part: str) -> None:
-        """One straight piece, where it has a length."""
+        """Add one straight piece, unless its length is zero."""
         if np.linalg.norm(end - start) > self._shortest_mm:
             self._cylinders.append((start, end, self._thickness(i, part), part, i))
 

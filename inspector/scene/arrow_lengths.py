@@ -1,4 +1,4 @@
-"""How long residuals are drawn: a factor that suits what is drawn, and an end to what would fill the view."""
+"""Enlargement of drawn residuals: a factor that suits the dataset, and a limit for arrows that would fill the view."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ MOST = 90.0  # in 100 arrows count for the factor: a wild one does not
 
 
 def field_mm(points_mm: Array) -> float:
-    """How large the field of the measured points (K, 3) is: the diagonal of the box that holds them."""
+    """Diagonal of the bounding box of the measured points (K, 3), mm."""
     return float(np.linalg.norm(np.ptp(points_mm, axis=0))) if len(points_mm) else 0.0
 
 
 def fitting_arrows(view: View) -> float:
-    """The factor for the versions on show, where the user has chosen none.
+    """Default enlargement of the residuals of the versions on show.
 
     It is that of the nominal robot where it shows the others, too, else that of the link errors: one factor for as many
     versions as can be, so that arrows shrink as the error falls.
@@ -48,7 +48,7 @@ def _fitting(error_mm: float, field: float) -> float:
 
 
 def drawn_as(error_mm: Array, view: View, field: float) -> tuple[Array, BoolArray]:
-    """The arrows (K, 3) of errors (K, 3), `view.arrows` times too long, and which of them were cut (K,)."""
+    """Arrows (K, 3) for errors (K, 3), enlarged by `view.arrows`, and a mask (K,) of those that were shortened."""
     arrows = view.arrows * error_mm
     most = (LONGEST_CHOSEN_SHARE if view.arrows_chosen else LONGEST_SHARE) * field
     lengths = np.linalg.norm(arrows, axis=1)

@@ -1,4 +1,4 @@
-"""From the view to the scene: the arm, what the model's versions predict, and the jig's model over the scan."""
+"""Drawing of the model: the arm, what its versions predict, and the jig's model over the scan."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ ABOVE_MM = 20.0  # how far over the points their text stands
 
 
 def pose_colours(view: View) -> ByteArray:
-    """(N, 3) the colour of each pose's measured point: its role's, or that of the chosen version's error."""
+    """Colour (N, 3) of each pose's measured point, by role or by the error of the chosen version."""
     if view.colouring == BY_ERROR and view.version is not None:
         return colour_scale.coloured(
             view.version.pose_errors_mm(), 0.0, error_limit_mm(view), colour_scale.error_colours(view.dark)
@@ -51,7 +51,7 @@ def pose_colours(view: View) -> ByteArray:
 
 
 def pose_colour(view: View, pose: int) -> str:
-    """The colour of a pose's role; grey where it is left out."""
+    """Colour of a pose's role; grey where the pose is left out."""
     poses = view.session.dataset.poses
     return LEFT_OUT if poses.ids[pose] in view.session.uncounted else role_colour(str(poses.role[pose]))
 
@@ -63,7 +63,7 @@ Predictions = tuple[Array, Array, IndexArray]  # measured points (K, 3), errors 
 
 
 def draw_residuals(scene: SceneView, view: View, on_click: Callable[[int], None]) -> None:
-    """From each measured point an arrow to where each compared version predicts it, `view.arrows` times too long.
+    """Draw an arrow from each measured point to where each compared version predicts it, enlarged by `view.arrows`.
 
     A click on an arrow or on a predicted point tells the index of its pose.
     """
@@ -108,7 +108,7 @@ def draw_residuals(scene: SceneView, view: View, on_click: Callable[[int], None]
 
 
 def _predictions(version: Version, view: View) -> Predictions:
-    """The measured points seen from the selected pose's scanner placement, and the errors there."""
+    """Measured points and errors in the frame of the selected pose's scanner placement."""
     dataset = version.calibration.dataset
     poses = dataset.poses
     measured = Observations.of(dataset, np.ones(len(poses), dtype=bool)).points
@@ -117,7 +117,7 @@ def _predictions(version: Version, view: View) -> Predictions:
 
 
 def _arrows(drawn: Mapping[str, Predictions], tips: Mapping[str, Array]) -> tuple[Array, ByteArray, IndexArray]:
-    """Arrows (K, 2, 3) that have a length, their colours (K, 3) and poses (K,)."""
+    """Arrows (K, 2, 3) of non-zero length, with colours (K, 3) and poses (K,)."""
     arrows, colours, poses = [], [], []
     for name, (start, error, pose) in drawn.items():
         seen = np.linalg.norm(error, axis=1) > 0
@@ -130,7 +130,7 @@ def _arrows(drawn: Mapping[str, Predictions], tips: Mapping[str, Array]) -> tupl
 def _lengths_of_cut(
     drawn: Mapping[str, Predictions], tips: Mapping[str, Array], cut: Mapping[str, BoolArray]
 ) -> list[tuple[Array, str]]:
-    """Where the longest of the arrows that were cut end (3,), and how long their errors are."""
+    """End points (3,) of the longest shortened arrows, with the true lengths of their errors."""
     all_cut = [
         (float(np.linalg.norm(error[i])), tips[name][i])
         for name, (_, error, _) in drawn.items()
@@ -141,7 +141,7 @@ def _lengths_of_cut(
 
 
 def residual_words(factor: float, longest_mm: Mapping[str, float], cut: int = 0) -> str:
-    """What the arrows are: how many times too long, the longest error of each version, how many are drawn shorter."""
+    """Legend of the arrows: their enlargement, the longest error of each version, the number of shortened arrows."""
     lengths = [numbers.length(mm) for mm in longest_mm.values()]
     shorter = f"; {cut} cut" if cut else ""
     if len(lengths) == 1:
@@ -154,7 +154,7 @@ def residual_words(factor: float, longest_mm: Mapping[str, float], cut: int = 0)
 
 
 class ArmDrawing:
-    """The arm at the selected pose. Meshes are sent once a dataset; another pose only moves them.
+    """Draws the arm at the selected pose. Meshes are sent once a dataset; another pose only moves them.
 
     on_joint: told of a click on a joint or its link, counted from 1.
     """
@@ -167,7 +167,7 @@ class ArmDrawing:
         self.problems: tuple[str, ...] = ()  # meshes that cannot be drawn, and why
 
     def draw(self, view: View) -> None:
-        """The chosen version's arm, from where it places the scanner."""
+        """Draw the chosen version's arm at the pose where that version places it in the scanner's frame."""
         version = view.version
         arm = None if version is None else arm_of(version, view.pose)
         # A placement of the scanner of which every pose is left out has no frame.
@@ -215,7 +215,9 @@ class ArmDrawing:
 
 
 def jig_distances(view: View, scan: Scan | None) -> Array | None:
-    """Signed distance (N,) of the scan's points to the jig's faces, nan beside the jig; None without a corner."""
+    """Signed distance (N,) of a scan's points to the jig's faces, mm, NaN off the jig; None where no corner was
+    found.
+    """
     corner = None if view.search is None else view.search.corner
     if scan is None or corner is None:
         return None
@@ -223,14 +225,14 @@ def jig_distances(view: View, scan: Scan | None) -> Array | None:
 
 
 def draw_jig(scene: SceneView, view: View) -> None:
-    """The jig's model where the corner was found."""
+    """Draw the jig's model at the corner that was found."""
     corner = None if view.search is None else view.search.corner
     outline = np.zeros((0, 3, 3)) if corner is None else jig_outline(corner, view.session.dataset.jig)
     scene.draw("jig", lambda api, name: model_nodes.jig(api, name, outline, (FACE_COLOURS * 2)[: len(outline)]))
 
 
 def draw_distance(scene: SceneView, scan: Scan | None, distances_mm: Array | None) -> None:
-    """The scan's points on the jig, coloured by their distance to its faces."""
+    """Draw the scan's points on the jig, coloured by their distance to its faces."""
     if scan is None or distances_mm is None:
         scene.draw_distance(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8))
         return

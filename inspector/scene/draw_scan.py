@@ -1,4 +1,4 @@
-"""From the view to the scene: scans, planes and corners. What they look like is in the modules of nodes."""
+"""Drawing of scans, planes and corners of a view."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PLANE_LAYERS = ("sets", "rejected", "groups")
 
 
 def draw_pose(scene: SceneView, view: View, scan: Scan | None, visible: set[str]) -> int:
-    """The selected pose's scan, planes and corner. Returns how many points of the scan are drawn."""
+    """Draw the selected pose's scan, planes and corner; returns the number of points drawn."""
     search = view.search
     corner = None if search is None else search.corner
     faces = [] if corner is None or scan is None else [face.inliers for face in corner.faces]
@@ -37,7 +37,7 @@ def draw_pose(scene: SceneView, view: View, scan: Scan | None, visible: set[str]
 
 
 def draw_corner(scene: SceneView, view: View) -> None:
-    """The selected pose's corner with its uncertainty, and the jig's edges where a scan shows them."""
+    """Draw the selected pose's corner with its uncertainty, and the jig's edges where it was scanned."""
     found = corner_of(view, view.pose)
     if found is None:
         scene.draw("corner", lambda api, name: [])
@@ -65,7 +65,7 @@ def draw_corner(scene: SceneView, view: View) -> None:
 
 
 def draw_overview(scene: SceneView, view: View, pose: int, scan: Scan) -> None:
-    """One scan among many: around its corner, from the points that have normals; the whole scan where none was found.
+    """Draw one of many scans: the points with normals around its corner, or the whole scan where none was found.
 
     A scan without a corner shows all that it has, wall and table too, so it stands out.
     """
@@ -80,7 +80,7 @@ def draw_overview(scene: SceneView, view: View, pose: int, scan: Scan) -> None:
 
 
 def draw_planes(scene: SceneView, view: View, visible: set[str]) -> None:
-    """Sample sets and plane groups of the selected pose, if any of their layers is on show."""
+    """Draw sample sets and plane groups of the selected pose, as far as their layers are visible."""
     search = view.search
     if search is None or visible.isdisjoint(PLANE_LAYERS):
         for layer in PLANE_LAYERS:
@@ -116,7 +116,7 @@ def draw_planes(scene: SceneView, view: View, visible: set[str]) -> None:
 
 
 def draw_corners(scene: SceneView, view: View, on_click: Callable[[int], None]) -> Array:
-    """All corners seen from the selected pose's scanner placement, by role or by error. Returns them."""
+    """Draw all corners in the selected pose's scanner placement, by role or by error; returns them."""
     poses = view.session.dataset.poses
     here = [(i, corner_of(view, i)) for i in range(len(poses)) if poses.setup[i] == poses.setup[view.pose]]
     found = [(i, *corner) for i, corner in here if corner is not None]
@@ -146,7 +146,7 @@ def draw_corners(scene: SceneView, view: View, on_click: Callable[[int], None]) 
 
 
 def fitting_ellipsoids(view: View) -> float:
-    """The enlargement by which the first known corner's uncertainty is drawn about a centimetre large."""
+    """Enlargement at which the first known corner's uncertainty is drawn about a centimetre large."""
     known = (corner_of(view, i) for i in range(len(view.session.dataset.poses)))
     covariance = next((found[1] for found in known if found is not None), None)
     if covariance is None:
@@ -156,7 +156,7 @@ def fitting_ellipsoids(view: View) -> float:
 
 
 def middle_of(view: View, medians: Mapping[int, Array]) -> tuple[Array, float]:
-    """Middle (3,) of all corners, or of the scans' `medians`, from here, and a radius that holds nearly all, mm."""
+    """Middle (3,) of all corners, or of the scans' `medians`, and a radius that holds nearly all of them, mm."""
     setups = view.session.dataset.poses.setup
     here = [i for i in range(len(setups)) if setups[i] == setups[view.pose]]
     corners = [corner[0] for i in here if (corner := corner_of(view, i)) is not None]

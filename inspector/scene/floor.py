@@ -1,4 +1,4 @@
-"""What gives the 3D view its measure: a grid on the floor of the robot's base, and a bar of known length."""
+"""Scale of the 3D view: a grid on the floor of the robot's base, and a bar of known length."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TICK_SHARE = 0.08  # of the bar
 
 
 def draw_floor(scene: SceneView, scanner_T_base: Array | None, reach_mm: float) -> None:
-    """The x-y plane of the base, as far as the arm reaches; nothing before the base's place is known."""
+    """Draw the x-y plane of the base as far as the arm reaches; nothing before the base's place is known."""
     half_mm = SECTION_MM * max(1.0, float(np.ceil(reach_mm / SECTION_MM)))
 
     def make(api: viser.SceneApi, name: str) -> list[viser.SceneNodeHandle]:
@@ -38,7 +38,7 @@ def draw_floor(scene: SceneView, scanner_T_base: Array | None, reach_mm: float) 
 
 
 def draw_scale(scene: SceneView, middle_mm: Array, along: Array, up: Array, field_mm: float) -> None:
-    """A bar with its length about its middle (3,), along and with ticks up the unit vectors (3,), in such a field."""
+    """Draw a bar of known length around a middle (3,), along and with ticks along unit vectors (3,)."""
     length_mm = scale_length_mm(field_mm)
     ends = middle_mm + 0.5 * length_mm * np.outer([-1.0, 1.0], along)
     ticks = [np.stack([end, end + TICK_SHARE * length_mm * up]) for end in ends]
@@ -59,10 +59,10 @@ def draw_scale(scene: SceneView, middle_mm: Array, along: Array, up: Array, fiel
 
 
 def scale_length_mm(field_mm: float) -> int:
-    """The longest of the bars that takes up at most `BAR_SHARE` of a field of this radius."""
+    """Longest standard length of the bar that takes up at most `BAR_SHARE` of a field with this radius."""
     return max((length for length in LENGTHS_MM if length <= BAR_SHARE * field_mm), default=LENGTHS_MM[0])
 
 
 def scale_words(length_mm: int) -> str:
-    """ "100 mm", "2 m"."""
+    """Label of the bar: "100 mm", "2 m"."""
     return f"{length_mm} mm" if length_mm < 1000 else f"{length_mm // 1000} m"

@@ -1,4 +1,4 @@
-"""What arm, predictions and the jig's model look like: nodes for `SceneView.draw`."""
+"""Nodes of arm, predictions and the jig's model, for `SceneView.draw`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PARTS = {"revolute": JOINT, "prismatic": SLIDE, "link": ARM}
 
 @dataclass
 class Solids:
-    """The nodes of an arm's cylinders and balls, kept from pose to pose: those of one arm only change place.
+    """Nodes of an arm's cylinders and balls, which are moved from pose to pose instead of being sent again.
 
     Adding a batch again under its name makes pages build it anew, and now and then they then draw nothing of it.
 
@@ -48,7 +48,9 @@ class Solids:
         colours: ByteArray,
         links: Sequence[int],
     ) -> list[viser.SceneNodeHandle]:
-        """K of a shape (vertices, faces), wxyz (K, 4), places (K, 3), scales (K, 3), colours (K, 3), links (K,)."""
+        """Show K copies of a shape (vertices, faces) at wxyz (K, 4), places (K, 3), scales (K, 3), colours (K, 3),
+        links (K,).
+        """
         self.links[name] = links
         node = self.nodes.get(name)
         if node is not None and len(np.reshape(node.batched_positions, (-1, 3))) == len(at_mm):
@@ -82,7 +84,7 @@ def arm(
     selected: int | None = None,
     all_in: str = "",
 ) -> list[viser.SceneNodeHandle]:
-    """The solids of an arm in the scanner's frame, without the links that are drawn as meshes; a label at its tip.
+    """Solids of an arm in the scanner's frame, except links that are drawn as meshes, with a label at the tip.
 
     selected: the joint, from 0, that stands out. all_in: one colour for all of it.
 
@@ -119,7 +121,7 @@ def arm(
 
 
 def joint_axis(api: viser.SceneApi, name: str, shape: ArmShape, joint: int | None) -> list[viser.SceneNodeHandle]:
-    """The axis of the selected joint, from 0, through the arm, and its name; nothing where none is selected."""
+    """Axis and name of the selected joint, counted from 0; nothing where none is selected."""
     at = np.flatnonzero((shape.link == joint) & np.isin(shape.part, ("revolute", "prismatic")))
     if joint is None or not len(at):
         return []
@@ -138,7 +140,7 @@ def joint_axis(api: viser.SceneApi, name: str, shape: ArmShape, joint: int | Non
 
 
 def base(api: viser.SceneApi, name: str, scanner_T_base: Array) -> list[viser.SceneNodeHandle]:
-    """The axes of the robot's base, x red, y green, z blue."""
+    """Axes of the robot's base: x red, y green, z blue."""
     wxyz, position = pose_of(scanner_T_base)
     return [
         api.add_frame(
@@ -151,13 +153,13 @@ def base(api: viser.SceneApi, name: str, scanner_T_base: Array) -> list[viser.Sc
 
 
 def pose_of(transform: Array) -> tuple[Array, Array]:
-    """wxyz (4,) and position (3,) in the scene's unit of a transform (4, 4) in mm."""
+    """Quaternion wxyz (4,) and position (3,) in the scene's unit of a transform (4, 4) in mm."""
     wxyz = viser.transforms.SO3.from_matrix(transform[:3, :3]).wxyz
     return np.asarray(wxyz, dtype=float), to_scene(transform[:3, 3]).astype(np.float64)
 
 
 def link_mesh(api: viser.SceneApi, name: str, mesh: LinkMesh, on_click: Callable[[], None]) -> viser.MeshHandle:
-    """A link that has a mesh, in its own frame."""
+    """Mesh of a link in its own frame."""
     handle = api.add_mesh_simple(
         name, to_scene(mesh.vertices_mm), mesh.triangles.astype(np.uint32), color=rgb(ARM), side="double",
         cast_shadow=False, receive_shadow=False,
@@ -174,7 +176,7 @@ def predicted(
     size_mm: float,
     on_click: Callable[[int], None],
 ) -> list[viser.SceneNodeHandle]:
-    """The predicted points (M, 3) of each model, in its colour; a click tells which of all of them."""
+    """Predicted points (M, 3) of each model in its colour; a click tells which."""
     everything = np.concatenate(list(points_mm.values()))
     size = np.full((len(everything), 3), TOUCH / 2 * size_mm)
     upright = np.tile([1.0, 0, 0, 0], (len(everything), 1))
@@ -197,7 +199,7 @@ def _touched(
     size_mm: Array,
     on_click: Callable[[int], None],
 ) -> viser.SceneNodeHandle:
-    """K unseen solids that take the clicks for what cannot take them itself, points and arrows; a click tells which."""
+    """K invisible solids that take the clicks on points and arrows, which cannot take them; a click tells which."""
     node = api.add_batched_meshes_simple(
         name, *shape, wxyz, to_scene(at_mm), batched_scales=to_scene(size_mm), opacity=UNSEEN, lod="off",
         cast_shadow=False, receive_shadow=False,
@@ -222,7 +224,7 @@ def residuals(
     on_click: Callable[[int], None],
     lengths: Sequence[tuple[Array, str]] = (),
 ) -> list[viser.SceneNodeHandle]:
-    """Arrows (K, 2, 3) from measured to predicted, in colours (K, 3), and what they are; a click tells which.
+    """Arrows (K, 2, 3) from measured to predicted points, in colours (K, 3), with their legend; a click tells which.
 
     lengths: places (3,) of arrows whose true lengths stand beside them.
     """

@@ -1,4 +1,4 @@
-"""Draws plain arrays in viser. The only file that turns millimetres into viser's units (metres).
+"""Layers of the 3D view in viser. The only file that converts millimetres into viser's metres.
 
 Everything hangs under one frame that is moved so that the point looked at lies in viser's origin: the view orbits
 around the corner of the selected pose, also after the next pose is chosen, without a camera message. What is big is
@@ -51,14 +51,14 @@ BESIDE = (0.35, -0.30, 0.0)  # of the scanner, and a little above: where looks c
 
 
 def to_scene(points_mm: ArrayLike) -> NDArray[np.float32]:
-    """Metres, single precision: 0.06 um at 1 m. points_mm  # (..., 3)"""
+    """Points in metres, single precision: 0.06 um at 1 m. points_mm  # (..., 3)"""
     return (np.asarray(points_mm, dtype=np.float64) * M_PER_MM).astype(np.float32)
 
 
 def cloud(
     api: viser.SceneApi, name: str, points_mm: Array, colours: ArrayLike, size_mm: float
 ) -> viser.PointCloudHandle:
-    """A node of round points (N, 3) in the scanner's frame; colours (3,) or (N, 3)."""
+    """Node of round points (N, 3) in the scanner's frame; colours (3,) or (N, 3)."""
     return api.add_point_cloud(
         name, to_scene(points_mm), np.asarray(colours, dtype=np.uint8), point_size=size_mm * M_PER_MM,
         precision="float32", point_shape="circle", point_shading="flat",
@@ -66,7 +66,7 @@ def cloud(
 
 
 class SceneView:
-    """What is on show. Every method replaces what it drew before."""
+    """The 3D view of all pages; every method replaces what it drew before."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
@@ -84,7 +84,7 @@ class SceneView:
         self._draw_scanner()
 
     def _replace(self, layer: str, nodes: Sequence[viser.SceneNodeHandle]) -> None:
-        """Nodes of a layer that were not drawn again under the same name go away."""
+        """Remove the nodes of a layer that were not drawn again under the same name."""
         names = {node.name for node in nodes}
         for old in self._drawn[layer]:
             if old.name not in names:
@@ -92,7 +92,7 @@ class SceneView:
         self._drawn[layer] = list(nodes)
 
     def atomic(self) -> AbstractContextManager[None]:
-        """Pages get what is drawn inside all at once."""
+        """Context in which everything drawn reaches the pages at once."""
         return self._server.atomic()
 
     def draw(
@@ -114,22 +114,22 @@ class SceneView:
             self._replace(layer, make(self._scene, f"{ROOT}/{layer}"))
 
     def draw_halo(self, make: Callable[[viser.SceneApi, str], Sequence[viser.SceneNodeHandle]]) -> None:
-        """What marks the selected corner among all of them, drawn apart because it moves."""
+        """Draw the mark of the selected corner, apart from the corners because it moves."""
         with self._server.atomic():
             self._replace(HALO, make(self._scene, f"{ROOT}/corners/halo"))
 
     # ---- the view ---------------------------------------------------------------------------------------------------
 
     def show(self, layer: str, visible: bool) -> None:
-        """Show or hide a layer; nothing is sent again."""
+        """Show or hide a layer without sending it again."""
         self._layers[layer].visible = visible
 
     def focus(self, point_mm: ArrayLike) -> None:
-        """Bring this point to the middle of the view."""
+        """Move a point to the middle of the view."""
         self._root.position = tuple(-to_scene(point_mm).astype(float))
 
     def aim_camera(self, distance_mm: float, towards: ArrayLike, *, up: ArrayLike) -> None:
-        """Look at the middle of the view from this side of it (3,), in every page open or to come."""
+        """Look at the middle of the view from this side of it (3,), in all open and later pages."""
         direction, up = np.asarray(towards, dtype=float), np.asarray(up, dtype=float)
         eye = direction / np.linalg.norm(direction) * distance_mm * M_PER_MM
         start = self._server.initial_camera
@@ -144,14 +144,14 @@ class SceneView:
                 client.camera.up_direction = up
 
     def dark(self, dark: bool) -> None:
-        """The selected scan stands out from a dark or a light background."""
+        """Choose the selected scan's colour for a dark or a light background."""
         self._scan_colour = SCAN_ON_DARK if dark else SCAN_ON_LIGHT
         for node in self._drawn["scan"]:
             if isinstance(node, viser.PointCloudHandle):
                 node.colors = np.array(rgb(self._scan_colour), dtype=np.uint8)
 
     def point_size(self, size_mm: float) -> None:
-        """Diameter of the points of all clouds."""
+        """Set the diameter of the points of all clouds."""
         self._point_mm = size_mm
         for layer in ("scan", "faces", "distance"):
             for node in self._drawn[layer]:
@@ -170,7 +170,7 @@ class SceneView:
     def draw_overview(
         self, index: int, points_mm: Array, colour: str, scans: int, normals: Array | None = None
     ) -> None:
-        """One of so many scans, in few points, lit from the side where their normals are known."""
+        """Draw one of many scans with few points, shaded where their normals are known."""
         kept = thin(points_mm, max(200, min(OVERVIEW_POINTS, OVERVIEW_TOTAL // max(scans, 1))))
         colours = shaded(np.array(rgb(colour)), normals[kept]) if normals is not None else rgb(colour)
         node = cloud(self._scene, f"{ROOT}/overview/{index}", points_mm[kept], colours, self._point_mm)
@@ -178,7 +178,7 @@ class SceneView:
         self._overview[index] = node
 
     def hide_in_overview(self, index: int | None, apart: Callable[[int], bool] = lambda _: False) -> None:
-        """Leave out the scan that is drawn in full, and those for which `apart` holds."""
+        """Hide the scan that is drawn in full, and those for which `apart` is true."""
         self._hidden_overview = index
         for i, other in self._overview.items():
             visible = i != index and not apart(i)
@@ -186,13 +186,13 @@ class SceneView:
                 other.visible = visible
 
     def clear_overview(self) -> None:
-        """Forget the scans of the dataset before."""
+        """Remove the scans of the dataset before."""
         for other in self._overview.values():
             other.remove()
         self._overview.clear()
 
     def draw_scan(self, points_mm: Array, faces: Sequence[IndexArray] = ()) -> int:
-        """The selected scan; `faces` are index arrays into it. Returns how many points are drawn."""
+        """Draw the selected scan; `faces` are index arrays into it. Returns the number of points drawn."""
         face_of = np.full(len(points_mm), -1)
         for number, inliers in enumerate(faces):
             face_of[inliers] = number % len(FACE_COLOURS)
@@ -210,7 +210,7 @@ class SceneView:
         return len(kept)
 
     def draw_distance(self, points_mm: Array, colours: ByteArray) -> None:
-        """Points (N, 3) of the selected scan on the jig, in colours (N, 3) that say how far off its faces they lie."""
+        """Draw points (N, 3) of the selected scan on the jig, in colours (N, 3) of their distance to its faces."""
         kept = thin(points_mm, DETAIL_POINTS)
         with self._server.atomic():
             self._draw_on_faces("distance", points_mm[kept], colours[kept])

@@ -1,4 +1,4 @@
-"""Shapes to draw, as plain arrays in the unit of what they are made from. No viser node is made here."""
+"""Shapes as plain arrays in the unit of their arguments, without viser nodes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from calib.array_types import Array, ByteArray, IndexArray
 
 
 def thin(points_mm: Array, limit: int) -> IndexArray:
-    """Indices of at most `limit` points, one a voxel, so that near and far parts stay equally dense."""
+    """Indices of at most `limit` points, one for each voxel, so that near and far parts stay equally dense."""
     count = len(points_mm)
     if count <= limit:
         return np.arange(count)
@@ -27,14 +27,14 @@ def thin(points_mm: Array, limit: int) -> IndexArray:
 
 
 def shaded(colour: ByteArray, normals: Array) -> ByteArray:
-    """Colours (N, 3) of one colour (3,) on surfaces with these normals, lit from above beside the scanner."""
+    """Colours (N, 3) of a colour (3,) on surfaces with these normals, lit from above beside the scanner."""
     light = np.array([-0.55, -0.70, -0.45])
     lit = np.clip(normals @ (light / np.linalg.norm(light)), 0, 1)
     return np.asarray(np.clip(colour * (0.45 + 0.65 * lit)[:, None], 0, 255), dtype=np.uint8)
 
 
 def ellipsoids(covariance_mm2: Array, factor: float) -> tuple[Array, Array]:
-    """Orientations wxyz (N, 4) and half axes (N, 3) in mm of the 1-sigma ellipsoids, `factor` times enlarged."""
+    """Orientations wxyz (N, 4) and half axes (N, 3), mm, of 1-sigma ellipsoids enlarged by `factor`."""
     variance, axes = np.linalg.eigh(np.asarray(covariance_mm2, dtype=float))
     axes[np.linalg.det(axes) < 0, :, 0] *= -1
     half = np.sqrt(np.maximum(variance, 0)) * factor
@@ -43,7 +43,7 @@ def ellipsoids(covariance_mm2: Array, factor: float) -> tuple[Array, Array]:
 
 
 def facing(normals: Array) -> Array:
-    """wxyz (N, 4) of the rotations that turn z to each of the unit normals (N, 3)."""
+    """Quaternions wxyz (N, 4) of the rotations that turn z to each of the unit normals (N, 3)."""
     other = np.where(np.abs(normals[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]])
     x = np.cross(other, normals)
     x /= np.linalg.norm(x, axis=1, keepdims=True)
@@ -52,7 +52,7 @@ def facing(normals: Array) -> Array:
 
 
 def jig_edges(xyz_mm: Array, normals: Array, centres_mm: Array, edges_mm: Sequence[float]) -> Array:
-    """The three lines (3, 2, 3) in mm in which the faces meet, from the corner along the jig.
+    """The three edges of the jig as lines (3, 2, 3) from its corner, mm.
 
     edges_mm  # three lengths; edge i leaves face i
     """
@@ -90,7 +90,7 @@ def unit_sphere(rings: int = 12, sectors: int = 20) -> tuple[Array, IndexArray]:
 
 
 def spread(points_mm: Array, centre_mm: Array) -> float:
-    """Radius around the centre inside which nine in ten of the points lie."""
+    """Radius around the centre that holds nine of ten points."""
     return float(np.percentile(np.linalg.norm(points_mm - centre_mm, axis=1), 90)) if len(points_mm) else 0.0
 
 

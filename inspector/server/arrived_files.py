@@ -9,8 +9,8 @@ import shutil
 from pathlib import Path
 
 from calib.dataset.files.folder import load_dataset
-from calib.dataset_import.files.archive import Limits, unpack
-from calib.dataset_import.files.user_files import UserFiles
+from calib.dataset_import.archive import ArchiveLimits, unpack
+from calib.dataset_import.user_files import UserFiles
 from calib.errors import CalibError
 from calib.options import BUILTIN_ROBOTS
 from calib.robot_formats.robot_file import tips_of
@@ -53,7 +53,7 @@ def add_file(path: Path, name: str, folder: Path, room_bytes: int) -> None:
         return
     fresh = path.with_name(f"{path.name}.unpacked")
     try:
-        for file in unpack(path, fresh, Limits(total_bytes=room_bytes)):
+        for file in unpack(path, fresh, ArchiveLimits(total_bytes=room_bytes)):
             place = folder / file.relative_to(fresh)
             place.parent.mkdir(parents=True, exist_ok=True)
             os.replace(file, place)

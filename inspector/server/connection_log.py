@@ -14,7 +14,7 @@ from typing import Any
 
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, SecurityError
 
-from calib.errors import shown
+from calib.errors import printable
 
 _NO_ROOM = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 _TELL_EVERY_S = 60.0
@@ -29,7 +29,7 @@ class _InOneLine(logging.Filter):
             return False
         if error is not None:
             said = " ".join(f"{record.getMessage()}: {type(error).__name__}: {error}".split())
-            record.msg, record.args = shown(said), None
+            record.msg, record.args = printable(said), None
             record.exc_info = record.exc_text = None
         return True
 
@@ -53,7 +53,7 @@ class _Bounded(logging.Filter):
                 self._left_out += 1
                 return False
             words, self._left_out = self._left_out, 0
-        record.msg, record.args = shown(record.getMessage()), None
+        record.msg, record.args = printable(record.getMessage()), None
         if words:
             record.msg += f" (before it {words} lines like this were left out)"
         return True

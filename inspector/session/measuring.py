@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from calib.corners.batch import told_noise
+from calib.corners.batch import declared_noise
 from calib.dataset.files.folder import load_dataset
 from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import Observations
 from calib.fitting.pose_residuals import require_orientations
 from calib.identifiability.structural import redundancy
-from calib.measurement.labels import FaceLabels
+from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import label_faces
 from calib.options import RESIDUAL_KINDS
 from calib.targets.batch import finder_of, search_targets_file
@@ -34,7 +34,7 @@ def with_search(session: Session, pose: int) -> Session:
         dataset.all_targets,
         dataset.scanner.scan_sigma_mm,
         finder_of(dataset),
-        told=told_noise(dataset.scanner),
+        declared=declared_noise(dataset.scanner),
     )
     searches = {**session.searches, session.dataset.poses.ids[pose]: search}
     if session.dataset.points is not None:

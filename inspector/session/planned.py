@@ -9,7 +9,7 @@ from calib.errors import CalibError
 from calib.planning.plan import Plan, plan_poses
 from calib.planning.purpose import CALIBRATION, WATCH
 from calib.planning.purposes.by_name import purpose_of
-from calib.planning.purposes.split import SPLIT, open_set_of
+from calib.planning.purposes.confounded_effects import SPLIT, for_confounded
 from calib.planning.start import FromFit
 from inspector.session.session import Session
 
@@ -56,7 +56,7 @@ def planned_for(session: Session, aim: str, count: int, payload_kg: float | None
     if aim == SPLIT:
         if session.diagnosis is None:
             raise CalibError(f"dataset {session.dataset.name}: find what is missing first; nothing is open yet")
-        open_set = open_set_of(session.diagnosis, payload_kg)
+        open_set = for_confounded(session.diagnosis, payload_kg)
         return Planned(plan_poses(open_set.start, count, purpose=open_set), session)
     purpose = purpose_of(aim, payload_kg=None if aim in (CALIBRATION, WATCH) else payload_kg)
     start = FromFit(session.calibration)

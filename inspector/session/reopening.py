@@ -12,7 +12,7 @@ import msgspec
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.fingerprint import changed, content_hash, fingerprint
 from calib.dataset.files.folder import find_datasets, load_dataset
-from calib.dataset.stands import without_poses
+from calib.dataset.repeats import without_poses
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect, calibrate_with, recalled, relearned
 from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Family

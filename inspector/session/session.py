@@ -12,20 +12,21 @@ from calib.calibration.pose_errors import PoseErrors
 from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
-from calib.dataset.stands import of_stands
+from calib.dataset.repeats import in_repeat_groups_of
 from calib.diagnosis.advice import Advice
-from calib.diagnosis.diagnose import AddCurves
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
+from calib.diagnosis.moves import AddCurves
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.headline import Headline, headline_of
+from calib.diagnosis.words.sentences import DiscriminatingPose
 from calib.effects.effect import Family
 from calib.identifiability.redundancy import Redundancy
-from calib.measurement.labels import FaceLabels
+from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import with_corners
+from calib.planning.discrimination import NextPoses
 from calib.screening.candidates import Screening
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.residual_tests import ResidualTests
-from calib.screening.rivals.pose_recommendation import DiscriminatingPose
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,7 @@ class Session:
     residual_tests: ResidualTests | None = None  # known soon after the screening
     advice: Advice | None = None  # the move that leads on from this model; known with the residual tests
     diagnosis: Diagnosis | None = None  # the verdict on this model, where no move leads on
+    next_poses: NextPoses | None = None  # that would tell apart what the diagnosis leaves open; known with it
     searched: bool = False  # whether the automatic search led to this model
     dropped: frozenset[str] = frozenset()  # effects taken out because others explain what they do
     steps: tuple[FitStep, ...] = ()  # the link errors, then each change of the model
@@ -147,7 +149,7 @@ class Session:
 def asked_out(step: FitStep) -> tuple[str, ...]:
     """Ids of poses that a step's fit left out on request, without those that the search found to be outliers."""
     dataset = step.calibration.dataset
-    found = np.flatnonzero(of_stands(dataset, step.left_out)) if step.left_out else ()
+    found = np.flatnonzero(in_repeat_groups_of(dataset, step.left_out)) if step.left_out else ()
     stand_out = {dataset.poses.ids[i] for i in found}
     return tuple(pose_id for pose_id in dataset.left_out if pose_id not in stand_out)
 
@@ -170,4 +172,4 @@ def _errors(result: Calibration, *, before: bool = False) -> tuple[float, float]
 def untested(session: Session) -> Session:
     """History step of a new fit whose residual is not tested yet."""
     unknown = replace(session, screening=None, pose_errors=None, residual_tests=None, advice=None)
-    return replace(unknown, diagnosis=None, searched=False, separations={}, versions=())
+    return replace(unknown, diagnosis=None, next_poses=None, searched=False, separations={}, versions=())

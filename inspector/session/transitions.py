@@ -10,9 +10,9 @@ import numpy as np
 from calib.calibration.model_versions import versions
 from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
-from calib.dataset.stands import of_stands, without_poses
-from calib.diagnosis.advice import Advice, Move, advice_or_verdict
-from calib.diagnosis.diagnose import AddCurves, SearchAgain, SearchWithNoise, diagnose
+from calib.dataset.repeats import in_repeat_groups_of, without_poses
+from calib.diagnosis.advice import advice_on
+from calib.diagnosis.diagnose import Model, diagnose, next_move
 from calib.diagnosis.effect_selection import (
     GEOMETRY,
     FitStep,
@@ -21,15 +21,15 @@ from calib.diagnosis.effect_selection import (
     candidate_of,
     recalled,
 )
-from calib.diagnosis.moves import AddEffect, DropEffect, applied
+from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPoses, Move, ShapeNoise, step_of
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, step_after, with_candidate, with_curves
 from calib.effects.effect import Family
 from calib.errors import CalibError
 from calib.options import FitOptions
+from calib.planning.discrimination import discriminating_poses, nearest_alternative, next_poses
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.residual_tests import run_residual_tests
-from calib.screening.rivals.pose_recommendation import discriminating_poses, nearest_rival
 from inspector.session.measuring import with_face_labels
 from inspector.session.session import Separation, Session, untested
 
@@ -75,6 +75,7 @@ def with_ranking(session: Session) -> Session:
         residual_tests=None,
         advice=None,
         diagnosis=None,
+        next_poses=None,
         separations={},
     )
 
@@ -88,9 +89,17 @@ def with_residual_tests(session: Session) -> Session:
         return session
     calibration = _calibrated(session)
     tests = run_residual_tests(calibration.dataset, session.screening.projected)
-    said = advice_or_verdict(search_space(session), session.steps, tests, session.dropped)
-    tested = replace(session, residual_tests=tests)
-    return replace(tested, advice=said) if isinstance(said, Advice) else replace(tested, diagnosis=said)
+    return _with_next_move(replace(session, residual_tests=tests), Model(session.steps, session.dropped, tests))
+
+
+def _with_next_move(session: Session, model: Model) -> Session:
+    """The session with the advice that leads on from its model, or the diagnosis where none does."""
+    assert session.residual_tests is not None
+    move = next_move(search_space(session), model)
+    if isinstance(move, Diagnosis):
+        return replace(session, advice=None, diagnosis=move, next_poses=next_poses(move))
+    advice = advice_on(move, session.residual_tests, _calibrated(session))
+    return replace(session, advice=advice, diagnosis=None, next_poses=None)
 
 
 def search_space(session: Session) -> SearchSpace:
@@ -108,7 +117,7 @@ def separation(session: Session, name: str) -> Separation | None:
     if screening is None:
         return None
     chosen = next((candidate for candidate in screening.candidates if candidate.name == name), None)
-    rival = nearest_rival(screening, name)
+    rival = nearest_alternative(screening, name)
     if chosen is None or rival is None:
         return None
     poses = discriminating_poses(_calibrated(session), (chosen, rival), count=SEPARATING_POSES)
@@ -129,7 +138,7 @@ def with_versions(session: Session, before: Session) -> Session:
 def with_user_effects(session: Session, effects: tuple[Family, ...]) -> Session:
     """Session with the user's effects as given; those in the model are fitted again, or removed where they are gone."""
     ours = {family.name for family in (*session.user_effects, *effects)}
-    session = replace(session, user_effects=effects, screening=None, separations={}, diagnosis=None)
+    session = replace(session, user_effects=effects, screening=None, separations={}, diagnosis=None, next_poses=None)
     if session.calibration is None or not any(added.name in ours for added in session.effects):
         return session
     kept: list[SelectedEffect] = []
@@ -153,10 +162,10 @@ def with_effect(session: Session, name: str) -> Session:
     session = replace(session, dropped=session.dropped - {name})
     last = session.steps[-1]
     if isinstance(move, AddEffect):
-        return with_steps(session, (*session.steps, applied(last, move)))
+        return with_steps(session, (*session.steps, step_of(last, move)))
     if isinstance(move, AddCurves):
-        step = move.found.steps[-1]
-        return _judged(with_steps(session, (*session.steps, step)), move.found)
+        step = move.diagnosis.steps[-1]
+        return _judged(with_steps(session, (*session.steps, step)), move.diagnosis)
     space = search_space(session).without(last.left_out)
     if name == LEARNED:
         return with_steps(session, (*session.steps, with_curves(space, last)))
@@ -180,7 +189,7 @@ def without_effect(session: Session, name: str) -> Session:
     move = _advised(session, name)
     if isinstance(move, DropEffect):
         session = replace(session, dropped=session.dropped | {name})
-        return with_steps(session, (*session.steps, applied(session.steps[-1], move)))
+        return with_steps(session, (*session.steps, step_of(session.steps[-1], move)))
     return _changed(session, kept, f"− {name}")
 
 
@@ -190,8 +199,9 @@ def with_advice_followed(session: Session) -> Session:
         raise CalibError("there is nothing to follow: no move leads on from this model")
     move = session.advice.move
     match move:
-        case SearchAgain() | SearchWithNoise():
-            return with_found(session, move.found)
+        case LeaveOutPoses() | ShapeNoise():
+            moved = with_found(session, move.diagnosis)
+            return _with_next_move(moved, Model(moved.steps, moved.dropped, diagnosis=move.diagnosis))
         case DropEffect():
             return without_effect(session, move.name)
     return with_effect(session, session.advice.effect)
@@ -219,6 +229,7 @@ def _judged(session: Session, found: Diagnosis) -> Session:
         pose_errors=pose_errors_of(found.calibration),
         residual_tests=found.residual_tests,
         diagnosis=found,
+        next_poses=next_poses(found),
     )
 
 
@@ -291,10 +302,10 @@ def _fitted_again(session: Session, label: str, taken_in: str = "") -> Session:
     if session.calibration is None:
         return replace(session, redundancy=None)
     last = session.steps[-1]
-    # The shots of one standing pose stand out together, and are taken in together.
+    # Repeats of one pose are outliers together, and are taken in together.
     alone = {taken_in} if taken_in else set()
     if taken_in and last.left_out:
-        ids, of_stand = session.dataset.poses.ids, of_stands(session.dataset, [taken_in])
+        ids, of_stand = session.dataset.poses.ids, in_repeat_groups_of(session.dataset, [taken_in])
         alone = {ids[i] for i in np.flatnonzero(of_stand)}
     gone = alone | set(session.left_out)
     stand_out = tuple(pose_id for pose_id in last.left_out if pose_id not in gone)

@@ -161,8 +161,8 @@ def corner_of(view: View, pose: int) -> tuple[Array, Array | None] | None:
     """
     points = view.session.dataset.points
     if points is not None:
-        in_room = view.session.dataset.robot.carries_scanner  # where each jig has a name of its own
-        rows = np.flatnonzero((points.pose == pose) & (in_room | (points.target == "jig")))
+        in_world = view.session.dataset.robot.carries_scanner  # where each jig has a name of its own
+        rows = np.flatnonzero((points.pose == pose) & (in_world | (points.target == "jig")))
         if not len(rows):
             return None
         sigma_mm = view.session.dataset.scanner.point_sigma_mm

@@ -1,4 +1,4 @@
-"""What a user asks of a fit holds for every fit that follows from it."""
+"""The options of a fit hold for every fit that follows from it."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from calib.effects.catalogue import effects_for
 from calib.errors import FitError
 from calib.fitting.observations import conditions_at
 from calib.options import FitOptions
+from calib.planning.effect_hypotheses import EffectHypothesis, predict
+from calib.planning.offered_poses import offered_poses
 from calib.screening.candidates import Candidate, screen
-from calib.screening.rivals.further_poses import further_poses
-from calib.screening.rivals.predictions import Rival, predict
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import learning_curve
 from inspector.session.transitions import Session, with_effect, with_screening, with_steps
 
 ASKED = [
-    FitOptions(held=("a2", "beta3")),
+    FitOptions(fixed=("a2", "beta3")),
     FitOptions(tolerances={"a2": 0.01}),
     FitOptions(robust=True),
     FitOptions(prior=False),
@@ -42,7 +42,7 @@ def dataset() -> Dataset:
 
 
 def same_request(one: Calibration, other: Calibration) -> bool:
-    """Whether two fits have the same parameters, tolerances, residual and weights, as far as their results show it."""
+    """Whether two fits have equal parameters, tolerances, residual kind and weights."""
     links = [p for p in one.fit.parameters if p.name in one.dataset.robot.parameter_names]
     others = [p for p in other.fit.parameters if p.name in other.dataset.robot.parameter_names]
     return (
@@ -77,7 +77,7 @@ def test_comparison_takes_no_fit_that_was_asked_otherwise(dataset: Dataset, aske
 
 @pytest.mark.slow
 @pytest.mark.parametrize("asked", ASKED[2:4], ids=str)
-def test_what_rivals_predict_is_what_fits_as_was_asked_predict(dataset: Dataset, asked: FitOptions) -> None:
+def test_what_hypotheses_predict_is_what_fits_as_was_asked_predict(dataset: Dataset, asked: FitOptions) -> None:
     result = calibrate(dataset, asked)
     first, second = (c for c in screen(result, effects_for(dataset)).candidates[:2])
 
@@ -86,9 +86,9 @@ def test_what_rivals_predict_is_what_fits_as_was_asked_predict(dataset: Dataset,
         at_mm = fitted.model.predict(fitted.fit.x, conditions_at(dataset.poses, q))
         return frames.apply(next(iter(fitted.after.scanner_T_base.values())), at_mm)
 
-    poses = further_poses(result, tried=50)
-    predicted = predict(result, (Rival.of(first), Rival.of(second)), poses)
-    one, other = (rival.mean * predicted.sigma_mm for rival in predicted.rivals)
+    poses = offered_poses(result, count=50)
+    predicted = predict(result, (EffectHypothesis.of(first), EffectHypothesis.of(second)), poses)
+    one, other = (hypothesis.mean * predicted.sigma_mm for hypothesis in predicted.hypotheses)
     apart = places(first, poses.q) - places(second, poses.q)
     assert np.linalg.norm(one - other - apart) < 0.3 * np.linalg.norm(apart)
 
@@ -107,9 +107,9 @@ def test_an_effect_is_added_to_a_session_as_was_asked(dataset: Dataset, asked: F
 def test_comparison_holds_only_what_the_link_errors_have(dataset: Dataset) -> None:
     effects = next(f.members for f in effects_for(dataset) if f.name == "transmission_error")
     held = calibrate(dataset, effects=effects).fit.parameters[-1].name
-    full = calibrate(dataset, FitOptions(held=("a2", held)), effects=effects)
+    full = calibrate(dataset, FitOptions(fixed=("a2", held)), effects=effects)
     links = versions(full)[1].calibration
-    assert links.options == FitOptions(held=("a2",))
+    assert links.options == FitOptions(fixed=("a2",))
     assert versions(full, links)[1].calibration is links
 
 
@@ -124,9 +124,9 @@ def test_every_step_of_a_diagnosis_is_fitted_as_was_asked(dataset: Dataset, aske
 
 @pytest.mark.slow
 def test_every_fold_and_every_draw_is_fitted_as_was_asked(dataset: Dataset) -> None:
-    asked = FitOptions(held=("a2", "beta3"), robust=True)
+    asked = FitOptions(fixed=("a2", "beta3"), robust=True)
     whole = cross_validate(dataset, asked, folds=3).whole
     assert whole.options == asked
     assert whole.fit.x.size == calibrate(dataset).fit.x.size - 2
     with pytest.raises(FitError, match="nix"):
-        learning_curve(dataset, FitOptions(held=("nix",)))
+        learning_curve(dataset, FitOptions(fixed=("nix",)))

@@ -1,4 +1,4 @@
-"""The promise for test poses: kept by arms of which nothing is missing, broken by test poses that are off."""
+"""Test of the test poses' errors: passed by complete models, failed where test poses are off."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NOISE_MM = 0.05
 
 
 def arm(seed: int, *, poses: int = 90, test: int = 60) -> Dataset:
-    """Errors as large as the tolerances, so that the prior is right; few training poses, so that much is not known."""
+    """Dataset of an arm with errors drawn from the prior and few training poses, so that parameters stay uncertain."""
     rng = np.random.default_rng(seed)
     robot = jang_arm()
     true = perturbed(robot, rng, mm=1.0, rad=np.radians(0.5))
@@ -82,7 +82,7 @@ def test_a_fit_gains_nothing_over_itself_and_much_over_the_nominal_arm() -> None
     still = left_out_gain(fitted, fitted)
     assert still is not None
     assert (still.share, still.standard_errors) == (0.0, 0.0)
-    held = calibrate(dataset, replace(fitted.options, held=("d1", "a2", "a3", "theta2", "theta3", "alpha4")))
+    held = calibrate(dataset, replace(fitted.options, fixed=("d1", "a2", "a3", "theta2", "theta3", "alpha4")))
     gain = left_out_gain(held, fitted)
     assert gain is not None
     assert gain.share > 0.3

@@ -1,4 +1,4 @@
-"""Versions of a model side by side: each with its own numbers, all against the same points."""
+"""Versions of a model: each with its own errors at the same points."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from inspector.scene.arm_shape import arm_of
 
 @pytest.fixture(scope="module")
 def fits() -> tuple[Calibration, Calibration]:
-    """The link errors alone, and with an effect that is in the data."""
+    """Fits of the link errors alone, and with the effect that is in the data."""
     dataset = simulate_dataset(
         builtin_robot("rb5"), rng=np.random.default_rng(8), effects=[("transmission_error", 4.0)], poses=45,
     ).dataset  # fmt: skip

@@ -1,4 +1,4 @@
-"""What is left over: its noise bands and its smooth."""
+"""Errors by pose: noise bands and the running median."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a fit claims to know, against what it does know over many simulated arms."""
+"""Uncertainties of fits compared with the actual errors over many simulated arms."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_any_sum_can_be_asked_for_and_an_unknown_name_is_refused() -> None:
     assert half.description == "0.5 a2 - 2 a3"
     table = result.robot.table
     assert half.value == pytest.approx(0.5 * table[1, 0] - 2 * table[2, 0])
-    with pytest.raises(FitError, match="no fitted parameter named 'x1'"):
+    with pytest.raises(FitError, match="'x1'"):
         combination(result, {"x1": 1.0})
 
 
@@ -79,7 +79,7 @@ def test_pairs_that_blur_each_other_are_named() -> None:
 @pytest.mark.parametrize("range_rad", [np.pi, 0.6])
 @pytest.mark.thorough
 def test_predictions_err_as_much_as_they_say(range_rad: float) -> None:
-    """Mean squared Mahalanobis distance of predicted points, over arms drawn from the prior: 3."""
+    """The mean squared Mahalanobis distance of predicted points over arms drawn from the prior is 3."""
     robot = jang_arm()
     squared = []
     for seed in range(40):
@@ -101,12 +101,13 @@ def test_far_from_the_training_poses_a_prediction_is_worse() -> None:
     result = calibrate(dataset_of(robot, perturbed(robot, rng), rng, poses=40, noise_mm=0.05, range_rad=0.4))
     near, far = prediction_covariance(result, np.array([[0.1] * 6, [2.5] * 6]))
     assert np.trace(far) > 10 * np.trace(near)
-    with pytest.raises(FitError, match="setup 'left' has no training points"):
+    with pytest.raises(FitError, match="'left'"):
         prediction_covariance(result, np.zeros((1, 6)), setup="left")
 
 
+@pytest.mark.slow
 def test_a_curve_over_a_further_column_is_predicted_elsewhere_too() -> None:
-    """A pressure that turns joint 2; further joint vectors are taken at the first pose's pressure."""
+    """A curve of joint 2 over a pressure column: predictions at other joint vectors use the first pose's pressure."""
     rng = np.random.default_rng(3)
     robot = jang_arm()
     pressure_bar = rng.uniform(80.0, 120.0, 64)

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
-from calib.compensation.corrected_file import corrected_points
 from calib.compensation.target_correction import Correction, corrected_joints
+from calib.compensation.target_files import corrected_points
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
-from calib.robot_formats.programs.point_lists import LONGEST, identifiers, require_point_list
+from calib.robot_formats.programs import LONGEST, identifiers, require_point_list
 from inspector.cli.parser import main
 from tests.support.hidden_dataset import arm, write_hidden
 
@@ -28,7 +28,7 @@ IDS = ("p01", "p-02", "3", "P01", "über\n; HALT")
 def correction() -> Correction:
     dataset = arm(1)
     result = calibrate(dataset)
-    found = corrected_joints(dataset.robot, result.model, dataset.poses.q[:5], x=result.fit.x, what="position")
+    found = corrected_joints(dataset.robot, result.model, dataset.poses.q[:5], x=result.fit.x, kind="position")
     reached, reasons = found.reached.copy(), list(found.reasons)
     assert reached.all()
     reached[3], reasons[3] = False, "joint 2 would stand\nbeyond its limit"

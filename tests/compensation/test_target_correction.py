@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from calib import frames
 from calib.calibration.calibrate import calibrate
 from calib.compensation.target_correction import Correction, corrected_joints
-from calib.compensation.targets_csv import load_targets
+from calib.compensation.target_files import load_targets
 from calib.dataset.dataset import Poses
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
@@ -71,14 +71,14 @@ def held_to_the_truth(result: Correction, true: Robot) -> None:
     gap = np.linalg.norm(elementary_points(true, q) - elementary_points(result.robot, q0), axis=1)
     np.testing.assert_allclose(gap, result.position_error_mm, atol=2e-11)
     assert (gap[reached] <= 1e-9).all()
-    if result.what == "pose":
+    if result.kind == "pose":
         turn = tool_axes(true, q) - tool_axes(result.robot, q0)
         assert np.abs(turn[reached]).max(initial=0.0) <= 2e-9  # 1 m away: 1e-12 rad, and 1e-9 mm
     assert [bool(reason) for reason in result.reasons] == (~reached).tolist()
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(joints=st.integers(2, 8), slide=st.integers(-1, 7), seed=st.integers(0, 999))
 def test_the_true_arm_stands_where_the_nominal_one_was_meant_to(joints: int, slide: int, seed: int) -> None:
     """Any arm: what is called reached is reached; what is not is short of it, and says why."""
@@ -86,7 +86,7 @@ def test_the_true_arm_stands_where_the_nominal_one_was_meant_to(joints: int, sli
     robot = random_arm(rng, joints, prismatic=slide if 0 <= slide < joints else None)
     true = perturbed(robot, rng)
     result = corrected_joints(robot, true, targets(robot, rng, 12))
-    assert result.what == ("pose" if joints >= 6 else "position")
+    assert result.kind == ("pose" if joints >= 6 else "position")
     held_to_the_truth(result, true)
     assert (result.position_error_mm <= result.uncorrected_mm + 1e-9)[result.reached].all()
     assert all("missed by" in reason for reason in result.reasons if reason)
@@ -99,7 +99,7 @@ def test_real_arms_reach_nearly_every_target(name: str, what: str) -> None:
     rng = np.random.default_rng(4)
     robot = jang_arm() if name == "jang" else park_arm(name)
     true = perturbed(robot, rng, mm=0.3, rad=0.001)
-    result = corrected_joints(robot, true, targets(robot, rng, 200), what=what)
+    result = corrected_joints(robot, true, targets(robot, rng, 200), kind=what)
     held_to_the_truth(result, true)
     assert result.reached.mean() > (0.93 if what == "pose" else 0.99)
     assert np.degrees(np.abs(result.change)).max() <= 3.0 + 1e-9
@@ -162,7 +162,7 @@ def test_limits_hold_and_are_named() -> None:
         assert not result.reached[0]
         assert f"J{k + 1} stands at its limit" in result.reasons[0]
         # The tool's place alone can often be met: then six joints have three to spare.
-        place = corrected_joints(tight, true, q[i : i + 1], what="position")
+        place = corrected_joints(tight, true, q[i : i + 1], kind="position")
         if place.reached[0]:
             held_to_the_truth(place, true)
 
@@ -216,6 +216,7 @@ def test_beyond_limits_beyond_reach_and_singular() -> None:
     assert wrist.position_error_mm[0] <= 1.0  # and still closer than without
 
 
+@pytest.mark.slow
 def test_a_calibration_corrects_the_real_arm_up_to_the_base() -> None:
     """From measurements to targets: the arm that was measured reproduces the nominal places, up to one rigid motion."""
     rng = np.random.default_rng(5)
@@ -224,8 +225,8 @@ def test_a_calibration_corrects_the_real_arm_up_to_the_base() -> None:
     dataset = dataset_of(robot, true, rng, noise_mm=0.0, base_T_scanner=random_transform(rng))
     fitted = calibrate(dataset)
     q = targets(robot, rng, 60)
-    result = corrected_joints(robot, fitted.model, q, x=fitted.fit.x, what="position")
-    same = corrected_joints(robot, fitted.robot, q, what="position")
+    result = corrected_joints(robot, fitted.model, q, x=fitted.fit.x, kind="position")
+    same = corrected_joints(robot, fitted.robot, q, kind="position")
     np.testing.assert_allclose(result.q, same.q, atol=1e-9)
     ok = result.reached
     assert ok.sum() > 50
@@ -314,7 +315,7 @@ def test_what_cannot_be_done_is_one_line() -> None:
         (lambda: corrected_joints(robot, model, q), "needs its 35 fitted parameters x; found none"),
         (lambda: corrected_joints(robot, model, q, x=[1.0]), r"found shape \(1,\)"),
         (lambda: corrected_joints(robot, robot, q, x=np.zeros(35)), "built in"),
-        (lambda: corrected_joints(robot, robot, q, what="speed"), "there are position and pose"),
+        (lambda: corrected_joints(robot, robot, q, kind="speed"), "there are position and pose"),
     ):
         with pytest.raises(FitError, match=says):
             call()
@@ -335,6 +336,7 @@ def write_targets(path: Path, q: np.ndarray, **more: object) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_the_command(capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: Path) -> None:
     q = np.array([[0.3, 0.4, 1.1, 0.2, 0.9, 0.1], [-1.0, 0.2, 1.4, 0.5, -1.1, 2.0]])
     joints = write_targets(tmp_path / "targets.csv", q, pose=["grip", "place"], note=["a", "b"])
@@ -491,14 +493,15 @@ def test_targets_have_the_conditions_that_poses_may_have(
         assert not out.exists()
 
 
+@pytest.mark.slow
 def test_full_poses_know_the_attitude_that_points_do_not() -> None:
     rng = np.random.default_rng(3)
     robot = builtin_robot("rb5")
     dataset = simulate_dataset(robot, rng=rng, poses=40, orientation_sigma_rad=1e-4).dataset
     q = targets(robot, rng, 60) * 0.6
-    poses = FittedModel.of(calibrate(dataset, FitOptions("pose"))).corrected_joints(q)
-    points = FittedModel.of(calibrate(dataset)).corrected_joints(q)
-    assert (poses.what, points.what) == ("pose", "position")
+    poses = FittedModel.of(calibrate(dataset, FitOptions("pose"))).correct(q)
+    points = FittedModel.of(calibrate(dataset)).correct(q)
+    assert (poses.kind, points.kind) == ("pose", "position")
     assert poses.attitude_sigma_rad is not None
     assert points.attitude_sigma_rad is not None
     assert poses.attitude_sigma_rad.max() < 1e-3 < points.attitude_sigma_rad.min()
@@ -520,18 +523,19 @@ def test_a_joint_whose_zero_is_far_off_may_be_corrected_by_as_much() -> None:
     table[2, 3] += np.radians(5.0)
     true = robot.with_table(table)
     q = targets(robot, np.random.default_rng(0), 20) * 0.6
-    result = corrected_joints(robot, true, q, what="pose")
+    result = corrected_joints(robot, true, q, kind="pose")
     assert result.reached.all()
     assert np.median(np.degrees(result.change[:, 2])) == pytest.approx(-5.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_position_is_met_with_the_tool_turned_as_little_as_small_motions_allow() -> None:
     """The free motion lessens the tool's turn, where the least motion alone would add to it."""
     rng = np.random.default_rng(8)
     robot = builtin_robot("rb5")
     true = perturbed(robot, rng, mm=0.5, rad=0.002)
     q = targets(robot, rng, 100) * 0.6
-    result = corrected_joints(robot, true, q, what="position")
+    result = corrected_joints(robot, true, q, kind="position")
     assert result.reached.mean() > 0.97
     turn = tool_axes(true, result.q) - tool_axes(robot, q)
     before = tool_axes(true, q) - tool_axes(robot, q)

@@ -1,4 +1,4 @@
-"""Corners on any executor: the same to the bit, a few scans at a time, and an early end that leaves nothing running."""
+"""Corners on any executor: the same to the bit, a few scans at a time, and nothing left running after an early end."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ COUNT = 5
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
-    """What find_corners reads of a dataset; the last scan is missing."""
+    """Stand-in with the attributes that find_corners reads of a dataset; the last scan is missing."""
     folder = tmp_path_factory.mktemp("scans")
     names = [f"p{seed}.ply" for seed in range(COUNT)]
     for seed, name in enumerate(names[:-1]):
@@ -63,7 +63,7 @@ def alone(dataset: Any) -> dict[str, CornerSearch]:
 
 
 def bits(search: CornerSearch) -> tuple[Any, ...]:
-    """Everything that a search found, for a comparison to the last bit; only the time may differ."""
+    """Everything in a search, for a comparison to the last bit, except the time."""
     arrays = [search.voxel_points_mm, search.voxel_normals, search.sets.rejected_by]
     if search.corner is not None:
         arrays += [search.corner.xyz_mm, search.corner.covariance_mm2]
@@ -150,7 +150,7 @@ def test_a_process_that_dies_is_told(dataset: Any, monkeypatch: pytest.MonkeyPat
 
 
 class Counting(Executor):
-    """Threads that count what they were given and have not finished or been relieved of."""
+    """Executor of threads that counts jobs submitted, and neither finished nor cancelled."""
 
     def __init__(self, workers: int) -> None:
         self.threads = ThreadPoolExecutor(workers)

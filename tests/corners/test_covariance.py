@@ -1,4 +1,4 @@
-"""The covariance of three planes under white and smooth noise, and what a certified jig's angles add to it."""
+"""Covariance of three planes under white and correlated noise, and the information that certified angles add."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calib.corners import refinement
+from calib.corners.correlated_noise import plane_uncertainty
+from calib.corners.correlated_noise.likelihood import CorrelationEvidence
+from calib.corners.correlated_noise.plane_uncertainty import PlaneUncertainty
 from calib.corners.intersection import Corner, intersect
-from calib.corners.noise import correlated_noise
-from calib.corners.noise.correlated_noise import PlaneUncertainty
-from calib.corners.noise.likelihood import Evidence
 from calib.corners.refinement import RefinementOptions, refine
 from calib.errors import CornerError
 from calib.jig import Jig, jig_geometry
@@ -24,7 +24,7 @@ NO_SETS = np.zeros(0, dtype=np.int64)
 
 
 def waves(points: np.ndarray, length_mm: float, rng: np.random.Generator) -> np.ndarray:
-    """A smooth field of variance 1 and correlation exp(-r^2 / 2 l^2) over points (N, 2), by random Fourier features."""
+    """Random field of variance 1 and correlation exp(-r^2 / 2 l^2) at points (N, 2), by random Fourier features."""
     turns = rng.standard_normal((2, 300)) / length_mm
     return np.sqrt(2 / 300) * np.cos(points @ turns + rng.uniform(0, 2 * np.pi, 300)).sum(axis=1)
 
@@ -74,7 +74,7 @@ def squared(found: Corner) -> float:
 
 @pytest.fixture(scope="module")
 def free() -> list[Corner]:
-    """Corners under white noise, of the generators 0, 1, ..."""
+    """Corners under white noise, one for each of the seeds 0, 1, ..."""
     return [corner(np.random.default_rng(seed), Jig()) for seed in range(50)]
 
 
@@ -88,7 +88,7 @@ def test_white_noise_is_taken_for_white(free: list[Corner]) -> None:
 @pytest.mark.parametrize("length_mm", [5.0, 15.0])
 @pytest.mark.thorough
 def test_the_covariance_holds_under_a_smooth_error(length_mm: float) -> None:
-    """Within a factor of 2 of 3; counting points as independent gives 20 and more."""
+    """Squared error over covariance within a factor of 2 of 3; points taken as independent give 20 and more."""
     scans = (np.random.default_rng(seed) for seed in range(24))
     found = [squared(corner(rng, Jig(), smooth_mm=0.02, length_mm=length_mm)) for rng in scans]
     assert 1.5 < np.mean(found) < 6.0
@@ -106,7 +106,7 @@ def test_the_size_and_the_length_of_a_smooth_error_are_seen() -> None:
 
 @pytest.mark.slow
 def test_plane_covariance_is_what_repeats_show(free: list[Corner]) -> None:
-    """Height and slopes of the true planes over the fitted ones, against the covariance of each face."""
+    """Height and slopes of the true planes over the fitted ones, compared with the covariance of each face."""
     found = []
     for seed, one in enumerate(free):
         _, normals = turned(np.random.default_rng(seed), Jig())
@@ -146,7 +146,7 @@ def test_a_certified_jig_has_its_angles_to_the_bit() -> None:
 
 
 def test_a_wrong_certificate_is_not_believed() -> None:
-    """Angles a tenth of a degree off what is certified: free planes, and the reason."""
+    """Angles a tenth of a degree off the certified ones leave the planes free, with the reason."""
     skew = Jig(face_angles_deg=(90.1, 90.0, 89.9))
     found = corner(np.random.default_rng(2), skew, told=Jig(certified=True), points=2000)
     free = corner(np.random.default_rng(2), skew, points=2000)
@@ -176,7 +176,7 @@ def test_the_joint_covariance_is_positive_and_its_blocks_are_the_faces() -> None
 
 
 def test_faces_of_hardly_known_direction_are_no_corner(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Else any three planes would do: a twisted cube's gave an apex a metre off, with a sigma of six metres."""
+    """Without this check any three planes would do: a twisted cube's gave an apex a metre off, sigma six metres."""
     uncertainty = refinement.plane_uncertainty
 
     def hardly(*arguments: Any) -> PlaneUncertainty:
@@ -192,15 +192,15 @@ def test_faces_of_hardly_known_direction_are_no_corner(monkeypatch: pytest.Monke
 
 @pytest.mark.slow
 def test_a_long_box_has_no_more_patches_than_its_covariance_needs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Faces of 42 by 126 to 204 mm had 400 patches of a sixth of the shortest edge, and ten times the time."""
+    """Faces of 42 by 126 to 204 mm once had 400 patches of a sixth of the shortest edge, and took ten times as long."""
     patches = []
-    evidence = correlated_noise.evidence_of
+    evidence = plane_uncertainty.evidence_of
 
-    def counted(mean_mm: np.ndarray, *rest: np.ndarray) -> Evidence:
+    def counted(mean_mm: np.ndarray, *rest: np.ndarray) -> CorrelationEvidence:
         patches.append(len(mean_mm))
         return evidence(mean_mm, *rest)
 
-    monkeypatch.setattr(correlated_noise, "evidence_of", counted)
+    monkeypatch.setattr(plane_uncertainty, "evidence_of", counted)
     box = Jig(edge_mm=(42.0, 126.0, 204.0))
     found = [corner(np.random.default_rng(seed), box, smooth_mm=0.04, length_mm=20.0, points=3000) for seed in range(6)]
     assert 60 < max(patches) < 200

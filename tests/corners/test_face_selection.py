@@ -1,4 +1,4 @@
-"""Which of very many planes are tried as the jig's faces."""
+"""Choice of the planes that are tried as the jig's faces, among very many."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Eq (2) and its covariance; what an outline is worth; the refinement's robustness and its honesty about noise."""
+"""Eq (2) and its covariance; scores of an outline; robustness of the refinement and its honesty about noise."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ APEX = np.array([12.0, -30.0, 700.0])
 
 
 def turned(seed: int) -> np.ndarray:
-    """Three perpendicular unit normals, as rows, that all look at the scanner at the origin."""
+    """Three perpendicular unit normals, as rows, that all face the scanner at the origin."""
     diagonal = Rotation.align_vectors([[0, 0, -1]], [[1, 1, 1]])[0]
     rng = np.random.default_rng(seed)
     tilt = Rotation.from_euler("zxy", [rng.uniform(0, 6), *rng.uniform(-0.25, 0.25, 2)])
@@ -113,7 +113,7 @@ def faces(normals: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarr
 
 
 def start(normals: np.ndarray, rng: np.random.Generator) -> tuple[PlaneGroup, ...]:
-    """Groups whose planes are off by some 0.2 deg and 0.05 mm."""
+    """Groups whose planes are off by about 0.2 deg and 0.05 mm."""
     off = normals + 0.003 * rng.standard_normal((3, 3))
     off /= np.linalg.norm(off, axis=1, keepdims=True)
     offsets = off @ APEX + 0.05 * rng.standard_normal(3)
@@ -172,7 +172,7 @@ def test_stray_points_on_one_side_do_not_drag_the_corner() -> None:
 
 @pytest.mark.slow
 def test_smooth_scanner_errors_widen_the_covariance() -> None:
-    """Waves four times the white noise: most of what they do to the apex has to show in its covariance."""
+    """Correlated errors four times the white noise: most of their effect on the apex has to be in its covariance."""
     assert np.median(mahalanobis_squared(0.005, 0.02, 0.0)) < 12  # 38 where neighbours count as independent
 
 

@@ -1,4 +1,4 @@
-"""Points at known heights over the jig's faces, in any position of the jig."""
+"""Distances of points at known heights over the jig's faces, for any pose of the jig."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OUTLINE = JIG.outlines()[0]
 
 
 def face_at(normal: np.ndarray, apex: np.ndarray, number: int) -> Face:
-    """A face through the apex; how well it is known does not matter here."""
+    """Face through the apex, of arbitrary covariance."""
     axes = np.linalg.svd(normal[None])[2][1:]
     return Face(normal, float(normal @ apex), apex, 0, 0.0, np.zeros(0, dtype=np.uint8), number, axes, np.eye(3))
 

@@ -1,4 +1,4 @@
-"""Pixels that see across the jig's edges: what is learned of them, and where nothing is."""
+"""Pixels that see across the jig's edges: the shares that are estimated, and scans where none are."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.corners.faces import narrow_faces
+from calib.corners.faces import mixed_pixels
 from calib.corners.faces.mixed_pixels import MixedPixels, find_mixed_pixels, moved_back
 from calib.corners.search import find_corner
 from calib.jig import Jig, Outline
@@ -22,7 +22,7 @@ OUTLINE = Outline(JIG.edges_mm)
 
 
 def _steep_scan(seed: int, **shape: float) -> MeshScan:
-    """Structured light, smoothed over 3 x 3 pixels (shares 0.59, 0.09 and 0.013), 1 mm from pixel to pixel."""
+    """Structured-light scan, smoothed over 3 x 3 pixels (shares 0.59, 0.09 and 0.013), 1 mm from pixel to pixel."""
     scanner = Scanner(points=12_000, field=150.0, heavy_tails=False, quantum=0.0, patches=0)
     return scan_of(JigShape(**shape), scanner, Scene(workshop=False, steepest_deg=78.0), np.random.default_rng(seed))
 
@@ -88,7 +88,7 @@ def test_pixels_that_see_a_single_place_each_are_left_alone() -> None:
 
 @pytest.mark.slow
 def test_steep_coarsely_scanned_faces_come_near_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By the mesh simulator: 40 to 60 points on a face at 78 degrees, of which mixing spoils a third."""
+    """Scans of the mesh simulator: 40 to 60 points on a face at 78 degrees, of which mixing spoils a third."""
 
     def ratios() -> NDArray:
         found = []
@@ -100,7 +100,7 @@ def test_steep_coarsely_scanned_faces_come_near_the_bound(monkeypatch: pytest.Mo
         return np.array(found)
 
     with_mixing = ratios()
-    monkeypatch.setattr(narrow_faces, "find_mixed_pixels", lambda *_: None)
+    monkeypatch.setattr(mixed_pixels, "find_mixed_pixels", lambda *_: None)
     without = ratios()
     assert np.sqrt(np.mean(with_mixing**2)) < 2.3
     assert np.sqrt(np.mean(with_mixing**2)) < 0.7 * np.sqrt(np.mean(without**2))
@@ -114,7 +114,7 @@ def test_a_bevel_is_not_taken_for_pixels(monkeypatch: pytest.MonkeyPatch) -> Non
         asked.append(find_mixed_pixels(*arguments))  # type: ignore[arg-type]
         return asked[-1]
 
-    monkeypatch.setattr(narrow_faces, "find_mixed_pixels", noted)
+    monkeypatch.setattr(mixed_pixels, "find_mixed_pixels", noted)
     for seed in range(4):
         find_corner(_steep_scan(seed, chamfer=2.0).scan, JIG, scan_sigma_mm=0.02)
     assert asked

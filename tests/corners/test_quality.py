@@ -1,4 +1,4 @@
-"""The figures of a corner say what a person would see, and what to do."""
+"""Quality figures of a corner: they and their warnings agree with what is wrong in the scene."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
+from calib.corners.correlated_noise.declared import DeclaredNoise
 from calib.corners.intersection import Corner
-from calib.corners.noise.told import ToldNoise
 from calib.corners.quality import angle_errors
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, find_corner
@@ -54,10 +54,11 @@ def test_what_is_poor_is_said(name: str, sigma_mm: float, said: str) -> None:
     assert said in " ".join(corner.quality.doubts())
 
 
+@pytest.mark.slow
 def test_a_smooth_error_is_a_doubt_where_it_is_clearly_more_than_is_told() -> None:
     made = make_scene(np.random.default_rng(2), 12_000, waves_mm=0.02)
     for told_mm, doubted in ((0.0, True), (0.005, True), (0.02, False)):
-        options = CornerOptions(refinement=RefinementOptions(told=ToldNoise(told_mm, 15.0)))
+        options = CornerOptions(refinement=RefinementOptions(declared=DeclaredNoise(told_mm, 15.0)))
         corner = find_corner(made.scan, Jig(), scan_sigma_mm=0.02, options=options).corner
         assert corner is not None
         assert any("error is smooth over" in doubt for doubt in corner.quality.doubts()) == doubted

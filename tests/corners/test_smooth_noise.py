@@ -1,4 +1,4 @@
-"""What the scan shows of a smooth error: the likelihood, the kernels, and a wall behind the jig."""
+"""Correlated errors that a scan shows: the likelihood, the kernels, and a wall behind the jig."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
+from calib.corners.correlated_noise.likelihood import LENGTHS, ROUGH_FROM, SHAPES, evidence_of, gaussian_kernels
+from calib.corners.correlated_noise.patches import PatchPlaces
 from calib.corners.intersection import Corner
-from calib.corners.noise.kernels import LENGTHS, ROUGH_FROM, SHAPES, gaussian_kernels
-from calib.corners.noise.likelihood import evidence_of
-from calib.corners.noise.patches import Places
-from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
 from calib.corners.refinement import RefinementOptions, refine
 from calib.jig import Jig, jig_geometry
 from calib.planes.clustering import PlaneGroup
@@ -28,9 +27,9 @@ def corner(
     length_mm: float = 60.0,
     wall: bool = True,
     bent_mm: float = 0.0,
-    told: ToldNoise = NOTHING_TOLD,
+    declared: DeclaredNoise = NOTHING_DECLARED,
 ) -> Corner:
-    """The corner of a jig of 60 mm, 600 points a face, before a wall of 160 mm across that may be bent by itself."""
+    """Corner of a jig of 60 mm, 600 points a face, before a wall 160 mm wide that may itself be bent."""
     rng = np.random.default_rng(seed)
     edges, normals = jig_geometry(Jig())
     share = rng.uniform(0, 1, (3, 600, 2))
@@ -48,7 +47,7 @@ def corner(
     white = surface * WHITE_MM * rng.standard_normal((len(xyz), 1))
     return refine(
         xyz + rays * along[:, None] + white, groups, (0, 1, 2), Jig(), Jig().outlines()[0], WHITE_MM,
-        RefinementOptions(told=told), WHITE_MM,
+        RefinementOptions(declared=declared), WHITE_MM,
     )  # fmt: skip
 
 
@@ -58,8 +57,8 @@ def squared(found: Corner) -> float:
 
 
 def test_gaussian_kernels_make_an_exponential_one() -> None:
-    """Of points, not patches: exp(-r / l) as near as steps of the square root of 2 in length come."""
-    places = Places(np.column_stack([np.geomspace(2, 100, 12), np.zeros(12)]), np.zeros((12, 2, 2)))
+    """Kernels of points, not patches: exp(-r / l) as closely as steps of sqrt(2) in length allow."""
+    places = PatchPlaces(np.column_stack([np.geomspace(2, 100, 12), np.zeros(12)]), np.zeros((12, 2, 2)))
     r = np.abs(places.centres_mm[:, None, 0] - places.centres_mm[:, 0])
     kernels = gaussian_kernels(places, 60 * LENGTHS)
     np.testing.assert_allclose(kernels[5], np.exp(-(r**2) / 2 / (60 * LENGTHS[5]) ** 2), atol=1e-12)
@@ -69,9 +68,9 @@ def test_gaussian_kernels_make_an_exponential_one() -> None:
 
 
 def test_the_likelihood_is_that_of_the_contrasts() -> None:
-    """Against scipy's normal density of an orthonormal basis of contrasts."""
+    """Compared with scipy's normal density of an orthonormal basis of contrasts."""
     rng = np.random.default_rng(0)
-    places = Places(rng.uniform(0, 50, (18, 2)), np.tile(3 * np.eye(2), (18, 1, 1)))
+    places = PatchPlaces(rng.uniform(0, 50, (18, 2)), np.tile(3 * np.eye(2), (18, 1, 1)))
     design = np.column_stack([np.ones(18), places.centres_mm])
     variance, mean = rng.uniform(0.5, 2, 18), 2 * rng.standard_normal(18)
     sizes = np.array([0.1, 1.0, 3.0])
@@ -90,7 +89,7 @@ def test_the_likelihood_is_that_of_the_contrasts() -> None:
 
 @pytest.mark.slow
 def test_a_wall_shows_waves_as_long_as_the_jig() -> None:
-    """Honest is 3. The faces alone show nothing of such waves, and the covariance is then too small."""
+    """An honest covariance gives 3. The faces alone show nothing of such errors, and their covariance is too small."""
     seeds = range(16)
     beside = np.mean([squared(corner(seed, smooth_mm=0.03)) for seed in seeds])
     alone = np.mean([squared(corner(seed, smooth_mm=0.03, wall=False)) for seed in seeds])
@@ -98,23 +97,25 @@ def test_a_wall_shows_waves_as_long_as_the_jig() -> None:
     assert alone > 2.5 * beside
 
 
+@pytest.mark.slow
 def test_a_flat_wall_leaves_white_noise_white() -> None:
     found = [corner(seed).quality.smooth_factor for seed in range(8)]
     assert np.median(found) < 1.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bent_mm", [0.05, 0.5])
 def test_a_wall_that_is_bowed_by_itself_is_not_taken_for_the_scanner(bent_mm: float) -> None:
     found = [corner(seed, bent_mm=bent_mm).quality.smooth_factor for seed in range(6)]
     assert np.median(found) < 1.3
 
 
-def test_what_is_told_of_the_scanner_is_the_least_that_a_corner_has() -> None:
-    """A shift of 0.03 mm along the sight, over 60 mm: what the apex feels of it, whether the scan shows it or not."""
-    told = ToldNoise(0.03, 60.0)
+def test_what_is_declared_of_the_scanner_is_the_least_that_a_corner_has() -> None:
+    """A declared shift of 0.03 mm along the sight, over 60 mm, counts at the apex whether the scan shows it or not."""
+    declared = DeclaredNoise(0.03, 60.0)
     for smooth_mm in (0.0, 0.1):
         bare = corner(3, smooth_mm=smooth_mm, wall=False)
-        held = corner(3, smooth_mm=smooth_mm, wall=False, told=told)
+        held = corner(3, smooth_mm=smooth_mm, wall=False, declared=declared)
         np.testing.assert_array_equal(held.xyz_mm, bare.xyz_mm)
         assert held.sigma_mm() == pytest.approx(max(bare.sigma_mm(), 0.03), rel=0.25)
         assert np.linalg.eigvalsh(held.covariance_mm2 - bare.covariance_mm2)[0] > -1e-12
@@ -123,7 +124,7 @@ def test_what_is_told_of_the_scanner_is_the_least_that_a_corner_has() -> None:
 
 
 def test_joined_views_shift_the_corner_in_each_axis_by_what_is_told() -> None:
-    bare, held = corner(4, wall=False), corner(4, wall=False, told=ToldNoise(registration_sigma_mm=0.03))
+    bare, held = corner(4, wall=False), corner(4, wall=False, declared=DeclaredNoise(registration_sigma_mm=0.03))
     np.testing.assert_allclose(held.covariance_mm2 - bare.covariance_mm2, 0.03**2 * np.eye(3), atol=1e-9)
 
 
@@ -134,7 +135,7 @@ def test_what_would_show_more_is_said() -> None:
     alone = corner(6, smooth_mm=0.04, length_mm=8.0, wall=False).quality
     assert alone.smooth_shown_mm < 70 < short.smooth_shown_mm
     long = corner(6, smooth_mm=0.04, length_mm=25.0, wall=False).quality
-    assert "the shape of a face or of what stands beside" in long.doubts()[0]
+    assert "the shape of a face" in long.doubts()[0]
 
 
 def test_errors_shared_by_neighbours_ask_how_views_were_joined() -> None:
@@ -142,5 +143,5 @@ def test_errors_shared_by_neighbours_ask_how_views_were_joined() -> None:
         return "registration_sigma_mm" in " ".join(found.quality.doubts())
 
     assert asks(corner(0, smooth_mm=0.02, length_mm=2.0))
-    assert not asks(corner(0, smooth_mm=0.02, length_mm=2.0, told=ToldNoise(0.02, 2.0)))
+    assert not asks(corner(0, smooth_mm=0.02, length_mm=2.0, declared=DeclaredNoise(0.02, 2.0)))
     assert not asks(corner(0))

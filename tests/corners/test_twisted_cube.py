@@ -1,7 +1,4 @@
-"""A cube of three layers whose middle one is turned: not the cube's corner, but its outer layers' are boxes' corners.
-
-A public scan of such a cube (`benchmarks/real_scans.py`) gave no corner of the whole cube, which is right.
-"""
+"""A cube of three layers whose middle one is turned: no corner of the whole cube, but corners of its outer layers."""
 
 from __future__ import annotations
 
@@ -18,7 +15,7 @@ FAR_MM = 380.0
 
 
 def scan(seed: int, twist_deg: float) -> tuple[Scan, np.ndarray]:
-    """Points on what a camera at the origin sees, and the cube's eight corners (8, 3), were it not twisted."""
+    """Points that a camera at the origin sees, and the corners (8, 3) of the cube before it was twisted."""
     import open3d
 
     rng = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""[cell] and the field of [scanner]: read, written again, and refused with file, key and remedy."""
+"""Reading and writing of [cell] and of the field in [scanner], and errors that name file, key and remedy."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.dataset.dataset import Box, Surroundings
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.dataset.surroundings import Box, Surroundings
 from calib.errors import DatasetError
 from tests.support.arms import dataset_of, jang_arm
 

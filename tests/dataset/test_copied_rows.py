@@ -1,4 +1,4 @@
-"""Rows that were copied under other pose ids: no repeats, each counts once, and the verdict stays."""
+"""Rows copied under other pose ids are no repeats: each point counts once, and the verdict stays."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import pytest
 from calib.dataset.dataset import Dataset, Points
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.dataset.repeats import find_repeats, pooled_sigma_mm
-from calib.dataset.stands import on_stands
+from calib.dataset.repeats import average_repeats, find_repeats, pooled_sigma_mm
 from calib.diagnosis.diagnose import diagnose
 from calib.simulation.simulate import simulate_dataset
 
@@ -20,7 +19,7 @@ REPEATED, COPIED = 10, 40
 
 
 def with_rows(dataset: Dataset, poses: np.ndarray, xyz_mm: np.ndarray, prefix: str) -> Dataset:
-    """The dataset with these training poses once more, under other names, and these points for them."""
+    """The dataset with some training poses added again under other names, with the given points."""
     given, points = dataset.poses, dataset.points
     assert points is not None
     rows = np.concatenate([np.arange(len(given)), poses])
@@ -49,7 +48,7 @@ def with_rows(dataset: Dataset, poses: np.ndarray, xyz_mm: np.ndarray, prefix: s
 
 @pytest.fixture(scope="module")
 def datasets() -> tuple[Dataset, Dataset]:
-    """A clean arm, some poses measured twice; the same with other rows copied."""
+    """Datasets of an arm without effects: with some poses measured twice, and with other rows copied as well."""
     rng = np.random.default_rng(1)
     simulated = simulate_dataset(builtin_robot("rb5"), rng=rng, effects=(), poses=60, noise_mm=0.05).dataset
     assert simulated.points is not None
@@ -79,7 +78,7 @@ def test_a_mean_counts_each_measurement_once(datasets: tuple[Dataset, Dataset]) 
     assert honest.points is not None
     again = np.flatnonzero([name.startswith("again ") for name in honest.poses.ids])
     copied = with_rows(honest, again, honest.points.xyz_mm[again], "copy ")
-    one, other = on_stands(honest).points, on_stands(copied).points
+    one, other = average_repeats(honest).points, average_repeats(copied).points
     assert one is not None
     assert other is not None
     np.testing.assert_array_equal(one.xyz_mm, other.xyz_mm)

@@ -1,4 +1,4 @@
-"""Joints that follow from several motors: `coupling` of robot.toml, on the way in and on the way out."""
+"""Coupled joints, `coupling` in robot.toml: joint values from commanded ones, commanded targets from joint values."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_files_hold_what_is_commanded_and_the_model_what_the_joints_do(dataset: 
 
 
 def test_corrected_targets_are_commanded_ones(dataset: Dataset, tmp_path: Path) -> None:
-    """The joints that they bring are those of the same arm without coupling."""
+    """Joint values at corrected targets equal those of the same arm without coupling."""
     found = {}
     for name, robot in (("plain", dataset.robot), ("coupled", coupled(dataset.robot))):
         folder = tmp_path / name

@@ -1,4 +1,4 @@
-"""CSV as people and spreadsheets write it: what is read, and the one line that says what is wrong and where."""
+"""CSV as people and spreadsheets write it: what is read, and one-line errors with the place."""
 
 from __future__ import annotations
 

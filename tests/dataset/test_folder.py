@@ -1,4 +1,4 @@
-"""The dataset folder: round trip, and one clear line for each way it can be wrong."""
+"""The dataset folder: round trip, and a one-line error for each mistake."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.support.arms import dataset_of, jang_arm
 
 
 def full_dataset(seed: int = 0) -> Dataset:
-    """One with every optional part there is."""
+    """A dataset with every optional part."""
     rng = np.random.default_rng(seed)
     robot = jang_arm()
     base = dataset_of(robot, robot, rng, poses=8, test=2)
@@ -222,7 +222,7 @@ def test_what_would_be_no_single_line_or_no_place_is_refused(
 
 @pytest.mark.parametrize(("column", "value"), [("time_s", "1.7e12"), ("temperature_c", "-300"), ("payload_kg", "1e9")])
 def test_a_condition_of_another_unit_is_refused(folder: Path, column: str, value: str) -> None:
-    """Milliseconds since 1970; below absolute zero; and what no arm lifts made the diagnosis fail."""
+    """Milliseconds since 1970, temperatures below absolute zero and impossible payloads raise errors."""
     frame = pd.read_csv(folder / "poses.csv", dtype=str)
     frame[column] = "20"
     frame.loc[3, column] = value
@@ -308,7 +308,7 @@ def test_a_missing_scan_and_one_outside_the_folder(folder: Path) -> None:
 
 
 def test_a_scan_is_told_by_the_line_that_an_editor_shows(folder: Path) -> None:
-    """Empty lines and the table's own name count as they stand in the file."""
+    """The line number in an error counts empty lines, and the error names the table's file."""
     edit("dataset.toml", 'points = "points.csv"', 'scans = "scans"')(folder)
     edit("dataset.toml", 'poses = "poses.csv"', 'poses = "arm.csv"')(folder)
     (folder / "scans").mkdir()
@@ -362,7 +362,7 @@ def test_datasets_are_found_here_or_one_folder_below(tmp_path: Path, folder: Pat
 
 
 def with_orientations(dataset: Dataset, seed: int) -> Dataset:
-    """The dataset's points as full poses with one covariance of all six errors; the third has no orientation."""
+    """The dataset with full poses and joint covariances of all six errors; the third point has no orientation."""
     assert dataset.points is not None
     rng = np.random.default_rng(seed)
     count = len(dataset.points)

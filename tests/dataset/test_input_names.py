@@ -1,4 +1,4 @@
-"""A column of poses.csv is what its whole name says, never what its first letters do; and none makes an error."""
+"""Further columns of poses.csv are inputs by their whole name, whatever it starts with, and no name makes an error."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ODD_COLUMNS = (
 
 
 def with_columns(dataset: Dataset, *names: str) -> Dataset:
-    """Further columns of numbers, each in its own order."""
+    """The dataset with further columns of numbers, each in its own order."""
     rng = np.random.default_rng(5)
     columns = pd.DataFrame({name: rng.normal(size=len(dataset.poses)) for name in names})
     return replace(dataset, poses=replace(dataset.poses, extra=columns))
@@ -78,6 +78,7 @@ def test_every_odd_column_is_kept_and_offered_under_its_name(tmp_path: Path) -> 
         assert any(np.array_equal(table[c], dataset.poses.extra[name]) for c in kept), name
 
 
+@pytest.mark.slow
 def test_odd_columns_make_no_error_in_learning_and_in_the_diagnosis() -> None:
     dataset = with_columns(arm(4), *ODD_COLUMNS)
     learn_joint_curves(calibrate(dataset))

@@ -1,4 +1,4 @@
-"""dataset.toml says where the scanner is: in the room, or on the flange."""
+"""`mount` in dataset.toml: the scanner in the room or on the flange."""
 
 from __future__ import annotations
 

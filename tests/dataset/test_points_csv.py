@@ -1,4 +1,4 @@
-"""points.csv: other units and copied rows are told, and covariances that no instrument has are refused."""
+"""points.csv: warnings on other units and copied rows, errors on covariances that no instrument has."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.support.arms import dataset_of, jang_arm, park_arm, perturbed
 
 
 def measured(arm: str = "jang", seed: int = 0) -> Dataset:
-    """Points of an arm whose links are off by some tenths of a millimetre."""
+    """Dataset of an arm whose links are off by some tenths of a millimetre."""
     rng = np.random.default_rng(seed)
     robot = jang_arm() if arm == "jang" else park_arm(arm)
     return dataset_of(robot, perturbed(robot, rng), rng, poses=12, test=3, noise_mm=0.03)
@@ -59,14 +59,14 @@ def test_another_unit_is_told_and_nothing_is_scaled(tmp_path: Path, arm: str, in
 
 @pytest.mark.parametrize("factor", [0.5, 2.0, 1.0])
 def test_points_in_millimetres_are_not_doubted(tmp_path: Path, factor: float) -> None:
-    """Nor are those of an arm of another size: that is for the fit to tell."""
+    """An arm of another size gives no warning on units either; the fit shows it."""
     dataset = measured()
     assert dataset.points is not None
     assert warnings_of(tmp_path, with_points(dataset, factor * dataset.points.xyz_mm)) == ()
 
 
 def test_two_setups_far_apart_are_millimetres_all_the_same(tmp_path: Path) -> None:
-    """Their distance is the scanner's way, not the arm's."""
+    """The distance between two setups is no part of the points' spread."""
     dataset = measured()
     assert dataset.points is not None
     poses = replace(dataset.poses, setup=np.array(["left", "right"] * (len(dataset.poses) // 2)))
@@ -76,7 +76,7 @@ def test_two_setups_far_apart_are_millimetres_all_the_same(tmp_path: Path) -> No
 
 
 def test_places_that_hardly_differ_tell_no_unit(tmp_path: Path) -> None:
-    """Repeats of one pose spread as the noise does, a hundredth of what the arm's hundredth of a degree makes."""
+    """Repeats of one pose, which spread by noise alone, give no warning on units."""
     dataset = measured()
     q = np.tile(dataset.poses.q[:1], (len(dataset.poses), 1))
     q[1:] += np.radians(0.01) * np.random.default_rng(1).standard_normal(q[1:].shape)
@@ -129,7 +129,7 @@ def test_places_that_many_poses_share_are_sockets_and_no_copies(tmp_path: Path) 
 
 
 def with_sigmas(dataset: Dataset, sigma_mm: Sequence[float], row: int) -> Dataset:
-    """Each point's covariance is that of 0.03 mm, row's has the three sigmas along directions of its own."""
+    """The dataset with covariances of 0.03 mm, except `row`, which has the given sigmas along its own axes."""
     assert dataset.points is not None
     points = dataset.points
     covariance = np.tile(0.03**2 * np.eye(3), (len(points), 1, 1))

@@ -1,4 +1,4 @@
-"""robot.toml: what is written is what is read, and every mistake is one line that names its place."""
+"""robot.toml: round trip, and a one-line error with the place for each mistake."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.dataset.files.robot_toml import builtin_robot, load_robot, robot_to_toml
-from calib.dataset.robot_checks import refuse_beyond
+from calib.dataset.files.robot_toml import builtin_robot, load_robot, refuse_beyond, robot_to_toml
 from calib.errors import DatasetError
 from calib.frames import apply
 from calib.kinematics.chain import forward, target_points
@@ -57,7 +56,7 @@ def written(robot: Robot, path: Path) -> Robot:
 
 
 def test_a_size_that_is_no_number_is_beyond_every_bound(tmp_path: Path) -> None:
-    """As a file of another form can make one, whose own numbers are finite."""
+    """Other robot formats with finite numbers can give sizes that are not finite."""
     robot = jang_arm()
     refuse_beyond(robot, tmp_path)
     odd = robot.with_table(np.where(np.arange(robot.table.size).reshape(robot.table.shape) == 7, np.nan, robot.table))

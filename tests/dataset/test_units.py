@@ -1,4 +1,4 @@
-"""Tables in rad, in m and with quaternions in another order: declared, named so, mixed, and doubted."""
+"""Tables in rad, in m and with quaternions in another order: declared, by column names, mixed, and doubtful."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ UPPER = {"sxx": (0, 0), "sxy": (0, 1), "sxz": (0, 2), "syy": (1, 1), "syz": (1, 
 
 
 def measured(poses: int = 30) -> Dataset:
-    """A six-joint arm with full poses and a covariance of the points."""
+    """Dataset of a six-joint arm with full poses and covariances of the points."""
     rng = np.random.default_rng(5)
     nominal = jang_arm()
     dataset = dataset_of(nominal, perturbed(nominal, rng), rng, poses=poses, test=8)
@@ -47,7 +47,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def declare(folder: Path, **units: str) -> None:
-    """`[units]` at the end of dataset.toml."""
+    """Append a table [units] to dataset.toml."""
     text = "".join(f'{key} = "{value}"\n' for key, value in units.items())
     path = folder / "dataset.toml"
     path.write_text(path.read_text() + f"\n[units]\n{text}")
@@ -166,7 +166,7 @@ def test_metres_that_are_millimetres_are_doubted(folder: Path) -> None:
 
 
 def reorder(folder: Path, header: str, held: str) -> None:
-    """The four columns under other names, from left to right, and with w, x, y, z in another order."""
+    """Reorder the quaternion columns of points.csv: `header` their names from left to right, `held` their content."""
     points = pd.read_csv(folder / "points.csv")
     parts = {part: points.pop(f"q{part}") for part in "wxyz"}
     for name, part in zip(header, held, strict=True):
@@ -217,7 +217,7 @@ def test_an_order_that_fits_the_nominal_arm_far_better_is_told_with_its_number(
 def test_the_other_order_is_told_where_attitudes_hardly_vary_or_points_miss_the_nominal_arm(
     folder: Path,
 ) -> None:
-    """Of a prism that always looks at the tracker the other order fits too, with another place of the scanner."""
+    """For a prism that always faces the tracker both orders fit, with different poses of the scanner."""
     dataset = load_dataset(folder)
     arm = dataset.robot
     rng = np.random.default_rng(2)

@@ -1,4 +1,4 @@
-"""Poses whose point was not seen: counted and named, and left out of everything else."""
+"""Poses without a measured point are counted and named, and left out otherwise."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.errors import DatasetError
 from calib.options import FitOptions
+from calib.present.checks import item_sentence
 from calib.validation.acceptance import check
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
@@ -22,7 +23,7 @@ from tests.support.arms import dataset_of, jang_arm, perturbed
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """40 poses of which 3 have no point: the reference, one to train on, one to test."""
+    """Dataset folder of 40 poses of which 3 have no point: the reference, a training and a test pose."""
     rng = np.random.default_rng(3)
     nominal = jang_arm()
     dataset = dataset_of(nominal, perturbed(nominal, rng), rng, poses=40, test=8)
@@ -42,7 +43,7 @@ def hide(folder: Path, rows: list[int], *, empty: bool = False) -> Dataset:
 
 @pytest.mark.parametrize("empty", [True, False])
 def test_they_are_a_note_with_their_number_and_names(folder: Path, empty: bool) -> None:
-    """A row that is missing and one without coordinates say the same."""
+    """A missing row and a row without coordinates give the same note."""
     dataset = hide(folder, [0, 5, 39], empty=empty)
     assert dataset.warnings == ()
     (note,) = dataset.notes
@@ -69,11 +70,12 @@ def test_check_and_diagnosis_take_them_as_a_note(folder: Path) -> None:
     checked = check(dataset)
     (item,) = [item for item in checked.items if item.name == "dataset"]
     assert (item.passed, item.warning) == (None, False)
-    assert "no point for 2 of 40 poses" in item.description
+    assert "no point for 2 of 40 poses" in item_sentence(item)
     assert checked.passed
     assert diagnose(dataset).explanation.verdict is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["calibrate", "diagnose"])
 def test_the_commands_print_it(folder: Path, command: str, capsys: pytest.CaptureFixture[str]) -> None:
     hide(folder, [5, 39])

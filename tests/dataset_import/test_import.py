@@ -1,4 +1,4 @@
-"""A dataset from a robot and a user's tables: names and units recognised, faults listed, nothing half-written."""
+"""Import of a robot and a user's tables: names and units recognised, faults listed, no partial dataset written."""
 
 from __future__ import annotations
 
@@ -93,9 +93,9 @@ def test_columns_and_units_are_recognised_and_said(truth: Dataset, tmp_path: Pat
     assert made.dataset.points is not None
     assert made.dataset.poses.q == pytest.approx(truth.poses.q, abs=1e-12)
     assert made.dataset.points.xyz_mm == pytest.approx(truth.points.xyz_mm, abs=1e-9)
-    assert any("points are" in line for line in made.said)
+    assert any("points are" in line for line in made.notes)
     if "nothing told" in name:
-        assert any("angles are taken for" in line for line in made.said)
+        assert any("angles are taken for" in line for line in made.notes)
 
 
 def test_a_fit_runs_at_once(truth: Dataset, tmp_path: Path) -> None:
@@ -132,7 +132,7 @@ def test_two_tables_meet_by_the_pose(truth: Dataset, tmp_path: Path) -> None:
     assert made.dataset.points is not None
     assert made.dataset.points.xyz_mm == pytest.approx(truth.points.xyz_mm[order])
     assert made.dataset.poses.ids == tuple(ids)
-    assert f"{points}: other columns are left out: quality" in made.said
+    assert f"{points}: other columns are left out: quality" in made.notes
     assert made.dataset.poses.temperature_c is not None
     assert made.dataset.poses.temperature_c[0] == 21.5
 
@@ -249,7 +249,7 @@ def test_joints_by_the_robots_own_names() -> None:
 
 @pytest.mark.slow
 def test_what_our_own_tables_hold_comes_through_as_it_was(tmp_path: Path) -> None:
-    """Orientations, payload, setups and further conditions, by the names that the format has for them."""
+    """Orientations, payload, setups and further conditions are imported by the format's own column names."""
     given = simulate_dataset(
         ROBOT,
         rng=np.random.default_rng(5),

@@ -1,4 +1,4 @@
-"""The plan of an import: what each column is taken for and why, which convention the points speak for, all faults."""
+"""Import plans: meaning and reason of each column, the convention chosen by the points, all faults."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot, robot_to_toml
 from calib.dataset_import.columns import Meaning, meaning_of
 from calib.dataset_import.import_dataset import write_plan
-from calib.dataset_import.plan import Given, ImportPlan, plan_import
+from calib.dataset_import.plan import ImportPlan, ImportSources, plan_import
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
 from calib.robot_formats.conventions import RobotReading, robot_readings
-from calib.robot_formats.robot_file import Reading, RobotFile
+from calib.robot_formats.robot_file import ReadOptions, RobotFile
 from calib.simulation.simulate import simulate_dataset
+from tests.support.sweeps import sweep
 
 ROBOT = builtin_robot("rb5")
 ASKED = (RobotReading("", RobotFile(ROBOT, None)),)
@@ -47,7 +48,7 @@ def table(path: Path, header: Sequence[str], rows: np.ndarray, decimal: str = ".
 
 def planned(path: Path, q: np.ndarray, points: np.ndarray, mapping: dict[str, Meaning] | None = None) -> ImportPlan:
     log = table(path / "log.csv", [*Q, "x", "y", "z"], np.hstack([q, points]))
-    return plan_import(Given(ASKED, log, mapping=mapping or {}))
+    return plan_import(ImportSources(ASKED, log, mapping=mapping or {}))
 
 
 EYE, TURNED = np.eye(6), np.diag([1.0, 1.0, -1.0, 1.0, 1.0, 1.0])
@@ -68,7 +69,7 @@ READINGS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], dict[str, str]]] =
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", READINGS)
+@pytest.mark.parametrize("name", sweep(READINGS, every_run=["as it is", "a sign and a zero", "backwards"]))
 def test_signs_zeros_and_order_that_the_points_speak_for_are_taken_and_said(
     truth: Dataset, tmp_path: Path, name: str
 ) -> None:
@@ -80,7 +81,7 @@ def test_signs_zeros_and_order_that_the_points_speak_for_are_taken_and_said(
     assert {column: meanings[column] for column in wanted} == wanted
     made = write_plan(plan, tmp_path / "cell").dataset
     assert made.poses.q == pytest.approx(truth.poses.q, abs=1e-7)
-    said = [line for line in plan.said if "the error falls from" in line]
+    said = [line for line in plan.notes if "the error falls from" in line]
     assert len(said) == bool(expected)
     changed = [column for column in plan.columns if column.name in expected]
     assert all("the error falls from" in column.why for column in changed)
@@ -109,7 +110,7 @@ def test_a_mapping_turns_and_moves_a_joint(truth: Dataset, tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_a_last_joint_that_may_turn_the_other_way_is_doubted(truth: Dataset, tmp_path: Path) -> None:
-    """The tool of this arm is near its last axis: the sign shows by tenths of a millimetre, as a wobble does."""
+    """With the tool near the last axis another sign moves points by tenths of a millimetre only, as a wobble does."""
     q = truth.poses.q * [1.0, 1.0, 1.0, 1.0, 1.0, -1.0]
     plan = planned(tmp_path, q, points_of(truth))
     assert plan.faults == ()
@@ -143,20 +144,20 @@ def test_points_of_another_robot_are_doubted_and_nothing_is_guessed(truth: Datas
 
 @pytest.mark.slow
 def test_a_poor_nominal_arm_is_left_to_the_fit(truth: Dataset, tmp_path: Path) -> None:
-    """A tool 150 mm elsewhere and zeros 2 degrees off are what a calibration is for: no convention is blamed."""
+    """A tool off by 150 mm and joint zeros off by 2 deg lead to no doubt on conventions."""
     off = np.radians([2.0, -2.0, 2.0, -2.0, 2.0, -2.0])
     tool = replace(ROBOT.tool, a_mm=ROBOT.tool.a_mm + 150.0)
     log = table(tmp_path / "log.csv", [*Q, "x", "y", "z"], np.hstack([truth.poses.q + off, points_of(truth)]))
-    plan = plan_import(Given((RobotReading("", RobotFile(replace(ROBOT, tool=tool), None)),), log))
+    plan = plan_import(ImportSources((RobotReading("", RobotFile(replace(ROBOT, tool=tool), None)),), log))
     assert plan.faults == ()
     assert plan.doubts == ()
-    assert not [line for line in plan.said if "opposite" in line or "counted from" in line]
+    assert not [line for line in plan.notes if "opposite" in line or "counted from" in line]
 
 
 def test_a_handful_of_poses_settles_nothing(truth: Dataset, tmp_path: Path) -> None:
     plan = planned(tmp_path, (truth.poses.q @ TURNED)[:10], points_of(truth)[:10])
     assert plan.doubts == ()
-    assert not [line for line in plan.said if "opposite" in line]
+    assert not [line for line in plan.notes if "opposite" in line]
 
 
 # ---- the robot's table --------------------------------------------------------------------------------------------
@@ -185,27 +186,27 @@ def measured_with(robot: Robot, q: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("convention", ["standard", "modified"])
 def test_the_points_tell_the_convention_of_a_table(tmp_path: Path, convention: str) -> None:
     (tmp_path / "dh.csv").write_text(MODIFIED)
-    true = robot_readings(str(tmp_path / "dh.csv"), Reading(convention=convention))[0].robot.robot
+    true = robot_readings(str(tmp_path / "dh.csv"), ReadOptions(convention=convention))[0].robot.robot
     q = np.random.default_rng(2).uniform(-2.0, 2.0, (40, 6))
     log = table(tmp_path / "log.csv", [*Q, "x", "y", "z"], np.hstack([q, measured_with(true, q)]))
-    readings = tuple(robot_readings(str(tmp_path / "dh.csv"), Reading()))
-    plan = plan_import(Given(readings, log))
+    readings = tuple(robot_readings(str(tmp_path / "dh.csv"), ReadOptions()))
+    plan = plan_import(ImportSources(readings, log))
     assert plan.faults == ()
     assert plan.robot is not None
     assert plan.robot.robot == true
-    assert any(f"its table is {convention} Denavit-Hartenberg" in line for line in plan.said)
+    assert any(f"its table is {convention} Denavit-Hartenberg" in line for line in plan.notes)
     few = table(tmp_path / "few.csv", [*Q, "x", "y", "z"], np.hstack([q, measured_with(true, q)])[:8])
-    (fault,) = plan_import(Given(readings, few)).faults
+    (fault,) = plan_import(ImportSources(readings, few)).faults
     assert "give --convention" in fault
 
 
 @pytest.mark.slow
 def test_axes_that_show_the_convention_are_told(truth: Dataset, tmp_path: Path) -> None:
     (tmp_path / "dh.csv").write_text(MODIFIED.replace("J1,40,90", "J1,0,0"))
-    (only,) = robot_readings(str(tmp_path / "dh.csv"), Reading())
+    (only,) = robot_readings(str(tmp_path / "dh.csv"), ReadOptions())
     assert only.convention == "modified"
     log = table(tmp_path / "log.csv", [*Q, "x", "y", "z"], np.hstack([truth.poses.q, points_of(truth)]))
-    said = plan_import(Given((only,), log)).said
+    said = plan_import(ImportSources((only,), log)).notes
     assert "dh: its table is modified Denavit-Hartenberg (Craig), by its axes" in said
 
 
@@ -220,9 +221,9 @@ def test_a_robot_toml_whose_rows_are_of_a_modified_table_is_recognised_and_told(
     assert meant is not None
     q = np.random.default_rng(2).uniform(-2.0, 2.0, (40, 6))
     log = table(tmp_path / "log.csv", [*Q, "x", "y", "z"], np.hstack([q, measured_with(meant, q)]))
-    plan = plan_import(Given(tuple(robot_readings(str(tmp_path / "robot.toml"), Reading())), log))
+    plan = plan_import(ImportSources(tuple(robot_readings(str(tmp_path / "robot.toml"), ReadOptions())), log))
     assert plan.faults == ()
-    assert any("is taken for modified Denavit-Hartenberg (Craig)" in line for line in plan.said)
+    assert any("is taken for modified Denavit-Hartenberg (Craig)" in line for line in plan.notes)
     made = write_plan(plan, tmp_path / "cell").dataset
     assert made.robot.n_joints == 6
     assert np.abs(made.robot.table - rows.table).max() > 1.0
@@ -238,7 +239,7 @@ def test_all_faults_of_all_files_stand_in_one_list(truth: Dataset, tmp_path: Pat
     lines[5] = lines[5].replace(".", "x", 1)
     joints.write_text("\n".join(lines))
     points = table(tmp_path / "points.csv", ["x", "y", "w"], points_of(truth)[:30])
-    plan = plan_import(Given((), joints, points, faults=("arm.urdf: several tips; choose one with --tip: a, b",)))
+    plan = plan_import(ImportSources((), joints, points, faults=("arm.urdf: several tips; choose one with --tip",)))
     assert plan.content is None
     said = "\n".join(plan.faults)
     for part in (
@@ -261,7 +262,7 @@ def test_bad_cells_roles_and_half_points_are_listed_each(truth: Dataset, tmp_pat
         row += ["role", "time"] if i == 0 else ["train", str(i)]
     rows[2][0], rows[4][7], rows[6][9], rows[8][10], rows[9][3] = "n/a", "", "maybe", "late", "1e40"
     log.write_text("\n".join(",".join(row) for row in rows))
-    said = "\n".join(plan_import(Given(ASKED, log)).faults)
+    said = "\n".join(plan_import(ImportSources(ASKED, log)).faults)
     for part in (
         "line 3, column A1: found 'n/a'",
         "line 5: y is empty",
@@ -274,7 +275,7 @@ def test_bad_cells_roles_and_half_points_are_listed_each(truth: Dataset, tmp_pat
 
 def test_without_a_robot_the_columns_are_recognised_all_the_same(truth: Dataset, tmp_path: Path) -> None:
     log = table(tmp_path / "log.csv", [*Q, "x", "y", "z"], np.hstack([truth.poses.q, points_of(truth)]))
-    plan = plan_import(Given((), log))
+    plan = plan_import(ImportSources((), log))
     assert [str(column.meaning) for column in plan.columns] == [
         *(f"q{k}" for k in range(1, 7)),
         "x",
@@ -287,7 +288,7 @@ def test_without_a_robot_the_columns_are_recognised_all_the_same(truth: Dataset,
 
 def test_decimal_commas_and_examples_are_shown(truth: Dataset, tmp_path: Path) -> None:
     log = table(tmp_path / "log.csv", [*Q, "x", "y", "z"], np.hstack([truth.poses.q, points_of(truth)]), ",")
-    plan = plan_import(Given(ASKED, log))
+    plan = plan_import(ImportSources(ASKED, log))
     assert plan.faults == ()
     assert plan.columns[0].examples[0] == f"{truth.poses.q[0, 0]:.9f}"
     assert plan.columns[6].why.startswith("by its name; mm: ")

@@ -10,9 +10,10 @@ import pytest
 from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.decision_rules import carries_its_names, refusal, verdict_of
+from calib.diagnosis.decision_rules import refusal
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import SelectedEffect, calibrate_with
+from calib.diagnosis.verdict import ConfoundedSet, Refusal
 from calib.diagnosis.words.text import reason_texts
 from calib.documents.diagnosis_documents import diagnosis_document
 from calib.effects.base import Parameter
@@ -22,6 +23,7 @@ from calib.effects.state import RobotState
 from calib.screening.candidates import screen
 from calib.screening.residual_tests import ResidualTests
 from calib.simulation.simulate import simulate_dataset
+from tests.support.findings import concluded
 
 
 def simulated(effects: list[tuple[str, float]], seed: int = 3) -> Dataset:
@@ -88,19 +90,36 @@ def left(residual_mm: float, noise_from: str = "dataset") -> ResidualTests:
 
 
 @pytest.mark.parametrize(
-    ("verdict", "beside", "claimed"),
+    ("tests", "more", "verdict", "claimed"),
     [
-        ("named", None, True),
-        ("outliers", None, True),
-        ("unexplained", None, False),
-        ("ambiguous", None, True),
-        ("ambiguous", left(0.069), True),
-        ("ambiguous", left(0.071), False),
-        ("ambiguous", left(0.071, "fit"), True),
+        (left(0.05), {}, "named", True),
+        (replace(left(0.05), outlier_poses=("p1",)), {}, "outliers", True),
+        (replace(left(0.05), lack_of_fit_p=1e-9), {}, "unexplained", False),
+        (left(0.05), {"contenders": ("a", "b")}, "ambiguous", True),
+        (left(0.05), {"contenders": ("a", "b"), "tests_with_contender": left(0.069)}, "ambiguous", True),
+        (left(0.05), {"contenders": ("a", "b"), "tests_with_contender": left(0.071)}, "ambiguous", False),
+        (left(0.05), {"contenders": ("a", "b"), "tests_with_contender": left(0.071, "fit")}, "ambiguous", True),
+        (left(0.05), {"unproven": "backlash"}, "unexplained", False),
+        (left(0.05), {"unproven": "backlash", "contenders": ("a", "b")}, "ambiguous", False),
+        (left(0.05), {"left_to_curves": True}, "unexplained", False),
+        (left(0.05), {"implausible": "the points do not belong to these poses"}, "unexplained", False),
     ],
 )
-def test_what_is_claimed(verdict: str, beside: ResidualTests | None, claimed: bool) -> None:
-    assert carries_its_names(verdict, beside) is claimed
+def test_what_is_claimed(tests: ResidualTests, more: dict[str, object], verdict: str, claimed: bool) -> None:
+    conclusion = concluded(("backlash",), tests, **more)
+    assert conclusion.verdict == verdict
+    assert (conclusion.missing, conclusion.suspected) == ((("backlash",), ()) if claimed else ((), ("backlash",)))
+    assert conclusion.standing("backlash") == ("claimed" if claimed else "suspected")
+    assert conclusion.ambiguous_set == conclusion.undecided == more.get("contenders", ())
+
+
+def test_an_effect_that_stands_for_others_is_open_and_others_are_claimed_beside_it() -> None:
+    confounded = ConfoundedSet("joint_compliance", ("link_bending",), ())
+    conclusion = concluded(("joint_compliance", "backlash"), left(0.05), confounded_sets=(confounded,))
+    assert conclusion.missing == ("backlash",)
+    assert conclusion.ambiguous_set == ("joint_compliance", "link_bending")
+    assert conclusion.undecided == ()
+    assert [conclusion.standing(name) for name in ("joint_compliance", "tool_sag")] == ["open", None]
 
 
 @pytest.mark.slow
@@ -132,9 +151,11 @@ def test_a_further_effect_has_to_help_poses_that_its_fit_did_not_see() -> None:
 
 
 def test_where_a_further_effect_is_refused_what_is_left_decides() -> None:
-    clean = left(0.05)
-    assert verdict_of(("backlash",), (), False, clean) == "named"
-    assert verdict_of((), (), True, clean) == "unexplained"
+    clean, refused = left(0.05), Refusal("tool_sag", "nature")
+    assert concluded(("backlash",), clean, refused=refused).verdict == "named"
+    assert concluded((), clean, refused=refused).verdict == "unexplained"
+    assert concluded((), clean, refused=refused).standing("tool_sag") == "refused"
+    assert concluded((), clean, refused=Refusal("tool_sag", "no gain")).verdict == "adequate"
 
 
 def twenty_four_poses(seed: int) -> Dataset:

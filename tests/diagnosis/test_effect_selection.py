@@ -30,6 +30,7 @@ def found(dataset: Dataset) -> Diagnosis:
     return diagnose(dataset)
 
 
+@pytest.mark.slow
 def test_adding_by_name_is_the_step_that_the_diagnosis_took(dataset: Dataset, found: Diagnosis) -> None:
     plain, with_it = add_in_turn(dataset, [HIDDEN])
     assert found.missing == (HIDDEN,)

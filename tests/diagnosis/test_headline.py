@@ -50,6 +50,7 @@ def fits() -> dict[str, Calibration]:
     return {name: calibrate(dataset, effects=effects_named(dataset, of)) for name, of in models.items()}
 
 
+@pytest.mark.slow
 def test_a_stage_for_the_nominal_robot_the_links_and_each_effect(fits: dict[str, Calibration]) -> None:
     found = headline_of([fits["links"], fits["compliance"], fits["both"]])
     assert [s.name for s in found.stages] == [*NAMES, "with tool_sag"]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from calib.dataset.dataset import Dataset
-from calib.diagnosis.decision_rules import noise_is_believed
-from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.diagnose import diagnose, noise_is_believed
+from calib.diagnosis.effect_selection import SelectedEffect
 from calib.diagnosis.result import Diagnosis
 from calib.documents.diagnosis_documents import diagnosis_document
 from tests.support.odd_noise import SIGMA_MM, odd_arm
@@ -57,7 +57,7 @@ def test_an_effect_stays_named_in_such_noise(kind: str) -> None:
 def test_a_true_drift_is_no_wander(effect: str, seed: int) -> None:
     found = diagnose(odd_arm("white", seed, [effect], sigmas=3.0))
     assert found.missing == (effect,)
-    assert found.beaten == ""
+    assert found.unproven == ""
     assert found.noise is None
 
 
@@ -80,15 +80,19 @@ def test_a_cause_larger_than_the_noise_is_not_taken_for_its_shape() -> None:
 
 def test_without_a_declared_sigma_no_shape_explains_what_is_left() -> None:
     found = diagnose(odd_arm("deep", 3))
-    before = replace(found, verdict="unexplained")
+    before = replace(found, implausible="none of the poses fits")
+    assert before.verdict == "unexplained"
     assert noise_is_believed(before, found)
-    undeclared = replace(found, residual_tests=replace(found.residual_tests, lack_of_fit_p=None))
+    undeclared = replace(found, all_tests=replace(found.all_tests, lack_of_fit_p=None))
     assert not noise_is_believed(before, undeclared)
 
 
 def test_a_claim_is_not_lost_to_a_shape() -> None:
     found = diagnose(odd_arm("deep", 3))
-    assert not noise_is_believed(replace(found, verdict="named", missing=("scanner_drift",)), found)
+    drift = SelectedEffect("scanner_drift", (), {})
+    before = replace(found, steps=(replace(found.steps[-1], selected=(drift,)),))
+    assert (before.verdict, before.missing) == ("named", ("scanner_drift",))
+    assert not noise_is_believed(before, found)
 
 
 @pytest.mark.parametrize("sigmas", [2.0, 6.0])
@@ -108,8 +112,8 @@ def test_nothing_is_told_of_white_noise() -> None:
 
 
 def test_repeats_are_believed_whatever_else_is_left() -> None:
-    shots = odd_arm("deep", 0, shots=3)
-    found = diagnose(shots)
+    repeats = odd_arm("deep", 0, repeats=3)
+    found = diagnose(repeats)
     assert found.verdict == "adequate"
     assert found.noise is not None
     assert found.noise.from_repeats

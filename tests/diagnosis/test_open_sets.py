@@ -10,14 +10,17 @@ import pytest
 from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.decision_rules import are_twins, can_stand_for, verdict_of
+from calib.diagnosis.decision_rules import are_equivalent, can_stand_for
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.verdict import ConfoundedSet
 from calib.documents.diagnosis_documents import diagnosis_document
 from calib.effects.catalogue import effects_for
 from calib.screening.candidates import screen
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import ResidualTests
 from calib.simulation.simulate import simulate_dataset
+from tests.support.findings import concluded
+from tests.support.sweeps import sweep
 
 LOAD = {"joint_compliance", "link_bending", "base_compliance", "gravity_backlash"}
 
@@ -71,15 +74,15 @@ def test_an_exact_twin_stays_in_the_set_whatever_its_prior(twins: Dataset) -> No
     assert found.verdict == "ambiguous"
     assert found.missing == found.suspected == ()
     assert set(found.ambiguous_set) == {"transmission_error", "axis_wobble"}
-    assert found.tied == ()
-    (open_set,) = found.open_sets
-    assert open_set.effect == found.steps[1].effect == found.ambiguous_set[0]
+    assert found.undecided == ()
+    (confounded,) = found.confounded_sets
+    assert confounded.effect == found.steps[1].effect == found.ambiguous_set[0]
     assert found.calibration.sigma_mm < 0.06  # it stands in the model
     said = found.summary()
     assert "make the same of these poses" in said
     assert "To tell them apart, measure: for" in said
     document = diagnosis_document(found)
-    assert document["open_sets"][0]["effect"] == open_set.effect
+    assert document["open_sets"][0]["effect"] == confounded.effect
 
 
 @pytest.mark.slow
@@ -93,13 +96,13 @@ def test_who_is_a_twin(twins: Dataset) -> None:
     screening = screen(calibrate(twins), effects_for(twins))
     ranked = {candidate.name: candidate for candidate in screening.candidates}
     one, other = ranked["transmission_error"], ranked["axis_wobble"]
-    freedom = screening.projected.freedom
-    assert are_twins(one, other, freedom)
-    assert are_twins(other, one, freedom)
-    assert can_stand_for(one, [other], freedom)
+    dof = screening.projected.dof
+    assert are_equivalent(one, other, dof)
+    assert are_equivalent(other, one, dof)
+    assert can_stand_for(one, [other], dof)
 
     def twins_if(**changes: object) -> bool:
-        return are_twins(one, replace(other, **changes), freedom)  # type: ignore[arg-type]
+        return are_equivalent(one, replace(other, **changes), dof)  # type: ignore[arg-type]
 
     left = 1.0 - one.explained_share
     assert twins_if(explained_share=1.0 - 1.02 * left)
@@ -108,12 +111,21 @@ def test_who_is_a_twin(twins: Dataset) -> None:
     assert not twins_if(explained=other.explained + 0.2 * np.linalg.norm(other.explained))
     assert not twins_if(members=())
     nearly = replace(one, overlaps=one.overlaps | {"axis_wobble": 0.998})  # as |q| and three harmonics
-    assert not are_twins(nearly, other, freedom)
+    assert not are_equivalent(nearly, other, dof)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", ["rb5", "panda"])
-@pytest.mark.parametrize("cause", ["joint_compliance", "link_bending", "base_compliance"])
+@pytest.mark.parametrize(
+    ("cause", "robot"),
+    sweep(
+        [
+            (cause, robot)
+            for cause in ("joint_compliance", "link_bending", "base_compliance")
+            for robot in ("rb5", "panda")
+        ],
+        every_run=[("joint_compliance", "panda"), ("link_bending", "rb5"), ("base_compliance", "rb5")],
+    ),
+)
 def test_without_masses_what_follows_the_load_stays_open_and_the_error_falls(cause: str, robot: str) -> None:
     found = diagnose(simulated((cause, 6.0), robot=robot))
     assert found.verdict == "ambiguous", found.summary()
@@ -136,6 +148,7 @@ def test_another_effect_is_claimed_beside_an_open_load() -> None:
 def test_what_is_left_beside_an_open_set_is_judged_first() -> None:
     clean = ResidualTests(0.5, 0.05, "dataset", 0.05, (), ())
     large = replace(clean, lack_of_fit_p=1e-9)
-    assert verdict_of(("a",), (), False, clean, stays_open=True) == "ambiguous"
-    assert verdict_of(("a",), (), False, large, stays_open=True) == "unexplained"
-    assert verdict_of(("a",), (), True, clean, stays_open=True) == "unexplained"
+    confounded = (ConfoundedSet("a", ("b",), ()),)
+    assert concluded(("a",), clean, confounded_sets=confounded).verdict == "ambiguous"
+    assert concluded(("a",), large, confounded_sets=confounded).verdict == "unexplained"
+    assert concluded(("a",), clean, confounded_sets=confounded, left_to_curves=True).verdict == "unexplained"

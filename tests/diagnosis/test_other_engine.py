@@ -1,7 +1,7 @@
 """Causes that MuJoCo puts into the measurements: springs in the joints under the links' weight, an uneven gear.
 
-Nothing of the simulation in `calib` makes these data but the chain that the table makes: the engine weighs the arm,
-and its springs come to rest by MuJoCo's own forces.
+Nothing of the simulation in `calib` makes these data but the chain that the table makes: the engine weighs the arm, and
+its springs come to rest by MuJoCo's own forces.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Robot
 from tests.support.mujoco_arm import in_mujoco, mujoco_model
+from tests.support.sweeps import sweep
 
 POSES, TRAIN = 80, 64
 NOISE_MM = 0.05
@@ -85,7 +86,10 @@ def without_masses(robot: Robot) -> Robot:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("arm", "masses"), [("rb5", True), ("panda", True), ("panda", False)])
+@pytest.mark.parametrize(
+    ("arm", "masses"),
+    sweep([("rb5", True), ("panda", True), ("panda", False)], every_run=[("rb5", True), ("panda", False)]),
+)
 def test_springs_in_the_joints_are_named(arm: str, masses: bool) -> None:
     result = diagnose(measured(arm, 1, compliance_rad_per_nm=1e-4, masses=masses))
     if masses:

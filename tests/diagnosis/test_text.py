@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from calib.calibration.held_out import HeldOutTest
+from calib.calibration.result import Calibration
+from calib.diagnosis.advice import Advice, advice_text, move_text
+from calib.diagnosis.moves import AddEffect, DropEffect, LeaveOutPoses
+from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words import conclusions
 from calib.diagnosis.words import sentences as facts
-from calib.diagnosis.words.causes import NOUNS
-from calib.diagnosis.words.conclusion_text import advice_text, verdict_text
+from calib.diagnosis.words.conclusion_text import residual_summary_text, verdict_text
 from calib.diagnosis.words.phrases import fault_text, poses_text
 from calib.diagnosis.words.text import explanation_text, reason_text
-from calib.effects.catalogue import descriptions
-from calib.screening.fault_models import JointFault
-from calib.screening.rivals.pose_recommendation import DiscriminatingPose
+from calib.screening.candidates import Candidate
 from calib.screening.scan_statistic import Channel
+from calib.screening.smooth_motions import JointFault
 
 SWAY = JointFault("smooth", 0, 12.4, 2e-4, "rad", 0.22)
 
@@ -31,7 +35,7 @@ def test_faults_count_joints_from_one_and_tell_what_shows_at_the_tool() -> None:
 
 
 def test_poses_are_told_in_degrees_and_millimetres() -> None:
-    pose = DiscriminatingPose(np.array([np.pi / 2, 120.0]), 0.123)
+    pose = facts.DiscriminatingPose(np.array([np.pi / 2, 120.0]), 0.123)
     assert poses_text([pose, pose], np.array([True, False])) == ("(90, 120): 0.12 mm apart; (90, 120): 0.12 mm apart")
 
 
@@ -109,8 +113,10 @@ def test_each_verdict_has_its_words(verdict: conclusions.VerdictSentence, says: 
 
 
 AT = conclusions.AtPose("p12", 0.684)
-COMPLIANCE = conclusions.Cause("joint_compliance", (2, 5, 3), "0.051°", AT)
-STEP = conclusions.Cause("joint_step", (5,), "joint 5 is off by -0.23° from pose p37 on", None)
+COMPLIANCE = conclusions.Cause("joint_compliance", (2, 5, 3), "0.051°", AT, "the compliance of joint")
+STEP = conclusions.Cause(
+    "joint_step", (5,), "joint 5 is off by -0.23° from pose p37 on", None, "a step in the zero of joint"
+)
 
 
 @pytest.mark.parametrize(
@@ -167,13 +173,9 @@ def test_noise_is_not_said_of_test_poses_that_are_off_by_more() -> None:
     assert "nothing else shows at the training poses; the test poses are off by 40 µm, 6.4 times the noise" in said
     left = conclusions.ResidualSummary(None, (), False, (), held_out)
     assert (
-        advice_text((left,))
+        residual_summary_text(left)
         == "What is left: noise at the training poses; 40 µm at the test poses, 6.4 times the noise."
     )
-
-
-def test_every_family_has_a_name_for_a_sentence() -> None:
-    assert set(NOUNS) == {description.name for description in descriptions()}
 
 
 def test_a_verdict_points_to_where_its_reasons_stand() -> None:
@@ -231,12 +233,22 @@ def test_the_verdict_comes_last_and_paragraphs_are_apart() -> None:
     assert "most in the z of the scanner's frame against x" in along
 
 
-def test_advice_names_the_effect_and_its_lead() -> None:
+def added(name: str, log_evidence: float) -> AddEffect:
+    candidate = SimpleNamespace(name=name, log_evidence=log_evidence)
+    return AddEffect(cast(Candidate, candidate), None, "", (), cast(Calibration, None))
+
+
+def left_out(poses: tuple[str, ...], missing: tuple[str, ...]) -> LeaveOutPoses:
+    return LeaveOutPoses(cast(Diagnosis, SimpleNamespace(missing=missing)), poses)
+
+
+def test_advice_names_the_effect_and_its_evidence() -> None:
     left = conclusions.ResidualSummary(None, (), True, ())
-    assert advice_text((left, conclusions.AddEffect("backlash", 8.0, None))) == (
+    assert advice_text(Advice(added("backlash", 8.0), left)) == (
         "What is left: more than noise, without a pattern. backlash explains it best: its evidence is 8 (3 would "
         "do). Add it; it is the cause if noise alone is left in the end."
     )
-    out = advice_text((conclusions.LeaveOut(("p3", "p7"), ("backlash",)),))
+    assert "leads the next by 5" in move_text(replace(added("backlash", 8.0), log_bayes_factor=5.0))
+    out = move_text(left_out(("p3", "p7"), ("backlash",)))
     assert out.startswith("Without p3 and p7 nothing but noise is left beside backlash. Leave them out")
-    assert "Remove it" in advice_text((conclusions.RemoveEffect("backlash"),))
+    assert "Remove it" in move_text(DropEffect("backlash", (), cast(Calibration, None)))

@@ -43,6 +43,7 @@ def cell(monkeypatch: pytest.MonkeyPatch) -> Cell:
     return cell
 
 
+@pytest.mark.slow
 def test_nobody_who_did_not_ask_sees_anything(cell: Cell, capsys: pytest.CaptureFixture[str]) -> None:
     dataset = calib.load_dataset(SAMPLES / "hidden_effect_a")
     calib.diagnose(dataset, max_steps=0)
@@ -66,6 +67,7 @@ def test_a_cell_shows_each_part_and_keeps_nothing(cell: Cell, capsys: pytest.Cap
     assert capsys.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_a_cell_names_the_stage_of_a_diagnosis(cell: Cell) -> None:
     calib.diagnose(calib.load_dataset(SAMPLES / "hidden_effect_a"), progress=True)
     assert "fitting the geometry ..." in cell.shown[1]
@@ -105,6 +107,7 @@ class Terminal(io.StringIO):
         return True
 
 
+@pytest.mark.slow
 def test_a_terminal_has_one_line_and_keeps_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
@@ -121,6 +124,7 @@ def test_a_terminal_has_one_line_and_keeps_nothing(monkeypatch: pytest.MonkeyPat
     assert "\n" not in bars
 
 
+@pytest.mark.slow
 def test_a_file_gets_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     dataset = calib.load_dataset(SAMPLES / "hidden_effect_a")
     cross_validate(dataset, folds=2, progress=True)

@@ -12,19 +12,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from IPython.core.formatters import PlainTextFormatter
 
 import calib
 from calib.corners.batch import CornerBatch
 from calib.corners.search import failed_search
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.result import Diagnosis
-from calib.display.shown import DOCUMENTS, TEXTS, VIEWS, WITH_FIGURES, Documented, Viewed
+from calib.display.shown import DOCUMENTS, VIEWS, WITH_FIGURES, Documented, Viewed
 from calib.identifiability.structural import redundancy
 from calib.options import FitOptions
 from calib.planning.fitted_start import start_of_dataset
 from calib.planning.plan import Plan, plan_poses
 from calib.present.numbers import parameter_label
+from calib.presented import Presented
 from calib.strict_json import plain, to_json
 from calib.validation.acceptance import check
 from calib.validation.comparison import Comparison, compare
@@ -113,7 +113,7 @@ def one_of(place: str) -> Any:
 
 def test_every_name_that_points_upwards_leads_to_a_class_and_its_maker() -> None:
     assert callable(one_of(WITH_FIGURES))
-    for table, base in ((DOCUMENTS, Documented), (VIEWS, Viewed), (TEXTS, Viewed)):
+    for table, base in ((DOCUMENTS, Documented), (VIEWS, Viewed)):
         for kind, maker in table.items():
             assert issubclass(one_of(kind), base), kind
             assert callable(one_of(maker)), maker
@@ -135,6 +135,7 @@ def numbers_in(value: object) -> list[float]:
     return [value] if isinstance(value, float) else []
 
 
+@pytest.mark.slow
 def test_to_dict_is_what_the_command_prints(
     dataset: Dataset, found: Diagnosis, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -160,11 +161,12 @@ def test_the_dict_and_the_frame_of_corners_agree_and_both_are_pickled(corners: C
     assert list(again) == list(corners)
 
 
+@pytest.mark.slow
 def test_dicts_are_strict_whatever_is_missing(
     dataset: Dataset, plan: Plan, compared: Comparison, corners: CornerBatch
 ) -> None:
     lost = CornerBatch(corners.dataset, {**corners, "P1_01": failed_search("P1_01", "nothing there")})
-    results: list[Documented] = [plan, compared, lost, redundancy(dataset), check(dataset)]
+    results: list[Documented | Presented] = [plan, compared, lost, redundancy(dataset), check(dataset)]
     for result in results:
         document = result.to_dict()
         assert all(map(math.isfinite, numbers_in(document)))
@@ -179,6 +181,7 @@ def hostile(dataset: Dataset) -> Dataset:
     return replace(named, poses=poses, robot=replace(dataset.robot, name=HOSTILE))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("with_figures", [False, True])
 def test_views_escape_every_name(
     dataset: Dataset, corners: CornerBatch, with_figures: bool, monkeypatch: pytest.MonkeyPatch
@@ -190,7 +193,7 @@ def test_views_escape_every_name(
     found = calib.diagnose(names)
     odd = CornerBatch(names, {HOSTILE: failed_search(HOSTILE, HOSTILE), **corners})
     one = found.steps[0].calibration
-    results: list[Viewed] = [
+    results: list[Viewed | Presented] = [
         names, found, found.calibration, odd, plan_poses(start_of_dataset(names, FitOptions()), 2, candidates=60),
         compare(one, one), redundancy(names),
     ]  # fmt: skip
@@ -200,6 +203,7 @@ def test_views_escape_every_name(
     assert drawn == [with_figures and of in (1, 2, 4, 6) for of in range(len(told))]
 
 
+@pytest.mark.slow
 def test_views_tell_the_numbers_of_the_results(dataset: Dataset, found: Diagnosis) -> None:
     of_dataset = safe(dataset._repr_html_()).text
     assert f"{dataset.robot.name}, {dataset.robot.n_joints} joints" in of_dataset
@@ -209,14 +213,14 @@ def test_views_tell_the_numbers_of_the_results(dataset: Dataset, found: Diagnosi
     of_diagnosis = safe(found._repr_html_()).text
     assert found.missing[0] in of_diagnosis
     for name in found.calibration.to_frame()["name"]:
-        assert parameter_label(name.rpartition(".")[2]) in of_diagnosis
+        assert parameter_label(name.partition(".")[2] or name) in of_diagnosis
 
 
 def test_ipython_shows_the_summary_as_plain_text(
     dataset: Dataset, found: Diagnosis, plan: Plan, corners: CornerBatch, compared: Comparison
 ) -> None:
-    plain_text = PlainTextFormatter()
-    results: list[Viewed] = [
+    plain_text = pytest.importorskip("IPython.core.formatters").PlainTextFormatter()
+    results: list[Viewed | Presented] = [
         dataset, found, found.calibration, plan, corners, compared, redundancy(dataset),
     ]  # fmt: skip
     for result in results:

@@ -34,7 +34,7 @@ def effects() -> ModuleType:
 @pytest.fixture(scope="module")
 def pages(effects: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("effects")
-    assert effects.write_pages(folder, DOCS / "effects" / "notes.toml") == catalogue_names()
+    assert effects.write_pages(folder) == catalogue_names()
     return folder
 
 
@@ -57,14 +57,13 @@ def test_every_effect_has_a_page_with_two_pictures_that_are_told_in_words(kind: 
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", catalogue_names())
-def test_what_a_page_has_one_try_finds_the_effect(name: str):
+@pytest.mark.parametrize("kind", CATALOGUE, ids=lambda kind: kind.name)
+def test_what_a_page_has_one_try_finds_the_effect(kind: type[CatalogueEffect]):
     """The commands of *Try it*: what they simulate shares no code with what looks for it."""
-    simulated = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(1), effects=(name,))
+    simulated = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(1), effects=(kind.name,))
     found = diagnose(simulated.dataset)
-    testable = name != "scanner_scale"
-    assert found.missing == ((name,) if testable else ())
-    assert found.verdict == ("named" if testable else "adequate")
+    assert found.missing == ((kind.name,) if kind.testable else ())
+    assert found.verdict == ("named" if kind.testable else "adequate")
 
 
 def test_the_index_shows_all_of_them_once_with_a_picture(pages: Path):
@@ -79,13 +78,6 @@ def test_a_page_that_is_as_it_was_is_not_written_again(effects: ModuleType, tmp_
     before = path.stat().st_mtime_ns
     effects._write(path, "text")
     assert path.stat().st_mtime_ns == before
-
-
-def test_a_note_of_no_effect_is_refused(effects: ModuleType, tmp_path: Path):
-    notes = tmp_path / "notes.toml"
-    notes.write_text('[joint_complience]\ntext = "soft"\n', encoding="utf-8")
-    with pytest.raises(ValueError, match="no effect is named joint_complience"):
-        effects.write_pages(tmp_path, notes)
 
 
 def test_what_geometry_leaves_has_no_part_that_geometry_makes(standard):

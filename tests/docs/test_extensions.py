@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -73,8 +74,13 @@ def test_every_name_of_the_public_face_is_in_the_reference():
     import calib
 
     text = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "api").glob("*.md"))
-    missing = [name for name in calib.__all__ if not any(f".. auto{kind}:: {name}\n" in text for kind in KINDS)]
-    assert missing == []
+    rooms = {module: names.split() for module, names in re.findall(r"^\.\. room:: (\S+)(.*)$", text, re.MULTILINE)}
+
+    def is_there(name: str, module: str) -> bool:
+        in_world = module in rooms and isinstance(getattr(calib, name), type) and name in (rooms[module] or [name])
+        return in_world or any(f".. auto{kind}:: {name}\n" in text for kind in KINDS)
+
+    assert [name for name, module in calib._HOME.items() if not is_there(name, module)] == []
 
 
 KINDS = ("function", "class", "exception")
@@ -150,4 +156,4 @@ def test_a_name_in_a_signature_leads_to_what_it_names():
     assert full_names("ArrayLike | None", select) == "ArrayLike | None"
     assert full_names("Array", select) == "Array"
     assert full_names("Mapping[str, Robot]", select) == "collections.abc.Mapping[str, calib.kinematics.robot.Robot]"
-    assert full_names("Sequence[Wanted]", simulate).endswith("Sequence[calib.simulation.simulate.Wanted]")
+    assert full_names("Sequence[EffectRequest]", simulate).endswith("Sequence[calib.simulation.simulate.EffectRequest]")

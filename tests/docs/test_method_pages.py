@@ -8,30 +8,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.corners.noise import correlated_noise, kernels
-from calib.dataset.stands import SIGMA_DOUBT
-from calib.diagnosis import decision_rules, diagnose, search_space
+from calib.corners.correlated_noise import likelihood, plane_uncertainty
+from calib.dataset.repeats import SIGMA_DOUBT
+from calib.diagnosis import decision_rules, diagnose, search_space, verdict
 from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD
 from calib.fitting import robust, trust_region
 from calib.fleet import shared_causes
 from calib.identifiability import redundancy
 from calib.monitoring import alarm, change_tests
 from calib.planes import clustering, robust_fit
-from calib.planning import prediction
+from calib.planning import discrimination, prediction
 from calib.screening import (
     evidence,
-    fault_models,
     member_columns,
+    noise_search,
     nuisance,
     projected_residual,
     residual_tests,
     scan_statistic,
+    smooth_motions,
     sparse_evidence,
 )
-from calib.screening.candidates import MIN_LEAD, MIN_RIVAL_OVERLAP
+from calib.screening.candidates import MIN_CONFOUNDED_OVERLAP, MIN_LOG_BAYES_FACTOR
 from calib.screening.curves import curve_evidence, joint_curves
-from calib.screening.noise import find_shape, properties, tails
-from calib.screening.rivals import settling
 
 ROOT = Path(__file__).parents[2]
 METHOD = ROOT / "docs" / "method"
@@ -52,7 +51,7 @@ SAID = [
     ("corners", f"$s$ = {robust_fit.MAD_TO_SIGMA:g} times the median"),
     ("corners", f"( h / {robust_fit.TUKEY:g} s )^2"),
     ("corners", f"$h$ of {row(clustering._NARROWING)} sigmas"),
-    ("corners", f"{len(kernels.LENGTHS)} lengths $l$ and {len(correlated_noise._SIZES)} sizes"),
+    ("corners", f"{len(likelihood.LENGTHS)} lengths $l$ and {len(plane_uncertainty._SIZES)} sizes"),
     ("redundancy", rf"$|r| \ge 1 - 10^{{{np.log10(redundancy._SAME):.0f}}}$"),
     ("redundancy", f"$10^{{{np.log10(redundancy._ZERO):.0f}}}$ of the largest"),
     ("redundancy", f"A rest below $10^{{{np.log10(redundancy._DEPENDENT):.0f}}}$"),
@@ -67,24 +66,26 @@ SAID = [
     ("screening", f"has to gain {evidence.GAIN:g} more"),
     ("screening", f"by ${evidence._SIGN_PRIOR:g} \\cdot 2^k"),
     ("screening", f"each member costs {sparse_evidence.RARITY:g} nats more"),
-    ("screening", f"From {MIN_RIVAL_OVERLAP:g} on it is a rival"),
+    ("screening", f"From {MIN_CONFOUNDED_OVERLAP:g} on it is a rival"),
     ("decisions", f"has to be below {decision_rules.MAX_P_VALUE:g}"),
     ("decisions", f"Its log evidence has to be above {decision_rules.MIN_LOG_EVIDENCE:g}."),
-    ("decisions", f"more than {MIN_LEAD:g} above that of every rival (overlap above {MIN_RIVAL_OVERLAP:g}"),
+    ("decisions", f"more than {MIN_LOG_BAYES_FACTOR:g} above that of every rival"),
+    ("decisions", f"every rival (overlap above {MIN_CONFOUNDED_OVERLAP:g}"),
     ("decisions", f"\\bar c > {decision_rules.MAX_WORSENING:g} \\;"),
-    ("decisions", f"shared span above {decision_rules.TWIN_SPAN:g}, difference below {decision_rules.TWIN_LEAD:g}"),
-    ("decisions", f"at most {decision_rules.MAX_SIGMAS_LEFT:g} times the noise"),
+    ("decisions", f"shared span above {decision_rules.EQUIVALENT_OVERLAP:g}, difference below"),
+    ("decisions", f"below {decision_rules.EQUIVALENT_LOG_BAYES_FACTOR:g} nats"),
+    ("decisions", f"at most {verdict.MAX_SIGMAS_LEFT:g} times the noise"),
     ("decisions", {3: "three times at most"}[search_space.MAX_EFFECTS]),
     ("decisions", {0.1: "up to a tenth"}[diagnose.MAX_OUTLIER_SHARE]),
-    *(("decisions", f"| `{verdict}` |") for verdict in decision_rules.VERDICTS),
+    *(("decisions", f"| `{name}` |") for name in verdict.VERDICTS),
     ("residual_tests", f"at {scan_statistic._CENTRES} centres"),
     ("residual_tests", f"$w$ = {row(scan_statistic._WIDTHS)}"),
     ("residual_tests", f"{residual_tests.DRAWS} draws of noise"),
     ("residual_tests", f"Below {residual_tests.STRUCTURE_LEVEL:g} the residual has order"),
     ("residual_tests", f"in {percent(residual_tests.OUTLIER_LEVEL)} of the draws"),
     ("residual_tests", f"From {residual_tests.FAULT_EVIDENCE:g} nats on"),
-    ("residual_tests", f"$l$ = {row(fault_models._OWN_RAD)} rad over its own angle"),
-    ("residual_tests", f"{row(fault_models._ARM_RAD)} rad over the first three"),
+    ("residual_tests", f"$l$ = {row(smooth_motions._OWN_RAD)} rad over its own angle"),
+    ("residual_tests", f"{row(smooth_motions._ARM_RAD)} rad over the first three"),
     ("residual_tests", f"|r|^2 / {SIGMA_DOUBT:g}^2"),
     ("curves", f"harmonics $n$ = {joint_curves._ANGLE_ORDERS[0]} to {joint_curves._ANGLE_ORDERS[-1]}"),
     ("curves", "$n_0$ ({:g} to {:g})".format(*curve_evidence._BANDWIDTHS)),
@@ -93,11 +94,11 @@ SAID = [
     ("curves", f"if it gains {joint_curves._MIN_GAIN:g} nats beyond"),
     ("curves", f"worth less than {joint_curves._MIN_MEMBER_GAIN:g} nats"),
     ("curves", f"move the residual by {joint_curves._MIN_VISIBLE:g} sigma"),
-    ("noise", f"A property gains {find_shape.MIN_GAIN:g} nats, after {properties._PARAMETER_COST:g} nats for each"),
-    ("noise", f"tails have to lead wrong points by {find_shape.TAIL_LEAD:g}"),
-    ("noise", f"$t$ with {tails._TAILS[0]:g} to {tails._TAILS[-1]:g} degrees"),
+    ("noise", f"A property gains {noise_search.MIN_GAIN:g} nats, after {noise_search._PARAMETER_COST:g} nats for each"),
+    ("noise", f"tails have to lead wrong points by {noise_search.MIN_TAIL_GAIN:g}"),
+    ("noise", f"$t$ with {noise_search._TAILS[0]:g} to {noise_search._TAILS[-1]:g} degrees"),
     ("planning", f"the band of {percent(prediction.SHARE)} of arms"),
-    ("planning", f"{settling._DRAWS} draws for each rival"),
+    ("planning", f"{discrimination._DRAWS} draws for each rival"),
     ("watching", f"$g - {change_tests._EACH:g} K + 2 \\log w$"),
     ("watching", f"{alarm.UNUSUAL_WEIGHT:g} for lengths, angles and compliances"),
     ("watching", f"{alarm.DRAWS:,} draws of an unchanged cell"),
@@ -131,7 +132,7 @@ def test_modules_that_a_page_names_are_there(page: Path):
 
 def test_every_page_has_its_parts():
     for page in METHOD.glob("*.md"):
-        if page.stem in ("index", "references"):
+        if page.stem in ("index", "glossary", "references"):
             continue
         text = page.read_text(encoding="utf-8")
         assert "$$" in text, page

@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from IPython.core.interactiveshell import InteractiveShell
-from IPython.utils.capture import capture_output
-from traitlets.config import Config
+
+interactiveshell = pytest.importorskip("IPython.core.interactiveshell")
+capture = pytest.importorskip("IPython.utils.capture")
+traitlets = pytest.importorskip("traitlets.config")
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOK = ROOT / "docs" / "notebooks" / "diagnose.ipynb"
@@ -25,14 +26,14 @@ def cells(kind: str) -> list[dict[str, Any]]:
 
 
 @pytest.fixture
-def shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[InteractiveShell]:
+def shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """A shell in an empty folder that has the sample data."""
     (tmp_path / "sample_data").symlink_to(ROOT / "sample_data")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
     monkeypatch.setenv("PLOTLY_RENDERER", "plotly_mimetype")
     hook, modules = sys.displayhook, dict(sys.modules)
-    shell = InteractiveShell(config=Config({"HistoryManager": {"enabled": False}}))
+    shell = interactiveshell.InteractiveShell(config=traitlets.Config({"HistoryManager": {"enabled": False}}))
     yield shell
     sys.displayhook = hook
     sys.modules["__main__"] = modules["__main__"]
@@ -47,9 +48,9 @@ def test_it_has_ten_cells_and_is_stored_without_outputs() -> None:
 
 
 @pytest.mark.slow
-def test_every_cell_runs_without_a_warning_and_the_error_falls(shell: InteractiveShell, tmp_path: Path) -> None:
+def test_every_cell_runs_without_a_warning_and_the_error_falls(shell: Any, tmp_path: Path) -> None:
     for cell in cells("code"):
-        with warnings.catch_warnings(), capture_output() as said:
+        with warnings.catch_warnings(), capture.capture_output() as said:
             warnings.simplefilter("error")
             done = shell.run_cell("".join(cell["source"]))
         assert done.success, cell["id"]
@@ -82,6 +83,7 @@ def output(kind: str = "display_data", **given: Any) -> SimpleNamespace:
     return SimpleNamespace(output_type=kind, **given)
 
 
+@pytest.mark.slow
 def test_a_page_shows_what_the_cells_show(pages: Any) -> None:
     import plotly.graph_objects as go
 

@@ -27,8 +27,8 @@ def test_poses_of_an_arm_with_an_effect_are_fitted_to_the_noise(effect: str) -> 
     ).dataset
     without = calibrate(dataset, FitOptions("pose"))
     with_it = calibrate(dataset, FitOptions("pose"), effects=family_of(dataset, effect).members)
-    assert without.fit.noise > 3.0
-    assert 0.8 < with_it.fit.noise < 1.2
+    assert without.fit.reduced_chi > 3.0
+    assert 0.8 < with_it.fit.reduced_chi < 1.2
     assert with_it.orientation_errors is not None
     after = with_it.orientation_errors[1].train
     assert after is not None

@@ -1,4 +1,4 @@
-"""An arm is not fitted by shrinking it: balls in sockets, tips on planes and bars hold no size, so the prior has to."""
+"""Fits of points that leave the arm's size open (ball in a socket, tip on a plane, bar): the prior keeps the size."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SOCKETS = ROOT.parent / "shared" / "data" / "mukca_panda_7"
 
 
 def in_one_socket(sigma_mm: float | None, *, poses: int = 24) -> Dataset:
-    """A true arm whose ball was always in one socket, its joints found by Newton's method on elementary transforms."""
+    """Dataset of an arm whose ball stays in one socket, joint values by Newton's method on elementary transforms."""
     rng = np.random.default_rng(3)
     nominal = park_arm("panda")
     true = perturbed(nominal, rng)
@@ -43,6 +43,7 @@ def in_one_socket(sigma_mm: float | None, *, poses: int = 24) -> Dataset:
     return Dataset("socket", nominal, table, points, Scanner(sigma_mm))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma_mm", [0.1, None])
 def test_a_ball_in_a_socket_does_not_shrink_the_arm(sigma_mm: float | None) -> None:
     dataset = in_one_socket(sigma_mm)
@@ -56,16 +57,17 @@ def test_a_ball_in_a_socket_does_not_shrink_the_arm(sigma_mm: float | None) -> N
     assert "times its tolerance" in implausibility_reason(free)
 
 
+@pytest.mark.slow
 def test_exact_data_are_still_met_exactly_and_called_too_good() -> None:
     rng = np.random.default_rng(5)
     robot = jang_arm()
     dataset = dataset_of(robot, perturbed(robot, rng), rng, test=13)
     fitted = calibrate(dataset)
     assert fitted.sigma_mm < 1e-9
-    assert "no measurement is that good" in too_good(fitted)
+    assert "that good" in too_good(fitted)
     checked = check(dataset)
     assert not checked.passed
-    assert any("no measurement is that good" in reason for reason in checked.reasons)
+    assert any("that good" in reason for reason in checked.reasons)
 
 
 def test_noise_as_declared_is_not_too_good() -> None:
@@ -88,7 +90,7 @@ def test_a_measured_arm_in_sockets_keeps_its_links() -> None:
     assert test.rmse_mm == pytest.approx(0.30, abs=0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_soak_of_constraints_accepts_no_arm_that_lost_its_size(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

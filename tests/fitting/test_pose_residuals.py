@@ -1,4 +1,4 @@
-"""Full poses: derivatives against differences, elimination against brute force, recovery within the sigmas."""
+"""Residuals of full poses: derivatives by differences, elimination by brute force, recovery within the sigmas."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ MEMBERS = [member for family in effects_for(DATASET) for member in some_of(famil
 
 @pytest.mark.parametrize("effect", [*MEMBERS, LinkErrors(DATASET.robot)], ids=label)
 def test_the_attitudes_jacobian_is_the_derivative(effect) -> None:
-    """Each effect's part, its scanner's frame placed, at a point away from zero."""
+    """Analytic and numerical derivatives agree for each effect, with scanner frames, away from zero."""
     rng = np.random.default_rng(1)
     observed = with_nominal_scanner_frames(Observations.of(DATASET), DATASET.robot)
     poses, seen = observed.used_poses[0], observed.seen()
@@ -64,7 +64,7 @@ def test_the_attitudes_jacobian_is_the_derivative(effect) -> None:
 
 
 def test_a_drifting_scanner_turns_what_it_sees_as_the_truth_says() -> None:
-    """The effect's turn of the jig and that of the independent simulator."""
+    """The effect turns the jig as the independent simulator does."""
     made = simulate_dataset(
         builtin_robot("rb5"), rng=np.random.default_rng(3), poses=60, effects=["scanner_drift"],
         noise_mm=1e-4, orientation_sigma_rad=1e-7,
@@ -78,13 +78,13 @@ def test_a_drifting_scanner_turns_what_it_sees_as_the_truth_says() -> None:
     names = [full_name(drift.members[0], p) for p in drift.members[0].parameters][3:]
     effect = made.truth.effects[0]
     np.testing.assert_allclose([found[name] for name in names], effect.w_rad_per_s, rtol=0.02, atol=1e-9)
-    assert fit.noise < 1.3  # positions and orientations tell one story
+    assert fit.reduced_chi < 1.3  # positions and orientations tell one story
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("setups", [1, 2])
 def test_the_jacobian_is_the_derivative_of_the_cost(setups: int) -> None:
-    """Frames and seat are eliminated, yet the cost's gradient 2 J^T r has to be exact."""
+    """The cost's gradient 2 J^T r is exact although frames and hand-eye rotation are eliminated."""
     rng = np.random.default_rng(1)
     dataset = with_pose_covariances(full_poses(2, setups=setups), rng)
     residuals = make_residuals("pose", geometric_model(dataset.robot), Observations.of(dataset))
@@ -93,8 +93,8 @@ def test_the_jacobian_is_the_derivative_of_the_cost(setups: int) -> None:
 
 
 @pytest.mark.slow
-def test_no_other_frame_and_seat_fit_better() -> None:
-    """Elimination against a general minimiser over the nine unknowns, with nothing shared."""
+def test_no_other_frame_and_hand_eye_fit_better() -> None:
+    """Elimination agrees with a general minimiser over the nine unknowns, which shares no code."""
     dataset = with_pose_covariances(full_poses(4), np.random.default_rng(4))
     observed = Observations.of(dataset)
     residuals = PoseResiduals(geometric_model(dataset.robot), observed)
@@ -104,7 +104,7 @@ def test_no_other_frame_and_seat_fit_better() -> None:
     assert orientations is not None
     assert orientations.covariance_rad2 is not None
     assert orientations.cross_mm_rad is not None
-    placed = residuals.frames_and_seat(x)
+    placed = residuals.frames_and_hand_eye(x)
     (start,) = placed.scanner_T_base.values()
 
     def everything(u: np.ndarray) -> np.ndarray:
@@ -134,7 +134,7 @@ def test_a_fit_recovers_the_arm_within_its_sigmas_and_the_noise() -> None:
     residuals = make_residuals("pose", model, Observations.of(dataset))
     fit = solve(residuals)
     assert fit.converged
-    assert 0.85 < fit.noise < 1.15  # declared sigmas are right
+    assert 0.85 < fit.reduced_chi < 1.15  # declared sigmas are right
     rows = 6 * int(np.sum(~dataset.poses.is_test))
     assert fit.rows == rows
     assert fit.rank > solve(make_residuals("position", model, Observations.of(dataset))).rank
@@ -197,7 +197,7 @@ def test_calibrate_tells_attitudes_and_full_poses_know_two_parameters_more() -> 
 
 
 def test_the_rank_of_poses_is_that_of_the_residual() -> None:
-    """The columns by kinematics alone against the residual's own Jacobian at the nominal arm."""
+    """Columns by kinematics alone and the residual's Jacobian at the nominal arm have the same rank."""
     for robot in ("rb5", "panda"):
         dataset = full_poses(10, poses=60, robot=robot)
         residuals = make_residuals("pose", geometric_model(dataset.robot), Observations.of(dataset))
@@ -207,12 +207,12 @@ def test_the_rank_of_poses_is_that_of_the_residual() -> None:
 
 
 def test_too_few_poses_are_told_with_the_number_that_would_do() -> None:
-    with pytest.raises(FitError, match="measure at least 6 different poses"):
+    with pytest.raises(FitError, match="at least 6"):
         calibrate(full_poses(11, poses=5), FitOptions("pose"))
 
 
 def test_a_joint_six_that_points_cannot_see_is_seen_by_poses() -> None:
-    """The tool point lies on joint 6's axis: an eccentric encoder there turns the jig and moves nothing."""
+    """With the tool point on joint 6's axis, an eccentric encoder there turns the jig without moving the point."""
     dataset = full_poses(12, poses=60)
     assert dataset.points is not None
     q6 = dataset.poses.q[:, 5]
@@ -221,7 +221,7 @@ def test_a_joint_six_that_points_cannot_see_is_seen_by_poses() -> None:
     arm = builtin_robot("rb5")
     chain = geometric_model(arm).state(np.zeros(35), dataset.poses).chain
     nominal = PoseResiduals(geometric_model(arm), Observations.of(dataset, np.ones(60, dtype=bool)))
-    frame = next(iter(nominal.frames_and_seat(np.zeros(35)).scanner_T_base.values()))
+    frame = next(iter(nominal.frames_and_hand_eye(np.zeros(35)).scanner_T_base.values()))
     axis = np.einsum("ij,nj->ni", frame[:3, :3], chain.base_T_frame[:, 5, :3, 2])
     turned = frames.rotation_from_rotvec(2e-3 * np.sin(q6)[:, None] * axis) @ given.scanner_R_jig
     spoiled = dataset.with_points(replace(dataset.points, orientations=replace(given, scanner_R_jig=turned)))

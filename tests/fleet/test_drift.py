@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from calib.fleet.drift import Change, Drift, consecutive
+from calib.fleet.drift import Drift, consecutive
+from calib.monitoring.change_tests import Change
 from tests.support.fleet import row
 
 
@@ -25,11 +26,11 @@ def test_each_dataset_is_held_against_the_last_fit_before_it() -> None:
 
 
 def test_a_moved_scanner_and_what_is_unclear_are_not_of_the_arm() -> None:
-    zero = Change("joint_zero", 2, "theta2", 0.001, 1e-5, "rad")
-    others = [Change(what, None, "", 3.0, 0.1, "mm") for what in ("scanner", "base", "jig", "noise")]
+    zero = Change("joint_zero", 2, "theta2", 0.001, 1e-5, "rad", 0.0, ())
+    others = [Change(what, None, "", 3.0, 0.1, "mm", 0.0, ()) for what in ("scanner", "base", "jig", "noise")]
 
     def seen(verdict: str) -> Drift:
-        return Drift("a", "b", verdict, (zero, *others), 1.0, 0.1, "")
+        return Drift("a", "b", verdict, (zero, *others), 1.0, 0.1)
 
     assert seen("changed").of_the_arm == (zero,)
     assert seen("unclear").of_the_arm == ()

@@ -74,7 +74,7 @@ def test_every_dataset_has_a_row_and_one_that_cannot_be_read_costs_only_itself(f
     assert "poses.csv" in failure.reason
     assert "\n" not in failure.reason
     assert [step[:2] for step in steps] == [(1, 4), (2, 4), (3, 4), (4, 4)]
-    assert "FAILED broken" in fleet.summary()
+    assert "Without a result:" in fleet.summary()
 
 
 @pytest.mark.parametrize("file", ["dataset.toml", "robot.toml"])
@@ -149,13 +149,15 @@ def test_two_runs_do_not_write_to_one_folder(folder: Path) -> None:
     assert len(run(folder, on_progress=second).rows) == 3
 
 
-def test_the_same_table_whatever_the_order(folder: Path) -> None:
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_the_same_table_whatever_the_order(folder: Path, suffix: str) -> None:
     """Threads that end in any order; each writes what it found of its dataset alone."""
+    if suffix == ".parquet":
+        pytest.importorskip("pyarrow")
     one = run(folder)
     with ThreadPoolExecutor(3) as executor:
         other = run(folder, Workers(executor, 3), fresh=True)
-    for suffix in (".csv", ".parquet"):
-        assert table_bytes(one.rows, suffix) == table_bytes(other.rows, suffix)
+    assert table_bytes(one.rows, suffix) == table_bytes(other.rows, suffix)
     assert one.failures == other.failures
 
 

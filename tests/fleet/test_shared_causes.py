@@ -11,6 +11,7 @@ from scipy import stats
 from calib.distributions import hypergeometric_sf
 from calib.fleet.row import EffectSize, Row
 from calib.fleet.shared_causes import best_range, natural, shared_causes
+from calib.present.fleets import cause_phrase
 from tests.support.fleet import row
 
 
@@ -44,7 +45,7 @@ def test_a_batch_of_bad_gears_is_told_by_its_numbers() -> None:
     assert (group.what, group.value) == ("serial numbers", "A-11 to A-18")
     assert (group.inside, group.outside) == ((8, 8), (0, 32))
     assert group.p_value < 1e-4
-    assert "8 of 8 with serial numbers A-11 to A-18, 0 of 32 others" in cause.words
+    assert "8 of 8 with serial numbers A-11 to A-18, 0 of 32 others" in cause_phrase(cause)
 
 
 def test_a_batch_is_told_by_a_key_of_about_where_its_arms_are_scattered() -> None:

@@ -15,8 +15,9 @@ from calib.effects.catalogue import family_of
 from calib.errors import FitError
 from calib.identifiability.structural import fewest_poses
 from calib.options import RESIDUAL_KINDS, FitOptions
+from calib.present.checks import item_sentence
 from calib.simulation.simulate import simulate_dataset
-from calib.validation.acceptance import check
+from calib.validation.acceptance import TooFewPoses, check
 
 
 def measured(robot: str, poses: int, setups: int = 1) -> Dataset:
@@ -51,10 +52,8 @@ def test_the_check_says_the_same(residual: str) -> None:
     few = check(measured("rb5", needed - 1), options=FitOptions(residual))
     assert not few.passed
     (fit,) = few.items
-    assert (
-        fit.description
-        == f"not tried: {needed - 1} different training poses are measured, a fit takes at least {needed}"
-    )
+    assert isinstance(fit.evidence, TooFewPoses)
+    assert (fit.evidence.poses, fit.evidence.needed) == (needed - 1, needed)
     enough = check(measured("rb5", needed), options=FitOptions(residual))
     assert enough.calibration is not None
     assert enough.calibration.fit.converged
@@ -66,7 +65,7 @@ def test_poses_without_a_point_are_not_counted_by_the_check() -> None:
     assert dataset.points is not None
     part = check(dataset.with_points(dataset.points.select(np.arange(6))))
     assert not part.passed
-    assert re.match(r"not tried: 6 different training poses are measured", part.items[0].description)
+    assert re.match(r"not tried: 6 different training poses are measured", item_sentence(part.items[0]))
 
 
 def test_effects_that_ask_for_more_are_counted() -> None:

@@ -128,8 +128,8 @@ def test_each_placement_of_the_scanner_is_unknown_by_itself() -> None:
         ),
         (
             "pose",
-            "full poses, place and attitude of a jig that sits on the tool anyhow, in the base frame, as if",
-            "the full pose, but for what the jig's seat takes up",
+            "full poses, place and attitude of a jig in an unknown orientation on the tool, in the base frame, as if",
+            "the full pose, apart from the jig's unknown orientation",
             "as `calibrate --residual pose` has it, full poses tell",
         ),
         ("distance", "distances to the reference pose, which need no scanner's place", "the distances", ""),

@@ -1,4 +1,4 @@
-"""The attitudes by which a jig's faces are labelled, where the arm carries the scanner and the jig is in the room."""
+"""Attitudes by which a jig's faces are labelled, where the arm carries the scanner and the jig is fixed in the cell."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from calib import frames
 from calib.corners.intersection import Corner
-from calib.measurement.labelling_rules import predicted_attitudes
+from calib.measurement.face_labels import predicted_attitudes
 from tests.support.arms import flange_dataset_of, random_arm
 
 

@@ -1,4 +1,4 @@
-"""Why many scans have no corner, in one sentence."""
+"""Reasons why many scans have no corner, in one sentence."""
 
 from __future__ import annotations
 

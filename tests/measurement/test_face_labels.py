@@ -17,8 +17,7 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.frames import mean_rotation
 from calib.jig import Jig, jig_normals
 from calib.kinematics.tool_point import tool_point, with_tool_point
-from calib.measurement.face_labels import label_corners
-from calib.measurement.labels import FaceLabels
+from calib.measurement.face_labels import FaceLabels, label_corners
 from calib.measurement.measured_points import with_corners
 from calib.present import to_dict
 from calib.simulation.measured_dataset import Simulation
@@ -29,11 +28,11 @@ from tests.support.jig_corners import UNEVEN, corner_of, error_rad
 def labelled(
     simulation: Simulation,
     rng: np.random.Generator,
-    jig: Jig = Jig(),  # noqa: B008
+    jig: Jig = Jig(),
     *,
     sigma_rad: float = 1e-4,
 ) -> tuple[Dataset, dict[str, Corner], np.ndarray]:
-    """The simulation's corners by pose with their faces in any order, and the jig's true orientations (N, 3, 3)."""
+    """Corners of the simulation by pose with their faces in any order, and the jig's true orientations (N, 3, 3)."""
     dataset = replace(simulation.dataset, jig=jig)
     seat = Rotation.random(random_state=3).as_matrix()  # the jig is screwed on anyhow
     true = simulation.scanner_T_jig[:, :3, :3] @ seat
@@ -65,8 +64,8 @@ def test_the_nominal_robot_names_the_faces_alike_at_every_pose(simulation, jig):
     assert len(to_dict(result)["poses"]) == 30
 
 
-def test_a_jig_that_is_not_as_told_is_measured_over_all_poses(simulation):
-    """0.03 degrees out of square, untold: 500 microradians beside a noise of 60."""
+def test_a_jig_that_is_not_as_declared_is_measured_over_all_poses(simulation):
+    """The jig is 0.03 degrees out of square, undeclared: 500 microradians, with a noise of 60."""
     real = Jig(face_angles_deg=(90.03, 89.98, 90.01))
     dataset, corners, true = labelled(simulation, np.random.default_rng(14), real, sigma_rad=2e-5)
 
@@ -119,7 +118,7 @@ def test_a_pose_that_the_robot_contradicts_is_refused(simulation):
     corners["p05"] = corner_of(turned.T, np.random.default_rng(8), apex=simulation.apex_mm[4])
     result = label_corners(dataset, corners)
     assert set(result.refused) == {"p05"}
-    assert "deg from where the nominal robot has it" in result.refused["p05"]
+    assert "from the nominal robot's prediction" in result.refused["p05"]
 
 
 def test_without_a_placed_scanner_unequal_angles_name_the_faces(simulation):
@@ -132,7 +131,7 @@ def test_without_a_placed_scanner_unequal_angles_name_the_faces(simulation):
 
 
 def two_poses(simulation: Simulation, turn_deg: float, second: np.ndarray):
-    """Two poses of a square jig, the second one turned so, and joint 1 by that angle."""
+    """Two poses of a square jig, the second one rotated as given, and joint 1 by the given angle."""
     dataset = replace(simulation.dataset, jig=Jig())
     q = dataset.poses.q.copy()
     q[1] = q[0]
@@ -166,7 +165,7 @@ def test_continuity_refuses_what_it_cannot_know_and_says_what_would_help(simulat
     dataset, corners = two_poses(simulation, 0.0, np.eye(3))
     moved = np.array(["a", "b", *dataset.poses.setup[2:]])
     elsewhere = label_corners(replace(dataset, poses=replace(dataset.poses, setup=moved)), corners)
-    assert "the scanner stands elsewhere than at p01" in elsewhere.refused["p02"]
+    assert "the scanner's setup is not that of p01" in elsewhere.refused["p02"]
     assert "1 corner of its setup" in elsewhere.refused["p02"]
 
 
@@ -181,7 +180,7 @@ def test_a_tool_point_far_off_names_the_faces_all_the_same(simulation):
 
 
 def test_a_robot_that_does_not_fit_the_corners_is_told(simulation):
-    """One joint's sign is wrong: what it predicts names nothing, and the reason says where to look."""
+    """One joint's sign is wrong: its predictions label nothing, and the reason says where to look."""
     dataset, corners, _ = labelled(simulation, np.random.default_rng(7))
     q = dataset.poses.q.copy()
     q[:, 2] *= -1.0

@@ -71,17 +71,17 @@ def test_without_effects_the_file_is_the_fitted_table_and_no_more(dataset: Datas
 
 @pytest.mark.slow
 def test_the_table_is_fitted_as_was_asked(dataset: Dataset, full: Calibration) -> None:
-    asked = FitOptions(held=("d5", "a2", f"{BENDING}.J2.c_rad_per_nm"), tolerances={"a3": 0.1}, robust=True)
+    asked = FitOptions(fixed=("d5", "a2", f"{BENDING}.J2.c_rad_per_nm"), tolerances={"a3": 0.1}, robust=True)
     fit = calibrate(dataset, asked, effects=effects_named(dataset, [BENDING]))
     table = exported_table(fit, calibrate(dataset))  # a fit with other options does not count
-    expected = calibrate(dataset, replace(asked, held=("d5", "a2"))).robot
+    expected = calibrate(dataset, replace(asked, fixed=("d5", "a2"))).robot
     np.testing.assert_array_equal(table.robot.table, expected.table)
     known = calibrate(dataset)
     assert exported_table(full, known).links is known
 
 
 def test_where_every_link_error_is_held_the_table_stays_nominal(dataset: Dataset) -> None:
-    held = FitOptions(held=dataset.robot.parameter_names)
+    held = FitOptions(fixed=dataset.robot.parameter_names)
     table = exported_table(calibrate(dataset, held, effects=effects_named(dataset, [BENDING])))
     assert table.robot == dataset.robot
     assert table.errors is table.full.before

@@ -35,7 +35,7 @@ from calib.fitting.observations import nominal_state
 from calib.models.effect_fields import MEMBER_KINDS, member_document, member_from
 from calib.models.fitted_model import FittedModel
 from calib.models.model_file import load_model, save_model
-from calib.noise_shape import NoiseShape, Wander
+from calib.noise_shape import CorrelatedDrift, NoiseShape
 from calib.options import FitOptions
 from calib.screening.curves.smooth_joint_error import CurveModes, FormulaModes, FormulaTerm, SmoothJointError
 from calib.simulation.simulate import simulate_dataset
@@ -65,7 +65,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 @pytest.fixture(scope="module")
 def fitted(dataset: Dataset) -> Calibration:
-    asked = FitOptions(held=("d5",), tolerances={"a2": 0.1})
+    asked = FitOptions(fixed=("d5",), tolerances={"a2": 0.1})
     return calib.calibrate(dataset, asked, effects=effects_named(dataset, FAMILIES))
 
 
@@ -76,6 +76,7 @@ def saved(fitted: Calibration, tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_the_same_model_comes_back(fitted: Calibration, dataset: Dataset, saved: Path) -> None:
     loaded = calib.load_model(saved)
     assert replace(loaded.model, prior_sigmas={}) == fitted.model
@@ -99,20 +100,21 @@ def test_the_same_model_comes_back(fitted: Calibration, dataset: Dataset, saved:
     assert json.loads(again.read_text()) == json.loads(saved.read_text())
 
 
+@pytest.mark.slow
 def test_it_predicts_and_corrects_the_same(fitted: Calibration, dataset: Dataset, saved: Path) -> None:
     loaded = load_model(saved)
     model, x, poses = fitted.model, fitted.fit.x, dataset.poses
     predicted = loaded.predict(poses.q, poses)
     np.testing.assert_allclose(predicted, model.predict(x, poses), rtol=0, atol=1e-12)
     some = poses.select(np.arange(4))
-    expected = calib.corrected_joints(dataset.robot, model, some.q, x=x, conditions=some, what="position")
-    np.testing.assert_array_equal(loaded.corrected_joints(some.q, some, "position").q, expected.q)
+    expected = calib.corrected_joints(dataset.robot, model, some.q, x=x, conditions=some, kind="position")
+    np.testing.assert_array_equal(loaded.correct(some.q, some, "position").q, expected.q)
     assert loaded.trained == TrainedRange.of(dataset)
     np.testing.assert_allclose(loaded.evaluate(dataset).error_mm, fitted.after.error_mm, rtol=0, atol=1e-12)
     with pytest.raises(FitError, match="depends on payload_kg, temperature_c"):
         loaded.predict(poses.q)
     with pytest.raises(FitError, match=r"depends on temperature_c through"):
-        loaded.corrected_joints(some.q, replace(some, temperature_c=None))
+        loaded.correct(some.q, replace(some, temperature_c=None))
     with pytest.raises(FitError, match="shape"):
         loaded.predict(poses.q[:, :3], poses)
     with pytest.raises(FitError, match="no target named 'smr2'"):
@@ -196,7 +198,7 @@ def test_a_selected_effect_keeps_its_prior_sigmas(dataset: Dataset, tmp_path: Pa
 
 
 def test_the_shape_of_the_noise_comes_back(dataset: Dataset, tmp_path: Path) -> None:
-    shape = NoiseShape(0.5, 3.0, wander=Wander(0.5, 80.0), tail=4.0)
+    shape = NoiseShape(0.5, 3.0, wander=CorrelatedDrift(0.5, 80.0), tail=4.0)
     save_model(calib.calibrate(dataset, FitOptions(noise=shape)), tmp_path / "m.json")
     assert load_model(tmp_path / "m.json").options.noise == shape
     text = (tmp_path / "m.json").read_text("utf-8").replace('"depth": 3.0', '"depth": 0.0')

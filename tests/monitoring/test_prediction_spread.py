@@ -93,7 +93,7 @@ def watch_itself(numbers: range) -> None:
             continue
         for moved in (False, True):
             found = watch(base, dataset, scanner_moved=moved)
-            if np.isfinite(base.fit.noise):  # else no degree of freedom tells how far the earlier fit is right
+            if np.isfinite(base.fit.reduced_chi):  # else no degree of freedom tells how far the earlier fit is right
                 assert found.verdict == "unchanged", (number, found.headline)
             assert np.isfinite([found.rmse_mm, found.expected_mm, found.errors.limit_mm, found.p_unchanged]).all()
         watched += 1

@@ -167,9 +167,9 @@ def test_residuals_that_happened_to_be_small_make_no_alarms() -> None:
     cell = Cell.drawn(rng)
     base = calibrate(cell.measured(rng, 64, "base"))
     lucky = replace(
-        base, fit=replace(base.fit, noise=0.8, covariance=(0.8 / base.fit.noise) ** 2 * base.fit.covariance)
+        base, fit=replace(base.fit, reduced_chi=0.8, covariance=(0.8 / base.fit.reduced_chi) ** 2 * base.fit.covariance)
     )
     poses = cell.measured(rng)
     assert watch(lucky, poses).expected_mm == pytest.approx(0.05 * np.sqrt(3.0))
-    quiet = replace(base, fit=replace(base.fit, noise=0.3))  # no chance: the scanner is better than declared
+    quiet = replace(base, fit=replace(base.fit, reduced_chi=0.3))  # no chance: the scanner is better than declared
     assert watch(quiet, poses).expected_mm == pytest.approx(0.3 * 0.05 * np.sqrt(3.0))

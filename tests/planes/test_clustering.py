@@ -1,4 +1,4 @@
-"""Processes 1-3 on cases whose answer is known, and groups of made planes."""
+"""Processes 1-3 on cases with known answers, and groups of made planes."""
 
 from __future__ import annotations
 

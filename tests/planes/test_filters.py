@@ -1,4 +1,4 @@
-"""Filters 1-3 on sets whose fate is known, and the drawing of sets."""
+"""Filters 1-3 on sets with known answers, and the drawing of sets."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def test_the_same_generator_draws_the_same_sets() -> None:
 
 
 def test_sets_are_drawn_around_the_points_that_are_asked_for() -> None:
-    """On a line of points, each the neighbour of those beside it, a walk of 8 steps ends 8 places away at most."""
+    """On a line of points with their nearest neighbours, a walk of 8 steps ends at most 8 places away."""
     neighbours = np.clip(np.arange(1000)[:, None] + [0, -1, 1], 0, 999)
     drawn = draw_sample_sets(neighbours, 400, np.random.default_rng(2), around=np.array([500, 900]))
     assert np.all(np.minimum(np.abs(drawn - 500), np.abs(drawn - 900)) <= 8)

@@ -1,4 +1,4 @@
-"""Neighbourhoods looked up once and used with fewer neighbours."""
+"""Neighbourhoods with fewer neighbours, compared with a new look-up of fewer."""
 
 import numpy as np
 

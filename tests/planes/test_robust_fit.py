@@ -1,4 +1,4 @@
-"""The robust plane: held against a general minimiser of Tukey's loss, and against a plane that is known."""
+"""The robust plane, compared with a general minimiser of Tukey's loss and with a known plane."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def points_on_a_plane(seed: int, count: int, stray: float) -> tuple[NDArray, NDA
 
 
 def fitted(points: NDArray, normal: NDArray, offset: float, tilt_deg: float, lift_mm: float) -> PlaneFit:
-    """The fit from a start that is off by so much."""
+    """Robust fit from a start plane with the given errors."""
     across = np.cross(normal, [0.6, 0.64, 0.48])
     start = Rotation.from_rotvec(np.radians(tilt_deg) * across / np.linalg.norm(across)).apply(normal)
     middle = points.mean(axis=0)

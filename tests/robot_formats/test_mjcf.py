@@ -1,48 +1,49 @@
-"""MuJoCo models of strangers: MuJoCo is given what a serial arm is made of, in a process with limits, and no file."""
+"""Untrusted MuJoCo models: MuJoCo gets the parts of a serial arm as text in a bounded process, and no file."""
 
 from __future__ import annotations
 
 import resource
 import struct
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 
 from calib.robot_formats import mjcf
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain
-from calib.robot_formats.robot_file import Reading, read_robot
+from calib.robot_formats.robot_file import ReadOptions, read_robot
 from inspector.cli.parser import main
 from tests.support.robot_texts import MJCF
+
+mujoco = pytest.importorskip("mujoco")
 
 JOINT = '<joint name="j{0}" axis="0 {0} 1"/><inertial pos="0 0 0.1" mass="{0}" diaginertia="1 1 1"/>'
 HAND = '<body name="hand" pos="0 0 1">' + JOINT.format(2) + "</body>"
 
 
 def model(inside: str = HAND, before: str = "", after: str = "", root: str = "mujoco") -> str:
-    """A model of two joints."""
+    """MJCF of an arm with two joints."""
     arm = f'<body name="arm" pos="1 2 3">{JOINT.format(1)}{inside}</body>'
     return f"<{root}>{before}<worldbody>{arm}</worldbody>{after}</{root}>"
 
 
 def chain(path: Path) -> SerialChain:
-    read = read_robot(path, Reading(tip="hand"))
+    read = read_robot(path, ReadOptions(tip="hand"))
     assert read.chain is not None
     return read.chain
 
 
 def cube(size: float) -> bytes:
-    """A tetrahedron as binary STL."""
+    """Binary STL of a tetrahedron."""
     corners = size * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=np.float32)
     faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
     body = b"".join(struct.pack("<3f", 0, 0, 0) + corners[list(f)].tobytes() + b"\0\0" for f in faces)
     return b"\0" * 80 + struct.pack("<I", len(faces)) + body
 
 
+@pytest.mark.slow
 def test_what_says_nothing_of_joints_and_masses_is_left_out(tmp_path: Path) -> None:
     path = tmp_path / "arm.xml"
     path.write_text(model())
@@ -63,6 +64,7 @@ def test_what_says_nothing_of_joints_and_masses_is_left_out(tmp_path: Path) -> N
     assert [joint.mass_kg for joint in whole.joints] == [1.0, 2.0]
 
 
+@pytest.mark.slow
 def test_meshes_weigh_what_mujoco_says(tmp_path: Path) -> None:
     path = tmp_path / "arm.xml"
     (tmp_path / "parts" / "deep").mkdir(parents=True)
@@ -79,6 +81,7 @@ def test_meshes_weigh_what_mujoco_says(tmp_path: Path) -> None:
     assert mine.joints[1].com_mm == pytest.approx(1e3 * theirs.body("hand").ipos, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_includes_stand_where_mujoco_looks_for_them(tmp_path: Path) -> None:
     path = tmp_path / "arm.xml"
     (tmp_path / "sub").mkdir()
@@ -94,7 +97,7 @@ def test_includes_stand_where_mujoco_looks_for_them(tmp_path: Path) -> None:
 
 
 def outside(folder: Path) -> None:
-    """An include that lies below the folder for whoever looks from the included file, and outside for MuJoCo."""
+    """Write a model with an include that is in the folder relative to its file, but outside as MuJoCo resolves it."""
     (folder / "sub").mkdir()
     (folder / "sub" / "arm.xml").write_text(model('<include file="../secret.xml"/>', root="mujocoinclude"))
     (folder.parent / "secret.xml").write_text(f"<mujocoinclude>{HAND}</mujocoinclude>")
@@ -117,7 +120,7 @@ def linked(folder: Path) -> None:
 
 
 def in_an_include(part: str) -> Callable[[Path], None]:
-    """A part of a model that stands in a file which the included one includes."""
+    """Function that writes a model with a part in a file included by an included file."""
 
     def write(folder: Path) -> None:
         (folder / "sub").mkdir()
@@ -190,14 +193,13 @@ def test_no_model_leads_out_of_its_folder_or_takes_the_machine_for_itself(tmp_pa
     write, said = REFUSED[name]
     write(folder)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    started = time.monotonic()
     with pytest.raises(RobotFileError, match=said) as caught:
-        read_robot(folder / "arm.xml", Reading(tip="hand"))
+        read_robot(folder / "arm.xml", ReadOptions(tip="hand"))
     assert "\n" not in str(caught.value)
-    assert time.monotonic() - started < 70
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # kB
 
 
+@pytest.mark.slow
 def test_a_model_that_ends_mujoco_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

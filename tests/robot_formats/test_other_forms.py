@@ -1,13 +1,11 @@
-"""Kinematics YAML, UR calibrations, tables of other schools, MuJoCo models: each against code of its own."""
+"""Kinematics YAML, UR calibrations, robot tables and MuJoCo models, each compared with independent code."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
-import yaml
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
@@ -18,9 +16,10 @@ from calib.kinematics.robot import Base, Robot
 from calib.robot_formats.calibrated_file import calibrated_yaml
 from calib.robot_formats.chain.five_parameters import frames_at_zero
 from calib.robot_formats.chain.serial_chain import RobotFileError
-from calib.robot_formats.robot_file import Reading, read_robot
+from calib.robot_formats.robot_file import ReadOptions, read_robot
 from calib.robot_formats.ur_calibration import MODELS, nominal_rows
 from tests.support.chains import joint, link, urdf_of
+from tests.support.mujoco_arm import mujoco
 from tests.support.robot_texts import DELTAS, FAR_DELTAS, FRANKA, MJCF, UR10_CONF, UR_YAML, conf_of
 
 
@@ -45,7 +44,7 @@ def trans(x: float, y: float, z: float) -> np.ndarray:
 
 
 def standard(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Rows theta, a, d, alpha."""
+    """Tip transform (4, 4) of a standard Denavit-Hartenberg table with rows theta, a, d, alpha."""
     out = np.eye(4)
     for (theta, a, d, alpha), value in zip(rows, q, strict=True):
         out = out @ rot("z", theta + value) @ trans(a, 0, d) @ rot("x", alpha)
@@ -56,7 +55,7 @@ def standard(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def exactly(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """As `standard`, in 64 bits of mantissa: d of hundreds of metres cost three digits."""
+    """Tip transform of a standard table in extended precision, as d of hundreds of metres costs three digits."""
     out = np.eye(4, dtype=np.longdouble)
     for (theta, a, d, alpha), value in zip(rows.astype(np.longdouble), q, strict=True):
         c, s, ca, sa = np.cos(theta + value), np.sin(theta + value), np.cos(alpha), np.sin(alpha)
@@ -70,7 +69,7 @@ def test_a_ur_calibration_is_the_controllers_arm_with_small_numbers(tmp_path: Pa
     deltas = [DELTAS, *FAR_DELTAS][number]
     path = tmp_path / "calibration.conf"
     path.write_text(conf_of(deltas))
-    found = read_robot(path, Reading(model="ur10"))
+    found = read_robot(path, ReadOptions(model="ur10"))
     added = np.column_stack([deltas[f"delta_{key}"] for key in ("theta", "a", "d", "alpha")])
     rows = nominal_rows("ur10") + added * [1, 1e3, 1e3, 1]
     q = joints_at_random(1000, 6)
@@ -91,9 +90,9 @@ def test_a_ur_calibration_needs_its_arms_model(tmp_path: Path) -> None:
     with pytest.raises(RobotFileError, match="give --model, one of ur3, ur5"):
         read_robot(path)
     with pytest.raises(RobotFileError, match="--model kuka is not known"):
-        read_robot(path, Reading(model="kuka"))
+        read_robot(path, ReadOptions(model="kuka"))
     with pytest.raises(RobotFileError, match="read as of a ur5, a joint is 178 mm from its nominal place"):
-        read_robot(path, Reading(model="ur5"))
+        read_robot(path, ReadOptions(model="ur5"))
     assert len(MODELS) == 11
 
 
@@ -111,7 +110,7 @@ def test_a_damaged_calibration_is_told_with_its_line(tmp_path: Path, old: str, n
     path = tmp_path / "calibration.conf"
     path.write_text(UR10_CONF.replace(old, new, 1))
     with pytest.raises(RobotFileError, match=said):
-        read_robot(path, Reading(model="ur10"))
+        read_robot(path, ReadOptions(model="ur10"))
 
 
 # ---- kinematics YAML ------------------------------------------------------------------------------------------------
@@ -121,7 +120,7 @@ def test_a_kinematics_file_is_read_about_fixed_axes_and_the_exporters_error_is_t
     path = tmp_path / "ur10.yaml"
     path.write_text(UR_YAML)
     found = read_robot(path)
-    blocks = {k: v for k, v in yaml.safe_load(UR_YAML)["kinematics"].items() if k != "hash"}
+    blocks = {k: v for k, v in pytest.importorskip("yaml").safe_load(UR_YAML)["kinematics"].items() if k != "hash"}
     q = joints_at_random(50, 6)
     for values, mine in zip(q, tips(found.robot, q), strict=True):
         theirs = np.eye(4)
@@ -185,7 +184,7 @@ def test_a_damaged_kinematics_file_is_told_with_its_line(tmp_path: Path, old: st
 
 
 def modified(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Rows a, d, alpha, theta."""
+    """Tip transform (4, 4) of a modified Denavit-Hartenberg table with rows a, d, alpha, theta."""
     out = np.eye(4)
     for (a, d, alpha, theta), value in zip(rows, q, strict=True):
         out = out @ rot("x", alpha) @ trans(a, 0, 0) @ rot("z", theta + value) @ trans(0, 0, d)
@@ -195,7 +194,7 @@ def modified(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
 def test_a_modified_table_as_franka_publishes_it(tmp_path: Path) -> None:
     path = tmp_path / "franka.csv"
     path.write_text(FRANKA)
-    robot = read_robot(path, Reading(convention="modified")).robot
+    robot = read_robot(path, ReadOptions(convention="modified")).robot
     cells = np.array([line.split(",")[1:5] for line in FRANKA.splitlines()[1:]], dtype=float)
     rows = cells * [1e3, 1e3, np.pi / 180, np.pi / 180]
     q = joints_at_random(100, 7)
@@ -209,14 +208,14 @@ def test_a_table_in_the_wrong_convention_is_noticed(tmp_path: Path) -> None:
     path = tmp_path / "franka.csv"
     path.write_text(FRANKA)
     with pytest.raises(RobotFileError, match="joints 1 and 2 turn about one axis, and as modified none do"):
-        read_robot(path, Reading(convention="standard"))
+        read_robot(path, ReadOptions(convention="standard"))
     with pytest.raises(RobotFileError, match=r"give --convention .* by its axes it looks modified"):
         read_robot(path)
     rows = nominal_rows("ur10")
     lines = ["theta_rad,a_mm,d_mm,alpha_rad", *(",".join(map(repr, map(float, row))) for row in rows)]
     path.write_text("\n".join(lines))
     q = joints_at_random(20, 6)
-    robot = read_robot(path, Reading(convention="standard")).robot
+    robot = read_robot(path, ReadOptions(convention="standard")).robot
     assert np.abs(tips(robot, q) - [standard(rows, values) for values in q]).max() < 1e-9
 
 
@@ -237,7 +236,7 @@ def test_angles_as_a_maker_prints_them_in_parts_of_pi(tmp_path: Path) -> None:
     lengths = [(0, 162.5), (-425, 0), (-392.2, 0), (0, 133.3), (0, 99.7), (0, 99.6)]
     rows = np.array([(0.0, a, d, alpha) for (a, d), alpha in zip(lengths, [half, 0, 0, half, -half, 0], strict=True)])
     q = joints_at_random(20, 6)
-    robot = read_robot(path, Reading(convention="standard")).robot
+    robot = read_robot(path, ReadOptions(convention="standard")).robot
     assert np.abs(tips(robot, q) - [standard(rows, values) for values in q]).max() < 1e-9
 
 
@@ -246,14 +245,14 @@ def test_what_is_no_part_of_pi_is_no_number(tmp_path: Path, cell: str) -> None:
     path = tmp_path / "ur5e.csv"
     path.write_text(UR5E.replace("pi / 2", cell), encoding="utf-8")
     with pytest.raises(Exception, match="line 5, column alpha"):
-        read_robot(path, Reading(convention="standard"))
+        read_robot(path, ReadOptions(convention="standard"))
 
 
 def test_parts_of_pi_are_no_degrees(tmp_path: Path) -> None:
     path = tmp_path / "ur5e.csv"
     path.write_text(UR5E.replace("[rad]", "[deg]"), encoding="utf-8")
     with pytest.raises(Exception, match="a number is needed"):
-        read_robot(path, Reading(convention="standard"))
+        read_robot(path, ReadOptions(convention="standard"))
 
 
 @pytest.mark.parametrize("by_points", [True, False])
@@ -332,16 +331,17 @@ def test_a_damaged_table_is_told_with_its_line(tmp_path: Path, text: str, said: 
     path = tmp_path / "table.csv"
     path.write_text(text)
     with pytest.raises(Exception, match=said):
-        read_robot(path, Reading(convention="modified" if "theta" in text else None))
+        read_robot(path, ReadOptions(convention="modified" if "theta" in text else None))
 
 
 # ---- MuJoCo ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_mujoco_model_is_what_mujoco_makes_of_it(tmp_path: Path) -> None:
     path = tmp_path / "arm.xml"
     path.write_text(MJCF)
-    robot = read_robot(path, Reading(tip="tcp")).robot
+    robot = read_robot(path, ReadOptions(tip="tcp")).robot
     assert [(j.name, j.type) for j in robot.joints] == [
         ("j1", "revolute"),
         ("j2", "revolute"),
@@ -350,22 +350,23 @@ def test_a_mujoco_model_is_what_mujoco_makes_of_it(tmp_path: Path) -> None:
     ]
     assert robot.joints[0].max == pytest.approx(np.pi / 2)
     assert robot.joints[2].max == pytest.approx(400.0)
-    model = mujoco.MjModel.from_xml_path(str(path))
-    data = mujoco.MjData(model)
+    model = mujoco().MjModel.from_xml_path(str(path))
+    data = mujoco().MjData(model)
     q = np.random.default_rng(0).uniform(-1, 1, (50, 4))
     chain = forward(robot.table, q * [1, 1, 1e3, 1], robot.is_revolute, robot.base_T_first)
     torques = GravityLoads(robot, chain, None).joint_torques
     for values, mine, torque in zip(q, chain.base_T_frame[:, -1], torques, strict=True):
         data.qpos[:] = values
-        mujoco.mj_forward(model, data)
+        mujoco().mj_forward(model, data)
         assert mine[:3, 3] == pytest.approx(1e3 * data.site("tcp").xpos, abs=1e-9)
         assert mine[:3, :3] == pytest.approx(data.site("tcp").xmat.reshape(3, 3), abs=1e-12)
         assert torque == pytest.approx(-data.qfrc_bias, abs=1e-9)
     assert read_robot(path).chain is not None
-    part = read_robot(path, Reading(base="one")).robot
+    part = read_robot(path, ReadOptions(base="one")).robot
     assert [j.name for j in part.joints] == ["j3", "j4"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

@@ -1,4 +1,4 @@
-"""Files that are small and claim, or unpack to, more points than a machine holds: told before an array is made."""
+"""Small files that claim, or unpack to, more points than memory holds: refused before an array is made."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ROWS = 100_000_000
 
 
 def npz_of_zeros(path: Path, rows: int, held: int) -> None:
-    """An archive whose array has `rows` by its header, and is of `held` bytes of zeros as the archive says."""
+    """Archive whose array has `rows` by its header and `held` bytes of zeros by the archive's directory."""
     header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({rows}, 3), }}"
     header = header.ljust(117) + "\n"
     with (
@@ -32,7 +32,7 @@ def npz_of_zeros(path: Path, rows: int, held: int) -> None:
 
 
 def claim_size(path: Path, size: int) -> None:
-    """Let the archive say of its one member that it has so many bytes."""
+    """Overwrite the size that the archive's directory gives for its one member."""
     content = bytearray(path.read_bytes())
     at = content.rfind(b"PK\x01\x02")
     content[at + 24 : at + 28] = struct.pack("<I", size)

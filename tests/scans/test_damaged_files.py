@@ -1,7 +1,4 @@
-"""Damaged files of every format: points or one clear error, and from points a corner or a reason. Nothing else.
-
-benchmarks/fuzz.py does the same with thousands of files, each in a process that may be killed.
-"""
+"""Damaged files of every format: points or one clear error, and from points a corner or a reason; no other outcome."""
 
 from __future__ import annotations
 

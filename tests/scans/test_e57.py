@@ -1,4 +1,4 @@
-"""E57 files as pye57 and libE57 write them; which scan of several; damaged files; without the library."""
+"""E57 files as pye57 and libE57 write them; choice among several scans; damaged files; the library missing."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from pye57 import E57, libe57
 
 from calib.dataset.files.fingerprint import fingerprint
 from calib.dataset.files.folder import dataset_files, load_dataset, write_dataset
@@ -19,6 +18,9 @@ from calib.jig import Jig
 from calib.scans.scan import load_scan
 from tests.support.arms import dataset_of, jang_arm
 from tests.support.scan_mutations import MUTATIONS
+
+pye57 = pytest.importorskip("pye57")
+E57, libe57 = pye57.E57, pye57.libe57
 
 RNG = np.random.default_rng(8)
 POINTS = RNG.uniform(-0.3, 0.9, (400, 3)).astype(np.float32).astype(np.float64)  # metres, in the scanner's frame

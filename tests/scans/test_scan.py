@@ -1,4 +1,4 @@
-"""Scan files: what is written is read back; damaged files are named with what was found in them."""
+"""Scan files: a written scan is read back; damaged files raise errors that name what was found in them."""
 
 from __future__ import annotations
 

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from plyfile import PlyData, PlyElement
 
 from calib.errors import ScanError
 from calib.scans.scan import Scan, load_scan
 from tests.support.scan_mutations import MUTATIONS
+
+
+def plyfile() -> Any:
+    """Module `plyfile`, an independent reader and writer; a test that asks for it is skipped where it is missing."""
+    return pytest.importorskip("plyfile")
+
 
 RNG = np.random.default_rng(5)
 POINTS = RNG.uniform(-300, 900, (240, 3)).astype(np.float32).astype(np.float64)
@@ -25,7 +31,7 @@ def load(folder: Path, name: str, content: str | bytes) -> Scan:
 
 
 def table(order: str, *more: tuple[str, str], coordinate: str = "f4") -> np.ndarray:
-    """POINTS as the rows of a binary file, with further columns behind."""
+    """POINTS as the rows of a binary file, with further columns after them."""
     rows = np.zeros(len(POINTS), [(axis, order + coordinate) for axis in "xyz"] + [(n, order + t) for n, t in more])
     for axis, column in zip("xyz", POINTS.T, strict=True):
         rows[axis] = column
@@ -99,7 +105,7 @@ def test_ply_comment_above_the_format_and_mixed_line_ends(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("how", [{"text": True}, {"byte_order": "<"}])
 def test_ply_vertices_with_lists_as_photogrammetry_writes_them(tmp_path: Path, how: dict[str, str]) -> None:
-    """plyfile writes it: the views that see each point, none to four of them."""
+    """Written by plyfile: none to four views that see each point."""
     number = "f4"
     lists = [("view_indices", "O"), ("view_weights", "O")]
     columns = [(name, number) for name in ("x", "y", "z", "nx", "ny", "nz")]
@@ -110,7 +116,7 @@ def test_ply_vertices_with_lists_as_photogrammetry_writes_them(tmp_path: Path, h
     for i in range(240):
         rows["view_indices"][i], rows["view_weights"][i] = np.arange(i % 5, dtype="u4"), np.ones(i % 5, "f4")
     kinds = {"val_types": {"view_indices": "u4", "view_weights": "f4"}, "len_types": {"view_indices": "u4"}}
-    PlyData([PlyElement.describe(rows, "vertex", **kinds)], **how).write(tmp_path / "a.ply")  # type: ignore[arg-type]
+    plyfile().PlyData([plyfile().PlyElement.describe(rows, "vertex", **kinds)], **how).write(tmp_path / "a.ply")  # type: ignore[arg-type]
     scan = load_scan(tmp_path / "a.ply")
     np.testing.assert_array_equal(scan.points_mm, POINTS)
     np.testing.assert_array_equal(scan.normals, np.tile([0.0, 0.0, -1.0], (240, 1)))
@@ -129,7 +135,7 @@ def test_ply_vertices_with_lists_as_photogrammetry_writes_them(tmp_path: Path, h
 
 
 def test_ply_vertices_with_lists_of_the_other_byte_order(tmp_path: Path) -> None:
-    """By hand: plyfile writes the numbers beside lists as they lie in memory."""
+    """Written by hand: plyfile writes numbers next to lists in the machine's byte order."""
     head = f"ply\nformat binary_big_endian 1.0\nelement vertex 240\n{XYZ}property list ushort double v\nend_header\n"
     body = b"".join(struct.pack(f">fffH{i % 4}d", *point, i % 4, *range(i % 4)) for i, point in enumerate(POINTS))
     np.testing.assert_array_equal(load(tmp_path, "a.ply", head.encode() + body).points_mm, POINTS)

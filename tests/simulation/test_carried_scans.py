@@ -53,6 +53,7 @@ def test_poses_look_at_the_jig_in_the_room(arm: str, seed: int) -> None:
         assert np.any(label == 0)  # its post and plate
 
 
+@pytest.mark.slow
 def test_a_jig_that_no_pose_looks_at_is_refused() -> None:
     """A wrist whose joints hardly turn looks away from every table."""
     robot = builtin_robot("rb5")

@@ -55,7 +55,7 @@ def test_corrected_targets_bring_the_real_arm_where_the_nominal_one_would_be() -
     robot = MADE.dataset.robot
     model = FITTED.model
     q = MADE.dataset.poses.q[:12]
-    correction = corrected_joints(robot, model, q, x=FITTED.fit.x, what="pose")
+    correction = corrected_joints(robot, model, q, x=FITTED.fit.x, kind="pose")
     assert correction.reached.all()
     assert FittedModel.of(FITTED).predict(q).shape == (12, 3)
     nominal = base_T_target(replace(MADE.truth, robot=replace(robot, carries_scanner=False), effects=()), q)
@@ -78,9 +78,9 @@ def test_a_saved_model_keeps_the_mount(tmp_path: Path) -> None:
     save_model(FITTED, tmp_path / "model.json")
     again = load_model(tmp_path / "model.json")
     assert again.evaluate(MADE.dataset).test.rmse_mm == pytest.approx(FITTED.after.test.rmse_mm, rel=1e-6)
-    in_room = replace(MADE.dataset, robot=replace(RB5, carries_scanner=False))
+    in_world = replace(MADE.dataset, robot=replace(RB5, carries_scanner=False))
     with pytest.raises(CalibError, match=r"\[scanner\] mount in its dataset.toml is not that of the model's dataset"):
-        again.evaluate(in_room)
+        again.evaluate(in_world)
 
 
 def _later(truth: Truth, seed: int) -> Dataset:
@@ -98,7 +98,7 @@ def test_a_jig_that_moved_is_told_from_the_arm_and_the_scanner() -> None:
     seen = watch(first, later)
     assert [change.what for change in seen.changes] == ["jig"]
     assert seen.changes[0].size == pytest.approx(np.hypot(0.3, 0.2), rel=0.05)
-    assert "the jig (or the base) moved by" in seen.headline
+    assert "jig (or the base) moved" in seen.headline
     with pytest.raises(CalibError, match="its scanner is in the room, that of later on the flange"):
         watch(first, replace(later, robot=replace(RB5, carries_scanner=False)))
 

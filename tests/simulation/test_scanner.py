@@ -103,6 +103,7 @@ def test_without_noise_the_points_are_on_the_faces() -> None:
         assert np.abs(error_mm).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_points_stay_within_their_face() -> None:
     simulated = scan(scan_sigma_mm=0.0)
     edges, _ = jig_geometry(Jig())

@@ -68,6 +68,7 @@ def test_its_rods_bend_as_cantilevers_do() -> None:
     np.testing.assert_allclose(in_base, loads.bending(1)[1], rtol=0.02, atol=0.02 * np.abs(in_base).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", cases.CAUSES)
 def test_a_cause_is_as_visible_as_was_asked(name: str) -> None:
     simulated = simulate(Case("size", (name,), 0, sigmas=(4.0,)))

@@ -17,17 +17,16 @@ from calib.jig import jig_geometry
 from calib.kinematics.chain import forward
 from calib.kinematics.joint_range import random_poses
 from calib.scans.scan import load_scan
-from calib.simulation.conditions import PAYLOADS_KG
 from calib.simulation.measured_dataset import write_simulation
 from calib.simulation.pose_design import (
     draw_scanner_pose,
     reach_apexes,
     spread_poses,
 )
-from calib.simulation.simulate import simulate_dataset
+from calib.simulation.simulate import PAYLOADS_KG, simulate_dataset
 from calib.simulation.truth.arm_sampling import (
-    NEED_CONDITIONS,
     OUTSIDE_EFFECTS,
+    SIMULATED,
     SIMULATED_EFFECTS,
     Tolerances,
     draw_truth,
@@ -176,8 +175,9 @@ def test_every_effect_is_simulated_by_its_name_alone(effect: str) -> None:
     plain = scanner_T_target(truth.with_effects(), poses.q, Conditions.of(poses))[:, :3, 3]
     moved_mm = np.sqrt(np.mean(np.sum((simulation.apex_mm - plain) ** 2, axis=1)))
     assert 0.2 <= moved_mm <= 0.5
-    assert (poses.time_s is not None) == (effect in NEED_CONDITIONS)
-    assert (poses.temperature_c is not None) == (effect in NEED_CONDITIONS and effect != "warm_up")
+    kind = SIMULATED[effect]
+    assert (poses.time_s is not None) == kind.needs_conditions
+    assert (poses.temperature_c is not None) == (kind.needs_conditions and "temperature_c" not in kind.unrecorded)
     document = simulation.document()
     assert list(document["effects"]) == [effect]
     assert json.loads(json.dumps(document)) == document
@@ -315,7 +315,7 @@ def test_joint_limits_beyond_half_a_turn_leave_no_room_for_poses() -> None:
     robot = builtin_robot("panda")
     joints = list(robot.joints)
     joints[3] = replace(joints[3], min=3.5, max=6.0)  # rad
-    with pytest.raises(CalibError, match="joint J4 has no room"):
+    with pytest.raises(CalibError, match="joint J4 has no range"):
         random_poses(replace(robot, joints=tuple(joints)), 3, rng=np.random.default_rng(0))
 
 

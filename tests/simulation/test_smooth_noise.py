@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.simulation.scanner import STRUCTURED_LIGHT
-from calib.simulation.smooth_noise import smooth_noise
+from calib.simulation.scanner import STRUCTURED_LIGHT, smooth_noise
 
 # How views of one sheet differ that a structured-light scanner took (RegHEC, data/Plane, aligned in the sheet's frame):
 # correlation of the median pair over that at 2.2 mm, by distance in mm. All views share the sheet's own shape.
@@ -21,6 +20,7 @@ def raster(step_mm: float, side_mm: float = 150.0) -> NDArray:
     return np.stack(np.meshgrid(steps, steps), axis=-1)
 
 
+@pytest.mark.slow
 def test_its_correlation_is_that_of_a_measured_sheet() -> None:
     """The estimate over 120 fields is good to 0.01 to 0.04."""
     rng = np.random.default_rng(0)
@@ -39,6 +39,7 @@ def test_its_correlation_is_that_of_a_measured_sheet() -> None:
         assert found[way_mm] / found[NEXT_MM] == pytest.approx(measured, abs=0.12)
 
 
+@pytest.mark.slow
 def test_it_has_variance_one_and_does_not_repeat_across_the_view() -> None:
     rng = np.random.default_rng(1)
     corners = np.array([[0.0, 0.0], [150.0, 0.0], [0.0, 150.0], [75.0, 75.0]])

@@ -1,4 +1,4 @@
-"""What tests and benchmarks share: arms, scenes, simulators, small datasets, a browser and a page's client."""
+"""Arms, scenes, simulators, small datasets, a browser and a page's client, shared by tests and benchmarks."""
 
 from pathlib import Path
 

@@ -42,7 +42,7 @@ def idle_app(
 
 
 def without_reflections(app: App) -> None:
-    """Lamps alone light the scene: without a GPU a browser takes seconds to blur the picture of a hall around it."""
+    """Turn reflections off: without a GPU a browser takes seconds to blur the picture of a hall around the scene."""
     app.server.scene.configure_environment_map(None)
 
 
@@ -58,7 +58,7 @@ def shows(page: WireClient, *parts: str) -> None:
 
 
 def command(*arguments: object) -> dict[str, Any]:
-    """What `inspector` prints as JSON with these arguments."""
+    """JSON document that `inspector` prints with these arguments."""
     out = io.StringIO()
     with contextlib.redirect_stdout(out):
         main([*map(str, arguments), "--json"])

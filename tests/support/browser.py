@@ -49,9 +49,7 @@ def need_chromium() -> str:
 def browser() -> Iterator[Any]:
     """A running Chromium."""
     path = need_chromium()
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
+    with pytest.importorskip("playwright.sync_api").sync_playwright() as playwright:
         running = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
         yield running
         running.close()
@@ -59,7 +57,7 @@ def browser() -> Iterator[Any]:
 
 @contextmanager
 def open_page(running: Any, url: str, width: int = 1280, height: int = 720, dpr: float = COARSE) -> Iterator[Any]:
-    """A page on the app, once its panel is there; its own scripts must not fail while it is open."""
+    """A browser page on the app, once its panel is there; a script that fails on it fails the test."""
     page = running.new_page(viewport={"width": width, "height": height})
     page.set_default_timeout(4 * MS)  # a busy machine draws a frame in seconds
     problems: list[str] = []
@@ -89,7 +87,7 @@ def node_drawn(page: Any, name: str) -> None:
 
 
 def colours_in(png: bytes) -> int:
-    """How many colours a screenshot has (a blank one has one or two)."""
+    """Number of colours in a screenshot (a blank one has one or two)."""
     import io
 
     from PIL import Image

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from calib import frames
@@ -16,7 +15,7 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.kinematics.robot import Robot
 from calib.simulation.pose_design import random_poses
 from calib.simulation.simulate import draw_roles, rounded
-from tests.support.mujoco_arm import mujoco_model
+from tests.support.mujoco_arm import mujoco, mujoco_model
 
 TOLERANCES = np.array([0.3, np.radians(0.1), 0.3, np.radians(0.1), np.radians(0.1)])  # the arm's own errors
 
@@ -38,7 +37,7 @@ class Cell:
         return cls(nominal.with_table(table), nominal, _anywhere(rng))
 
     def with_changes(self, changes: dict[str, float]) -> Cell:
-        """What each parameter of the table gained."""
+        """The same cell with each named parameter of the table increased by its value."""
         table = self.true.table.copy()
         for name, by in changes.items():
             table[np.unravel_index(self.nominal.parameter_names.index(name), table.shape)] += by
@@ -60,17 +59,17 @@ class Cell:
 
     def seen_mm(self, q: Array) -> Array:
         """(N, 3) the tool point at joints q (N, n) in the scanner's frame, without noise."""
-        data = mujoco.MjData(self._model)
+        data = mujoco().MjData(self._model)
         site = data.site("target")
         tool_mm = np.empty((len(q), 3))
         for row, joints in zip(tool_mm, np.where(self.nominal.is_revolute, q, np.asarray(q) / 1e3), strict=True):
             data.qpos[:] = joints
-            mujoco.mj_kinematics(self._model, data)
+            mujoco().mj_kinematics(self._model, data)
             row[:] = 1e3 * site.xpos + site.xmat.reshape(3, 3) @ self.tool_shift_mm
         return frames.apply(self.scanner_T_base, tool_mm)
 
     def measured(self, rng: np.random.Generator, poses: int = 8, name: str = "new", q: Array | None = None) -> Dataset:
-        """At random poses, or at joints q (N, n)."""
+        """Dataset of the cell with noise, at random poses or at joints q (N, n)."""
         q = rounded(self.nominal, random_poses(self.nominal, poses, rng=rng)) if q is None else q
         seen_mm = self.seen_mm(q)
         noisy_mm = seen_mm + self.noise_mm * rng.normal(size=seen_mm.shape)

@@ -1,4 +1,4 @@
-"""Arms in a cell with a table and a post, and the same cells in MuJoCo, to hold poses called measurable against."""
+"""Arms in a cell with a table and a post, and the same cells in MuJoCo, to check poses called measurable."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.dataset.dataset import Box
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.dataset.surroundings import Box
 from calib.frames import make_transform
 from calib.kinematics.robot import Joint, Robot, Tool
 from calib.workcell.bodies.arm_bodies import FIXED
@@ -76,7 +76,7 @@ def is_fine(there: MujocoCell, pairs: list[tuple[str, str]], q: NDArray, eye_mm:
 
 
 def looking_from(cell: Workcell, rng: np.random.Generator) -> Workcell:
-    """The same cell with the scanner anywhere, so that arm and boxes are often in between."""
+    """The cell with the scanner anywhere, so that arm and boxes are often in its line of sight."""
     q = rng.uniform(cell.low, cell.high, (200, len(cell.low)))
     z, other = rng.normal(size=(2, 3))
     z /= np.linalg.norm(z)

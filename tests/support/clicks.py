@@ -1,4 +1,4 @@
-"""What a click on the page is waited for by: which pose and which joint are selected in the program."""
+"""Waiting for a click on the page to select a pose or a joint in the program."""
 
 from __future__ import annotations
 

@@ -157,7 +157,7 @@ def _said_before(lines: list[str], first: int) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Stretch:
-    """What stands between two `...`: text with figures, that agrees within 5 % with what is printed."""
+    """Text between two `...` of a page; its figures agree within 5 % with those printed."""
 
     text: str
     whole_words: tuple[bool, bool]  # whether it begins and ends where words do
@@ -172,11 +172,11 @@ class Stretch:
 
     @cached_property
     def figures(self) -> list[float]:
-        """As the page has them."""
+        """Numbers of the stretch as the page has them."""
         return [float(number) for number in NUMBER.findall(self.text)]
 
     def ends(self, printed: str, start: int, *, anywhere: bool, at_end: bool) -> int:
-        """Where it ends in what is printed, from a place on or right there; -1 where it is not there."""
+        """End of the stretch in the printed text, searched from `start` or only there; -1 where it is missing."""
         while (found := (self.pattern.search if anywhere else self.pattern.match)(printed, start)) is not None:
             near = (
                 abs(float(had) - wanted) <= TOLERANCE * abs(wanted)
@@ -201,7 +201,7 @@ def stretches(expected: str) -> list[Stretch]:
 
 
 def difference(expected: str, got: str) -> str:
-    """What a text block says that the output does not, "" where they agree.
+    """First disagreement between a page's text block and the output, "" where they agree.
 
     Spaces and line ends are alike, so that a page may break long lines; `...` stands for any text, of many lines too.
     """

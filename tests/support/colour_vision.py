@@ -52,6 +52,6 @@ def lightness(colours: ArrayLike) -> Array:
 
 
 def difference(one: str, other: str, eyes: str) -> float:
-    """How far apart two colours look to such eyes: about 2 can just be told, 20 at a glance."""
+    """Perceived difference of two colours by the given eyes: about 2 can just be told, 20 at a glance."""
     a, b = (lab(np.clip(linear(rgb(c)) @ EYES[eyes].T, 0, 1)) for c in (one, other))
     return float(np.linalg.norm(a - b))

@@ -49,7 +49,7 @@ def full_poses(seed: int, *, poses: int = 40, robot: str = "rb5", **options: obj
 
 
 def seated(dataset: Dataset, seat: np.ndarray) -> Dataset:
-    """The same measurement of a jig that is turned on the tool by `seat` (3, 3)."""
+    """The same measurement with the jig turned on the tool by the rotation `seat` (3, 3)."""
     assert dataset.points is not None
     given = dataset.points.orientations
     assert given is not None
@@ -58,7 +58,7 @@ def seated(dataset: Dataset, seat: np.ndarray) -> Dataset:
 
 
 def with_pose_covariances(dataset: Dataset, rng: np.random.Generator) -> Dataset:
-    """One covariance of all six errors of its own for each pose; every fifth has no orientation."""
+    """The dataset with one covariance of all six errors for each pose; every fifth pose has no orientation."""
     assert dataset.points is not None
     given = dataset.points.orientations
     assert given is not None
@@ -91,7 +91,7 @@ def label(effect: Effect) -> str:
 
 
 def check_gradient(residuals: Residuals, rng: np.random.Generator) -> None:
-    """At a point away from zero the cost's gradient is 2 J^T r, and the residual is the one that comes with J."""
+    """Check that the cost's gradient is 2 J^T r, and that the residual is the one that comes with J, away from zero."""
     scales = np.array([p.scale for p in residuals.parameters])
     x = rng.normal(size=len(scales)) * scales * 0.3
     at = residuals.linearise(x)

@@ -17,7 +17,7 @@ SIGMA_MM = 0.02
 
 @dataclass(frozen=True)
 class FlatScan:
-    """What the scanner saw, and the truth beside it."""
+    """A scan of flat parts with its truth."""
 
     scan: Scan
     origin_mm: NDArray  # (3,)

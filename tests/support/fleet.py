@@ -28,7 +28,7 @@ def write_cell(folder: Path, seed: int, poses: int = TOO_FEW, **about: str) -> P
 
 
 def row(path: str, *, joint: int | None = None, effect: str = "joint_compliance", **values: object) -> Row:
-    """A row of an arm, with an effect on one joint where that is given."""
+    """A fleet's row for one arm, with an effect on one joint where one is given."""
     sizes = (EffectSize(effect, joint, f"{effect}.J{joint}.k_rad_per_nm", 2e-5, 1e-6, "rad/Nm", 0.4),)
     told = {
         "name": path, "serial": "", "site": "", "date": "", "about": {}, "robot": "RB5", "joints": 6, "poses": 30,

@@ -1,4 +1,4 @@
-"""What the program says of a sample dataset, as a file to compare with: words to the letter, figures to a tolerance.
+"""Results for a sample dataset as a file to compare with: words to the letter, figures to a tolerance.
 
 How the tolerances were chosen. A result depends on the order of sums, so on the BLAS, the processor and the compiler;
 `python benchmarks/golden.py --kernels` measures by how much. What matters is what a reader would take for another
@@ -138,7 +138,7 @@ def diagnosis(found: Diagnosis) -> Entries:
             if figures is not None:
                 out[f"{at}.{role}_rmse_mm"] = near(figures.rmse_mm, OF_NOISE * noise_mm)
         out[f"{at}.p"] = p_value(step.candidate.p_value if step.candidate else None)
-        out[f"{at}.margin"] = _evidence(step.log_evidence_margin)
+        out[f"{at}.margin"] = _evidence(step.log_bayes_factor)
     for test in left.inputs:
         out[f"diagnose.inputs.{test.input}"] = p_value(test.p_value, counted=True)
     return out | calibration("diagnose.model", found.calibration)
@@ -174,7 +174,7 @@ def observed(name: str) -> Entries:
     if checked.diagnosis is not None:
         out |= diagnosis(checked.diagnosis)
     out["check.passed"] = checked.passed
-    out["check.items"] = [f"{item.status.strip()} {item.name}" for item in checked.items]
+    out["check.items"] = [f"{item.status} {item.name}" for item in checked.items]
     return out
 
 
@@ -182,7 +182,7 @@ def observed(name: str) -> Entries:
 
 
 def path_of(name: str) -> Path:
-    """Of a dataset's golden result."""
+    """File of a dataset's golden result."""
     return FOLDER / f"{name}.json"
 
 
@@ -216,7 +216,7 @@ def told(entry: Entry) -> str:
 
 
 def differences(name: str, golden: Mapping[str, Entry], now: Mapping[str, Entry]) -> list[str]:
-    """What has changed, a line each: "hidden_effect_b: diagnose.verdict 'named' -> 'unexplained'"; words first."""
+    """Lines that say what has changed: "hidden_effect_b: diagnose.verdict 'named' -> 'unexplained'"; words first."""
     out = []
     for place in dict.fromkeys([*golden, *now]):
         was, is_ = golden.get(place), now.get(place)
@@ -241,7 +241,7 @@ def renewed(golden: Mapping[str, Entry], now: Mapping[str, Entry]) -> Entries:
 
 
 def below(entries: Mapping[str, Entry], *starts: str) -> Entries:
-    """Of some parts, by the start of their place."""
+    """Entries whose place begins with one of `starts`."""
     return {place: entry for place, entry in entries.items() if place.startswith(starts)}
 
 

@@ -17,7 +17,7 @@ Draw = Callable[[np.random.Generator], tuple[JigShape, Scanner, Scene]]
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of scan."""
+    """A kind of scan: what its jig, scanner and surroundings are drawn from."""
 
     draw: Draw
     told_sigma: bool = True  # whether the finder is told the scanner's sigma
@@ -84,7 +84,7 @@ def _plate(height_mm: tuple[float, float]) -> Draw:
 
 
 def _in_shadow(kind: str) -> Draw:
-    """One face is out of the other eye's sight, which is far to the side."""
+    """A jig with one face out of sight of the other eye, which is far to the side."""
 
     def draw(rng: np.random.Generator) -> tuple[JigShape, Scanner, Scene]:
         shape, scanner, scene = _with(kind, Scene("in shadow"))(rng)

@@ -28,7 +28,7 @@ class Mesh:
     label: NDArray  # (T,)
 
     def moved(self, view_T_part: NDArray) -> Mesh:
-        """The same mesh through a rigid transform (4, 4)."""
+        """The mesh after a rigid transform (4, 4)."""
         return Mesh(self.vertices_mm @ view_T_part[:3, :3].T + view_T_part[:3, 3], self.triangles, self.label)
 
 
@@ -117,12 +117,12 @@ def jig_mesh(shape: JigShape, rng: np.random.Generator) -> Mesh:
 
 
 def _cyclic(mesh: Mesh) -> Mesh:
-    """From the face z = 0 to the face x = 0, the first."""
+    """The mesh with its axes permuted: the face z = 0 becomes the face x = 0."""
     return Mesh(mesh.vertices_mm[:, [2, 0, 1]], mesh.triangles, mesh.label)
 
 
 def _face_with_holes(corners: NDArray, face: int, shape: JigShape, rng: np.random.Generator) -> list[Mesh]:
-    """One convex face, triangulated around its screw holes, and the holes' walls and floors. corners  # (C, 3)"""
+    """A convex face, triangulated around its screw holes, with the holes' walls and floors. corners  # (C, 3)"""
     flat = [i for i in range(3) if i != face]
     middles: list[NDArray] = []
     radius = rng.uniform(0.03, 0.06) * shape.edge

@@ -22,7 +22,7 @@ MIXED = -1  # label of points that are no surface's: mixed, averaged over an edg
 
 @dataclass(frozen=True)
 class Scanner:
-    """How a scanner sees. Lengths in mm."""
+    """Optics, noise and sampling of a scanner; lengths in mm."""
 
     kind: str = "structured light"  # "laser lines", "time of flight", "fused mesh"
     points: int = 60_000  # wanted, of the whole scan
@@ -68,7 +68,7 @@ class Rays:
         self.label = np.r_[mesh.label, MIXED]
 
     def cast(self, origins: NDArray, ways: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-        """How many of `ways` (R, 3) until a surface (inf: none), |cos| of the incidence there, and its label."""
+        """Multiples of `ways` (R, 3) until a surface (inf: none), |cos| of the incidence there, and its label."""
         rays = np.hstack([np.broadcast_to(origins, ways.shape), ways]).astype(np.float32)
         triangle = self.scene.cast_rays(self.tensor(rays), nthreads=1)["primitive_ids"].numpy()
         hit = triangle < len(self.normal)
@@ -209,7 +209,7 @@ def fused_mesh(rays: Rays, scanner: Scanner, apex: NDArray, rng: np.random.Gener
 
 
 def _view_from(rays: Rays, scanner: Scanner, eye: NDArray, turn: NDArray, rng: np.random.Generator) -> Seen:
-    """One view of a fused mesh: a camera anywhere, a little off where it is thought to be."""
+    """View of a fused mesh from a camera anywhere, a little off where it is thought to be."""
     wide = round(np.sqrt(1.2 * scanner.points))
     line = (np.arange(wide) / wide - 0.5) * scanner.field / scanner.distance
     x, y = np.meshgrid(line, line)

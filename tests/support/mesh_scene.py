@@ -32,7 +32,7 @@ from tests.support.mesh_scanners import MIXED, SCANNERS, TAILS, Rays, Scanner, S
 
 @dataclass(frozen=True)
 class Scene:
-    """What there is to see besides the jig's shape."""
+    """Everything to be seen besides the jig's shape."""
 
     jig: str = "in view"  # "absent", "turned away", "in shadow", "covered", "cube instead"
     bracket: bool = False
@@ -43,7 +43,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class MeshScan:
-    """One scan and the truth beside it."""
+    """A scan of meshes with its truth."""
 
     scan: Scan
     label: NDArray  # (N,) 0, 1, 2 the jig's faces; 3 its rest; 4 all else; -1 mixed
@@ -96,7 +96,7 @@ def incidences(turn: NDArray, apex: NDArray, edge: float) -> NDArray:
 
 
 def scan_of(shape: JigShape, scanner: Scanner, scene: Scene, rng: np.random.Generator) -> MeshScan:
-    """One scan, the same for the same generator."""
+    """A scan drawn from the generator; equal generators give equal scans."""
     edge = shape.edge
     apex = np.array([*rng.uniform(-0.3, 0.3, 2) * edge, scanner.distance + rng.uniform(-0.3, 0.3) * edge])
     other_eye = np.array([0.0, 1, 0] if scanner.kind == "laser lines" else [1.0, 0, 0]) * scanner.baseline

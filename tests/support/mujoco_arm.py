@@ -5,13 +5,18 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
-import mujoco
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calib.kinematics.robot import Robot
 from calib.simulation.truth.mechanism import Arm
+
+
+def mujoco() -> Any:
+    """Module `mujoco`; a test that asks for it is skipped where it is not installed."""
+    return pytest.importorskip("mujoco")
 
 
 def frames(robot: Robot, q: Any) -> tuple[NDArray, ...]:
@@ -44,13 +49,13 @@ def mujoco_model(robot: Robot, payload_kg: float = 0.0) -> Any:
         inner = f"<body {pose(T)}>{joint_xml}{mass(joint.mass_kg or 0.0, joint.com_mm)}{inner}</body>"
     inner = f"<body {pose(chain[0])}>{inner}</body>"
     gravity = numbers(robot.gravity_m_s2)
-    return mujoco.MjModel.from_xml_string(
+    return mujoco().MjModel.from_xml_string(
         f'<mujoco><compiler angle="radian"/><option gravity="{gravity}"/><worldbody>{inner}</worldbody></mujoco>'
     )
 
 
 def in_mujoco(model: Any, robot: Robot, q: NDArray) -> Any:
-    data = mujoco.MjData(model)
+    data = mujoco().MjData(model)
     data.qpos[:] = np.where(robot.is_revolute, q, q / 1e3)
-    mujoco.mj_forward(model, data)
+    mujoco().mj_forward(model, data)
     return data

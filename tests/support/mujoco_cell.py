@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from calib.dataset.surroundings import Box
+from calib.dataset.dataset import Box
 from calib.kinematics.robot import Robot
+from tests.support.mujoco_arm import mujoco
 
 JIG, FLOOR = "jig", "floor"
 _AZIMUTHS = np.radians([180.0, 300.0, 60.0])  # of the edges opposite to faces 1, 2, 3; normal 1 is at 0
@@ -38,7 +38,7 @@ class Rod:
 
 
 class MujocoCell:
-    """One cell, put to one pose after another."""
+    """A cell in MuJoCo that is put to one pose after another."""
 
     def __init__(
         self,
@@ -80,11 +80,11 @@ class MujocoCell:
             middle, half = _text((high + low) / 2.0), _text((high - low) / 2.0)
             around += f'<geom name="{box.name}" type="box" size="{half}" pos="{middle}"/>'
         vertices = _text(np.concatenate([np.zeros((1, 3)), self.edges]).ravel())
-        self.model = mujoco.MjModel.from_xml_string(
+        self.model = mujoco().MjModel.from_xml_string(
             f'<mujoco><compiler angle="radian"/><asset><mesh name="{JIG}" vertex="{vertices}"/></asset>'
             f"<worldbody>{around}<body {_pose(first)}>{inner}</body></worldbody></mujoco>"
         )
-        self.data = mujoco.MjData(self.model)
+        self.data = mujoco().MjData(self.model)
 
     def stand(self, q: ArrayLike) -> None:
         """Put the arm to joints (n,), rad or mm."""
@@ -92,7 +92,7 @@ class MujocoCell:
         for rod in self.rods:
             self._place(rod, q)
         self.data.qpos[:] = np.where(self.robot.is_revolute, q, q / 1e3)
-        mujoco.mj_kinematics(self.model, self.data)
+        mujoco().mj_kinematics(self.model, self.data)
 
     def _place(self, rod: Rod, q: NDArray) -> None:
         geom = self.model.geom(rod.name)
@@ -120,7 +120,7 @@ class MujocoCell:
         return 1e3 * self.data.body(JIG).xpos
 
     def steepest_deg(self, eye_mm: ArrayLike) -> float:
-        """Of the three faces at the apex, from the line to the eye (3,)."""
+        """Largest angle, deg, between the line to the eye (3,) and the normal of a face at the apex."""
         frame = self.data.body(JIG)
         edges = self.edges @ frame.xmat.reshape(3, 3).T
         sight = np.asarray(eye_mm) / 1e3 - frame.xpos
@@ -128,7 +128,7 @@ class MujocoCell:
         return float(np.degrees(np.arccos(np.clip(normals @ sight / np.linalg.norm(sight), -1.0, 1.0)).max()))
 
     def hidden(self, eye_mm: ArrayLike, per_edge: int = 6) -> list[str]:
-        """What a ray from the eye (3,) meets before a point of a face, for each point of a raster where it does."""
+        """Names of the bodies that rays from the eye (3,) meet before the points of a raster over the faces."""
         frame = self.data.body(JIG)
         edges = self.edges @ frame.xmat.reshape(3, 3).T
         eye = np.asarray(eye_mm, dtype=float) / 1e3
@@ -138,7 +138,7 @@ class MujocoCell:
             for s in steps:
                 for t in steps[steps + s < 0.97]:
                     ray = frame.xpos + s * edges[one] + t * edges[other] - eye
-                    share = mujoco.mj_ray(self.model, self.data, eye, ray, None, 1, -1, what)
+                    share = mujoco().mj_ray(self.model, self.data, eye, ray, None, 1, -1, what)
                     if 0.0 <= share < 1.0 - _MISS_M:
                         met.append(self.model.geom(int(what[0])).name)
         return met
@@ -146,7 +146,7 @@ class MujocoCell:
     def meet(self, one: str, other: str) -> bool:
         """Whether two bodies touch, by the engine's distance of two solids."""
         first, second = self.model.geom(one).id, self.model.geom(other).id
-        return mujoco.mj_geomDistance(self.model, self.data, first, second, 0.1, None) < 0.0
+        return mujoco().mj_geomDistance(self.model, self.data, first, second, 0.1, None) < 0.0
 
 
 def _row(row: NDArray) -> NDArray:

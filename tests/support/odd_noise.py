@@ -16,7 +16,7 @@ SIGMA_MM = 0.05
 
 
 def odd_arm(
-    kind: str, seed: int, effects: Sequence[str] = (), *, sigmas: float | None = None, shots: int = 1
+    kind: str, seed: int, effects: Sequence[str] = (), *, sigmas: float | None = None, repeats: int = 1
 ) -> Dataset:
     """An arm at 80 poses, 16 of them held out, measured with noise of a kind (`tests.support.engine.noise`)."""
     rng = np.random.default_rng([seed, len(effects)])
@@ -29,7 +29,7 @@ def odd_arm(
         poses=80,
         noise_mm=SIGMA_MM,
     )
-    pose = np.repeat(np.arange(80), shots)
+    pose = np.repeat(np.arange(80), repeats)
     seen_mm = simulation.apex_mm[pose]
     noise_mm = draw_noise(kind, seen_mm, pose, SIGMA_MM, np.random.default_rng([seed, 7]))
     points = Points(pose, seen_mm + noise_mm, np.full(len(pose), "jig"))

@@ -1,4 +1,4 @@
-"""What a user does on the page again and again, by the app's own requests: for tests and benchmarks of its memory."""
+"""Operations that a user repeats on the page, by the app's own requests: for tests and benchmarks of its memory."""
 
 from __future__ import annotations
 

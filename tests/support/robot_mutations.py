@@ -15,7 +15,7 @@ _NUMBER = re.compile(rb"-?\d+\.?\d*(?:e-?\d+)?")
 
 
 def mutated(content: bytes, rng: np.random.Generator) -> bytes:
-    """One to three damages of a file's content."""
+    """A file's content with one to three random damages."""
     for _ in range(int(rng.integers(1, 4))):
         content = _damaged(content, rng)
     return content

@@ -1,4 +1,4 @@
-"""The cases that a corner finder meets: kind and unkind scenes of the ray caster in scan_scene.py, by name."""
+"""Kind and unkind scenes of the ray caster in scan_scene.py, by name, for tests of the corner finder."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ Make = Callable[[np.random.Generator, int], SceneScan]
 
 @dataclass(frozen=True)
 class Case:
-    """One kind of scene: how it is made from a generator and a number of rays, and what the finder is told."""
+    """A kind of scene: how it is made from a generator and a number of rays, and what the finder is given."""
 
     make: Make
-    jig: Jig = Jig()  # noqa: RUF009
+    jig: Jig = Jig()
     told_sigma_mm: float | None = 0.02
     fewest_rays: int = 0  # the case makes no sense with fewer
 

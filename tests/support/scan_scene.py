@@ -1,7 +1,7 @@
 """A small ray caster for tests and benchmarks: analytic ray-patch and ray-cylinder intersections in numpy.
 
-It shares no code with the product's own simulator, so that the two check each other. The scanner sits at the origin
-and looks along +z. The jig is the corner of a cube of edge `edge_mm`, cut off along the diagonal, on a round flange.
+It shares no code with the product's own simulator, so that the two check each other. The scanner sits at the origin and
+looks along +z. The jig is the corner of a cube of edge `edge_mm`, cut off along the diagonal, on a round flange.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def box(corner: NDArray, rotation: NDArray, size: tuple[float, float, float]) ->
 
 @dataclass(frozen=True)
 class SceneScan:
-    """What the scanner saw, and the truth beside it."""
+    """A scan of the ray caster with its truth."""
 
     scan: Scan
     label: NDArray  # (N,) 0, 1, 2 the jig's faces; above: the rest; -1 flying pixels and outliers
@@ -162,7 +162,7 @@ def make_scene(
     uneven_mm: float = 0.0,
     wall_bent_mm: float = 0.0,
 ) -> SceneScan:
-    """One scan of a jig some `distance_mm` away among flange, link, wall and table.
+    """A scan of a jig some `distance_mm` away among flange, link, wall and table.
 
     `edges_mm` makes its three edges differ, about `edge_mm` on average; `rectangular` gives it a box's whole faces.
     `outliers` is the share of points thrown anywhere into the scene's volume, `flying` that of the pixels at a jump in

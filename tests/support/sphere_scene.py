@@ -39,7 +39,7 @@ Piece = Ball | Patch | Cylinder
 
 @dataclass(frozen=True)
 class BallScan:
-    """What the scanner saw, and the truth beside it."""
+    """A scan of spheres with its truth."""
 
     scan: Scan
     balls: tuple[Ball, ...]
@@ -48,7 +48,7 @@ class BallScan:
     free_mm2: NDArray  # (B, 3, 3) the same, its radius unknown
 
     def bound_mm(self, ball: int = 0, *, known: bool) -> float:
-        """Of the centre's 3D error, root mean square."""
+        """Cramer-Rao bound of the centre's 3D error, root mean square, mm."""
         covariance = (self.known_mm2 if known else self.free_mm2)[ball]
         return float(np.sqrt(np.trace(covariance)))
 
@@ -104,7 +104,7 @@ def scan_of(
     sigma_mm: float = 0.02,
     stray: float = 0.0,
 ) -> BallScan:
-    """One scan. `stray` is the share of points that lie anywhere in the box of the balls' surroundings."""
+    """A scan of balls; `stray` is the share of points that lie anywhere in the box of the balls' surroundings."""
     n = round(np.sqrt(rays))
     grid = ((np.arange(n) + 0.5) / n - 0.5) * field_mm / distance_mm
     x, y = np.meshgrid(grid, grid, indexing="xy")

@@ -17,13 +17,13 @@ HALF_MM = 80.0  # of the box about the apex in which they are
 
 
 def spread(scene: SceneScan, rng: np.random.Generator, share: float) -> SceneScan:
-    """With `share` times as many points as there are, uniformly in a box about the apex."""
+    """The scene with `share` times as many further points, uniform in a box about the apex."""
     count = round(share * len(scene.label))
     return with_points(scene, scene.apex_mm + rng.uniform(-HALF_MM, HALF_MM, (count, 3)), rng)
 
 
 def clumps(scene: SceneScan, rng: np.random.Generator, share: float, number: int = 20) -> SceneScan:
-    """As many points in clumps of 1 to 6 mm (standard deviation), round or flat, about the apex."""
+    """The scene with `share` times as many further points in clumps of 1 to 6 mm (sigma) about the apex."""
     count = round(share * len(scene.label))
     middles = scene.apex_mm + rng.uniform(-HALF_MM, HALF_MM, (number, 3))
     axes = np.linalg.qr(rng.standard_normal((number, 3, 3)))[0] * rng.uniform(1.0, 6.0, (number, 1, 3))
@@ -33,7 +33,7 @@ def clumps(scene: SceneScan, rng: np.random.Generator, share: float, number: int
 
 
 def reflections(scene: SceneScan, rng: np.random.Generator, share: float, edge_mm: float = 60.0) -> SceneScan:
-    """With that share of a concave jig's pixels showing not their own face but another one, which it mirrors.
+    """The scene of a concave jig with that share of its pixels showing another face than their own, mirrored.
 
     Such a point lies on the ray of its pixel, behind the face, at the mirror image of what is seen in it. (The faces of
     a convex corner do not see each other.)

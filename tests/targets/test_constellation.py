@@ -1,4 +1,4 @@
-"""Balls on one body, named by the distances between them."""
+"""Balls on one body, identified by the distances between them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sets of planes in scans of the tests' own ray caster: the origin beside its bound, ambiguous sets, refusals."""
+"""Sets of planes in scans of the tests' own ray caster: the origin over its bound, ambiguous sets, refusals."""
 
 from __future__ import annotations
 
@@ -64,5 +64,5 @@ def test_three_square_planes_at_different_offsets_can_be_named_in_three_ways() -
 
 def test_a_set_that_is_not_in_view_is_refused() -> None:
     scene = placed(np.random.default_rng(4), [], rays=10_000)
-    with pytest.raises(TargetError, match="no three of them stand as the set's planes do"):
+    with pytest.raises(TargetError, match="no three of them meet at the angles"):
         find_plane_set(scene.scan, wanted())

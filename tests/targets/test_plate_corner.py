@@ -14,13 +14,13 @@ from tests.support.scan_scene import Patch
 
 
 def plate(angle_deg: float = 90.0) -> list[Patch]:
-    """A corner at the part's origin, one edge of 46 and one of 40 mm."""
+    """Plate with a corner at the part's origin, one edge of 46 and one of 40 mm."""
     angle = np.radians(angle_deg)
     return [Patch(np.zeros(3), np.array([46.0, 0, 0]), 40.0 * np.array([np.cos(angle), np.sin(angle), 0.0]))]
 
 
 def corner_of(scene: FlatScan, angle_deg: float = 90.0) -> FoundPoint:
-    """The nearest of the plate's corners of that angle: a rectangle has four."""
+    """Nearest of the plate's corners of that angle: a rectangle has four."""
     names = ("a", "b", "c", "d") if angle_deg == 90.0 else ("a", "b")
     found = find_plate_corner(scene.scan, Wanted(Plate(35.0, angle_deg), names, 0.02))
     return min(found, key=lambda place: float(np.linalg.norm(place.xyz_mm - scene.origin_mm)))

@@ -1,4 +1,4 @@
-"""A touch probe's contacts: the centre beside the Cramer-Rao bound, contacts that touched something else, refusals."""
+"""A touch probe's contacts: the centre over its Cramer-Rao bound, contacts that touched something else, refusals."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CENTRE, RADIUS, SIGMA = np.array([310.0, -45.0, 820.0]), 8.0, 0.004
 
 
 def contacts(rng: np.random.Generator, count: int, cap_deg: float = 80.0) -> np.ndarray:
-    """Places of a probe on a cap below its opening, errors along the surface's normal."""
+    """Contacts of a probe on a cap below its opening, with errors along the surface's normal."""
     polar = np.arccos(rng.uniform(np.cos(np.radians(cap_deg)), 1.0, count))
     around = rng.uniform(0, 2 * np.pi) + 2.4 * np.arange(count)
     way = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), -np.cos(polar)], axis=1)

@@ -1,4 +1,4 @@
-"""Spheres in scans of a ray caster of the tests' own: the centre beside its bound, its covariance, and refusals."""
+"""Spheres in scans of the tests' own ray caster: the centre over its bound, its covariance, and refusals."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def centre_of(scene: BallScan, diameter_mm: float | None) -> FoundPoint:
 
 
 def judged(scenes: list[BallScan], *, known: bool) -> tuple[float, float]:
-    """RMS of error over bound, mean squared Mahalanobis distance."""
+    """RMS of the error over its bound, and mean squared Mahalanobis distance."""
     ratios, distances = [], []
     for scene in scenes:
         ball = scene.balls[0]
@@ -59,7 +59,7 @@ def test_many_centres_are_at_their_bound(diameter_mm: float, known: bool) -> Non
 
 @pytest.mark.thorough
 def test_an_error_along_the_ray_biases_no_free_radius() -> None:
-    """A fit of the distances of measured points to the centre comes out 0.0035 mm too small here, by Monte Carlo."""
+    """A fit of measured points' distances to the centre would be 0.0035 mm too small here, by Monte Carlo."""
     rng = np.random.default_rng(3)
     ball = Ball(np.array([3.0, -2.0, 700.0]), 20.0)
     depth = []
@@ -70,6 +70,7 @@ def test_an_error_along_the_ray_biases_no_free_radius() -> None:
     assert abs(np.mean(depth)) < 4 / np.sqrt(12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("diameter_mm", [40.0, None])
 def test_no_sphere_is_found_where_there_is_none(diameter_mm: float | None) -> None:
     scene = one_ball(np.random.default_rng(5), rays=6_000, absent=True)
@@ -77,6 +78,7 @@ def test_no_sphere_is_found_where_there_is_none(diameter_mm: float | None) -> No
         find_spheres(scene.scan, wanted(diameter_mm))
 
 
+@pytest.mark.slow
 def test_a_sphere_of_another_size_is_told() -> None:
     scene = one_ball(np.random.default_rng(6), rays=RAYS, diameter_mm=40.0)
     with pytest.raises(TargetError, match=r"a sphere of 40.* mm is in view, diameter_mm is 38\.1"):
@@ -93,6 +95,7 @@ def test_several_spheres_are_found_each_once() -> None:
     assert max(nearest) < 0.05
 
 
+@pytest.mark.slow
 def test_inliers_are_points_of_the_ball_and_same_scan_same_centre() -> None:
     scene = one_ball(np.random.default_rng(8), rays=RAYS)
     holed = np.insert(scene.scan.points_mm, [0, 500, 500], np.nan, axis=0)

@@ -13,7 +13,7 @@ import pytest
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.errors import DatasetError
 from calib.measurement.measured_points import with_corners
-from calib.target_shapes import OwnShape, PlaneSet, Plate, Socket, Sphere, Spheres, Target
+from calib.target_shapes import DeclaredTarget, OwnShape, PlaneSet, Plate, Socket, Sphere, Spheres
 from calib.targets.batch import find_targets
 from inspector.cli.parser import main
 from tests.support.ball_dataset import write_ball_dataset
@@ -86,7 +86,7 @@ def test_scans_of_balls_are_calibrated(
 def test_a_finder_of_the_users_own(
     balls: tuple[Path, dict[str, np.ndarray]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The user's function here takes the middle of all points; it is asked for every target, as none is `own`."""
+    """The user's function here takes the mean of all points; it is called for every target, as none is `own`."""
     own = tmp_path / "mine.py"
     own.write_text(
         "import numpy as np\n\n\ndef find(scan, wanted):\n"
@@ -148,10 +148,10 @@ def test_shapes_of_targets_are_written_and_read(balls: tuple[Path, dict[str, np.
     dataset = load_dataset(balls[0])
     planes = PlaneSet(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 5.0, 10.0), 40.0)
     for shape in (Sphere(), Plate(80.0, 85.0), planes, Socket(12.0, 0.002), OwnShape({"height_mm": 3.0})):
-        written = replace(dataset, targets=(Target("b", shape),))
+        written = replace(dataset, targets=(DeclaredTarget("b", shape),))
         write_dataset(written, tmp_path / "again")
-        assert load_dataset(tmp_path / "again").targets == (Target("b", shape),)
-    rig = Target("rig", Spheres(("jig", "b", "c"), (80.0, 90.0, 100.0), 20.0))
+        assert load_dataset(tmp_path / "again").targets == (DeclaredTarget("b", shape),)
+    rig = DeclaredTarget("rig", Spheres(("jig", "b", "c"), (80.0, 90.0, 100.0), 20.0))
     write_dataset(replace(dataset, targets=(rig,)), tmp_path / "again")
     assert load_dataset(tmp_path / "again").targets == (rig,)
 

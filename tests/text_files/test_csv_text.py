@@ -1,4 +1,4 @@
-"""Tables from strangers, and for spreadsheets: bounds, digits, formulas, and what cannot be seen in a name."""
+"""Untrusted CSV tables and CSV for spreadsheets: bounds, digits, formulas, hidden characters in names."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 from calib.dataset.files.csv_table import TableFile
 from calib.dataset.files.folder import load_dataset
 from calib.effects.catalogue.user_file import load_effects
-from calib.errors import MOST_CHARACTERS, CalibError, DatasetError, is_one_line, shown
+from calib.errors import MOST_CHARACTERS, CalibError, DatasetError, is_one_line, printable
 from calib.fitting.observations import nominal_state
 from calib.text_files.csv_text import as_number, csv_rows, frame_csv, rows_csv
-from calib.user_tables.user_table import load_table
+from calib.text_files.user_table import load_table
 from inspector.app.page.dataset_list import names_of
 from tests.support.hidden_dataset import write_hidden
 
@@ -135,7 +135,7 @@ def test_names_from_strangers_hide_nothing(tmp_path: Path) -> None:
 def test_names_of_all_scripts_are_names() -> None:
     for name in ("Zelle 3", "左腕", "می‌خواهم", "क्‍ष", "p\u00a01", "α-β_γ"):
         assert is_one_line(name)
-        assert shown(name) == name
+        assert printable(name) == name
 
 
 def test_a_long_line_keeps_what_stands_at_its_ends() -> None:
@@ -154,6 +154,7 @@ def test_a_table_of_hundreds_of_columns_is_not_told_whole(tmp_path: Path) -> Non
     assert len(said) < 600
 
 
+@pytest.mark.slow
 def test_a_million_columns_are_refused_and_a_spreadsheet_s_empty_ones_are_not(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     for text in (

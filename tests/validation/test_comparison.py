@@ -74,7 +74,7 @@ def test_another_arm_differs_in_many() -> None:
 def test_without_prior_and_with_held_parameters() -> None:
     one, other = measured_twice(6, {"theta3": np.radians(0.05)})
     asked = calibrate(one).options
-    for options in (replace(asked, prior=False), replace(asked, held=("beta2", "d4"))):
+    for options in (replace(asked, prior=False), replace(asked, fixed=("beta2", "d4"))):
         found = compare(calibrate(one, options), calibrate(other, options))
         assert "theta3" in (found.changes[0].name, *found.changes[0].alike)
         assert all(np.isfinite(p.sigma) for p in found.parameters)

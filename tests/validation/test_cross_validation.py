@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from calib import frames
 from calib.calibration.calibrate import calibrate
-from calib.calibration.noise_check import SigmaCheck, check_sigma
+from calib.calibration.noise_level import SigmaCheck, check_sigma
 from calib.dataset.dataset import Dataset, Points, Scanner
 from calib.dataset.files.folder import write_dataset
 from calib.errors import FitError
@@ -104,6 +104,7 @@ def test_a_split_keeps_points_with_their_poses_and_one_reference() -> None:
     assert split.poses.ids[split.poses.reference] == dataset.poses.ids[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("residual", ["position", "distance"])
 def test_held_out_poses_have_no_say_in_their_own_fold(residual: str) -> None:
     """Moving one measurement by 3 mm shows in its own held-out error in full; leaked, the fit would bend to it."""

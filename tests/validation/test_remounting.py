@@ -11,6 +11,7 @@ from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.frames import rotation_from_rotvec
+from calib.present.checks import item_sentence
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import Check, check
 from calib.validation.remounting import remounting
@@ -48,7 +49,7 @@ def tool_moved(dataset: Dataset) -> Dataset:
 
 
 def words_of(result: Check, name: str) -> str:
-    return next(item.description for item in result.items if item.name == name)
+    return next(item_sentence(item) for item in result.items if item.name == name)
 
 
 def test_points_that_are_off_all_alike_are_told_by_what_moved() -> None:

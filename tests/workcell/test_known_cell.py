@@ -1,4 +1,4 @@
-"""The cell of a robot and of a dataset: what is assumed, and what measured points tell."""
+"""The cell of a robot and of a dataset: what is assumed, and what follows from measured points."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from calib import frames
-from calib.dataset.dataset import Dataset, Points, Poses, Scanner
+from calib.dataset.dataset import Box, Dataset, Points, Poses, Scanner, Surroundings
 from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.robot_toml import load_robot
-from calib.dataset.surroundings import Box, Surroundings
 from calib.errors import CalibError
 from calib.kinematics.robot import Target
 from calib.workcell.bodies.link_mesh import load_link_mesh
@@ -58,7 +57,7 @@ def test_what_is_in_the_way_is_told_in_counts() -> None:
 
 
 def simulated(noise_mm: float = 0.02) -> Dataset:
-    """An RB5 whose jig a scanner saw in its field, measured as points."""
+    """RB5 dataset of points whose jig a scanner saw in its field."""
     robot = load_robot(ROOT / "calib" / "robots" / "rb5.toml")
     rng = np.random.default_rng(4)
     cell = workcell_of_robot(robot)

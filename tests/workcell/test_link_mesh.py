@@ -18,7 +18,7 @@ from tests.support.tiny_dataset import box_stl
 
 
 def dataset_with(folder: Path, mesh: str | None) -> Dataset:
-    """A dataset whose second joint names this mesh."""
+    """Dataset whose second joint names this mesh."""
     dataset = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(0), poses=8).dataset
     joints = list(dataset.robot.joints)
     joints[1] = replace(joints[1], mesh=mesh)

@@ -1,4 +1,4 @@
-"""Poses called measurable, against MuJoCo: rays to every face, distances of every body, in cells built there anew."""
+"""Poses called measurable, compared with MuJoCo in rebuilt cells: rays to every face, distances of every body."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calib.dataset.surroundings import Surroundings
+from calib.dataset.dataset import Surroundings
 from calib.frames import make_transform
 from calib.kinematics.robot import Base
 from calib.workcell.candidates import candidate_poses, likely_poses
@@ -31,12 +31,13 @@ from calib.workcell.measurable import (
 from calib.workcell.scan_field import JANG_FIELD
 from calib.workcell.workcell import Workcell
 from tests.support.checked_cells import ARMS, BOXES, in_mujoco, is_fine, looking_from
+from tests.support.sweeps import sweep
 
 ROBOTS = Path(__file__).parents[2] / "calib" / "robots"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", sweep(ARMS, every_run=["panda", "gantry"]))
 def test_an_independent_ray_caster_finds_no_hidden_face_and_no_collision(name: str) -> None:
     rng = np.random.default_rng(7)
     told = Surroundings(-400.0, BOXES)
@@ -83,7 +84,7 @@ FRANKA = (
 
 @pytest.mark.slow
 def test_franka_s_own_volumes_hide_no_face_of_a_pose_called_measurable() -> None:
-    """Points every few millimetres of each line of sight, against the distance from each volume's axis."""
+    """Points every few millimetres of each line of sight, compared with the distance from each volume's axis."""
     cell = workcell_of_robot(ARMS["panda"])
     assert cell.base_T_scanner is not None
     eye_mm = cell.base_T_scanner[:3, 3]

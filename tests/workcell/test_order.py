@@ -1,4 +1,4 @@
-"""An order of poses: every pose once, ways near the shortest, around what stands between."""
+"""Order of poses: every pose once, paths near the shortest, around obstacles."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from itertools import pairwise, permutations
 import numpy as np
 import pytest
 
-from calib.dataset.surroundings import Box
+from calib.dataset.dataset import Box
 from calib.kinematics.robot import Joint, Robot, Tool
 from calib.workcell.known_cell import workcell_of_robot
 from calib.workcell.order import clear_ways, order_poses, path_length

@@ -1,4 +1,4 @@
-"""Conditions of planned poses: both sides, payloads, temperatures, each as an effect's needs have it."""
+"""Conditions of planned poses: both sides of approach, payloads, temperatures, as an effect's needs state."""
 
 from __future__ import annotations
 

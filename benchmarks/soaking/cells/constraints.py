@@ -193,7 +193,7 @@ class _Hidden:
 
 
 def lost(arm: ConstrainedArm, fitted: Calibration) -> str:
-    """What shows that a fit's arm has lost its size, or the noise its own; "" where nothing does."""
+    """Evidence that a fit lost the arm's size or understated its noise; "" where there is none."""
     found = fitted.model.calibrated_robot(fitted.fit.x).table
     length = [0, 2]
     off = np.abs(found[:-1][:, length] - arm.true_table[:-1][:, length])

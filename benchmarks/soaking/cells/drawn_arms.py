@@ -9,16 +9,17 @@ import numpy as np
 from simulated import heavy_arm, scara, ur10e
 
 from calib.array_types import Array
+from calib.effects.catalogue import CATALOGUE
 from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD
 from calib.errors import CalibError
 from calib.kinematics.chain import target_jacobian
 from calib.kinematics.robot import Robot
 from calib.simulation.measured_dataset import Simulation
 from calib.simulation.simulate import simulate_dataset
-from calib.simulation.truth.arm_sampling import SIMULATED_EFFECTS, Tolerances
+from calib.simulation.truth.arm_sampling import Tolerances
 from tests.support.arms import random_arm
 
-TESTABLE = tuple(name for name in SIMULATED_EFFECTS if name != "scanner_scale")  # needs a length standard
+TESTABLE = tuple(kind.name for kind in CATALOGUE if kind.testable)
 HIDDEN_SHARE = (0.4, 0.45, 0.15)  # of the arms have no, one, two effects
 
 

@@ -1,4 +1,4 @@
-"""The same arm, told otherwise: the scanner elsewhere, rows in another order, other names and units: the same result.
+"""Invariances: the same arm with the scanner elsewhere, rows in another order, other names and units.
 
 What is compared has gone through a dataset's folder, as a user's measurement has.
 """
@@ -30,7 +30,7 @@ OF_A_SIGMA, RELATIVE = 1e-3, 1e-5
 
 
 def attempt(number: int, seed: int, material: Path, scratch: Path) -> Result:
-    """One arm and one of the four, by turns."""
+    """Try one of the four invariances, by turns, on one arm."""
     kind, drawn = KINDS[number % len(KINDS)], number // len(KINDS)
     arm = draw(drawn, seed)
     write_dataset(arm.simulation.dataset, scratch / "as it was")
@@ -56,7 +56,7 @@ def attempt(number: int, seed: int, material: Path, scratch: Path) -> Result:
 
 
 def difference(a: Calibration, b: Calibration) -> str:
-    """What two calibrations differ in by more than the end of an iteration leaves; "" where in nothing."""
+    """Differences of two calibrations beyond what the end of an iteration leaves; "" where there are none."""
     if len(a.fit.x) != len(b.fit.x):
         return f"{len(a.fit.x)} and {len(b.fit.x)} parameters"
     if a.fit.converged != b.fit.converged or a.fit.rank != b.fit.rank:

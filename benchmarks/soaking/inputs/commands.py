@@ -21,7 +21,7 @@ PRODUCT = ("/calib/", "/inspector/")
 
 @dataclass(frozen=True)
 class Ran:
-    """How a command ended."""
+    """Exit code, output and side effects of a command."""
 
     code: int | None  # None: by an exception
     out: str

@@ -40,7 +40,7 @@ def difference(a: Any, b: Any, place: str = "") -> str:
 
 
 def difference_by(a: Any, b: Any, place: str, sigma: float | None) -> str:
-    """As `difference`, of one value with its sigma."""
+    """Difference of one value with its sigma, "" where there is none beyond the tolerance."""
     if isinstance(a, dict | list):
         return difference(a, b, place)
     if isinstance(a, float) and isinstance(b, float | int):
@@ -51,7 +51,7 @@ def difference_by(a: Any, b: Any, place: str, sigma: float | None) -> str:
 
 
 def difference_of_texts(a: str, b: str, keys: tuple[str, ...] = ()) -> str:
-    """As `difference`, of two JSON texts, or of some of their keys."""
+    """First difference of two JSON texts, or of some of their keys; "" where they say the same."""
     first, second = json.loads(a), json.loads(b)
     if keys:
         first, second = ({key: tree[key] for key in keys} for tree in (first, second))

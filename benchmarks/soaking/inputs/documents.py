@@ -1,4 +1,4 @@
-"""What TOML, JSON, XML and Python files suffer; and what changes nothing of their meaning."""
+"""Damage to TOML, JSON, XML and Python files, and changes that leave their meaning."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ _FLOAT = re.compile(rb"(?<![\w.\"])-?\d+\.\d+(?![\w.])")
 
 
 def _toml_plausible(rng: Rng, content: bytes) -> bytes:
-    """One to three decimals larger, smaller, negative, zero, or another's: a document still."""
+    """A TOML document with one to three decimals larger, smaller, negative, zero, or another's."""
     for _ in range(int(rng.integers(1, 4))):
         found = list(_FLOAT.finditer(content))
         if not found:
@@ -133,7 +133,7 @@ def _places(tree: Any) -> list[tuple[Any, Any]]:
 
 
 def _json_values(rng: Rng, content: bytes) -> bytes:
-    """One to three values replaced, left out, doubled, or exchanged for one another."""
+    """A JSON document with one to three values replaced, left out, doubled, or exchanged for one another."""
     tree = json.loads(content)
     odd: list[Any] = [
         None, True, 0, -1, 1e308, float("nan"), float("inf"), 10**400, "", "a" * 5000, [], {}, [[]], {"a": 1},

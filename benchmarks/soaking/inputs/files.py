@@ -47,7 +47,7 @@ def turns(seed: int) -> tuple[str, ...]:
 
 
 def attempt(number: int, seed: int, material: Path, scratch: Path) -> Result:
-    """One case."""
+    """Run one case."""
     rng = np.random.default_rng([seed, 2, number])
     kind = turns(seed)[number % len(turns(seed))]
     if kind.startswith("scan "):
@@ -89,7 +89,7 @@ def _spoil(rng: Rng, path: Path, change: Callable[[Rng, bytes], bytes]) -> None:
 
 @lru_cache
 def _good(material: Path, command: str, *options: str) -> str:
-    """What a command prints for the dataset as it was."""
+    """Output of a command for the undamaged dataset."""
     result = ran(material / "cell", command, material / "cell", "--json", *options)
     assert result.code in (0, 1), result
     assert not result.trouble, result

@@ -38,7 +38,7 @@ COMMANDS = {
 
 
 def attempt(number: int, rng: Rng, scratch: Path) -> Result:
-    """One case."""
+    """Run one case."""
     cell = scratch / "cells" / "cell"
     words = write_cell(rng, cell)
     command = str(rng.choice([*COMMANDS], p=np.array([*COMMANDS.values()]) / sum(COMMANDS.values())))
@@ -89,7 +89,7 @@ def _some(rng: Rng, options: list[tuple[object, ...]]) -> tuple[object, ...]:
 
 
 def write_cell(rng: Rng, folder: Path) -> str:
-    """A dataset at `folder`; what is odd about it."""
+    """Write a dataset at `folder` and return what is odd about it."""
     robot = _robot(rng)
     poses = _drawn(rng, POSES)
     q = _joint_values(rng, robot, poses)

@@ -28,17 +28,17 @@ def cell(rng: Rng) -> str:
 
 
 def at(rng: Rng, count: int) -> int:
-    """A place in something of this length."""
+    """Random index into something of this length."""
     return int(rng.integers(max(count, 1)))
 
 
 def cut(rng: Rng, content: bytes) -> bytes:
-    """The beginning."""
+    """The beginning of the bytes, cut at random."""
     return content[: at(rng, len(content))]
 
 
 def flipped(rng: Rng, content: bytes) -> bytes:
-    """One to twenty bits the other way."""
+    """The bytes with one to twenty bits flipped."""
     out = bytearray(content)
     for _ in range(int(rng.integers(1, 20))):
         out[at(rng, len(out))] ^= 1 << int(rng.integers(8))
@@ -54,7 +54,7 @@ def piece(rng: Rng, content: bytes) -> bytes:
 
 
 def recoded(rng: Rng, content: bytes) -> bytes:
-    """In another encoding, or with bytes that UTF-8 does not have."""
+    """The text in another encoding, or with bytes that UTF-8 does not have."""
     text = content.decode("utf-8", "replace")
     kind = int(rng.integers(5))
     if kind < 3:
@@ -69,7 +69,7 @@ def nothing(rng: Rng, content: bytes) -> bytes:
 
 
 def odd_number(rng: Rng, content: bytes) -> bytes:
-    """Another number in place of one to three."""
+    """The text with one to three numbers replaced."""
     import re
 
     for _ in range(int(rng.integers(1, 4))):
@@ -82,7 +82,7 @@ def odd_number(rng: Rng, content: bytes) -> bytes:
 
 
 def lines(rng: Rng, content: bytes) -> bytes:
-    """One to three lines left out, doubled, swapped, or put in anew."""
+    """The text with one to three lines left out, doubled, swapped, or inserted."""
     rows = content.split(b"\n")
     for _ in range(int(rng.integers(1, 4))):
         i, j = at(rng, len(rows)), at(rng, len(rows))
@@ -112,7 +112,7 @@ BYTES = {
 
 
 def byte_order_mark(rng: Rng, content: bytes) -> bytes:
-    """As editors on Windows write it."""
+    """The text behind a byte order mark, as editors on Windows write it."""
     return b"\xef\xbb\xbf" + content
 
 

@@ -46,7 +46,7 @@ def _as_other_suffix(name: str, rng: Rng) -> str:
 
 
 def attempt(number: int, rng: Rng, name: str, material: Path, scratch: Path) -> Result:
-    """One case: a dataset of one pose, whose scan is spoiled."""
+    """Run one case: a dataset of one pose, whose scan is spoiled."""
     scene = material / "scans" / str(int(rng.integers(SCENES)))
     apex_mm = np.loadtxt(scene / "apex_mm.txt")
     content = (scene / name).read_bytes()
@@ -73,7 +73,7 @@ def attempt(number: int, rng: Rng, name: str, material: Path, scratch: Path) -> 
 
 
 def _spoiled(rng: Rng, name: str, content: bytes) -> tuple[str, bytes, bool]:
-    """What was done, the file then, and whether it means the same."""
+    """Name of the damage, the damaged file, and whether it means the same."""
     share = rng.random()
     if share < 0.2:
         same: dict[str, Callable[[Rng, bytes], bytes]] = {"nothing": lambda rng, content: content}

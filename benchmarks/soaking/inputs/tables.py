@@ -1,4 +1,4 @@
-"""What a table of comma-separated values suffers by hands and programs; and what changes nothing of its meaning."""
+"""Damage to tables of comma-separated values by hands and programs, and changes that leave their meaning."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _bytes(rows: Rows) -> bytes:
 
 
 def _change(rng: Rng, rows: Rows) -> None:
-    """One change of meaning, in place."""
+    """Change the meaning of a table once, in place."""
     kind = int(rng.integers(16))
     i, j, column = at(rng, len(rows)), at(rng, len(rows)), at(rng, len(rows[0]))
     body = rows[1:]
@@ -79,7 +79,7 @@ def _change(rng: Rng, rows: Rows) -> None:
 
 
 def changed(rng: Rng, content: bytes) -> bytes:
-    """One to three changes of cells, rows and columns."""
+    """A table after one to three changes of cells, rows and columns."""
     rows = _rows(content)
     for _ in range(int(rng.integers(1, 4))):
         _change(rng, rows)
@@ -101,7 +101,7 @@ def _is_number(cell: str) -> bool:
 
 
 def plausible(rng: Rng, content: bytes) -> bytes:
-    """One to three changes after which it is a table still: what is read is fitted, however odd the measurement."""
+    """A table after one to three changes that leave it readable, however odd the measurement."""
     rows = _rows(content)
     for _ in range(int(rng.integers(1, 4))):
         columns = _numbers(rows)
@@ -141,7 +141,7 @@ def plausible(rng: Rng, content: bytes) -> bytes:
 
 
 def other_separator(rng: Rng, content: bytes) -> bytes:
-    """As spreadsheets of other countries write it; the decimal comma too, sometimes."""
+    """The table as spreadsheets of other countries write it; sometimes with the decimal comma too."""
     if rng.random() < 0.5:
         content = content.replace(b",", b";").replace(b".", b",")
     return content.replace(b",", (b";", b"\t", b"|", b" ")[rng.integers(4)])

@@ -102,7 +102,7 @@ SAME: dict[str, Callable[[Rng, Files], bytes]] = {
 
 
 def attempt(number: int, rng: Rng, material: Path, scratch: Path) -> Result:
-    """One case."""
+    """Run one case."""
     forms = sorted((material / "tables").glob("*.csv"))
     form = forms[int(rng.integers(len(forms)))]
     files = {"robot.toml": (material / "cell" / "robot.toml").read_bytes(), "measured.csv": form.read_bytes()}
@@ -138,7 +138,7 @@ def _good(material: Path, form: Path, folder: Path) -> tuple[str, str]:
 
 
 def differs_from_good(material: Path, form: Path, made: Path, folder: Path) -> str:
-    """What of an imported dataset is not as it is from the table as it was."""
+    """Differences of an imported dataset from that of the undamaged table."""
     poses, points = _good(material, form, folder)
     for name, good in (("poses.csv", poses), ("points.csv", points)):
         if (made / name).read_text() != good:

@@ -82,7 +82,7 @@ def oversized_frames(port: int) -> None:
 
 
 def broken_frames(port: int) -> None:
-    """What RFC 6455 forbids: no mask, reserved bits, codes and reasons, long or split control frames, no UTF-8."""
+    """Frames that RFC 6455 forbids: no mask, reserved bits, codes, long or split control frames, no UTF-8."""
     for frames in (
         [_frame(2, b"hello", mask=False)],
         [_frame(opcode, b"") for opcode in (3, 7, 11, 15)],

@@ -24,7 +24,7 @@ ASKS_AGAIN_S, GIVES_UP_S = 10.0, 60.0
 
 
 def _usual_files() -> None:
-    """As many open files as a user's shell allows; more connections than that are part of what is tried."""
+    """Limit the open files to what a user's shell allows; more connections than that are part of what is tried."""
     resource.setrlimit(resource.RLIMIT_NOFILE, (OPEN_FILES, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
 
 
@@ -59,7 +59,7 @@ class LiveServer:
         self.before = files_below(folder)
 
     def said(self) -> str:
-        """All that it printed."""
+        """Everything that the server printed."""
         return self.log.read_text("utf-8", "replace")
 
     def rss_mb(self) -> float:
@@ -68,7 +68,7 @@ class LiveServer:
         return int(status.split("VmRSS:")[1].split()[0]) / 1024
 
     def answer_s(self) -> float:
-        """How long the page itself takes to come."""
+        """Seconds until the page itself is delivered."""
         began = time.monotonic()
         with urllib.request.urlopen(f"http://127.0.0.1:{self.port}/", timeout=60.0) as answer:
             answer.read()
@@ -80,7 +80,7 @@ class LiveServer:
         return sorted(name for name in {*now, *self.before} if now.get(name) != self.before.get(name))
 
     def close(self) -> None:
-        """End it."""
+        """End the process."""
         self.process.terminate()
         try:
             self.process.wait(30)

@@ -93,7 +93,7 @@ def long_headers(port: int) -> None:
 
 
 def wrong_methods(port: int) -> None:
-    """What this server does not know."""
+    """HTTP methods that this server does not know."""
     for method in (b"POST", b"PUT", b"DELETE", b"TRACE", b"CONNECT", b"PROPFIND", b"OPTIONS", b"\xff\xfe"):
         for version in (b"HTTP/1.1", b"HTTP/1.0", b"HTTP/9.9", b""):
             say(port, method + b" / " + version + b"\r\nHost: x\r\nContent-Length: 5\r\n\r\nhello")
@@ -142,7 +142,7 @@ def foreign_host(port: int) -> None:
 
 
 def odd_asks(port: int) -> None:
-    """What the page's own script could ask, and never would."""
+    """Requests that the page's own script could send and never would."""
     for query in (
         "", "name=pose", "name=nothing&value=1", "name=pose&value=" + "9" * 900, "name=pose&value=%00%ff", "a" * 900,
         "name=joint&value=1e999", "name=joint&value=-1", "name=effect&value=<img>", "name=pose&value=" + "x" * 5000,

@@ -1,1 +1,1 @@
-"""The jig's faces by themselves: where their edges lie, and angles that may be relied on."""
+"""The jig's faces: their outlines, pixels that mix across their edges, and certified angles between them."""

@@ -1,4 +1,4 @@
-"""Three fitted planes under the certified angles of a jig: one rigid body instead of three free planes.
+"""Fit of three planes under the certified angles of a jig: one rigid body instead of three free planes.
 
 The three angles between the faces are three equations between the nine parameters of the planes. The best linear
 estimate under them moves the parameters by -C J' (J C J')^-1 g, where C is their covariance, g the angles' misfit and J
@@ -25,7 +25,7 @@ _LEAST_MISFIT_MARGIN = 12.0  # by which the best labelling's squared misfit is b
 
 @dataclass(frozen=True)
 class RigidFit:
-    """The planes under the certified angles; where those cannot be used, the free planes and a note that says why."""
+    """Planes under the certified angles; where those cannot be used, the free planes and a note with the reason."""
 
     moves: Array  # (9,) added to (h, s_1, s_2) of each plane; zeros where they are left free
     covariance: Array  # (9, 9)
@@ -33,22 +33,22 @@ class RigidFit:
     note: str = ""
 
 
-def hold_to_angles(
+def constrain_to_angles(
     planes: Sequence[PlaneFit], covariance: Array, face_angles_deg: tuple[float, float, float]
 ) -> RigidFit:
-    """The planes' moves and their covariance under the certified angles between the faces.
+    """Moves of the three planes, and their covariance, under the certified angles between the faces.
 
-    Which found face is which of the certified ones is not known: the six labellings are tried, and the squared misfit
-    of the best has to be less than that of the next by a margin, unless both give the same angles.
+    Which fitted face is which certified one is not known: the six labellings are tried, and the squared misfit of the
+    best has to be less than that of the next by a margin, unless both give the same angles.
     """
     labellings = sorted({_angles(face_angles_deg, order) for order in permutations(range(3))})
-    fits = [_hold(planes, covariance, np.radians(angles_deg)) for angles_deg in labellings]
+    fits = [_constrain(planes, covariance, np.radians(angles_deg)) for angles_deg in labellings]
     fits.sort(key=lambda fit: fit.misfit)
     best = fits[0]
     if best.misfit > MOST_MISFIT:
-        found = ", ".join(f"{angle:.3f}" for angle in found_angles_deg(planes))
+        angles_text = ", ".join(f"{angle:.3f}" for angle in fitted_angles_deg(planes))
         return RigidFit(np.zeros(9), covariance, best.misfit, (
-            f"the faces meet at {found} deg, which the certified face_angles_deg do not explain "
+            f"the faces meet at {angles_text} deg, which the certified face_angles_deg do not explain "
             f"(squared misfit {best.misfit:.0f} of three angles); the planes were left free"
         ))  # fmt: skip
     if len(fits) > 1 and fits[1].misfit - best.misfit < _LEAST_MISFIT_MARGIN:
@@ -59,13 +59,16 @@ def hold_to_angles(
     return best
 
 
-def found_angles_deg(planes: Sequence[PlaneFit]) -> tuple[float, float, float]:
-    """Angles between faces 1-2, 2-3 and 3-1, in the material of a convex jig, in the air of a concave one."""
+def fitted_angles_deg(planes: Sequence[PlaneFit]) -> tuple[float, float, float]:
+    """Angles between faces 1-2, 2-3 and 3-1 of fitted planes, in a convex jig's material or a concave jig's air."""
     return angles_between_deg(np.array([plane.normal for plane in planes]))
 
 
 def angle_derivative(planes: Sequence[PlaneFit]) -> Array:
-    """J (3, 9) of n_i . n_j for the pairs 1-2, 2-3, 3-1: a slope s_k turns n into n - s_1 e_1 - s_2 e_2."""
+    """Derivatives (3, 9) of n_i . n_j, pairs 1-2, 2-3, 3-1, by the planes' heights and slopes.
+
+    A slope s_k turns a normal n into n - s_1 e_1 - s_2 e_2.
+    """
     derivative = np.zeros((3, 9))
     for row, (i, j) in enumerate(FACE_PAIRS):
         derivative[row, 3 * i + 1 : 3 * i + 3] = -planes[i].axes @ planes[j].normal
@@ -74,19 +77,20 @@ def angle_derivative(planes: Sequence[PlaneFit]) -> Array:
 
 
 def turned_normals(planes: Sequence[PlaneFit], moves: Array) -> Array:
-    """Unit normals (3, 3) of the planes with their slopes moved. moves  # (9,)"""
+    """Unit normals (3, 3) of the planes after their heights and slopes are moved by `moves` (9,)."""
     turned = np.array([p.normal - moves[3 * i + 1 : 3 * i + 3] @ p.axes for i, p in enumerate(planes)])
     return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
 
 
 def _angles(angles_deg: tuple[float, float, float], order: tuple[int, ...]) -> tuple[float, float, float]:
-    """The certified angles when the found faces 1, 2, 3 are the certified faces of `order`."""
+    """Certified angles between 1-2, 2-3 and 3-1 of the fitted faces, where these are the certified faces `order`."""
     between = {frozenset(pair): angle for pair, angle in zip(FACE_PAIRS, angles_deg, strict=True)}
     first, second, third = (between[frozenset((order[i], order[j]))] for i, j in FACE_PAIRS)
     return first, second, third
 
 
-def _hold(planes: Sequence[PlaneFit], covariance: Array, angles_rad: Array) -> RigidFit:
+def _constrain(planes: Sequence[PlaneFit], covariance: Array, angles_rad: Array) -> RigidFit:
+    """Moves and covariance of the planes under three angles for which the labelling of the faces is settled."""
     derivative = angle_derivative(planes)
     gain = covariance @ derivative.T @ np.linalg.inv(derivative @ covariance @ derivative.T)
     moves, misfit = np.zeros(9), 0.0

@@ -1,7 +1,7 @@
-"""A face's outline: the triangle between the two edges that leave the apex, and which points lie where in it.
+"""Outline of a face, the triangle or rectangle of its two edges from the apex, and the points that lie in it.
 
-A point's coordinates along the two edges, from the apex, are its heights over the two other faces. In these it is
-decided how much of a face is seen, and which points of the scan are its own.
+A point's coordinates along the two edges, from the apex, are its heights over the two other faces. They tell how much
+of a face is seen, and which points of the scan belong to it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from calib.array_types import Array, BoolArray, IndexArray
-from calib.errors import CornerError
 from calib.jig import Jig, Outline
 from calib.planes.robust_fit import TUKEY, PlaneFit
 
@@ -33,19 +32,19 @@ _PEELINGS = 4
 
 @dataclass(frozen=True)
 class FaceOutline:
-    """One face: its legs along its two edges, and whether it is their rectangle or the triangle between them."""
+    """Outline of one face: the lengths of its two edges, and whether it is their rectangle or their triangle."""
 
     legs_mm: tuple[float, float]
     rectangular: bool = False
 
     @staticmethod
     def of(outline: Outline, face: int) -> FaceOutline:
-        """The face's own; its edges are those of the two other faces, in their order."""
+        """Outline of one of the jig's faces; its two edges are numbered as the other two faces."""
         one, other = (length for i, length in enumerate(outline.edges_mm) if i != face)
         return FaceOutline((one, other), outline.rectangular)
 
     def inward(self, one: Array, other: Array) -> Array:
-        """How far points, at `one` and `other` along the edges, lie inside the face's nearest border."""
+        """Distances of points, at `one` and `other` along the edges, to the face's nearest border, positive inside."""
         a, b = self.legs_mm
         if self.rectangular:
             return np.minimum(np.minimum(one, other), np.minimum(a - one, b - other))
@@ -53,7 +52,7 @@ class FaceOutline:
 
 
 def along_edges(heights: Array, face: int, jig: Jig) -> tuple[Array, Array]:
-    """How far points (K, 3) lie from the apex along the two edges of a face, by their heights over the other faces.
+    """Coordinates of points from the apex along the two edges of a face, by their heights (K, 3) over the three planes.
 
     Along an edge the heights fall (convex) or rise (concave) away from the apex.
     """
@@ -62,7 +61,7 @@ def along_edges(heights: Array, face: int, jig: Jig) -> tuple[Array, Array]:
 
 
 def face_points(heights: Array, face: int, band_mm: float, jig: Jig, outline: Outline, margin_mm: float) -> BoolArray:
-    """Mask of the points in the band around a face's plane and inside its outline, the margin taken off all edges.
+    """Mask of the points in the band around a face's plane and inside its outline, less a margin along all edges.
 
     heights  # (K, 3) over the three planes
     """
@@ -71,31 +70,10 @@ def face_points(heights: Array, face: int, band_mm: float, jig: Jig, outline: Ou
     return np.asarray(inside & (np.abs(heights[:, face]) <= band_mm))
 
 
-def require_far_borders(local: Array, planes: Sequence[PlaneFit], jig: Jig, outline: Outline) -> None:
-    """Raise CornerError where a refined plane goes on beyond the far border of its rectangle. local  # (N, 3)
-
-    The planes as they are chosen are not good enough for this in noise: a long box leaves their tolerance at its end.
-    """
-    if not outline.rectangular:
-        return
-    heights = np.column_stack([local @ plane.normal - plane.offset_mm for plane in planes])
-    for face, plane in enumerate(planes):
-        on = np.abs(heights[:, face]) < TUKEY * plane.sigma_mm
-        one, other = along_edges(heights[on], face, jig)
-        legs_mm = FaceOutline.of(outline, face).legs_mm
-        a, b = one / legs_mm[0], other / legs_mm[1]
-        for leg_mm, share in zip(legs_mm, (_share_beyond(a, b), _share_beyond(b, a)), strict=True):
-            if share:
-                raise CornerError(
-                    f"a face of {legs_mm[0]:g} x {legs_mm[1]:g} mm goes on beyond its {leg_mm:g} mm: the corner of "
-                    f"something larger; correct edge_mm ({jig.edge_words()}) or clear the view"
-                )
-
-
 def without_far_points(along_mm: Array) -> BoolArray:
     """Mask of a face's points that are not far from the others. along_mm  # (K, 2), from the apex along its edges
 
-    Where only a part of a face is seen, a stray point far from it would turn the plane by its lever alone. Measured by
+    Where only a part of a face is seen, a stray point far from it would tilt the plane by its lever alone. Measured by
     the covariance of the points, no point of an evenly covered triangle is farther than sqrt(8) from their middle.
     """
     kept = np.ones(len(along_mm), dtype=bool)
@@ -118,12 +96,12 @@ def without_far_points(along_mm: Array) -> BoolArray:
 
 
 def flat_margins_mm(heights: Sequence[Array], planes: Sequence[PlaneFit], jig: Jig, outline: Outline) -> Array:
-    """The least margins (3,) beyond which the faces are flat: no ring of points along the edges lies off the planes.
+    """Least margins (3,) along the edges beyond which the faces are flat.
 
-    heights  # of each face's points (K, 3) over all faces. A rounded edge lowers the points beside it, and the ring
-    where the rounding begins lies within the noise point by point, but not as a whole. The rings are tried from the
-    inside out; all faces as one, as an edge's rounding is, and each by itself: pixels that saw across the edge reach
-    far into a face that is seen at a flat angle.
+    heights  # of each face's points (K, 3) over all faces. A rounded edge lowers the points next to it, and the ring of
+    points along the edges where the rounding begins lies within the noise point by point, but not as a whole. The rings
+    are tried from the inside out; all faces as one, as an edge's rounding is, and each by itself: pixels that see
+    across the edge reach far into a face that is seen at a flat angle.
     """
     margins_mm = np.array(_RINGS) * jig.shortest_mm
     total, count = (
@@ -136,12 +114,12 @@ def flat_margins_mm(heights: Sequence[Array], planes: Sequence[PlaneFit], jig: J
 
 
 def flat_margin_mm(heights: Array, face: int, plane: PlaneFit, jig: Jig, outline: Outline) -> float:
-    """The least margin of one face by itself. heights  # (K, 3) of its points over all faces"""
+    """Least margin along the edges beyond which one face is flat. heights  # (K, 3) of its points over all faces"""
     return float(_RINGS[_innermost_off(*_rings(heights, face, plane, jig, outline))] * jig.shortest_mm)
 
 
 def _rings(heights: Array, face: int, plane: PlaneFit, jig: Jig, outline: Outline) -> tuple[Array, Array]:
-    """For each ring of a face, from margin to margin: its points' heights in sigmas, added up, and their number."""
+    """Sum of the heights in sigmas, and number, of a face's points in each ring from margin to margin."""
     margins_mm = np.array(_RINGS) * jig.shortest_mm
     inward = FaceOutline.of(outline, face).inward(*along_edges(heights, face, jig))
     z = heights[:, face] / plane.sigma_mm
@@ -152,15 +130,15 @@ def _rings(heights: Array, face: int, plane: PlaneFit, jig: Jig, outline: Outlin
 
 
 def _innermost_off(total: Array, count: Array) -> int:
-    """Index of the least margin past the innermost ring whose mean height is no noise."""
+    """Index of the least margin inside which no ring has a mean height larger than its noise."""
     off = np.flatnonzero(np.abs(total[1:-1]) > _RING_SIGMA * np.sqrt(count[1:-1]))
     return int(off[-1]) + 1 if len(off) else 0
 
 
 def filled_share(along_mm: Array, face: FaceOutline, spacing_mm: float = 0.0) -> float:
-    """The share of a face's area that has points, whatever is seen through it: the most that it can be filled.
+    """Share of a face's area that has points, an upper bound of the share that counts as filled in `outline_shares`.
 
-    along_mm and spacing_mm as in `outline_shares`.
+    along_mm and spacing_mm as there.
     """
     on = _in_cells(along_mm[:, 0] / face.legs_mm[0], along_mm[:, 1] / face.legs_mm[1], _CELLS)
     return float(_filled(on, along_mm, face, spacing_mm).sum() / _inside(face.rectangular).sum())
@@ -169,12 +147,11 @@ def filled_share(along_mm: Array, face: FaceOutline, spacing_mm: float = 0.0) ->
 def outline_shares(
     along_mm: Array, agrees: BoolArray, through_mm: Array, face: FaceOutline, spacing_mm: float = 0.0
 ) -> tuple[float, float, float]:
-    """Areas, as shares of a face's, that are filled, spilt over, and seen through.
+    """Shares of a face's area that are filled with points, spilt over (points beyond its edges), and seen through.
 
-    along_mm  # (K, 2) coordinates of the plane's points along the face's two edges, from the apex; agrees  # (K,)
-    whether a point's own normal is that of the plane, without which it is not counted as spilt: it may belong to what
-    the plane cuts. Only points in a collar around the face count as spilt; farther off the plane may touch
-    other things.
+    along_mm # (K, 2) coordinates of the plane's points along the face's two edges, from the apex; agrees # (K,) whether
+    a point's own normal is that of the plane, without which it is not counted as spilt: it may belong to what the plane
+    cuts. Only points in a collar around the face count as spilt; farther off the plane may touch other things.
     through_mm  # (M, 2) where the rays of points behind the plane went through it.
 
     All areas are counted in cells of a twelfth of each edge, so that the density of the points does not matter. A cell
@@ -195,7 +172,7 @@ def outline_shares(
     open_ = (behind > on) & (on < _SOLID * float(np.prod(cell_mm)) / max(spacing_mm, 1e-9) ** 2)
     filled = int(np.sum(_filled(on, along_mm, face, spacing_mm) & ~open_))
     seen_through = int(np.sum(inside & open_))
-    points_a_cell = float(on[inside].sum()) / max(filled, 1)  # below one, a point stands for several cells
+    points_a_cell = float(on[inside].sum()) / max(filled, 1)  # below one, a point counts for several cells
     area = _CELLS**2 if face.rectangular else _CELLS**2 / 2
     spilt_area = spilt / min(1.0, max(points_a_cell, 0.1)) / area
     goes_on = _goes_on(a[agrees], b[agrees]) if face.rectangular else 0.0
@@ -203,31 +180,31 @@ def outline_shares(
 
 
 def _goes_on(a: Array, b: Array) -> float:
-    """How much of a rectangle's far border its plane goes on beyond, 0 where less than half; of either border the more.
+    """Larger share of a rectangle's two far borders that its plane goes on beyond, 0 where less than half.
 
     a, b  # (K,) of the plane's points, in shares of the legs. Strips on both sides of a border are compared by their
     points, so that no density matters. A longer box has the corner of a shorter one, and one end where it ends too.
     """
-    return max(_share_beyond(a, b), _share_beyond(b, a))
+    return max(share_beyond(a, b), share_beyond(b, a))
 
 
-def _share_beyond(along: Array, across: Array) -> float:
-    """Points of a strip beyond the border along = 1 over those of the strip within; 0 where less than half."""
-    beside = (across > _BORDER) & (across < 1 - _BORDER)
-    within = int(np.count_nonzero(beside & (along > 1 - _COLLAR) & (along < 1 - _BORDER)))
-    beyond = int(np.count_nonzero(beside & (along > 1 + _BORDER) & (along < 1 + _COLLAR)))
+def share_beyond(along: Array, across: Array) -> float:
+    """Points beyond the border along = 1 over points inside it, in strips of equal width; 0 below a half, at most 1."""
+    along_border = (across > _BORDER) & (across < 1 - _BORDER)
+    within = int(np.count_nonzero(along_border & (along > 1 - _COLLAR) & (along < 1 - _BORDER)))
+    beyond = int(np.count_nonzero(along_border & (along > 1 + _BORDER) & (along < 1 + _COLLAR)))
     return min(1.0, beyond / within) if within >= _FEW and beyond > 0.5 * within else 0.0
 
 
 @cache
 def _inside(rectangular: bool) -> BoolArray:
-    """Mask of the cells that lie as a whole in a face, a rectangle or a triangle."""
+    """Mask of the cells that lie completely in a face, a rectangle or a triangle."""
     row, column = np.indices((_CELLS, _CELLS))
     return np.asarray((row + column <= _CELLS - 2) | rectangular)
 
 
 def _in_cells(a: Array, b: Array, count: int) -> IndexArray:
-    """How many points, at shares a and b of the legs, lie in each of (count, count) cells of a twelfth from 0 on."""
+    """Number of points, at shares a and b of the legs, in each of (count, count) cells of a twelfth from 0 on."""
     row, column = a * _CELLS, b * _CELLS
     within = (row >= 0) & (column >= 0) & (row < count) & (column < count)
     cell = row[within].astype(np.int64) * count + column[within].astype(np.int64)
@@ -235,12 +212,12 @@ def _in_cells(a: Array, b: Array, count: int) -> IndexArray:
 
 
 def _beyond(a: Array, b: Array, face: FaceOutline, by: float) -> BoolArray:
-    """Whether points at shares a and b of the legs lie `by` beyond the face's far border."""
+    """Mask of points, at shares a and b of the legs, that lie farther than `by` beyond the face's far border."""
     return np.asarray(np.maximum(a, b) > 1 + by / np.sqrt(2) if face.rectangular else a + b > 1 + by)
 
 
 def _filled(on: IndexArray, along_mm: Array, face: FaceOutline, spacing_mm: float) -> BoolArray:
-    """Mask of the cells in a face with points, or as near to a point (K, 2) as those of a surface are to each other."""
+    """Mask of the face's cells that have points (K, 2), or lie as near to one as the points of a surface do."""
     inside = _inside(face.rectangular)
     filled = inside & (on > 0)
     cell_mm = np.array(face.legs_mm) / _CELLS

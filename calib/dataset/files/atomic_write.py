@@ -1,4 +1,4 @@
-"""Files that are written whole: the old content or the new, never half of it."""
+"""Files written atomically: a reader finds the old content or the new, never a part."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _NAME = 100  # characters of a file's name in that of the temporary one, which h
 
 
 def write_text_atomically(path: Path, text: str) -> None:
-    """Write through a neighbouring temporary file, so that a reader sees the old text or the new, never half."""
+    """Write UTF-8 text through a temporary file beside it, so that a reader finds the old text or the new."""
     write_bytes_atomically(path, text.encode("utf-8"))
 
 
 def write_bytes_atomically(path: Path, content: bytes) -> None:
-    """Write bytes as `write_text_atomically` writes text; a terminal or a pipe is written to directly.
+    """Write bytes through a temporary file beside it; a terminal or a pipe is written to directly.
 
     Raises DatasetError where the path is a folder or cannot be written.
     """

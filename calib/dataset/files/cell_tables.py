@@ -1,13 +1,12 @@
-"""Tables of dataset.toml that tell of the cell: [scanner], its errors and field, [jig], [cell], what is in the way."""
+"""The tables [scanner], [jig] and [cell] of dataset.toml, read, checked and written."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-from calib.dataset.dataset import Scanner
+from calib.dataset.dataset import Box, Scanner, Surroundings
 from calib.dataset.files.points_csv import LEAST_SIGMA_DEG, LEAST_SIGMA_MM, MOST_SIGMA_DEG, MOST_SIGMA_MM
-from calib.dataset.surroundings import Box, Surroundings
 from calib.errors import CornerError, is_one_line
 from calib.jig import Jig, jig_normals
 from calib.text_files.toml_table import TomlTable
@@ -21,7 +20,7 @@ MOUNTS = ("room", "flange")
 
 
 def load_scanner(table: TomlTable) -> Scanner:
-    """[scanner]. Raises DatasetError."""
+    """The instrument that [scanner] declares. Raises DatasetError."""
     sigma_deg = _sigma(table, "orientation_sigma_deg", LEAST_SIGMA_DEG, MOST_SIGMA_DEG, "deg")
     field_mm, distance_mm = table.vector("field_mm"), table.number("distance_mm", positive=True)
     if field_mm is not None and not all(0.0 < size <= _FARTHEST_MM for size in field_mm):
@@ -62,12 +61,12 @@ def load_scanner(table: TomlTable) -> Scanner:
 
 
 def load_mount(table: TomlTable) -> bool:
-    """Whether [scanner] says that the arm carries the scanner; it stands in the room where nothing is said."""
+    """Whether [scanner] declares that the arm carries the scanner; by default it stands in the room."""
     return table.text("mount", "room", choices=MOUNTS) == "flange"
 
 
 def _sigma(table: TomlTable, key: str, least: float, most: float, unit: str) -> float | None:
-    """A standard deviation that an instrument may have; None where the key is absent."""
+    """Standard deviation under a key, in its unit, checked against the limits; None where the key is absent."""
     sigma = table.number(key, positive=True)
     if sigma is not None and not least <= sigma <= most:
         raise table.error(
@@ -79,9 +78,9 @@ def _sigma(table: TomlTable, key: str, least: float, most: float, unit: str) -> 
 
 
 def scanner_document(scanner: Scanner) -> dict[str, Any]:
-    """What `load_scanner` reads."""
+    """[scanner] as a dict for writing; `load_scanner` reads it back."""
     sigma_rad = scanner.orientation_sigma_rad
-    told = {
+    declared = {
         "point_sigma_mm": scanner.point_sigma_mm,
         "scan_sigma_mm": scanner.scan_sigma_mm,
         "correlated_sigma_mm": scanner.correlated_sigma_mm,
@@ -92,11 +91,11 @@ def scanner_document(scanner: Scanner) -> dict[str, Any]:
         "distance_mm": scanner.distance_mm,
         "max_incidence_deg": scanner.max_incidence_deg,
     }
-    return {key: value for key, value in told.items() if value is not None} | dict(scanner.extra)
+    return {key: value for key, value in declared.items() if value is not None} | dict(scanner.extra)
 
 
 def load_jig(table: TomlTable) -> tuple[Jig, dict[str, Any]]:
-    """[jig], and what it holds besides. Raises DatasetError."""
+    """The jig that [jig] declares, and its unknown keys, which are kept. Raises DatasetError."""
     default = Jig()
     edge_mm = _edges(table) or default.edge_mm
     angles = table.vector("face_angles_deg") or default.face_angles_deg
@@ -119,7 +118,7 @@ def load_jig(table: TomlTable) -> tuple[Jig, dict[str, Any]]:
 
 
 def _edges(table: TomlTable) -> float | tuple[float, float, float] | None:
-    """One length of all edges of the jig, or three; None where none is told."""
+    """Edge length of the jig in mm, one for all edges or three; None where none is declared."""
     key, three = "edge_mm", None
     if isinstance(table.data.get(key), list):
         three = table.vector(key)
@@ -139,7 +138,7 @@ def _edges(table: TomlTable) -> float | tuple[float, float, float] | None:
 
 
 def jig_document(jig: Jig) -> dict[str, Any]:
-    """[jig] as it is written."""
+    """[jig] as a dict for writing; `load_jig` reads it back."""
     return {
         "shape": jig.shape,
         "edge_mm": list(jig.edge_mm) if isinstance(jig.edge_mm, tuple) else jig.edge_mm,
@@ -150,7 +149,7 @@ def jig_document(jig: Jig) -> dict[str, Any]:
 
 
 def load_surroundings(table: TomlTable) -> Surroundings:
-    """[cell]. Raises DatasetError."""
+    """The floor, boxes and least manipulability that [cell] declares. Raises DatasetError."""
     floor_z_mm = table.number("floor_z_mm")
     if floor_z_mm is not None and abs(floor_z_mm) > _FARTHEST_MM:
         remedy = f"a height within {_FARTHEST_MM:g} mm of the base is needed"
@@ -193,7 +192,7 @@ def _box(row: TomlTable, default_name: str) -> Box:
 
 
 def surroundings_document(surroundings: Surroundings) -> dict[str, Any]:
-    """What `load_surroundings` reads; empty where nothing is known."""
+    """[cell] as a dict for writing, empty where nothing is declared; `load_surroundings` reads it back."""
     document: dict[str, Any] = {}
     if surroundings.floor_z_mm is not None:
         document["floor_z_mm"] = surroundings.floor_z_mm

@@ -1,4 +1,4 @@
-"""CSV tables whose every error names file, row and column. Rows are counted as an editor does: the header is line 1."""
+"""A dataset's CSV tables, whose every error names file, line and column; the header is line 1."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from calib.text_files.text_file import read_text
 
 @dataclass(frozen=True)
 class TableFile:
-    """The cells of one CSV file, as text."""
+    """A CSV file as a table of text cells, with the line of each row."""
 
     path: Path
     cells: pd.DataFrame
@@ -27,7 +27,7 @@ class TableFile:
 
     @classmethod
     def load(cls, path: Path, *, pipe: bool = False) -> TableFile:
-        """The file's cells; `pipe` as `read_text` has it. Raises DatasetError."""
+        """Read a CSV file; `pipe` says whether it may be a pipe. Raises DatasetError."""
         text = read_text(path, missing="dataset.toml names it", kind="CSV", most_bytes=MOST_BYTES, pipe=pipe)
         numbered = csv_rows(path, text)
         if not numbered:
@@ -71,7 +71,7 @@ class TableFile:
         return column in self.cells.columns
 
     def line(self, row: int) -> int:
-        """Where a row stands in the file, as an editor counts."""
+        """Line number of a row in the file, the first line being 1."""
         return self.lines[row] if self.lines else row + 2
 
     def error(self, row: int, column: str, found: str, remedy: str) -> DatasetError:
@@ -86,14 +86,14 @@ class TableFile:
             )
 
     def text(self, column: str, *, allow_empty: bool = False) -> list[str]:
-        """The column as stripped text."""
+        """Stripped cells of a column. Raises DatasetError for a missing column or, unless allowed, an empty cell."""
         values = [str(value).strip() for value in self.cells[column]]
         if not allow_empty and "" in values:
             raise self.error(values.index(""), column, "the cell is empty", "fill it in or remove the row")
         return values
 
     def numbers(self, columns: list[str]) -> Array:
-        """(rows, columns) finite numbers."""
+        """Finite numbers (rows, columns) of some columns. Raises DatasetError with line and column."""
         out = np.empty((len(self), len(columns)))
         for k, column in enumerate(columns):
             texts = self.text(column)
@@ -113,7 +113,7 @@ class TableFile:
         return values
 
     def rest(self, known: Iterable[str]) -> pd.DataFrame:
-        """The other columns: numbers where every cell is one, text otherwise."""
+        """All columns but the known ones: numbers where every cell is a number, else text."""
         known = set(known)
         frame = self.cells[[name for name in self.cells.columns if name not in known]].copy()
         for name in frame.columns:
@@ -124,7 +124,7 @@ class TableFile:
 
 
 def _is_number(text: str) -> bool:
-    """Whether a text is a number that Python reads, nan and inf among them."""
+    """Whether Python reads a text as a number, nan and inf included."""
     try:
         float(text)
     except ValueError:
@@ -133,5 +133,5 @@ def _is_number(text: str) -> bool:
 
 
 def short(text: str, most: int = 60) -> str:
-    """A text in quotes, cut to `most` characters: an unclosed quote makes one cell of the rest of a file."""
+    """Text in quotes for a message, cut to `most` characters, as an unclosed quote may make a very long cell."""
     return repr(text) if len(text) <= most else f"{text[:most]!r} ..."

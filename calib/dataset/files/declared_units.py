@@ -1,6 +1,6 @@
-"""The units and the order of quaternions that a dataset's tables have, as `[units]` of dataset.toml or their names say.
+"""Units and quaternion order of a dataset's tables, from `[units]` of dataset.toml or the columns' names.
 
-Columns carry their unit in their name: q1_deg or q1_rad, x_mm or x_m. Inside, angles are rad and lengths mm.
+Columns carry their unit in their name: q1_deg or q1_rad, x_mm or x_m. After reading, angles are rad and lengths mm.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ QUATERNION_ORDERS = ("wxyz", "xyzw")
 
 @dataclass(frozen=True)
 class DeclaredUnits:
-    """What `[units]` says; "" where it does not and the columns' names decide."""
+    """Units that `[units]` declares; "" where it declares none and the columns' names decide."""
 
     angle: str = ""  # of the joints: "deg" or "rad"
     length: str = ""  # of prismatic joints and points: "mm" or "m"
@@ -32,7 +32,7 @@ NOT_DECLARED = DeclaredUnits()
 
 
 def load_units(table: TomlTable) -> DeclaredUnits:
-    """`[units]` of dataset.toml. Raises DatasetError for a key or a unit that is not known."""
+    """Units declared in [units]. Raises DatasetError for an unknown key or unit."""
     units = DeclaredUnits(
         angle=table.text("angle", "", choices=("deg", "rad")) or "",
         length=table.text("length", "", choices=("mm", "m")) or "",
@@ -44,7 +44,7 @@ def load_units(table: TomlTable) -> DeclaredUnits:
 
 
 def unit_of(file: TableFile, columns: Mapping[str, Sequence[str]], declared: str) -> str:
-    """Which of two units a table has: the declared one, else that of its columns' names.
+    """The unit of a table: the declared one, else that of its columns' names.
 
     `columns` has the names by unit, the usual unit first; it is taken where columns of both are complete.
 
@@ -73,7 +73,7 @@ def unit_of(file: TableFile, columns: Mapping[str, Sequence[str]], declared: str
 
 
 def internal(values: Array, columns: Sequence[str]) -> Array:
-    """(N, n) rad and mm, of values in the units that the n columns' names end with."""
+    """Values (N, n) converted to rad and mm from the units that the n columns' names end with."""
     out = values.copy()
     for k, name in enumerate(columns):
         if name.endswith("_deg"):
@@ -84,7 +84,7 @@ def internal(values: Array, columns: Sequence[str]) -> Array:
 
 
 def quaternion_order(file: TableFile, declared: str) -> tuple[str, ...]:
-    """The columns that hold w, x, y and z: by their names, or from left to right in the declared order."""
+    """Names of the columns that hold w, x, y and z: as named, or from left to right in the declared order."""
     if not declared:
         return QUATERNION_COLUMNS
     left_to_right = [name for name in file.cells.columns if name in QUATERNION_COLUMNS]

@@ -1,4 +1,4 @@
-"""Hashes of the files that a dataset's numbers come from, which tell whether one of them has changed."""
+"""Hashes of a dataset's files, to tell whether one of them has changed since it was read."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def content_hash(path: Path) -> str:
 
 
 def fingerprint(dataset: Dataset) -> dict[str, str]:
-    """The hash of each file that a fit of the dataset reads, by path below its folder.
+    """Hashes of the files that a fit of the dataset reads, by path below its folder.
 
-    Those are dataset.toml, the robot, the poses and the points, each as it was when the dataset was loaded: its numbers
-    come from there, whatever the file holds by now. The scans count only where there are no points.
+    These are dataset.toml, the robot, the poses and the points, each as it was when the dataset was loaded. Scans are
+    included only where there are no points.
     """
     if dataset.folder is None:
         raise DatasetError(f"dataset {dataset.name}: it has no folder; write it to one first")
@@ -44,7 +44,7 @@ def fingerprint(dataset: Dataset) -> dict[str, str]:
 
 
 def table_hashes(folder: Path) -> dict[str, str]:
-    """The hashes of dataset.toml, the robot, the poses and, where they are named, the points; by path below the folder.
+    """Hashes of dataset.toml, the robot, the poses and, where named, the points; by path below the folder.
 
     Raises DatasetError.
     """
@@ -54,5 +54,5 @@ def table_hashes(folder: Path) -> dict[str, str]:
 
 
 def changed(before: Mapping[str, str], now: Mapping[str, str]) -> tuple[str, ...]:
-    """Files that differ, came or went, in the order of `now`, then those that are gone."""
+    """Names of files that changed, were added or removed, in the order of `now`, the removed ones last."""
     return tuple(name for name in dict.fromkeys([*now, *before]) if now.get(name) != before.get(name))

@@ -1,4 +1,4 @@
-"""The dataset folder, read, checked and written. Format version 1: dataset.toml, robot.toml, poses.csv, points.csv."""
+"""The dataset folder (format version 1: dataset.toml, robot.toml, poses.csv, points.csv), read, checked and written."""
 
 from __future__ import annotations
 
@@ -26,9 +26,8 @@ from calib.dataset.files.fingerprint import table_hashes
 from calib.dataset.files.points_checks import unmeasured_note
 from calib.dataset.files.points_csv import load_points, points_frame
 from calib.dataset.files.poses_csv import load_poses, poses_frame
-from calib.dataset.files.robot_toml import load_robot, robot_to_toml
+from calib.dataset.files.robot_toml import load_robot, refuse_beyond, robot_to_toml
 from calib.dataset.files.target_tables import load_targets, target_document
-from calib.dataset.robot_checks import refuse_beyond
 from calib.errors import DatasetError, is_one_line
 from calib.jig import Jig
 from calib.scans.scan import scan_file
@@ -54,7 +53,14 @@ def find_datasets(folder: Path) -> list[Path]:
 
 
 def load_dataset(folder: str | Path) -> Dataset:
-    """Read a dataset folder. Raises DatasetError; what is possible but probably a mistake goes to `warnings`."""
+    """Read and check a dataset folder; values that are possible but suspicious go to `warnings`.
+
+    Raises DatasetError, which names file, line and column or key, what was found, and a remedy.
+
+    >>> import calib
+    >>> calib.load_dataset("sample_data/hidden_effect_a")
+    Dataset(hidden_effect_a: RB5-850, 6 joints; 64 poses (1 reference, 50 train, 13 test); 64 points)
+    """
     folder = Path(folder)
     top = TomlTable.load(folder / "dataset.toml")
     version = top.number("format")
@@ -101,7 +107,7 @@ def load_dataset(folder: str | Path) -> Dataset:
         raise scanner_table.error(
             "scan_sigma_mm",
             f"found {scanner.scan_sigma_mm:g} mm",
-            f"of a jig of {jig.edge_words()} nothing is seen above {jig.shortest_mm / 10.0:g} mm",
+            f"of a jig of {jig.edges_text()} nothing is seen above {jig.shortest_mm / 10.0:g} mm",
         )
     return Dataset(
         name=name,
@@ -124,6 +130,15 @@ def load_dataset(folder: str | Path) -> Dataset:
     )
 
 
+def as_dataset(dataset: Dataset | str | Path) -> Dataset:
+    """The dataset, read from its folder where a path is given. Raises DatasetError."""
+    if isinstance(dataset, str | Path):
+        return load_dataset(dataset)
+    if not hasattr(dataset, "poses"):
+        raise DatasetError(f"found a {type(dataset).__name__}, expected a Dataset or the path of its folder")
+    return dataset
+
+
 def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
     """Every file that belongs to a dataset, scans included, whether or not a fit reads it."""
     if dataset.folder is None:
@@ -139,14 +154,14 @@ def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
 
 
 def _inside(folder: Path, name: str, top: TomlTable, key: str) -> Path:
-    """A path below the folder; one that leaves it is refused."""
+    """The path of a named file below the folder. Raises DatasetError where it leads out of the folder."""
     if not name or not _is_below(folder, folder / name):
         raise top.error(key, f"found {name!r}, which is not below the dataset's folder", "use a relative path below it")
     return folder / name
 
 
 def _is_below(folder: Path, path: Path) -> bool:
-    """Whether a path leads to a place in the folder; one that leads nowhere, such as a link to itself, does not."""
+    """Whether a path, links followed, lies in the folder; False for a link that leads nowhere."""
     try:
         return path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError, ValueError):  # a circle of links, a zero character
@@ -154,18 +169,18 @@ def _is_below(folder: Path, path: Path) -> bool:
 
 
 def _about(table: TomlTable) -> About:
-    """Texts of one line; `date` may be a date of TOML's own, which has no quotes."""
-    told: dict[str, str] = {}
+    """The arm's serial number, operator, site and date of [about]; the date may be a TOML date or a text."""
+    texts: dict[str, str] = {}
     for key in ABOUT:
         date = table.date(key) if key == "date" else None
-        told[key] = date or table.text(key, "") or ""
-        if not is_one_line(told[key]):
-            raise table.error(key, f"found {told[key]!r}", "a text of one line without control characters is needed")
-    return About(**told, extra=table.unread())
+        texts[key] = date or table.text(key, "") or ""
+        if not is_one_line(texts[key]):
+            raise table.error(key, f"found {texts[key]!r}", "a text of one line without control characters is needed")
+    return About(**texts, extra=table.unread())
 
 
 def _check_scans(folder: Path, scan_folder: Path, poses: Poses, poses_path: Path, *, needed: bool) -> None:
-    """Each pose's scan lies below the folder and, where `needed`, is there. Raises DatasetError with its line."""
+    """Raise DatasetError, with the line, where a pose's scan lies outside the folder or, if `needed`, is missing."""
     for row, name in enumerate(poses.scan_names):
         path = scan_folder / name
         outside = not _is_below(folder, path)
@@ -181,7 +196,13 @@ def _check_scans(folder: Path, scan_folder: Path, poses: Poses, poses_path: Path
 
 
 def write_dataset(dataset: Dataset, folder: str | Path) -> None:
-    """Write the folder; `load_dataset` gives the same dataset back. Scans are copied where they lie elsewhere."""
+    """Write a dataset folder, which `load_dataset` reads back unchanged. Scans are copied where they lie elsewhere.
+
+    >>> import calib
+    >>> calib.write_dataset(calib.load_dataset("sample_data/hidden_effect_a"), "copy")
+    >>> calib.load_dataset("copy").name
+    'hidden_effect_a'
+    """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     if dataset.scan_folder is not None:

@@ -1,4 +1,4 @@
-"""Warnings about measured points: another unit, another order of the quaternions, rows that were copied."""
+"""Warnings about measured points: a wrong unit, a wrong order of quaternions, copied rows."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _POSES_IN_A_SOCKET = 5  # at which one place is met; a row copied by mistake sta
 
 
 def require_targets(file: TableFile, names: Sequence[str], robot: Robot) -> None:
-    """Raise DatasetError, with its line, where a row (M) is of no target that the scanner can have seen."""
+    """Raise DatasetError, with the line, where the target of one of the M rows is not known to robot.toml."""
     on_arm = [target.name for target in robot.targets]
     for row, name in enumerate(names):
         found = f"found {short(name)}"
@@ -48,11 +48,11 @@ def require_targets(file: TableFile, names: Sequence[str], robot: Robot) -> None
 
 
 def unit_doubt(robot: Robot, poses: Poses, points: Points, unit: str = "mm") -> str:
-    """Which unit the points seem to have instead of `unit`, as a sentence; "" where that one fits or none can be told.
+    """Sentence that names the unit the points seem to have; "" where `unit` fits or none can be determined.
 
-    Neither turn nor shift of the scanner changes how far points spread about their mean. Each setup's spread is held
-    against that of the nominal arm at the same poses; a ratio of 1 / 25.4 is that of inches. A scanner on the flange
-    has a place there that is in its unit too: nothing is told of it.
+    The scanner's pose does not change how far points spread about their mean. Each setup's spread is compared with that
+    of the nominal arm at the same poses; a ratio of 1 / 25.4 means inches. For a scanner on the flange this does not
+    hold, as the scanner's own place is in the same unit: the result is "".
     """
     if robot.carries_scanner:
         return ""
@@ -85,14 +85,15 @@ def _square_spread(points_mm: Array) -> float:
 
 
 def order_doubt(robot: Robot, poses: Poses, points: Points, by_order: Mapping[str, Array]) -> str:
-    """Whether the quaternions fit the nominal arm far better in another order, as a sentence; "" where they do not.
+    """Sentence that names another order of the quaternions which fits the nominal arm far better; "" where none does.
 
-    Measured orientations are Y B X: B (M, 3, 3) those of the nominal arm's tool, Y the scanner's turn to the base and
-    X how the jig sits on the tool, both unknown constants. Y is that of the points where one of the orders fits so.
-    With a scanner on the flange Y is its turn to that, B the base's, and X how the jig stands in the room.
+    Measured orientations are Y B X: B (M, 3, 3) the orientations of the nominal arm's tool, Y the rotation
+    scanner_R_base and X the jig's rotation on the tool, both unknown constants. Y is taken from the points where one
+    order agrees with them. For a scanner on the flange Y is its rotation on the flange, B that of the base and X that
+    of the jig in the world.
 
     Args:
-        by_order: the orientations by order of their columns from left to right, "wxyz" and "xyzw"; NaN: not known.
+        by_order: the orientations (M, 3, 3) read in either order of the columns, "wxyz" and "xyzw"; NaN: not known.
     """
     assert points.orientations is not None
     setups = poses.setup[points.pose]
@@ -100,7 +101,7 @@ def order_doubt(robot: Robot, poses: Poses, points: Points, by_order: Mapping[st
     if not known.any():
         return ""
     names, counts = np.unique(setups[known], return_counts=True)
-    rows = np.flatnonzero(known & (setups == names[np.argmax(counts)]))  # one placement of the scanner, one Y
+    rows = np.flatnonzero(known & (setups == names[np.argmax(counts)]))  # one station of the scanner, one Y
     if len(rows) < _FEWEST_ORIENTATIONS:
         return ""
     rows = rows[:: -(-len(rows) // _ENOUGH_ORIENTATIONS)]
@@ -126,7 +127,7 @@ def order_doubt(robot: Robot, poses: Poses, points: Points, by_order: Mapping[st
 
 
 def _turn_by_points(nominal_mm: Array, measured_mm: Array) -> Array | None:
-    """The scanner's turn to the base (3, 3) that the points (M, 3) tell; None where they miss the nominal arm's."""
+    """Rotation scanner_R_base (3, 3) fitted to the points (M, 3); None where they do not fit the nominal arm."""
     frame = frames.best_fit_transform(nominal_mm, measured_mm)
     missed = float(np.sum((frames.apply(frame, nominal_mm) - measured_mm) ** 2))
     _, second, _ = np.linalg.svd(nominal_mm - nominal_mm.mean(axis=0), compute_uv=False)
@@ -135,10 +136,10 @@ def _turn_by_points(nominal_mm: Array, measured_mm: Array) -> Array | None:
 
 
 def _misfit_deg(tool: Array, measured: Array, placed: Array | None) -> float:
-    """RMS angle, deg, between measured (M, 3, 3) and Y tool X, of the best constant turns X and, unless `placed`, Y.
+    """RMS angle, deg, between measured (M, 3, 3) and Y tool X, at the best constant rotations X and, unless given, Y.
 
-    sum of tr(measured^T Y tool X) is bilinear in the entries of Y and X: its leading singular vectors, made rotations,
-    are where alternating least squares starts.
+    The sum of tr(measured^T Y tool X) is bilinear in the entries of Y and X: alternating least squares starts from its
+    leading singular vectors, projected onto rotations.
     """
     if placed is None:
         form = np.einsum("nad,nbc->abcd", measured, tool).reshape(9, 9)
@@ -155,9 +156,9 @@ def _misfit_deg(tool: Array, measured: Array, placed: Array | None) -> float:
 
 
 def copied_rows(poses: Poses, points: Points) -> list[tuple[int, int]]:
-    """Rows that have an earlier one's setup, target and coordinates to the last bit: (that one, this one).
+    """Pairs (earlier row, copy) of rows that agree in setup, target and, to the last bit, coordinates.
 
-    None where most points lie at places that five or more different joint vectors share: the tool then sat in sockets
+    Empty where most points lie at places that five or more different joint vectors share: the tool then sat in sockets
     whose coordinates are known, and nothing was copied.
     """
     rows: dict[tuple[str, str, bytes], list[int]] = {}
@@ -171,12 +172,12 @@ def copied_rows(poses: Poses, points: Points) -> list[tuple[int, int]]:
 
 
 def _is_socket(poses: Poses, points: Points, rows: list[int]) -> bool:
-    """Whether points at one place were met with five or more different joint vectors."""
+    """Whether the points at one place were measured with five or more different joint vectors."""
     return len(rows) >= _POSES_IN_A_SOCKET and len(np.unique(poses.q[points.pose[rows]], axis=0)) >= _POSES_IN_A_SOCKET
 
 
 def unmeasured_note(path: Path, poses: Poses, points: Points) -> tuple[str, ...]:
-    """How many poses have no point and which, as a note; none where all have one."""
+    """A note with the number and names of poses without a point; () where all have one."""
     without = np.setdiff1d(np.arange(len(poses)), points.pose)
     if not len(without):
         return ()

@@ -1,4 +1,4 @@
-"""points.csv, read, checked and written: measured points in the scanner's frame, and orientations where it has them.
+"""points.csv, read, checked and written: measured points in the scanner's frame, with orientations where known.
 
 Optional columns of a full pose: `qw, qx, qy, qz`, the unit quaternion of scanner_R_jig (all four empty where it is not
 known); the covariance of its error as a small turn about the scanner's axes, `rxx_rad2, rxy_rad2, rxz_rad2, ryy_rad2,
@@ -50,7 +50,7 @@ _LEAST_EIGENVALUE = 1e-12  # of a covariance scaled to a unit diagonal: below it
 def load_points(
     path: Path, robot: Robot, poses: Poses, units: DeclaredUnits = NOT_DECLARED
 ) -> tuple[Points, list[str]]:
-    """The points and warnings about them; poses without a point are none. Raises DatasetError."""
+    """The measured points, and warnings about suspicious values. Raises DatasetError."""
     file = TableFile.load(path)
     unit = unit_of(file, {u: _in_length(_XYZ_COLUMNS, u) for u in ("mm", "m")}, units.length)
     _refuse_mixed(file, unit)
@@ -82,12 +82,12 @@ def load_points(
 
 
 def _in_length(columns: Sequence[str], unit: str) -> tuple[str, ...]:
-    """The columns' names with another unit of length in the place of mm."""
+    """Names of columns with mm replaced by another unit of length."""
     return tuple(name.replace("_mm", f"_{unit}") for name in columns)
 
 
 def _refuse_mixed(file: TableFile, unit: str) -> None:
-    """Raise DatasetError where the points have one unit of length and their covariance another."""
+    """Raise DatasetError where points and covariances have different units of length."""
     other = "m" if unit == "mm" else "mm"
     for columns in (COVARIANCE_COLUMNS, CROSS_COLUMNS):
         if _any(file, _in_length(columns, other)) and not _any(file, _in_length(columns, unit)):
@@ -150,9 +150,9 @@ def _any(file: TableFile, columns: Sequence[str]) -> bool:
 def _load_covariance(
     file: TableFile, columns: tuple[str, ...], unit: str, limits: tuple[float, float], scale: float = 1.0
 ) -> Array:
-    """(M, 3, 3), mm^2 or rad^2, of the six columns of its upper triangle; `scale` makes mm of the columns' unit.
+    """Covariances (M, 3, 3), mm^2 or rad^2, from the six columns of the upper triangle; `scale` converts to mm.
 
-    Its sigmas lie within the limits, mm or rad, in every direction.
+    Raises DatasetError where a sigma in some direction is outside the limits, mm or rad.
     """
     file.require(columns)
     values = file.numbers(list(columns)) * scale**2
@@ -233,7 +233,7 @@ def _load_orientations(
 
 
 def _by_order(file: TableFile) -> dict[str, Array]:
-    """(M, 3, 3) the orientations in either order of the four columns from left to right; NaN where not known."""
+    """Orientations (M, 3, 3) by quaternion order, "wxyz" and "xyzw", of the four columns; NaN where not known."""
     columns = [name for name in file.cells.columns if name in QUATERNION_COLUMNS]
     values = np.column_stack([pd.to_numeric(file.cells[name], errors="coerce") for name in columns])
     known = np.isfinite(values).all(axis=1)
@@ -246,7 +246,7 @@ def _by_order(file: TableFile) -> dict[str, Array]:
 
 
 def points_frame(poses: Poses, points: Points) -> pd.DataFrame:
-    """points.csv as a table."""
+    """The columns of points.csv for some measured points."""
     columns: dict[str, Any] = {"pose": [poses.ids[i] for i in points.pose]}
     if np.any(points.target != "jig"):
         columns["target"] = points.target
@@ -260,7 +260,7 @@ def points_frame(poses: Poses, points: Points) -> pd.DataFrame:
 
 
 def _orientation_columns(orientations: Orientations) -> dict[str, Array]:
-    """Their columns; NaN, an empty cell, where the orientation is not known."""
+    """Columns of points.csv that hold the orientations; NaN, an empty cell, where one is not known."""
     known = orientations.known
 
     def column(values: Array) -> Array:

@@ -1,4 +1,4 @@
-"""poses.csv, read, checked and written: one row a pose, angles in degrees, or in rad where they are named so."""
+"""poses.csv, read, checked and written: one row per pose, angles in degrees unless the columns' names say rad."""
 
 from __future__ import annotations
 
@@ -18,25 +18,17 @@ from calib.dataset.input_names import CONDITIONS
 from calib.errors import DatasetError, is_one_line
 from calib.kinematics.robot import Robot
 
-_LIMITS = {  # values beyond are in another unit: milliseconds since 1970, grams
-    "payload_kg": (0.0, 1e5),
-    "temperature_c": (-273.15, 5e3),
-    "time_s": (-1e11, 1e11),
-    "deg": (-1e5, 1e5),
-    "mm": (-1e6, 1e6),
-    "rad": (-1e4, 1e4),
-    "m": (-1e3, 1e3),
-}
+_JOINT_LIMITS = {"deg": (-1e5, 1e5), "mm": (-1e6, 1e6), "rad": (-1e4, 1e4), "m": (-1e3, 1e3)}
 _LOOKS_LIKE_DEGREES = 20.0  # rad: no joint turns farther
 
 
 def joint_columns(robot: Robot, angle: str = "deg", length: str = "mm") -> list[str]:
-    """The columns of a joint vector: q1_deg ..., q3_mm for a prismatic joint."""
+    """Names of the columns of a joint vector: q1_deg ..., q3_mm for a prismatic joint."""
     return [f"q{i + 1}_{angle if joint.is_revolute else length}" for i, joint in enumerate(robot.joints)]
 
 
 def found_joint_columns(file: TableFile, robot: Robot, units: DeclaredUnits = NOT_DECLARED) -> list[str]:
-    """The joints' columns in the units that the table has. Raises DatasetError where they are mixed."""
+    """Names of the joints' columns as a table has them. Raises DatasetError where units are mixed."""
     turns = list(robot.is_revolute)
 
     def of(names: list[str], revolute: bool) -> list[str]:
@@ -52,13 +44,13 @@ def found_joint_columns(file: TableFile, robot: Robot, units: DeclaredUnits = NO
 
 
 def load_joints(file: TableFile, columns: list[str]) -> Array:
-    """(N, n) the joints' columns as they stand in the file, in the units of their names. Raises DatasetError."""
+    """Joint values (N, n) as they are in the file, in the units of the columns' names. Raises DatasetError."""
     file.require(columns)
-    return np.column_stack([_within(file, column, _LIMITS[column.rpartition("_")[2]]) for column in columns])
+    return np.column_stack([_within(file, column, _JOINT_LIMITS[column.rpartition("_")[2]]) for column in columns])
 
 
 def _within(file: TableFile, column: str, limits: tuple[float, float]) -> Array:
-    """(N,) a column of numbers. Raises DatasetError where one is outside the limits."""
+    """Numbers (N,) of a column. Raises DatasetError where one is outside the limits."""
     values = file.numbers([column])[:, 0]
     beyond = np.flatnonzero((values < limits[0]) | (values > limits[1]))
     if len(beyond):
@@ -69,7 +61,7 @@ def _within(file: TableFile, column: str, limits: tuple[float, float]) -> Array:
 
 
 def load_poses(path: Path, robot: Robot, units: DeclaredUnits = NOT_DECLARED) -> tuple[Poses, list[str]]:
-    """The poses and warnings about them. Raises DatasetError."""
+    """The poses, and warnings about suspicious values. Raises DatasetError."""
     file = TableFile.load(path)
     q_columns = found_joint_columns(file, robot, units)
     file.require(["pose", "role", *q_columns])
@@ -103,7 +95,7 @@ def load_poses(path: Path, robot: Robot, units: DeclaredUnits = NOT_DECLARED) ->
 
 
 def names(file: TableFile, column: str, *, allow_empty: bool = False) -> list[str]:
-    """A column of names, each of one line. Raises DatasetError."""
+    """A column of names without control characters. Raises DatasetError."""
     found = file.text(column, allow_empty=allow_empty)
     for row, name in enumerate(found):
         if not is_one_line(name):
@@ -112,33 +104,33 @@ def names(file: TableFile, column: str, *, allow_empty: bool = False) -> list[st
 
 
 def approach_columns(robot: Robot) -> list[str]:
-    """The columns of the direction that each joint came from."""
+    """Names of the columns with the direction (-1, 0, 1) from which each joint came: approach1 ..."""
     return [f"approach{i + 1}" for i in range(robot.n_joints)]
 
 
 def load_conditions(file: TableFile, robot: Robot) -> dict[str, Array]:
-    """The conditions that the table has columns for, by the names that `Poses` gives them."""
-    found = {name: _within(file, name, _LIMITS[name]) for name in CONDITIONS if name in file}
+    """Payload, temperature, time and approach of the poses, by field of `Poses`, for the columns that a table has."""
+    conditions = {name: _within(file, name, limits) for name, limits in CONDITIONS.items() if name in file}
     columns = approach_columns(robot)
     if any(column in file for column in columns):
         file.require(columns)
-        found["approach"] = file.numbers(columns)
-        wrong = np.argwhere(~np.isin(found["approach"], (-1.0, 1.0)))
+        conditions["approach"] = file.numbers(columns)
+        wrong = np.argwhere(~np.isin(conditions["approach"], (-1.0, 1.0)))
         if len(wrong):
             row, k = map(int, wrong[0])
-            raise file.error(row, columns[k], f"found {found['approach'][row, k]:g}", "expected -1 or 1")
-    return found
+            raise file.error(row, columns[k], f"found {conditions['approach'][row, k]:g}", "expected -1 or 1")
+    return conditions
 
 
 def in_unit_of(column: str, value: float) -> float:
-    """A joint's value, rad or mm, in the unit that its column's name ends with."""
+    """A joint's value converted from rad or mm to the unit that its column's name ends with."""
     if column.endswith("_deg"):
         return math.degrees(value)
     return value / 1000.0 if column.endswith("_m") else value
 
 
 def _angle_warnings(file: TableFile, q_file: Array, columns: list[str], robot: Robot) -> list[str]:
-    """Warnings: angles that look like radians or like degrees, angles beyond the joints' limits."""
+    """Warnings on angles that look like another unit and on angles beyond the joints' limits."""
     turning = robot.is_revolute
     warnings = []
     if turning.any():
@@ -172,7 +164,7 @@ def _angle_warnings(file: TableFile, q_file: Array, columns: list[str], robot: R
 
 
 def poses_frame(poses: Poses, robot: Robot) -> pd.DataFrame:
-    """poses.csv as a table: what is commanded, degrees for angles."""
+    """The columns of poses.csv: commanded joint values, angles in degrees, and the conditions."""
     columns: dict[str, Any] = {"pose": poses.ids, "role": poses.role}
     if any(poses.setup):
         columns["setup"] = poses.setup

@@ -1,9 +1,10 @@
-"""robot.toml, read and written: the one place where a robot's angles are degrees."""
+"""robot.toml, read, checked and written; angles are degrees in the file and rad in `Robot`."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import fields, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ _ROW_KEYS = ("a_mm", "alpha_deg", "d_mm", "theta_deg", "beta_deg")
 
 
 def builtin_robot(name: str) -> Robot:
-    """One of the arms that come with the package: "rb5" (RB5-850, Jang's Table 2) or "panda" (Franka Panda)."""
+    """A robot that comes with the package: "rb5" (RB5-850, Jang 2025 Table 2) or "panda" (Franka Panda)."""
     if name not in BUILTIN_ROBOTS:
         raise DatasetError(f"no built-in robot {name!r}; there are {', '.join(BUILTIN_ROBOTS)}, or give a robot.toml")
     with resources.as_file(resources.files("calib") / "robots" / f"{name}.toml") as path:
@@ -29,7 +30,7 @@ def builtin_robot(name: str) -> Robot:
 
 
 def load_robot(path: Path) -> Robot:
-    """Read a robot.toml. Raises DatasetError that names the key and what would do."""
+    """Read a robot.toml. Raises DatasetError that names the key and a remedy."""
     top = TomlTable.load(path)
     joints = tuple(_joint(table, number + 1) for number, table in enumerate(top.tables("joints")))
     if not joints:
@@ -60,7 +61,7 @@ def load_robot(path: Path) -> Robot:
 
 
 def _base(table: TomlTable) -> Base:
-    """Where the first row starts, in the base frame: there itself where [base] is absent."""
+    """The transform [base] before the first row of the table; the identity where it is absent."""
     xyz_mm, rpy_deg = table.vector("xyz_mm"), table.vector("rpy_deg")
     for key in table.unread():
         raise table.error(key, "no such key", "[base] has xyz_mm = [x, y, z] and rpy_deg = [roll, pitch, yaw]")
@@ -69,7 +70,7 @@ def _base(table: TomlTable) -> Base:
 
 
 def _joint_of(table: TomlTable, joints: int) -> int | None:
-    """The joint whose link a target sits on, counted from 1; None where the key is absent or it is the last."""
+    """Number, from 1, of the joint whose link carries a target; None for the last joint or an absent key."""
     number = table.number("joint")
     if number is None or number == joints:
         return None
@@ -79,7 +80,7 @@ def _joint_of(table: TomlTable, joints: int) -> int | None:
 
 
 def _coupling(top: TomlTable, joints: tuple[Joint, ...]) -> tuple[tuple[float, ...], ...]:
-    """The matrix that makes joint values of commanded ones; () where joints are commanded one by one."""
+    """Matrix (n, n) from commanded values to joint values; () where the joints are not coupled."""
     coupling = top.square_matrix("coupling", len(joints))
     if not coupling:
         return ()
@@ -159,7 +160,7 @@ def _tool(table: TomlTable) -> Tool:
 
 
 def _link_to(table: TomlTable, xyz_mm: tuple[float, float, float]) -> dict[str, Any]:
-    """The row whose end is at xyz_mm, in the last joint's frame: x = a cos theta, y = a sin theta, z = d.
+    """Parameters of the tool row that ends at xyz_mm, last joint's frame: x = a cos theta, y = a sin theta, z = d.
 
     Without y its axes stay parallel to the last joint's; with it they turn by theta, at most a quarter turn, about z.
     """
@@ -177,7 +178,7 @@ def _link_to(table: TomlTable, xyz_mm: tuple[float, float, float]) -> dict[str, 
 
 
 def degrees(angle_rad: float) -> float:
-    """Radians to degrees at 15 digits, so that 90.012 comes back as 90.012."""
+    """An angle converted to degrees, rounded to 15 digits, so that 90.012 is written as 90.012."""
     return float(f"{math.degrees(angle_rad):.15g}")
 
 
@@ -199,7 +200,7 @@ def robot_to_toml(robot: Robot) -> str:
             "payload_com_mm": tool.payload_com_mm,
         }
     ) | dict(tool.extra)
-    on_arm = [target for target in robot.targets if not target.in_room]
+    on_arm = [target for target in robot.targets if not target.in_world]
     if on_arm:
         document["targets"] = [_target_document(target) for target in on_arm]
     return tomli_w.dumps(document)
@@ -243,5 +244,47 @@ def _joint_document(joint: Joint) -> dict[str, Any]:
 
 
 def _present(document: dict[str, Any]) -> dict[str, Any]:
-    """Without the keys that have no value; tuples as lists, which is what TOML knows."""
+    """A document without its None values, tuples as lists, as TOML can be written."""
     return {k: list(v) if isinstance(v, tuple) else v for k, v in document.items() if v is not None}
+
+
+_LARGEST = {"mm": 1e6, "deg": 1e5, "kg": 1e5, "m_s2": 100.0, "ratio": 1e6}  # by the end of a key
+_REMEDY = "correct it; the unit stands in the key's name"
+
+
+def refuse_beyond(robot: Robot, path: Path) -> None:
+    """Raise DatasetError where a length, an angle, a mass, a gear ratio or gravity is beyond its bound."""
+    for place, key, value in _sizes(robot):
+        most = _LARGEST[key.rpartition("_")[2] if not key.endswith("m_s2") else "m_s2"]
+        largest = float(np.max(np.abs(value)))
+        if not largest <= most:  # nor NaN
+            found = f"{value:g}" if isinstance(value, float) else str(list(value))
+            raise DatasetError(f"{path}: {place}{key}: found {found}, beyond {most:g}; {_REMEDY}")
+
+
+def _sizes(robot: Robot) -> Iterator[tuple[str, str, float | tuple[float, float, float]]]:
+    """Table, key and value of every physical quantity in robot.toml, in the file's units."""
+    yield "", "gravity_m_s2", robot.gravity_m_s2
+    yield "[base].", "xyz_mm", robot.base.xyz_mm
+    roll, pitch, yaw = map(math.degrees, robot.base.rpy_rad)
+    yield "[base].", "rpy_deg", (roll, pitch, yaw)
+    for number, joint in enumerate(robot.joints, 1):
+        yield from _link_sizes(f"[[joints]] {number}.", joint)
+    yield from _link_sizes("[tool].", robot.tool)
+    for number, target in enumerate(robot.targets, 1):
+        yield f"[[targets]] {number}.", "xyz_mm", target.xyz_mm
+        yield f"[[targets]] {number}.", "tolerance_mm", target.tolerance_mm
+
+
+def _link_sizes(place: str, link: Joint | Tool) -> Iterator[tuple[str, str, float | tuple[float, float, float]]]:
+    for name in (f.name for f in fields(link)):
+        value = getattr(link, name)
+        if value is None:
+            continue
+        if name.endswith("_rad"):
+            yield place, f"{name.removesuffix('_rad')}_deg", math.degrees(value)
+        elif name in ("min", "max"):
+            turns = isinstance(link, Joint) and link.is_revolute
+            yield place, f"{name}_{'deg' if turns else 'mm'}", math.degrees(value) if turns else value
+        elif name.endswith(("_mm", "_kg", "_ratio")):
+            yield place, name, value

@@ -1,4 +1,4 @@
-"""Targets of dataset.toml: [[targets]], each with a name, a shape and its sizes, and a [jig] of another shape."""
+"""Targets in dataset.toml: [[targets]] with name, shape and sizes, and a [jig] that is no three-faced corner."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from calib.jig import Jig
 from calib.kinematics.robot import Robot
 from calib.target_shapes import (
     SPHERE_MM,
+    DeclaredTarget,
     OwnShape,
     PlaneSet,
     Plate,
@@ -21,7 +22,6 @@ from calib.target_shapes import (
     Socket,
     Sphere,
     Spheres,
-    Target,
 )
 from calib.text_files.toml_table import TomlTable
 
@@ -30,9 +30,9 @@ _FARTHEST_MM = 1e4
 _LEAST_TURN = 0.17  # of three planes' normals: the smallest singular value
 
 
-def load_targets(jig: TomlTable, tables: Sequence[TomlTable], robot: Robot) -> tuple[Target, ...]:
-    """The targets besides a three-faced [jig]; a [jig] of another shape is the first. Raises DatasetError."""
-    targets: list[Target] = []
+def load_targets(jig: TomlTable, tables: Sequence[TomlTable], robot: Robot) -> tuple[DeclaredTarget, ...]:
+    """All declared targets but a three-faced [jig]; a [jig] of another shape comes first. Raises DatasetError."""
+    targets: list[DeclaredTarget] = []
     if jig.data.get("shape") in _READERS and jig.data.get("shape") != "trihedral":
         targets.append(_target(jig, "jig"))
     if len(tables) > _MOST_TARGETS:
@@ -56,7 +56,7 @@ def load_targets(jig: TomlTable, tables: Sequence[TomlTable], robot: Robot) -> t
     return tuple(targets)
 
 
-def _target(table: TomlTable, name: str) -> Target:
+def _target(table: TomlTable, name: str) -> DeclaredTarget:
     kind = table.text("shape", choices=tuple(_READERS))
     if kind is None:
         raise table.error("shape", "the key is missing", f"give one of {', '.join(_READERS)}")
@@ -64,11 +64,11 @@ def _target(table: TomlTable, name: str) -> Target:
     if not name or not is_one_line(name):
         found = "the key is missing or empty" if not name else f"found {name!r}"
         raise table.error("name", found, "give the name that the target has in robot.toml, in one line")
-    return Target(name, _READERS[kind](table))
+    return DeclaredTarget(name, _READERS[kind](table))
 
 
 def _length(table: TomlTable, key: str, least: float = 0.0, most: float = _FARTHEST_MM) -> float | None:
-    """A length in mm between two limits; None where the key is absent."""
+    """Length in mm under a key, checked against the limits; None where the key is absent."""
     value = table.number(key, positive=True)
     if value is not None and not least <= value <= most:
         raise table.error(key, f"found {value:g} mm", f"{least:g} to {most:g} mm is needed")
@@ -175,8 +175,8 @@ _READERS: dict[str, Callable[[TomlTable], Shape]] = {
 }
 
 
-def target_document(target: Target) -> dict[str, Any]:
-    """One of [[targets]] as it is written; `load_targets` gives the same target back."""
+def target_document(target: DeclaredTarget) -> dict[str, Any]:
+    """One of [[targets]] as a dict for writing; `load_targets` reads it back."""
     shape = target.shape
     if isinstance(shape, Jig):
         return {"name": target.name, **jig_document(shape)}

@@ -8,40 +8,7 @@ from calib.calibration.result import Calibration
 from calib.diagnosis.words.conclusions import AtPose, Cause
 from calib.diagnosis.words.member_sizes import main_value, moved_mm
 from calib.diagnosis.words.phrases import meaning
-from calib.effects.effect import Effect, family_name
-
-NOUNS = {
-    "joint_compliance": "the compliance of joint",
-    "link_bending": "the bending of the link behind joint",
-    "transmission_error": "the transmission error of joint",
-    "strain_wave": "the strain wave gear's error of joint",
-    "joint_scale": "a scale error of joint",
-    "joint_coupling": "a coupling to its neighbour of joint",
-    "backlash": "the backlash of joint",
-    "gravity_backlash": "the backlash under gravity of joint",
-    "thermal_growth": "the growth of the links with temperature",
-    "base_compliance": "the compliance of the base",
-    "axis_wobble": "the wobble of the axis of joint",
-    "scanner_distortion": "the distortion of the instrument's field",
-    "scanner_drift": "the drift of the instrument",
-    "tool_sag": "the sag of the tool",
-    "incidence_bias": "the instrument's error with the angle of incidence",
-    "scanner_scale": "the scale of the instrument",
-    "joint_step": "a step in the zero of joint",
-    "joint_dent": "a dent in the gear of joint",
-    "target_step": "a shift of the target on the tool",
-    "scanner_step": "a move of the instrument",
-    "base_loosening": "a base that came loose",
-    "warm_up": "the growth of the links as the arm warms up",
-    "following_error": "the following error of joint",
-    "asymmetric_scale": "a scale error that differs on both sides of zero of joint",
-    "high_harmonic": "a high harmonic in the gear of joint",
-    "cable_drag": "the drag of the cables at joint",
-    "nonlinear_stiffness": "the nonlinear stiffness of joint",
-    "link_torsion": "the torsion of the link behind joint",
-    "bearing_clearance": "the clearance in the bearing of joint",
-}
-"""What a family is called in a sentence; those that end in "joint" are followed by its number."""
+from calib.effects.effect import Effect, describe, family_name
 
 
 def cause_of(effect: str, before: Calibration, after: Calibration) -> Cause:
@@ -55,6 +22,7 @@ def cause_of(effect: str, before: Calibration, after: Calibration) -> Cause:
         tuple(dict.fromkeys(joints)),
         _size(members[order[0]], after) if order else "",
         _largest_change(before, after),
+        describe(members[0]).noun if members else "",
     )
 
 

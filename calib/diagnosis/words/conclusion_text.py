@@ -1,16 +1,13 @@
-"""The words of a verdict and of an advice: the terminal, the page, the report and the JSON documents take them from here."""
+"""The words of a verdict and of what a fit leaves: the terminal, the page, the report and the JSON documents take them from here."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from calib.calibration.held_out import HeldOutTest
 from calib.diagnosis.words import conclusions as facts
-from calib.diagnosis.words.causes import NOUNS
-from calib.diagnosis.words.noise_text import noise_text
 from calib.diagnosis.words.phrases import (
     capitalised,
-    curves_text,
     fault_text,
     input_text,
     length_text,
@@ -73,12 +70,12 @@ def missing_text(effects: Sequence[str], causes: Sequence[facts.Cause] = ()) -> 
 
 def cause_text(cause: facts.Cause) -> str:
     """Joint, name, size, and where it shows the most."""
-    noun = NOUNS.get(cause.effect, f"{cause.effect} of joint" if cause.joints else cause.effect)
+    noun = cause.noun or (f"{cause.effect} of joint" if cause.joints else cause.effect)
     if noun.endswith("joint"):
         noun = f"{noun} {cause.joints[0]}" if cause.joints else noun.removesuffix(" of joint")
     rest = sorted(cause.joints[1:])
     more = f", less of {'joints' if len(rest) > 1 else 'joint'} {listed(list(map(str, rest)))}" if rest else ""
-    name = f" ({cause.effect})" if cause.effect in NOUNS else ""
+    name = f" ({cause.effect})" if cause.noun else ""
     facts_of_it = ", ".join(filter(None, [cause.size, at_pose_text(cause.largest)]))
     return f"{noun}{more}{name}{': ' if facts_of_it else ''}{facts_of_it}"
 
@@ -183,45 +180,6 @@ def promise_text(test: HeldOutTest) -> str:
         f"{length_text(test.promised_mm)}: they were measured in another way or on another day, or they show what the "
         "training poses do not. Measure training poses like them."
     )
-
-
-def advice_text(sentences: Iterable[facts.AdviceSentence]) -> str:
-    """What is left, and what to do next."""
-    return " ".join(map(_advice_sentence, sentences))
-
-
-def _advice_sentence(sentence: facts.AdviceSentence) -> str:
-    match sentence:
-        case facts.ResidualSummary():
-            return residual_summary_text(sentence)
-        case facts.AddEffect(effect, log_evidence, lead):
-            leads = "" if lead is None else f" and leads the next by {lead:.0f}"
-            return (
-                f"{effect} explains it best: its evidence is {log_evidence:.0f} (3 would do){leads}. Add it; it is the "
-                "cause if noise alone is left in the end."
-            )
-        case facts.AddCurves(effect, joints, inputs, log_evidence):
-            return (
-                f"{curves_text(joints, inputs, log_evidence)} {effect} adds what was learned; it names no cause. "
-                "Watch whether the test poses follow."
-            )
-        case facts.RemoveEffect(effect):
-            return f"{effect} is superfluous now: the other effects explain what it does. Remove it."
-        case facts.WeighNoise(noise, effects):
-            return f"What is left is noise of a shape of its own{_beside(effects)}. {noise_text(noise)}"
-        case facts.LeaveOut(poses, effects):
-            return (
-                f"Without {listed(poses)} nothing but noise is left{_beside(effects)}. Leave {_them(poses)} out, and measure "
-                f"{_them(poses)} again."
-            )
-
-
-def _beside(effects: tuple[str, ...]) -> str:
-    return f" beside {listed(effects)}" if effects else ""
-
-
-def _them(poses: tuple[str, ...]) -> str:
-    return "them" if len(poses) > 1 else "it"
 
 
 def residual_summary_text(summary: facts.ResidualSummary) -> str:

@@ -1,12 +1,11 @@
-"""The verdict of a diagnosis and the advice on a model, as facts; `conclusion_text` puts them into words."""
+"""The verdict of a diagnosis as facts; `conclusion_text` puts them into words."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from calib.calibration.held_out import HeldOutTest
-from calib.diagnosis.words.noise_text import NoiseShaped
-from calib.screening.fault_models import JointFault
+from calib.screening.smooth_motions import JointFault
 
 
 @dataclass(frozen=True)
@@ -25,6 +24,7 @@ class Cause:
     joints: tuple[int, ...]  # that carry it, counted from 1, the one that moves the tool the most first
     size: str  # of that joint, with its unit, in words
     largest: AtPose | None  # where it changes what is predicted the most
+    noun: str = ""  # the effect in a sentence; one that ends in "joint" is followed by its number
 
 
 @dataclass(frozen=True)
@@ -103,50 +103,4 @@ class Outliers:
     causes: tuple[Cause, ...] = ()
 
 
-# ---- advice ---------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class AddEffect:
-    """One effect leads."""
-
-    effect: str
-    log_evidence: float
-    lead: float | None  # over the next, in log evidence
-
-
-@dataclass(frozen=True)
-class AddCurves:
-    """No effect of the ranking explains what is left, curves of the joints do."""
-
-    effect: str
-    joints: tuple[int, ...]  # counted from 1
-    inputs: tuple[str, ...]
-    log_evidence: float  # over noise alone
-
-
-@dataclass(frozen=True)
-class RemoveEffect:
-    """An effect is superfluous: the others explain what it does."""
-
-    effect: str
-
-
-@dataclass(frozen=True)
-class LeaveOut:
-    """Without a few poses that stand out nothing is left over."""
-
-    poses: tuple[str, ...]  # ids
-    effects: tuple[str, ...]  # in the model that is found without them
-
-
-@dataclass(frozen=True)
-class WeighNoise:
-    """With the points weighed by the shape of the noise nothing is left over."""
-
-    noise: NoiseShaped
-    effects: tuple[str, ...]  # in the model that is found with it
-
-
 VerdictSentence = Adequate | Named | Ambiguous | Unexplained | Outliers
-AdviceSentence = ResidualSummary | AddEffect | AddCurves | RemoveEffect | LeaveOut | WeighNoise

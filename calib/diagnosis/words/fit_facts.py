@@ -7,8 +7,7 @@ import numpy as np
 from calib.calibration.result import Calibration, is_declared
 from calib.diagnosis.words.phrases import meaning
 from calib.diagnosis.words.sentences import ErrorChange, FittedValue, ModelFitted
-from calib.effects.effect import parameters_by_name
-from calib.effects.natural_bounds import exceeded_bound
+from calib.effects.effect import exceeded_bound, parameters_by_name
 from calib.screening.candidates import Candidate
 
 
@@ -21,10 +20,10 @@ def model_fitted(calibration: Calibration) -> ModelFitted:
         families=calibration.model.family_names,
         points=train.points if train else 0,
         sigma_mm=calibration.sigma_mm,
-        noise_ratio=fit.noise if is_declared(dataset) else None,
+        noise_ratio=fit.reduced_chi if is_declared(dataset) else None,
         train_rmse_mm=train.rmse_mm if train and test else None,
         test_rmse_mm=test.rmse_mm if train and test else None,
-        shots=calibration.shots,
+        repeats=calibration.repeat_count,
         instrument="scanner" if dataset.shows_faces else "instrument",
     )
 

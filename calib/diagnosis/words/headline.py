@@ -13,7 +13,7 @@ from calib.calibration.noise_level import FIT, NoiseLevel, noise_level
 from calib.calibration.result import Calibration
 from calib.diagnosis.words.conclusions import HeldOutError
 from calib.diagnosis.words.phrases import length_digits, listed, times_text
-from calib.fitting.tool_point.placement import ToolShift
+from calib.fitting.tool_point import ToolShift
 from calib.screening.curves.smooth_joint_error import LEARNED
 
 NOISE_AGREES = 1.5  # times the noise: up to this an error is what noise leaves, as few poses can tell

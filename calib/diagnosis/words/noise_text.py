@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.noise_shape import IDENTITY, NoiseShape, Wander
+from calib.noise_shape import IDENTITY, CorrelatedDrift, NoiseShape
 
 _ALIGNED = 0.98  # cosine from which a direction is told as an axis of the scanner's frame
 
@@ -85,7 +85,7 @@ def _growth(per_m: float) -> str:
     return f"The scanner's noise {how} with each metre of distance."
 
 
-def _wander(wander: Wander | None) -> str:
+def _wander(wander: CorrelatedDrift | None) -> str:
     if wander is None:
         return ""
     unit = "poses" if wander.in_poses else "s"

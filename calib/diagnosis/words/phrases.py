@@ -10,12 +10,12 @@ import numpy as np
 from calib.array_types import BoolArray
 from calib.calibration.result import Calibration
 from calib.dataset.input_names import PLACES, joint_input
-from calib.dataset.stands import ShotCount
-from calib.effects.catalogue.unknown_masses import stiffness
+from calib.dataset.repeats import RepeatCount
+from calib.diagnosis.words.sentences import DiscriminatingPose
+from calib.effects.catalogue.loads import stiffness
 from calib.effects.effect import Effect, Parameter, has_meaning, meaning_of
 from calib.screening.candidates import Untestable
-from calib.screening.fault_models import JointFault
-from calib.screening.rivals.pose_recommendation import DiscriminatingPose
+from calib.screening.smooth_motions import JointFault
 
 _CONDITIONS = {
     "payload_kg": "the payload",
@@ -59,13 +59,13 @@ def times_text(ratio: float) -> str:
     return f"{float(f'{ratio:.2g}'):.7g} times"
 
 
-def shots_text(count: ShotCount | None) -> str:
-    """A further sentence on several shots of a standing pose; "" where there are none."""
+def repeats_text(count: RepeatCount | None) -> str:
+    """Sentence on points that are repeats of one pose; "" where there are none."""
     if count is None:
         return ""
     return (
-        f" The dataset's {count.shots} points are shots of {count.stands} standing poses, and each standing pose counts "
-        "once, by the mean of its shots."
+        f" The dataset's {count.repeats} points form {count.groups} repeat groups of equal joints and conditions, and each "
+        "group counts once, by the mean of its repeats."
     )
 
 

@@ -8,15 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calib.array_types import BoolArray
-from calib.dataset.stands import ShotCount
+from calib.array_types import Array, BoolArray
+from calib.dataset.repeats import RepeatCount
 from calib.diagnosis.words.conclusions import VerdictSentence
 from calib.diagnosis.words.noise_text import NoiseShaped as NoiseShaped
-from calib.effects.natural_bounds import NaturalBound
-from calib.fitting.tool_point.placement import ToolShift as ToolShift
-from calib.screening.fault_models import JointFault
-from calib.screening.rivals.pose_recommendation import DiscriminatingPose
+from calib.effects.effect import NaturalBound
+from calib.fitting.tool_point import ToolShift as ToolShift
 from calib.screening.scan_statistic import Channel
+from calib.screening.smooth_motions import JointFault
 
 SMALL_CHANGE = 0.03  # share of the test poses' error below which a change of it counts for nothing
 
@@ -32,7 +31,7 @@ class ModelFitted:
     noise_ratio: float | None  # sigma over the declared one; None where no noise is declared
     train_rmse_mm: float | None  # 3D; None where there are no test poses to compare with
     test_rmse_mm: float | None
-    shots: ShotCount | None = None  # of the whole dataset, where points are means over standing poses
+    repeats: RepeatCount | None = None  # of the whole dataset, where points are means over repeat groups
     instrument: str = "scanner"  # what measured: "scanner", or "instrument" where no jig with faces was measured
 
 
@@ -105,6 +104,14 @@ class SetOpen:
 
 
 @dataclass(frozen=True)
+class DiscriminatingPose:
+    """A pose to measure next, and the least difference between any two hypotheses there."""
+
+    q: Array  # (n,) rad or mm, as it is commanded
+    separation_mm: float  # of the tool, beyond what a refit at this pose absorbs
+
+
+@dataclass(frozen=True)
 class EffectsTied:
     """Effects that these data cannot tell apart, and what would."""
 
@@ -114,16 +121,8 @@ class EffectsTied:
     confirm: tuple[tuple[str, str], ...]  # effect, what to measure to see it alone
     poses: tuple[DiscriminatingPose, ...]
     is_revolute: BoolArray  # (n,) joints; of the poses' joint values
-    split: SplitPromise | None = None  # what all poses that are advised would do
-
-
-@dataclass(frozen=True)
-class SplitPromise:
-    """How surely planned poses settle a set, and how."""
-
-    poses: int
-    shots: int  # measurements of each
-    settles: float  # probability
+    next_poses: int = 0  # how many are advised
+    power: float | None = None  # probability that all of them tell the effects apart
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,10 @@ from calib.diagnosis.words.phrases import (
     fault_text,
     listed,
     poses_text,
-    shots_text,
+    repeats_text,
     times_text,
 )
-from calib.screening.candidates import MIN_LEAD
+from calib.screening.candidates import MIN_LOG_BAYES_FACTOR
 
 _SHOWN_VALUES = 4  # fitted parameters of an effect that are told; the others are counted
 _STANDING = {"claimed": "Missing", "suspected": "Suspected", "open": "Missing, it or what is like it"}
@@ -116,7 +116,7 @@ def _model_fitted(model: facts.ModelFitted) -> str:
     )
     return (
         f"The five-parameter model{with_effects} was fitted to {model.points} measured points of {model.robot} with the "
-        f"{model.instrument}'s place unknown. It leaves {model.sigma_mm:.4g} mm a coordinate{noise}{errors}.{shots_text(model.shots)}"
+        f"{model.instrument}'s place unknown. It leaves {model.sigma_mm:.4g} mm a coordinate{noise}{errors}.{repeats_text(model.repeats)}"
     )
 
 
@@ -125,8 +125,12 @@ def _effect_found(found: facts.EffectFound) -> str:
     if found.runner_up and found.lead is not None:
         lead = f" and leads the next, {found.runner_up}, by {found.lead:.0f} in log evidence"
         # Claimed with less, it has no rival: the next would explain something else, and is tried again after it.
-        no_rival = found.standing == "claimed" and found.lead <= MIN_LEAD
-        lead += ", which would explain something else" if no_rival else f" (more than {MIN_LEAD:g} is asked for)"
+        no_rival = found.standing == "claimed" and found.lead <= MIN_LOG_BAYES_FACTOR
+        lead += (
+            ", which would explain something else"
+            if no_rival
+            else f" (more than {MIN_LOG_BAYES_FACTOR:g} is asked for)"
+        )
     if found.left_to_curves:
         stand = "stand" if len(found.left_to_curves) > 1 else "stands"
         lead += f"; {listed(found.left_to_curves)} {stand} above it in the ranking, but curves of all joints explain clearly more"
@@ -211,7 +215,6 @@ def _effects_tied(tied: facts.EffectsTied) -> str:
     if tied.poses:
         poses = poses_text(tied.poses, tied.is_revolute)
         words += f" Poses at which they differ most, joints in degrees: {poses}."
-    if tied.split is not None:
-        often = f", each measured {tied.split.shots} times," if tied.split.shots > 1 else ""
-        words += f" {tied.split.poses} planned poses{often} settle it with a probability of {100 * tied.split.settles:.0f} %."
+    if tied.power is not None:
+        words += f" {tied.next_poses} planned poses settle it with a probability of {100 * tied.power:.0f} %."
     return words

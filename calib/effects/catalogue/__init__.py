@@ -1,96 +1,59 @@
-"""The catalogue: the effects in their order, and look-ups by name. What is known of an effect stands on its class."""
+"""The catalogue: the effects in their order, and look-ups by name.
+
+A module of this package holds the effects of one part of the cell; the words before the colon of its docstring are
+their heading in the documentation. Every subclass of `CatalogueEffect` with a `name` in one
+of them is in the catalogue.
+"""
 
 from __future__ import annotations
 
+import pkgutil
 from collections.abc import Sequence
 from dataclasses import replace
+from importlib import import_module
 
 from calib.dataset.dataset import Dataset
-from calib.effects.catalogue.compliance import (
-    BaseCompliance,
-    GravityBacklash,
-    JointCompliance,
-    LinkBending,
-    ToolSag,
+from calib.effects.effect import (
+    CatalogueEffect,
+    Description,
+    Effect,
+    Family,
+    describe,
+    full_name,
+    registered_effects,
+    registered_member_kinds,
 )
-from calib.effects.catalogue.joint_shapes import (
-    AsymmetricScale,
-    CableDrag,
-    FollowingError,
-    HighHarmonic,
-    JointDent,
-)
-from calib.effects.catalogue.joints import (
-    AxisWobble,
-    Backlash,
-    JointCoupling,
-    JointScale,
-    StrainWave,
-    TransmissionError,
-)
-from calib.effects.catalogue.loads import BearingClearance, LinkTorsion, NonlinearStiffness
-from calib.effects.catalogue.order_steps import BaseLoosening, JointStep, ScannerStep, TargetStep
-from calib.effects.catalogue.scanner import IncidenceBias, ScannerDistortion, ScannerDrift, ScannerScale
-from calib.effects.catalogue.thermal import ThermalGrowth, WarmUp
-from calib.effects.effect import CatalogueEffect, Description, Effect, Family, describe
 from calib.errors import CalibError
-
-CATALOGUE: tuple[type[CatalogueEffect], ...] = (
-    JointCompliance,
-    LinkBending,
-    TransmissionError,
-    StrainWave,
-    JointScale,
-    JointCoupling,
-    Backlash,
-    GravityBacklash,
-    ThermalGrowth,
-    BaseCompliance,
-    AxisWobble,
-    ScannerDistortion,
-    ScannerDrift,
-    ToolSag,
-    IncidenceBias,
-    ScannerScale,
-    JointStep,
-    JointDent,
-    TargetStep,
-    ScannerStep,
-    BaseLoosening,
-    WarmUp,
-    FollowingError,
-    AsymmetricScale,
-    HighHarmonic,
-    CableDrag,
-    NonlinearStiffness,
-    LinkTorsion,
-    BearingClearance,
-)
 
 
 def catalogue_names() -> tuple[str, ...]:
-    """The families' names, in order."""
+    """Names of the effects that a model can have, in the order of the catalogue.
+
+    >>> import calib
+    >>> calib.catalogue_names()[:2]
+    ('joint_compliance', 'link_bending')
+    """
     return tuple(kind.name for kind in CATALOGUE)
 
 
 def descriptions() -> tuple[Description, ...]:
-    """What each family is, without any dataset."""
+    """Texts on each family, in the catalogue's order; they need no dataset."""
     return tuple(describe(kind) for kind in CATALOGUE)
 
 
 def effects_for(dataset: Dataset) -> tuple[Family, ...]:
-    """Every family of the catalogue, made for this robot and these conditions; those without data say why.
+    """Every family of the catalogue, with members for a dataset's robot and conditions; those without data say why.
 
     Whether poses are rich enough to tell a family from geometry is found by `calib.screening.candidates`, not here.
     """
     points = dataset.points
     if points is not None and dataset.poses.is_test[points.pose].all():
-        dataset = replace(dataset, points=None)  # of test poses no family may take its places and ranges
+        dataset = replace(dataset, points=None)  # families take no places and ranges from test poses
     return tuple(kind.family(dataset) for kind in CATALOGUE)
 
 
 def family_of(dataset: Dataset, name: str, more: Sequence[Family] = ()) -> Family:
-    """A family by its name, of the catalogue or of the user's own. Raises CalibError on an unknown name."""
+    """Family of a name, from the catalogue or of the user's own. Raises CalibError on an unknown name."""
     families = (*effects_for(dataset), *more)
     for family in families:
         if family.name == name:
@@ -99,23 +62,65 @@ def family_of(dataset: Dataset, name: str, more: Sequence[Family] = ()) -> Famil
 
 
 def available_family(dataset: Dataset, name: str, more: Sequence[Family] = ()) -> Family:
-    """The family of a name (`family_of`) that this dataset can test; else CalibError says what would help."""
+    """Family of a name that this dataset can test. Raises CalibError that says what would help where it cannot."""
     family = family_of(dataset, name, more)
-    if family.why_not:
-        raise CalibError(f"effect {name} cannot be fitted here: {family.why_not}; {family.would_help}")
+    _require_testable(family)
     return family
 
 
-def effects_named(dataset: Dataset, names: Sequence[str], user_effects: Sequence[Family] = ()) -> tuple[Effect, ...]:
-    """The members of families by name, for `calibrate`.
+def _require_testable(family: Family) -> None:
+    """Raise CalibError for a family that a dataset cannot test."""
+    if family.why_not:
+        raise CalibError(f"effect {family.name} cannot be fitted here: {family.why_not}; {family.would_help}")
 
-    Raises CalibError for unknown and for untestable ones, and for families of which a fit has to choose members.
+
+EffectChoice = str | type[CatalogueEffect] | Family | Effect
+"""An effect as a caller may give it: its family's name or class or the family, for all members, or a single member."""
+
+
+def effects_named(
+    dataset: Dataset, effects: EffectChoice | Sequence[EffectChoice], user_effects: Sequence[Family] = ()
+) -> tuple[Effect, ...]:
+    """The members of the effects that were chosen, for `calibrate`: all of a family's where that is given.
+
+    Raises CalibError for unknown and untestable families, and for sparse ones, of which a fit has to choose members.
     """
-    families = [available_family(dataset, name, user_effects) for name in dict.fromkeys(names)]
-    for family in families:
-        if family.sparse:
+    chosen = effects if isinstance(effects, Sequence) and not isinstance(effects, str) else (effects,)
+    members: dict[tuple[str, ...], Effect] = {}  # by parameters, so that what is named twice is there once
+    for choice in chosen:
+        family = _family(dataset, choice, user_effects)
+        if family is not None and family.sparse:
             raise CalibError(
                 f"effect {family.name} could be at {len(family.members)} places and is at few of them: add it with "
                 f"--add {family.name}, which finds them, not as a whole"
             )
-    return tuple(member for family in families for member in family.members)
+        for member in (choice,) if family is None else family.members:
+            assert isinstance(member, Effect)
+            members[tuple(full_name(member, parameter) for parameter in member.parameters)] = member
+    return tuple(members.values())
+
+
+def _family(dataset: Dataset, choice: EffectChoice, user_effects: Sequence[Family]) -> Family | None:
+    """The family that is meant, None for a single member. Raises CalibError where it cannot be tested."""
+    if isinstance(choice, type):
+        choice = choice.name
+    if isinstance(choice, str):
+        return available_family(dataset, choice, user_effects)
+    if isinstance(choice, Family):
+        _require_testable(choice)
+        return choice
+    if not isinstance(choice, Effect):
+        raise CalibError(
+            f"found a {type(choice).__name__} as an effect; expected a name, such as {CATALOGUE[0].name!r}, a family, "
+            "or an effect with `parameters` and `apply`"
+        )
+    return None
+
+
+for _module in pkgutil.iter_modules(__path__):  # by name; after what they import from here
+    import_module(f"{__name__}.{_module.name}")
+
+CATALOGUE: tuple[type[CatalogueEffect], ...] = registered_effects()
+"""The effects' classes, by `position`."""
+MEMBER_KINDS: tuple[type[CatalogueEffect], ...] = registered_member_kinds()
+"""The classes of all their members: several of a family where its unknowns depend on the data, such as masses."""

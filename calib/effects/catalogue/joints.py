@@ -1,4 +1,4 @@
-"""Effects of a joint's drive and bearings: the angle, or the axis, is not as commanded."""
+"""Drives and bearings: the angle, or the axis, of a joint is not as commanded."""
 
 from __future__ import annotations
 
@@ -7,33 +7,42 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.array_types import Array
 from calib.dataset.dataset import Dataset
-from calib.effects.effect import CatalogueEffect, Family, Parameter
+from calib.effects.catalogue.loads import PLAY
+from calib.effects.catalogue.order_steps import is_measured_for_training
+from calib.effects.effect import CatalogueEffect, Family, NaturalBound, Parameter
+from calib.effects.shaped import JointOffset, ShapedEffect
 from calib.effects.state import RobotState
 from calib.kinematics.robot import Robot
 
+DENT_WIDTHS_DEG = (4, 7, 12, 20)  # standard deviations of a dent's shape
+FEWEST_INSIDE = 3  # training poses within 1.2 of them: with fewer a dent is only an outlier
+HIGH_ORDERS = range(4, 21)
+_COUNTED = "gear ratios are whole numbers of teeth, and encoders count them to 1e-3 and better"
+
 
 def harmonic(order: float, scale: float) -> tuple[Parameter, ...]:
-    """sin3_rad and cos3_rad, say, for a third harmonic."""
+    """Parameters of one harmonic of a joint: sin3_rad and cos3_rad for the third."""
     suffix = f"{order:g}_rad".replace(".", "_")
     return tuple(Parameter(part + suffix, "rad", scale, f"{part}({order:g} q) amplitude") for part in ("sin", "cos"))
 
 
 def _periodic_error(state: RobotState, joint: int, order: float, values: dict[str, float]) -> RobotState:
-    """theta += A sin(n q) + B cos(n q), values A and B in rad."""
+    """State with theta += A sin(n q) + B cos(n q) added to a joint, values A and B in rad."""
     sine, cosine = values.values()
     q = state.q_rad[:, joint]
     return state.add_joint_error(joint, sine * np.sin(order * q) + cosine * np.cos(order * q))
 
 
 def revolute_joints(robot: Robot) -> list[int]:
-    """Indices of the joints that turn."""
+    """Indices of the revolute joints."""
     return [j for j, joint in enumerate(robot.joints) if joint.is_revolute]
 
 
 @dataclass(frozen=True)
 class TransmissionError(CatalogueEffect):
-    """An error that comes n times a turn: theta += A sin(n q) + B cos(n q), n = 1, 2 or 3.
+    """An error with n periods per turn: theta += A sin(n q) + B cos(n q), n = 1, 2 or 3.
 
     n = 1 is eccentricity of an encoder or gear. Over a small range of the joint the cosine of n = 1 is nearly a joint
     offset, its sine nearly a wrong gear ratio.
@@ -42,41 +51,60 @@ class TransmissionError(CatalogueEffect):
     joint: int
     order: float
     name = "transmission_error"
+    noun = "the transmission error of joint"
     equation = "theta_j += A sin(n q_j) + B cos(n q_j), n = 1, 2, 3"
     symbols = (("sin_n", "rad"), ("cos_n", "rad"))
     needs = "joint angles over a good part of a turn"
     confirm = "one joint alone over a whole turn in small steps"
+    bounds = (NaturalBound(3.5e-3, "rad", "robot gears are made to 3e-4 rad (one arc minute), simple ones to 3e-3"),)
+    notes = r"""
+    $$ \delta \theta_j = A \sin(n q_j) + B \cos(n q_j), \qquad n = 1, 2, 3 $$
+
+    An encoder or a ring that sits eccentric errs once a turn, an oval one twice. Over a narrow range of the joint the
+    cosine of $n = 1$ is nearly a joint offset, and the sine nearly a wrong ratio ({doc}`joint_scale`).
+    """
+    position = 3
     linear = True
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Sine and cosine."""
+        """Amplitudes of sine and cosine."""
         return harmonic(self.order, 3e-4)
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """The joint's error added."""
+        """State with the joint's error added."""
         return _periodic_error(state, self.joint, self.order, values)
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """A member for each of three harmonics of each revolute joint."""
+        """The family with one member for each of three harmonics of each revolute joint."""
         return Family(cls.name, tuple(cls(j, n) for j in revolute_joints(dataset.robot) for n in (1, 2, 3)))
 
 
 @dataclass(frozen=True)
 class StrainWave(TransmissionError):
-    """Ripple of a strain wave gear: as `TransmissionError`, n = gear ratio or twice that."""
+    """Ripple of a strain wave gear: a `TransmissionError` with n = gear ratio, or twice that."""
 
     order: float
     name = "strain_wave"
-    equation = "the same, n = gear ratio and 2 x gear ratio"
+    title = "strain wave gear ripple"
+    noun = "the strain wave gear's error of joint"
+    equation = "theta_j += A sin(n q_j) + B cos(n q_j), n = gear ratio and 2 x gear ratio"
     symbols = (("sin_n", "rad"), ("cos_n", "rad"))
     needs = "gear_ratio in robot.toml"
     confirm = "one joint alone in steps of a tenth of a motor turn"
+    bounds = (NaturalBound(1e-3, "rad", "strain wave gears are made to 4e-4 rad (makers' tables: 1.5 arc minutes)"),)
+    notes = r"""
+    $$ \delta \theta_j = A \sin(n q_j) + B \cos(n q_j), \qquad n = G, \, 2 G, \quad G \text{ the gear ratio} $$
+
+    Without its column it looks like white noise: the poses do not sample so fast a wave. Over the angle within a motor
+    turn it is a plain sine.
+    """
+    position = 4
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """A member for each of two harmonics of each revolute joint whose gear ratio is known."""
+        """The family with one member for each of two harmonics of each revolute joint whose gear ratio is known."""
         members = tuple(
             cls(j, factor * joint.gear_ratio)
             for j, joint in enumerate(dataset.robot.joints)
@@ -89,24 +117,74 @@ class StrainWave(TransmissionError):
 
 
 @dataclass(frozen=True)
+class HighHarmonic(ShapedEffect):
+    """Error of gear teeth, or of encoder lines: theta += A sin(n q) + B cos(n q), n = 4 to 20."""
+
+    joint: int
+    order: int
+    name = "high_harmonic"
+    title = "high harmonic of a joint"
+    noun = "a high harmonic in the gear of joint"
+    equation = "theta_j += A sin(n q_j) + B cos(n q_j), n = 4 ... 20"
+    symbols = (("sin_n", "rad"), ("cos_n", "rad"))
+    needs = "joint angles over a good part of a turn"
+    confirm = "one joint alone over 90 degrees in steps of a degree"
+    bounds = (NaturalBound(1e-3, "rad", "encoders interpolate to 1e-3 rad and better"),)
+    notes = r"""
+    $$ \delta \theta_j = A \sin(n q_j) + B \cos(n q_j), \qquad n = 4 \dots 20 $$
+
+    Teeth, bearing balls, or the lines of an encoder. On real arms several joints have many of them at once; then the
+    learned curves say more ({doc}`/method/curves`).
+    """
+    position = 25
+
+    @property
+    def displacement(self) -> JointOffset:
+        return JointOffset(self.joint)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Amplitudes of sine and cosine."""
+        return harmonic(self.order, 1e-4)
+
+    def shapes(self, state: RobotState) -> Array:
+        turned = self.order * state.q_rad[:, self.joint]
+        return np.column_stack([np.sin(turned), np.cos(turned)])
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """The family with one member for each of 17 harmonics of each revolute joint."""
+        joints = revolute_joints(dataset.robot)
+        return Family(cls.name, tuple(cls(j, n) for j in joints for n in HIGH_ORDERS), sparse=True)
+
+
+@dataclass(frozen=True)
 class JointScale(CatalogueEffect):
     """A wrong gear ratio or encoder scale: theta += k q."""
 
     joint: int
     name = "joint_scale"
+    noun = "a scale error of joint"
     equation = "theta_j += k_j q_j"
     symbols = (("k_j", "1"),)
     needs = "joint angles over a good range"
     confirm = "one joint alone from end to end of its range: a scale error grows with the angle, harmonics come back"
+    bounds = (NaturalBound(5e-3, "1", _COUNTED),)
+    notes = r"""
+    $$ \delta \theta_j = k_j \, q_j $$
+
+    The error grows with the angle, where a harmonic comes back. With a narrow range both are the same.
+    """
+    position = 5
     linear = True
     parameters = (Parameter("k", "1", 1e-4, "share of the commanded motion"),)
 
     def apply(self, state: RobotState, *, k: float) -> RobotState:
-        """The joint's error added."""
+        """State with the joint's error added."""
         return state.add_joint_error(self.joint, k * state.q_rad[:, self.joint])
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
-        """The error over the joint's travel in all poses."""
+        """Error over the joint's travel in all poses, as text."""
         travel = float(np.ptp(state.q_rad[:, self.joint]))
         if state.robot.joints[self.joint].is_revolute:
             turned = np.degrees(travel)
@@ -115,7 +193,38 @@ class JointScale(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """A member for each joint."""
+        """The family with one member for each joint."""
+        return Family(cls.name, tuple(cls(j) for j in range(dataset.robot.n_joints)))
+
+
+@dataclass(frozen=True)
+class AsymmetricScale(CatalogueEffect):
+    """A scale error of an encoder or drive that is symmetric about its zero: theta += k |q|."""
+
+    joint: int
+    name = "asymmetric_scale"
+    noun = "a scale error that differs on both sides of zero of joint"
+    equation = "theta_j += k_j abs(q_j)"
+    symbols = (("k_j", "1"),)
+    needs = "joint angles on both sides of zero"
+    confirm = "one joint alone from end to end of its range: the error turns round at zero"
+    bounds = (NaturalBound(5e-3, "1", _COUNTED),)
+    notes = r"""
+    $$ \delta \theta_j = k_j \, | q_j | $$
+
+    With $q_j$ on one side of zero only it is {doc}`joint_scale`.
+    """
+    position = 24
+    linear = True
+    parameters = (Parameter("k", "1", 1e-4, "share of the commanded motion"),)
+
+    def apply(self, state: RobotState, *, k: float) -> RobotState:
+        """State with the joint's error added."""
+        return state.add_joint_error(self.joint, k * np.abs(state.q_rad[:, self.joint]))
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """The family with one member for each joint."""
         return Family(cls.name, tuple(cls(j) for j in range(dataset.robot.n_joints)))
 
 
@@ -126,24 +235,33 @@ class JointCoupling(CatalogueEffect):
     joint: int
     driver: int
     name = "joint_coupling"
+    noun = "a coupling to its neighbour of joint"
     equation = "theta_j += k q_i, neighbours of the wrist"
     symbols = (("k", "1"),)
     needs = "three joints or more"
     confirm = "the driving joint alone with the driven one held still"
+    bounds = (NaturalBound(5e-2, "1", "wrists couple by one over a gear ratio of 20 and more"),)
+    notes = r"""
+    $$ \delta \theta_j = k \, q_i $$
+
+    In wrists with bevel gears a shaft runs through the joint before. Controllers know the coupling; what is left is an
+    error of its ratio.
+    """
+    position = 6
     linear = True
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """One; the driving joint's number is in its name, as a joint may have two drivers."""
+        """The share; the driving joint's number is in its name, as a joint may have two drivers."""
         return (Parameter(f"k_of_J{self.driver + 1}", "1", 1e-4, "share of the neighbour's motion"),)
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """The joint's error added."""
+        """State with the joint's error added."""
         (k,) = values.values()
         return state.add_joint_error(self.joint, k * state.q_rad[:, self.driver])
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
-        """The error for each degree of the other joint."""
+        """Error per degree of the driving joint, as text."""
         return f"{value:.2g}\N{DEGREE SIGN} for each degree of the driving joint"
 
     @classmethod
@@ -157,27 +275,87 @@ class JointCoupling(CatalogueEffect):
 
 
 @dataclass(frozen=True)
+class CableDrag(ShapedEffect):
+    """A cable over two neighbouring joints that pulls one of them: harmonics of their sum, or of their difference."""
+
+    joint: int  # that is pulled
+    other: int
+    sign: int  # 1 for the sum, -1 for the difference
+    order: int
+    name = "cable_drag"
+    title = "cable drag"
+    noun = "the drag of the cables at joint"
+    equation = "theta_j += A sin(n u) + B cos(n u), u = q_j +- q_(j+1) or q_j +- q_(j-1), n = 1, 2"
+    symbols = (("sin_n", "rad"), ("cos_n", "rad"))
+    needs = "two neighbouring joints over a good part of a turn, each for itself"
+    confirm = "the same poses with the cable or hose taken off"
+    bounds = (NaturalBound(3.5e-3, "rad", "a drive gives way to a cable by 0.2 deg at the most"),)
+    notes = r"""
+    $$ \delta \theta_j = A \sin(n u) + B \cos(n u), \qquad
+    u = q_j \pm q_{j+1} \text{ or } q_j \pm q_{j-1}, \quad n = 1, 2 $$
+
+    A cable or hose over two neighbouring joints pulls at one of them, as both angles together have it.
+    """
+    position = 26
+
+    @property
+    def displacement(self) -> JointOffset:
+        return JointOffset(self.joint)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Amplitudes of sine and cosine; the other joint is in their names."""
+        way = "with" if self.sign > 0 else "against"
+        return tuple(
+            Parameter(f"{part}{self.order}_{way}_J{self.other + 1}_rad", "rad", 3e-4, f"{part} amplitude")
+            for part in ("sin", "cos")
+        )
+
+    def shapes(self, state: RobotState) -> Array:
+        turned = self.order * (state.q_rad[:, self.joint] + self.sign * state.q_rad[:, self.other])
+        return np.column_stack([np.sin(turned), np.cos(turned)])
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """The family: both joints of each pair of revolute neighbours, two harmonics of sum and difference."""
+        turning = revolute_joints(dataset.robot)
+        pairs = [(j, k) for j in turning for k in turning if abs(j - k) == 1]
+        if not pairs:
+            return Family(cls.name, (), "no two neighbouring joints turn", "nothing: no cable runs so")
+        members = [cls(j, k, sign, order) for j, k in pairs for sign in (1, -1) for order in (1, 2)]
+        return Family(cls.name, tuple(members), sparse=True)
+
+
+@dataclass(frozen=True)
 class Backlash(CatalogueEffect):
-    """Backlash, which the side that the joint came from decides: theta += b / 2 sign(approach)."""
+    """Backlash, with the sign of the side that the joint came from: theta += b / 2 sign(approach)."""
 
     joint: int
     name = "backlash"
+    noun = "the backlash of joint"
     equation = "theta_j += b_j / 2 sign(approach_j)"
     symbols = (("b_j", "rad"),)
     needs = "approach1 ... in poses.csv, from both sides"
     confirm = "each pose twice, coming from the one side and from the other"
+    bounds = (NaturalBound(9e-3, "rad", PLAY),)
+    notes = r"""
+    $$ \delta \theta_j = \frac{b_j}{2} \, \mathrm{sign}( \text{approach}_j ) $$
+
+    Always approached from one side it is a joint offset, and untestable.
+    """
+    position = 7
     linear = True
     parameters = (Parameter("b_rad", "rad", 5e-4, "width of the play"),)
 
     def apply(self, state: RobotState, *, b_rad: float) -> RobotState:
-        """The joint's error added; nothing where the approach was not written down."""
+        """State with the joint's error added; unchanged where no approach was recorded."""
         if state.poses.approach is None:
             return state
         return state.add_joint_error(self.joint, 0.5 * b_rad * np.sign(state.poses.approach[:, self.joint]))
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """A member for each joint that was moved to from both sides in the training poses."""
+        """The family with one member for each joint that was moved to from both sides in the training poses."""
         poses = dataset.poses
         if poses.approach is None:
             return Family(
@@ -199,25 +377,137 @@ class Backlash(CatalogueEffect):
 
 
 @dataclass(frozen=True)
+class FollowingError(CatalogueEffect):
+    """A joint that is read before it has settled: a share of the way from the pose before is still to go.
+
+    Poses after all measured ones, such as the targets of a correction, are taken as settled.
+    """
+
+    joint: int
+    name = "following_error"
+    noun = "the following error of joint"
+    changes_arm = True
+    equation = "theta_j += k_j (q_j - q_j of the pose before)"
+    symbols = (("k_j", "1"),)
+    needs = "poses in the order they were measured: time_s, else the rows"
+    confirm = "the same poses after a longer wait"
+    bounds = (NaturalBound(5e-2, "1", "a drive at rest lags by less than a twentieth of its last move"),)
+    notes = r"""
+    $$ \delta \theta_j = k_j \, ( q_j - q_j^{\text{before}} ) $$
+
+    The point was taken before the joint stood still, or the controller stops within a window. Poses need the order in
+    which they were measured.
+    """
+    position = 23
+    linear = True
+    parameters = (Parameter("k", "1", 1e-4, "share of the way from the pose before"),)
+
+    def apply(self, state: RobotState, *, k: float) -> RobotState:
+        """State with the joint's error added."""
+        return state.add_joint_error(self.joint, k * state.poses.motion[:, self.joint])
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """The family with one member for each joint."""
+        return Family(cls.name, tuple(cls(j) for j in range(dataset.robot.n_joints)))
+
+
+@dataclass(frozen=True)
+class JointDent(ShapedEffect):
+    """A damaged place in a gear: theta += h exp(-(q - place)^2 / 2 width^2), an error in a narrow range."""
+
+    joint: int
+    place_deg: int
+    width_deg: int
+    name = "joint_dent"
+    title = "dent in a joint's gear"
+    noun = "a dent in the gear of joint"
+    equation = "theta_j += h in a narrow range of q_j"
+    symbols = (("h", "rad"),)
+    needs = "three poses or more within the range"
+    confirm = "one joint alone in steps of a degree through the place, from both sides"
+    bounds = (NaturalBound(9e-3, "rad", "a tooth that is gone shows by less than half a degree"),)
+    notes = r"""
+    $$ \delta \theta_j = h \exp \left( - \frac{ (q_j - q_0)^2 }{ 2 w^2 } \right), \qquad w = 4, 7, 12, 20° $$
+
+    A damaged tooth or a dirty track of an encoder. Three poses or more have to lie within the range.
+    """
+    position = 18
+
+    @property
+    def displacement(self) -> JointOffset:
+        return JointOffset(self.joint)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The height of the dent; place and width are in its name."""
+        place = f"{'minus' if self.place_deg < 0 else ''}{abs(self.place_deg)}"
+        return (Parameter(f"at_{place}deg_{self.width_deg}deg_wide_rad", "rad", 3e-4, "height of the dent"),)
+
+    def shapes(self, state: RobotState) -> Array:
+        off = state.q_rad[:, self.joint] - np.radians(self.place_deg)
+        near = np.remainder(off + np.pi, 2.0 * np.pi) - np.pi  # over the nearer way round
+        return np.exp(-0.5 * (near[:, None] / np.radians(self.width_deg)) ** 2)
+
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        """Place and size of the error, as text."""
+        degree = "\N{DEGREE SIGN}"
+        return (
+            f"joint {self.joint + 1} is off by {np.degrees(value):+.2g}{degree} around {self.place_deg}{degree}, "
+            f"{self.width_deg}{degree} wide (one sigma)"
+        )
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """The family with one member for each revolute joint, width and place that enough poses show."""
+        poses = dataset.poses
+        q_deg = np.degrees(poses.q[is_measured_for_training(dataset)])
+        members = []
+        for joint in revolute_joints(dataset.robot):
+            angle = q_deg[:, joint]
+            for width_deg in DENT_WIDTHS_DEG:
+                places = np.arange(np.floor(angle.min()), angle.max() + 1.0, width_deg // 2)
+                off = np.remainder(angle[:, None] - places + 180.0, 360.0) - 180.0
+                inside = np.count_nonzero(np.abs(off) < 1.2 * width_deg, axis=0)
+                members += [cls(joint, int(p), width_deg) for p in places[inside >= FEWEST_INSIDE]]
+        if members:
+            return Family(cls.name, tuple(members), sparse=True)
+        few = f"nowhere are {FEWEST_INSIDE} poses within a few degrees of a joint"
+        return Family(cls.name, (), few, "measure more poses")
+
+
+@dataclass(frozen=True)
 class AxisWobble(CatalogueEffect):
     """A joint's axis that tilts as it turns, about its own origin, by cosine and sine of n q, n = 1 or 2.
 
-    The part of n = 1 that turns with the link is plain geometry and is left to it: what is kept tilts the axis in the
+    The part of n = 1 that turns with the link is a constant link error and is left out. The rest tilts the axis in the
     link before, about that link's x and y: alpha and beta of the row before, or the base for the first joint.
     """
 
     joint: int
     order: int
     name = "axis_wobble"
+    noun = "the wobble of the axis of joint"
     equation = "axis j tilts about its origin by sin, cos of n q_j, n = 1, 2"
     symbols = (("x_sin_n", "rad"), ("y_cos_n", "rad"))
     needs = "joint angles over a good part of a turn"
     confirm = "one joint alone over a whole turn, with points at two distances from its axis"
+    bounds = (NaturalBound(2e-3, "rad", "bearings of joints run true to 1e-4 rad, bad ones to ten times that"),)
+    notes = r"""
+    $$ \delta \alpha_{j-1} = x_s \sin(n q_j) + x_c \cos(n q_j), \qquad
+    \delta \beta_{j-1} = y_s \sin(n q_j) + y_c \cos(n q_j), \qquad
+    n = 1, 2 $$
+
+    The tilt is about the joint's own origin, so it stands in the row before (for the first joint, in the base). The
+    part of $n = 1$ that turns with the link is plain geometry. Wobble of the last joint with $n = 2$ can be the same as
+    {doc}`transmission_error` of it with $n = 1$: then both stay open.
+    """
+    position = 11
     linear = True
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Tilt about x and y, sine and cosine of each."""
+        """Amplitudes of the tilt about x and about y, sine and cosine of each."""
         return tuple(
             Parameter(f"{axis}_{part}{self.order}_rad", "rad", 3e-4, f"tilt about {axis}, {part}({self.order} q)")
             for axis in ("x", "y")
@@ -225,7 +515,7 @@ class AxisWobble(CatalogueEffect):
         )
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """The tilt added to the frame that carries the joint."""
+        """State with the tilt added to the frame that carries the joint."""
         x_sin, x_cos, y_sin, y_cos = values.values()
         turned = self.order * state.q_rad[:, self.joint]
         about_x = x_sin * np.sin(turned) + x_cos * np.cos(turned)
@@ -239,5 +529,5 @@ class AxisWobble(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """A member for each of two harmonics of each revolute joint."""
+        """The family with one member for each of two harmonics of each revolute joint."""
         return Family(cls.name, tuple(cls(j, n) for j in revolute_joints(dataset.robot) for n in (1, 2)))

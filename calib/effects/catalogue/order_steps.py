@@ -1,4 +1,4 @@
-"""Effects that set in at one pose, in the order of measuring, and stay: a slip, a knock, a bolt that works loose.
+"""Changes at one pose: a slip, a knock, a bolt that works loose, which stay from then on in the order of measuring.
 
 Poses that come after all that were measured, such as the targets of a correction, are as after the last pose.
 """
@@ -14,23 +14,24 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import Dataset
-from calib.effects.catalogue.compliance import where_masses_are_known
+from calib.effects.catalogue.loads import where_masses_are_known
 from calib.effects.catalogue.scanner import Vector, field_of
-from calib.effects.effect import Family, Parameter
+from calib.effects.effect import Family, NaturalBound, Parameter
 from calib.effects.shaped import BaseTilt, JointOffset, ScannerMotion, ShapedEffect, TargetShift
 from calib.effects.state import RobotState
 
+_SEEN = 3.0  # multiple of these bounds that is seen with bare eyes
 AT_ENDS = 4
-"""Training poses before the first step that is looked for, and from the last one on."""
+"""Fewest training poses before a step, and from it on."""
 MOST_CHANGES = 3
-"""Steps of one family: a part that moves ever again drifts, or is loose, and has not slipped."""
+"""Most steps of one family in a model: a part that moves more often drifts or is loose, and has not slipped."""
 MOST_STEPS = 200
-"""Poses at which a step is looked for; of more poses some are passed over, evenly."""
+"""Most poses that are tried as the first after a step; of more poses they are taken evenly."""
 
 
 @dataclass(frozen=True)
 class ChangePoint:
-    """Where a change sets in, in the order of measuring, and the first training pose that shows it.
+    """Place in the order of measuring where a change sets in, and the first training pose after it.
 
     Test poses between that pose and the training pose before it count as after the change: no fit can tell.
     """
@@ -40,16 +41,16 @@ class ChangePoint:
 
     @property
     def word(self) -> str:
-        """The id as a part of a parameter's name."""
+        """The pose's id as a part of a parameter's name."""
         return re.sub(r"\W", "_", self.pose)
 
     def after(self, state: RobotState) -> Array:
-        """(N, 1) 1 from the change on, 0 before."""
+        """Indicator of the poses after the change: (N, 1), 1 from it on, 0 before."""
         return (state.poses.order >= self.first).astype(float)[:, None]
 
 
-def shows(dataset: Dataset) -> BoolArray:
-    """(N,) training poses with a measured point, each stand by one of its shots; all while no point is known."""
+def is_measured_for_training(dataset: Dataset) -> BoolArray:
+    """Mask (N,) of training poses with a measured point, one per repeat group; all of them while no point is known."""
     training = ~dataset.poses.is_test
     if dataset.points is None:
         return training
@@ -57,19 +58,19 @@ def shows(dataset: Dataset) -> BoolArray:
 
 
 def change_points(dataset: Dataset) -> list[ChangePoint]:
-    """Before training poses, in the order of measuring, with enough others before and after to show a step there.
+    """Change points before training poses, with enough of these before and after to determine a step there.
 
-    None about where the setup changes: what differs there is where the scanner stands.
+    None near a change of setup, where the scanner's frame changes too.
     """
     poses = dataset.poses
     sequence = np.argsort(poses.order, kind="stable")
-    sequence = sequence[shows(dataset)[sequence]]
+    sequence = sequence[is_measured_for_training(dataset)[sequence]]
     count = len(sequence) - 2 * AT_ENDS + 1
     if count < 1:
         return []
     at = AT_ENDS + np.unique(np.linspace(0, count - 1, min(MOST_STEPS, count)).astype(int))
     setup = poses.setup[sequence]
-    moved = 1 + np.flatnonzero(setup[1:] != setup[:-1])  # the first of each place of the scanner
+    moved = 1 + np.flatnonzero(setup[1:] != setup[:-1])  # the first pose of each setup
     at = at[np.all(np.abs(at[:, None] - moved) >= AT_ENDS, axis=1)]
     firsts = poses.order[sequence[at - 1]].astype(int) + 1
     ids = [poses.ids[k] for k in sequence[at]]
@@ -79,7 +80,7 @@ def change_points(dataset: Dataset) -> list[ChangePoint]:
 
 
 def _family(dataset: Dataset, name: str, members: Callable[[ChangePoint], list[ShapedEffect]]) -> Family:
-    """Members for each change point; why not, where there are too few poses."""
+    """The family with members for each change point; with too few poses, why not."""
     points = change_points(dataset)
     if not points:
         few = f"fewer than {2 * AT_ENDS} training poses show no step"
@@ -89,32 +90,45 @@ def _family(dataset: Dataset, name: str, members: Callable[[ChangePoint], list[S
 
 
 class Step(ShapedEffect):
-    """Absent before the pose where it sets in, the same from there on."""
+    """An effect that is absent before one pose and constant from it on."""
 
     start: ChangePoint
 
     def shapes(self, state: RobotState) -> Array:
-        """(N, 1) 0 before, 1 from then on."""
+        """Indicator of the poses after the step: (N, 1), 0 before, 1 from it on."""
         return self.start.after(state)
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
-        """Since when."""
+        """First pose after the step, as text."""
         return f"from pose {self.start.pose} on"
 
 
 @dataclass(frozen=True)
 class JointStep(Step):
-    """A joint's zero that slips: theta is off by the same angle from one pose on."""
+    """A joint's zero that slips: theta has a constant error from one pose on."""
 
     joint: int
     start: ChangePoint
     unit: str = "rad"  # "mm" for a prismatic joint
     name = "joint_step"
+    title = "step of a joint's zero"
+    noun = "a step in the zero of joint"
     changes_arm = True
     equation = "theta_j += s from pose k on"
     symbols = (("s", "rad"),)
     needs = "poses in the order they were measured: time_s, else the rows"
     confirm = "a pose from before the step once more: it is off by the step now"
+    bounds = (
+        NaturalBound(5e-2, "rad", "a clutch or an encoder that slips by more is seen", _SEEN),
+        NaturalBound(20.0, "mm", "a slide that slips by more is seen", _SEEN),
+    )
+    notes = r"""
+    $$ \delta \theta_j = s \quad \text{from pose } k \text{ on}, \qquad 0 \text{ before} $$
+
+    One member a joint and pose. A controller that lost counts, a clutch or a belt that slipped. A joint that creeps is
+    no step: where a slow course says more, no step is named.
+    """
+    position = 17
 
     @property
     def displacement(self) -> JointOffset:
@@ -127,13 +141,13 @@ class JointStep(Step):
         return (Parameter(f"from_{self.start.word}_{self.unit}", self.unit, scale, "size of the step"),)
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
-        """Where and by how much."""
+        """Joint, size and first pose after the step, as text."""
         size = f"{value:+.2g} mm" if self.unit == "mm" else f"{np.degrees(value):+.2g}\N{DEGREE SIGN}"
         return f"joint {self.joint + 1} is off by {size} from pose {self.start.pose} on"
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """A member for each joint and each pose that may be the first after a step."""
+        """The family with one member for each joint and each pose that may be the first after a step."""
         units = ["rad" if joint.is_revolute else "mm" for joint in dataset.robot.joints]
         return _family(dataset, cls.name, lambda at: [cls(j, at, unit) for j, unit in enumerate(units)])
 
@@ -144,11 +158,21 @@ class TargetStep(Step):
 
     start: ChangePoint
     name = "target_step"
+    title = "step of a target"
+    noun = "a shift of the target on the tool"
     changes_arm = True
     equation = "target shifted on the tool by s from pose k on"
     symbols = (("s", "mm"),)
     needs = "poses in the order they were measured: time_s, else the rows"
-    confirm = "the target's seat by eye, and one pose from before the step once more in several wrist attitudes"
+    confirm = "the target's mount by eye, and one pose from before the step once more in several wrist attitudes"
+    bounds = (NaturalBound(20.0, "mm", "a target that moved by more has come off", _SEEN),)
+    notes = r"""
+    $$ \delta p = R \, s \quad \text{from pose } k \text{ on} $$
+
+    $R$ is the flange's attitude. The jig or mirror was touched. If the wrist does not turn, a {doc}`scanner_step` is
+    the same.
+    """
+    position = 19
 
     @property
     def displacement(self) -> TargetShift:
@@ -156,7 +180,7 @@ class TargetStep(Step):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The shift along the flange's axes."""
+        """The shift along the flange's x, y and z axes."""
         return tuple(
             Parameter(f"{axis}_from_{self.start.word}_mm", "mm", 0.1, f"shift along the flange's {axis}")
             for axis in "xyz"
@@ -164,22 +188,35 @@ class TargetStep(Step):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """A member for each pose that may be the first after a step."""
+        """The family with one member for each pose that may be the first after a step."""
         return _family(dataset, cls.name, lambda at: [cls(at)])
 
 
 @dataclass(frozen=True)
 class ScannerStep(Step):
-    """A scanner, or the foot of the arm, that is knocked at one pose and stays as it stands then."""
+    """A scanner, or the foot of the arm, that is knocked at one pose and stays displaced."""
 
     start: ChangePoint
     centre_mm: Vector
     half_mm: float
     name = "scanner_step"
+    title = "step of the scanner"
+    noun = "a move of the instrument"
     equation = "p += v + w x p from pose k on"
     symbols = (("v", "mm"), ("w", "rad"))
     needs = "poses in the order they were measured: time_s, else the rows"
     confirm = "fixed marks beside the arm, before and after"
+    bounds = (
+        NaturalBound(200.0, "mm", "a knock moves an instrument by less", _SEEN),
+        NaturalBound(0.1, "rad", "a knock turns an instrument by less", _SEEN),
+    )
+    notes = r"""
+    $$ \delta p = v + w \times ( p - p_0 ) \quad \text{from pose } k \text{ on} $$
+
+    The tripod was knocked, or the foot of the arm: both move everything as one body. Where it is known, write a new
+    `setup` into poses.csv.
+    """
+    position = 20
 
     @property
     def displacement(self) -> ScannerMotion:
@@ -187,7 +224,7 @@ class ScannerStep(Step):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Shift, and turn about the field's middle; sizes that move a point by 0.1 mm."""
+        """Shift, and turn about the middle of the field; usual sizes move a point by 0.1 mm."""
         turn = 0.1 / self.half_mm
         return (
             *(Parameter(f"v{a}_from_{self.start.word}_mm", "mm", 0.1, f"shift along {a}") for a in "xyz"),
@@ -195,13 +232,13 @@ class ScannerStep(Step):
         )
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
-        """Since when, and a turn in degrees."""
+        """First pose after the step, and a turn in degrees, as text."""
         turned = f"{np.degrees(value):+.2g}\N{DEGREE SIGN} " if parameter.unit == "rad" else ""
         return f"{turned}from pose {self.start.pose} on"
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """A member for each pose that may be the first after a step."""
+        """The family with one member for each pose that may be the first after a step."""
         centre_mm, half_mm = field_of(dataset)
         return _family(dataset, cls.name, lambda at: [cls(at, centre_mm, half_mm)])
 
@@ -212,11 +249,19 @@ class BaseLoosening(Step):
 
     start: ChangePoint
     name = "base_loosening"
+    noun = "a base that came loose"
     changes_arm = True
     equation = "base turns by C M(q) from pose k on"
     symbols = (("cx", "rad/Nm"), ("cy", "rad/Nm"))
     needs = "masses in robot.toml, and the order of the poses"
     confirm = "the bolts of the foot by hand; a dial gauge at the foot while the arm swings round stretched out"
+    bounds = (NaturalBound(1e-3, "rad/Nm", "a base that gives way so far is seen to rock"),)
+    notes = r"""
+    $$ \phi = \mathrm{diag}( c_x, c_y, 0 ) \, M(q) \quad \text{from pose } k \text{ on} $$
+
+    As {doc}`base_compliance`, which is there from the first pose on.
+    """
+    position = 21
 
     @property
     def displacement(self) -> BaseTilt:
@@ -224,13 +269,13 @@ class BaseLoosening(Step):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Compliance about x and y."""
+        """Compliances about x and y."""
         return tuple(
             Parameter(
                 f"c{axis}_from_{self.start.word}_rad_per_nm",
                 "rad/Nm",
                 2e-6,
-                f"tilt about {axis} a unit moment",
+                f"tilt about {axis} by a unit moment",
                 positive=True,
             )
             for axis in "xy"
@@ -238,6 +283,6 @@ class BaseLoosening(Step):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """A member for each pose that may be the first after the bolt gave way."""
+        """The family with one member for each pose that may be the first after the bolt gave way."""
         family = _family(dataset, cls.name, lambda at: [cls(at)])
         return where_masses_are_known(family, dataset.robot)

@@ -1,4 +1,4 @@
-"""Effects of the scanner: they move what it reports, by where it measured and from where (`RobotState.seen`)."""
+"""The scanner: errors of the points that it reports, by where they are and where it is (`RobotState.seen`)."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.dataset.dataset import Dataset
-from calib.effects.effect import CatalogueEffect, Family, Parameter
+from calib.effects.effect import CatalogueEffect, Family, NaturalBound, Parameter
 from calib.effects.state import RobotState
 
 Vector = tuple[float, float, float]
 
 
 def field_of(dataset: Dataset) -> tuple[Vector, float]:
-    """Middle and half width, mm, of where the training points lie in the scanner's frame."""
+    """Middle (3,) and half width, mm, of the training points' bounding box in the scanner's frame."""
     if dataset.points is None:
         return (0.0, 0.0, 0.0), 1.0
     xyz = dataset.points.xyz_mm[~dataset.poses.is_test[dataset.points.pose]]
@@ -23,11 +23,11 @@ def field_of(dataset: Dataset) -> tuple[Vector, float]:
     return (x, y, z), max(0.5 * float(np.max(high - low)), 1e-6)
 
 
-_FAINT_MM = 0.03  # a radial error below which the middle of the optics cannot be told
+_FAINT_MM = 0.03  # a radial error below which the middle of the optics cannot be determined
 
 
 def _inverse(radial_mm: float, shift_mm: float) -> float:
-    """1 / radial, bounded and smooth: nearly 0 for a faint error, and never moving the middle by 1.5 half fields."""
+    """Inverse of the radial error, bounded and smooth, so that the middle moves by less than 1.5 half fields."""
     return radial_mm / (float(np.hypot(radial_mm**2, (shift_mm / 2.0) ** 2)) + _FAINT_MM**2)
 
 
@@ -43,10 +43,22 @@ class ScannerDistortion(CatalogueEffect):
     centre_mm: Vector
     half_mm: float
     name = "scanner_distortion"
+    noun = "the distortion of the instrument's field"
     equation = "z += k1 u + k2 u^2, radial k r^3 about the field's middle"
     symbols = (("depth1", "mm"), ("depth2", "mm"), ("radial", "mm"), ("decentre", "mm"))
     needs = "points spread over the field"
     confirm = "the same poses from a second place of the scanner (a second setup)"
+    bounds = (NaturalBound(10.0, "mm", "instruments that measure arms are off by less at the edge of their field"),)
+    notes = r"""
+    With $u = (p - p_0) / h$, the point in the scanner's frame about the middle of the measured field over half its
+    width,
+
+    $$ \delta z = k_1 u_z + k_2 u_z^2, \qquad \delta (x, y) = k \, | u_{xy} + s |^2 \, ( u_{xy} + s ) $$
+
+    The middle of the optics is off by $s$, which is unknown too. No term divides by $z$: the depth of a tracker's point
+    may be zero.
+    """
+    position = 12
     parameters = (
         Parameter("depth1_mm", "mm", 0.1, "depth error at the edge of the field, linear"),
         Parameter("depth2_mm", "mm", 0.1, "depth error at the edge of the field, quadratic"),
@@ -65,7 +77,7 @@ class ScannerDistortion(CatalogueEffect):
         decentre_x_mm: float,
         decentre_y_mm: float,
     ) -> RobotState:
-        """What is reported, moved."""
+        """State with the reported points moved."""
         if state.seen is None:
             return state
         u = (state.seen.scanner_mm - np.array(self.centre_mm)) / self.half_mm
@@ -74,7 +86,7 @@ class ScannerDistortion(CatalogueEffect):
         across = u[:, :2]
         square = np.sum(across**2, axis=1)[:, None]
         shift = np.array([decentre_x_mm, decentre_y_mm])
-        # k |u + s|^2 (u + s) less its constant, which the scanner's place takes up, in powers of k s
+        # k |u + s|^2 (u + s) less its constant, which the scanner's frame absorbs, in powers of k s
         out[:, :2] = radial_mm * square * across + square * shift + 2.0 * (across @ shift)[:, None] * across
         aside = shift * _inverse(radial_mm, float(np.linalg.norm(shift)))  # s, bounded
         out[:, :2] += float(shift @ aside) * across + 2.0 * (across @ shift)[:, None] * aside
@@ -82,7 +94,7 @@ class ScannerDistortion(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """One member, about the middle of the training points."""
+        """The family with one member, about the middle of the training points."""
         return Family(cls.name, (cls(*field_of(dataset)),))
 
 
@@ -95,15 +107,24 @@ class ScannerDrift(CatalogueEffect):
     start_s: float
     duration_s: float
     name = "scanner_drift"
+    noun = "the drift of the instrument"
     equation = "p += (v + w x p) t"
     symbols = (("v", "mm/s"), ("w", "rad/s"))
     needs = "time_s in poses.csv"
     confirm = "the first pose again at the end, and in between"
+    bounds = ()  # how far it goes depends on how long it was measured
+    notes = r"""
+    $$ \delta p = \left( v + w \times ( p - p_0 ) \right) t $$
+
+    $p_0$ is the middle of the measured field, $t$ the time since the first pose. Correlated drift without a
+    direction looks alike; what that explains as well is not claimed ({doc}`/method/noise`).
+    """
+    position = 13
     linear = True
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Velocity and turning rate; sizes that make 0.1 mm over the session."""
+        """Velocity and turning rate; usual sizes make 0.1 mm over the session."""
         move, turn = 0.1 / self.duration_s, 0.1 / self.half_mm / self.duration_s
         return (
             *(Parameter(f"v{a}_mm_per_s", "mm/s", move, f"drift along {a}") for a in "xyz"),
@@ -111,7 +132,7 @@ class ScannerDrift(CatalogueEffect):
         )
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """What is reported, moved; nothing where no time was written down."""
+        """State with the reported points moved; unchanged where no time was recorded."""
         if state.seen is None or state.poses.time_s is None:
             return state
         v = np.array([values[f"v{a}_mm_per_s"] for a in "xyz"])
@@ -122,7 +143,7 @@ class ScannerDrift(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """One member, about the middle of the training points, over the time that all poses took."""
+        """The family with one member, about the middle of the training points, over the time that all poses took."""
         time_s = dataset.poses.time_s
         if time_s is None:
             return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")
@@ -137,15 +158,24 @@ class IncidenceBias(CatalogueEffect):
     """A range error that grows as the jig turns away: b (1 - cos phi) along the ray, phi between ray and jig axis."""
 
     name = "incidence_bias"
+    noun = "the instrument's error with the angle of incidence"
     equation = "b (1 - cos phi) along the ray"
     symbols = (("b", "mm"),)
     needs = "jig attitudes that vary"
     confirm = "one place with the jig turned in steps toward and away from the scanner"
+    bounds = (NaturalBound(3.0, "mm", "scanners are off by tenths of a millimetre at grazing incidence"),)
+    notes = r"""
+    $$ \delta p = b \, ( 1 - \cos \, \phi ) \, \rho $$
+
+    along the ray $\rho$, with $\phi$ the angle between ray and the jig's axis. For a jig with faces only; mirrors and
+    balls do not turn away.
+    """
+    position = 15
     linear = True
     parameters = (Parameter("b_mm", "mm", 0.1, "range error at grazing incidence"),)
 
     def apply(self, state: RobotState, *, b_mm: float) -> RobotState:
-        """What is reported, moved along the ray."""
+        """State with the reported points moved along the ray."""
         if state.seen is None:
             return state
         ray = state.seen.scanner_mm / np.maximum(np.linalg.norm(state.seen.scanner_mm, axis=1), 1e-9)[:, None]
@@ -155,13 +185,13 @@ class IncidenceBias(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """One member, for a jig alone."""
+        """The family with one member, for a jig alone."""
         if dataset.robot.carries_scanner:
             return Family(
                 cls.name,
                 (),
-                "the scanner is on the flange, and how the jig in the room is turned is no part of the model",
-                "put the scanner into the room and the jig on the flange",
+                "the scanner is on the flange, and the orientation of the jig in the world is no part of the model",
+                "put the scanner beside the arm and the jig on the flange",
             )
         if not dataset.shows_faces:
             return Family(
@@ -178,20 +208,29 @@ class ScannerScale(CatalogueEffect):
     """An isotropic scale error: p times 1 + s. It equals a scaling of every length of the arm."""
 
     name = "scanner_scale"
+    noun = "the scale of the instrument"
     equation = "p times 1 + s"
     symbols = (("s", "1"),)
     needs = "a length standard; not testable without one"
+    bounds = (NaturalBound(5e-3, "1", "instruments are made to 1e-4 and better"),)
+    notes = r"""
+    $$ p \to p \, ( 1 + s ) $$
+
+    It equals a scaling of every length of the arm, so nothing is left of it after a fit, whatever the poses. A
+    certified length, measured with the same scanner, tells it.
+    """
+    position = 16
     testable = False
     linear = True
     parameters = (Parameter("s", "1", 1e-4, "scale error"),)
 
     def apply(self, state: RobotState, *, s: float) -> RobotState:
-        """What is reported, scaled."""
+        """State with the reported points scaled."""
         return state if state.seen is None else state.displace_in_scanner(s * state.seen.scanner_mm)
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """One member, which no dataset can test: the arm's lengths and the scanner's scale are known only together."""
+        """The family with one member, which no dataset can test: only the arm's lengths over the scale are known."""
         return Family(
             cls.name,
             (cls(),),

@@ -1,4 +1,4 @@
-"""A user's own effects, from a file of theirs, checked before they are used.
+"""Effects from a user's own file, checked before they are used.
 
 The file is Python. Either it has `EFFECTS`, a tuple of effects, or every class in it that has `parameters` and `apply`
 is taken: a dataclass with a field `joint` once for each joint, one without fields once.
@@ -24,6 +24,7 @@ from calib.effects.checked_apply import error_words, is_interrupt
 from calib.effects.effect import (
     Effect,
     Family,
+    NaturalBound,
     Parameter,
     apply_values,
     families_from,
@@ -36,7 +37,7 @@ from calib.strict_json import MOST_SIZE
 
 
 def load_effects(path: Path, state: RobotState) -> tuple[Family, ...]:
-    """The families of an effects file, made for the robot of a state and tried on it. Raises CalibError in one line.
+    """Families of an effects file, made for the robot of a state and tried on it. Raises CalibError in one line.
 
     `calib.fitting.observations.nominal_state` makes the state of a dataset.
     """
@@ -48,7 +49,7 @@ def load_effects(path: Path, state: RobotState) -> tuple[Family, ...]:
 
 
 def check_effects(effects: Iterable[Effect], state: RobotState, where: str = "effects") -> tuple[Family, ...]:
-    """The effects as families, after a trial on a state. Raises CalibError in one line."""
+    """Families of a user's effects, after a trial on a state. Raises CalibError in one line."""
     effects = tuple(effects)
     for effect in effects:
         _check(effect, state, where)
@@ -66,6 +67,7 @@ def check_effects(effects: Iterable[Effect], state: RobotState, where: str = "ef
 
 
 def _load(path: Path) -> ModuleType:
+    """The module that an effects file is. Raises CalibError with the line where it cannot be imported."""
     if not path.is_file():
         raise CalibError(f"{path}: no such effects file")
     spec = importlib.util.spec_from_file_location(f"_effects_{path.stem}", path)
@@ -90,7 +92,7 @@ def _load(path: Path) -> ModuleType:
 
 @contextmanager
 def _siblings(folder: Path) -> Iterator[None]:
-    """Let a file import others from its folder; they are read afresh the next time, and nothing is written there."""
+    """Context in which a file may import others from its folder; the next time they are read anew, none is cached."""
     before, wrote = set(sys.modules), sys.dont_write_bytecode
     sys.path.append(str(folder))  # last: a neighbour of any name hides nothing that is installed
     sys.dont_write_bytecode = True
@@ -105,23 +107,24 @@ def _siblings(folder: Path) -> Iterator[None]:
 
 
 def _effects(path: Path, module: ModuleType, joints: int) -> tuple[Effect, ...]:
-    """What EFFECTS holds, else what the module's classes give."""
+    """Effects of a module: those of its tuple EFFECTS, else instances of its classes."""
     if not hasattr(module, "EFFECTS"):
         return tuple(_instances(path, module, joints))
-    given = module.EFFECTS
-    if not isinstance(given, tuple | list):
+    effects = module.EFFECTS
+    if not isinstance(effects, tuple | list):
         raise CalibError(
-            f"{path}: EFFECTS is a {type(given).__name__}; make it a tuple of effects, (MyEffect(joint=1),)"
+            f"{path}: EFFECTS is a {type(effects).__name__}; make it a tuple of effects, (MyEffect(joint=1),)"
         )
-    for effect in given:
+    for effect in effects:
         if isinstance(effect, type):
             raise CalibError(
                 f"{path}: EFFECTS holds the class {effect.__name__}; put effects in, such as {effect.__name__}(...)"
             )
-    return tuple(given)
+    return tuple(effects)
 
 
 def _instances(path: Path, module: ModuleType, joints: int) -> Iterable[Effect]:
+    """Instances of a module's own effect classes: one for each joint where a class has the field `joint`, else one."""
     for value in vars(module).values():
         if not isinstance(value, type) or value.__module__ != module.__name__:
             continue
@@ -148,7 +151,7 @@ def _instances(path: Path, module: ModuleType, joints: int) -> Iterable[Effect]:
 
 
 def _is_sound(name: object, unit: object, doc: object, scale: object) -> bool:
-    """Whether a parameter's fields are what their types say: a user's file is not checked by anything else."""
+    """Whether a parameter's fields are of their declared types, which nothing else checks in a user's file."""
     return (
         isinstance(name, str)
         and name.isidentifier()
@@ -160,6 +163,7 @@ def _is_sound(name: object, unit: object, doc: object, scale: object) -> bool:
 
 
 def _check(effect: Any, state: RobotState, where: str) -> None:
+    """Raise CalibError where a user's effect has unsound parameters or bounds, fails, or is present at zero."""
     label = f"{where}: effect {type(effect).__name__}"
     parameters = getattr(effect, "parameters", None)
     if not isinstance(parameters, tuple | list) or not parameters:
@@ -172,6 +176,9 @@ def _check(effect: Any, state: RobotState, where: str) -> None:
             )
     if len({p.name for p in parameters}) < len(parameters):
         raise CalibError(f"{label}: two parameters have the same name")
+    bounds = getattr(effect, "bounds", ())
+    if not isinstance(bounds, tuple | list) or not all(isinstance(bound, NaturalBound) for bound in bounds):
+        raise CalibError(f"{label}: `bounds` is {bounds!r:.200}; a tuple of NaturalBound is needed")
     zero = np.zeros(len(parameters))
     after = _applied(effect, state, zero, where)
     if not np.array_equal(np.broadcast_to(state.vector, after.shape), after):
@@ -181,18 +188,19 @@ def _check(effect: Any, state: RobotState, where: str) -> None:
         one[k] = p.scale
         _applied(effect, state, one, where)
         if has_meaning(effect):
-            with _said_where(where):
+            with _errors_from(where):
                 meaning_of(effect, p, p.scale, state)
 
 
 def _applied(effect: Effect, state: RobotState, values: Array, where: str) -> Array:
-    with _said_where(where):
+    """State vector (1 or N, S) with the effect at these values; an error names the file."""
+    with _errors_from(where):
         return apply_values(effect, state, values).vector
 
 
 @contextmanager
-def _said_where(where: str) -> Iterator[None]:
-    """Put the file before what is wrong in it."""
+def _errors_from(where: str) -> Iterator[None]:
+    """Context whose CalibErrors begin with the file that they come from."""
     try:
         yield
     except CalibError as error:
@@ -200,5 +208,6 @@ def _said_where(where: str) -> Iterator[None]:
 
 
 def _line(error: BaseException, path: Path) -> int | str:
+    """Line of a file at which an error was raised last; "?" where none of its lines was."""
     frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) == path]
     return frames[-1].lineno or "?" if frames else "?"

@@ -11,14 +11,12 @@ from calib.dataset.dataset import Poses
 from calib.effects.catalogue import descriptions
 from calib.errors import CalibError
 from calib.planning.exchange import best_poses
+from calib.planning.outcome import CoefficientSigma, EffectOutcome
 from calib.planning.purpose import PlainPurpose, Situation, with_varied_conditions
 from calib.planning.question import Question, inverse
 from calib.planning.start import Start
 from calib.planning.unknowns import Unknowns
 from calib.workcell.pose_conditions import PAYLOAD_KG, WantedConditions, conditions_for
-
-_TELLS = 0.9  # of a sigma before, above which a coefficient gains next to nothing
-_TOLD = 8  # coefficients
 
 
 @dataclass(frozen=True)
@@ -61,53 +59,27 @@ class ForEffects(PlainPurpose):
             raise CalibError(f"{self.name} shows at no pose that can be measured, so none can be planned for it")
         return best_poses([Question(situation.rows, situation.unknowns.known, wanted)], count).rows
 
-    def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
-        unknowns = situation.unknowns
+    def outcome(self, situation: Situation, chosen: IndexArray) -> EffectOutcome:
+        unknowns, measured, wanted = situation.unknowns, situation.start.measured, self._wanted
         none = np.zeros(0, dtype=np.int64)
         before, after = (
             np.sqrt(np.diag(inverse(situation.information(rows))))[: len(unknowns.scales)] * unknowns.scales
             for rows in (none, chosen)
         )
-        parameters, mine = unknowns.model.parameters, self._mine(unknowns)
-        told = [k for k in mine if after[k] < _TELLS * before[k]]
-        told = sorted(told, key=lambda k: after[k] / before[k])[:_TOLD]
-        lines = [
-            f"sigma of {parameters[k].name}: {before[k]:.2g} -> {after[k]:.2g} {parameters[k].unit}"
-            for k in sorted(told)
-        ]
-        if len(mine) > len(told):
-            lines.append(f"{len(mine) - len(told)} further coefficients of {len(mine)} gain less or nothing")
-        return (*self._how(situation), *lines)
-
-    def _how(self, situation: Situation) -> tuple[str, ...]:
-        """How to measure these poses, and what has to be written down of the others."""
-        wanted, measured = self._wanted, situation.start.measured
-        ways = (
-            (
-                wanted.both_sides,
-                "approach",
-                "come to each pose with every joint from the side in approach1 ...",
+        parameters = unknowns.model.parameters
+        asked = {
+            "approach": wanted.both_sides,
+            "payload_kg": wanted.payloads_kg,
+            "temperature_c": wanted.temperatures_c,
+        }
+        conditions = tuple(name for name, values in asked.items() if values)
+        return EffectOutcome(
+            tuple(
+                CoefficientSigma(parameters[k].name, parameters[k].unit, float(before[k]), float(after[k]))
+                for k in self._mine(unknowns)
             ),
-            (
-                wanted.payloads_kg,
-                "payload_kg",
-                "mount each payload once, for all its poses",
-            ),
-            (
-                wanted.temperatures_c,
-                "temperature_c",
-                "measure the cold poses first; write down the temperatures",
-            ),
-        )
-        return tuple(
-            way
-            + (
-                "; poses.csv needs it of the measured poses too"
-                if measured is not None and getattr(measured, column) is None
-                else ""
-            )
-            for asked, column, way in ways
-            if asked
+            conditions,
+            tuple(name for name in conditions if measured is not None and getattr(measured, name) is None),
         )
 
     def _mine(self, unknowns: Unknowns) -> list[int]:

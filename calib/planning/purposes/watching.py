@@ -18,8 +18,9 @@ from calib.dataset.dataset import Poses
 from calib.errors import CalibError
 from calib.fitting.scanner_frame import whitener
 from calib.monitoring.change_tests import SEEN_Z
-from calib.monitoring.kinds import JOINT_ZERO, TOOL, ChangeModel, kind_words, kinds_of_the_arm, size_words
+from calib.monitoring.kinds import JOINT_ZERO, TOOL, ChangeModel, kinds_of_the_arm
 from calib.planning.exchange import ALL, best_poses
+from calib.planning.outcome import ChangeKey, ChangeReason, CheckOutcome, DetectableChange
 from calib.planning.purpose import WATCH, PlainPurpose, Situation
 from calib.planning.question import Question, inverse
 from calib.planning.unknowns import Unknowns
@@ -57,27 +58,17 @@ class ForWatch(PlainPurpose):
     def choose(self, situation: Situation, count: int) -> IndexArray:
         return check_poses(_kinds_of(situation), count)
 
-    def why(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
+    def reasons(self, situation: Situation, chosen: IndexArray) -> tuple[ChangeReason, ...]:
         kinds = _kinds_of(situation)
-        return tuple(_sees(kinds, chosen, k) for k in range(len(chosen)))
+        return tuple(ChangeReason(_detected_by(kinds, chosen, k)) for k in range(len(chosen)))
 
-    def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
+    def outcome(self, situation: Situation, chosen: IndexArray) -> CheckOutcome:
         kinds = _kinds_of(situation)
-        free, fixed = (
-            [f"{kind_words(k.kind)} from {size_words(k.size(chosen), k.kind.unit)}" for k in kinds if k.free is f]
-            for f in (True, False)
-        )
-        out = [f"found and named 19 times of 20: {', '.join(free)}"] if free else []
-        if fixed:
-            out.append(f"only where the scanner did not move, as a turn of it looks the same: {', '.join(fixed)}")
-        seen = {k.kind.key for k in kinds}
-        never = [kind_words(k) for k in _all_usual(situation) if k.key not in seen]
-        if never:
-            out.append(f"not seen by any pose, as it hardly moves the target: {', '.join(never)}")
-        twice = [k for k in kinds if k.free]
-        if twice:
-            out.append("each pose measured twice finds sizes smaller by nearly a third, four times by a half")
-        return tuple(out)
+        shown = {k.kind.key for k in kinds}
+        return CheckOutcome((
+            *(DetectableChange(k.kind.key, k.kind.unit, k.size(chosen), k.free) for k in kinds),
+            *(DetectableChange(k.key, k.unit, None, False) for k in _all_usual(situation) if k.key not in shown),
+        ))  # fmt: skip
 
 
 def check_poses(kinds: Sequence[CheckedKind], count: int) -> IndexArray:
@@ -150,11 +141,11 @@ def _covariance(kind: CheckedKind, chosen: IndexArray) -> Array:
     return np.asarray(question.wanted.T @ inverse(question.known + rows.T @ rows) @ question.wanted)
 
 
-def _sees(kinds: Sequence[CheckedKind], chosen: IndexArray, k: int) -> str:
-    """What the others would see less well without the k-th of the chosen."""
+def _detected_by(kinds: Sequence[CheckedKind], chosen: IndexArray, k: int) -> tuple[ChangeKey, ...]:
+    """The changes that the others of the chosen would detect less well without the k-th."""
     gains = []
     for kind in kinds:
         with_all, without = (kind.size(rows) for rows in (chosen, np.delete(chosen, k)))
         gains.append(1.0 - with_all / without)
     best = [i for i in np.argsort(gains)[::-1][:_NAMED] if gains[i] > _TELLS]
-    return ", ".join(kind_words(kinds[i].kind) for i in best) or "a little of everything"
+    return tuple(kinds[i].kind.key for i in best)

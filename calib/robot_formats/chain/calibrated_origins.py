@@ -1,21 +1,21 @@
-"""Where the joints of a user's own chain stand once the five-parameter table of its arm is calibrated.
+"""Origins of the joints of a user's chain after its arm's five-parameter table is calibrated.
 
 J_i is the frame of joint i at zero, F_i frame i of the table, both in the base frame. Where the table before the
 calibration is known, F_(i-1) and J_i share axis i there, so N_i = F_(i-1)^-1 J_i is a turn about it and a slide along
-it, and it is kept: with the calibrated table
+it, which stays the same: with the calibrated table
 
     J_i' = F_(i-1)' Rz(theta_i' - theta_i) N_i        before_T_joint_i' = J_(i-1)'^-1 J_i'
 
 The change of theta_i turns the link behind joint i, so that an error of one joint's zero changes one origin.
 
-A table that came in another form, as a controller's calibration does, has its frames elsewhere on the same axes. What
-it fixes of a joint is the axis, a line at zero: where the frame stands on that line, and how it is turned about it,
-changes no motion as long as the frames behind make up for it. So each frame is put where the chain has its link: joint
+A table from elsewhere, such as a controller's calibration, has its frames at other places on the same axes. It
+determines each joint's axis, a line at zero, but not place and turn of the frame on that line, which change no motion
+as long as the frames behind compensate for them. So each frame is put where the chain has its link: joint
 by joint, what the chain's own origin gives behind the joint before is moved onto the calibrated axis by the least shift
 and the least turn, and turned about it until the next axis lies where the chain has it. The last joint is turned about
-its axis until the tip sits on it as the chain has it.
+its axis until the tip is placed on it as in the chain.
 
-Where the file has no place for the tip, the last joint is turned and shifted along its axis to bring it there.
+Where the file cannot hold the tip, the last joint is turned and shifted along its axis to bring it there.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _TELLS_MM = 10.0  # distance of two axes above which the place of the next one d
 
 @dataclass(frozen=True)
 class CalibratedChain:
-    """A chain with calibrated origins, and whether its tip could be moved with them."""
+    """A chain with calibrated origins, and whether its tip is calibrated too."""
 
     chain: SerialChain
     tip_known: bool  # False: the robot's tool ends elsewhere than the chain's tip, which stays on the last link
@@ -47,12 +47,12 @@ class CalibratedChain:
 def with_calibration(
     chain: SerialChain, nominal: Robot | None, calibrated: Robot, *, holds_tip: bool = True
 ) -> CalibratedChain:
-    """The chain with the places of its joints as calibrated: same joints, same axes in their own frames.
+    """The chain with calibrated joint origins, its joints and their axes in their own frames unchanged.
 
-    nominal: the robot whose table was calibrated; None: the chain as it is, and the table may have been made otherwise.
-    holds_tip: whether the chain's file has a place for the tip on the last joint; else that joint brings it there.
+    nominal: the robot whose table was calibrated; None: the chain itself, where the table may have other frames.
+    holds_tip: whether the chain's file can hold the tip's place on the last joint; else that joint is moved instead.
 
-    Raises RobotFileError where the nominal robot is not the chain's arm: joints in number or kind, an axis.
+    Raises RobotFileError where nominal robot and chain differ in number or type of joints, or in an axis.
     """
     before_calibration = robot_of(chain) if nominal is None else nominal
     _require_same_joints(chain, before_calibration)
@@ -93,7 +93,7 @@ def with_calibration(
 
 
 def _by_lines(chain: SerialChain, base_T_chain: Array, lines: Array) -> list[Array]:
-    """(4, 4) of each joint at zero, its axis on the calibrated one, as near to the chain's own place as it can be.
+    """Frames (4, 4) of the joints at zero, on the calibrated axes and as near to the chain's own as possible.
 
     The last is not turned about its axis yet. lines  # (n, 4, 4) whose z axes are the calibrated ones
     """
@@ -114,14 +114,14 @@ def _by_lines(chain: SerialChain, base_T_chain: Array, lines: Array) -> list[Arr
 
 
 def _about_axis(turn_rad: float, slide_mm: float = 0.0) -> Array:
-    """(4, 4) a turn about z and a slide along it."""
+    """Transform (4, 4) of a turn about z and a slide along it."""
     return make_transform(rotation_from_rpy([0.0, 0.0, turn_rad]), [0.0, 0.0, slide_mm])
 
 
 def _moved_to_line(frame: Array, line: Array, *, slides: bool) -> Array:
-    """A frame (4, 4) moved until its z axis lies on that of another, by the least turn and the least shift.
+    """Frame (4, 4) moved by the least turn and shift until its z axis is that of another frame (4, 4).
 
-    The axis of a joint that slides has a direction only.
+    For a sliding joint only the direction of the axis counts.
     """
     along = line[:3, 2]
     turn = _least_turn_between(frame[:3, 2], along) @ frame[:3, :3]
@@ -131,16 +131,16 @@ def _moved_to_line(frame: Array, line: Array, *, slides: bool) -> Array:
 
 
 def _least_turn_between(one: Array, other: Array) -> Array:
-    """(3, 3) that turns a unit vector (3,) onto another, not its opposite."""
+    """Least rotation (3, 3) of a unit vector (3,) onto another that is not its opposite."""
     across, cosine = np.cross(one, other), float(one @ other)
     cross = skew(across)
     return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + cosine))
 
 
 def _azimuth(axis_T_line: Array, nominal: Array, *, both_turn: bool) -> float:
-    """The turn about an axis after which the next one lies as nominally: by its direction, else by its place.
+    """Turn, rad, about an axis that brings the next axis to its nominal azimuth, by its direction or else its place.
 
-    Both (4, 4) with the next axis along z. 0 where the two axes are one line and nothing tells it.
+    Both arguments (4, 4) with the next axis along z. 0 where the two axes are one line.
     """
     direction, expected = axis_T_line[:2, 2], nominal[:2, 2]
     if np.hypot(*expected) < _STEEP:
@@ -155,7 +155,7 @@ def _azimuth(axis_T_line: Array, nominal: Array, *, both_turn: bool) -> float:
 
 
 def _last_motion(axis_T_tip: Array, nominal: Array) -> tuple[float, float]:
-    """The turn (rad) about the last axis and the slide (mm) along it after which the tip sits on it as nominally."""
+    """Turn, rad, about the last axis and slide, mm, along it that bring the tip to its nominal place on it."""
     turned = axis_T_tip[:3, :3] @ nominal[:3, :3].T
     turn_rad = float(np.arctan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]))
     return turn_rad, float(axis_T_tip[2, 3] - nominal[2, 3])
@@ -177,9 +177,9 @@ def _require_same_joints(chain: SerialChain, robot: Robot) -> None:
 
 
 def _base(chain: SerialChain, frames: Array, robot: Robot) -> Array:
-    """(4, 4) from the chain's base frame to the robot's: none where their axes agree as they are, else what makes them.
+    """Transform (4, 4) from the chain's base frame to the robot's, the identity where their axes agree without one.
 
-    A maker's file may start from another link than the URDF that robot.toml was made of.
+    A maker's file may start from another link than the URDF from which robot.toml was made.
     """
     at_zero = chain.at_zero
     axes = np.stack([frame @ axis_frame(joint) for frame, joint in zip(at_zero[:-1], chain.joints, strict=True)])
@@ -191,20 +191,20 @@ def _base(chain: SerialChain, frames: Array, robot: Robot) -> Array:
 
 
 def _across(frames: Array) -> Array:
-    """(n, 3, 3) what takes from a vector what lies along the z axis of each frame (n, 4, 4)."""
+    """Projections (n, 3, 3) onto the planes perpendicular to the z axes of frames (n, 4, 4)."""
     along = frames[:, :3, 2]
     return np.asarray(np.eye(3) - along[:, :, None] * along[:, None, :])
 
 
 def _same_axes(axes: Array, frames: Array, turns: BoolArray) -> bool:
-    """Whether the z axes of frames (n, 4, 4) are the same lines, of joints that slide the same directions."""
+    """Whether the z axes of frames (n, 4, 4) are equal lines, or for sliding joints equal directions."""
     gap_mm = np.einsum("nij,nj->ni", _across(frames), axes[:, :3, 3] - frames[:, :3, 3])[turns]
     lean = np.abs(axes[:, :3, 2] - frames[:, :3, 2]).max()
     return bool(lean < _SAME_RAD and np.abs(gap_mm).max(initial=0.0) < _SAME_MM)
 
 
 def _moved_onto(axes: Array, frames: Array, turns: BoolArray) -> Array:
-    """(4, 4) the motion that brings axes (n, 4, 4) onto the z axes of frames (n, 4, 4), by least squares."""
+    """Rigid motion (4, 4) of axes (n, 4, 4) onto the z axes of frames (n, 4, 4), by least squares."""
     turn = best_fit_rotation(axes[:, :3, 2], frames[:, :3, 2])
     across = _across(frames)[turns]
     if not len(across):
@@ -215,7 +215,7 @@ def _moved_onto(axes: Array, frames: Array, turns: BoolArray) -> Array:
 
 
 def _require_axis(chain: SerialChain, robot: Robot, i: int, frame_T_axis: Array) -> None:
-    """The axis in the frame that should stand on it: it has to be the frame's z axis."""
+    """Raise RobotFileError where an axis, given in its frame, is not the frame's z axis."""
     off_mm = np.hypot(*frame_T_axis[:2, 3]) if robot.joints[i].is_revolute else 0.0
     lean_rad = np.arctan2(np.hypot(*frame_T_axis[:2, 2]), frame_T_axis[2, 2])
     if off_mm > _SAME_MM or lean_rad > _SAME_RAD:

@@ -1,11 +1,12 @@
-"""The five-parameter table of any serial chain, exactly, and the chain of a table.
+"""Exact conversion between serial chains and five-parameter tables.
 
-Frame i stands on the axis of joint i + 1, with z along it. Where on the axis is free, as d of the next row makes up for
-it. Axes that enclose more than 45 deg are joined at their common normal, where beta is 0 and the row is that of Denavit
-and Hartenberg; for others, parallel ones included, the frame stands at the joint's own origin, so that no length grows
-beyond those of the chain. beta stays below 45 deg, far from +-90 deg, where alpha and the next theta are one.
+Frame i lies on the axis of joint i + 1, with z along it. Its place on the axis is free, as d of the next row
+compensates for it. Axes that enclose more than 45 deg are joined at their common normal, where beta is 0 and the row is
+that of Denavit and Hartenberg; for others, parallel ones included, the frame is at the joint's own origin, so that no
+length grows beyond those of the chain. beta stays below 45 deg, far from +-90 deg, where alpha and the next theta are
+one.
 
-A transform that turns freely takes row n and the tool row together: a of row n carries what lies across the last axis,
+A general transform to the tip needs row n and the tool row together: a of row n holds the offset across the last axis,
 the tool row the rest.
 """
 
@@ -31,9 +32,9 @@ Row = tuple[float, float, float, float, float]
 
 
 def robot_of(chain: SerialChain, near_mm: Sequence[ArrayLike] | None = None) -> Robot:
-    """The robot with a chain's kinematics: same joint values, same base frame; the end of the tool row is the tip.
+    """Robot with the kinematics of a chain: same joint values and base frame; the tool row ends at the tip.
 
-    `near_mm`: n - 1 points (3,) in the base frame at zero; a frame that has no common normal then stands on its axis
+    `near_mm`: n - 1 points (3,) in the base frame at zero; a frame without a common normal is then placed on its axis
     where it is closest to point i, in place of the joint's own origin.
     """
     at_zero = chain.at_zero
@@ -64,7 +65,7 @@ def robot_of(chain: SerialChain, near_mm: Sequence[ArrayLike] | None = None) -> 
 
 
 def chain_of(robot: Robot) -> SerialChain:
-    """A robot as a chain whose joints have z axes: origins Rz(theta_1), then Trans(a, 0, d) Rx Ry Rz(theta_next).
+    """Chain of a robot, with joints about z: origins Rz(theta_1), then Trans(a, 0, d) Rx Ry Rz(theta_next).
 
     Raises RobotFileError for coupled joints.
     """
@@ -99,13 +100,13 @@ def chain_of(robot: Robot) -> SerialChain:
 
 
 def frames_at_zero(robot: Robot) -> Array:
-    """(n + 2, 4, 4) where the first row starts, frames 1..n and the tool in the base frame, at zero."""
+    """Frames (n + 2, 4, 4) at zero in the base frame: the start of the first row, frames 1..n, and the tool."""
     q = np.zeros((1, robot.n_joints))
     return forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame[0]
 
 
 def row_transform(row: Row) -> Array:
-    """(4, 4) Rz(theta) Trans(a, 0, d) Rx(alpha) Ry(beta) of a row a, alpha, d, theta, beta in mm and rad."""
+    """Transform (4, 4) of a row (a, alpha, d, theta, beta), mm and rad: Rz(theta) Trans(a, 0, d) Rx(alpha) Ry(beta)."""
     a, alpha, d, theta, beta = row
     turn = rotation_from_rpy([0.0, 0.0, theta])
     tilt = rotation_from_rpy([alpha, 0.0, 0.0]) @ rotation_from_rpy([0.0, beta, 0.0])
@@ -113,13 +114,13 @@ def row_transform(row: Row) -> Array:
 
 
 def _first_frame(axis: Array) -> Array:
-    """(4, 4) the base frame itself where the first axis is its z axis, else the axis' own frame."""
+    """Start frame (4, 4) of the first row: the base frame where the first axis is its z axis, else the axis' frame."""
     off_mm, lean = np.hypot(*axis[:2, 3]), np.hypot(*axis[:2, 2])
     return np.eye(4) if off_mm < _NOTHING_MM and lean < 1e-15 and axis[2, 2] > 0.0 else axis
 
 
 def _row(origin_mm: Array, along: Array, close_to_mm: Array | None) -> Row:
-    """The row that leads from a frame to a point on the next axis, with z along it.
+    """Row that leads from a frame to a point on the next axis, with z along the axis.
 
     origin_mm, along  # (3,) a point on the next axis and its unit vector, in the frame
     """
@@ -142,7 +143,7 @@ def _row(origin_mm: Array, along: Array, close_to_mm: Array | None) -> Row:
 
 
 def _last_rows(frame_T_tip: Array) -> tuple[Row, Row]:
-    """Row n and the tool row of any transform from the last joint's axis to the tip."""
+    """Row n and tool row of a transform (4, 4) from the last joint's axis to the tip."""
     x, y, z = frame_T_tip[:3, 3]
     theta = _least_turn(np.arctan2(y, x)) if np.hypot(x, y) > _NOTHING_MM else 0.0
     back = rotation_from_rpy([0.0, 0.0, -theta])
@@ -162,7 +163,7 @@ def _last_rows(frame_T_tip: Array) -> tuple[Row, Row]:
 
 
 def _plain(row: Row) -> Row:
-    """A row without what rounding alone has left in it; the next row starts from where it ends."""
+    """The row with values below rounding set to zero; the next row starts from where it ends."""
     a, alpha, d, theta, beta = row
     turns = [0.0 if abs(angle) < _ROUNDING_RAD else angle for angle in (alpha, theta, beta)]
     lengths = [0.0 if abs(length) < _ROUNDING_MM else length for length in (a, d)]
@@ -170,7 +171,7 @@ def _plain(row: Row) -> Row:
 
 
 def _least_turn(angle_rad: float) -> float:
-    """The angle or its opposite direction's, within a quarter turn of zero: a or alpha changes its sign for it."""
+    """The angle or its opposite, whichever is within a quarter turn of zero; a or alpha then changes sign."""
     wrapped = float((angle_rad + np.pi) % (2 * np.pi) - np.pi)
     if wrapped > np.pi / 2 + _STRAIGHT:
         return wrapped - np.pi
@@ -192,7 +193,7 @@ def _joint(joint: ChainJoint, row: Row, frame_T_joint: Array) -> Joint:
 
 
 def _with_tool(robot: Robot) -> tuple[float | None, Vector | None]:
-    """Mass and centre of mass, in the last frame, of the last link together with the tool."""
+    """Mass, kg, and centre of mass, mm in the last frame, of the last link with the tool; None where not known."""
     link, tool = robot.joints[-1], robot.tool
     if not tool.mass_kg or tool.com_mm is None:
         return link.mass_kg, link.com_mm
@@ -202,6 +203,6 @@ def _with_tool(robot: Robot) -> tuple[float | None, Vector | None]:
 
 
 def vector(values: Array) -> Vector:
-    """x, y, z (3,) mm without what rounding alone has left in them."""
+    """Vector (3,), mm, with components below rounding set to zero."""
     x, y, z = (0.0 if abs(value) < _ROUNDING_MM else float(value) for value in values)
     return (x, y, z)

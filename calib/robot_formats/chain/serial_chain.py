@@ -1,6 +1,6 @@
-"""A serial arm as joints with any axis, each placed in the frame of the one before: what every format is read into.
+"""Serial arm of joints with any axes, each placed in the frame of the one before; every format is read into it.
 
-A joint's frame moves with its link. At zero it stands at `before_T_joint` in the frame of the joint before, the base
+A joint's frame moves with its link. At zero it is at `before_T_joint` in the frame of the joint before, the base
 frame for the first; the joint turns about its axis by q (rad) or slides along it by q (mm).
 """
 
@@ -18,12 +18,12 @@ from calib.kinematics.robot import Vector
 
 
 class RobotFileError(CalibError):
-    """A robot's file cannot be used, or cannot hold the robot."""
+    """Error: a robot's file cannot be used, or its format cannot hold the robot."""
 
 
 @dataclass(frozen=True)
 class ChainJoint:
-    """A joint and the link that it moves. Limits are rad, or mm for a prismatic joint."""
+    """A joint and the link that it moves; limits in rad, or mm for a prismatic joint."""
 
     name: str
     before_T_joint: Array  # (4, 4) at zero, mm
@@ -56,12 +56,12 @@ class SerialChain:
 
     @property
     def at_zero(self) -> Array:
-        """(n + 1, 4, 4) base_T_joint of all joints at zero, then base_T_tip."""
+        """Transforms (n + 1, 4, 4) at zero: base_T_joint of all joints, then base_T_tip."""
         return chain_frames(self, np.zeros((1, len(self.joints))))[0]
 
 
 def chain_frames(chain: SerialChain, q: ArrayLike) -> Array:
-    """(N, n + 1, 4, 4) base_T_joint of all joints and base_T_tip, at q (N, n) rad or mm."""
+    """Transforms (N, n + 1, 4, 4) at q (N, n), rad or mm: base_T_joint of all joints, then base_T_tip."""
     q = np.asarray(q, dtype=float)
     frame = np.broadcast_to(np.eye(4), (len(q), 4, 4))
     frames = []
@@ -75,7 +75,7 @@ def chain_frames(chain: SerialChain, q: ArrayLike) -> Array:
 
 
 def axis_frame(joint: ChainJoint) -> Array:
-    """(4, 4) joint_T_axis: the least turn that brings z onto the joint's axis."""
+    """Transform joint_T_axis (4, 4): the least rotation of z onto the joint's axis."""
     x, y, z = joint.axis
     sine = np.hypot(x, y)
     if sine == 0.0:  # along z or against it, where half a turn about x is taken

@@ -1,1 +1,1 @@
-"""URDF: read safely, found a serial arm in, and written by changing origins only."""
+"""URDF and xacro: safe reading, the serial arm in a URDF, and writing by changing origins only."""

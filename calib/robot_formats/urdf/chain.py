@@ -1,25 +1,103 @@
-"""A serial arm in a URDF: the joints from a base link to a tip link, fixed ones joined, masses lumped."""
+"""Serial arm in a URDF: the joints from a base link to a tip link, fixed ones joined, masses lumped.
+
+Joints that follow others (<mimic>) become a matrix from commanded to joint values. A follower's value is multiplier x
+its master's + offset; the offset goes into the joint's origin, and its own commanded value, what it does beyond that,
+is 0."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from calib.array_types import Array
-from calib.frames import apply
+from calib.frames import apply, make_transform, rotation_from_rotvec
 from calib.kinematics.robot import Vector
 from calib.robot_formats.chain.serial_chain import ChainJoint, SerialChain
-from calib.robot_formats.urdf.mimic import Following, coupling_of, followings
+from calib.robot_formats.urdf.safe_xml import XmlFile
 from calib.robot_formats.urdf.tree import UrdfJoint, UrdfTree
+
+_LEAST_MULTIPLIER, _LARGEST_MULTIPLIER = 1e-3, 1e3  # of a multiplier; robot.toml takes a matrix that has an inverse
+
+
+@dataclass(frozen=True)
+class Following:
+    """Dependence of a joint's value on the commanded ones, in the units of the file."""
+
+    row: tuple[float, ...]  # (n,)
+    offset: float
+    joint_T_offset: Array  # (4, 4) the motion of the joint by its offset, mm
+    words: str = ""  # for a follower
+
+
+def followings(file: XmlFile, moving: Sequence[UrdfJoint]) -> tuple[Following, ...]:
+    """Dependence of each joint on others. Raises RobotFileError: a master outside the arm, a circle, unlike types."""
+    by_name = {joint.name: i for i, joint in enumerate(moving)}
+    return tuple(_following(file, moving, by_name, i) for i in range(len(moving)))
+
+
+def coupling_of(following: Sequence[Following]) -> tuple[tuple[float, ...], ...]:
+    """Matrix (n, n) from commanded to joint values; () where no joint follows another."""
+    return tuple(each.row for each in following) if any(each.words for each in following) else ()
+
+
+def _following(file: XmlFile, moving: Sequence[UrdfJoint], by_name: dict[str, int], i: int) -> Following:
+    row, offset, factor, at, seen = np.zeros(len(moving)), 0.0, 1.0, moving[i], {i}
+    row[i] = 1.0
+    while at.mimics is not None:
+        master = by_name.get(at.mimics)
+        if master is None:
+            file.fail(
+                at.element,
+                f"joint {at.name!r} mimics {at.mimics!r}, which is no joint between the base and the tip",
+                "name a tip before it, or a base before its master",
+            )
+        if master in seen:
+            file.fail(at.element, f"joint {at.name!r} mimics itself by way of others", "command one of them")
+        seen.add(master)
+        if (at.type == "prismatic") != (moving[master].type == "prismatic"):
+            file.fail(
+                at.element,
+                f"joint {at.name!r} mimics {at.mimics!r}, one of which turns and one slides",
+                "only joints of one kind can be coupled in robot.toml",
+            )
+        if at.multiplier and not _LEAST_MULTIPLIER <= abs(at.multiplier) <= _LARGEST_MULTIPLIER:
+            file.fail(
+                at.element,
+                f"the multiplier of joint {at.name!r} is {at.multiplier:g}",
+                f"one between {_LEAST_MULTIPLIER:g} and {_LARGEST_MULTIPLIER:g} is needed",
+            )
+        offset += factor * at.offset
+        factor *= at.multiplier
+        row[master] = factor
+        at = moving[master]
+    joint = moving[i]
+    return Following(tuple(map(float, row)), offset, _motion(joint, offset), _words(joint))
+
+
+def _words(joint: UrdfJoint) -> str:
+    if joint.mimics is None:
+        return ""
+    return (
+        f"joint {joint.name} follows {joint.mimics} ({joint.multiplier:g} x its value + {joint.offset:g}), by "
+        "`coupling` of robot.toml: its own column in poses.csv is what it does beyond that, 0"
+    )
+
+
+def _motion(joint: UrdfJoint, value: float) -> Array:
+    along = value * np.array(joint.axis)
+    if joint.type == "prismatic":
+        return make_transform(np.eye(3), 1e3 * along)
+    return make_transform(rotation_from_rotvec(along), np.zeros(3))
+
 
 _GRAVITY_M_S2 = np.array([0.0, 0.0, -9.81])  # a URDF's root stands upright
 
 
 @dataclass(frozen=True)
 class ArmPath:
-    """The joints between two links, and the chain that they make."""
+    """The joints of a URDF between a base link and a tip link."""
 
     tree: UrdfTree
     base: str
@@ -28,19 +106,19 @@ class ArmPath:
 
     @property
     def moving(self) -> tuple[UrdfJoint, ...]:
-        """Those that move, in order."""
+        """The joints that are not fixed, in order."""
         return tuple(joint for joint in self.joints if joint.moves)
 
     @property
     def following(self) -> tuple[Following, ...]:
-        """How the moving joints follow one another. Raises RobotFileError where a master is no joint of the arm."""
+        """Dependence of the moving joints on each other. Raises RobotFileError where a master is not of the arm."""
         return followings(self.tree.file, self.moving)
 
 
 def find_arm(tree: UrdfTree, tip: str | None = None, base: str | None = None) -> ArmPath:
-    """The joints from a base link (None: the root) to a tip link (None: the only one that the file leaves).
+    """Find the arm from a base link (None: the root) to a tip link (None: the only one in the file).
 
-    Raises RobotFileError in one sentence: several tips, links that are not there, joints that no serial arm has.
+    Raises RobotFileError in one sentence: several tips, unknown links, joints that no serial arm has.
     """
     file = tree.file
     for name in (tip, base):
@@ -73,7 +151,7 @@ def find_arm(tree: UrdfTree, tip: str | None = None, base: str | None = None) ->
 
 
 def chain_of_arm(arm: ArmPath) -> SerialChain:
-    """The chain of an arm: base frame is the base link's, tip that of the tip link."""
+    """Chain of an arm from the frame of the base link to that of the tip link."""
     joints: list[ChainJoint] = []
     notes: list[str] = []
     before = np.eye(4)
@@ -128,7 +206,7 @@ def chain_of_arm(arm: ArmPath) -> SerialChain:
 
 
 def tip_links(tree: UrdfTree) -> list[str]:
-    """Links that carry none and have a joint that moves before them, those behind most joints first."""
+    """End links behind at least one moving joint, those behind most moving joints first."""
     behind = {link: _moving_before(tree, link) for link, on in tree.joints_on.items() if not on}
     return sorted((link for link, count in behind.items() if count), key=lambda link: -behind[link])
 
@@ -161,7 +239,7 @@ def _refuse_unserial(arm: ArmPath) -> None:
 
 
 def _carried(arm: ArmPath, link: str) -> Iterator[tuple[str, Array, UrdfJoint | None]]:
-    """What a link carries up to the arm's next joints: link, its place in the first link's frame, its joint."""
+    """Links carried by a link up to the arm's next joints: name, transform in the first link's frame, joint."""
     of_arm = {joint.name for joint in arm.moving}
     waiting: list[tuple[str, Array, UrdfJoint | None]] = [(link, np.eye(4), None)]
     while waiting:
@@ -187,13 +265,13 @@ def _lump(arm: ArmPath, link: str) -> tuple[float, Vector]:
 
 
 def _beside(arm: ArmPath) -> Iterator[UrdfJoint]:
-    """Joints that move and hang on the arm without being of it."""
+    """Moving joints carried by the arm that are not part of it, such as a gripper's."""
     for joint in arm.moving:
         yield from (by for _, _, by in _carried(arm, joint.child) if by is not None and by.moves)
 
 
 def _links_with_meshes(arm: ArmPath) -> list[str]:
-    """The links that the arm moves and that the file draws by meshes."""
+    """Names of the links that the arm moves and that have meshes."""
     mine = {name for joint in arm.moving for name, _, _ in _carried(arm, joint.child)}
     names = []
     for link in arm.tree.file.root.all("link"):
@@ -205,7 +283,7 @@ def _links_with_meshes(arm: ArmPath) -> list[str]:
 
 
 def _gravity_at(arm: ArmPath) -> tuple[Vector, list[str]]:
-    """Gravity in the base link's frame, and the joints before it that move, which are taken at zero."""
+    """Gravity, m/s^2, in the base link's frame, and the moving joints before that link, which are taken at zero."""
     moving: list[str] = []
     place, at = np.eye(4), arm.base
     while at in arm.tree.joint_of:

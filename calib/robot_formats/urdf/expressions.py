@@ -1,8 +1,8 @@
-"""Expressions of a xacro, evaluated by walking their syntax tree: arithmetic on plain data, and no Python object.
+"""Evaluation of a xacro's expressions by walking their syntax tree: arithmetic on plain data, never Python objects.
 
-`ast.parse` makes the tree and runs nothing. What is not listed here does not exist: an attribute is a key of a table
-or a name of a namespace, never Python's; a call is one of a fixed set of functions on numbers, texts, lists and
-tables. So there is nothing to get out of. Sizes, depth and the number of steps are bounded.
+`ast.parse` makes the tree and runs nothing. Only what is listed here exists: an attribute is a key of a table or a
+name of a namespace, never Python's; a call is one of a fixed set of functions on numbers, texts, lists and tables.
+Sizes, depth and the number of steps are bounded.
 """
 
 from __future__ import annotations
@@ -13,7 +13,12 @@ import operator
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol, TypeAlias
+
+Plain: TypeAlias = "bool | int | float | str | list[Plain] | dict[Plain, Plain] | None"
+"""A value that an expression may have; a tuple is read as a list."""
+Value: TypeAlias = "Plain | Function | Namespace"
+"""What a node of an expression may stand for before it is called or looked into."""
 
 MOST_CHARACTERS = 20_000  # of an expression
 MOST_DEPTH = 100  # of its tree
@@ -24,33 +29,33 @@ MOST_BITS = 1024  # of an integer: beyond any float
 
 
 class ExpressionError(Exception):
-    """What an expression may not do, or cannot."""
+    """An expression is not allowed, too large, or has no value."""
 
 
-class Names(Protocol):
-    """Where the values of names are looked up; KeyError where there is none."""
+class NameTable(Protocol):
+    """Table of the names that an expression may use; a missing name raises KeyError."""
 
-    def __getitem__(self, name: str, /) -> Any: ...
+    def __getitem__(self, name: str, /) -> object: ...
 
 
 @dataclass(frozen=True)
 class Function:
-    """A function that an expression may call, and do nothing else with."""
+    """A function that an expression may call, and use for nothing else."""
 
     name: str
-    call: Callable[..., Any]
+    call: Callable[..., object]
 
 
 @dataclass(frozen=True)
 class Namespace:
-    """Names behind a dot: `math.sin`."""
+    """Names that are reached by a dot, as in `math.sin`."""
 
-    names: Names
+    names: NameTable
 
 
 @dataclass
 class Budget:
-    """How much is left for all expressions of a file."""
+    """Number of evaluation steps that remain for all expressions of a file."""
 
     steps: int = field(default=MOST_STEPS)
 
@@ -60,8 +65,8 @@ class Budget:
             raise ExpressionError("the expressions of this file take too many steps")
 
 
-def evaluate(text: str, names: Names, budget: Budget) -> Any:
-    """The value of an expression: None, bool, int, float, str, or lists and tables of them. Raises ExpressionError."""
+def evaluate(text: str, names: NameTable, budget: Budget) -> Plain:
+    """Value of an expression. Raises ExpressionError."""
     if len(text) > MOST_CHARACTERS:
         raise ExpressionError(f"an expression has {len(text)} characters; at most {MOST_CHARACTERS} are read")
     try:
@@ -76,12 +81,12 @@ def evaluate(text: str, names: Names, budget: Budget) -> Any:
     return value
 
 
-def plain(value: Any, budget: Budget) -> Any:
-    """The same as plain data of bounded size. Raises ExpressionError for anything else."""
+def plain(value: object, budget: Budget) -> Plain:
+    """A value copied as plain data of bounded size. Raises ExpressionError for anything else."""
     return _plain(value, budget, [0], 0)
 
 
-def _plain(value: Any, budget: Budget, count: list[int], depth: int) -> Any:
+def _plain(value: object, budget: Budget, count: list[int], depth: int) -> Plain:
     count[0] += 1
     if count[0] > MOST_ITEMS or depth > MOST_DEPTH:
         raise ExpressionError("a list or table is too large")
@@ -117,12 +122,15 @@ def _is_key(key: object) -> bool:
 # ---- operators ------------------------------------------------------------------------------------------------------
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float)
+def _numbers(left: Plain, right: Plain, sign: str) -> tuple[int | float, int | float]:
+    """Both operands, which have to be numbers."""
+    if isinstance(left, int | float) and isinstance(right, int | float):
+        return left, right
+    raise ExpressionError(f"{sign} takes numbers")
 
 
-def _power(base: Any, exponent: Any) -> Any:
-    _require(_is_number(base) and _is_number(exponent), "** takes numbers")
+def _power(left: Plain, right: Plain) -> object:
+    base, exponent = _numbers(left, right, "**")
     if isinstance(base, int) and isinstance(exponent, int) and exponent > 0:
         _require(base.bit_length() * exponent <= MOST_BITS, "an integer is too large")
     value = base**exponent
@@ -130,51 +138,46 @@ def _power(base: Any, exponent: Any) -> Any:
     return value
 
 
-def _product(left: Any, right: Any) -> Any:
-    if not (_is_number(left) and _is_number(right)):
-        repeated, count = (right, left) if isinstance(left, int) else (left, right)
-        _require(
-            isinstance(repeated, str | list) and type(count) is int,
-            "* takes numbers, or a text or list and an integer",
-        )
-        most = MOST_TEXT if isinstance(repeated, str) else MOST_ITEMS
-        _require(len(repeated) * max(count, 0) <= most, "a repeated text or list is too large")
-    return left * right
+def _product(left: Plain, right: Plain) -> Plain:
+    if isinstance(left, int | float) and isinstance(right, int | float):
+        return left * right
+    repeated, count = (right, left) if isinstance(left, int) else (left, right)
+    if not isinstance(repeated, str | list) or type(count) is not int:
+        raise ExpressionError("* takes numbers, or a text or list and an integer")
+    most = MOST_TEXT if isinstance(repeated, str) else MOST_ITEMS
+    _require(len(repeated) * max(count, 0) <= most, "a repeated text or list is too large")
+    return repeated * count
 
 
-def _remainder(left: Any, right: Any) -> Any:
+def _remainder(left: Plain, right: Plain) -> Plain:
     if isinstance(left, str):
         places = re.findall(r"%[^%a-zA-Z]*[%a-zA-Z]?", left)
         _require(
             all(re.fullmatch(r"%%|%[-+ 0]?\d{0,2}(\.\d{1,2})?[sdfgeixX]", place) for place in places),
             "a format has other than %s %d %f %g %e %x, of at most two digits",
         )
-        given = tuple(right) if isinstance(right, list) else right
-        _require(not isinstance(given, dict), "a format takes no table")
-        return left % given
-    _require(_is_number(left) and _is_number(right), "% takes numbers")
-    return left % right
+        _require(not isinstance(right, dict), "a format takes no table")
+        return left % (tuple(right) if isinstance(right, list) else right)
+    one, other = _numbers(left, right, "%")
+    return one % other
 
 
-def _numeric(function: Callable[[Any, Any], Any], sign: str) -> Callable[[Any, Any], Any]:
-    def on(left: Any, right: Any) -> Any:
-        _require(_is_number(left) and _is_number(right), f"{sign} takes numbers")
-        return function(left, right)
-
-    return on
+def _numeric(function: Callable[..., object], sign: str) -> Callable[[Plain, Plain], object]:
+    """A function of two numbers as an operator, which refuses other operands."""
+    return lambda left, right: function(*_numbers(left, right, sign))
 
 
-def _sum(left: Any, right: Any) -> Any:
-    both_texts = isinstance(left, str) and isinstance(right, str)
-    both_lists = isinstance(left, list) and isinstance(right, list)
-    _require(
-        both_texts or both_lists or (_is_number(left) and _is_number(right)),
-        f"+ takes two numbers, two texts or two lists, not {_kind(left)} and {_kind(right)}",
-    )
-    return left + right
+def _sum(left: Plain, right: Plain) -> Plain:
+    if isinstance(left, int | float) and isinstance(right, int | float):
+        return left + right
+    if isinstance(left, str) and isinstance(right, str):
+        return left + right
+    if isinstance(left, list) and isinstance(right, list):
+        return left + right
+    raise ExpressionError(f"+ takes two numbers, two texts or two lists, not {_kind(left)} and {_kind(right)}")
 
 
-_BINARY: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
+_BINARY: Mapping[type[ast.operator], Callable[[Plain, Plain], object]] = {
     ast.Add: _sum,
     ast.Sub: _numeric(operator.sub, "-"),
     ast.Mult: _product,
@@ -183,11 +186,11 @@ _BINARY: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Mod: _remainder,
     ast.Pow: _power,
 }
-_UNARY: Mapping[type[ast.unaryop], Callable[[Any], Any]] = {
+_UNARY: Mapping[type[ast.unaryop], Callable[[int | float], int | float]] = {
     ast.USub: operator.neg,
     ast.UAdd: operator.pos,
 }
-_COMPARISONS: Mapping[type[ast.cmpop], Callable[[Any, Any], Any]] = {
+_COMPARISONS: Mapping[type[ast.cmpop], Callable[..., object]] = {
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
     ast.Lt: operator.lt,
@@ -203,34 +206,38 @@ _COMPARISONS: Mapping[type[ast.cmpop], Callable[[Any, Any], Any]] = {
 
 def _kind(value: object) -> str:
     kinds = {str: "a text", list: "a list", dict: "a table", type(None): "nothing"}
-    return kinds.get(type(value), "a number" if _is_number(value) else "no value")
+    return kinds.get(type(value), "a number" if isinstance(value, int | float) else "no value")
 
 
-def _require(kept: bool, said: str) -> None:
-    if not kept:
-        raise ExpressionError(said)
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise ExpressionError(message)
 
 
 # ---- functions ------------------------------------------------------------------------------------------------------
 
 
-def _integer(value: Any = 0, base: Any = 10) -> int:
+def _integer(value: str | float = 0, base: int = 10) -> int:
     _require(not isinstance(value, str) or len(value) <= 400, "int() of a text of that length")
-    return int(value) if base == 10 else int(value, base)
+    if base == 10:
+        return int(value)
+    if not isinstance(value, str):
+        raise ExpressionError("int() with a base takes a text")
+    return int(value, base)
 
 
-def _text(value: Any = "") -> str:
+def _text(value: Plain = "") -> str:
     return str(value)
 
 
-def _table(*given: Mapping[object, object] | Iterable[tuple[object, object]], **named: object) -> dict[object, object]:
-    _require(len(given) <= 1, "dict() takes one list or table")
-    made: dict[object, object] = dict(*given)
-    made.update(named)
-    return made
+def _table(*start: Mapping[object, object] | Iterable[tuple[object, object]], **named: object) -> dict[object, object]:
+    _require(len(start) <= 1, "dict() takes one list or table")
+    table: dict[object, object] = dict(*start)
+    table.update(named)
+    return table
 
 
-def _range(*ends: Any) -> list[int]:
+def _range(*ends: int) -> list[int]:
     _require(all(type(end) is int for end in ends) and 1 <= len(ends) <= 3, "range() takes one to three integers")
     numbers = range(*ends)
     _require(_length_of(numbers) <= MOST_ITEMS, "range() of so many")
@@ -238,32 +245,35 @@ def _range(*ends: Any) -> list[int]:
 
 
 def _length_of(numbers: range) -> int:
-    """Its length where `len` would be too large for the machine."""
+    """Length of a range, also where `len` overflows."""
     span = numbers.stop - numbers.start
     return max(0, -(-span // numbers.step))
 
 
-def _round(value: Any, digits: Any = None) -> Any:
-    _require(digits is None or (isinstance(digits, int) and abs(digits) <= 300), "round() to so many digits")
+def _round(value: float, digits: float | None = None) -> float:
+    if digits is None:
+        return round(value)
+    if not isinstance(digits, int) or abs(digits) > 300:
+        raise ExpressionError("round() to so many digits")
     return round(value, digits)
 
 
-def _mapped(function: Callable[..., Any], *lists: Any) -> list[Any]:
-    return [function(*given) for given in zip(*lists, strict=False)]
+def _mapped(function: Callable[..., object], *lists: Iterable[object]) -> list[object]:
+    return [function(*items) for items in zip(*lists, strict=False)]
 
 
-def _small(function: Callable[..., Any], most: int) -> Callable[..., Any]:
-    """The function of integers of bounded size: those whose results grow without end."""
+def _small(function: Callable[..., object], most: int) -> Callable[..., object]:
+    """A function limited to arguments of a largest size, for functions whose results grow without bound."""
 
-    def bounded(*given: Any) -> Any:
-        small = all(_is_number(value) and abs(value) <= most for value in given)
+    def bounded(*values: object) -> object:
+        small = all(isinstance(value, int | float) and abs(value) <= most for value in values)
         _require(small, f"numbers of at most {most} are needed")
-        return function(*given)
+        return function(*values)
 
     return bounded
 
 
-_MATHS: dict[str, Any] = {
+_MATHS: dict[str, Function | float] = {
     name: Function(name, getattr(math, name))
     for name in (
         "acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "ceil", "copysign", "cos", "cosh", "degrees",
@@ -272,50 +282,51 @@ _MATHS: dict[str, Any] = {
         "radians", "remainder", "sin", "sinh", "sqrt", "tan", "tanh", "trunc",
     )
 }  # fmt: skip
-MATHS: Mapping[str, Any] = (
+MATHS: Mapping[str, Function | float] = (
     _MATHS
     | {name: Function(name, _small(getattr(math, name), 150)) for name in ("factorial", "comb", "perm")}
     | {name: getattr(math, name) for name in ("pi", "e", "tau", "inf", "nan")}
 )
 
 
-def _added(given: Iterable[Any], start: Any) -> Any:
+def _added(values: Iterable[Plain], start: Plain) -> Plain:
     total = start
-    for value in given:
+    for value in values:
         total = _sum(total, value)
     return total
 
 
-_BASICS: dict[str, Callable[..., Any]] = {
-    "list": lambda given=(): list(given), "dict": _table, "map": _mapped, "len": len, "str": _text,
+_BASICS: dict[str, Callable[..., object]] = {
+    "list": lambda items=(): list(items), "dict": _table, "map": _mapped, "len": len, "str": _text,
     "float": lambda value=0.0: float(value),
     "int": _integer, "bool": lambda value=False: bool(value), "min": min, "max": max, "round": _round,
     "sorted": sorted, "range": _range, "abs": abs, "all": all, "any": any,
-    "sum": lambda given, start=0: _added(given, start),
-    "tuple": lambda given=(): list(given), "zip": lambda *given: [list(row) for row in zip(*given, strict=False)],
-    "enumerate": lambda given, start=0: [list(row) for row in enumerate(given, start)],
-    "reversed": lambda given: list(reversed(given)), "divmod": lambda left, right: list(divmod(left, right)),
+    "sum": lambda items, start=0: _added(items, start),
+    "tuple": lambda items=(): list(items), "zip": lambda *lists: [list(row) for row in zip(*lists, strict=False)],
+    "enumerate": lambda items, start=0: [list(row) for row in enumerate(items, start)],
+    "reversed": lambda items: list(reversed(items)), "divmod": lambda left, right: list(divmod(left, right)),
 }  # fmt: skip
-BASICS: Mapping[str, Any] = {
+BASICS: Mapping[str, Function | bool] = {
     **{name: Function(name, call) for name, call in _BASICS.items()},
     "True": True,
     "False": False,
 }
 
 
-def _replaced(text: str, old: Any, new: Any) -> str:
-    _require(isinstance(old, str) and isinstance(new, str), "replace() takes texts")
+def _replaced(text: str, old: Plain, new: Plain) -> str:
+    if not isinstance(old, str) or not isinstance(new, str):
+        raise ExpressionError("replace() takes texts")
     _require(len(text) + text.count(old) * len(new) <= MOST_TEXT, "a text is too large")
     return text.replace(old, new)
 
 
-def _joined(between: str, texts: Any) -> str:
+def _joined(between: str, texts: Iterable[str]) -> str:
     parts = list(texts)
     _require(sum(len(part) + len(between) for part in parts) <= MOST_TEXT, "a text is too large")
     return between.join(parts)
 
 
-_METHODS: Mapping[type, Mapping[str, Callable[..., Any]]] = {
+_METHODS: Mapping[type, Mapping[str, Callable[..., object]]] = {
     str: {
         "capitalize": str.capitalize, "count": str.count, "endswith": str.endswith, "find": str.find,
         "isdigit": str.isdigit, "join": _joined, "lower": str.lower, "lstrip": str.lstrip, "replace": _replaced,
@@ -335,14 +346,14 @@ _METHODS: Mapping[type, Mapping[str, Callable[..., Any]]] = {
 
 
 class _Evaluation:
-    """The walk over one expression's tree."""
+    """Evaluation of one expression's tree, node by node."""
 
-    def __init__(self, names: Names, budget: Budget) -> None:
+    def __init__(self, names: NameTable, budget: Budget) -> None:
         self._names, self._budget = names, budget
-        self._local: dict[str, Any] = {}  # of comprehensions
+        self._local: dict[str, Plain] = {}  # variables of comprehensions
 
-    def value(self, node: ast.AST, depth: int) -> Any:
-        """The value of a node. Functions and namespaces come out where they are called or looked into alone."""
+    def value(self, node: ast.AST, depth: int) -> Value:
+        """Value of a node; a function or a namespace only where it is called or looked into."""
         self._budget.spend(1)
         if depth > MOST_DEPTH:
             raise ExpressionError("is nested too deep")
@@ -354,34 +365,34 @@ class _Evaluation:
         except (ArithmeticError, TypeError, ValueError, LookupError, AttributeError) as error:
             raise ExpressionError(" ".join(str(error).split())[:200] or type(error).__name__) from None
 
-    def data(self, node: ast.AST, depth: int) -> Any:
-        """The value of a node (`value`), which has to be plain data."""
+    def data(self, node: ast.AST, depth: int) -> Plain:
+        """Value of a node that has to be plain data. Raises ExpressionError."""
         value = self.value(node, depth)
         if isinstance(value, Function | Namespace):
             raise ExpressionError("takes a function or a namespace for a value")
         return value
 
-    def _constant(self, node: ast.Constant, depth: int) -> Any:
+    def _constant(self, node: ast.Constant, depth: int) -> Plain:
         if not isinstance(node.value, str | int | float | None):
             raise ExpressionError("has a constant that is no number and no text")
         return plain(node.value, self._budget)
 
-    def _name(self, node: ast.Name, depth: int) -> Any:
+    def _name(self, node: ast.Name, depth: int) -> Value:
         if node.id in self._local:
             return self._local[node.id]
         try:
-            return self._found(self._names[node.id])
+            return self._looked_up(self._names[node.id])
         except KeyError:
             raise ExpressionError(f"name {node.id!r} is not defined") from None
 
-    def _found(self, value: Any) -> Any:
+    def _looked_up(self, value: object) -> Value:
         return value if isinstance(value, Function | Namespace) else plain(value, self._budget)
 
-    def _attribute(self, node: ast.Attribute, depth: int) -> Any:
+    def _attribute(self, node: ast.Attribute, depth: int) -> Value:
         owner = self.value(node.value, depth)
         if isinstance(owner, Namespace):
             try:
-                return self._found(owner.names[node.attr])
+                return self._looked_up(owner.names[node.attr])
             except KeyError:
                 raise ExpressionError(f"name {node.attr!r} is not defined") from None
         if isinstance(owner, dict):
@@ -390,44 +401,56 @@ class _Evaluation:
             return owner[node.attr]
         raise ExpressionError(f"{node.attr!r} behind a dot is of {_kind(owner)}, which has no names")
 
-    def _subscript(self, node: ast.Subscript, depth: int) -> Any:
+    def _subscript(self, node: ast.Subscript, depth: int) -> Plain:
         owner = self.data(node.value, depth)
-        _require(isinstance(owner, str | list | dict), f"[ ] is of {_kind(owner)}")
+        if not isinstance(owner, str | list | dict):
+            raise ExpressionError(f"[ ] is of {_kind(owner)}")
         if isinstance(node.slice, ast.Slice):
-            _require(not isinstance(owner, dict), "[ : ] is of a table")
+            if isinstance(owner, dict):
+                raise ExpressionError("[ : ] is of a table")
             ends = (node.slice.lower, node.slice.upper, node.slice.step)
-            return owner[slice(*(None if end is None else self.data(end, depth) for end in ends))]
+            return owner[slice(*(self._slice_end(end, depth) for end in ends))]
         key = self.data(node.slice, depth)
+        if not isinstance(owner, dict):
+            if not isinstance(key, int):
+                raise ExpressionError(f"[ ] of {_kind(owner)} takes an integer")
+            return owner[key]
         try:
             return owner[key]
         except KeyError:
             raise ExpressionError(f"the table has no key {key!r:.60}") from None
 
-    def _binary(self, node: ast.BinOp, depth: int) -> Any:
+    def _slice_end(self, node: ast.AST | None, depth: int) -> int | None:
+        end = None if node is None else self.data(node, depth)
+        if end is not None and not isinstance(end, int):
+            raise ExpressionError(f"[ : ] takes integers, not {_kind(end)}")
+        return end
+
+    def _binary(self, node: ast.BinOp, depth: int) -> Plain:
         apply = _BINARY.get(type(node.op))
         if apply is None:
             raise ExpressionError(f"has {_words(node.op)}, which a robot's description may not")
         return plain(apply(self.data(node.left, depth), self.data(node.right, depth)), self._budget)
 
-    def _unary(self, node: ast.UnaryOp, depth: int) -> Any:
+    def _unary(self, node: ast.UnaryOp, depth: int) -> Plain:
         value = self.data(node.operand, depth)
         if isinstance(node.op, ast.Not):
             return not value
         apply = _UNARY.get(type(node.op))
-        if apply is None or not _is_number(value):
+        if apply is None or not isinstance(value, int | float):
             raise ExpressionError(f"has a sign before {_kind(value)}")
         return apply(value)
 
-    def _boolean(self, node: ast.BoolOp, depth: int) -> Any:
+    def _boolean(self, node: ast.BoolOp, depth: int) -> Plain:
         ends_at = isinstance(node.op, ast.Or)
-        value: Any = None
+        value: Plain = None
         for part in node.values:
             value = self.data(part, depth)
             if bool(value) is ends_at:
                 break
         return value
 
-    def _compare(self, node: ast.Compare, depth: int) -> Any:
+    def _compare(self, node: ast.Compare, depth: int) -> Plain:
         left = self.data(node.left, depth)
         for kind, part in zip(node.ops, node.comparators, strict=True):
             right = self.data(part, depth)
@@ -436,24 +459,24 @@ class _Evaluation:
             left = right
         return True
 
-    def _conditional(self, node: ast.IfExp, depth: int) -> Any:
+    def _conditional(self, node: ast.IfExp, depth: int) -> Plain:
         return self.data(node.body if self.data(node.test, depth) else node.orelse, depth)
 
-    def _list(self, node: ast.List | ast.Tuple, depth: int) -> Any:
+    def _list(self, node: ast.List | ast.Tuple, depth: int) -> Plain:
         return [self.data(part, depth) for part in node.elts]
 
-    def _dict(self, node: ast.Dict, depth: int) -> Any:
+    def _dict(self, node: ast.Dict, depth: int) -> Plain:
         if any(key is None for key in node.keys):
             raise ExpressionError("has ** in a table")
         keys = [self.data(key, depth) for key in node.keys if key is not None]
         return plain(dict(zip(keys, (self.data(v, depth) for v in node.values), strict=True)), self._budget)
 
-    def _comprehension(self, node: ast.ListComp | ast.GeneratorExp, depth: int) -> Any:
-        made: list[Any] = []
+    def _comprehension(self, node: ast.ListComp | ast.GeneratorExp, depth: int) -> Plain:
+        made: list[Plain] = []
         self._loop(node, 0, depth, made)
         return made
 
-    def _loop(self, node: ast.ListComp | ast.GeneratorExp, level: int, depth: int, made: list[Any]) -> None:
+    def _loop(self, node: ast.ListComp | ast.GeneratorExp, level: int, depth: int, made: list[Plain]) -> None:
         if level == len(node.generators):
             made.append(self.data(node.elt, depth))
             _require(len(made) <= MOST_ITEMS, "a list is too large")
@@ -462,42 +485,43 @@ class _Evaluation:
         if not isinstance(loop.target, ast.Name) or loop.is_async:
             raise ExpressionError("has a loop over other than one name")
         over, name, before = self.data(loop.iter, depth), loop.target.id, dict(self._local)
-        _require(isinstance(over, str | list | dict), f"has a loop over {_kind(over)}")
+        if not isinstance(over, str | list | dict):
+            raise ExpressionError(f"has a loop over {_kind(over)}")
         for item in over:
             self._local[name] = item
             if all(self.data(test, depth) for test in loop.ifs):
                 self._loop(node, level + 1, depth, made)
         self._local = before
 
-    def _call(self, node: ast.Call, depth: int) -> Any:
+    def _call(self, node: ast.Call, depth: int) -> Plain:
         if any(isinstance(part, ast.Starred) for part in node.args) or any(k.arg is None for k in node.keywords):
             raise ExpressionError("has * or ** in a call")
         call = self._callee(node.func, depth)
         if call is _mapped:
             function, *lists = node.args or [node.func]
-            given = [self._callee(function, depth), *(self.data(part, depth) for part in lists)]
+            arguments: list[object] = [self._callee(function, depth), *(self.data(part, depth) for part in lists)]
         else:
-            given = [self.data(part, depth) for part in node.args]
+            arguments = [self.data(part, depth) for part in node.args]
         named = {str(part.arg): self.data(part.value, depth) for part in node.keywords}
         _require("key" not in named or call is _table, "takes a function for a value")
-        self._budget.spend(sum(len(v) for v in given if isinstance(v, str | list | dict)) // 10)
-        return plain(call(*given, **named), self._budget)
+        self._budget.spend(sum(len(v) for v in arguments if isinstance(v, str | list | dict)) // 10)
+        return plain(call(*arguments, **named), self._budget)
 
-    def _callee(self, node: ast.AST, depth: int) -> Callable[..., Any]:
+    def _callee(self, node: ast.AST, depth: int) -> Callable[..., object]:
         if isinstance(node, ast.Attribute):
             owner = self.value(node.value, depth)
             methods = _METHODS.get(type(owner), {})
             if not isinstance(owner, Namespace):
                 if node.attr not in methods:
                     raise ExpressionError(f"{node.attr!r} is no function of {_kind(owner)}")
-                return lambda *given, **named: methods[node.attr](owner, *given, **named)
+                return lambda *arguments, **named: methods[node.attr](owner, *arguments, **named)
         function = self.value(node, depth)
         if not isinstance(function, Function):
             raise ExpressionError("calls what is no function")
         return function.call
 
 
-_WALKS: Mapping[type[ast.AST], Callable[..., Any]] = {
+_WALKS: Mapping[type[ast.AST], Callable[..., Value]] = {
     ast.Constant: _Evaluation._constant,
     ast.Name: _Evaluation._name,
     ast.Attribute: _Evaluation._attribute,

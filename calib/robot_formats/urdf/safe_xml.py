@@ -1,6 +1,6 @@
-"""XML from strangers: no entities, no document type, no reading of other files, bounded size and depth.
+"""Safe parser of untrusted XML: no entities, no document type, no other files, bounded size and depth.
 
-Each element remembers its line, and where its start tag stands in the file's bytes, so that a writer may change an
+Each element keeps its line and the position of its start tag in the file's bytes, so that a writer may change an
 attribute and leave every other byte as it is.
 """
 
@@ -21,7 +21,7 @@ _MOST_DEPTH = 200
 
 @dataclass(frozen=True)
 class Element:
-    """An element of an XML file, without its text."""
+    """An XML element with its attributes, children and place in the file, without its text."""
 
     tag: str
     attributes: Mapping[str, str]
@@ -31,35 +31,35 @@ class Element:
     file: Path | None = None  # that it was written in, where that is another than the one that was named
 
     @property
-    def stands(self) -> str:
-        """Its line, and its file where that is another than the one that was named."""
+    def place(self) -> str:
+        """Line of the element, with its file where that is not the one that was opened, for messages."""
         return str(self.line) if self.file is None else f"{self.line} of {self.file}"
 
     def all(self, tag: str) -> Iterator[Element]:
-        """The children of a name."""
+        """Children with a tag."""
         return (child for child in self.children if child.tag == tag)
 
     def first(self, tag: str) -> Element | None:
-        """The first child of a name, if there is one."""
+        """First child with a tag; None where there is none."""
         return next(self.all(tag), None)
 
 
 @dataclass(frozen=True)
 class XmlFile:
-    """An XML file: its bytes and its elements."""
+    """An XML file with its bytes and its elements."""
 
     path: Path
     content: bytes
     root: Element
 
     def fail(self, at: Element | int, found: str, remedy: str) -> NoReturn:
-        """Raise RobotFileError with file and line."""
-        line = str(at) if isinstance(at, int) else at.stands
+        """Raise RobotFileError that names file, line, what was found and a remedy."""
+        line = str(at) if isinstance(at, int) else at.place
         raise RobotFileError(f"{self.path}: line {line}: {found}; {remedy}")
 
 
 def read_bytes(path: Path, most: int = _MOST_BYTES) -> bytes:
-    """The content of a file of bounded size. Raises RobotFileError."""
+    """Bytes of a file of bounded size. Raises RobotFileError."""
     try:
         if path.exists() and not path.is_file():  # reading a pipe would wait for ever
             raise RobotFileError(f"{path}: is no file; name the robot's file")
@@ -73,15 +73,15 @@ def read_bytes(path: Path, most: int = _MOST_BYTES) -> bytes:
 
 
 def parse_xml(path: Path, content: bytes) -> XmlFile:
-    """The elements of an XML text. Raises RobotFileError with the line where it is not well-formed or not safe."""
+    """Parse an XML text. Raises RobotFileError with the line where it is not well-formed or not safe."""
     if content[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in content[:200]:
         raise RobotFileError(f"{path}: line 1: the text is UTF-16; save it as UTF-8")
     reader = _Reader(path)
     try:
         reader.parser.Parse(content, True)
     except expat.ExpatError as error:
-        said = expat.errors.messages.get(error.code) or expat.ErrorString(error.code)
-        raise RobotFileError(f"{path}: line {error.lineno}: not valid XML: {said}") from None
+        message = expat.errors.messages.get(error.code) or expat.ErrorString(error.code)
+        raise RobotFileError(f"{path}: line {error.lineno}: not valid XML: {message}") from None
     except (UnicodeDecodeError, LookupError, ValueError) as error:
         words = " ".join(str(error).split())
         raise RobotFileError(f"{path}: line {reader.line}: not valid XML: {words}; save it as UTF-8") from None
@@ -90,7 +90,7 @@ def parse_xml(path: Path, content: bytes) -> XmlFile:
 
 
 class _Reader:
-    """Builds the elements while expat reads."""
+    """Expat handler that builds the elements."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -1,4 +1,4 @@
-"""URDF out: the user's own text with other origins, every other byte as it was; or a plain file where there is none."""
+"""Writing of URDF: the user's own text with changed origins, every other byte unchanged, or a new plain file."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _TAG_END = re.compile(rb"""(?:[^"'>]|"[^"]*"|'[^']*')*?(/?)>""")
 
 @dataclass(frozen=True)
 class UrdfText:
-    """A URDF's new text."""
+    """New text of a URDF, with the changed joints."""
 
     content: bytes
     changed: tuple[str, ...]  # joints with another origin than before
@@ -33,11 +33,11 @@ class UrdfText:
 
 
 def with_origins(arm: ArmPath, chain: SerialChain, comment: str = "") -> UrdfText:
-    """The text of the arm's file with the origins of a chain that has its joints, their fixed ones kept.
+    """Text of the arm's file with the origins of a chain of the same joints; fixed joints keep theirs.
 
     Each joint that moves takes its own change; the tip's goes into the last fixed joint before it. A measured point of
-    its own becomes a link on the tip. Where an origin changes and there is a comment, it stands behind the first line
-    of <robot>.
+    its own becomes a link on the tip. If an origin changes, the comment is put behind the first
+    line of <robot>.
     """
     wanted = iter([*(joint.before_T_joint for joint in chain.joints), chain.last_T_tip])
     edits: list[tuple[int, int, bytes]] = []
@@ -87,7 +87,7 @@ def _product(joints: list[UrdfJoint]) -> Array:
 
 
 def _edit(arm: ArmPath, joint: UrdfJoint, parent_T_joint: Array, changed: list[str]) -> list[tuple[int, int, bytes]]:
-    """What to replace in the file's bytes for another origin: start, end, new bytes; nothing where it is the same."""
+    """Replacements (start, end, new bytes) in the file's bytes for another origin; none where it is the same."""
     new = {}
     if np.abs(parent_T_joint[:3, 3] - joint.parent_T_joint[:3, 3]).max() > 1e3 * _SAME:
         new["xyz"] = numbers(1e-3 * parent_T_joint[:3, 3])
@@ -107,7 +107,7 @@ def _edit(arm: ArmPath, joint: UrdfJoint, parent_T_joint: Array, changed: list[s
 
 
 def _inserted(content: bytes, element: Element, new: dict[str, str]) -> tuple[int, int, bytes]:
-    """An <origin> right behind the joint's start tag, on a line of its own as the next element is."""
+    """Insertion of an <origin> behind the joint's start tag, indented like the next element."""
     end = _tag_end(content, element.start)
     space = re.match(rb"\s*", content[end:])
     attributes = "".join(f' {key}="{value}"' for key, value in new.items())
@@ -115,7 +115,7 @@ def _inserted(content: bytes, element: Element, new: dict[str, str]) -> tuple[in
 
 
 def _with_attribute(tag: bytes, key: str, value: str) -> bytes:
-    """A start tag with another value of an attribute, which is added where there is none."""
+    """Start tag with a new value of an attribute, which is added where it is missing."""
     found = re.search(rb"\s" + key.encode() + rb"""\s*=\s*("[^"]*"|'[^']*')""", tag)
     if found:
         return tag[: found.start(1)] + f'"{value}"'.encode() + tag[found.end(1) :]
@@ -125,14 +125,14 @@ def _with_attribute(tag: bytes, key: str, value: str) -> bytes:
 
 
 def _tag_end(content: bytes, start: int) -> int:
-    """Where the start tag that begins at `start` ends."""
+    """End position of the start tag that begins at `start`."""
     found = _TAG_END.match(content, start)
     assert found is not None, "expat has read this tag"
     return found.end()
 
 
 def numbers(values: Array) -> str:
-    """Numbers that read back to the same bits, in as few digits as that takes."""
+    """Numbers as text, in the fewest digits that read back to the same bits."""
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
@@ -181,7 +181,7 @@ def plain_urdf(chain: SerialChain, comment: str = "") -> str:
 
 
 def _standing(chain: SerialChain) -> Array | None:
-    """(4, 4) how the base stands in a world with gravity along -z; None where it stands upright or nothing tells."""
+    """Transform (4, 4) of the base in a world with gravity along -z; None where upright or without gravity."""
     down = np.array(chain.gravity_m_s2)
     if not down.any() or (down[2] < 0.0 and not down[:2].any()):
         return None
@@ -210,7 +210,7 @@ def _link(name: str, mass_kg: float | None, com_mm: tuple[float, float, float] |
 
 
 def _tool_point_lines(tip: str, place: Array, taken: set[str]) -> list[str]:
-    """A link on the tip at the measured point, under names that the file does not have yet."""
+    """URDF lines of a link on the tip at the measured point, under names that are not taken yet."""
     names = [TOOL_POINT_LINK, *(f"{TOOL_POINT_LINK}_{k}" for k in range(2, len(taken) + 3))]
     link = next(name for name in names if name not in taken and f"{name}_fixed" not in taken)
     return [

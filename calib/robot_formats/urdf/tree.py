@@ -22,7 +22,7 @@ JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "plan
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint as it stands in the file."""
+    """A joint of a URDF."""
 
     name: str
     type: str
@@ -44,7 +44,7 @@ class UrdfJoint:
 
 @dataclass(frozen=True)
 class Inertial:
-    """What a link weighs."""
+    """Mass and centre of mass of a link."""
 
     mass_kg: float
     com_mm: Vector  # in the link's frame
@@ -52,7 +52,7 @@ class Inertial:
 
 @dataclass(frozen=True)
 class UrdfTree:
-    """The links of a URDF, each but the root hung on one joint."""
+    """Links and joints of a URDF; every link but the root hangs on one joint."""
 
     file: XmlFile
     name: str
@@ -63,7 +63,7 @@ class UrdfTree:
 
 
 def read_tree(file: XmlFile) -> UrdfTree:
-    """The links and joints of a URDF. Raises RobotFileError in one line with file, line and name."""
+    """Read links and joints of a URDF. Raises RobotFileError in one line with file, line and name."""
     robot = file.root
     if robot.tag == "mujoco":
         file.fail(robot, "a MuJoCo model, not a URDF", "give it the suffix .xml")
@@ -103,7 +103,7 @@ def read_tree(file: XmlFile) -> UrdfTree:
 
 
 def _root(roots: list[str], joints_on: Mapping[str, tuple[UrdfJoint, ...]]) -> str:
-    """The root with the most below it; links that hang on nothing and carry nothing are left aside."""
+    """Root link of the largest tree; links without any joint are ignored."""
 
     def below(link: str) -> int:
         waiting, count = [link], 0
@@ -168,7 +168,7 @@ def _joint(file: XmlFile, element: Element, links: Mapping[str, object]) -> Urdf
 
 
 def origin_of(file: XmlFile, element: Element, what: str) -> Array:
-    """(4, 4) of the <origin> of an element, mm; where there is none, no motion."""
+    """Transform (4, 4), mm, of an element's <origin>; the identity where there is none."""
     origin = element.first("origin")
     if origin is None:
         return np.eye(4)

@@ -1,8 +1,8 @@
-"""xacro: macros of a URDF, expanded by xacrodoc (the extra `xacro`) in a process of its own.
+"""Expansion of xacro files by xacrodoc (the extra `xacro`) in a separate bounded process.
 
-A xacro is a program: it names other files and computes. Its expressions are arithmetic on plain data, never Python. It
-is expanded only where the caller says so (`Xacro`), for a file that the user named; it reads below its own folder and
-those of the packages that are named, no environment.
+A xacro is a program: it names other files and computes. Its expressions are evaluated as arithmetic on plain data,
+never as Python. It is expanded only where the caller allows it (`Xacro`), for a file that the user named; it reads
+below its own folder and those of the named packages, and no environment variables.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from calib.bounded_process import Limits, ProcessFailed, ask
+from calib.bounded_process import ProcessFailed, ProcessLimits, ask
 from calib.robot_formats.chain.serial_chain import RobotFileError
 from calib.robot_formats.urdf.safe_xml import Element, XmlFile, parse_xml, read_bytes
 
@@ -23,16 +23,16 @@ _INSTALL = "pip install 'robot-calibration-inspector[xacro]'"
 
 @dataclass(frozen=True)
 class Xacro:
-    """Leave to expand xacro files, and with what."""
+    """Permission to expand xacro files, with their arguments and package folders."""
 
     args: Mapping[str, str] = field(default_factory=dict)  # of <xacro:arg>
     packages: Mapping[str, Path] = field(default_factory=dict)  # what $(find NAME) is
 
 
 def expanded_xacro(path: Path, given: Xacro) -> XmlFile:
-    """The URDF that a xacro makes; its elements keep the files and lines that they were written in.
+    """Expanded URDF of a xacro; its elements keep the files and lines that they come from.
 
-    Raises RobotFileError in one line with file and line: xacrodoc is not there, other files than it may read, mistakes.
+    Raises RobotFileError in one line with file and line: xacrodoc is not installed, forbidden files, mistakes.
     """
     read_bytes(path)
     if any(find_spec(name) is None for name in ("xacrodoc", "xacro")):
@@ -51,12 +51,12 @@ def expanded_xacro(path: Path, given: Xacro) -> XmlFile:
         "folders": [str(whole.parent), *packages.values()],
     }
     try:
-        answer = ask("calib.robot_formats.urdf.xacro_process:answer", request, Limits(seconds=_MOST_SECONDS))
+        answer = ask("calib.robot_formats.urdf.xacro_process:answer", request, ProcessLimits(seconds=_MOST_SECONDS))
     except ProcessFailed as error:
         raise RobotFileError(f"{path}: the xacro {error}; look for macros that repeat without end") from None
     if "error" in answer:
-        shown = _shown(answer.get("file"), path)
-        of = "" if shown == path else f" of {shown}"
+        named = _as_named(answer.get("file"), path)
+        of = "" if named == path else f" of {named}"
         raise RobotFileError(f"{path}: line {answer.get('line') or 1}{of}: {answer['error']}")
     file = parse_xml(path, answer["text"].encode())
     places = iter(answer["places"])
@@ -64,9 +64,9 @@ def expanded_xacro(path: Path, given: Xacro) -> XmlFile:
 
 
 def _with_places(root: Element, places: Any, path: Path) -> Element:
-    """The elements with the files and lines of the xacro, which stand in the order of the text."""
+    """The elements with their files and lines in the xacro; `places` is in the order of the text."""
     place = next(places, None)
-    file, line = (path, root.line) if place is None else (_shown(place[0], path), int(place[1]))
+    file, line = (path, root.line) if place is None else (_as_named(place[0], path), int(place[1]))
     return replace(
         root,
         line=line,
@@ -75,8 +75,8 @@ def _with_places(root: Element, places: Any, path: Path) -> Element:
     )
 
 
-def _shown(file: str | None, path: Path) -> Path:
-    """A file as the user would name it: relative to where the xacro was named from."""
+def _as_named(file: str | None, path: Path) -> Path:
+    """Path of a file as the user would write it, relative to the folder from which the xacro was named."""
     if file is None or Path(file).resolve() == path.resolve():
         return path
     whole = Path(file).resolve()

@@ -1,8 +1,8 @@
-"""A xacro's expansion, for a process of its own (`calib.bounded_process`): xacrodoc and xacro, but not their `eval`.
+"""Expansion of a xacro inside a bounded process: xacrodoc and xacro with their `eval` replaced.
 
-xacro takes `${...}` and `$(eval ...)` for Python. Here they are arithmetic on plain data (`expressions`), and whatever
-else the library would evaluate is refused. Behind that, as a second wall, the process reads below the folders that were
-named while it expands, and writes, starts, imports and connects to nothing.
+xacro evaluates `${...}` and `$(eval ...)` as Python. Here they are arithmetic on plain data (`expressions`), and
+anything else that the library would evaluate is refused. As a second barrier the process may only read below the named
+folders while it expands; it cannot write, start processes, import or open connections.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ _TOKEN = re.compile(
 
 
 class Refused(Exception):
-    """What a xacro may not do."""
+    """Error: a xacro does something that is not allowed."""
 
 
 def prepare() -> None:
-    """Import all that is needed, before the process is fenced in."""
+    """Import all modules that are needed, before access is restricted."""
     import encodings.utf_8_sig
     import glob
     import unicodedata
@@ -66,7 +66,7 @@ def prepare() -> None:
 
 
 def answer(asked: dict[str, Any]) -> dict[str, Any]:
-    """Expand a file.
+    """Expand a xacro file.
 
     Args:
         asked: file, args, packages (name: folder), folders that may be read.
@@ -100,7 +100,7 @@ def answer(asked: dict[str, Any]) -> dict[str, Any]:
 
 
 def refusal(error: BaseException) -> BaseException:
-    """What was refused, behind what xacro makes of it; else the error itself."""
+    """The `Refused` error among the causes of an error; the error itself where there is none."""
     behind: BaseException | None = error
     while behind is not None:
         if isinstance(behind, Refused):
@@ -110,14 +110,14 @@ def refusal(error: BaseException) -> BaseException:
 
 
 class _Expansion:
-    """What stands in xacro's place wherever it would evaluate: one budget for all of a file."""
+    """Replacement of xacro's evaluation functions, with one budget for all of a file."""
 
     def __init__(self, xacro: Any, find: Callable[[str], str]) -> None:
         self._xacro, self._find, self._budget, self._elements = xacro, find, Budget(), 0
         self._eval_all = xacro.eval_all
 
     def take_over(self) -> None:
-        """Put this in the library's place."""
+        """Replace the library's functions by those of this object."""
         xacro, arguments = self._xacro, self._xacro.substitution_args
         xacro.eval = arguments.eval = self._refuse_eval  # before Python's own, for what a later version evaluates
         xacro.safe_eval = lambda text, names, local=None: self._value(text, names)
@@ -151,10 +151,10 @@ class _Expansion:
         return self._xacro.substitution_args_context["arg"]
 
     def _value(self, text: Any, names: Any) -> Any:
-        return evaluate(str(text), _Names(names, self._xacro.NameSpace), self._budget)
+        return evaluate(str(text), _Properties(names, self._xacro.NameSpace), self._budget)
 
     def eval_text(self, text: str, symbols: Any) -> Any:
-        """xacro's function of this name: the value of a text that is one `${...}`, else the text with all put in."""
+        """Replacement of `xacro.eval_text`: the value of a text that is a single `${...}`, else the filled-in text."""
         results: list[Any] = []
         at = length = 0
         while at < len(text):
@@ -184,14 +184,14 @@ class _Expansion:
             raise self._xacro.XacroException(exc=error, suffix=f"in the expression {text.strip()[:100]!r}") from error
 
     def eval_all(self, node: Any, macros: Any, symbols: Any) -> None:
-        """xacro's function of this name, for so many elements in all."""
+        """Replacement of `xacro.eval_all` with a bounded total number of elements."""
         self._elements += 1
         if self._elements > _MOST_ELEMENTS:
             raise Refused(f"makes more than {_MOST_ELEMENTS} elements")
         self._eval_all(node, macros, symbols)
 
     def eval_argument(self, text: str, context: dict[str, Any]) -> str:
-        """What $(eval ...) is."""
+        """Value of $(eval ...) as text."""
         given = context.get("arg") or {}
         names = {
             **MATHS, **BASICS, **{name: _literal(value) for name, value in given.items()}, "true": True, "false": False,
@@ -204,7 +204,7 @@ class _Expansion:
             raise Refused(f"{error} in the expression {text.strip()[:100]!r}") from None
 
     def load_yaml(self, name: Any) -> Any:
-        """A YAML file as plain data. Anchors may stand in it, as long as what they make stays small."""
+        """Read a YAML file as plain data of bounded size; anchors are allowed."""
         import yaml
 
         if not isinstance(name, str):
@@ -223,7 +223,7 @@ class _Expansion:
             raise Refused(f"{path}: {' '.join(str(error).split())[:200]}") from None
 
     def _yaml_loader(self, yaml: Any) -> Any:
-        """PyYAML's safe loader with xacro's units. A date stays the text that it is."""
+        """PyYAML's safe loader with xacro's units, and with dates left as text."""
 
         def of_unit(scale: float) -> Callable[[Any, Any], float]:
             return lambda loader, node: (
@@ -241,15 +241,15 @@ class _Expansion:
         return Loader
 
 
-class _Names:
-    """xacro's table of properties, as expressions look into it."""
+class _Properties:
+    """xacro's table of properties as a `NameTable` for expressions."""
 
     def __init__(self, table: Any, space: type) -> None:
         self._table, self._space = table, space
 
     def __getitem__(self, name: str) -> Any:
         value = self._table[name]
-        return Namespace(_Names(value, self._space)) if isinstance(value, self._space) else value
+        return Namespace(_Properties(value, self._space)) if isinstance(value, self._space) else value
 
 
 def _fatal(*words: Any) -> NoReturn:
@@ -266,7 +266,7 @@ def _no_environment(name: Any) -> NoReturn:
 
 
 def _literal(text: Any) -> Any:
-    """An argument's text as $(eval ...) takes it: a number, true or false, else the text."""
+    """Value of an argument's text in $(eval ...): a number, a truth value, or else the text."""
     words = str(text)
     if len(words) <= 400:
         for kind in (float,) if "." in words else (int,):
@@ -278,7 +278,7 @@ def _literal(text: Any) -> Any:
 
 
 def finder(packages: dict[str, str]) -> Callable[[str], str]:
-    """What $(find NAME) is: folders that were named, and no others."""
+    """Function for $(find NAME) that knows the named package folders only."""
 
     def find(name: str) -> str:
         if name not in packages:
@@ -289,7 +289,7 @@ def finder(packages: dict[str, str]) -> Callable[[str], str]:
 
 
 def parser_with_places(main_file: str) -> Callable[..., minidom.Document]:
-    """In place of xacro.parse: each element keeps its file and line, copies of it too; no DOCTYPE."""
+    """Replacement of `xacro.parse`: elements and their copies keep file and line; a DOCTYPE is refused."""
 
     def parse(text: Any, filename: str | None = None) -> minidom.Document:
         if not isinstance(text, str | bytes | type(None)):
@@ -304,7 +304,7 @@ def parser_with_places(main_file: str) -> Callable[..., minidom.Document]:
 
 
 class _Builder(expatbuilder.ExpatBuilderNS):
-    """A document whose elements know where they stood."""
+    """DOM builder that stores file and line in each element."""
 
     def __init__(self, path: str) -> None:
         super().__init__()
@@ -319,7 +319,7 @@ class _Builder(expatbuilder.ExpatBuilderNS):
 
 
 class _KeepsPlace:
-    """A copy of an element stood where the element did."""
+    """DOM handler that gives a copied element the file and line of its original."""
 
     def handle(self, operation: int, key: str, place: Any, source: minidom.Node, target: minidom.Node) -> None:
         if target is not None:
@@ -327,7 +327,7 @@ class _KeepsPlace:
 
 
 def place_of(node: Any) -> tuple[str, int] | None:
-    """File and line of an element, or of the nearest that it stands in."""
+    """File and line of an element or of its nearest ancestor that has them; None where none has."""
     while node is not None:
         place = node.getUserData(_PLACE) if isinstance(node, minidom.Node) else None
         if place is not None:
@@ -337,7 +337,7 @@ def place_of(node: Any) -> tuple[str, int] | None:
 
 
 def collect_places(element: Any, places: list[Any]) -> None:
-    """The places of an element and all below it, in the order of the text."""
+    """Append file and line of an element and all its descendants to `places`, in the order of the text."""
     waiting = [element]
     while waiting:
         node = waiting.pop()
@@ -346,7 +346,7 @@ def collect_places(element: Any, places: list[Any]) -> None:
 
 
 def where(error: BaseException, files: list[Any] | None) -> dict[str, Any]:
-    """File and line of an error: what expat says, else the innermost element that was worked on."""
+    """File and line of an error: from expat, else from the innermost element that was being expanded."""
     line = getattr(error, "lineno", None)
     if line is not None and hasattr(error, "offset") and hasattr(error, "code"):
         return {"file": (files or [None])[-1], "line": line}
@@ -364,7 +364,7 @@ def where(error: BaseException, files: list[Any] | None) -> dict[str, Any]:
 
 
 def fence_in(folders: list[Path]) -> None:
-    """From here on nothing is read but below the folders, and nothing written, started or connected to."""
+    """Restrict the process from now on to reading files below some folders."""
 
     def hook(event: str, given: tuple[Any, ...]) -> None:
         if event in _HARMLESS:

@@ -27,7 +27,7 @@ _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 
 
 def split_part(path: Path) -> tuple[Path, str]:
-    """`cell.e57#left` as the file and what is named in it; every other path as it is, and no name."""
+    """Path of the .e57 file and name of the scan in it, from `cell.e57#left`; for any other path the name is empty."""
     start = path.name.lower().find(SUFFIX + "#")
     if start < 0:
         return path, ""
@@ -36,11 +36,11 @@ def split_part(path: Path) -> tuple[Path, str]:
 
 
 def read_e57(path: Path, content: bytes) -> PointsAndNormals:
-    """The points of one scan of an .e57, mm, without normals; what is marked invalid is NaN. Raises ScanError.
+    """Points of one scan of an .e57 file, in mm, without normals; points marked invalid are NaN. Raises ScanError.
 
-    Where the file holds several scans the path names one behind a #: `cell.e57#left`, or its number, `cell.e57#2`.
+    Where the file holds several scans the path names one after a #: `cell.e57#left`, or its number, `cell.e57#2`.
     """
-    file, wanted = split_part(path)
+    file, name = split_part(path)
     if not content.startswith(_SIGNATURE):
         raise ScanError(f"{path}: not an .e57 file (it starts with {content[:8]!r}); export the scan again")
     promised = int.from_bytes(content[_LENGTH], "little")
@@ -59,36 +59,38 @@ def read_e57(path: Path, content: bytes) -> PointsAndNormals:
     try:
         with closing(libe57.ImageFile(str(file), "r")) as image:
             scans = [ScanHeader(node) for node in image.root()["data3D"]]
-            return _points(path, libe57, image, scans[_chosen(path, file, scans, wanted)], len(content)), None
+            return _points(path, libe57, image, scans[_chosen(path, file, scans, name)], len(content)), None
     except ScanError:
         raise
     except Exception as error:  # libE57's own, or whatever pybind11 makes of what is not there
-        said = str(error).splitlines()[0] if str(error) else type(error).__name__
+        message = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ScanError(
-            f"{path}: not a readable .e57 ({one_line(ValueError(said))}); copy or export the scan again"
+            f"{path}: not a readable .e57 ({one_line(ValueError(message))}); copy or export the scan again"
         ) from None
 
 
-def _chosen(path: Path, file: Path, scans: list[Any], wanted: str) -> int:
-    """Which of the scans. Raises ScanError where that is not said, or not there."""
+def _chosen(path: Path, file: Path, scans: list[Any], name: str) -> int:
+    """Index of the scan that a path names among those of a file. Raises ScanError where it names none of several."""
     names = [str(scan["name"].value()) if scan.node.isDefined("name") else "" for scan in scans]
     numbers = [str(i + 1) for i in range(len(scans))]
     if not scans:
         raise ScanError(f"{path}: the .e57 holds no scan (pictures, perhaps); export the point cloud")
-    if not wanted and len(scans) == 1:
+    if not name and len(scans) == 1:
         return 0
-    for held in (names, numbers):
-        if held.count(wanted) == 1:
-            return held.index(wanted)
-    listed = ", ".join(f"{number} {name!r}" for number, name in zip(numbers, names, strict=True))
+    for known in (names, numbers):
+        if known.count(name) == 1:
+            return known.index(name)
+    listed = ", ".join(f"{number} {held!r}" for number, held in zip(numbers, names, strict=True))
     if len(scans) > _MOST_NAMED:
-        listed = ", ".join(f"{i} {name!r}" for i, name in zip(numbers[:_MOST_NAMED], names, strict=False)) + " ..."
-    found = f"none of them is {wanted[:60]!r}" if wanted else "which one is not said"
-    raise ScanError(f"{path}: the .e57 holds {len(scans)} scans ({listed}), {found}; write {file.name}#1, or its name")
+        listed = ", ".join(f"{i} {held!r}" for i, held in zip(numbers[:_MOST_NAMED], names, strict=False)) + " ..."
+    problem = f"none of them is {name[:60]!r}" if name else "which one is not said"
+    raise ScanError(
+        f"{path}: the .e57 holds {len(scans)} scans ({listed}), {problem}; write {file.name}#1, or its name"
+    )
 
 
 def _points(path: Path, libe57: Any, image: Any, scan: Any, file_bytes: int) -> Array:
-    """(N, 3) mm in the frame of the scan's scanner."""
+    """Points (N, 3) of one scan, mm, in the frame of its scanner. Raises ScanError."""
     fields = next((kind for kind in (_CARTESIAN, _SPHERICAL) if set(kind) <= set(scan.point_fields)), None)
     if fields is None:
         raise ScanError(
@@ -116,6 +118,6 @@ def _points(path: Path, libe57: Any, image: Any, scan: Any, file_bytes: int) -> 
 
 
 def _cartesian(range_m: Array, azimuth_rad: Array, elevation_rad: Array) -> Array:
-    """ASTM E2807: azimuth from x towards y, elevation up from the plane of both.  # (N,) each -> (N, 3)"""
+    """Cartesian coordinates (N, 3) of spherical ones (N,): azimuth from x towards y, elevation up (ASTM E2807)."""
     level = range_m * np.cos(elevation_rad)
     return np.stack([level * np.cos(azimuth_rad), level * np.sin(azimuth_rad), range_m * np.sin(elevation_rad)], axis=1)

@@ -22,7 +22,7 @@ _TRIANGLE = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("attri
 
 
 def read_stl(path: Path, content: bytes) -> PointsAndNormals:
-    """Each vertex once, not once a triangle; the normals are those of triangles, not of points. Raises ScanError."""
+    """Vertices of an .stl file, each once, without normals, which belong to triangles there. Raises ScanError."""
     promised = int.from_bytes(content[80:_STL_START], "little")
     held = (len(content) - _STL_START) // _TRIANGLE.itemsize
     # Some programs begin a binary file with the text's "solid": the file length decides.
@@ -39,6 +39,7 @@ def read_stl(path: Path, content: bytes) -> PointsAndNormals:
 
 
 def _read_text_stl(path: Path, content: bytes) -> Array:
+    """Vertices (N, 3) of a text .stl file, each once. Raises ScanError."""
     words = [line.split() for line in text_lines(path, content)]
     vertices = [" ".join(w[1:4]) for w in words if w[0] == "vertex"]
     if not vertices or words[-1][0] != "endsolid" or len(vertices) != 3 * sum(w[0] == "facet" for w in words):
@@ -47,7 +48,7 @@ def _read_text_stl(path: Path, content: bytes) -> Array:
 
 
 def read_obj(path: Path, content: bytes) -> PointsAndNormals:
-    """The vertices; normals of an .obj belong to corners of faces, not to vertices. Raises ScanError."""
+    """Vertices of an .obj file, without normals, which belong to corners of faces there. Raises ScanError."""
     lines = [line.strip() for line in text_lines(path, content)]
     vertices = [line[1:] for line in lines if line[0] == "v" and line[1:2] in (" ", "\t")]
     if not vertices:
@@ -56,6 +57,6 @@ def read_obj(path: Path, content: bytes) -> PointsAndNormals:
 
 
 def _once(points: Array) -> Array:
-    """Each point once; those without a value stay as they are, to be counted."""
+    """Points (N, 3) without repetitions; rows without a value are all kept, since they are counted later."""
     with_value = np.all(np.isfinite(points), axis=1)
     return np.vstack([np.unique(points[with_value], axis=0), points[~with_value]])

@@ -18,7 +18,7 @@ _MOST_HEADER = 4096
 
 
 def read_npz(path: Path, content: bytes) -> PointsAndNormals:
-    """Points and normals of a .npz; pickled objects are never loaded. Raises ScanError."""
+    """Points and normals of an .npz archive; pickled objects are never loaded. Raises ScanError."""
     try:
         with zipfile.ZipFile(BytesIO(content)) as archive:
             held = {name.removesuffix(".npy") for name in archive.namelist()}
@@ -42,7 +42,7 @@ def read_npz(path: Path, content: bytes) -> PointsAndNormals:
 
 
 def _array(path: Path, archive: zipfile.ZipFile, name: str) -> Array:
-    """(N, 3) float64, made only if the array's header agrees with the number of bytes."""
+    """One array of the archive as (N, 3) float64, allocated only if its header agrees with the number of bytes."""
     info = archive.getinfo(f"{name}.npy")
     with archive.open(info) as file:
         version = np.lib.format.read_magic(file)

@@ -1,4 +1,4 @@
-"""What the readers of scan files share: lines and numbers from bytes, and the errors for damaged ones.
+"""Parsing shared by the readers of scan files: lines and numbers from bytes, and the errors for damaged files.
 
 Every reader takes the file's bytes and returns points and normals. None trusts a header: the number of points in it is
 compared with the bytes of the file before an array of that size is made.
@@ -28,7 +28,7 @@ _NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 
 
 def require_bounded(path: Path, points: int) -> None:
-    """Raise ScanError for more points than a scan has, before an array is made: packed, they are a small file."""
+    """Raise ScanError for more points than a scan has, before an array is made: a small file may promise them."""
     if points > MOST_POINTS:
         raise ScanError(
             f"{path}: the scan has {points / 1e6:.4g} million points, which would take {24e-9 * points:.2g} GB as "
@@ -38,10 +38,10 @@ def require_bounded(path: Path, points: int) -> None:
 
 
 def text_lines(path: Path, content: bytes) -> list[str]:
-    """The lines that are not blank, whichever of the three line ends they have.
+    """Lines of a text file that are not blank, with any of the three line ends.
 
-    Bytes that are no UTF-8 (a degree sign of another encoding in a comment) become replacement characters.
-    Raises ScanError for more lines than a scan has points.
+    Bytes that are no UTF-8 (a degree sign of another encoding in a comment) become replacement characters. Raises
+    ScanError for more lines than a scan has points.
     """
     require_bounded(path, max(content.count(b"\n"), content.count(b"\r")))
     text = content.decode("utf-8-sig", "replace").replace("\r\n", "\n").replace("\r", "\n")
@@ -49,17 +49,17 @@ def text_lines(path: Path, content: bytes) -> list[str]:
 
 
 def numbers(path: Path, lines: Sequence[str], columns: Sequence[int], *, delimiter: str | None = None) -> Array:
-    """(len(lines), len(columns)) float64. Raises ScanError where a line has no number in one of the columns."""
+    """Columns of text lines as (len(lines), len(columns)) float64. Raises ScanError where a number is missing."""
     if not lines:
         return np.zeros((0, len(columns)))
     try:
         return _parsed(lines, columns, delimiter)
     except (ValueError, OverflowError) as error:
-        said = one_line(error)
+        message = one_line(error)
     try:  # odd spellings of NaN are seldom, and looking for them takes a quarter of the time
         return _parsed([NO_VALUE.sub("nan", line) for line in lines], columns, delimiter)
     except (ValueError, OverflowError):
-        raise ScanError(f"{path}: not three numbers a line ({said}); write x y z in each line") from None
+        raise ScanError(f"{path}: not three numbers a line ({message}); write x y z in each line") from None
 
 
 def _parsed(lines: Sequence[str], columns: Sequence[int], delimiter: str | None) -> Array:
@@ -67,7 +67,7 @@ def _parsed(lines: Sequence[str], columns: Sequence[int], delimiter: str | None)
 
 
 def columns_of(path: Path, names: Sequence[str]) -> tuple[list[int], bool]:
-    """Where x, y, z stand among the names, then the normals' three; whether there are normals.
+    """Indices of x, y, z among column names, then those of the normals' three; and whether there are normals.
 
     Raises ScanError where there is no x, y or z.
     """
@@ -83,25 +83,25 @@ def columns_of(path: Path, names: Sequence[str]) -> tuple[list[int], bool]:
 
 
 def doubles(values: np.ndarray) -> Array:
-    """The values as float64; any bits are a float32, also those of a signalling NaN, whose warning is suppressed."""
+    """Values as float64, without a warning for bits that are a signalling NaN of float32."""
     with np.errstate(invalid="ignore"):
         return values.astype(np.float64)
 
 
 def split(rows: Array, has_normals: bool) -> PointsAndNormals:
-    """Rows of three or six columns as points and normals."""
+    """Points and normals from rows of three or six columns."""
     return rows[:, :3], rows[:, 3:6] if has_normals else None
 
 
 def count(path: Path, word: str) -> int:
-    """A header's number of points as an integer. Raises ScanError where the word is none."""
+    """Number of points in a header as an integer. Raises ScanError where the word is no number."""
     if not (word.isascii() and word.isdigit() and len(word) <= 18):  # no file holds a number of 19 digits
         raise ScanError(f"{path}: the header has {word[:20]!r} for a number of points; export the scan again")
     return int(word)
 
 
 def truncated(path: Path, promised: int, held: int) -> ScanError:
-    """The error for a file that ends too early."""
+    """Error for a file that ends too early: promised and held numbers of points."""
     return ScanError(
         f"{path}: the file is truncated: its header promises {promised} points, it holds {held}; "
         "copy or export the scan again"
@@ -109,5 +109,5 @@ def truncated(path: Path, promised: int, held: int) -> ScanError:
 
 
 def one_line(error: Exception) -> str:
-    """The text of an exception, in one short line."""
+    """Text of an exception in one line of at most 120 characters."""
     return " ".join(str(error).split())[:120] or type(error).__name__

@@ -43,11 +43,12 @@ class _Header:
     body: int  # where it starts
 
     def field_bytes(self) -> list[int]:
+        """Bytes of each field in one row."""
         return [int(kind[1:]) * n for kind, n in zip(self.types, self.counts, strict=True)]
 
 
 def read_pcd(path: Path, content: bytes) -> PointsAndNormals:
-    """The points of a .pcd, organised or not, with normals where it has them. Raises ScanError."""
+    """Points of a .pcd file, organised or not, with normals where it has them. Raises ScanError."""
     header = _header(path, content)
     if header.points == 0:
         raise ScanError(f"{path}: the scan holds no points (POINTS 0); scan the pose again")
@@ -87,6 +88,7 @@ def read_pcd(path: Path, content: bytes) -> PointsAndNormals:
 
 
 def _header(path: Path, content: bytes) -> _Header:
+    """Header of a .pcd file, its fields checked against the format. Raises ScanError."""
     lines: dict[str, list[str]] = {}
     start = 0
     while "DATA" not in lines and (end := content.find(b"\n", start, MOST_HEADER_BYTES)) >= 0:
@@ -117,7 +119,7 @@ def _header(path: Path, content: bytes) -> _Header:
 
 
 def _unpack(path: Path, content: bytes, header: _Header, needed: int) -> bytes:
-    """The compressed body: the packed length, the unpacked one (4 bytes each), then the block."""
+    """Unpacked bytes of a compressed body: two lengths (4 bytes each), then the packed block. Raises ScanError."""
     body = content[header.body :]
     packed, unpacked = int.from_bytes(body[:4], "little"), int.from_bytes(body[4:8], "little")
     if len(body) < 8 or len(body) - 8 < packed or unpacked < needed:
@@ -132,7 +134,7 @@ def _unpack(path: Path, content: bytes, header: _Header, needed: int) -> bytes:
 
 
 def unpack_lzf(packed: bytes, length: int) -> bytes:
-    """LZF: a byte below 32 starts that many literals and one more; any other repeats what came before.
+    """Bytes unpacked from an LZF stream: a control byte n < 32 precedes n + 1 literals, any other repeats output.
 
     Raises ValueError or IndexError where the stream is damaged or does not give `length` bytes.
     """

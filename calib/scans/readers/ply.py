@@ -44,7 +44,7 @@ _BYTE_ORDER = {"binary_little_endian": "<", "binary_big_endian": ">"}
 
 @dataclass
 class _Element:
-    """One `element` of the header: how many rows, and what each row holds."""
+    """One `element` of a .ply header: its number of rows and the properties of each row."""
 
     name: str
     rows: int
@@ -52,15 +52,16 @@ class _Element:
     types: list[tuple[str, ...]] = field(default_factory=list)  # (type,), or of a list (its count's, its values')
 
     def has_lists(self) -> bool:
+        """Whether a property is a list, so that rows differ in length."""
         return any(len(types) > 1 for types in self.types)
 
     def row_type(self, order: str) -> np.dtype:
-        """A row without lists as numpy sees it; its fields are numbered, since names may stand twice."""
+        """numpy type of a row without lists; its fields are numbered, since names may occur twice."""
         return np.dtype([(f"f{i}", order + types[0]) for i, types in enumerate(self.types)])
 
 
 def read_ply(path: Path, content: bytes) -> PointsAndNormals:
-    """The vertices of a .ply, with normals where it has them. Raises ScanError."""
+    """Vertices of a .ply file, with normals where it has them. Raises ScanError."""
     kind, elements, body = _header(path, content)
     at = next((i for i, element in enumerate(elements) if element.name.lower() == "vertex"), None)
     if at is None:
@@ -94,7 +95,7 @@ def read_ply(path: Path, content: bytes) -> PointsAndNormals:
 
 
 def write_ply(file: IO[bytes], points_mm: Array, normals: Array | None) -> None:
-    """Write binary little-endian float32, with normals where there are any. points_mm, normals  # (N, 3)"""
+    """Write points and, where there are any, normals (N, 3) as a binary little-endian .ply of float32."""
     columns = ["x", "y", "z"] if normals is None else ["x", "y", "z", "nx", "ny", "nz"]
     rows = points_mm if normals is None else np.hstack([points_mm, normals])
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
@@ -104,11 +105,12 @@ def write_ply(file: IO[bytes], points_mm: Array, normals: Array | None) -> None:
 
 
 def _stack(table: np.ndarray, columns: list[int]) -> Array:
+    """Columns of a table of rows as (N, len(columns)) float64."""
     return np.stack([doubles(table[f"f{i}"]) for i in columns], axis=1)
 
 
 def _header(path: Path, content: bytes) -> tuple[str, list[_Element], int]:
-    """The format, the elements, and where the body starts."""
+    """Format, elements, and start of the body of a .ply file. Raises ScanError."""
     head = content[:MOST_HEADER_BYTES]
     line_end = next((e for e in (b"\r\n", b"\n", b"\r") if head.startswith(b"ply" + e)), b"")
     if not line_end:
@@ -145,13 +147,14 @@ def _header(path: Path, content: bytes) -> tuple[str, list[_Element], int]:
 
 
 def _type(path: Path, word: str) -> str:
+    """numpy type of a property's type in the header. Raises ScanError where it is unknown."""
     if word not in _TYPES:
         raise ScanError(f"{path}: the .ply header has a property of type {word[:20]!r}; export it as float")
     return _TYPES[word]
 
 
 def _row_starts(element: _Element, content: bytes, start: int, order: str) -> Sequence[int]:
-    """Where the rows of an element start, and behind the last the end of all; fewer where the content is cut before."""
+    """Byte offsets of an element's rows and of the end behind the last; fewer where the content is cut off before."""
     if not element.has_lists():
         size = sum(int(types[0][1:]) for types in element.types)
         return range(start, start + (element.rows + 1) * size, size) if size else [start]
@@ -170,11 +173,11 @@ def _row_starts(element: _Element, content: bytes, start: int, order: str) -> Se
 
 
 def _stack_by_rows(path: Path, vertex: _Element, content: bytes, start: int, order: str, columns: list[int]) -> Array:
-    """The columns of vertices that hold lists too: clouds of photogrammetry name the views of each point."""
+    """Columns (N, len(columns)) of vertices that hold lists too, such as the views of each point in photogrammetry."""
     first_list = next(i for i, types in enumerate(vertex.types) if len(types) > 1)
     if max(columns) > first_list:
         raise ScanError(f"{path}: its vertices hold lists before x, y, z; export the scan as a plain point cloud")
-    if vertex.rows <= len(content):  # else it is told as truncated
+    if vertex.rows <= len(content):  # else it is reported as truncated
         require_bounded(path, vertex.rows)
     starts = np.array(_row_starts(vertex, content, start, order))
     held = int(np.count_nonzero(starts[1:] <= len(content)))
@@ -187,7 +190,7 @@ def _stack_by_rows(path: Path, vertex: _Element, content: bytes, start: int, ord
 
 
 def _without_lists(words: list[str], vertex: _Element) -> str:
-    """A line of text with one word for each property: of a list, its count."""
+    """A vertex's line of text with one word for each property; a list is replaced by its count."""
     out: list[str] = []
     at = 0
     for types in vertex.types:

@@ -28,12 +28,12 @@ _UNIT = re.compile(r"^(n?[xyz]|normal_[xyz])[ _]*[\[(]?(mm|m|cm|um|µm|in|inch)?
 
 
 def read_text(path: Path, content: bytes) -> PointsAndNormals:
-    """Points of a text file. Raises ScanError.
+    """Points and normals of a text file. Raises ScanError.
 
     Lines that start with #, //, % or ! are comments. A header line, or a comment right above the points, may name the
     columns (x, y, z and nx, ny, nz, in any order, x_mm or "X [mm]" too); without one the first three columns are x y z.
     The delimiter is ; or a tab, a comma, |, or white space, the decimal sign a point, or a comma where no comma can
-    delimit. Empty cells are points without a value. A line of one whole number above the points is how many they are.
+    delimit. Empty cells are points without a value. A line of one whole number above the points is their number.
     """
     if b"\0" in content:
         raise ScanError(f"{path}: not three numbers a line (it is no text); write x y z in each line, in UTF-8")
@@ -69,14 +69,14 @@ def read_text(path: Path, content: bytes) -> PointsAndNormals:
 
 
 def _none(path: Path, promised: int | None) -> PointsAndNormals:
-    """What a file without rows gives. Raises ScanError where it promises some."""
+    """Empty points for a file without rows. Raises ScanError where its header promises some."""
     if promised:
         raise truncated(path, promised, 0)
     return np.zeros((0, 3)), None
 
 
 def _counted(rows: list[str]) -> tuple[int | None, list[str]]:
-    """The number of points where the first line is nothing else, and the rows below."""
+    """Number of points where the first line is nothing else, else None; and the rows below it."""
     first, second = ([line.strip() for line in rows[:2]] + ["", ""])[:2]
     if not _WHOLE_NUMBER.fullmatch(first) or _WHOLE_NUMBER.fullmatch(second):
         return None, rows
@@ -84,18 +84,19 @@ def _counted(rows: list[str]) -> tuple[int | None, list[str]]:
 
 
 def _delimiter(line: str) -> str | None:
-    """The delimiter of a row of numbers; None is white space."""
-    found = next((d for d in _DELIMITERS if d in line), None)
-    if found == ",":
+    """Delimiter of a row of numbers; None stands for white space."""
+    delimiter = next((d for d in _DELIMITERS if d in line), None)
+    if delimiter == ",":
         words = line.split()
         if len(words) >= 3 and all(_DECIMAL_COMMA.fullmatch(word) for word in words[:3]):
             return None
-    if found == "\t" and not any(line.strip().split("\t")[1:]):
+    if delimiter == "\t" and not any(line.strip().split("\t")[1:]):
         return None
-    return found
+    return delimiter
 
 
 def _cells(line: str, delimiter: str | None) -> list[str]:
+    """Cells of a line without white space and quotes around them."""
     return [cell.strip().strip("\"'") for cell in line.strip().split(delimiter)]
 
 
@@ -119,7 +120,7 @@ def _bare(path: Path, name: str) -> str:
 
 
 def _plain(rows: list[str], delimiter: str | None) -> list[str]:
-    """The rows in the form that numpy parses: no quotes, NaN spelt nan, a value in each cell, decimal points."""
+    """Rows in the form that numpy parses: no quotes, NaN spelt nan, a value in each cell, decimal points."""
     text = "\n".join(rows).replace('"', "")
     if _WORD.search(text):
         text = NO_VALUE.sub("nan", text)

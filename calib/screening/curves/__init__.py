@@ -1,1 +1,1 @@
-"""The learned effect: an unknown smooth curve for each joint, its spectrum and size chosen by evidence."""
+"""Learned curves: an unknown smooth error of each joint, its spectrum and size chosen by evidence."""

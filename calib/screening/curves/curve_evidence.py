@@ -1,12 +1,12 @@
-"""How much of a residual smooth curves of the joints explain: a Gaussian process in its harmonics, by evidence.
+"""Evidence for smooth curves of the joints in a residual: a Gaussian process in its harmonics.
 
 A member's curve is f(u) = sum over n of a_n sin(n phase) + b_n cos(n phase). Its coefficients are N(0, s_n^2) with a
 size A of its own and a spectrum that all curves over joint angles share,
 
     s_n = A / sqrt(1 + (n / n0)^(2 p)),
 
-flat up to the bandwidth n0 and falling as n^-p beyond it; curves over other inputs have n0 = 2, p = 2. With whitened
-columns X, noise N(0, sigma^2) and sigma unknown,
+which is flat up to the bandwidth n0 and falls as n^-p beyond it; curves over other inputs have n0 = 2, p = 2. With
+whitened columns X, noise N(0, sigma^2) and sigma unknown,
 
     log E = -1/2 log det(1 + X S^2 X^T) - nu/2 log(r^T (1 + X S^2 X^T)^-1 r / r^T r),
 
@@ -40,15 +40,15 @@ _BLOCK_SIZES = np.geomspace(1e-3, 1e2, 26)
 
 @dataclass(frozen=True)
 class CurveColumns:
-    """The harmonics of M members' curves, as the residual sees them."""
+    """Columns of the harmonics of M members' curves in the residual."""
 
     columns: Array  # (R, K) whitened, projected; of a coefficient of 1 rad (1 mm for a prismatic joint)
     member: IndexArray  # (K,) from 0
     order: IndexArray  # (K,) n
     shares: BoolArray  # (K,) whether the spectrum is the one that all curves over angles share
 
-    def beside(self, other: CurveColumns) -> CurveColumns:
-        """These members, then the other's."""
+    def joined(self, other: CurveColumns) -> CurveColumns:
+        """Columns of these members, then of the others."""
         after = int(self.member.max()) + 1 if len(self.member) else 0
         return CurveColumns(
             np.concatenate([self.columns, other.columns], axis=1),
@@ -60,17 +60,17 @@ class CurveColumns:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """What the evidence chooses: sizes of the members, bandwidth and slope, by their logarithms."""
+    """Sizes of the members, bandwidth and slope, by their logarithms; the evidence chooses them."""
 
     logs: Array  # (M + 2,)
 
 
 class CurveEvidence:
-    """log E of curves against a residual, at any sizes and spectrum."""
+    """Log evidence of curves in a residual, at any sizes and spectrum."""
 
-    def __init__(self, curve: CurveColumns, residual: Array, freedom: int) -> None:
-        """residual  # (R,) measured minus predicted, whitened, projected, with `freedom` degrees of freedom left"""
-        self.curve, self.residual, self.freedom = curve, residual, freedom
+    def __init__(self, curve: CurveColumns, residual: Array, dof: int) -> None:
+        """residual  # (R,) measured minus predicted, whitened, projected, with `dof` degrees of freedom left"""
+        self.curve, self.residual, self.dof = curve, residual, dof
         self.total = float(residual @ residual)
         self.members = int(curve.member.max()) + 1 if len(curve.member) else 0
         x = curve.columns
@@ -82,22 +82,22 @@ class CurveEvidence:
 
     @property
     def usual_size(self) -> float:
-        """A size at which all curves together would be as large as the residual."""
+        """Size at which all curves together would be as large as the residual."""
         return float(np.sqrt(self.total / max(float(np.sum(self.square)), 1e-300)))
 
     def prior_sigma(self, spectrum: Spectrum) -> tuple[Array, Array]:
-        """s (K,), and (n / n0)^(2 p) (K,)."""
+        """Prior sigmas s (K,) of the coefficients, and (n / n0)^(2 p) (K,)."""
         n0 = np.where(self.curve.shares, np.exp(spectrum.logs[-2]), _OTHER_BANDWIDTH)
         p = np.where(self.curve.shares, np.exp(spectrum.logs[-1]), _OTHER_SLOPE)
         relative = (self.curve.order / n0) ** (2.0 * p)
         return np.exp(spectrum.logs[:-2])[self.curve.member] / np.sqrt(1.0 + relative), relative
 
     def at(self, spectrum: Spectrum) -> CurvePosterior:
-        """The posterior at a spectrum."""
+        """Posterior of the curves at a spectrum."""
         return self._at_with_share(spectrum, wanted=False)[0]
 
     def _at_with_share(self, spectrum: Spectrum, *, wanted: bool) -> tuple[CurvePosterior, Array]:
-        """And, where wanted, the share (K,) of each coefficient's prior variance that the data take away."""
+        """Posterior at a spectrum and, where wanted, the share (K,) of each prior variance that the data remove."""
         sigma, _ = self.prior_sigma(spectrum)
         if self.few_rows:
             shaped = self.curve.columns * sigma
@@ -125,11 +125,11 @@ class CurveEvidence:
                 inverse = dtrtri(factor, lower=1)[0]
                 share[shown] = 1.0 - np.einsum("ij,ij->j", inverse, inverse)  # (L L^T)^-1 = L^-T L^-1
         quadratic = self.total - float(mean @ (sigma * self.towards))
-        value = -0.5 * self.freedom * float(np.log(max(quadratic, 1e-300) / max(self.total, 1e-300))) - half_log_det
+        value = -0.5 * self.dof * float(np.log(max(quadratic, 1e-300) / max(self.total, 1e-300))) - half_log_det
         return CurvePosterior(value, sigma, mean, quadratic), share
 
     def best(self, starts: tuple[Spectrum, ...] = ()) -> tuple[float, Spectrum]:
-        """The largest log E that is found, and where."""
+        """Largest log evidence that is found, and its spectrum."""
         usual = np.log(self.usual_size)
         bounds = [(usual + _LEAST_LOG_SIZE, usual + _MOST_LOG_SIZE)] * self.members
         bounds += [(np.log(low), np.log(high)) for low, high in (_BANDWIDTHS, _SLOPES)]
@@ -155,10 +155,10 @@ class CurveEvidence:
         return value, Spectrum(logs)
 
     def _falling(self, logs: Array) -> tuple[float, Array]:
-        """-log E and its gradient by the logarithms."""
+        """Negative log evidence and its gradient by the logarithms."""
         spectrum = Spectrum(logs)
         now, taken = self._at_with_share(spectrum, wanted=True)
-        by_sigma = self.freedom * now.mean**2 / now.quadratic - taken
+        by_sigma = self.dof * now.mean**2 / now.quadratic - taken
         _, relative = self.prior_sigma(spectrum)
         share = np.where(self.curve.shares, by_sigma * relative / (1.0 + relative), 0.0)
         gradient = np.concatenate(
@@ -171,9 +171,9 @@ class CurveEvidence:
         return -now.log_evidence, -gradient
 
     def gains(self, spectrum: Spectrum | None, blocks: Sequence[CurveColumns]) -> list[tuple[float, float]]:
-        """What each of some further members, alone at its best size, adds to log E at a spectrum; and log of that size.
+        """Gain in log evidence by each of some further members, alone at its best size, with the log of that size.
 
-        spectrum: None where there is no curve yet.
+        spectrum: of the curves before; None where there is none yet.
         """
         if not blocks:
             return []
@@ -189,15 +189,15 @@ class CurveEvidence:
             unit = float(np.sqrt(quadratic / max(float(np.sum(square)), 1e-300)))
             s2 = (unit * _BLOCK_SIZES[:, None]) ** 2
             grow = 1.0 + s2 * np.maximum(square, 0.0)
-            left = quadratic - np.sum(along * s2 / grow, axis=1)
-            values = -0.5 * self.freedom * np.log(left / quadratic) - 0.5 * np.sum(np.log(grow), axis=1)
+            rest = quadratic - np.sum(along * s2 / grow, axis=1)
+            values = -0.5 * self.dof * np.log(rest / quadratic) - 0.5 * np.sum(np.log(grow), axis=1)
             best = int(np.argmax(values))
             out.append((float(values[best]), float(np.log(unit * _BLOCK_SIZES[best]))))
             start = end
         return out
 
     def _solve(self, sigma: Array, rhs: Array) -> Array:
-        """(1 + X S^2 X^T)^-1 rhs (R, L)."""
+        """(R, L) solution (1 + X S^2 X^T)^-1 rhs."""
         shaped = self.curve.columns * sigma
         inner = shaped.T @ shaped
         inner[np.diag_indices_from(inner)] += 1.0
@@ -207,7 +207,7 @@ class CurveEvidence:
 
 @dataclass(frozen=True)
 class CurvePosterior:
-    """Curves given a residual and a spectrum; everything in units of the noise that is left."""
+    """Posterior of curves given a residual and a spectrum, in units of the noise that is left."""
 
     log_evidence: float
     prior_sigma: Array  # (K,) s, over the noise

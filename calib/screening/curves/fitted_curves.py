@@ -1,8 +1,9 @@
-"""The learned curves of a fit over their inputs, with their uncertainty: to be drawn, and to be told in a line each."""
+"""Learned curves of a fit over their inputs, with their uncertainty: for figures, in words, as a Python file."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pprint import pformat
 
 import numpy as np
 import pandas as pd
@@ -11,51 +12,53 @@ from calib.array_types import Array, BoolArray
 from calib.calibration.result import Calibration
 from calib.dataset.input_names import joint_input, summed_joints
 from calib.effects.effect import full_name
-from calib.screening.curves.effect_file import formula_text
+from calib.errors import CalibError
 from calib.screening.curves.smooth_joint_error import (
     LEARNED,
+    CurveModes,
     FormulaModes,
     FormulaTerm,
     SmoothJointError,
+    formula_text,
     input_values,
 )
 
-_PLACES = 401  # at which a curve is worked out
+_PLACES = 401  # at which a curve is computed
 _BEYOND = 0.12  # of the measured range, on either side
 
 
 @dataclass(frozen=True, eq=False)
 class FittedCurve:
-    """One joint's curve as it was fitted, at G places of its input."""
+    """Fitted curve of one joint, at G places of its input."""
 
     joint: int  # from 0
-    is_revolute: bool  # the joint
+    is_revolute: bool  # whether the joint turns
     input: str
     input_unit: str  # as people read it: deg, mm, Nm, C, s, kg; "" for a column of the user's own
     u: Array  # (G,) rad, mm, Nm, as the input is
     value: Array  # (G,) rad (mm for a prismatic joint)
     sigma: Array  # (G,) of the value, by the fit's covariance
     measured: Array  # (N,) inputs of the training poses, sorted
-    rms: float  # over those
-    known: int  # parameters that the data know to better than half their prior sigma
-    parameters: int
-    formula: str | None  # where it is a short formula
-    shape: str = ""  # its terms in words, where it is one
-    peak: float | None = None  # of the input, where it is one bump
+    rms: float  # of the value, over the training poses
+    known: int  # number of parameters that the data determine to better than half their prior sigma
+    parameters: int  # number of parameters
+    formula: str | None  # with values, where the curve is a short formula
+    shape: str = ""  # the formula's terms in words; "" without a formula
+    peak: float | None = None  # place of the peak, where the formula is one bump
 
     @property
     def unit(self) -> str:
-        """The curve's unit as people read it."""
+        """Unit of the curve as people read it."""
         return "mrad" if self.is_revolute else "mm"
 
     @property
     def scale(self) -> float:
-        """By which values of the curve become its `unit`."""
+        """Factor from values of the curve to its `unit`."""
         return 1e3 if self.is_revolute else 1.0
 
     @property
     def input_scale(self) -> float:
-        """By which values of the input become its `input_unit`."""
+        """Factor from values of the input to its `input_unit`."""
         return 180.0 / np.pi if self.input_unit == "deg" else 1.0
 
     @property
@@ -65,7 +68,7 @@ class FittedCurve:
 
     @property
     def largest(self) -> tuple[float, float]:
-        """Where in the measured range the curve is largest, and what it is there."""
+        """Place in the measured range at which the curve is largest, and its value there."""
         if self.peak is not None and self.measured[0] <= self.peak <= self.measured[-1]:
             return self.peak, float(np.interp(self.peak, self.u, self.value))
         at = int(np.argmax(np.where(self.inside, np.abs(self.value), -1.0)))
@@ -73,12 +76,12 @@ class FittedCurve:
 
 
 def learned_members(calibration: Calibration) -> tuple[SmoothJointError, ...]:
-    """The learned curves in a fit's model; () where there are none."""
+    """Learned curves in a fit's model; () where there are none."""
     return tuple(e for e in calibration.model.added_effects if isinstance(e, SmoothJointError))
 
 
 def fitted_curves(calibration: Calibration) -> tuple[FittedCurve, ...]:
-    """The learned curves in a fit's model, as they were fitted; () where there are none."""
+    """Fitted curves of the learned curves in a fit's model; () where there are none."""
     members = learned_members(calibration)
     if not members:
         return ()
@@ -117,9 +120,9 @@ def fitted_curves(calibration: Calibration) -> tuple[FittedCurve, ...]:
 
 
 def shape_text(member: SmoothJointError, calibration: Calibration) -> str:
-    """ "a bump at 29 deg, 12 deg wide": the terms of a short formula; "" of a curve that has none.
+    """Terms of a short formula in words, as in "a bump at 29 deg, 12 deg wide"; "" for a curve without a formula.
 
-    The same before and after it is fitted: the fit finds the sizes of the terms, not their places.
+    They are the same before and after a fit, which finds the sizes of the terms and not their places.
     """
     modes = member.modes
     if not isinstance(modes, FormulaModes):
@@ -127,7 +130,7 @@ def shape_text(member: SmoothJointError, calibration: Calibration) -> str:
     unit = _input_unit(modes.input, calibration)
     scale = 180.0 / np.pi if unit == "deg" else 1.0
 
-    def told(term: FormulaTerm) -> str:
+    def in_words(term: FormulaTerm) -> str:
         place = f"{scale * term.place:.3g} {unit}".rstrip()
         return {
             "harmonic": f"a wave, {term.order} a turn",
@@ -137,7 +140,7 @@ def shape_text(member: SmoothJointError, calibration: Calibration) -> str:
             "square": "a part that grows with the square",
         }[term.kind]
 
-    return ", ".join(map(told, modes.terms))
+    return ", ".join(map(in_words, modes.terms))
 
 
 def _peak(member: SmoothJointError) -> float | None:
@@ -146,7 +149,7 @@ def _peak(member: SmoothJointError) -> float | None:
 
 
 def without_curves(parameters: pd.DataFrame) -> pd.DataFrame:
-    """The rows of a table of parameters (column `name`) that are no learned curve's."""
+    """Table of parameters (column `name`) without those of learned curves."""
     return parameters[~parameters["name"].str.startswith(f"{LEARNED}.")]
 
 
@@ -159,3 +162,112 @@ def _input_unit(name: str, calibration: Calibration) -> str:
     if quantity == "torque":
         return "Nm"
     return "deg" if calibration.model.robot.joints[joint].is_revolute else "mm"
+
+
+# ---- as a Python file -----------------------------------------------------------------------------------------------
+
+_HEAD = '''"""{title}
+
+theta_j += share * f_j(u): the curves below were learned from measurements, share = 1 is the curve as it was learned.
+Angles are rad, u is the input's value in rad (mm, Nm, C or s as the input is). Edit what you like; then
+
+    inspector calibrate DATASET --effects-file {file} --effect learned_joint_error
+    inspector correct DATASET --effects-file {file} --effect learned_joint_error --joints IN.csv --out OUT.csv
+"""
+
+from dataclasses import dataclass
+from pprint import pformat
+
+import numpy as np
+
+from calib import Parameter
+from calib.screening.curves.smooth_joint_error import input_values
+
+'''
+
+_TAIL = '''
+
+@dataclass(frozen=True)
+class LearnedJointError:
+    """The curves of one joint, added up."""
+
+    joint: int  # filled in for each joint, from 0
+    parameters = (Parameter("share", unit="1", scale=1.0, doc="of the learned curve; 1 is all of it"),)
+    linear = True
+
+    def apply(self, state, *, share):
+        error = 0.0
+        for curve in CURVES.get(self.joint + 1, ()):
+            u = np.clip(input_values(state, curve["input"]), curve["low"], curve["high"])
+            error = error + share * curve_at(curve, u)
+        return state.add_joint_error(self.joint, error)
+
+
+def curve_at(curve, u):
+    """(N,) rad, at inputs (N,)."""
+    phase = curve["rate"] * (u - curve["start"])
+    out = np.zeros(len(u))
+    for n, sine, cosine in curve["harmonics"]:
+        out += sine * np.sin(n * phase) + cosine * np.cos(n * phase)
+    for kind, place, width, height in curve["terms"]:
+        off = u - place
+        if kind == "bump":
+            out += height * np.exp(-0.5 * (off / width) ** 2)
+        elif kind == "kink":
+            out += height * np.abs(off)
+        elif kind == "step":
+            out += height * (off > 0.0)
+        elif kind == "square":
+            out += height * u * np.abs(u)
+    return out
+'''
+
+
+def effect_file_text(calibration: Calibration, file: str) -> str:
+    """Text of a Python file with the learned curves of a fit, to be edited and loaded with --effects-file.
+
+    Args:
+        calibration: a fit with learned curves in its model.
+        file: the file's name, for the commands that its docstring shows.
+
+    Raises CalibError where the model has none.
+    """
+    members = [effect for effect in calibration.model.effects if isinstance(effect, SmoothJointError)]
+    if not members:
+        raise CalibError(f"{file}: not written; no curves were learned, so there is nothing to write")
+    fit, dataset = calibration.fit, calibration.dataset
+    values = dict(zip((p.name for p in fit.parameters), fit.x.tolist(), strict=True))
+    title = f"Curves of the joints of {dataset.robot.name}, learned from the dataset {dataset.name}."
+    curves: dict[int, list[dict[str, object]]] = {}
+    for member in members:
+        fitted = np.array([values[full_name(member, p)] for p in member.parameters])
+        curves.setdefault(member.joint + 1, []).append(_curve(member, fitted))
+    one_line = " ".join(title.replace('"""', "'''").replace("\\", "/").split())
+    text = _HEAD.format(title=one_line, file=file)
+    return f"{text}CURVES = {pformat(curves, width=110, sort_dicts=False)}\n{_TAIL}"
+
+
+def _curve(member: SmoothJointError, fitted: np.ndarray) -> dict[str, object]:
+    modes = member.modes
+    out: dict[str, object] = {"input": modes.input, "low": -1e300, "high": 1e300, "start": 0.0, "rate": 1.0}
+    harmonics: list[tuple[float, float, float]] = []
+    terms: list[tuple[str, float, float, float]] = []
+    if isinstance(modes, CurveModes):
+        out |= {
+            "low": max(modes.low, -1e300),
+            "high": min(modes.high, 1e300),
+            "start": modes.start,
+            "rate": modes.rate,
+        }
+        pairs = (modes.weights @ fitted).reshape(-1, 2)
+        harmonics = [(int(n), float(s), float(c)) for n, (s, c) in zip(modes.orders, pairs, strict=True)]
+    else:
+        at = 0
+        for term in modes.terms:
+            own = fitted[at : at + len(term.names)]
+            at += len(own)
+            if term.kind == "harmonic":
+                harmonics.append((term.order, float(own[0]), float(own[1])))
+            else:
+                terms.append((term.kind, term.place, term.width, float(own[0])))
+    return out | {"harmonics": harmonics, "terms": terms}

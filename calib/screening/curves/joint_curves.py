@@ -1,8 +1,8 @@
-"""From a fit to the joints' learned curves: columns of harmonics, evidence, and the modes that are worth fitting."""
+"""Curves of the joints learned from a fit: columns of harmonics, evidence, and the modes or formulas worth fitting."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,12 +10,13 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.result import Calibration
-from calib.dataset.input_names import further_inputs
+from calib.dataset.input_names import further_inputs, quantity_of
 from calib.effects.gravity import has_masses
 from calib.screening.curves.curve_evidence import CurveColumns, CurveEvidence, CurvePosterior, Spectrum
-from calib.screening.curves.curve_formulas import FoundFormula, find_formula
 from calib.screening.curves.smooth_joint_error import (
     CurveModes,
+    FormulaModes,
+    FormulaTerm,
     SmoothJointError,
     input_values,
     inputs_of,
@@ -31,15 +32,20 @@ _MOST_OTHERS = 3  # curves over other inputs than a joint's own angle
 _MIN_GAIN = 5.0  # in log evidence, of one of them, beyond what choosing it costs
 _MIN_MEMBER_GAIN = 2.0  # a joint whose curve is worth less is left out
 _MOST_FORMULAS = 3  # joints: where more carry a curve no short formula is the cause
+_MOST_TERMS = 3
+_HIGHEST_ORDER = 45
+_PLACES = 24
+_WIDTHS = (0.05, 0.1, 0.2, 0.35, 0.6)  # rad, of a bump
+_MAY_LOSE = 2.0  # log evidence that a formula may lack against the curve
 _MIN_VISIBLE = 0.3  # sigmas: a mode whose usual size moves the whole residual by less is left out
 
 
 @dataclass(frozen=True)
 class LearnedCurves:
-    """The curves that the data ask for, as effects, and what they are worth together."""
+    """Curves that the data ask for, as effects, with their evidence together."""
 
     members: tuple[SmoothJointError, ...]
-    log_evidence: float  # over no curve, less what choosing their inputs costs
+    log_evidence: float  # over no curve, less the cost of choosing their inputs
 
     @property
     def joints(self) -> tuple[int, ...]:
@@ -54,7 +60,7 @@ class LearnedCurves:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """One joint's curve over one input."""
+    """Possible curve of one joint over one input."""
 
     joint: int
     modes: CurveModes  # one for each harmonic yet
@@ -63,14 +69,14 @@ class _Candidate:
 
 @one_blas_thread()
 def learn_joint_curves(calibration: Calibration) -> LearnedCurves | None:
-    """A curve for each joint over its angle and, where the data ask for it, over further inputs; None for noise alone.
+    """Curves of the joints over their angles and, where the data ask for it, over other inputs; None for noise alone.
 
     Raises FitError where no degree of freedom is left.
     """
-    left = project_residual(calibration)
-    chosen = list(_over_angles(left))
-    others = list(_over_other_inputs(left))
-    evidence = _evidence_of(chosen, left)
+    projected = project_residual(calibration)
+    chosen = list(_over_angles(projected))
+    others = list(_over_other_inputs(projected))
+    evidence = _evidence_of(chosen, projected)
     value, spectrum, paid = 0.0, None, 0.0
     if chosen:
         value, spectrum = evidence.best()
@@ -83,32 +89,33 @@ def learn_joint_curves(calibration: Calibration) -> LearnedCurves | None:
         start = np.log([20.0, 2.0]) if spectrum is None else spectrum.logs[-2:]
         sizes = np.zeros(0) if spectrum is None else spectrum.logs[:-2]
         chosen.append(others.pop(best))
-        evidence = _evidence_of(chosen, left)
+        evidence = _evidence_of(chosen, projected)
         value, spectrum = evidence.best((Spectrum(np.concatenate([sizes, [gains[best][1]], start])),))
     if spectrum is None or value - paid < MIN_LOG_EVIDENCE:
         return None
-    members = _told_joint_by_joint(left, chosen, evidence, spectrum)
-    noise = float(np.sqrt(evidence.at(spectrum).quadratic / evidence.freedom))
-    if not members or not _predict_left_out_poses(left, members, noise):
+    members = _members(projected, chosen, evidence, spectrum)
+    noise = float(np.sqrt(evidence.at(spectrum).quadratic / evidence.dof))
+    if not members or not _predict_left_out_poses(projected, members, noise):
         return None
     return LearnedCurves(tuple(members), value - paid)
 
 
-def _predict_left_out_poses(left: ProjectedResidual, members: list[SmoothJointError], noise: float) -> bool:
+def _predict_left_out_poses(projected: ProjectedResidual, members: list[SmoothJointError], noise: float) -> bool:
     """Whether each pose is predicted better from the others with the curves than without (leave one pose out)."""
-    directions = joint_directions(left)
+    directions = joint_directions(projected)
     columns = [
-        left.motion_columns(directions[m.joint], m.modes.at(input_values(left.state, m.modes.input))) for m in members
+        projected.motion_columns(directions[m.joint], m.modes.at(input_values(projected.state, m.modes.input)))
+        for m in members
     ]
     spread = np.concatenate([np.array(m.prior_sigma_rad) for m in members]) / noise
-    with_curves = cross_validated_rmse_mm(left, np.concatenate(columns, axis=1), spread)
-    return with_curves < cross_validated_rmse_mm(left)
+    with_curves = cross_validated_rmse_mm(projected, np.concatenate(columns, axis=1), spread)
+    return with_curves < cross_validated_rmse_mm(projected)
 
 
-def _told_joint_by_joint(
-    left: ProjectedResidual, chosen: list[_Candidate], evidence: CurveEvidence, spectrum: Spectrum
+def _members(
+    projected: ProjectedResidual, chosen: list[_Candidate], evidence: CurveEvidence, spectrum: Spectrum
 ) -> list[SmoothJointError]:
-    """The members that carry a curve beside the others, the strongest first; a short formula where it says as much."""
+    """Members that carry a curve given the others; a short formula where it explains as much."""
     whole = evidence.at(spectrum).log_evidence
     worth = [whole - _without(evidence, spectrum, k) for k in range(len(chosen))]
     order = [k for k in np.argsort(worth)[::-1].tolist() if worth[k] > _MIN_MEMBER_GAIN]
@@ -116,43 +123,43 @@ def _told_joint_by_joint(
     out: list[SmoothJointError] = []
     for k in order:
         now = evidence.at(spectrum).log_evidence - _without(evidence, spectrum, k)
-        if now <= _MIN_MEMBER_GAIN:  # a formula that came in says what this curve said
+        if now <= _MIN_MEMBER_GAIN:  # a formula that came in explains what this curve did
             spectrum = _flat(spectrum, k)
             continue
-        found = _formula(left, chosen[k], evidence, spectrum, k, now) if len(order) <= _MOST_FORMULAS else None
+        found = _formula(projected, chosen[k], evidence, spectrum, k, now) if len(order) <= _MOST_FORMULAS else None
         if found is None:
             curves.append(k)
             continue
         for columns, log_size in found.blocks:
-            evidence = CurveEvidence(evidence.curve.beside(columns), evidence.residual, evidence.freedom)
+            evidence = CurveEvidence(evidence.curve.joined(columns), evidence.residual, evidence.dof)
             logs = _flat(spectrum, k).logs
             spectrum = Spectrum(np.concatenate([logs[:-2], [log_size], logs[-2:]]))
-        noise = float(np.sqrt(evidence.at(spectrum).quadratic / evidence.freedom))
+        noise = float(np.sqrt(evidence.at(spectrum).quadratic / evidence.dof))
         sigma = np.repeat(np.exp(found.log_sizes) * noise, [len(term.names) for term in found.modes.terms])
         out.append(SmoothJointError(chosen[k].joint, found.modes, tuple(sigma.tolist())))
     posterior = evidence.at(spectrum)
-    found_curves = [_member(left, chosen[k], evidence, posterior, k) for k in curves]
+    found_curves = [_curve_member(projected, chosen[k], evidence, posterior, k) for k in curves]
     return sorted(
         [*out, *(member for member in found_curves if member is not None)],
         key=lambda member: (member.joint, member.modes.input),
     )
 
 
-def _evidence_of(chosen: list[_Candidate], left: ProjectedResidual) -> CurveEvidence:
+def _evidence_of(chosen: list[_Candidate], projected: ProjectedResidual) -> CurveEvidence:
     empty = np.zeros(0, dtype=np.int64)
-    curve = CurveColumns(np.zeros((len(left.residual), 0)), empty, empty, empty.astype(bool))
+    curve = CurveColumns(np.zeros((len(projected.residual), 0)), empty, empty, empty.astype(bool))
     for candidate in chosen:
-        curve = curve.beside(candidate.columns)
-    return CurveEvidence(curve, -left.residual, left.freedom)
+        curve = curve.joined(candidate.columns)
+    return CurveEvidence(curve, -projected.residual, projected.dof)
 
 
-def _over_angles(left: ProjectedResidual) -> Iterator[_Candidate]:
-    """A candidate curve for every revolute joint that the data see, over its own angle."""
-    directions = joint_directions(left)
-    for j, joint in enumerate(left.residuals.model.robot.joints):
+def _over_angles(projected: ProjectedResidual) -> Iterator[_Candidate]:
+    """Candidate curve of every revolute joint over its own angle, unless geometry could do the same."""
+    directions = joint_directions(projected)
+    for j, joint in enumerate(projected.residuals.model.robot.joints):
         if joint.is_revolute:
             yield from _candidate(
-                left,
+                projected,
                 directions[j],
                 j,
                 CurveModes(f"q{j + 1}", _ANGLE_ORDERS, np.eye(2 * len(_ANGLE_ORDERS))),
@@ -160,9 +167,9 @@ def _over_angles(left: ProjectedResidual) -> Iterator[_Candidate]:
             )
 
 
-def _over_other_inputs(left: ProjectedResidual) -> Iterator[_Candidate]:
-    """Candidate curves of every joint over its torque, a sum of two angles, temperature, time, a further column."""
-    robot, poses, directions = left.residuals.model.robot, left.state.poses, joint_directions(left)
+def _over_other_inputs(projected: ProjectedResidual) -> Iterator[_Candidate]:
+    """Candidate curves of every joint over its torque, sums of two angles, temperature, time and further columns."""
+    robot, poses, directions = projected.residuals.model.robot, projected.state.poses, joint_directions(projected)
     shared = [name for name in ("temperature_c", "time_s", "payload_kg") if getattr(poses, name) is not None]
     shared += [name for name, of in further_inputs(poses).items() if _is_number(poses.extra[of])]
     for j, joint in enumerate(robot.joints):
@@ -173,7 +180,7 @@ def _over_other_inputs(left: ProjectedResidual) -> Iterator[_Candidate]:
                 low, high = min(j, k) + 1, max(j, k) + 1
                 names += [f"q{low}+q{high}", f"q{low}-q{high}"]
         for name in [*names, *shared]:
-            u = input_values(left.state, name)
+            u = input_values(projected.state, name)
             low_u, high_u = (float(limit) for limit in (np.min(u), np.max(u)))
             if not np.all(np.isfinite(u)) or high_u - low_u <= 1e-9 * max(1.0, abs(low_u), abs(high_u)):
                 continue
@@ -181,14 +188,14 @@ def _over_other_inputs(left: ProjectedResidual) -> Iterator[_Candidate]:
             rate = np.pi / (high_u - low_u)
             weights = np.eye(2 * len(_OTHER_ORDERS))
             modes = CurveModes(name, _OTHER_ORDERS, weights, low_u, rate, low_u, high_u)
-            yield from _candidate(left, directions[j], j, modes, False)
+            yield from _candidate(projected, directions[j], j, modes, False)
 
 
 def _candidate(
-    left: ProjectedResidual, direction: Array, joint: int, modes: CurveModes, shares: bool
+    projected: ProjectedResidual, direction: Array, joint: int, modes: CurveModes, shares: bool
 ) -> Iterator[_Candidate]:
-    """The candidate, unless geometry does all that it could do."""
-    columns = left.motion_columns(direction, modes.at(input_values(left.state, modes.input)))
+    """Candidate curve, unless geometry could do the same."""
+    columns = projected.motion_columns(direction, modes.at(input_values(projected.state, modes.input)))
     if float(np.linalg.norm(columns)) <= 1e-6 * float(np.linalg.norm(direction)):
         return
     order: IndexArray = np.repeat(modes.orders, 2)
@@ -197,7 +204,7 @@ def _candidate(
 
 
 def _without(evidence: CurveEvidence, spectrum: Spectrum, member: int) -> float:
-    """log E when one member's curve is flat."""
+    """Log evidence when one member's curve is flat."""
     return evidence.at(_flat(spectrum, member)).log_evidence
 
 
@@ -208,34 +215,34 @@ def _flat(spectrum: Spectrum, member: int) -> Spectrum:
 
 
 def _formula(
-    left: ProjectedResidual,
+    projected: ProjectedResidual,
     candidate: _Candidate,
     evidence: CurveEvidence,
     spectrum: Spectrum,
     k: int,
     worth: float,
 ) -> FoundFormula | None:
-    """A short formula in place of a curve, where it says as much."""
+    """Short formula in place of a curve, where it explains as much."""
     name = candidate.modes.input
-    direction = joint_directions(left)[candidate.joint]
+    direction = joint_directions(projected)[candidate.joint]
     return find_formula(
         evidence,
         _flat(spectrum, k),
         worth,
         name,
-        input_values(left.state, name),
-        lambda motions: left.motion_columns(direction, motions),
+        input_values(projected.state, name),
+        lambda motions: projected.motion_columns(direction, motions),
     )
 
 
-def _member(
-    left: ProjectedResidual, candidate: _Candidate, evidence: CurveEvidence, found: CurvePosterior, k: int
+def _curve_member(
+    projected: ProjectedResidual, candidate: _Candidate, evidence: CurveEvidence, found: CurvePosterior, k: int
 ) -> SmoothJointError | None:
-    """A curve in the modes of its prior over the measured inputs (Karhunen-Loeve), those that show."""
+    """Curve in the visible modes of its prior over the measured inputs (Karhunen-Loeve); None where none is visible."""
     of_member = evidence.curve.member == k
-    noise = float(np.sqrt(found.quadratic / evidence.freedom))
+    noise = float(np.sqrt(found.quadratic / evidence.dof))
     spread = found.prior_sigma[of_member] * noise
-    at_poses = candidate.modes.at(input_values(left.state, candidate.modes.input)) * spread
+    at_poses = candidate.modes.at(input_values(projected.state, candidate.modes.input)) * spread
     _, size, turn = np.linalg.svd(at_poses, full_matrices=False)
     rms = size / np.sqrt(len(at_poses))
     weights = spread[:, None] * turn.T / np.maximum(rms, 1e-300)
@@ -249,3 +256,74 @@ def _member(
 
 def _is_number(column: object) -> bool:
     return bool(np.issubdtype(np.asarray(column).dtype, np.number))
+
+
+# ---- short formulas -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class FoundFormula:
+    """Formula, and the logs of its terms' prior sigmas over the noise."""
+
+    modes: FormulaModes
+    log_sizes: tuple[float, ...]  # one a term
+    blocks: tuple[tuple[CurveColumns, float], ...]  # columns and log of the prior sigma of each term
+    gain: float  # in log evidence over a flat curve, less the cost of choosing the terms
+
+
+def candidate_terms(input_name: str, u: Array) -> list[FormulaTerm]:
+    """Terms that are tried over an input (N,)."""
+    low, high = float(np.min(u)), float(np.max(u))
+    places = np.linspace(low, high, _PLACES + 2)[1:-1].tolist()
+    terms = [FormulaTerm("kink", place=p) for p in places] + [FormulaTerm("step", place=p) for p in places]
+    if quantity_of(input_name) == "torque":
+        return [*terms, FormulaTerm("square")]
+    terms += [FormulaTerm("harmonic", order=n) for n in range(1, _HIGHEST_ORDER + 1)]
+    return terms + [FormulaTerm("bump", place=p, width=w) for p in places for w in _WIDTHS if w < 0.5 * (high - low)]
+
+
+def find_formula(
+    evidence: CurveEvidence,
+    flat: Spectrum,
+    worth: float,
+    input_name: str,
+    u: Array,
+    columns_of: Callable[[Array], Array],
+) -> FoundFormula | None:
+    """Formula of the terms that raise the log evidence most, one by one; None where they explain less than the curve.
+
+    Args:
+        evidence: of all curves.
+        flat: the spectrum with this curve flat and the others as they are.
+        worth: gain in log evidence by the curve given the others.
+        input_name, u: its input, and the values at the used poses (N,).
+        columns_of: (N, K) motions of the joint to whitened, projected columns (R, K).
+    """
+    terms = candidate_terms(input_name, u)
+    blocks = [_block(columns_of(term.at(u))) for term in terms]
+    price = float(np.log(len(terms)))
+    chosen: list[int] = []
+    sizes: list[float] = []
+    gain = 0.0
+    given, at = evidence, flat
+    for _ in range(_MOST_TERMS):
+        gains = given.gains(at, blocks)
+        best = max(range(len(gains)), key=lambda k: gains[k][0])
+        if gains[best][0] < price + 1.0:
+            break
+        chosen.append(best)
+        sizes.append(gains[best][1])
+        gain += gains[best][0] - price
+        if gain >= worth - _MAY_LOSE:
+            modes = FormulaModes(input_name, tuple(terms[k] for k in chosen))
+            found = tuple((blocks[k], size) for k, size in zip(chosen, sizes, strict=True))
+            return FoundFormula(modes, tuple(sizes), found, gain)
+        logs = np.concatenate([at.logs[:-2], [gains[best][1]], at.logs[-2:]])
+        given = CurveEvidence(given.curve.joined(blocks[best]), evidence.residual, evidence.dof)
+        at = Spectrum(logs)
+    return None
+
+
+def _block(columns: Array) -> CurveColumns:
+    zero = np.zeros(columns.shape[1], dtype=np.int64)
+    return CurveColumns(columns, zero, zero, zero.astype(bool))

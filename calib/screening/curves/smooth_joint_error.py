@@ -1,8 +1,8 @@
-"""An unknown smooth error of one joint: a curve over an input, learned from what a fit leaves over."""
+"""The unknown smooth error of one joint: a curve over an input, learned from the residual of a fit."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.dataset.input_names import CONDITIONS, further_inputs, joint_input, summed_joints
-from calib.effects.effect import Parameter
+from calib.effects.effect import Parameter, full_name
 from calib.effects.state import RobotState
 from calib.errors import FitError
 
@@ -35,11 +35,11 @@ class CurveModes:
     high: float = np.inf
 
     def phase(self, u: Array) -> Array:
-        """(N,) rad, of inputs (N,)."""
+        """(N,) phase, rad, of inputs (N,)."""
         return self.rate * (np.clip(u, self.low, self.high) - self.start)
 
     def at(self, u: Array) -> Array:
-        """(N, K) the curves at inputs (N,)."""
+        """(N, K) values of the curves at inputs (N,)."""
         return harmonics(self.phase(u), self.orders) @ self.weights
 
     @property
@@ -62,7 +62,7 @@ class FormulaTerm:
     width: float = 0.0  # w
 
     def at(self, u: Array) -> Array:
-        """(N, 1), of a harmonic (N, 2)."""
+        """(N, 1) values of the term at inputs (N,), for a harmonic (N, 2)."""
         off = u - self.place
         if self.kind == "harmonic":
             return np.stack([np.sin(self.order * u), np.cos(self.order * u)], axis=1)
@@ -82,18 +82,18 @@ class FormulaTerm:
 
 @dataclass(frozen=True)
 class FormulaModes:
-    """A short formula over an input: its terms' columns, one after the other."""
+    """Short formula over an input, a sum of terms; the columns of each follow those of the one before."""
 
     input: str
     terms: tuple[FormulaTerm, ...]
 
     def at(self, u: Array) -> Array:
-        """(N, K) the terms at inputs (N,)."""
+        """(N, K) values of the terms at inputs (N,)."""
         return np.concatenate([term.at(u) for term in self.terms], axis=1)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the K columns; a number tells two that are alike."""
+        """Names of the K columns, numbered where two are alike."""
         plain = [name for term in self.terms for name in term.names]
         return tuple(
             name if plain.count(name) == 1 else f"{name}_{plain[: k + 1].count(name)}" for k, name in enumerate(plain)
@@ -108,10 +108,10 @@ def harmonics(phase: Array, orders: IndexArray) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class SmoothJointError:
-    """theta_j += f(u), f an unknown smooth curve: the sum of modes that the data can tell from nothing.
+    """Smooth error theta_j += f(u) of one joint, f a sum of modes that show in the data.
 
-    What the curve's modes are, and the prior sigma of each, evidence chose. It is added where no named effect explains
-    as much, and it names no cause.
+    The modes and their prior sigmas were chosen by evidence. It is added where no named effect explains as much, and it
+    names no cause.
     """
 
     joint: int
@@ -127,7 +127,7 @@ class SmoothJointError:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """One a mode: its rms over the training poses, rad (mm for a prismatic joint)."""
+        """Parameters, one a mode: its rms over the training poses, rad (mm for a prismatic joint)."""
         own = self.modes.input == f"q{self.joint + 1}"
         prefix = "" if own else f"{_identifier(self.modes.input)}_"
         return tuple(
@@ -136,27 +136,60 @@ class SmoothJointError:
         )
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """The joint's error added."""
+        """State with the joint's error added."""
         return state.add_joint_error(self.joint, self.joint_motions(state) @ np.array(list(values.values())))
 
     def joint_motions(self, state: RobotState) -> Array:
-        """(N, K) the joint's error by each parameter: what hundreds of applications would tell one by one."""
+        """(N, K) error of the joint by each parameter, at once instead of by hundreds of applications."""
         return self.modes.at(input_values(state, self.modes.input))
 
 
 def joints_of(members: Iterable[SmoothJointError]) -> tuple[int, ...]:
-    """The joints that carry a curve, counted from 1."""
+    """Joints that carry a curve, counted from 1."""
     return tuple(sorted({member.joint + 1 for member in members}))
 
 
 def inputs_of(members: Iterable[SmoothJointError]) -> tuple[str, ...]:
-    """The inputs that curves run over."""
+    """Inputs that curves run over."""
     return tuple(dict.fromkeys(member.modes.input for member in members))
 
 
+def formula_text(members: Sequence[SmoothJointError], values: Mapping[str, float]) -> str | None:
+    """Formulas of some members with their fitted values; None where one of them is a curve without a formula."""
+    lines = []
+    for member in members:
+        if not isinstance(member.modes, FormulaModes):
+            return None
+        lines.append(_formula_of(member, member.modes, values))
+    return "; ".join(lines)
+
+
+def _formula_of(member: SmoothJointError, modes: FormulaModes, values: Mapping[str, float]) -> str:
+    fitted = iter(values[full_name(member, p)] for p in member.parameters)
+    u = modes.input
+    parts = []
+    for term in modes.terms:
+        if term.kind == "harmonic":
+            parts += [
+                f"{next(fitted):+.3g} sin({term.order} {u})",
+                f"{next(fitted):+.3g} cos({term.order} {u})",
+            ]
+            continue
+        shape = {
+            "bump": f"exp(-(({u} - {term.place:.3g}) / {term.width:.3g})^2 / 2)",
+            "kink": f"abs({u} - {term.place:.3g})",
+            "step": f"({u} > {term.place:.3g})",
+            "square": f"{u} abs({u})",
+        }[term.kind]
+        parts.append(f"{next(fitted):+.3g} {shape}")
+    return f"theta{member.joint + 1} += {' '.join(parts).removeprefix('+')} rad"
+
+
 def input_values(state: RobotState, name: str) -> Array:
-    """(N,) of an input of a curve: q5 (rad or mm), q2+q3, q2-q3, torque2 (Nm), temperature_c, time_s, payload_kg, or a
-    further column of poses.csv.
+    """(N,) values of an input of a curve.
+
+    name: q5 (rad or mm), q2+q3, q2-q3, torque2 (Nm), temperature_c, time_s, payload_kg, or a further column of
+    poses.csv.
 
     Raises FitError where the poses do not have it.
     """

@@ -1,1 +1,1 @@
-"""The true arm and the effects on it; shares no code with kinematics, effects and fits that are tested against it."""
+"""The true arm and the effects on it, without any code of the kinematics, effects and fits tested against them."""

@@ -1,12 +1,11 @@
-"""Draw the arm that a simulation measures: link errors, and effects whose magnitudes are realistic on that arm.
-
-What the drawn arm does is worked out in `calib.simulation.truth.equilibrium`.
-"""
+"""Random arms to measure in a simulation: link errors, and effects with magnitudes that are realistic on that arm."""
 
 from __future__ import annotations
 
+import pkgutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,18 +13,24 @@ from numpy.typing import ArrayLike
 from calib.array_types import Array
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
+from calib.simulation import truth as laws
 from calib.simulation.truth.effect import TrueEffect
-from calib.simulation.truth.effect_sampling import CATALOGUE, OUTSIDE
 from calib.simulation.truth.equilibrium import Truth
 from calib.simulation.truth.mechanism import STANDARD, Conditions
+from calib.simulation.truth.sampling import registered_effects
 from calib.simulation.truth.visibility import SimulatedCell
 
-SIMULATED_EFFECTS = tuple(CATALOGUE)
-OUTSIDE_EFFECTS = tuple(OUTSIDE)
-NEED_CONDITIONS = frozenset({"backlash", "thermal_growth", "scanner_drift", "warm_up"})
-NEED_FACING = frozenset({"incidence_bias"})  # the incidence of a jig that faces away is undefined
+for _module in pkgutil.iter_modules(laws.__path__):  # every module of the truth, so that its effects are registered
+    import_module(f"{laws.__name__}.{_module.name}")
 
-Wanted = str | tuple[str, float] | TrueEffect
+SIMULATED = registered_effects()
+"""Classes of all effects that can be simulated by name."""
+SIMULATED_EFFECTS = tuple(name for name, kind in SIMULATED.items() if kind.in_catalogue)
+"""Names of the catalogue's effects that can be simulated, in alphabetical order."""
+OUTSIDE_EFFECTS = tuple(name for name, kind in SIMULATED.items() if not kind.in_catalogue)
+"""Names of simulated causes outside the catalogue, which a diagnosis has to leave unexplained."""
+
+EffectRequest = str | tuple[str, float] | TrueEffect
 """An effect to simulate: by name, by name with its visible size in noise sigmas, or with all its parameters."""
 
 
@@ -46,18 +51,18 @@ def draw_truth(
     q: Array,
     *,
     rng: np.random.Generator,
-    effects: Sequence[Wanted] = (),
+    effects: Sequence[EffectRequest] = (),
     tolerances: Tolerances = TYPICAL,
     conditions: Conditions = STANDARD,
     noise_mm: float | None = None,
     visible_sigmas: float | None = None,
     base_T_jig: Array | None = None,
 ) -> Truth:
-    """Draw an arm: link errors from the tolerances, and effects whose magnitudes are realistic at the poses q (N, n).
+    """Random arm: link errors from the tolerances, and effects whose magnitudes are realistic at the poses q (N, n).
 
-    Each effect gets the magnitude asked for: a visible part (`calib.simulation.truth.visibility`) of so many `noise_mm`
-    a coordinate. Without a request it moves the measured point by 0.2 to 0.5 mm rms. `base_T_jig` (4, 4) is where the
-    jig stands for an arm that carries the scanner; `base_T_scanner` is then its place on the flange.
+    Each effect gets the magnitude asked for: a visible part (`calib.simulation.truth.visibility`) in multiples of
+    `noise_mm` per coordinate. Without a request it moves the measured point by 0.2 to 0.5 mm rms. `base_T_jig` (4, 4)
+    is the frame of the jig for an arm that carries the scanner; `base_T_scanner` is then flange_T_scanner.
 
     Raises:
         CalibError: an unknown effect, one that is visible at no magnitude, or a robot that lacks what the effect needs.
@@ -70,12 +75,12 @@ def draw_truth(
     truth = Truth(robot.with_table(table), scanners, base_T_jig=base_T_jig)
     cell = SimulatedCell(robot, truth, q, conditions)
     drawn = []
-    for wanted in effects:
-        if isinstance(wanted, TrueEffect):
-            drawn.append(wanted)
+    for request in effects:
+        if isinstance(request, TrueEffect):
+            drawn.append(request)
             continue
-        name, sigmas = (wanted, visible_sigmas) if isinstance(wanted, str) else wanted
-        effect = (CATALOGUE | OUTSIDE)[name](cell, rng)
+        name, sigmas = (request, visible_sigmas) if isinstance(request, str) else request
+        effect = SIMULATED[name].draw(cell, rng)
         if sigmas is None:
             drawn.append(cell.scaled_to_moved(effect, rng.uniform(0.2, 0.5)))
         elif not noise_mm or noise_mm < 0:
@@ -85,19 +90,19 @@ def draw_truth(
     return truth.with_effects(*drawn)
 
 
-def effect_name(wanted: Wanted) -> str:
-    """What an effect is called, however it is asked for."""
-    return wanted if isinstance(wanted, str) else wanted.name if isinstance(wanted, TrueEffect) else wanted[0]
+def effect_name(request: EffectRequest) -> str:
+    """Name of a requested effect."""
+    return request if isinstance(request, str) else request.name if isinstance(request, TrueEffect) else request[0]
 
 
-def check_effects(effects: Sequence[Wanted]) -> None:
-    """Raise CalibError at the first effect that cannot be simulated, or that is asked for twice."""
-    names = [effect_name(wanted) for wanted in effects]
+def check_effects(effects: Sequence[EffectRequest]) -> None:
+    """Raise CalibError at the first effect that cannot be simulated, or that is requested twice."""
+    names = [effect_name(request) for request in effects]
     for i, name in enumerate(names):
-        if name not in CATALOGUE and name not in OUTSIDE:
+        if name not in SIMULATED:
             raise CalibError(
-                f"cannot simulate the effect {name!r}; there are {', '.join(CATALOGUE)}, and outside the catalogue "
-                f"{', '.join(OUTSIDE)}"
+                f"cannot simulate the effect {name!r}; there are {', '.join(SIMULATED_EFFECTS)}, and outside the "
+                f"catalogue {', '.join(OUTSIDE_EFFECTS)}"
             )
         if name in names[:i]:
             raise CalibError(f"the effect {name} is asked for twice; once is enough")

@@ -1,4 +1,4 @@
-"""What every effect of a simulated cell is: a change of the arm, or of what the scanner reports."""
+"""Base class of the effects on a simulated cell: changes of the arm, or of the points that the scanner reports."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from calib.simulation.truth.mechanism import Arm, Conditions
 
 @dataclass(frozen=True, eq=False)
 class TrueEffect:
-    """A physical effect on the arm, or on what the scanner reports. At magnitude zero it changes neither.
+    """A physical effect on the arm, or on the points that the scanner reports. At magnitude zero it changes neither.
 
     `magnitude_fields` names the fields that are proportional to the effect; all others describe where or how it acts.
     """
@@ -32,21 +32,22 @@ class TrueEffect:
         return scanner_T_target
 
     def scaled(self, factor: float) -> TrueEffect:
-        """The same effect, `factor` times as large."""
+        """Effect that is `factor` times as large."""
         return replace(self, **{name: factor * getattr(self, name) for name in self.magnitude_fields})
 
     @property
     def is_absent(self) -> bool:
+        """Whether its magnitude is zero."""
         return not any(np.any(getattr(self, name)) for name in self.magnitude_fields)
 
     def parameters(self) -> dict[str, Any]:
-        """Every field as plain numbers, for truth.json."""
+        """All fields as plain numbers, for truth.json."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: np.asarray(value).tolist() for name, value in values.items()}
 
 
 def needed(value: Array | None, column: str, effect: TrueEffect) -> Array:
-    """A condition that the effect cannot do without. Raises CalibError."""
+    """Values of a condition that an effect requires. Raises CalibError where they are missing."""
     if value is None:
         raise CalibError(f"{effect.name} needs {column} at every pose; simulate with conditions")
     return value

@@ -1,9 +1,4 @@
-"""The equilibrium of a simulated arm under all its effects, and what the scanner reports of it.
-
-The mechanism is in `calib.simulation.truth.mechanism`, the effects in `calib.simulation.truth.joint_effects`,
-`calib.simulation.truth.load_effects` and `calib.simulation.truth.scanner_effects`. Nothing is shared with the
-code that fits.
-"""
+"""Equilibrium of a simulated arm under all its effects, and the target as the scanner reports it."""
 
 from __future__ import annotations
 
@@ -15,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array
+from calib.brief import Brief
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.simulation.truth.effect import TrueEffect
@@ -22,36 +18,37 @@ from calib.simulation.truth.mechanism import STANDARD, Arm, Conditions
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
-    """A simulated cell: the arm with its link errors, its effects, and the poses of the scanner."""
+class Truth(Brief):
+    """A simulated cell: the arm with its link errors and effects, and the scanner's frames."""
 
     robot: Robot  # the true link table; masses are those of the nominal arm
     scanners: Mapping[str, Array]
     """setup -> base_T_scanner (4, 4), flange_T_scanner where the arm carries it; the first for poses without a setup"""
     effects: tuple[TrueEffect, ...] = ()
-    base_T_jig: Array | None = None  # (4, 4) where the jig stands in the room, for an arm that carries the scanner
+    base_T_jig: Array | None = None  # (4, 4) of the jig in the world, for an arm that carries the scanner
 
     @classmethod
     def without_effects(cls, robot: Robot, base_T_scanner: ArrayLike) -> Truth:
+        """A cell with one placement of the scanner and no effect."""
         return cls(robot, {"": np.asarray(base_T_scanner, dtype=float)})
 
     def with_effects(self, *effects: TrueEffect) -> Truth:
-        """The same cell with these effects in place of its own."""
+        """Cell with these effects in place of its own."""
         return replace(self, effects=effects)
 
     @property
     def base_T_scanner(self) -> Array:
-        """(4, 4) of the first placement."""
+        """Scanner's frame (4, 4) of the first setup."""
         return next(iter(self.scanners.values()))
 
     @property
     def effect_names(self) -> tuple[str, ...]:
-        """The names of the effects that are there, as the catalogue has them."""
+        """Names of the effects with magnitudes above zero."""
         return tuple(effect.name for effect in self.effects if not effect.is_absent)
 
 
 def solve_equilibrium(truth: Truth, q: ArrayLike, conditions: Conditions = STANDARD) -> Arm:
-    """The arm under load when q (N, n) is commanded.
+    """Equilibrium of the arm under load when q (N, n) is commanded.
 
     Fixed-point iteration to rounding: the deflections are those of the moments at the deflected pose.
 
@@ -85,7 +82,7 @@ def solve_equilibrium(truth: Truth, q: ArrayLike, conditions: Conditions = STAND
 
 
 def _difference(arm: Arm, other: Arm) -> float:
-    """Largest difference between two states of an arm in rad; 1 m counts as 1 rad."""
+    """Largest difference between two states of an arm, rad; 1 m counts as 1 rad."""
     moved = (
         arm.q - other.q,
         arm.base_turn_rad - other.base_turn_rad,
@@ -97,12 +94,12 @@ def _difference(arm: Arm, other: Arm) -> float:
 
 
 def base_T_target(truth: Truth, q: ArrayLike, conditions: Conditions = STANDARD) -> Array:
-    """(N, 4, 4) the true tool frame when q (N, n) is commanded."""
+    """True tool frame (N, 4, 4) when q (N, n) is commanded."""
     return solve_equilibrium(truth, q, conditions).base_T_frame[-1]
 
 
 def scanner_T_target(truth: Truth, q: ArrayLike, conditions: Conditions = STANDARD) -> Array:
-    """(N, 4, 4) the tool frame, or that of the jig in the room, as the scanner reports it, without noise."""
+    """Tool frame (N, 4, 4), or that of the jig in the world, as the scanner reports it, without noise."""
     arm = solve_equilibrium(truth, q, conditions)
     target = arm.base_T_frame[-1]
     if truth.base_T_jig is not None:
@@ -121,12 +118,12 @@ def scanner_T_target(truth: Truth, q: ArrayLike, conditions: Conditions = STANDA
 
 
 def jig_side(robot: Robot) -> float:
-    """+1 or -1: to which side of the tool frame's z axis the jig points; +1 for a tool without length but an error."""
+    """Sign of the tool frame's z axis along which the jig points: +1 or -1; +1 for a tool row of almost no length."""
     return -1.0 if robot.tool.d_mm < -10.0 else 1.0
 
 
 def truth_document(truth: Truth, nominal: Robot) -> dict[str, Any]:
-    """What truth.json says of the arm; angles in degrees as in every file of a dataset, effects in their own units."""
+    """Content of truth.json on the arm; angles in degrees as in all files of a dataset, effects in their own units."""
     table, error = truth.robot.table, truth.robot.table - nominal.table
     rows = [*(f"J{j + 1}" for j in range(nominal.n_joints)), "TCP"]
 

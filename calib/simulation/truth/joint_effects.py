@@ -1,9 +1,4 @@
-"""Errors of a simulated arm's joints, axes and link lengths, each by its exact law.
-
-Effects of loads are in `calib.simulation.truth.load_effects`, those of the scanner in
-`calib.simulation.truth.scanner_effects`. The names are those of the catalogue (`calib.effects.catalogue`); the code
-is independent of it, and nothing here is linearised.
-"""
+"""Errors of a simulated arm's joints, axes and link lengths, each by its exact law."""
 
 from __future__ import annotations
 
@@ -12,14 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.array_types import Array
-from calib.simulation.truth.effect import TrueEffect, needed
+from calib.errors import CalibError
+from calib.simulation.truth.effect import needed
 from calib.simulation.truth.mechanism import Arm
+from calib.simulation.truth.sampling import Rng, SampledEffect, carriers, magnitudes, one_joint
+from calib.simulation.truth.visibility import SimulatedCell
 
 # ---- joints: dq at the commanded angle ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
-class TransmissionError(TrueEffect):
+class TransmissionError(SampledEffect):
     """Gears that run unevenly: dq_j = sum_h cos_jh cos(h q_j) + sin_jh sin(h q_j)."""
 
     name = "transmission_error"
@@ -32,33 +30,74 @@ class TransmissionError(TrueEffect):
         phase = arm.commanded[:, :, None] * np.array(self.harmonics)  # (N, n, H)
         return replace(arm, q=arm.q + np.sum(self.cos_rad * np.cos(phase) + self.sin_rad * np.sin(phase), axis=2))
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """One dominant harmonic n = 1, 2, 3 per joint: eccentric ring, oval generator, three screws."""
+        n = cell.nominal.n_joints
+        share = 0.15 + 0.85 * np.eye(3)[rng.integers(3, size=n)]
+        wave = 1e-4 * share * np.exp(2j * np.pi * rng.random((n, 3)))
+
+        def make(size: Array) -> SampledEffect:
+            return cls(size[:, None] * wave.real, size[:, None] * wave.imag)
+
+        return make(carriers(cell, rng, make, magnitudes(cell, rng)))
+
 
 @dataclass(frozen=True, eq=False)
 class HighHarmonic(TransmissionError):
-    """Teeth of a gear, or lines of an encoder: as transmission error, 4 to 20 times a turn."""
+    """Teeth of a gear, or lines of an encoder: a transmission error of 4 to 20 periods per turn."""
 
     name = "high_harmonic"
     harmonics: tuple[float, ...] = (5.0,)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        order, turn_rad = (float(rng.integers(4, 21)),), rng.uniform(0.0, 2.0 * np.pi)
+
+        def make(size: Array) -> SampledEffect:
+            return cls(size[:, None] * np.cos(turn_rad), size[:, None] * np.sin(turn_rad), order)
+
+        return make(one_joint(cell, rng, make))
+
 
 @dataclass(frozen=True, eq=False)
 class FineRipple(TransmissionError):
-    """A transmission error 23 times a turn, which the catalogue does not have."""
+    """A transmission error of 23 periods per turn, which the catalogue does not have."""
 
     name = "fine_ripple"
+    in_catalogue = False
     harmonics: tuple[float, ...] = (23.0,)
+
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        return _equal_waves(cls, cell, rng)
 
 
 @dataclass(frozen=True, eq=False)
 class RoughGear(TransmissionError):
-    """A joint that runs unevenly all along its range: waves that no turn brings back. Not in the catalogue."""
+    """A joint that runs unevenly all along its range: waves without the period of a turn. Not in the catalogue."""
 
     name = "rough_gear"
+    in_catalogue = False
     harmonics: tuple[float, ...] = (5.6, 7.3, 9.6, 11.4, 13.5)
+
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        return _equal_waves(cls, cell, rng)
+
+
+def _equal_waves(kind: type[TransmissionError], cell: SimulatedCell, rng: Rng) -> SampledEffect:
+    """A transmission error of one joint whose waves are equally large, with random phases."""
+    phase_rad = rng.uniform(0.0, 2.0 * np.pi, len(kind.harmonics))
+
+    def make(size: Array) -> SampledEffect:
+        return kind(np.outer(size, np.cos(phase_rad)), np.outer(size, np.sin(phase_rad)))
+
+    return make(one_joint(cell, rng, make))
 
 
 @dataclass(frozen=True, eq=False)
-class StrainWave(TrueEffect):
+class StrainWave(SampledEffect):
     """Ripple of a strain wave gear, once and twice a motor turn: harmonics ratio_j and 2 ratio_j of the joint."""
 
     name = "strain_wave"
@@ -71,9 +110,28 @@ class StrainWave(TrueEffect):
         phase = arm.commanded[:, :, None] * self.gear_ratio[:, None] * np.array([1.0, 2.0])
         return replace(arm, q=arm.q + np.sum(self.cos_rad * np.cos(phase) + self.sin_rad * np.sin(phase), axis=2))
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        robot = cell.nominal
+        without = [
+            joint.name or f"J{j + 1}"
+            for j, joint in enumerate(robot.joints)
+            if joint.is_revolute and joint.gear_ratio is None
+        ]
+        if without:
+            raise CalibError(f"robot {robot.name}: no gear_ratio for {', '.join(without)}; strain_wave needs them")
+        ratio = np.array([joint.gear_ratio or 1.0 for joint in robot.joints])
+        share = rng.uniform(0.2, 1.0, (robot.n_joints, 2))  # once a motor turn, twice
+        wave = 1e-4 * share * np.exp(2j * np.pi * rng.random(share.shape))
+
+        def make(size: Array) -> SampledEffect:
+            return cls(size[:, None] * wave.real, size[:, None] * wave.imag, ratio)
+
+        return make(carriers(cell, rng, make, magnitudes(cell, rng)))
+
 
 @dataclass(frozen=True, eq=False)
-class JointScale(TrueEffect):
+class JointScale(SampledEffect):
     """A wrong gear ratio or encoder scale: dq_j = k_j q_j."""
 
     name = "joint_scale"
@@ -83,9 +141,13 @@ class JointScale(TrueEffect):
     def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         return replace(arm, q=arm.q + self.k * arm.commanded)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        return cls(carriers(cell, rng, cls, 1e-4 * magnitudes(cell, rng, signed=True)))
+
 
 @dataclass(frozen=True, eq=False)
-class JointCoupling(TrueEffect):
+class JointCoupling(SampledEffect):
     """One joint's motor drags another joint: dq_j = sum_i k_ji q_i."""
 
     name = "joint_coupling"
@@ -95,12 +157,25 @@ class JointCoupling(TrueEffect):
     def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         return replace(arm, q=arm.q + arm.commanded @ self.k.T)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """The last two joints, each dragged by the one before: in the wrist shafts run through the next joint."""
+        n = cell.nominal.n_joints
+
+        def make(size: Array) -> SampledEffect:
+            return cls(np.diag(size[1:], k=-1))
+
+        dragged = (np.arange(n) >= n - 2) & cell.nominal.is_revolute
+        size = 1e-4 * magnitudes(cell, rng, signed=True) * dragged
+        return make(carriers(cell, rng, make, size))
+
 
 @dataclass(frozen=True, eq=False)
-class Backlash(TrueEffect):
+class Backlash(SampledEffect):
     """A joint stops at the near side of its play: dq_j = b_j / 2 times the direction it came from."""
 
     name = "backlash"
+    needs_conditions = True
     magnitude_fields = ("b_rad",)
     b_rad: Array  # (n,)
 
@@ -108,10 +183,14 @@ class Backlash(TrueEffect):
         approach = needed(arm.conditions.approach, "the approach direction", self)
         return replace(arm, q=arm.q + 0.5 * self.b_rad * approach)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        return cls(carriers(cell, rng, cls, 2e-4 * magnitudes(cell, rng)))
+
 
 @dataclass(frozen=True, eq=False)
-class JointDent(TrueEffect):
-    """A damaged place in a gear: dq_j = h_j exp(-d^2 / 2 w^2), d the angle from the place."""
+class JointDent(SampledEffect):
+    """A damaged place in a gear: dq_j = h_j exp(-d^2 / 2 w^2), d the angle from that place."""
 
     name = "joint_dent"
     magnitude_fields = ("height_rad",)
@@ -124,10 +203,21 @@ class JointDent(TrueEffect):
         bump = np.exp(-0.5 * (off_rad / self.width_rad) ** 2)
         return replace(arm, q=arm.q + self.height_rad * bump)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """A bump of 0.2 to 0.35 rad (standard deviation), at an angle where the poses are."""
+        place_rad = cell.q[rng.integers(len(cell.q))].copy()
+        width_rad = rng.uniform(0.2, 0.35)
+
+        def make(size: Array) -> SampledEffect:
+            return cls(size, place_rad, width_rad)
+
+        return make(one_joint(cell, rng, make))
+
 
 @dataclass(frozen=True, eq=False)
-class AsymmetricScale(TrueEffect):
-    """An encoder that errs alike to both sides of its zero: dq_j = k_j |q_j|."""
+class AsymmetricScale(SampledEffect):
+    """A scale error of an encoder, symmetric about its zero: dq_j = k_j |q_j|."""
 
     name = "asymmetric_scale"
     magnitude_fields = ("k",)
@@ -136,9 +226,18 @@ class AsymmetricScale(TrueEffect):
     def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         return replace(arm, q=arm.q + self.k * np.abs(arm.commanded))
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """One joint whose poses lie on both sides of its zero."""
+        share = np.mean(cell.q > 0.0, axis=0)
+        both = (share > 0.15) & (share < 0.85)
+        if not both.any():
+            raise CalibError(f"asymmetric_scale: no joint of {cell.nominal.name} moves to both sides of its zero")
+        return cls(one_joint(cell, rng, lambda size: cls(size * both)))
+
 
 @dataclass(frozen=True, eq=False)
-class CableDrag(TrueEffect):
+class CableDrag(SampledEffect):
     """A cable over joints j and j + 1 pulls joint j: dq_j = a_j cos(n (q_j + s q_(j+1)) - phase), s = 1 or -1."""
 
     name = "cable_drag"
@@ -149,19 +248,34 @@ class CableDrag(TrueEffect):
     order: int
 
     def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
-        beside = np.roll(arm.commanded, -1, axis=1)  # that of the last joint is the first's, and its amplitude 0
-        twisted = self.order * (arm.commanded + self.sign * beside)
+        next_q = np.roll(arm.commanded, -1, axis=1)  # behind the last joint comes the first, with amplitude 0
+        twisted = self.order * (arm.commanded + self.sign * next_q)
         return replace(arm, q=arm.q + self.amplitude_rad * np.cos(twisted - self.phase_rad))
+
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """A cable over two neighbouring revolute joints."""
+        phase_rad, sign = rng.uniform(0.0, 2.0 * np.pi), float(rng.choice([-1.0, 1.0]))
+        order, turns = int(rng.integers(1, 3)), cell.nominal.is_revolute
+        pair = np.append(turns[:-1] & turns[1:], False)
+        if not pair.any():
+            raise CalibError(f"cable_drag: no two neighbouring joints of {cell.nominal.name} turn")
+
+        def make(size: Array) -> SampledEffect:
+            return cls(size * pair, phase_rad, sign, order)
+
+        return make(one_joint(cell, rng, make))
 
 
 # ---- links and axes -------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
-class ThermalGrowth(TrueEffect):
+class ThermalGrowth(SampledEffect):
     """Every a and d times 1 + kappa (T - reference)."""
 
     name = "thermal_growth"
+    needs_conditions = True
     magnitude_fields = ("kappa_per_k",)
     kappa_per_k: float
     reference_c: float = 20.0
@@ -170,9 +284,13 @@ class ThermalGrowth(TrueEffect):
         temperature_c = needed(arm.conditions.temperature_c, "a temperature", self)
         return replace(arm, growth=arm.growth * (1.0 + self.kappa_per_k * (temperature_c - self.reference_c)))
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        return cls(rng.uniform(12e-6, 24e-6))  # steel to aluminium
+
 
 @dataclass(frozen=True, eq=False)
-class AxisWobble(TrueEffect):
+class AxisWobble(SampledEffect):
     """A bearing that wobbles: joint j's axis tilts at the joint's own origin, about x and y of the frame before it.
 
     Tilt about each = sum over h = 1, 2 of cos_h cos(h q_j) + sin_h sin(h q_j).
@@ -187,3 +305,12 @@ class AxisWobble(TrueEffect):
         phase = arm.commanded[:, :, None, None] * np.array([1.0, 2.0])  # (N, n, 1, 2)
         tilt = np.sum(self.cos_rad * np.cos(phase) + self.sin_rad * np.sin(phase), axis=3)  # (N, n, 2)
         return replace(arm, axis_tilt_rad=arm.axis_tilt_rad + np.concatenate([tilt, 0.0 * tilt[:, :, :1]], 2))
+
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        wave = 1e-4 * rng.standard_normal((2, cell.nominal.n_joints, 2, 2))
+
+        def make(size: Array) -> SampledEffect:
+            return cls(size[:, None, None] * wave[0], size[:, None, None] * wave[1])
+
+        return make(carriers(cell, rng, make, magnitudes(cell, rng)))

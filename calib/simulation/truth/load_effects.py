@@ -11,12 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.array_types import Array
-from calib.simulation.truth.effect import TrueEffect
+from calib.errors import CalibError
 from calib.simulation.truth.mechanism import Arm, in_frame
+from calib.simulation.truth.sampling import Rng, SampledEffect, carriers, magnitudes, one_joint
+from calib.simulation.truth.visibility import SimulatedCell, gravity_torques
 
 
 @dataclass(frozen=True, eq=False)
-class JointCompliance(TrueEffect):
+class JointCompliance(SampledEffect):
     """Joints that yield: dq_j = c_j tau_j, the gravity torque at the pose that results."""
 
     name = "joint_compliance"
@@ -27,12 +29,19 @@ class JointCompliance(TrueEffect):
     def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         return replace(arm, q=arm.q + self.c_rad_per_nm * equilibrium.gravity_torques)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """Joints of one make, 35 % apart; the wrist is about four times softer."""
+        n = cell.nominal.n_joints
+        size = 1e-5 * np.where(np.arange(n) < n - 3, 1.0, 4.0) * np.exp(0.35 * rng.standard_normal(n))
+        return cls(carriers(cell, rng, cls, size * cell.nominal.is_revolute))
+
 
 @dataclass(frozen=True, eq=False)
-class GravityBacklash(TrueEffect):
+class GravityBacklash(SampledEffect):
     """Gravity holds a joint at one side of its play: dq_j = b_j / 2 sign(tau_j).
 
-    Within `friction_nm` of balance the joint stands inside the play, in proportion: an equilibrium exists everywhere.
+    Within `friction_nm` of balance the joint is inside the play, in proportion, so that an equilibrium always exists.
     """
 
     name = "gravity_backlash"
@@ -45,10 +54,16 @@ class GravityBacklash(TrueEffect):
         side = np.clip(equilibrium.gravity_torques / self.friction_nm, -1.0, 1.0)
         return replace(arm, q=arm.q + 0.5 * self.b_rad * side)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """Play in joints that gravity loads clearly: a median torque above 0.3 Nm."""
+        loaded = np.median(np.abs(gravity_torques(cell)), axis=0) > 0.3
+        return cls(carriers(cell, rng, cls, 2e-4 * magnitudes(cell, rng) * loaded))
+
 
 @dataclass(frozen=True, eq=False)
-class LinkBending(TrueEffect):
-    """Each link a cantilever from its joint's origin to the next one's, c = L / EI (Euler-Bernoulli).
+class LinkBending(SampledEffect):
+    """Bending of each link as a cantilever from its joint's origin to the next one's, c = L / EI (Euler-Bernoulli).
 
     The bending moment runs linearly from M0 at the root to ML at the end for all that hangs beyond, and as
     (1 - s / L)^2 from M1 for the link's own weight, spread evenly. The integrals of it give the end's turn
@@ -85,9 +100,21 @@ class LinkBending(TrueEffect):
             shift_mm[:, j] += in_frame(end_T, shift)
         return replace(arm, link_turn_rad=turn_rad, link_shift_mm=shift_mm)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """Links from 50 mm on; c = L / EI grows towards the thin end of the arm."""
+        ends = Arm.commanded_to(cell.nominal, cell.q)
+        spans = [
+            after[0, :3, 3] - before[0, :3, 3]
+            for before, after in zip(ends.base_T_axis, ends.base_T_straight, strict=True)
+        ]
+        length_mm = np.linalg.norm(spans, axis=1)
+        size = 2e-6 * magnitudes(cell, rng) * (length_mm / 400.0) * (length_mm > 50.0)
+        return cls(carriers(cell, rng, cls, size * np.linspace(1.0, 3.0, len(size))))
+
 
 @dataclass(frozen=True, eq=False)
-class NonlinearStiffness(TrueEffect):
+class NonlinearStiffness(SampledEffect):
     """Springs that soften or stiffen: dq_j = c_j tau_j |tau_j|."""
 
     name = "nonlinear_stiffness"
@@ -99,10 +126,17 @@ class NonlinearStiffness(TrueEffect):
         torque = equilibrium.gravity_torques
         return replace(arm, q=arm.q + self.c_rad_per_nm2 * torque * np.abs(torque))
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """Springs that are softest in joints of small torque, so that all yield alike at their largest torques."""
+        largest = np.abs(gravity_torques(cell)).max(axis=0)
+        size = np.where(largest > 0.3, 1e-4 / np.maximum(largest, 0.3) ** 2, 0.0) * magnitudes(cell, rng)
+        return cls(carriers(cell, rng, cls, size))
+
 
 @dataclass(frozen=True, eq=False)
-class LinkTorsion(TrueEffect):
-    """Each link a tube from its joint's origin to the next one's, twisted by the moment along it of all beyond."""
+class LinkTorsion(SampledEffect):
+    """Torsion of each link, a tube from its joint's origin to the next one's, by the moment along it of all beyond."""
 
     name = "link_torsion"
     magnitude_fields = ("c_rad_per_nm",)
@@ -119,16 +153,29 @@ class LinkTorsion(TrueEffect):
             turn_rad[:, j] += self.c_rad_per_nm[j] * in_frame(end_T, twist)
         return replace(arm, link_turn_rad=turn_rad)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """Torsion of one link off its joint's axis; along it torsion would be that joint's compliance."""
+        rows = cell.nominal.table[:-1]
+        long = np.abs(rows[:, 0]) > np.maximum(50.0, 0.1 * np.abs(rows[:, 2]))
+        if not long.any():
+            raise CalibError(f"link_torsion: no link of {cell.nominal.name} reaches out from its joint's axis")
+
+        def make(size: Array) -> SampledEffect:
+            return cls(np.abs(size) * long)
+
+        return make(one_joint(cell, rng, make))
+
 
 @dataclass(frozen=True, eq=False)
-class BearingClearance(TrueEffect):
-    """Axes that lean by a fixed angle about the moment across them, of all that they carry."""
+class BearingClearance(SampledEffect):
+    """Axes that lean by a fixed angle about the moment across them, by all beyond."""
 
     name = "bearing_clearance"
     magnitude_fields = ("lean_rad",)
     needs_equilibrium = True
     lean_rad: Array  # (n,)
-    friction_nm: float = 0.05  # within it of balance the axis stands between, in proportion
+    friction_nm: float = 0.05  # within it of balance the lean is in proportion to the moment
 
     def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         tilt = arm.axis_tilt_rad.copy()
@@ -141,9 +188,14 @@ class BearingClearance(TrueEffect):
             tilt[:, j] += self.lean_rad[j] * moment / np.maximum(size, self.friction_nm)
         return replace(arm, axis_tilt_rad=tilt)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """Clearance of one joint's bearing."""
+        return cls(np.abs(one_joint(cell, rng, lambda size: cls(np.abs(size)))))
+
 
 @dataclass(frozen=True, eq=False)
-class BaseCompliance(TrueEffect):
+class BaseCompliance(SampledEffect):
     """The floor yields: the arm turns about its base's origin by c M, the overturning moment of all weights."""
 
     name = "base_compliance"
@@ -155,9 +207,13 @@ class BaseCompliance(TrueEffect):
         moment_nm = equilibrium.moment_nm(np.zeros((len(arm.q), 3)), 0)
         return replace(arm, base_turn_rad=arm.base_turn_rad + self.c_rad_per_nm * moment_nm)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        return cls(1e-6 * np.array([*rng.uniform(0.6, 1.4, 2), 0.0]))
+
 
 @dataclass(frozen=True, eq=False)
-class ToolSag(TrueEffect):
+class ToolSag(SampledEffect):
     """The target hangs on three springs along the tool frame's axes: shift = R diag(c) R^T g / |g|."""
 
     name = "tool_sag"
@@ -172,12 +228,18 @@ class ToolSag(TrueEffect):
         shift_mm = np.einsum("nij,nj->ni", base_R_tool, self.c_mm * down)
         return replace(arm, target_shift_mm=arm.target_shift_mm + shift_mm)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """A tool that is softer across than along its axis."""
+        return cls(0.2 * rng.uniform(0.5, 1.5, 3) * np.array([1.0, 1.0, 0.3]))
+
 
 @dataclass(frozen=True, eq=False)
-class HosePull(TrueEffect):
+class HosePull(SampledEffect):
     """A hose as a spring from a fixed place to a point of the forearm; joints yield. Not in the catalogue."""
 
     name = "hose_pull"
+    in_catalogue = False
     magnitude_fields = ("stiffness_n_per_mm",)
     needs_equilibrium = True
     stiffness_n_per_mm: float
@@ -198,3 +260,19 @@ class HosePull(TrueEffect):
             axis_T = equilibrium.base_T_axis[j]
             torque_nm[:, j] = np.sum(axis_T[:, :3, 2] * np.cross(1e-3 * (held_mm - axis_T[:, :3, 3]), force_n), axis=1)
         return replace(arm, q=arm.q + self.c_rad_per_nm * torque_nm)
+
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """A hose from above and behind the base to the side of the forearm; joints as stiff as real ones."""
+        n = cell.nominal.n_joints
+        reach_mm = float(
+            np.linalg.norm(Arm.commanded_to(cell.nominal, cell.q).base_T_frame[-1][:, :3, 3], axis=1).max()
+        )
+        return cls(
+            stiffness_n_per_mm=0.05,
+            rest_length_mm=0.3 * reach_mm,
+            anchor_mm=reach_mm * np.array([rng.uniform(-0.6, -0.2), rng.uniform(-0.5, 0.5), rng.uniform(0.6, 1.2)]),
+            held_mm=rng.uniform(-80.0, 80.0, 3),
+            link=n // 2 - (n % 2 == 0),
+            c_rad_per_nm=1e-5 * magnitudes(cell, rng),
+        )

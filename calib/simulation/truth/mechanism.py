@@ -1,8 +1,7 @@
-"""The mechanism of a simulated arm: frames of all parts, weights that they carry, moments of those weights.
+"""Mechanism of a simulated arm: frames of all parts, weights that they carry, moments of those weights.
 
 The chain is a product of elementary turns and shifts, written out one by one; a moment comes from each weight and its
-lever. None of it is shared with `calib.kinematics.chain` or the effects that a fit uses, so that each
-checks the other.
+lever. No code is shared with `calib.kinematics.chain` or the effects that a fit uses, so that each checks the other.
 """
 
 from __future__ import annotations
@@ -32,6 +31,7 @@ class Conditions:
 
     @classmethod
     def of(cls, poses: Poses) -> Conditions:
+        """Conditions that are recorded with poses."""
         return cls(**{field.name: getattr(poses, field.name) for field in fields(cls)})
 
 
@@ -47,7 +47,7 @@ class Weight:
     weight_n: Array  # (N, 3)
 
     def moment_nm(self, about_mm: Array) -> Array:
-        """(N, 3) about points (N, 3)."""
+        """Moment (N, 3), N m, about points (N, 3)."""
         return np.cross(1e-3 * (self.place_mm - about_mm), self.weight_n)
 
 
@@ -80,21 +80,22 @@ class Arm:
 
     @cached_property
     def base_T_axis(self) -> tuple[Array, ...]:
-        """n times (N, 4, 4): the frame whose z axis joint j turns about, its origin the joint's own."""
+        """Frames, n times (N, 4, 4), whose z axis is the axis of joint j and whose origin is the joint's own."""
         return self._chain[0]
 
     @cached_property
     def base_T_frame(self) -> tuple[Array, ...]:
-        """n + 2 times (N, 4, 4): base, frames 1..n, tool."""
+        """Frames, n + 2 times (N, 4, 4): base, frames 1..n, tool."""
         return self._chain[1]
 
     @cached_property
     def base_T_straight(self) -> tuple[Array, ...]:
-        """n times (N, 4, 4): frame j before its link bends, the link's own end being straight."""
+        """Frames, n times (N, 4, 4), at the end of link j before it bends."""
         return self._chain[2]
 
     @cached_property
     def _chain(self) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...]]:
+        """Frames of `base_T_axis`, `base_T_frame` and `base_T_straight`."""
         robot, count = self.robot, len(self.q)
         axes, straight = [], []
         first = np.eye(4)
@@ -125,7 +126,7 @@ class Arm:
 
     @cached_property
     def weights(self) -> tuple[Weight, ...]:
-        """Links, tool and payload. Raises CalibError where a joint has no mass."""
+        """Weights of links, tool and payload. Raises CalibError where a joint has no mass."""
         robot = self.robot
         without = [joint.name or f"J{j + 1}" for j, joint in enumerate(robot.joints) if joint.mass_kg is None]
         if without:
@@ -148,18 +149,18 @@ class Arm:
         return tuple(weights)
 
     def place_mm(self, joint: int, point_mm: ArrayLike | None) -> Array:
-        """A point of the frame after `joint` in the base's (N, 3); the frame's origin where none is given."""
+        """Base-frame position (N, 3) of a point in the frame after `joint`; of its origin where `point_mm` is None."""
         homogeneous = np.array([*np.asarray((0.0, 0.0, 0.0) if point_mm is None else point_mm, float), 1.0])
         return (self.base_T_frame[joint + 1] @ homogeneous)[:, :3]
 
     def moment_nm(self, about_mm: Array, first: int) -> Array:
-        """(N, 3) moment about points (N, 3) of all weights whose carrier is `first` or beyond."""
+        """Moment (N, 3), N m, about points (N, 3) of all weights whose carrier is `first` or beyond."""
         beyond = [weight.moment_nm(about_mm) for weight in self.weights if weight.carrier >= first]
         return np.sum(beyond, axis=0) if beyond else np.zeros((len(self.q), 3))
 
     @cached_property
     def gravity_torques(self) -> Array:
-        """(N, n) tau_j = z_j . sum_k (c_k - o_j) x m_k g over every mass k beyond joint j.
+        """Gravity's torques (N, n): tau_j = z_j . sum_k (c_k - o_j) x m_k g over every mass k beyond joint j.
 
         Nm, or N of force along the axis for a prismatic joint. Positive drives the joint onwards.
         """
@@ -175,7 +176,7 @@ class Arm:
 
 
 def moved_by(a_T_b: Array, turn_rad: Array, shift_mm: Array | None = None) -> Array:
-    """a_T_b (N, 4, 4) with b shifted (N, 3) and turned by rotation vectors (N, 3), both in b; itself where all is 0."""
+    """Frames a_T_b (N, 4, 4) with b shifted (N, 3) and turned by rotation vectors (N, 3), both in b."""
     if not np.any(turn_rad) and (shift_mm is None or not np.any(shift_mm)):
         return a_T_b
     step = np.tile(np.eye(4), (len(turn_rad), 1, 1))
@@ -191,7 +192,7 @@ def in_frame(base_T_frame: Array, vector: Array) -> Array:
 
 
 def _turn(axis: str, angle_rad: Array) -> Array:
-    """(N, 4, 4)"""
+    """Rotations (N, 4, 4) about an axis by angles (N,) rad."""
     k = "xyz".index(axis)
     i, j = (k + 1) % 3, (k + 2) % 3
     out = np.tile(np.eye(4), (len(angle_rad), 1, 1))
@@ -202,7 +203,7 @@ def _turn(axis: str, angle_rad: Array) -> Array:
 
 
 def _shift(axis: str, length_mm: Array) -> Array:
-    """(N, 4, 4)"""
+    """Shifts (N, 4, 4) along an axis by lengths (N,) mm."""
     out = np.tile(np.eye(4), (len(length_mm), 1, 1))
     out[:, "xyz".index(axis), 3] = length_mm
     return out

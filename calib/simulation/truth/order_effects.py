@@ -1,4 +1,4 @@
-"""What changes during a simulated measurement: slips, knocks, a loose bolt, an arm that warms up, late readings.
+"""Changes during a simulated measurement: slips, knocks, a loose bolt, an arm that warms up, late readings.
 
 Poses are measured in their order; `first` is the index of the first pose after a change.
 """
@@ -11,17 +11,24 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calib.array_types import Array, BoolArray
-from calib.simulation.truth.effect import TrueEffect, needed
+from calib.simulation.truth.effect import needed
 from calib.simulation.truth.mechanism import Arm, Conditions
+from calib.simulation.truth.sampling import Rng, SampledEffect, carriers, magnitudes, one_joint
+from calib.simulation.truth.visibility import SimulatedCell
 
 
 def _after(count: int, first: int) -> BoolArray:
-    """(N,)"""
+    """Mask (N,) of the poses from the first after a change on."""
     return np.arange(count) >= first
 
 
+def _first_pose(cell: SimulatedCell, rng: Rng) -> int:
+    """Random first pose after a change, in the middle half of the measurement."""
+    return int(rng.integers(len(cell.q) // 4, max(3 * len(cell.q) // 4, len(cell.q) // 4 + 1)))
+
+
 @dataclass(frozen=True, eq=False)
-class JointStep(TrueEffect):
+class JointStep(SampledEffect):
     """A joint's zero jumps between two poses: dq_j = offset_j from a pose on."""
 
     name = "joint_step"
@@ -32,10 +39,15 @@ class JointStep(TrueEffect):
     def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         return replace(arm, q=arm.q + _after(len(arm.q), self.first)[:, None] * self.offset_rad)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        first = _first_pose(cell, rng)
+        return cls(one_joint(cell, rng, lambda size: cls(size, first)), first)
+
 
 @dataclass(frozen=True, eq=False)
-class TargetStep(TrueEffect):
-    """The target slides in its seat: a shift in the axes of the last joint's frame from a pose on."""
+class TargetStep(SampledEffect):
+    """The target slides on the tool: a shift along the axes of the last joint's frame from a pose on."""
 
     name = "target_step"
     magnitude_fields = ("shift_mm",)
@@ -48,9 +60,13 @@ class TargetStep(TrueEffect):
         moved = np.where(_after(len(arm.q), self.first)[:, None], flange[:, :3, :3] @ self.shift_mm, 0.0)
         return replace(arm, target_shift_mm=arm.target_shift_mm + moved)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        return cls(0.2 * rng.standard_normal(3), _first_pose(cell, rng))
+
 
 @dataclass(frozen=True, eq=False)
-class ScannerStep(TrueEffect):
+class ScannerStep(SampledEffect):
     """The scanner is knocked: p becomes c + exp(w) (p - c) + v from a pose on, c the middle of what it sees."""
 
     name = "scanner_step"
@@ -67,9 +83,17 @@ class ScannerStep(TrueEffect):
         after = _after(len(scanner_T_target), self.first)[:, None, None]
         return np.where(after, knock @ scanner_T_target, scanner_T_target)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """A knock whose shift and turn move a point at the field's edge alike."""
+        middle_mm = cell.plain_mm.mean(axis=0)
+        reach_mm = float(np.sqrt(np.mean(np.sum((cell.plain_mm - middle_mm) ** 2, axis=1))))
+        turn_rad = 0.2 / reach_mm * rng.standard_normal(3)
+        return cls(0.2 * rng.standard_normal(3), turn_rad, middle_mm, _first_pose(cell, rng))
+
 
 @dataclass(frozen=True, eq=False)
-class BaseLoosening(TrueEffect):
+class BaseLoosening(SampledEffect):
     """A bolt of the foot gives way: from a pose on the arm turns by c M about its base's origin."""
 
     name = "base_loosening"
@@ -83,12 +107,18 @@ class BaseLoosening(TrueEffect):
         loose = _after(len(arm.q), self.first)[:, None] * self.c_rad_per_nm
         return replace(arm, base_turn_rad=arm.base_turn_rad + loose * moment_nm)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        return cls(1e-6 * np.array([*rng.uniform(0.6, 1.4, 2), 0.0]), _first_pose(cell, rng))
+
 
 @dataclass(frozen=True, eq=False)
-class WarmUp(TrueEffect):
+class WarmUp(SampledEffect):
     """An arm that warms up from its own motors: every a and d times 1 + g (1 - exp(-t / T)), t from the first pose."""
 
     name = "warm_up"
+    needs_conditions = True
+    unrecorded = ("temperature_c",)
     magnitude_fields = ("growth",)
     growth: float
     settling_s: float
@@ -98,10 +128,15 @@ class WarmUp(TrueEffect):
         warm = 1.0 - np.exp(-(time_s - time_s[0]) / self.settling_s)
         return replace(arm, growth=arm.growth * (1.0 + self.growth * warm))
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """Heating by 10 K with a time constant of 10 to 40 minutes; links of steel to aluminium."""
+        return cls(10.0 * rng.uniform(12e-6, 24e-6), rng.uniform(600.0, 2400.0))
+
 
 @dataclass(frozen=True, eq=False)
-class FollowingError(TrueEffect):
-    """Joints that are read while they still move: dq_j = k_j times the way from the pose before; none at the first."""
+class FollowingError(SampledEffect):
+    """Joints that are read while they still move: dq_j = k_j times the way from the pose before, 0 at the first."""
 
     name = "following_error"
     magnitude_fields = ("k",)
@@ -110,3 +145,8 @@ class FollowingError(TrueEffect):
     def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         way = np.diff(arm.commanded, axis=0, prepend=arm.commanded[:1])
         return replace(arm, q=arm.q + self.k * way)
+
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """An error by which every joint stops short."""
+        return cls(carriers(cell, rng, cls, -1e-4 * magnitudes(cell, rng)))

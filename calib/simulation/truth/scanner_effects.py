@@ -11,19 +11,22 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calib.array_types import Array
-from calib.simulation.truth.effect import TrueEffect, needed
+from calib.simulation.truth.effect import needed
 from calib.simulation.truth.mechanism import Conditions
+from calib.simulation.truth.sampling import Rng, SampledEffect
+from calib.simulation.truth.visibility import SimulatedCell
 
 
 def _at(scanner_T_target: Array, xyz_mm: Array) -> Array:
-    out = scanner_T_target.copy()
-    out[:, :3, 3] = xyz_mm
-    return out
+    """Frames (N, 4, 4) moved to other positions (N, 3), their orientations kept."""
+    moved = scanner_T_target.copy()
+    moved[:, :3, 3] = xyz_mm
+    return moved
 
 
 @dataclass(frozen=True, eq=False)
-class ScannerDistortion(TrueEffect):
-    """About the middle of the field: depth z + k1 z + k2 z^2, and x, y times 1 + k r^2."""
+class ScannerDistortion(SampledEffect):
+    """Distortion about the middle of the field: depth z + k1 z + k2 z^2, and x, y times 1 + k r^2."""
 
     name = "scanner_distortion"
     magnitude_fields = ("k1", "k2_per_mm", "k_per_mm2")
@@ -39,12 +42,21 @@ class ScannerDistortion(TrueEffect):
         shift_mm = np.column_stack([radial * x, radial * y, self.k1 * z + self.k2_per_mm * z**2])
         return _at(scanner_T_target, xyz_mm + shift_mm)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """Distortion with one dominant term of three, in sizes that move a point at the field's edge alike."""
+        middle_mm = cell.plain_mm.mean(axis=0)
+        reach_mm = float(np.sqrt(np.mean(np.sum((cell.plain_mm - middle_mm) ** 2, axis=1))))
+        k = 0.2 * rng.choice([-1.0, 1.0], 3) * (0.2 + 0.8 * np.eye(3)[rng.integers(3)])
+        return cls(k[0] / reach_mm, k[1] / reach_mm**2, k[2] / reach_mm**3, middle_mm)
+
 
 @dataclass(frozen=True, eq=False)
-class ScannerDrift(TrueEffect):
-    """The scanner's stand creeps: p becomes exp(w t) p + v t, t from the first pose."""
+class ScannerDrift(SampledEffect):
+    """A creeping scanner stand: p becomes exp(w t) p + v t, t from the first pose."""
 
     name = "scanner_drift"
+    needs_conditions = True
     magnitude_fields = ("v_mm_per_s", "w_rad_per_s")
     v_mm_per_s: Array  # (3,)
     w_rad_per_s: Array  # (3,)
@@ -59,12 +71,17 @@ class ScannerDrift(TrueEffect):
         move[:, :3, 3] = t * self.v_mm_per_s
         return np.asarray(move @ scanner_T_target)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        return cls(1e-4 * rng.standard_normal(3), 1e-7 * rng.standard_normal(3))
+
 
 @dataclass(frozen=True, eq=False)
-class IncidenceBias(TrueEffect):
+class IncidenceBias(SampledEffect):
     """A range that grows with the angle phi between the jig's axis and the ray: b (1 - cos phi) along the ray."""
 
     name = "incidence_bias"
+    needs_facing_jig = True  # the incidence of a jig that faces away is undefined
     magnitude_fields = ("b_mm",)
     b_mm: float
 
@@ -74,10 +91,14 @@ class IncidenceBias(TrueEffect):
         cos_phi = -np.sum(sign * scanner_T_target[:, :3, 2] * ray, axis=1, keepdims=True)
         return _at(scanner_T_target, xyz_mm + self.b_mm * (1.0 - cos_phi) * ray)
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        return cls(0.2 * float(rng.choice([-1.0, 1.0])))
+
 
 @dataclass(frozen=True, eq=False)
-class ScannerScale(TrueEffect):
-    """Every length 1 + s times too long."""
+class ScannerScale(SampledEffect):
+    """A scale error of the scanner: every length 1 + s times too long."""
 
     name = "scanner_scale"
     magnitude_fields = ("s",)
@@ -86,12 +107,17 @@ class ScannerScale(TrueEffect):
     def change_measurement(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
         return _at(scanner_T_target, (1.0 + self.s) * scanner_T_target[:, :3, 3])
 
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        return cls(2e-4 * float(rng.choice([-1.0, 1.0])))
+
 
 @dataclass(frozen=True, eq=False)
-class FieldBump(TrueEffect):
+class FieldBump(SampledEffect):
     """A local fault of the field: a shift times exp(-d^2 / 2 w^2), d from its place. Not in the catalogue."""
 
     name = "field_bump"
+    in_catalogue = False
     magnitude_fields = ("shift_mm",)
     shift_mm: Array  # (3,)
     place_mm: Array  # (3,) scanner frame
@@ -101,3 +127,12 @@ class FieldBump(TrueEffect):
         xyz_mm = scanner_T_target[:, :3, 3]
         off = np.sum((xyz_mm - self.place_mm) ** 2, axis=1, keepdims=True) / self.width_mm**2
         return _at(scanner_T_target, xyz_mm + np.exp(-0.5 * off) * self.shift_mm)
+
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """A bump at one of the points, 0.25 to 0.4 as wide as their cloud."""
+        middle_mm = cell.plain_mm.mean(axis=0)
+        reach_mm = float(np.sqrt(np.mean(np.sum((cell.plain_mm - middle_mm) ** 2, axis=1))))
+        direction = rng.standard_normal(3) * np.array([0.3, 0.3, 1.0])
+        place_mm = cell.plain_mm[rng.integers(len(cell.q))]
+        return cls(0.3 * direction / np.linalg.norm(direction), place_mm, reach_mm * rng.uniform(0.25, 0.4))

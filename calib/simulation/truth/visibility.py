@@ -1,4 +1,4 @@
-"""The visible part of a simulated effect: what remains of its displacements after the best geometric fit.
+"""Visible part of a simulated effect: the residual of its displacements after the best geometric fit.
 
 Linear least squares on a Jacobian that is differenced from the true chain, at the nominal arm, where redundant
 parameters are exactly redundant. It shares nothing with the Jacobians that a fit uses.
@@ -39,11 +39,11 @@ class SimulatedCell:
 
     @cached_property
     def plain_mm(self) -> Array:
-        """(N, 3) what the scanner sees of the arm without effects."""
+        """Points (N, 3) reported by the scanner without effects."""
         return scanner_T_target(self.truth, self.q, self.conditions)[:, :3, 3]
 
     def moved_mm(self, effect: TrueEffect) -> Array:
-        """(N, 3) by how much the effect alone moves what the scanner sees."""
+        """Displacements (N, 3) of the reported points by the effect alone."""
         return scanner_T_target(self.truth.with_effects(effect), self.q, self.conditions)[:, :3, 3] - self.plain_mm
 
     def moved_rms_mm(self, effect: TrueEffect) -> float:
@@ -51,7 +51,7 @@ class SimulatedCell:
         return float(np.sqrt(np.mean(np.sum(self.moved_mm(effect) ** 2, axis=1))))
 
     def visible_mm(self, effect: TrueEffect) -> Array:
-        """(N, 3) its displacements projected off those of the link table and of the scanner's frames."""
+        """Displacements (N, 3) by the effect with those by link parameters and scanner frames projected out."""
         moved = self.moved_mm(effect).ravel()
         return np.asarray(moved - self._geometry @ (self._geometry.T @ moved)).reshape(-1, 3)
 
@@ -60,7 +60,7 @@ class SimulatedCell:
         return float(np.sqrt(np.mean(self.visible_mm(effect) ** 2)))
 
     def scaled_to_visible(self, effect: TrueEffect, rms_mm: float) -> TrueEffect:
-        """The effect at the magnitude that leaves `rms_mm` a coordinate after a geometric fit.
+        """The effect at the magnitude that leaves `rms_mm` per coordinate after a geometric fit.
 
         Raises:
             CalibError: link parameters absorb all of it, at any magnitude.
@@ -76,21 +76,22 @@ class SimulatedCell:
         """The effect at the magnitude that moves the measured point by `rms_mm`."""
         return self._scaled(effect, rms_mm, self.moved_rms_mm)
 
-    def _scaled(self, effect: TrueEffect, wanted_mm: float, size_mm: Callable[[TrueEffect], float]) -> TrueEffect:
-        if wanted_mm <= 0:
+    def _scaled(self, effect: TrueEffect, goal_mm: float, size_mm: Callable[[TrueEffect], float]) -> TrueEffect:
+        """The effect at the magnitude at which a measure of its size is `goal_mm`."""
+        if goal_mm <= 0:
             return effect.scaled(0.0)
         for _ in range(20):  # displacements are nearly proportional to the magnitude
-            found_mm = size_mm(effect)
-            if not found_mm > 0:
+            now_mm = size_mm(effect)
+            if not now_mm > 0:
                 raise CalibError(f"{effect.name} does nothing to robot {self.nominal.name} at these poses")
-            if abs(found_mm / wanted_mm - 1.0) < 1e-9:
+            if abs(now_mm / goal_mm - 1.0) < 1e-9:
                 break
-            effect = effect.scaled(wanted_mm / found_mm)
+            effect = effect.scaled(goal_mm / now_mm)
         return effect
 
     @cached_property
     def _geometry(self) -> Array:
-        """(3N, R) orthonormal basis of the displacements by link parameters and scanner frames, to first order."""
+        """Orthonormal basis (3N, R) of the displacements by link parameters and scanner frames, to first order."""
         columns = [*self._link_columns(), *self._frame_columns()]
         jacobian = np.stack([column.ravel() for column in columns], axis=1)
         size = np.linalg.norm(jacobian, axis=0)
@@ -100,7 +101,7 @@ class SimulatedCell:
         return np.asarray(left[:, singular > 1e-7 * singular[0]])
 
     def _link_columns(self) -> list[Array]:
-        """(N, 3) each, scanner frame: central differences of the nominal chain; steps 1 mm and 1e-4 rad."""
+        """Displacements (N, 3) by each link parameter, scanner frame: central differences, steps 1 mm and 1e-4 rad."""
         columns = []
         table = self.nominal.table
         for index in np.ndindex(table.shape):
@@ -118,7 +119,7 @@ class SimulatedCell:
         return columns
 
     def _frame_columns(self) -> list[Array]:
-        """(N, 3) each: three shifts and three turns of every placement of the scanner; three of a jig in the room."""
+        """Displacements (N, 3) by three shifts and turns of each scanner frame; by shifts of a jig in the world."""
         columns = []
         nominal_mm = scanner_T_target(self._nominal, self.q, self.conditions)[:, :3, 3]
         if self.truth.base_T_jig is not None:
@@ -135,5 +136,5 @@ class SimulatedCell:
 
 
 def gravity_torques(cell: SimulatedCell) -> Array:
-    """(N, n) at the commanded pose of the true arm."""
+    """Gravity's torques (N, n) at the commanded poses of the true arm."""
     return Arm.commanded_to(cell.truth.robot, cell.q, cell.conditions).gravity_torques

@@ -2,48 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from calib.array_types import Array, IndexArray
-from calib.planes.normals import NEIGHBOURS, estimate_normals, thin_to_voxels
+from calib.planes.normals import NEIGHBOURS, estimate_normals
+from calib.planes.point_selection import thin_to_voxels
 from calib.planes.robust_fit import PlaneFit, fit_plane_robustly
 
 _VOXELS_A_SIZE = 24
 _ALIKE_RAD = np.radians(9)
-_HEIGHT = 0.02  # of the size: by which a neighbour may stand over the plane of a point
+_HEIGHT = 0.02  # of the size: largest height of a neighbour over the plane of a point
 _FEWEST_THINNED = 12
 _FEWEST_POINTS = 30
 _MOST_PATCHES = 40
+_LEAST_SIZE = 0.2  # of the size: a patch that spreads less is left out
 _BAND_SIGMA = 12.0
 _STEPS_AWAY = 1.2  # voxels from a patch's thinned points to the points that are its
 
 
-@dataclass(frozen=True)
-class Patch:
-    """One flat patch, and its plane."""
+def flat_patches(points: Array, size_mm: float) -> list[PlaneFit]:
+    """Planes through the flat patches of points (N, 3) that are about `size_mm` wide or wider, most points first.
 
-    plane: PlaneFit  # in the scanner's frame; normal toward the scanner; indices into the finite points
-
-    @property
-    def normal(self) -> Array:
-        """(3,) unit, toward the scanner."""
-        return self.plane.normal
-
-    @property
-    def centre_mm(self) -> Array:
-        """(3,) weighted centroid."""
-        return self.plane.centre_mm
-
-
-def flat_patches(points: Array, size_mm: float, least_size: float = 0.2) -> list[Patch]:
-    """Patches about `size_mm` wide, or larger, those with most points first. points  # (N, 3)
-
-    One is left out where its points spread less than `least_size` of that.
+    Scanner frame, normals toward the scanner; `indices` count the given points.
     """
     voxel = size_mm / _VOXELS_A_SIZE
     thinned = thin_to_voxels(points, voxel)
@@ -74,12 +57,13 @@ def flat_patches(points: Array, size_mm: float, least_size: float = 0.2) -> list
         of = label == number
         on = np.flatnonzero(of_point == number)
         patch = _patch(points, on, around.points_mm[of], around.normals[of], around.noise_mm())
-        if patch is not None and _spread(patch.plane.points_mm) > least_size * size_mm:
+        if patch is not None and _spread(patch.points_mm) > _LEAST_SIZE * size_mm:
             patches.append(patch)
-    return sorted(patches, key=lambda patch: -len(patch.plane.indices))
+    return sorted(patches, key=lambda patch: -len(patch.indices))
 
 
-def _patch(points: Array, on: IndexArray, thinned: Array, normals: Array, noise_mm: float) -> Patch | None:
+def _patch(points: Array, on: IndexArray, thinned: Array, normals: Array, noise_mm: float) -> PlaneFit | None:
+    """Robust plane through one patch's points `on`; None where too few lie near it. thinned, normals  # (K, 3)"""
     normal = np.median(normals, axis=0)
     normal /= np.linalg.norm(normal)
     offset = float(np.median(thinned @ normal))
@@ -91,10 +75,10 @@ def _patch(points: Array, on: IndexArray, thinned: Array, normals: Array, noise_
             return None
         plane = fit_plane_robustly(points[near], near, normal, offset)
         normal, offset = plane.normal, plane.offset_mm
-    return Patch(plane)
+    return plane
 
 
 def _spread(points: Array) -> float:
-    """Width of the strip whose points would spread as those of a patch do in its narrower direction: sigma sqrt(12)."""
+    """Width of the strip that spreads like a patch's points in their narrower direction: sigma sqrt(12), mm."""
     some = points[:: max(1, len(points) // 3000)]
     return float(np.sqrt(12 * max(np.linalg.eigvalsh(np.cov(some.T))[1], 0.0)))

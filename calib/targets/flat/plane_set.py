@@ -1,7 +1,7 @@
-"""A set of planes that stand to each other as is known: its frame's origin, which none of them need meet.
+"""Finder of a set of planes in known relative positions: the origin of its frame, in which they need not meet.
 
 Three planes of the scan whose angles are those of three of the set give the frame; the others then have to be where the
-set has them, if they are seen. Turn and shift come from the points of all planes together, six unknowns.
+set has them, if they are seen. Rotation and origin come from the points of all planes together, six unknowns.
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ from calib.array_types import Array
 from calib.corners.intersection import packed
 from calib.errors import TargetError
 from calib.frames import best_fit_rotation, rotation_from_rotvec
-from calib.planes.normals import finite_rows
+from calib.planes.point_selection import finite_rows
+from calib.planes.robust_fit import PlaneFit
 from calib.scans.scan import Scan
 from calib.target_shapes import PlaneSet
-from calib.targets.flat.patches import Patch, flat_patches
+from calib.targets.flat.patches import flat_patches
 from calib.targets.protocol.finder import FoundPoint, Wanted
 
 _ALIKE = np.radians(1.0)
@@ -34,18 +35,19 @@ _SINGULAR = 0.05
 
 @dataclass(frozen=True)
 class _Named:
-    """Patches and the planes of the set that they are."""
+    """Patches, and the plane of the set that each is."""
 
-    patches: tuple[Patch, ...]
+    patches: tuple[PlaneFit, ...]
     planes: tuple[int, ...]
 
     @property
     def points(self) -> int:
-        return sum(len(patch.plane.indices) for patch in self.patches)
+        """Number of scan points on all patches."""
+        return sum(len(patch.indices) for patch in self.patches)
 
 
 def find_plane_set(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
-    """The origin of the set's frame. Raises TargetError where three of its planes are not seen, or not told apart."""
+    """Origin of the set's frame. Raises TargetError where three of its planes are not seen or cannot be identified."""
     shape = wanted.shape
     assert isinstance(shape, PlaneSet)
     rows = np.flatnonzero(finite_rows(scan.points_mm))
@@ -63,8 +65,8 @@ def find_plane_set(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
             fits.append((named, placed))
     if not fits:
         raise TargetError(
-            f"{len(patches)} flat patches are in view, no three of them stand as the set's planes do; check that the "
-            "set is in view, and its planes in dataset.toml"
+            f"{len(patches)} flat patches are in view, no three of them meet at the angles of the set's planes; "
+            "check that the set is in view, and its planes in dataset.toml"
         )
     fits.sort(key=lambda fit: (-len(fit[0].planes), -fit[0].points))
     (named, placed), others = fits[0], fits[1:]
@@ -76,13 +78,13 @@ def find_plane_set(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
                 f"{np.linalg.norm(elsewhere.origin_mm - placed.origin_mm):.3g} mm apart; give a fourth plane, or "
                 "planes at angles that differ"
             )
-    inliers = np.concatenate([patch.plane.indices for patch in named.patches])
+    inliers = np.concatenate([patch.indices for patch in named.patches])
     return [
         FoundPoint(
             placed.origin_mm,
             placed.covariance[3:, 3:],
             len(inliers),
-            max(patch.plane.sigma_mm for patch in named.patches),
+            max(patch.sigma_mm for patch in named.patches),
             packed(rows[inliers], len(scan.points_mm)),
             {"planes": float(len(named.planes)), "worst_plane_off_mm": placed.off_mm},
         )
@@ -91,6 +93,8 @@ def find_plane_set(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
 
 @dataclass(frozen=True)
 class _Placed:
+    """Fitted pose of the set in the scanner's frame."""
+
     origin_mm: Array  # (3,)
     scanner_R_set: Array  # (3, 3)
     covariance: Array  # (6, 6) of turn (rad, about the scanner's axes) and origin (mm)
@@ -98,9 +102,9 @@ class _Placed:
     worst: float  # the same over what its noise allows
 
 
-def _namings(patches: Sequence[Patch], normals: Array) -> list[_Named]:
-    """Three patches each whose angles are those of three of the set's planes, with the same hand."""
-    out = []
+def _namings(patches: Sequence[PlaneFit], normals: Array) -> list[_Named]:
+    """Triples of patches whose angles, and handedness, are those of three of the set's planes."""
+    namings = []
     seen = [np.array([patch.normal for patch in triple]) for triple in combinations(patches, 3)]
     for three in combinations(range(len(normals)), 3):
         of_set = normals[list(three)]
@@ -114,15 +118,15 @@ def _namings(patches: Sequence[Patch], normals: Array) -> list[_Named]:
                     continue
                 angles = np.arccos(np.clip(turned @ turned.T, -1, 1)) - np.arccos(np.clip(of_set @ of_set.T, -1, 1))
                 if np.abs(angles).max() < _ALIKE:
-                    out.append(_Named(tuple(triple[k] for k in order), three))
-    return out
+                    namings.append(_Named(tuple(triple[k] for k in order), three))
+    return namings
 
 
 def _placed(named: _Named, normals: Array, offsets: Array) -> _Placed | None:
-    """Least squares of turn and origin on all points of the planes; None where they do not tell them.
+    """Pose of the set by least squares on all points of the named planes; None where they do not determine it.
 
-    Point p of plane i stands (R n_i) . (p - o) - d_i over it; its derivative is (R n_i) x (p - o) . w for a turn w, and
-    -(R n_i) for a shift of the origin o.
+    Point p of plane i has the height (R n_i) . (p - o) - d_i over it; the derivative is (R n_i) x (p - o) . w by a
+    rotation w, and -(R n_i) by a shift of the origin o.
     """
     of_set, at = normals[list(named.planes)], offsets[list(named.planes)]
     seen = np.array([patch.normal for patch in named.patches])
@@ -137,7 +141,7 @@ def _placed(named: _Named, normals: Array, offsets: Array) -> _Placed | None:
         normal_matrix, right = np.zeros((6, 6)), np.zeros(6)
         for k, (patch, design) in enumerate(zip(named.patches, moments, strict=True)):
             # The patch's plane sums up its points: heights over it at (1, u, v) of its own axes.
-            axes = np.vstack([np.zeros(3), patch.plane.axes])
+            axes = np.vstack([np.zeros(3), patch.axes])
             places = patch.centre_mm + axes  # 1 mm along each axis
             over = (places - origin) @ there[k] - at[k]
             over = np.array([over[0], over[1] - over[0], over[2] - over[0]])
@@ -156,7 +160,7 @@ def _placed(named: _Named, normals: Array, offsets: Array) -> _Placed | None:
     there = of_set @ turn.T
     off = np.array([abs((p.centre_mm - origin) @ n - d) for p, n, d in zip(named.patches, there, at, strict=True)])
     allowed = [
-        _OFF_MM + _OFF_SIGMAS * (p.plane.sigma_mm / np.sqrt(len(p.plane.indices)) + np.sqrt(n @ covariance[3:, 3:] @ n))
+        _OFF_MM + _OFF_SIGMAS * (p.sigma_mm / np.sqrt(len(p.indices)) + np.sqrt(n @ covariance[3:, 3:] @ n))
         for p, n in zip(named.patches, there, strict=True)
     ]
     return _Placed(
@@ -164,9 +168,8 @@ def _placed(named: _Named, normals: Array, offsets: Array) -> _Placed | None:
     )
 
 
-def _information(patch: Patch) -> Array:
-    """Information (3, 3) of a patch's height and slopes, from its points and their scatter."""
-    plane = patch.plane
+def _information(plane: PlaneFit) -> Array:
+    """Information matrix (3, 3) of a patch's height (mm) and two slopes (rad), from its points and their scatter."""
     design = plane.design(plane.points_mm)
     values = plane.psi_mm / plane.slope
     variance = max(float(values @ values) / max(len(values) - 3, 1), 1e-18)
@@ -174,9 +177,9 @@ def _information(patch: Patch) -> Array:
 
 
 def _with_others(
-    named: _Named, patches: Sequence[Patch], placed: _Placed, normals: Array, offsets: Array, size_mm: float
+    named: _Named, patches: Sequence[PlaneFit], placed: _Placed, normals: Array, offsets: Array, size_mm: float
 ) -> _Named:
-    """The naming with all other patches that lie on further planes of the set, near its origin."""
+    """Naming extended by all other patches that lie on further planes of the set, near its origin."""
     added, planes = list(named.patches), list(named.planes)
     there = normals @ placed.scanner_R_set.T
     for k in range(len(normals)):
@@ -199,5 +202,6 @@ def _with_others(
 
 
 def _is_near(named: _Named, placed: _Placed, offsets: Array, size_mm: float) -> bool:
+    """Whether all named patches lie within the set's reach of its origin."""
     reach = float(np.abs(offsets).max()) + _REACH * size_mm
     return all(np.linalg.norm(patch.centre_mm - placed.origin_mm) < reach for patch in named.patches)

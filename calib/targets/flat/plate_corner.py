@@ -1,8 +1,8 @@
-"""The corner of a flat plate: where two of its straight edges meet, in the plane through its face.
+"""Finder of the corner of a flat plate: where two of its straight edges meet, in the plane through its face.
 
-Across its plane a plate's corner is known as well as its plane. Along it only the outermost points of the face tell
-where an edge is, and between the last point on the plate and the first beside it the edge may be anywhere: its place is
-known to about a third of the distance between points, however many rows of points end there. The covariance says so.
+Across its plane a plate's corner is known as well as the plane. Along it only the outermost points of the face show
+where an edge is, and between the last point on the plate and the first one off it the edge may be anywhere: its place
+is known to about a third of the distance between points, however many rows of points end there. The covariance says so.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from scipy.spatial import cKDTree
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.corners.intersection import packed
 from calib.errors import TargetError
-from calib.planes.normals import finite_rows
-from calib.scans.scan import Scan
-from calib.scans.seeding import seeded
+from calib.planes.point_selection import finite_rows
+from calib.planes.robust_fit import PlaneFit
+from calib.scans.scan import Scan, seeded_generator
 from calib.target_shapes import Plate
-from calib.targets.flat.patches import Patch, flat_patches
+from calib.targets.flat.patches import flat_patches
 from calib.targets.protocol.finder import FoundPoint, Wanted
 
 _MOST_PATCHES = 10
@@ -35,7 +35,7 @@ _MOST_OUTSIDE = 0.06  # of the points along an edge, those beyond it
 _SAME_ANGLE_DEG = 2.5
 _GAP, _GAP_SIGMA = 0.65, 0.35  # of the pitch: from the last point of a row to the edge
 _ROWS_FEWEST = 6
-_BEFORE = 0.003  # of the distance: points that are so much nearer than the plane stand before it
+_BEFORE = 0.003  # of the distance: points so much nearer than the plane lie before it
 _MOST_HIDDEN = 0.3  # of the points beyond an edge, those before the plane: it is where something hides the plate
 # of the points that the plate would have there: fewer, and it may be the border of the scan's field
 _LEAST_BEYOND = 0.3
@@ -45,7 +45,7 @@ _ALIKE = 0.75  # of the best corner's score: a further corner that counts so muc
 
 @dataclass(frozen=True)
 class _Edge:
-    """A line a . p = offset in the plate's plane, a (2,) outward, and where along it the plate ends."""
+    """Straight edge a . p = offset in the plate's plane, a (2,) outward, and where along it the plate ends."""
 
     outward: Array  # (2,) unit
     offset_mm: float
@@ -55,7 +55,7 @@ class _Edge:
 
 
 def find_plate_corner(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
-    """The corners of plates, at most as many as are wanted, those with most points along their edges first.
+    """Corners of plates, at most as many as are wanted, those with the longest edges first.
 
     Raises TargetError where no two straight edges meet at the plate's angle.
     """
@@ -63,9 +63,9 @@ def find_plate_corner(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
     assert isinstance(shape, Plate)
     rows = np.flatnonzero(finite_rows(scan.points_mm))
     points = scan.points_mm[rows]
-    rng = seeded(points)
+    rng = seeded_generator(points)
     patches = flat_patches(points, shape.edge_mm)[:_MOST_PATCHES]
-    found: list[tuple[float, FoundPoint]] = []
+    scored: list[tuple[float, FoundPoint]] = []
     edges_seen = 0
     for patch in patches:
         flat = _Flat.of(patch, points)
@@ -77,12 +77,12 @@ def find_plate_corner(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
                 continue
             place = _refined(corner, one, other, flat, rows, len(scan.points_mm))
             if place is not None:
-                found.append((sum(_score(edge, shape) for edge in (one, other)), place))
-    found.sort(key=lambda item: -item[0])
+                scored.append((sum(_score(edge, shape) for edge in (one, other)), place))
+    scored.sort(key=lambda item: -item[0])
     kept: list[FoundPoint] = []
-    for score, place in found:
+    for score, place in scored:
         apart = all(np.linalg.norm(place.xyz_mm - other.xyz_mm) > 0.2 * shape.edge_mm for other in kept)
-        if apart and len(kept) == wanted.most and score > _ALIKE * found[0][0]:
+        if apart and len(kept) == wanted.most and score > _ALIKE * scored[0][0]:
             raise TargetError(
                 f"more than {wanted.most} corners of {shape.angle_deg:g} deg are in view with edges of "
                 f"{shape.edge_mm:g} mm; give an edge_mm that one alone has, show only that one, or name the others "
@@ -100,9 +100,9 @@ def find_plate_corner(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
 
 @dataclass(frozen=True)
 class _Flat:
-    """A patch in coordinates of its plane."""
+    """Points of a flat patch, and of the whole scan, in coordinates of the patch's plane."""
 
-    patch: Patch
+    plane: PlaneFit
     uv_mm: Array  # (K, 2) about the patch's middle
     border: BoolArray  # (K,)
     density: float  # points a mm^2
@@ -110,8 +110,8 @@ class _Flat:
     nearer: BoolArray  # (N,) points before the plane, which may hide a part of the plate
 
     @staticmethod
-    def of(patch: Patch, points: Array) -> _Flat:
-        plane = patch.plane
+    def of(plane: PlaneFit, points: Array) -> _Flat:
+        """Plane coordinates of a patch's points and of all points (N, 3) of the scan, projected along their rays."""
         uv = (plane.points_mm - plane.centre_mm) @ plane.axes.T
         tree = cKDTree(uv)
         distance, near = (np.asarray(a) for a in tree.query(uv, k=min(_NEIGHBOURS + 1, len(uv))))
@@ -122,11 +122,11 @@ class _Flat:
         along = points @ plane.normal / plane.offset_mm  # 1 on the plane, 0 at the scanner
         meets = along > 1e-3
         seen = (points[meets] / along[meets, None] - plane.centre_mm) @ plane.axes.T
-        return _Flat(patch, uv, gaps.max(axis=1) > _GAP_RAD, density, seen, along[meets] < 1 - _BEFORE)
+        return _Flat(plane, uv, gaps.max(axis=1) > _GAP_RAD, density, seen, along[meets] < 1 - _BEFORE)
 
     def pitch_mm(self, outward: Array) -> float:
         """Distance between neighbouring points in a direction of the plane: larger where it leans to the ray."""
-        plane = self.patch.plane
+        plane = self.plane
         ray = plane.centre_mm / np.linalg.norm(plane.centre_mm)
         across = np.sqrt(abs(ray @ plane.normal) / self.density)
         lean = float(outward @ plane.axes @ ray)
@@ -135,13 +135,13 @@ class _Flat:
 
 def _edges(flat: _Flat, shape: Plate, rng: np.random.Generator) -> list[_Edge]:
     """Straight edges of a patch: lines that many border points lie on, with the patch on one side only."""
-    left = flat.uv_mm[flat.border]
+    border = flat.uv_mm[flat.border]
     step = 1 / np.sqrt(flat.density)
     edges: list[_Edge] = []
     for _ in range(_MOST_LINES):
-        if len(left) < _ROWS_FEWEST:
+        if len(border) < _ROWS_FEWEST:
             break
-        first, second = left[rng.integers(len(left), size=(2, _TRIALS))]
+        first, second = border[rng.integers(len(border), size=(2, _TRIALS))]
         way = second - first
         length = np.linalg.norm(way, axis=1)
         good = length > 0.15 * shape.edge_mm
@@ -149,20 +149,20 @@ def _edges(flat: _Flat, shape: Plate, rng: np.random.Generator) -> list[_Edge]:
             break
         normal = np.stack([-way[good, 1], way[good, 0]], axis=1) / length[good, None]
         offset = np.einsum("ti,ti->t", normal, first[good])
-        on = np.abs(left @ normal.T - offset) < _ON_LINE * step
+        on = np.abs(border @ normal.T - offset) < _ON_LINE * step
         best = int(np.argmax(on.sum(axis=0)))
-        members = left[on[:, best]]
+        members = border[on[:, best]]
         if len(members) * step < 0.5 * _LEAST_LENGTH * shape.edge_mm:
             break
         edge = _checked(flat, members, normal[best], step, shape)
         if edge is not None:
             edges.append(edge)
-        left = left[~on[:, best]]
+        border = border[~on[:, best]]
     return edges
 
 
 def _checked(flat: _Flat, members: Array, normal: Array, step: float, shape: Plate) -> _Edge | None:
-    """The line through border points (K, 2), its longest run without a hole; None where it is short or no edge."""
+    """Edge along the longest run of border points (K, 2) without a hole; None where it is short or no edge."""
     middle = members.mean(axis=0)
     along = np.linalg.svd(members - middle, full_matrices=False)[2][0]
     normal = np.array([-along[1], along[0]])
@@ -173,8 +173,8 @@ def _checked(flat: _Flat, members: Array, normal: Array, step: float, shape: Pla
     if run[-1] - run[0] < _LEAST_LENGTH * shape.edge_mm:
         return None
     offset = float(np.median(members @ normal))
-    beside = (flat.uv_mm @ along > run[0]) & (flat.uv_mm @ along < run[-1])
-    over = flat.uv_mm[beside] @ normal - offset
+    alongside = (flat.uv_mm @ along > run[0]) & (flat.uv_mm @ along < run[-1])
+    over = flat.uv_mm[alongside] @ normal - offset
     over = over[np.abs(over) < 8 * step]
     outside = np.mean(over > 1.5 * step) if len(over) else 1.0
     inside = np.mean(over < -1.5 * step) if len(over) else 1.0
@@ -194,11 +194,12 @@ def _checked(flat: _Flat, members: Array, normal: Array, step: float, shape: Pla
 
 
 def _score(edge: _Edge, shape: Plate) -> float:
+    """Length of an edge in mm, at most the plate's, times its weight."""
     return edge.counts * min(edge.ends_mm[1] - edge.ends_mm[0], shape.edge_mm)
 
 
 def _corner(one: _Edge, other: _Edge, flat: _Flat, shape: Plate) -> Array | None:
-    """Where two edges meet (2,), at the plate's angle and at their ends; None where they do not."""
+    """Intersection (2,) of two edges at the plate's angle and at their ends; None where they do not meet so."""
     angle_deg = 180 - np.degrees(np.arccos(np.clip(one.outward @ other.outward, -1, 1)))
     if abs(angle_deg - shape.angle_deg) > _SAME_ANGLE_DEG:
         return None
@@ -213,7 +214,7 @@ def _corner(one: _Edge, other: _Edge, flat: _Flat, shape: Plate) -> Array | None
 
 
 def _refined(corner: Array, one: _Edge, other: _Edge, flat: _Flat, rows: IndexArray, count: int) -> FoundPoint | None:
-    """The corner from the outermost points of the rows that end at both edges, with its covariance."""
+    """Corner with covariance from the outermost points of the rows that end at both edges; None for too few rows."""
     fitted = [_outermost(edge, corner, flat) for edge in (one, other)]
     if any(fit is None for fit in fitted):
         return None
@@ -221,7 +222,7 @@ def _refined(corner: Array, one: _Edge, other: _Edge, flat: _Flat, rows: IndexAr
     turn = np.linalg.inv(np.array([n1, n2]))
     at = turn @ np.array([d1, d2])
     in_plane = turn @ np.diag([v1, v2]) @ turn.T
-    plane = flat.patch.plane
+    plane = flat.plane
     xyz = plane.centre_mm + at @ plane.axes
     design = plane.design(plane.points_mm)
     values = plane.psi_mm / plane.slope
@@ -260,11 +261,11 @@ def _outermost(edge: _Edge, corner: Array, flat: _Flat) -> tuple[Array, float, f
     weight = np.ones(len(last))
     for _ in range(10):
         line = np.linalg.lstsq(design * weight[:, None] ** 0.5, last * weight**0.5, rcond=None)[0]
-        left = last - design @ line
-        scale = max(1.4826 * float(np.median(np.abs(left - np.median(left)))), 0.05 * pitch)
-        weight = np.clip(1 - (left / (4.7 * scale)) ** 2, 1e-6, None) ** 2
+        residual = last - design @ line
+        scale = max(1.4826 * float(np.median(np.abs(residual - np.median(residual)))), 0.05 * pitch)
+        weight = np.clip(1 - (residual / (4.7 * scale)) ** 2, 1e-6, None) ** 2
     inverse = np.linalg.inv((design * weight[:, None]).T @ design)
-    variance = inverse[0, 0] * float(weight @ left**2) / max(float(weight.sum()) - 2, 1.0)
+    variance = inverse[0, 0] * float(weight @ residual**2) / max(float(weight.sum()) - 2, 1.0)
     outward = edge.outward - line[1] * edge.along
     outward = outward / np.linalg.norm(outward)
     at_corner = edge.outward * (edge.offset_mm + line[0] + _GAP * pitch) + edge.along * (edge.along @ corner)

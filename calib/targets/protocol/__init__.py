@@ -1,1 +1,1 @@
-"""The protocol of a target finder: what it is asked for, what it answers, and finders in files of a user's own."""
+"""Protocol of a target finder: its request, its answer, and finders in files of a user's own."""

@@ -1,7 +1,7 @@
-"""The protocol that every finder of targets has, a user's own too: what it is asked for and what it answers.
+"""Protocol of every finder of targets, a user's own too: what it is asked for and what it returns.
 
 A finder is a function from a scan and what is wanted in it to the places where such targets are. It does not know which
-of several equal targets a place belongs to: `calib.targets.assignment` tells them apart, from all poses together.
+of several equal targets a place belongs to: `calib.targets.assignment` decides that from all poses together.
 """
 
 from __future__ import annotations
@@ -13,29 +13,29 @@ from typing import Protocol
 import numpy as np
 
 from calib.array_types import Array, ByteArray, IndexArray
-from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
+from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.scans.scan import Scan
 from calib.target_shapes import Shape
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a finder is asked for: all targets of one shape."""
+    """Request to a finder: all targets of one shape."""
 
     shape: Shape
     names: tuple[str, ...] = ("jig",)  # of the targets that have this shape
     scan_sigma_mm: float | None = None  # the scanner's declared noise along the ray
-    told: ToldNoise = NOTHING_TOLD  # of its smooth error
+    declared: DeclaredNoise = NOTHING_DECLARED  # of its smooth error
 
     @property
     def most(self) -> int:
-        """How many places are wanted."""
+        """Number of places wanted."""
         return len(self.names)
 
 
 @dataclass(frozen=True)
 class FoundPoint:
-    """One place where a target may be, in the scanner's frame."""
+    """Place where a target may be, in the scanner's frame."""
 
     xyz_mm: Array  # (3,) of the target's point: a sphere's centre, a plate's corner
     covariance_mm2: Array  # (3, 3)
@@ -45,20 +45,20 @@ class FoundPoint:
     facts: Mapping[str, float] = field(default_factory=dict)  # name with its unit -> what was found besides
     doubts: tuple[str, ...] = ()  # what should be checked, each with what would help
     radius_mm: float | None = None  # of a sphere to draw about the point
-    name: str = ""  # of the target, where the shape itself tells which of them it is
+    name: str = ""  # of the target, where the shape itself identifies it
 
     @property
     def inliers(self) -> IndexArray:
-        """(points,) indices into the scan's points."""
+        """Indices (points,) of the scan's points that the place was made from."""
         return np.flatnonzero(np.unpackbits(self.inlier_bits))
 
     def sigma_mm(self) -> float:
-        """Standard deviation of the point, all three axes together: sqrt(trace of the covariance)."""
+        """Standard deviation of the point over all three axes: sqrt(trace of the covariance)."""
         return float(np.sqrt(np.trace(self.covariance_mm2)))
 
 
 class TargetFinder(Protocol):
-    """Find at most `wanted.most` places where a target of that shape is, the surest first.
+    """Function that finds at most `wanted.most` places where a target of that shape is, the surest first.
 
     Raises TargetError with the reason, in one line that says what would help, where there is none.
     """

@@ -1,4 +1,4 @@
-"""A finder of the user's own, from a file of theirs: a function `find(scan, wanted)`. Its errors come in one line."""
+"""A finder in a file of the user's own: a function `find(scan, wanted)`, whose errors become one line each."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ _LEAST_EIGENVALUE = 1e-12  # of a covariance scaled to a unit diagonal
 
 @dataclass(frozen=True)
 class UserFinder:
-    """The function `find` of a file, as a `TargetFinder`. It travels to other processes as its path."""
+    """The function `find` of a file, as a `TargetFinder` that is pickled as the file's path."""
 
     path: Path
 
     def __call__(self, scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
-        """Raises TargetError where the function finds nothing, raises anything, or answers what is no point."""
+        """Places that the function finds. Raises TargetError where it finds none, raises, or returns no point."""
         function = _function(self.path, self.path.stat().st_mtime_ns)
         return checked_answer(function, scan, wanted, str(self.path))
 
 
 def load_finder(path: Path) -> UserFinder:
-    """The finder of a file. Raises CalibError in one line, with the line where the file's code fails."""
+    """Finder of a file. Raises CalibError in one line, with the line number where the file's code fails."""
     if not path.is_file():
         raise CalibError(f"{path}: no such finder file")
     _function(path, path.stat().st_mtime_ns)
@@ -44,7 +44,7 @@ def load_finder(path: Path) -> UserFinder:
 def checked_answer(
     function: Callable[[Scan, Wanted], Any], scan: Scan, wanted: Wanted, where: str
 ) -> Sequence[FoundPoint]:
-    """What a user's function answers, as found points. Raises TargetError in one line."""
+    """Places that a user's function returns for a scan, checked. Raises TargetError in one line."""
     try:
         answer = function(scan, wanted)
     except TargetError:
@@ -60,14 +60,14 @@ def checked_answer(
         answer = [answer]
     if not isinstance(answer, Sequence):
         raise TargetError(f"{where}: `find` returned a {type(answer).__name__}; return xyz_mm, covariance_mm2")
-    found = [_point(one, where) for one in answer]
-    if not found:
+    places = [_point(one, where) for one in answer]
+    if not places:
         raise TargetError(f"{where}: `find` returned nothing for {scan.name}; look at the scan")
-    return found[: wanted.most]
+    return places[: wanted.most]
 
 
 def _point(one: Any, where: str) -> FoundPoint:
-    """One answer, checked. Raises TargetError."""
+    """One returned place, checked. Raises TargetError."""
     if isinstance(one, FoundPoint):
         xyz, covariance, kept = one.xyz_mm, one.covariance_mm2, one
     elif isinstance(one, tuple | list) and len(one) == 2:
@@ -92,7 +92,7 @@ def _point(one: Any, where: str) -> FoundPoint:
 
 @lru_cache(maxsize=8)
 def _function(path: Path, _changed_ns: int) -> Callable[[Scan, Wanted], Any]:
-    """The file's `find`; run again when the file has changed. Raises CalibError."""
+    """The file's `find`, loaded again when the file has changed. Raises CalibError."""
     spec = importlib.util.spec_from_file_location(f"_finder_{path.stem}", path)
     if spec is None:
         raise CalibError(f"{path}: not a Python file; a finder file ends in .py")
@@ -113,9 +113,11 @@ def _function(path: Path, _changed_ns: int) -> Callable[[Scan, Wanted], Any]:
 
 
 def _line(error: BaseException, where: str) -> str:
+    """ "line 12: " where the error was raised in the file `where`, else ""."""
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == where]
     return f"line {frames[-1].lineno}: " if frames else ""
 
 
 def _one_line(error: BaseException) -> str:
+    """Text of an error in one line of at most 200 characters."""
     return " ".join(str(error).split())[:200]

@@ -1,1 +1,1 @@
-"""Spheres in a scan: where they may be, the centre from all points of the cap, what speaks against one."""
+"""Finders of spheres: candidates in a scan, the centre from all points of the cap, reasons against one."""

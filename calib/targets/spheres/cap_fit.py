@@ -1,14 +1,14 @@
 """A sphere's centre from all points of its cap: robust orthogonal distances, each weighted by its noise.
 
 A scanner's noise lies along the ray and grows with the incidence i, so the distances to the surface scatter by a
-sigma(i) that the distances themselves show. Four things would shift a centre by more than its noise:
+sigma(i) that is estimated from them. Four things would shift a centre by more than its noise:
 
 - pixels at the silhouette lie between the sphere and what is behind it: a margin along the silhouette is left out, by
   the rays and not by the measured points, which would choose the points by their noise;
 - an error e along the ray moves a point sideways as well, by which its distance from the centre grows by
   e^2 sin^2 i / (2 r) and its normal turns with its error: a radius that is free comes out too small. So the surface is
   met where the ray meets it, and the distance is e cos i, which has neither;
-- a pixel that averages over its footprint, of variance v in each direction, lies inside of a sphere, where it is bent:
+- a pixel that averages over its footprint, of variance v in each direction, lies inside of a sphere, which is curved:
   by v (1 + 1 / cos^2 i) / 2 r to second order. Where the distances show such a v it is fitted with the centre;
 - near what holds the sphere (a stem, a socket) points belong to neither surface: places where most points about the
   sphere's surface lie off it are left out.
@@ -35,6 +35,7 @@ _BLUR_SIGMAS = 3.5  # of a blur that is taken for one
 _LEAST_COSINE = 0.2
 _BAND_SIGMA = 12.0
 _FEWEST_POINTS = 12
+_LEAST_SIGMA_MM = 1e-6  # of a scan without noise
 _NEIGHBOURS = 12
 _MOST_OFF = 0.34  # share of the points about a place of the surface that may lie off it
 _SHELL = 0.25  # of the radius: how far off the surface points are looked at for that
@@ -42,18 +43,17 @@ _SHELL = 0.25  # of the radius: how far off the surface points are looked at for
 
 @dataclass(frozen=True)
 class CapFit:
-    """A sphere fitted to the points of its cap."""
+    """Sphere fitted to the points of its cap."""
 
     centre_mm: Array  # (3,) scanner frame
     radius_mm: float
-    covariance_mm2: Array  # (4, 4) of centre and radius; of a radius that was held its row is zero
+    covariance_mm2: Array  # (4, 4) of centre and radius; the row of a fixed radius is zero
     indices: IndexArray  # (K,) into the points, those with a weight
     distances_mm: Array  # (K,) over the surface
     sine: Array  # (K,) of the incidence of each point's ray
     sigma_mm: float  # of the distances, seen squarely: 1.4826 MAD
     growth: NoiseGrowth
     smooth_factor: float  # sigma of the centre over what white noise alone would make it
-    blur_mm: float  # sqrt(v) of a pixel's footprint; 0 where the distances show none
 
     @property
     def cap_deg(self) -> float:
@@ -62,10 +62,10 @@ class CapFit:
 
 
 def ray_sines(points: Array, centre: Array, radius: float) -> tuple[Array, Array]:
-    """Sine of the incidence (N,) at which each point's ray meets the sphere (above 1: it misses), and the depth (N,)
+    """Sine of the incidence (N,) at which each point's ray meets the sphere, above 1 for a miss, and the depth (N,).
 
-    of the point before (below 0) or behind the sphere's middle, along its ray. The sine is the ray's distance from the
-    centre over the radius, so that it does not depend on the noise along the ray.
+    The depth is that of the point along its ray, before (below 0) or behind the sphere's middle. The sine is the ray's
+    distance from the centre over the radius, so that it does not depend on the noise along the ray.
     """
     length = np.sqrt(np.einsum("ni,ni->n", points, points))
     along = points @ centre / np.maximum(length, 1e-9)
@@ -73,19 +73,17 @@ def ray_sines(points: Array, centre: Array, radius: float) -> tuple[Array, Array
     return miss / radius, length - along
 
 
-def fit_cap(
-    points: Array, centre: Array, radius: float, band_mm: float, *, held: bool, least_sigma_mm: float = 1e-6
-) -> CapFit | None:
-    """Fit centre and, unless it is `held`, radius to the cap's points, from a start that is good to `band_mm`.
+def fit_cap(points: Array, centre: Array, radius: float, band_mm: float, *, fixed: bool) -> CapFit | None:
+    """Fit of centre and radius to the cap's points, from a start that is good to `band_mm`; None where it fails.
 
-    points  # (N, 3) scanner frame, the scanner at the origin. None where fewer than 12 points are on the sphere, or
-    those that are do not define it.
+    points  # (N, 3) scanner frame, the scanner at the origin. The radius stays as given where it is `fixed`. None where
+    fewer than 12 points are on the sphere, or where they do not define it.
     """
     near = np.flatnonzero(_within(points, centre, radius, max(1.5 * band_mm, _SHELL * radius)))
     local = points[near]
     most_sine = np.sin(np.radians(_MOST_INCIDENCE_DEG))
     clear: BoolArray = np.ones(len(near), dtype=bool)
-    growth = NoiseGrowth(max(band_mm / _BAND_SIGMA, least_sigma_mm), np.zeros(2))
+    growth = NoiseGrowth(max(band_mm / _BAND_SIGMA, _LEAST_SIGMA_MM), np.zeros(2))
     pixel = blur_mm2 = 0.0
     blurred = False
     for turn in range(_ROUNDS):
@@ -111,10 +109,10 @@ def fit_cap(
             on &= sine < most_sine
             if np.count_nonzero(on) < _FEWEST_POINTS:
                 return None
-        growth = growth_of(over[on], sine[on], least_sigma_mm)
+        growth = growth_of(over[on], sine[on], _LEAST_SIGMA_MM)
         sigma = growth.sigma(sine[on])
         weight = np.clip(1 - (over[on] / (TUKEY * sigma)) ** 2, 0, None) ** 2
-        free = [] if held else [np.ones(np.count_nonzero(on))]
+        free = [] if fixed else [np.ones(np.count_nonzero(on))]
         if turn == _BLUR_ROUND:
             trial = np.column_stack([normals[on], *free, bend[on]])
             blurred = _shows_blur(trial / sigma[:, None], over[on] / sigma, weight)
@@ -124,7 +122,7 @@ def fit_cap(
         if step is None:
             return None
         centre = centre + step[:3]
-        radius = radius if held else radius + float(step[3])
+        radius = radius if fixed else radius + float(step[3])
         blur_mm2 += float(step[-1]) if blurred else 0.0
         if radius <= 0 or not np.isfinite(radius):
             return None
@@ -142,33 +140,33 @@ def fit_cap(
     white = inverse * float(psi @ psi) / freedom / slope**2
     factor = patch_factor(rows / sigma[:, None], psi, inverse)
     covariance = np.zeros((4, 4))
-    known = 3 if held else 4
+    known = 3 if fixed else 4
     covariance[:known, :known] = white[:known, :known] * factor**2
     return CapFit(
         centre, radius, covariance, indices, over[on][kept], sine[on][kept], growth.sigma_mm, growth, factor,
-        float(np.sqrt(max(blur_mm2, 0.0))),
     )  # fmt: skip
 
 
 def _bend(sine: Array, radius: float) -> Array:
-    """(N,) by how much a footprint of variance 1 mm^2 lifts a point off a sphere: -(1 + 1 / cos^2 i) / 2 r."""
+    """Height (N,) of a point over a sphere by a footprint of variance 1 mm^2: -(1 + 1 / cos^2 i) / 2 r."""
     square = np.maximum(1 - np.minimum(sine, 1.0) ** 2, _LEAST_COSINE**2)
     return np.asarray(-(1 + 1 / square) / (2 * radius))
 
 
 def _shows_blur(rows: Array, over: Array, weight: Array) -> bool:
-    """Whether the last column of the design (K, p), over sigma, has a coefficient well above 0."""
+    """Whether the last column of the design (K, p), divided by sigma, has a coefficient well above 0."""
     step, inverse = _step(rows.T @ (rows * weight[:, None]), rows.T @ (weight * over))
     return step is not None and bool(step[-1] > _BLUR_SIGMAS * np.sqrt(inverse[-1, -1]))
 
 
 def _within(points: Array, centre: Array, radius: float, band_mm: float) -> BoolArray:
+    """(N,) whether points (N, 3) lie within `band_mm` of the sphere's surface."""
     way = points - centre
     return np.asarray(np.abs(np.sqrt(np.einsum("ni,ni->n", way, way)) - radius) < band_mm)
 
 
 def _spacing(points: Array, centre: Array, radius: float) -> float:
-    """Distance between neighbouring points across the line of sight, from their density in the silhouette (K, 3)."""
+    """Distance between neighbouring points (K, 3) across the line of sight, from their density in the silhouette."""
     sine, _ = ray_sines(points, centre, radius)
     inner = np.sort(sine)[: max(len(sine) // 2, 6)]
     across = points - centre
@@ -187,7 +185,7 @@ def _spacing(points: Array, centre: Array, radius: float) -> float:
 def _met_by_rays(
     points: Array, centre: Array, radius: float, sine: Array, over: Array, normals: Array
 ) -> tuple[Array, Array]:
-    """Distances (N,) over the surface and its normals (N, 3) where each point's ray meets it; else as they are."""
+    """Distances (N,) over the surface and normals (N, 3) where each point's ray meets it; as given where it misses."""
     meets = sine < 1
     length = np.sqrt(np.einsum("ni,ni->n", points, points))
     ways = points[meets] / length[meets, None]
@@ -221,7 +219,7 @@ def _clear_of_others(direction: Array, over: Array, sigma: Array) -> BoolArray:
 
 
 def _step(normal: Array, right: Array) -> tuple[Array | None, Array]:
-    """Solution and inverse of the normal equations; None where they are singular."""
+    """Solution of normal equations, None where they are singular, and the inverse of their matrix."""
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     scaled = normal / np.outer(scale, scale)
     if np.linalg.eigvalsh(scaled)[0] < 1e-9:

@@ -1,4 +1,4 @@
-"""What speaks against a fitted sphere: a shape that only touches one, what is seen behind it, a cap too small."""
+"""Reasons against a fitted sphere, and warnings about one: its surface, points seen behind it, a cap too small."""
 
 from __future__ import annotations
 
@@ -10,17 +10,15 @@ from calib.targets.spheres.cap_fit import CapFit, ray_sines
 
 FEWEST_POINTS = 25
 _ROUGHEST = 2.5  # times the scan's noise
-_SLANTED, _ROUGHEST_SLANTED = (
-    0.7,
-    2.3,
-)  # the same where the sine of the incidence is that: noise hardly grows till there
+_SLANTED = 0.7  # sine of an incidence up to which noise hardly grows
+_ROUGHEST_SLANTED = 2.3  # times the scan's noise, at that incidence
 _NO_SURFACE = 0.03  # of the radius: a scatter above this is no surface's, whatever the noise
 _ROUGH = 0.003  # of the radius: a scatter below this is not compared
 _MOST_BEHIND = 0.3  # of the places of the silhouette, those where points lie behind the surface and none on it
 _POINTS_A_CELL = 4
 _MUCH_BEHIND = 0.25  # points behind over points on: more is no sphere if those on it err alike as well
 _ERR_ALIKE = 1.5  # smooth factor
-_MOST_BESIDE = 0.2  # points beside the band over points in it
+_MOST_BESIDE = 0.2  # points next to the band over points in it
 _LEAST_SPREAD_DEG = 6.0  # of the normals about their mean, in the narrower direction: standard deviation
 _SMALL_SPREAD_DEG, _ROUGH_AND_SMALL = 12.0, 1.6  # a cap so small has to be as smooth as flat parts are
 _MOST_RADIUS_SIGMA = 0.03  # of the radius
@@ -32,7 +30,7 @@ _SMALL_CAP_DEG = 35.0
 def why_no_sphere(
     points: Array, fit: CapFit, free: CapFit | None, known_mm: float | None, noise_mm: float
 ) -> tuple[str, float]:
-    """Why the points (N, 3) of a fit are no sphere's, or "", and a score: how much is seen of it, and how surely."""
+    """Reason why the points (N, 3) are no sphere's, or "", and a score: share seen times radius over centre's sigma."""
     sine, depth = ray_sines(points, fit.centre_mm, fit.radius_mm)
     way = points - fit.centre_mm
     over = np.sqrt(np.einsum("ni,ni->n", way, way)) - fit.radius_mm
@@ -106,7 +104,7 @@ def _filled(points: Array, fit: CapFit) -> float:
 
 
 def _cells(points: Array, fit: CapFit, half: int) -> IndexArray:
-    """(K,) the cell of the silhouette's disc, 2 `half` cells wide, that each point's ray goes through."""
+    """(K,) cell of the silhouette's disc, 2 `half` cells wide, that each point's ray goes through."""
     away = float(np.linalg.norm(fit.centre_mm))
     axes = np.linalg.svd(fit.centre_mm[None])[2][1:]
     rays = points @ axes.T / np.maximum(points @ fit.centre_mm / away**2, 1e-9)[:, None]
@@ -115,7 +113,7 @@ def _cells(points: Array, fit: CapFit, half: int) -> IndexArray:
 
 
 def _seen_through(points: Array, on: BoolArray, behind: BoolArray, fit: CapFit) -> float:
-    """Places of the disc with points behind the surface and none on it, over those with some on it.
+    """Cells of the silhouette with points behind the surface and none on it, over those with some on it.
 
     Stray points lie behind a true sphere too, but hardly anywhere without points of the sphere.
     """
@@ -126,7 +124,7 @@ def _seen_through(points: Array, on: BoolArray, behind: BoolArray, fit: CapFit) 
 
 
 def _spread_deg(outward: Array) -> float:
-    """Standard deviation of the directions (K, 3) about their mean in the narrower direction."""
+    """Standard deviation in deg of the directions (K, 3) about their mean, in the narrower direction."""
     if len(outward) < 3:
         return 0.0
     unit = outward / np.linalg.norm(outward, axis=1, keepdims=True)
@@ -134,17 +132,16 @@ def _spread_deg(outward: Array) -> float:
     return float(np.degrees(np.sqrt(max(values[1], 0.0))))
 
 
-def doubts_of(fit: CapFit, *, held: bool) -> tuple[str, ...]:
-    """What should be checked of a sphere that was found, each with what would help."""
-    said = []
-    if fit.cap_deg < _SMALL_CAP_DEG and not held:
-        said.append(
-            f"only a cap of {fit.cap_deg:.0f} deg is seen, from which centre and diameter are told apart badly; give "
-            "diameter_mm"
+def doubts_of(fit: CapFit, *, fixed: bool) -> tuple[str, ...]:
+    """Warnings about a sphere that was found, each with what would help."""
+    warnings = []
+    if fit.cap_deg < _SMALL_CAP_DEG and not fixed:
+        warnings.append(
+            f"only a cap of {fit.cap_deg:.0f} deg is seen, which hardly separates centre and diameter; give diameter_mm"
         )
     if fit.smooth_factor > 2:
-        said.append(
+        warnings.append(
             f"neighbouring points err alike, which makes the centre {fit.smooth_factor:.1f} times less certain; the "
             "sphere is not round, or the scanner's error is smooth"
         )
-    return tuple(said)
+    return tuple(warnings)

@@ -1,4 +1,4 @@
-"""What a touch probe touches: a few places of its ball's centre, which lie on a sphere about the target."""
+"""Finder of a ball or socket measured by a touch probe: the contacts lie on a sphere about the target."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from calib.array_types import Array, BoolArray
 from calib.corners.intersection import packed
 from calib.errors import TargetError
-from calib.planes.normals import finite_rows
+from calib.planes.point_selection import finite_rows
 from calib.scans.scan import Scan
 from calib.target_shapes import Socket
 from calib.targets.protocol.finder import FoundPoint, Wanted
@@ -24,18 +24,17 @@ _TRIALS = 300
 
 
 def find_socket(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
-    """The centre of the sphere that a probe's places (N, 3) lie on: four or more, three of a known diameter do not do.
+    """Centre of the sphere that a probe's contacts (N, 3) lie on; at least four for a known diameter, five otherwise.
 
-    The fit is least squares of the distances, without contacts that the others contradict. The sigma is the probe's
-    declared one or what the contacts scatter by, whichever is larger. Raises TargetError where no sphere is known from
-    them.
+    The fit is least squares of the distances, without contacts that the others contradict. The sigma is the larger of
+    the probe's declared one and the contacts' scatter. Raises TargetError where the contacts determine no sphere.
     """
     shape = wanted.shape
     assert isinstance(shape, Socket)
     rows = np.flatnonzero(finite_rows(scan.points_mm))
     points = scan.points_mm[rows]
-    held = shape.diameter_mm is not None
-    needed = 4 if held else 5
+    fixed = shape.diameter_mm is not None
+    needed = 4 if fixed else 5
     if not needed <= len(points) <= _MOST_CONTACTS:
         raise TargetError(
             f"the file holds {len(points)} contacts of the probe; {needed} to {_MOST_CONTACTS} are needed, spread over "
@@ -49,7 +48,7 @@ def find_socket(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
             f"{np.count_nonzero(kept)} of {len(points)} contacts lie on one sphere; probe the surface again"
         )
     centre, found_radius, over, inverse = fit
-    freedom = len(over) - (3 if held else 4)
+    freedom = len(over) - (3 if fixed else 4)
     scatter = float(np.sqrt(over @ over / freedom)) if freedom > 0 else 0.0
     if freedom > 0 and scatter > _MOST_RATIO * shape.probe_sigma_mm and freedom > 2:
         raise TargetError(
@@ -103,7 +102,7 @@ def _agreeing(points: Array, radius: float | None, sigma_mm: float) -> BoolArray
 
 
 def _fitted(points: Array, radius: float | None) -> tuple[Array, float, Array, Array] | None:
-    """Centre, radius, distances (N,) and the inverse of the normal equations, by Gauss-Newton; None where singular."""
+    """Centre, radius, distances (N,) and inverse normal matrix of a sphere by Gauss-Newton; None where singular."""
     middle = points.mean(axis=0)
     local = points - middle
     rows = np.column_stack([2 * local, np.ones(len(local))])
@@ -111,11 +110,11 @@ def _fitted(points: Array, radius: float | None) -> tuple[Array, float, Array, A
     if rank < 4:
         return None
     centre = solved[:3]
-    found = radius or float(np.sqrt(max(solved[3] + centre @ centre, 1e-12)))
+    size = radius or float(np.sqrt(max(solved[3] + centre @ centre, 1e-12)))
     for _ in range(_ROUNDS):
         way = local - centre
         reach = np.maximum(np.linalg.norm(way, axis=1), 1e-12)
-        over = reach - found
+        over = reach - size
         design = way / reach[:, None]
         if radius is None:
             design = np.column_stack([design, np.ones(len(design))])
@@ -124,8 +123,8 @@ def _fitted(points: Array, radius: float | None) -> tuple[Array, float, Array, A
             return None
         step = np.linalg.solve(normal, design.T @ over)
         centre = centre + step[:3]
-        found = radius or found + float(step[3])
-        if np.linalg.norm(step) < 1e-10 * max(found, 1.0):
+        size = radius or size + float(step[3])
+        if np.linalg.norm(step) < 1e-10 * max(size, 1.0):
             break
     way = local - centre
-    return centre + middle, found, np.linalg.norm(way, axis=1) - found, np.linalg.inv(normal)
+    return centre + middle, size, np.linalg.norm(way, axis=1) - size, np.linalg.inv(normal)

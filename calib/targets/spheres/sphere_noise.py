@@ -1,4 +1,4 @@
-"""How the distances of points to a sphere scatter: more with the incidence, and alike among neighbours."""
+"""Scatter of points' distances to a sphere: its growth with the incidence, and its correlation among neighbours."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _LEAST_COSINE = 0.15
 
 @dataclass(frozen=True)
 class NoiseGrowth:
-    """sigma(i) = sigma_mm exp(b_1 g + b_2 g^2) of the distances over the surface, g = -log cos i."""
+    """Sigma of the distances over the surface by incidence i: sigma_mm exp(b_1 g + b_2 g^2), g = -log cos i."""
 
     sigma_mm: float  # seen squarely
     powers: Array  # (2,) b_1, b_2
 
     def sigma(self, sine: Array) -> Array:
-        """(K,) mm, at these sines of the incidence."""
+        """Sigmas (K,) of the distances, mm, for sines (K,) of the incidence."""
         g = _lean(sine)
         return np.asarray(
             self.sigma_mm * np.clip(np.exp(self.powers[0] * g + self.powers[1] * g**2), 0.5, _MOST_GROWTH)
@@ -33,13 +33,14 @@ class NoiseGrowth:
 
 
 def _lean(sine: Array) -> Array:
+    """g = -log cos i (K,) for sines (K,) of the incidence i."""
     return np.asarray(-0.5 * np.log(np.maximum(1 - np.minimum(sine, 1.0) ** 2, _LEAST_COSINE**2)))
 
 
 def growth_of(over: Array, sine: Array, least_sigma_mm: float) -> NoiseGrowth:
-    """From distances over the surface (K,), some of which are no noise: the MAD in bins of the incidence.
+    """Growth of the noise with the incidence, from distances over the surface (K,): the MAD in bins of the incidence.
 
-    Few points show one sigma, more show its growth, many show how that bends.
+    Some of the distances may be no noise. Few points show one sigma, more show its growth, many show its curvature.
     """
     middle = float(np.median(over))
     level = max(float(MAD_TO_SIGMA * np.median(np.abs(over - middle))), least_sigma_mm)
@@ -57,18 +58,18 @@ def growth_of(over: Array, sine: Array, least_sigma_mm: float) -> NoiseGrowth:
     # A prior that the noise does not grow, of one bin's weight, keeps the curve from bending after a bad bin.
     penalty = np.diag([0.0, *([0.02] * powers)]) * count.mean()
     weighted = design.T * count
-    found = np.linalg.solve(weighted @ design + penalty, weighted @ log)
+    solution = np.linalg.solve(weighted @ design + penalty, weighted @ log)
     bends = np.zeros(2)
-    bends[:powers] = found[1:]
-    return NoiseGrowth(max(float(np.exp(found[0])), least_sigma_mm), bends)
+    bends[:powers] = solution[1:]
+    return NoiseGrowth(max(float(np.exp(solution[0])), least_sigma_mm), bends)
 
 
 def patch_factor(rows: Array, psi: Array, inverse: Array) -> float:
-    """Sigma of the parameters over that of white noise, from sums over patches of the surface; 1 where they are alike.
+    """Ratio of the parameters' sigma to that under white noise, from sums over patches; 1 where both agree.
 
-    rows  # (K, p) of the design over sigma, psi (K,) weighted residuals over sigma, inverse (p, p). Neighbours that err
-    alike make the sums of a patch larger than those of independent points (the cluster-robust covariance, Liang and
-    Zeger 1986). A form error of the sphere is seen so as well. What is smooth over the whole cap is not.
+    rows # (K, p) of the design over sigma, psi (K,) weighted residuals over sigma, inverse (p, p). Correlated errors of
+    neighbours make the sums of a patch larger than those of independent points (the cluster-robust covariance, Liang
+    and Zeger 1986). A form error of the sphere is included; an error that is smooth over the whole cap is not.
     """
     if len(rows) < 4 * _PATCHES:
         return 1.0

@@ -1,1 +1,1 @@
-"""The solids of an arm, its jig and its surroundings, and how near they come to each other and to lines of sight."""
+"""Solids of an arm, its jig and its surroundings, and their distances from each other and from lines of sight."""

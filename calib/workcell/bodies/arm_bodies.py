@@ -1,8 +1,8 @@
-"""The solids of an arm: a capsule along each straight piece of its chain, as thick as its lengths make likely.
+"""Solids of an arm: a capsule along each straight piece of its chain, of a thickness guessed from its lengths.
 
 A row of the table leads from one frame to the next in two straight pieces, d along the joint's axis and a across it.
-What holds the jig is a straight rod from the flange to the jig's back. A link whose mesh is known is a capsule around
-that mesh instead, and the mesh itself where lines of sight are asked.
+The jig's holder is a straight rod from the flange to the jig's back. A link whose mesh is known is a capsule around
+that mesh instead, and the mesh itself for lines of sight.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from calib.workcell.bodies.link_mesh import LinkMesh
 
 FIRST_THICKNESS, LAST_THICKNESS = 0.045, 0.033  # radius over the links' lengths: RB5, Panda, UR10e
 LEAST_MM = 30.0  # radius of a guessed body
-TOOL_MM = 20.0  # radius of what holds the jig
+TOOL_MM = 20.0  # radius of the jig's holder
 USUAL_REACH_MM = 500.0  # of an arm whose table is all zero
-ALONG_D, ALONG_A, FIXED = 0, 1, 2  # what a body follows
+ALONG_D, ALONG_A, FIXED = 0, 1, 2  # piece of the chain that a body follows, or fixed in its link's frame
 _SHORTEST = 1e-3  # of the reach: a shorter piece is no body
 _ALWAYS = 0.3  # of random poses: pairs that meet at more of them do so by the guess of their shape
 
 
 def reach_mm(robot: Robot) -> float:
-    """How far the arm could reach, all its lengths in one line; prismatic joints as far as their limits say."""
+    """Reach of the arm with all its lengths in one line; prismatic joints as far as their limits say."""
     lengths = float(np.abs(robot.table[:-1, [0, 2]]).sum())
     strokes = sum(max(abs(j.min or 0.0), abs(j.max or 0.0)) for j in robot.joints if not j.is_revolute)
     return lengths + strokes or USUAL_REACH_MM
@@ -41,7 +41,7 @@ def reach_mm(robot: Robot) -> float:
 class ArmBodies:
     """K capsules, each on the link of a row of the table (n: the tool).
 
-    Where they are at a pose follows from the chain; `in_link` are those that are fixed in their link's frame.
+    Their places at a pose follow from the chain; those marked FIXED keep their place in their link's frame.
     """
 
     link: IndexArray  # (K,)
@@ -51,7 +51,7 @@ class ArmBodies:
     end_mm: Array  # (K, 3)
     shortened_mm: Array  # (K,) by which the far end stops early, so that its round end does
     hides: BoolArray  # (K,) whether a face behind it is hidden: not of the jig's own body
-    static: BoolArray  # (K,) of those that stand on the floor and move nowhere
+    static: BoolArray  # (K,) of those fixed to the floor, which no joint moves
     pairs: IndexArray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.intp))  # that may touch
     meshes: Mapping[int, LinkMesh] = field(default_factory=dict)  # by row of the table
 
@@ -70,11 +70,11 @@ class ArmBodies:
         last = np.where(fixed, placed[1], np.where((self.piece == ALONG_D)[:, None], knee, end))
         along = last - first
         length = np.linalg.norm(along, axis=-1, keepdims=True)
-        left = np.clip(1.0 - self.shortened_mm[:, None] / np.maximum(length, 1e-9), 0.0, 1.0)
-        return first, first + left * along
+        kept = np.clip(1.0 - self.shortened_mm[:, None] / np.maximum(length, 1e-9), 0.0, 1.0)
+        return first, first + kept * along
 
     def thinner(self, share: float) -> ArmBodies:
-        """The same bodies with guessed radii times `share`; what has a mesh, and the jig, stay."""
+        """Bodies with guessed radii times `share`; bodies with a mesh, and the jig, stay."""
         guessed = self.piece != FIXED
         return replace(
             self,
@@ -85,7 +85,7 @@ class ArmBodies:
 
 @dataclass(frozen=True)
 class _Body:
-    """One capsule, as `ArmBodies` has it."""
+    """One capsule, with the fields of `ArmBodies`."""
 
     link: int
     radius_mm: float
@@ -100,11 +100,11 @@ class _Body:
 def arm_bodies(
     robot: Robot, jig: Jig | None, tool_T_jig: Array, meshes: Mapping[int, LinkMesh] | None = None
 ) -> ArmBodies:
-    """The arm's bodies, guessed where no mesh is known.
+    """Bodies of the arm, guessed where no mesh is known.
 
     Args:
         jig: None: a mirror or a ball, without a body.
-        tool_T_jig: (4, 4) how the jig sits on the tool.
+        tool_T_jig: (4, 4) pose of the jig on the tool.
         meshes: by row of the table, counted from 0, each in its link's own frame.
     """
     meshes = meshes or {}
@@ -134,7 +134,7 @@ def arm_bodies(
         middle = tuple(tool_T_jig[:3, :3] @ [0.0, 0.0, 0.5 * back_mm] + tool_T_jig[:3, 3])
         radius = float(np.hypot(0.5 * back_mm, jig_radius_mm))
         bodies.append(_Body(n, radius, FIXED, start_mm=middle, end_mm=middle, hides=False))
-    out = ArmBodies(
+    arm = ArmBodies(
         link=np.array([b.link for b in bodies], dtype=np.intp),
         radius_mm=np.array([b.radius_mm for b in bodies], dtype=float),
         piece=np.array([b.piece for b in bodies], dtype=np.intp),
@@ -145,18 +145,18 @@ def arm_bodies(
         static=np.array([b.static for b in bodies], dtype=bool),
         meshes=dict(meshes),
     )
-    return replace(out, pairs=_pairs(robot, out))
+    return replace(arm, pairs=_pairs(robot, arm))
 
 
 def jig_size(jig: Jig) -> tuple[float, float]:
-    """How far the ends of its edges lie behind the jig's apex (before it: below 0) and off its axis, mm."""
+    """Depth of the edges' ends behind the jig's apex (below 0: before it) and their distance from its axis, mm."""
     edges, _ = jig_geometry(jig)
     back_mm = float(edges[:, 2].mean())
     return back_mm, float(np.linalg.norm(edges - [0.0, 0.0, back_mm], axis=1).max())
 
 
 def _pairs(robot: Robot, bodies: ArmBodies) -> IndexArray:
-    """(M, 2) bodies of links that are no neighbours and do not meet at many poses by the guess of their shape."""
+    """(M, 2) pairs of bodies that may collide: on links that are no neighbours, and not touching by their guess."""
     first, second = np.triu_indices(len(bodies), 1)
     apart = np.abs(bodies.link[first] - bodies.link[second]) > 1
     pairs = np.column_stack([first[apart], second[apart]])
@@ -166,7 +166,7 @@ def _pairs(robot: Robot, bodies: ArmBodies) -> IndexArray:
 
 
 def touching(bodies: ArmBodies, start_mm: Array, end_mm: Array, pairs: IndexArray) -> BoolArray:
-    """(N, M) which pairs of bodies meet, of axes from start to end (N, K, 3)."""
+    """(N, M) whether pairs of bodies meet, for axes from start to end (N, K, 3)."""
     i, j = pairs.T
     apart = between_segments(start_mm[:, i], end_mm[:, i], start_mm[:, j], end_mm[:, j])
     return np.asarray(apart < bodies.radius_mm[i] + bodies.radius_mm[j])

@@ -1,4 +1,4 @@
-"""How near straight pieces come to each other, to boxes and to lines of sight; many at once."""
+"""Distances of line segments from each other and from boxes, for many at once."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _HALVINGS = 22  # of a piece of 2 m: to half a micrometre
 
 
 def between_segments(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
-    """Least distance of segments a0 a1 and b0 b1 (..., 3), which broadcast (Ericson 2005, section 5.1.9)."""
+    """Least distances (...) of segments a0 a1 and b0 b1 (..., 3), which broadcast (Ericson 2005, section 5.1.9)."""
     u, v, w = a1 - a0, b1 - b0, a0 - b0
     uu, vv, uv = _dot(u, u), _dot(v, v), _dot(u, v)
     uw, vw = _dot(u, w), _dot(v, w)
@@ -24,9 +24,10 @@ def between_segments(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
 
 
 def to_box(a0: Array, a1: Array, low_mm: Array, high_mm: Array) -> Array:
-    """Least distance (...) of segments a0 a1 (..., 3) from the box between two corners (3,).
+    """Least distances (...) of segments a0 a1 (..., 3) from the box between two corners (3,).
 
-    The squared distance from a convex body is convex along a line, so its slope's sign is halved down to the least.
+    The squared distance from a convex body is convex along a line, so the sign of its slope leads a bisection to the
+    least.
     """
     along = a1 - a0
     low, high = np.zeros(along.shape[:-1]), np.ones(along.shape[:-1])

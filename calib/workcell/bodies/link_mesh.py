@@ -1,4 +1,4 @@
-"""The meshes of links that robot.toml names: each in its link's own frame, in mm."""
+"""Meshes of links that robot.toml names: each in its link's own frame, in mm."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ KINDS = (".stl", ".ply", ".obj", ".off", ".glb")
 
 @dataclass(frozen=True)
 class LinkMesh:
-    """The triangles of one link."""
+    """Triangles of one link."""
 
     vertices_mm: Array  # (V, 3) in the link's own frame
     triangles: NDArray[np.int64]  # (T, 3) indices into them
 
     def bounding_capsule(self) -> tuple[Array, Array, float]:
-        """Ends (3,) of an axis along the mesh and a radius, mm, about which every vertex lies inside."""
+        """Ends (3,) of an axis along the mesh, and the radius about it, mm, within which every vertex lies."""
         middle = self.vertices_mm.mean(axis=0)
         off_mm = self.vertices_mm - middle
         axis = np.linalg.svd(off_mm, full_matrices=False)[2][0]
@@ -40,7 +40,7 @@ class LinkMesh:
 
 
 def load_link_mesh(dataset: Dataset, joint: int) -> LinkMesh | None:
-    """The mesh of the link that this joint moves; None where robot.toml names none.
+    """Mesh of the link that this joint moves; None where robot.toml names none.
 
     Raises:
         DatasetError: a file outside the dataset's folder, missing, of an unknown kind, unreadable or too large.
@@ -61,6 +61,7 @@ def load_link_mesh(dataset: Dataset, joint: int) -> LinkMesh | None:
 
 
 def _read(path: Path, place: str) -> LinkMesh:
+    """Mesh from a file. Raises DatasetError where it cannot be read, has no triangles or too many."""
     import trimesh
 
     try:

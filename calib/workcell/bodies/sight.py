@@ -1,4 +1,4 @@
-"""Lines of sight from a scanner to points on the jig, against the arm's bodies and meshes."""
+"""Lines of sight from a scanner to points on the jig, hidden or not by the arm's bodies and meshes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from calib.workcell.bodies.link_mesh import LinkMesh
 
 
 def hidden_by_arm(bodies: ArmBodies, chain: Chain, eye_mm: Array, points_mm: Array) -> BoolArray:
-    """(N, P) whether something of the arm stands between an eye (3,) and points (N, P, 3), base frame."""
+    """(N, P) whether a body of the arm is between the scanner at eye_mm (3,) and points (N, P, 3), base frame."""
     start, end = bodies.at(chain)
     hidden = np.zeros(points_mm.shape[:2], dtype=bool)
     for k in np.flatnonzero(bodies.hides):
@@ -29,7 +29,7 @@ def hidden_by_arm(bodies: ArmBodies, chain: Chain, eye_mm: Array, points_mm: Arr
 
 
 def _hidden_by_mesh(mesh: LinkMesh, base_T_link: Array, eye_mm: Array, points_mm: Array, asked: BoolArray) -> BoolArray:
-    """(N, P) as `hidden_by_arm` of the mesh's own triangles, where asked; elsewhere False."""
+    """(N, P) whether the mesh's own triangles hide the points, where `asked`; elsewhere False."""
     import open3d as o3d
 
     tensor: Any = o3d.core.Tensor
@@ -45,13 +45,13 @@ def _hidden_by_mesh(mesh: LinkMesh, base_T_link: Array, eye_mm: Array, points_mm
     along = np.einsum("rij,rj->ri", turn, points_mm[pose, point] - eye_mm)
     rays = np.concatenate([eye, along], axis=1).astype(np.float32)  # a hit at 1 is the point itself
     hit = scene.cast_rays(tensor(rays))["t_hit"].numpy()
-    out = np.zeros_like(asked)
-    out[pose, point] = hit < 1.0
-    return out
+    hidden = np.zeros_like(asked)
+    hidden[pose, point] = hit < 1.0
+    return hidden
 
 
 def on_faces(base_T_jig: Array, edges_mm: Array) -> Array:
-    """(N, P, 3) points on the faces of jigs at base_T_jig (N, 4, 4) with edge ends (3, 3), base frame."""
+    """Points (N, P, 3) on the faces of jigs at base_T_jig (N, 4, 4) with edge ends (3, 3), base frame."""
     one, other = edges_mm[[1, 2, 0]], edges_mm[[2, 0, 1]]
     in_jig = np.concatenate([s * one + t * other for s, t in _SHARES])
     return np.einsum("nij,pj->npi", base_T_jig[:, :3, :3], in_jig) + base_T_jig[:, None, :3, 3]

@@ -12,8 +12,6 @@ import viser
 from calib.calibration.result import Calibration
 from calib.errors import CalibError, DatasetError
 from calib.models.exported_table import exported_table
-from calib.models.fitted_model import FittedModel
-from calib.models.model_file import model_text
 from inspector.app.page.page_state import PageState
 from inspector.export import csv_and_png as exports
 from inspector.panels.downloads import ITEMS, SCREENSHOT, DownloadsPanel
@@ -117,7 +115,7 @@ def _robot(asked: Asked) -> tuple[str, bytes]:
 
 def _model(asked: Asked) -> tuple[str, bytes]:
     asked.calibration.require_improvement()
-    return "model.json", model_text(FittedModel.of(asked.calibration)).encode()
+    return "model.json", asked.calibration.fitted_model.to_json().encode()
 
 
 def _session(asked: Asked) -> tuple[str, bytes]:

@@ -6,7 +6,7 @@ from concurrent.futures import Future
 from dataclasses import replace
 
 from calib.errors import CalibError
-from calib.measurement.labels import FaceLabels
+from calib.measurement.face_labels import FaceLabels
 from inspector.app.page.page_state import PageState
 from inspector.panels.model.fit import FitPanel
 from inspector.server.background import Background, until_done

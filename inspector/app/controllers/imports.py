@@ -11,12 +11,11 @@ from pathlib import Path
 import viser
 
 from calib.dataset_import.columns import Meaning
-from calib.dataset_import.files.choice import Choice, plan_of_files, without_folder
-from calib.dataset_import.files.user_files import UserFiles, look_through
-from calib.dataset_import.import_dataset import copy_dataset, write_plan
+from calib.dataset_import.import_dataset import ImportChoice, copy_dataset, plan_of_files, without_folder, write_plan
 from calib.dataset_import.plan import ImportPlan
+from calib.dataset_import.user_files import UserFiles, look_through
 from calib.errors import CalibError
-from calib.robot_formats.robot_file import Reading
+from calib.robot_formats.robot_file import ReadOptions
 from calib.robot_formats.tables import CONVENTIONS
 from inspector.panels.your_data import (
     CHOOSE,
@@ -43,7 +42,7 @@ class _Import:
     folder: Path
     files: UserFiles | None = None
     plan: ImportPlan | None = None
-    choice: Choice = field(default_factory=Choice)
+    choice: ImportChoice = field(default_factory=ImportChoice)
     suggested: str = ""
     tips: tuple[str, ...] = ()
     plans: int = 0  # begun so far
@@ -208,7 +207,7 @@ class Imports:
         tip = str(window.tip.value) if robot == before else None
         convention = str(window.convention.value)
         suffix = "" if robot is None else Path(robot).suffix.lower()
-        reading = Reading(
+        reading = ReadOptions(
             tip=tip if tip in at.tips and len(at.tips) > 1 else None,
             convention=convention if suffix == ".csv" and convention in CONVENTIONS else None,
             model=str(window.model.value).strip() or None if suffix == ".conf" else None,

@@ -54,8 +54,8 @@ class Ranking:
         yield
         tested = yield from self._shown.beside(lambda: sessions.with_residual_tests(session), session)
         if tested is not None and self._shown.session.screening is session.screening:
-            known = replace(self._shown.session, residual_tests=tested.residual_tests)
-            self._state.keep(replace(known, advice=tested.advice, diagnosis=tested.diagnosis))
+            known = replace(self._shown.session, residual_tests=tested.residual_tests, advice=tested.advice)
+            self._state.keep(replace(known, diagnosis=tested.diagnosis, next_poses=tested.next_poses))
             self._panel.judge(self._shown.session)
             self._shown.panels.plan.offer(aims_of(self._shown.session))
             self._shown.panels.residuals.update(self._state.now)

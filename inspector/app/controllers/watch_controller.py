@@ -14,7 +14,7 @@ from inspector.server.background import Background
 from inspector.server.worker import LongWork
 from inspector.session.side_by_side import WatchedCell, measured_dataset, watched_cell
 
-NOT_YET = "Nothing to hold them against yet: the model is fitted when the search has ended."
+NOT_YET = "Nothing to compare them with yet: the model is fitted when the search has ended."
 CHOOSE = "Choose what was measured later: three poses or more of the same cell."
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from calib.dataset.files.folder import load_dataset
-from calib.errors import CalibError, shown
+from calib.errors import CalibError, printable
 
 
 def has_scans(folder: Path) -> bool:
@@ -19,5 +19,7 @@ def has_scans(folder: Path) -> bool:
 
 def names_of(folders: Sequence[Path]) -> list[str]:
     """A distinct name for each dataset folder, its own where that is enough."""
-    names = [shown(folder.resolve().name) for folder in folders]
-    return [shown(str(folder)) if names.count(name) > 1 else name for folder, name in zip(folders, names, strict=True)]
+    names = [printable(folder.resolve().name) for folder in folders]
+    return [
+        printable(str(folder)) if names.count(name) > 1 else name for folder, name in zip(folders, names, strict=True)
+    ]

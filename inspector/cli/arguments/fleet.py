@@ -10,7 +10,7 @@ from inspector.cli.arguments.shared import add_json
 
 
 def fleet_arguments(sub: ArgumentParser) -> None:
-    """Where the work runs, and where its results go."""
+    """Add the arguments of `fleet`: where the work runs, and where its results go."""
     sub.add_argument(
         "--out",
         type=Path,

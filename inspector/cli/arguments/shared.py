@@ -10,12 +10,12 @@ from inspector.cli.arguments import values
 
 
 def add_json(sub: ArgumentParser) -> None:
-    """The option --json."""
+    """Add the option --json."""
     sub.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
 
 
 def add_fit(sub: ArgumentParser) -> None:
-    """What a fit is to be like: see `calib.options.FitOptions`."""
+    """Add the options of a fit (`calib.options.FitOptions`)."""
     add_residual(sub)
     add_effects(sub)
     sub.add_argument("--no-prior", action="store_true", help="do not hold parameters within their tolerance")
@@ -34,7 +34,7 @@ def add_fit(sub: ArgumentParser) -> None:
 
 
 def add_adding(sub: ArgumentParser) -> None:
-    """The option --add."""
+    """Add the option --add."""
     sub.add_argument(
         "--add",
         action="append",
@@ -45,7 +45,7 @@ def add_adding(sub: ArgumentParser) -> None:
 
 
 def add_learned_out(sub: ArgumentParser) -> None:
-    """The option --learned-out."""
+    """Add the option --learned-out."""
     sub.add_argument(
         "--learned-out",
         type=Path,
@@ -55,7 +55,7 @@ def add_learned_out(sub: ArgumentParser) -> None:
 
 
 def add_model_out(sub: ArgumentParser) -> None:
-    """The option --model-out."""
+    """Add the option --model-out."""
     sub.add_argument(
         "--model-out",
         type=Path,
@@ -65,7 +65,7 @@ def add_model_out(sub: ArgumentParser) -> None:
 
 
 def add_leave_out(sub: ArgumentParser) -> None:
-    """The option --leave-out."""
+    """Add the option --leave-out."""
     sub.add_argument(
         "--leave-out",
         action="append",
@@ -76,12 +76,12 @@ def add_leave_out(sub: ArgumentParser) -> None:
 
 
 def add_model(sub: ArgumentParser, help: str) -> None:
-    """The option --model."""
+    """Add the option --model."""
     sub.add_argument("--model", type=Path, metavar="FILE.json", help=f"{help} (of calibrate --model-out)")
 
 
 def add_effects(sub: ArgumentParser) -> None:
-    """The options --effect and --effects-file."""
+    """Add the options --effect and --effects-file."""
     sub.add_argument(
         "--effect",
         action="append",
@@ -93,7 +93,7 @@ def add_effects(sub: ArgumentParser) -> None:
 
 
 def add_finder(sub: ArgumentParser) -> None:
-    """The option --finder."""
+    """Add the option --finder."""
     sub.add_argument(
         "--finder",
         type=Path,
@@ -103,7 +103,7 @@ def add_finder(sub: ArgumentParser) -> None:
 
 
 def add_residual(sub: ArgumentParser) -> None:
-    """The option --residual."""
+    """Add the option --residual."""
     sub.add_argument(
         "--residual",
         choices=RESIDUAL_KINDS,
@@ -114,7 +114,7 @@ def add_residual(sub: ArgumentParser) -> None:
 
 
 def convert_arguments(sub: ArgumentParser) -> None:
-    """IN, OUT and what chooses the arm in them."""
+    """Add the arguments of `convert`: IN, OUT, and what chooses the arm in them."""
     sub.add_argument("source", type=Path, metavar="IN", help="a robot: .urdf .xacro .toml .yaml .conf .csv .xml")
     sub.add_argument("out", type=Path, metavar="OUT", help="the form follows the suffix: .toml .urdf .yaml")
     links_arguments(sub)
@@ -129,7 +129,7 @@ def convert_arguments(sub: ArgumentParser) -> None:
 
 
 def import_arguments(sub: ArgumentParser) -> None:
-    """Robot, tables, and what their columns mean."""
+    """Add the arguments of `import`: robot, tables, and what their columns mean."""
     sub.add_argument(
         "--from",
         dest="source",
@@ -155,7 +155,7 @@ def import_arguments(sub: ArgumentParser) -> None:
 
 
 def links_arguments(sub: ArgumentParser) -> None:
-    """Which links of a URDF are the ends of the arm."""
+    """Add the options that choose the arm's end links in a URDF."""
     sub.add_argument("--tip", metavar="LINK", help="the last link (default: the only one that is a tip)")
     sub.add_argument("--base", metavar="LINK", help="the first link (default: the root)")
     sub.add_argument(

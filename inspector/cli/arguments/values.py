@@ -1,4 +1,4 @@
-"""Values of options, read from the words of a command line; what is wrong is said in one line."""
+"""Parsers of option values; a wrong value is reported in one line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _LONGEST_S = 1e6  # what a lock of the system waits for is bounded
 
 
 def named_number(text: str) -> tuple[str, float]:
-    """ "a1=0.5" as name and number."""
+    """Name and number of "a1=0.5"."""
     name, _, value = text.partition("=")
     try:
         return name.strip(), float(value)
@@ -20,7 +20,7 @@ def named_number(text: str) -> tuple[str, float]:
 
 
 def xacro_argument(text: str) -> tuple[str, str]:
-    """ "name:=ur10e" as name and value."""
+    """Name and value of "name:=ur10e"."""
     name, between, value = text.partition(":=")
     if not between or not name.strip():
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME:=VALUE, such as name:=ur10e")
@@ -28,7 +28,7 @@ def xacro_argument(text: str) -> tuple[str, str]:
 
 
 def named_folder(text: str) -> tuple[str, Path]:
-    """ "ur_description=ros/ur_description" as name and folder."""
+    """Name and folder of "ur_description=ros/ur_description"."""
     name, _, folder = text.partition("=")
     if not name.strip() or not folder:
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=FOLDER, such as ur_description=ros/ur_description")
@@ -51,7 +51,7 @@ def pose_count(text: str) -> int:
 
 
 def scanner_place(text: str) -> tuple[float, ...]:
-    """ "x,y,z" or "x,y,z,x,y,z": where the scanner stands, and what it looks at, mm."""
+    """Scanner position and the point that it looks at, mm, from "x,y,z" or "x,y,z,x,y,z"."""
     try:
         numbers = tuple(float(word) for word in text.split(","))
     except ValueError:
@@ -88,7 +88,7 @@ def seconds(text: str) -> float:
 
 
 def _number(text: str) -> float:
-    """nan where the text is none, which no range holds."""
+    """Number of a text; NaN where it is none, which no range holds."""
     try:
         return float(text)
     except ValueError:

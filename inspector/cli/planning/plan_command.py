@@ -10,7 +10,6 @@ from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.diagnosis.diagnose import diagnose
-from calib.documents.plan_document import plan_document
 from calib.effects.effect import Family
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
@@ -19,12 +18,12 @@ from calib.planning.fitted_start import start_of_dataset
 from calib.planning.plan import plan_poses
 from calib.planning.purpose import WATCH, Purpose
 from calib.planning.purposes.by_name import purpose_of
-from calib.planning.purposes.split import SPLIT, ForSplit, open_set_of
+from calib.planning.purposes.confounded_effects import SPLIT, ForDiscrimination, for_confounded
+from calib.planning.purposes.planned import FIRST_SET, FURTHER
 from calib.planning.purposes.watching import CHECK_POSES
 from calib.planning.scanner_place import scanner_at
 from calib.planning.start import FromFit, FromRobot
 from calib.planning.unknowns import DEFAULT_NOISE_MM
-from calib.planning.words import plan_text
 from calib.robot_formats.robot_file import named_robot
 from calib.workcell.known_cell import workcell_of_dataset, workcell_of_robot
 from calib.workcell.scan_field import JANG_FIELD
@@ -36,8 +35,6 @@ from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import stages
 from inspector.cli.robots.reading import reading_of
 from inspector.export.plan_files import check_plan_file, planned_file
-
-FIRST_SET, FURTHER = 20, 5
 
 
 def run_plan(options: PlanOptions) -> int:
@@ -68,7 +65,7 @@ def run_plan(options: PlanOptions) -> int:
     )
     if options.out is not None:
         write_text_atomically(options.out, planned_file(options.out, plan))
-    show(options, plan_document(plan), plan_text(plan))
+    show(options, plan.to_dict(), plan.summary())
     return 0
 
 
@@ -84,7 +81,7 @@ def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
     return dataset, loaded_effects(options.effects_file, dataset)
 
 
-def _open_set(options: PlanOptions) -> ForSplit:
+def _open_set(options: PlanOptions) -> ForDiscrimination:
     """The set that a diagnosis leaves open."""
     if options.scanner is not None:
         raise CalibError(
@@ -95,7 +92,7 @@ def _open_set(options: PlanOptions) -> ForSplit:
         found = diagnose(
             dataset, options.fit_options(), effects=options.effect, user_effects=user_effects, on_step=on_step
         )
-    return open_set_of(found, options.payload_kg)
+    return for_confounded(found, options.payload_kg)
 
 
 def _dataset_start(options: PlanOptions) -> tuple[FromFit, Sequence[Family]]:

@@ -1,1 +1,1 @@
-"""The commands about robots' files and what comes with them."""
+"""Commands on robot files, datasets made from a user's files, and samples."""

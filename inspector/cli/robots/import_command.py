@@ -1,4 +1,4 @@
-"""`import`: a dataset folder from a robot and tables, or from a zip or folder that holds them."""
+"""The command `import`: a dataset folder from a robot and tables, or from a zip or folder that holds them."""
 
 from __future__ import annotations
 
@@ -9,10 +9,18 @@ from typing import Any
 
 from calib.dataset.dataset import ROLES, Dataset
 from calib.dataset_import.columns import parsed_mapping
-from calib.dataset_import.files.choice import Choice, plan_of_files, unpacked, without_folder
-from calib.dataset_import.files.user_files import UserFiles
-from calib.dataset_import.import_dataset import copy_dataset, require_free, scan_files, write_plan
+from calib.dataset_import.import_dataset import (
+    ImportChoice,
+    copy_dataset,
+    plan_of_files,
+    require_free,
+    scan_files,
+    unpacked,
+    without_folder,
+    write_plan,
+)
 from calib.dataset_import.plan import ImportPlan
+from calib.dataset_import.user_files import UserFiles
 from calib.errors import CalibError, visible
 from inspector.cli.dataset_commands import measured, show
 from inspector.cli.options import ImportOptions
@@ -22,7 +30,7 @@ from inspector.export.import_document import plan_document, plan_lines
 
 
 def run_import(options: ImportOptions) -> int:
-    """Make a dataset folder of what a user has."""
+    """Make a dataset folder from a user's files."""
     if options.source is None and (options.robot is None or options.joints is None):
         raise CalibError("give --robot and --joints, or --from with a zip or a folder that holds them")
     if not options.dry_run:
@@ -40,21 +48,21 @@ def run_import(options: ImportOptions) -> int:
     summary = [] if plan.robot is None else [plan.robot.summary]
     document = plan_document(plan, files.files)
     notes = [] if plan.robot is None else plan.robot.notes
-    return _finished(options, dataset, document | {"notes": notes}, [*summary, *plan.said])
+    return _finished(options, dataset, document | {"notes": notes}, [*summary, *plan.notes])
 
 
 def _named(options: ImportOptions) -> UserFiles:
-    """What the options name, file by file."""
+    """Files that the options name, with their roles."""
     return UserFiles(Path(), (), {} if options.scans is None else scan_files(options.scans))
 
 
-def _choice(options: ImportOptions) -> Choice:
+def _choice(options: ImportOptions) -> ImportChoice:
     reading = reading_of(options, named=options.robot is not None)
-    return Choice(options.robot, reading, options.joints, options.points, parsed_mapping(options.map))
+    return ImportChoice(options.robot, reading, options.joints, options.points, parsed_mapping(options.map))
 
 
 def _told(options: ImportOptions, files: UserFiles, plan: ImportPlan) -> int:
-    """The plan alone; exit code 1 where it has faults."""
+    """Print the plan alone; returns exit code 1 where it has faults."""
     kinds = [f"{file.path.name}: {file.kind}, {file.why}" for file in files.files]
     faults = [f"fault: {fault}" for fault in plan.faults]
     lines = [*kinds, *plan_lines(plan), *faults]
@@ -63,7 +71,7 @@ def _told(options: ImportOptions, files: UserFiles, plan: ImportPlan) -> int:
 
 
 def _ready(options: ImportOptions, files: UserFiles) -> int:
-    """A zip or a folder that holds a dataset's folder already."""
+    """Import a zip or folder that holds a dataset's folder already."""
     if len(files.datasets) > 1:
         named = ", ".join(str(folder.relative_to(files.folder)) for folder in files.datasets)
         raise CalibError(f"{options.source}: holds {len(files.datasets)} datasets ({named}); give one of them")
@@ -77,7 +85,7 @@ def _ready(options: ImportOptions, files: UserFiles) -> int:
 
 
 def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any], lines: list[str]) -> int:
-    """What was made, and with --diagnose what is the matter with it."""
+    """Report what was written, and with --diagnose the verdict on it."""
     warnings = [*dataset.warnings, *dataset.notes]
     for warning in warnings:
         print(visible(f"inspector: warning: {warning}"), file=sys.stderr)
@@ -95,11 +103,13 @@ def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any]
         show(options, document, "\n".join([*lines, f"next: inspector diagnose {options.path}"]))
         return 0
     from calib.diagnosis.diagnose import diagnose
+    from calib.planning.discrimination import next_poses
     from inspector.cli.fit_commands import diagnosis_text
-    from inspector.export.json_documents import diagnosis_document
+    from inspector.export.json_documents import document_with_poses
 
     with stages() as on_step:
         result = diagnose(measured(dataset), on_step=on_step)
-    text = "\n".join([*lines, "", diagnosis_text(result)])
-    show(options, document | {"diagnosis": diagnosis_document(result)}, text)
+    poses = next_poses(result)
+    text = "\n".join([*lines, "", diagnosis_text(result, poses)])
+    show(options, document | {"diagnosis": document_with_poses(result, poses)}, text)
     return 0

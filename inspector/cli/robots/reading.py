@@ -1,13 +1,13 @@
-"""How a robot's file is read, from a command's options."""
+"""How a command's options say that a robot file is to be read."""
 
 from __future__ import annotations
 
-from calib.robot_formats.robot_file import Reading
+from calib.robot_formats.robot_file import ReadOptions
 from calib.robot_formats.urdf.xacro import Xacro
 from inspector.cli.options import RobotFileOptions
 
 
-def reading_of(options: RobotFileOptions, *, named: bool = True) -> Reading:
-    """The options as `read_robot` takes them; a xacro is expanded only where the user `named` the file."""
+def reading_of(options: RobotFileOptions, *, named: bool = True) -> ReadOptions:
+    """Options for `read_robot`; a xacro is expanded only where the user `named` the file."""
     xacro = Xacro(dict(options.xacro_arg), dict(options.xacro_package)) if named else None
-    return Reading(options.tip, options.base, options.convention, options.model, xacro)
+    return ReadOptions(options.tip, options.base, options.convention, options.model, xacro)

@@ -1,4 +1,4 @@
-"""`sample`: a dataset to try things on, also for those who have the package and no checkout of the project."""
+"""The command `sample`: a dataset to try things on, also for those who have no checkout of the project."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _CHECKOUT = Path(__file__).parents[3]
 
 
 def run_sample(options: SampleOptions) -> int:
-    """List the samples, or write one of them to a new folder."""
+    """List the samples, or copy one of them to a new folder."""
     samples = sample_folders()
     if options.name is None:
         if options.out is not None:
@@ -40,7 +40,7 @@ def run_sample(options: SampleOptions) -> int:
 
 
 def sample_folders() -> dict[str, Path]:
-    """The folders of the samples that are here, by name: a wheel installs the small simulated ones, a checkout has all.
+    """Folders of the available samples by name: a wheel installs the small simulated ones, a checkout has all.
 
     Raises:
         DatasetError: there are none.
@@ -52,7 +52,7 @@ def sample_folders() -> dict[str, Path]:
 
 
 def _installed() -> list[Path]:
-    """The dataset.toml of each sample that pip, uv or pipx put beside the package, below share/."""
+    """dataset.toml of each sample that was installed beside the package, below share/."""
     try:
         files = metadata.files(DISTRIBUTION) or []
     except metadata.PackageNotFoundError:  # run from its source
@@ -70,7 +70,7 @@ def _description(folder: Path) -> str:
 
 
 def _copy(sample: Path, out: Path) -> None:
-    """Write the sample's files to `out`, all or nothing; they belong to the user then, whoever owns the originals."""
+    """Copy a sample's files to `out` atomically, owned by the user."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise DatasetError(f"{out}: exists and is not empty; name a new folder with --out")
     out.parent.mkdir(parents=True, exist_ok=True)

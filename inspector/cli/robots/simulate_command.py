@@ -1,4 +1,4 @@
-"""`simulate`: a dataset with known truth, its points or its scans with the errors of a scanner."""
+"""The command `simulate`: a dataset with known truth, its points, or its scans with a scanner's errors."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.dataset.files.points_csv import LEAST_SIGMA_MM, MOST_SIGMA_MM
-from calib.dataset.files.robot_toml import builtin_robot, load_robot
-from calib.dataset.robot_checks import refuse_beyond
+from calib.dataset.files.robot_toml import builtin_robot, load_robot, refuse_beyond
 from calib.errors import DatasetError
 from calib.options import BUILTIN_ROBOTS
 from calib.simulation.measured_dataset import write_simulation
@@ -68,7 +67,7 @@ def run_simulate(options: SimulateOptions) -> int:
 
 
 def _scan_model(options: SimulateOptions) -> ScanModel:
-    """The errors of the scans that are asked for. Raises DatasetError."""
+    """Errors of the simulated scanner as the options ask. Raises DatasetError."""
     given = [options.smooth_noise_mm is not None, options.correlation_mm is not None, options.white]
     if any(given) and not options.scans:
         name = ("--smooth-noise-mm", "--correlation-mm", "--white")[given.index(True)]
@@ -91,7 +90,7 @@ def _scan_model(options: SimulateOptions) -> ScanModel:
 
 @contextmanager
 def _whole_or_nothing(folder: Path) -> Iterator[None]:
-    """Leave an empty or missing folder as it was where what fills it fails or is stopped."""
+    """Context that restores an empty or missing folder where what fills it fails or is stopped."""
     was_there = folder.exists()
     try:
         yield

@@ -48,7 +48,7 @@ class ResultFigure(go.Figure):  # type: ignore[misc]
 
 
 def titled(fig: go.Figure, title: str, *, dark: bool, height_px: int = 0) -> ResultFigure:
-    """The figure to stand alone, light or dark; `height_px` without its title, 0 for the usual."""
+    """Figure with a title and its own background, light or dark; `height_px` without the title, 0 for the default."""
     page = DARK_PAGE if dark else LIGHT_PAGE
     given = fig.to_dict()
     layout = given["layout"]

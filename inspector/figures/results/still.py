@@ -9,7 +9,7 @@ from inspector.figures.svg.text import plain
 
 
 def to_svg(figure: go.Figure, width_px: int = 850, height_px: int = 0) -> str:
-    """A figure of this module as an SVG file: the same without a script, its hover texts as titles.
+    """A figure as the text of an SVG file without a script, its hover texts as titles.
 
     Args:
         height_px: 0 takes the figure's own.

@@ -1,4 +1,4 @@
-"""One axis of a figure: which values it spans, where its ticks are, and where on the picture a value is."""
+"""One axis of an SVG figure: its range, its ticks, and the place of a value."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SMALLEST = 1e-290  # beyond which no tick can be told from the next
 
 @dataclass(frozen=True)
 class Axis:
-    """An axis between two places of the picture. Values of a category axis are its names."""
+    """Axis between two places of the picture, px; values of a category axis are its names."""
 
     title: str
     kind: str  # "linear", "log" or "category"
@@ -30,7 +30,7 @@ class Axis:
     shows_zero: bool
 
     def scaled(self, value: object) -> float:
-        """A value on the axis' own scale; nan where it has no place there."""
+        """Value on the axis' scale; NaN where it has no place there."""
         if self.kind == "category":
             return float(self.categories.index(str(value))) if str(value) in self.categories else math.nan
         if not isinstance(value, int | float):
@@ -40,7 +40,7 @@ class Axis:
         )
 
     def share(self, value: object) -> float:
-        """How far along the axis a value is: 0 at its start, 1 at its end."""
+        """Relative position of a value along the axis, 0 at its start and 1 at its end."""
         return self.share_of_scaled(self.scaled(value))
 
     def share_of_scaled(self, scaled: float) -> float:
@@ -48,7 +48,7 @@ class Axis:
 
 
 def axis_of(given: Mapping[str, Any], values: Sequence[object], length_px: float, *, marks: bool) -> Axis:
-    """The axis of a layout, for these values on it. marks: whether points, which need room, lie on it."""
+    """Axis of a layout for these values. marks: whether points, which need room, lie on it."""
     categories = tuple(dict.fromkeys(str(v) for v in given.get("categoryarray", ()) or values if isinstance(v, str)))
     kind = "category" if categories else str(given.get("type", "linear"))
     numbers = [float(v) for v in values if isinstance(v, int | float) and math.isfinite(v)]
@@ -99,6 +99,6 @@ def _ticks(axis: Axis, given: Mapping[str, Any], length_px: float) -> tuple[tupl
 
 
 def _nice(step: float) -> float:
-    """1, 2 or 5 times a power of ten, at least this step."""
+    """1, 2 or 5 times a power of ten, at least as large as a step."""
     power = 10.0 ** math.floor(math.log10(step))
     return next(s * power for s in (1.0, 2.0, 5.0, 10.0) if s * power >= step * (1.0 - 1e-9))

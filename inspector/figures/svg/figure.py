@@ -67,7 +67,7 @@ def _is_heat(traces: Sequence[Trace]) -> bool:
 def _panels(
     traces: Sequence[Trace], layout: Mapping[str, Any], width: int, height: int, legend_rows: int
 ) -> dict[tuple[str, str], Panel]:
-    """The panels with their places: margins as the longest labels need them, then each axis' share of the rest."""
+    """Panels with their places: margins as the longest labels need them, the rest shared by the axes."""
     keys = list(dict.fromkeys(map(_axes_of, traces))) or [("x", "y")]
     axes = {key: _axes(traces, layout, key, width, height) for key in keys}
     left = max(max(_room(y), _room_of_first(x)) for x, y in axes.values())
@@ -104,19 +104,19 @@ def _axes(
 
 
 def _room(y: Axis) -> float:
-    """What title and numbers need left of an axis."""
+    """Width that title and numbers take left of an axis, px."""
     return _TITLE_PX + _GAP_PX + max((width_px(text) for _, text in y.ticks), default=0.0) + 4.0
 
 
 def _room_of_first(x: Axis) -> float:
-    """What a slanted label under the left end of an axis needs left of it."""
+    """Width that a slanted label under the left end of an axis takes left of it, px."""
     if not x.ticks or not 1.0 < abs(x.tick_angle_deg) < 80.0:
         return 0.0
     return math.cos(math.radians(x.tick_angle_deg)) * width_px(x.ticks[0][1])
 
 
 def _room_below(x: Axis) -> float:
-    """What title and numbers need below an axis."""
+    """Height that title and numbers take below an axis, px."""
     longest = max((width_px(text) for _, text in x.ticks), default=0.0)
     angle = abs(x.tick_angle_deg)
     slanted = math.sin(math.radians(angle)) * longest + (8.0 if angle < 80.0 else 4.0)
@@ -175,7 +175,7 @@ def _grid(panel: Panel, *, heat: bool) -> str:
 
 
 def _rectangles(layout: Mapping[str, Any], key: tuple[str, str], panel: Panel) -> str:
-    """The bands of a layout that lie in a panel."""
+    """SVG of a layout's rectangles that lie in a panel."""
     out = []
     for shape in layout.get("shapes") or ():
         if shape.get("xref", "x") not in ("paper", key[0]) or shape.get("yref", "y").partition(" ")[0] != key[1]:
@@ -195,7 +195,7 @@ def _rectangles(layout: Mapping[str, Any], key: tuple[str, str], panel: Panel) -
 
 
 def _annotations(layout: Mapping[str, Any], panels: Mapping[tuple[str, str], Panel]) -> str:
-    """Words in or above a panel, at a share of it: the titles of panels, how many points lie beyond an axis."""
+    """SVG of annotations in or above a panel: titles of panels, counts of points beyond an axis."""
     out = []
     for note in layout.get("annotations") or ():
         of_x, of_y = (str(note[ref]).partition(" ")[0] for ref in ("xref", "yref"))
@@ -229,7 +229,7 @@ def _colour_bar(trace: Trace, panel: Panel) -> str:
 
 
 def _legend_rows(traces: Sequence[Trace], width: int) -> list[list[Trace]]:
-    """The traces with a name of their own, in rows that fit."""
+    """Named traces of the legend, in rows that fit the width."""
     named = {
         plain(trace["name"]): trace
         for trace in reversed(traces)

@@ -18,7 +18,7 @@ _IDS = "ids-of-this-picture"
 
 
 def svg_file(figure: go.Figure, width: int, height: int, *, title: str, heading: str = "") -> str:
-    """The figure as a file of its own, on a light ground, or a dark one where the figure has one.
+    """SVG file of a figure, on a light ground, or a dark one where the figure has one.
 
     `title` is read aloud, `heading` stands over it. Raises CalibError on one that cannot be drawn so.
     """

@@ -29,12 +29,12 @@ class Panel:
     height: float
 
     def at(self, x: object, y: object) -> tuple[float, float]:
-        """The place of a pair of values; nan where one has none."""
+        """Place of a pair of values, px; NaN where one has none."""
         return self.left + self.width * self.x.share(x), self.top + self.height * (1.0 - self.y.share(y))
 
 
 def drawn(trace: Trace, before: Trace | None, panel: Panel) -> str:
-    """A trace; `before` is the one that a band reaches to."""
+    """SVG of a trace; `before` is the trace that a band reaches to."""
     kinds: dict[str, Callable[[], str]] = {
         "bar": lambda: _bars(trace, panel),
         "heatmap": lambda: _cells(trace, panel),
@@ -46,7 +46,7 @@ def drawn(trace: Trace, before: Trace | None, panel: Panel) -> str:
 
 
 def symbol(kind: str, x: float, y: float, size: float, colour: str, *, title: str = "", opacity: float = 1.0) -> str:
-    """A marker as plotly has it: a circle, a diamond, a square, or a dash ("line-ns", "line-ew")."""
+    """SVG of a plotly marker: a circle, a diamond, a square, or a dash ("line-ns", "line-ew")."""
     half = 0.5 * size
     faint = f' opacity="{opacity:g}"' if opacity < 1.0 else ""
     if kind == "circle":
@@ -74,12 +74,12 @@ def symbol(kind: str, x: float, y: float, size: float, colour: str, *, title: st
 
 
 def line_colour(trace: Trace) -> str:
-    """The colour of a trace's line."""
+    """Colour of a trace's line."""
     return str((trace.get("line") or {}).get("color", "var(--ink)"))
 
 
 def marker_of(trace: Trace) -> tuple[str | Sequence[str], str]:
-    """Symbol, of all or of each, and colour of a trace's points."""
+    """Symbol (one, or one a point) and colour of a trace's points."""
     marker = trace.get("marker") or {}
     colour = marker.get("color") or (marker.get("line") or {}).get("color") or line_colour(trace)
     return marker.get("symbol", "circle"), str(colour)
@@ -90,7 +90,7 @@ def _places(trace: Trace, panel: Panel) -> list[tuple[float, float]]:
 
 
 def _path(places: Sequence[tuple[float, float]]) -> str:
-    """A line through places, interrupted where one is nan."""
+    """SVG path through places, interrupted where one is NaN."""
     out, pen = [], False
     for x, y in places:
         if math.isnan(x) or math.isnan(y):
@@ -123,7 +123,7 @@ def _band(trace: Trace, before: Trace | None, panel: Panel) -> str:
 
 
 def _spread(trace: Trace, panel: Panel) -> str:
-    """A thin line through each point, as far up and down as its `error_y` says."""
+    """Error bar of each point, as long as its `error_y` says."""
     lengths = (trace.get("error_y") or {}).get("array")
     if lengths is None:
         return ""
@@ -182,7 +182,7 @@ def _bars(trace: Trace, panel: Panel) -> str:
 
 
 def _cells(trace: Trace, panel: Panel) -> str:
-    """A matrix, each cell in its colour; cells without a value are left open."""
+    """SVG of a matrix, each cell in its colour; cells without a value are left open."""
     rows, columns = len(trace["y"]), len(trace["x"])
     wide, high = panel.width / columns, panel.height / rows
     told = trace.get("customdata")
@@ -203,7 +203,7 @@ def _cells(trace: Trace, panel: Panel) -> str:
 
 
 def cell_colour(trace: Trace, value: float) -> str:
-    """The colour of a value on a trace's scale, as #rrggbb."""
+    """Colour of a value on a trace's scale, as #rrggbb."""
     at = (value - trace["zmin"]) / (trace["zmax"] - trace["zmin"])
     stops = [float(stop[0]) for stop in trace["colorscale"]]
     colours = np.array([[int(stop[1][k : k + 2], 16) for k in (1, 3, 5)] for stop in trace["colorscale"]], dtype=float)

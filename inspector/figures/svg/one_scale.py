@@ -1,4 +1,4 @@
-"""Panels whose axes have one scale: as many millimetres a pixel across as along, in each of them."""
+"""Equal scales for panels: as many millimetres per pixel across as along, in each of them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Key = tuple[str, str]  # the names of a panel's axes
 
 
 def to_one_scale(panels: Mapping[Key, Panel], layout: Mapping[str, Any]) -> dict[Key, Panel]:
-    """The panels with wider ranges where the layout asks for one scale of x and y; else as they are.
+    """Panels with ranges widened to equal scales where the layout asks for it; else unchanged.
 
     Of panels above each other the lowest alone has numbers and a title below.
     """
@@ -34,7 +34,7 @@ def to_one_scale(panels: Mapping[Key, Panel], layout: Mapping[str, Any]) -> dict
 
 
 def _widened(axis: Axis, length: float, pixels: float, *, told: bool = True) -> Axis:
-    """The axis about its middle, `length` long; without words where it is not told."""
+    """Axis widened around its middle to a length; without tick labels where they are hidden."""
     middle = 0.5 * (axis.low + axis.high)
     ends = [middle - 0.5 * length, middle + 0.5 * length]
     given = {"title": {"text": axis.title if told else ""}, "range": ends, "domain": axis.domain}

@@ -16,22 +16,22 @@ _PLACE = re.compile(r"%\{(\w+)(?::([^}]*))?\}")
 
 
 def plain(text: object) -> str:
-    """The words of a label of plotly's, which may have a little markup and is escaped."""
+    """Text of a plotly label, whose markup is removed and whose escapes are undone."""
     return html.unescape(_TAG.sub("", str(text)))
 
 
 def escaped(text: object) -> str:
-    """Words that cannot become markup."""
+    """Text that cannot become markup."""
     return escape(text)
 
 
 def width_px(text: str, size_px: float = SMALL_PX) -> float:
-    """About how wide a line is."""
+    """Estimated width of a line of text, px."""
     return _WIDTH * size_px * len(text)
 
 
 def number(value: float) -> str:
-    """A coordinate: a tenth of a pixel is fine enough."""
+    """Coordinate as text, to a tenth of a pixel."""
     return f"{value:.1f}".removesuffix(".0")
 
 
@@ -39,7 +39,7 @@ def label(
     words: str, x: float, y: float, *, size_px: float = SMALL_PX, anchor: str = "middle", turn_deg: float = 0.0,
     css: str = "",
 ) -> str:  # fmt: skip
-    """A line of text whose middle (or start, or end) is at a place; its height's middle, too."""
+    """SVG of a line of text whose middle (or start, or end) is at a place, centred vertically."""
     turned = f' transform="rotate({number(turn_deg)} {number(x)} {number(y)})"' if turn_deg else ""
     style = f' class="{css}"' if css else ""
     return (
@@ -49,7 +49,7 @@ def label(
 
 
 def hover(template: str | None, values: Mapping[str, object]) -> str:
-    """What is told of a mark under the pointer, from a hovertemplate of plotly's; "" where it has none."""
+    """Text shown under the pointer for a mark, from plotly's hovertemplate; "" where it has none."""
     if not template:
         return ""
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.calibration.result import Calibration
 from calib.diagnosis.words.phrases import meaning
+from calib.diagnosis.words.sentences import DiscriminatingPose
 from calib.effects.effect import (
     Description,
     Effect,
@@ -22,7 +23,6 @@ from calib.kinematics.robot import Robot
 from calib.present import numbers
 from calib.present.names import joints_by_parameter
 from calib.screening.candidates import Candidate, Value
-from calib.screening.rivals.pose_recommendation import DiscriminatingPose
 from inspector.markup.parts import elements
 from inspector.markup.parts.links import joint_asks
 

@@ -8,18 +8,18 @@ from collections.abc import Sequence
 from calib.calibration.noise_level import noise_level
 from calib.diagnosis.advice import Advice, residual_summary
 from calib.diagnosis.decision_rules import is_convincing
-from calib.diagnosis.diagnose import AddCurves, SearchAgain, SearchWithNoise
 from calib.diagnosis.effect_selection import SelectedEffect
-from calib.diagnosis.moves import AddEffect, DropEffect
+from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPoses, ShapeNoise
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.conclusions import Adequate, Named
 from calib.diagnosis.words.phrases import untestable_texts
+from calib.planning.discrimination import NextPoses, explanation_of
 from calib.present import numbers
 from calib.present.colours import VERDICT_COLOURS
 from calib.present.references import Names
 from calib.screening.candidates import Candidate, Screening, Untestable
-from inspector.markup.learn.said import advice_said, known_links, reasons_said
+from inspector.markup.learn.said import advice_said, known_links, reasons_said, residual_said
 from inspector.markup.parts import elements
 from inspector.markup.parts.links import linked
 from inspector.markup.parts.palette import BAD, GOOD, NEUTRAL, PROPOSAL
@@ -89,19 +89,19 @@ SETTLE = "Plan the poses that settle it"
 MORE = "Plan poses that tell more of the link errors"
 
 
-def verdict_html(diagnosis: Diagnosis | None, names: Names) -> str:
+def verdict_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None, names: Names) -> str:
     """The verdict of a diagnosis, in a line or two."""
     if diagnosis is None:
         return ""
     summary = residual_summary(diagnosis.residual_tests, diagnosis.calibration)
-    left = advice_said([summary], names)
+    left = residual_said(summary, names)
     either = numbers.listing(diagnosis.ambiguous_set, "or")
     sentence = diagnosis.explanation.verdict
     verdict = linked(verdict_text(sentence, tied=either), names, known_links(sentence))
     more = " What would tell them apart is said below." if diagnosis.verdict == "ambiguous" else ""
     more += LOOK_CLOSER if diagnosis.verdict == "unexplained" and diagnosis.learned is None else ""
     plan = ""
-    if diagnosis.split is not None:
+    if next_poses is not None:
         plan = f" {elements.asking_link('settle', '', SETTLE, tab='Learn/Plan')}."
     elif isinstance(sentence, (Adequate, Named)) and sentence.held_out is not None:
         plan = f" {elements.tab_link('Learn/Plan', MORE)}."
@@ -109,18 +109,18 @@ def verdict_html(diagnosis: Diagnosis | None, names: Names) -> str:
     return elements.alert(said, colour=VERDICT_COLOURS[diagnosis.verdict])
 
 
-def reasons_html(diagnosis: Diagnosis | None, names: Names) -> str:
+def reasons_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None, names: Names) -> str:
     """All that led to the verdict, a paragraph each."""
     if diagnosis is None:
         return ""
     return elements.heading("How it was found") + "".join(
-        elements.note(reasons_said(paragraph, names)) for paragraph in diagnosis.explanation.reasons
+        elements.note(reasons_said(paragraph, names)) for paragraph in explanation_of(diagnosis, next_poses).reasons
     )
 
 
 def advice_html(advice: Advice, names: Names) -> str:
     """What is left, and what to do next."""
-    return elements.alert(advice_said(advice.sentences, names), colour=PROPOSAL)
+    return elements.alert(advice_said(advice, names), colour=PROPOSAL)
 
 
 def follow_label(advice: Advice) -> str:
@@ -129,12 +129,12 @@ def follow_label(advice: Advice) -> str:
         case AddEffect():
             return f"Add {effect_label(SelectedEffect.of(advice.move.candidate))}"
         case AddCurves():
-            return f"Add {effect_label(advice.move.found.steps[-1].selected[-1])}"
+            return f"Add {effect_label(advice.move.diagnosis.steps[-1].selected[-1])}"
         case DropEffect():
             return f"Remove {advice.effect}"
-        case SearchAgain():
+        case LeaveOutPoses():
             return f"Leave out {', '.join(advice.move.poses)}"
-        case SearchWithNoise():
+        case ShapeNoise():
             return "Weigh the points by their noise"
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from calib.dataset.input_names import quantity_of
 from calib.dataset_import.columns import Meaning
-from calib.dataset_import.files.user_files import UNUSED, UserFile
 from calib.dataset_import.plan import ImportPlan, PlannedColumn
+from calib.dataset_import.user_files import UNUSED, UserFile
 from inspector.markup.parts import elements
 from inspector.markup.parts.elements import Html
 
@@ -90,7 +90,9 @@ def plan_html(plan: ImportPlan) -> str:
         if len(plan.faults) > _MOST_LINES:
             html += elements.note(f"... and {len(plan.faults) - _MOST_LINES} more.")
     html += "".join(elements.alert(_here(line), colour=_DOUBT) for line in plan.doubts[:_MOST_LINES])
-    told = [line for line in plan.said if "is read so" in line or "misses the points" in line or "its table is" in line]
+    told = [
+        line for line in plan.notes if "is read so" in line or "misses the points" in line or "its table is" in line
+    ]
     html += "".join(elements.alert(_here(line), colour="#56B4E9") for line in told)
     return html
 

@@ -14,7 +14,7 @@ from inspector.markup.parts import colour_scale, elements
 from inspector.markup.parts.palette import FACE_COLOURS, LEFT_OUT, MODEL_COLOURS, ROLE_COLOURS
 from inspector.session.view import BY_ERROR, View
 
-ERROR_OF_NONE = "This pose is left out: it counts for nothing, so no error of it is told."
+ERROR_OF_NONE = "This pose is left out of fits and tests, so it has no error."
 COLUMNS = ("model", "training", "max", "test", "max")
 
 

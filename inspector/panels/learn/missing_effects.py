@@ -46,7 +46,7 @@ class MissingEffectsPanel:
             icon=viser.Icon.SEARCH,
             hint="starts from the link errors alone; Undo brings your model back",
         )
-        self.choice = gui.add_dropdown("Effect", (NONE,), hint="the best first; the tables are about it")
+        self.choice = gui.add_dropdown("Effect", (NONE,), hint="the best first; the tables below describe it")
         self.add = gui.add_button("Add to the model", icon=viser.Icon.PLUS)
         self.change = gui.add_button_group(
             "Model", (UNDO,), visible=False, hint=f"up to {UNDO_STEPS} changes back; keys: Ctrl+Z, Ctrl+Y"
@@ -137,8 +137,8 @@ class MissingEffectsPanel:
         done = session.searched and session.diagnosis is not None
         self.find.disabled = self.find.label == FIND and (session.calibration is None or done)
         names = Names.of(session.dataset)
-        self._reasons.content = html.reasons_html(session.diagnosis, names)
-        self._advice.content = html.verdict_html(session.diagnosis, names)
+        self._reasons.content = html.reasons_html(session.diagnosis, session.next_poses, names)
+        self._advice.content = html.verdict_html(session.diagnosis, session.next_poses, names)
         advice = session.advice if session.diagnosis is None and session.screening is not None else None
         self.follow.visible = advice is not None
         if advice is not None:

@@ -7,17 +7,20 @@ from functools import partial
 import viser
 
 from calib.planning.purpose import CALIBRATION, WATCH
-from calib.planning.purposes.split import SPLIT
+from calib.planning.purposes.confounded_effects import SPLIT
+from calib.present import html
+from calib.present.blocks import Bullets, Section
+from calib.present.plans import assumptions, plan_head, poses_table
+from calib.robot_formats.programs import JOINTS
 from inspector.figures.plan_plots import error_by_count
-from inspector.markup.learn.plan import notes_html, poses_html, promise_html
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, hidden_plot, offer, put
 from inspector.panels.input_checks import clamped
 from inspector.session.planned import Planned
 
 NOTE = (
-    "The next poses to measure: only those that scanner and cell allow. Choose what they are for and press the button; "
-    "a click on a row shows the arm there. Command: inspector plan"
+    "The next poses to measure, of those that instrument and cell allow. Choose what they are for and press the "
+    "button; a click on a row shows the arm there. Command: inspector plan"
 )
 NOT_YET = "Nothing to plan for yet: poses are planned from a fit."
 STALE = "The model has changed since; plan again."
@@ -37,7 +40,7 @@ class PlanPanel:
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
-        self.aim = gui.add_dropdown("For", (NONE,), hint="what the poses are to tell")
+        self.aim = gui.add_dropdown("For", (NONE,), hint="the purpose of the poses")
         self.count = gui.add_number("Poses", 5, min=1, max=MOST, step=1, hint="how many to measure")
         self.payload = gui.add_number(
             "Payload, kg",
@@ -45,7 +48,7 @@ class PlanPanel:
             min=0.0,
             max=1000.0,
             step=0.5,
-            hint="a known one that some poses may carry; 0: none",
+            hint="a known mass that some poses may carry; 0: none",
         )
         self.make = gui.add_button(MAKE, icon=viser.Icon.ROUTE)
         self._doing = gui.add_html("")
@@ -93,11 +96,14 @@ class PlanPanel:
         """A plan for the model on show."""
         plan = planned.plan
         self.say("")
-        self._promise.content = promise_html(plan)
+        self._promise.content = html.panel(plan_head(plan))
         self._plot.figure = error_by_count(plan.curve_mm, len(plan.poses), plan.enough, dark=dark)
         self._plot.visible = self.files.visible = True
-        self._poses.content = poses_html(plan, planned.pose)
-        self._notes.content = notes_html(plan)
+        self._poses.content = html.panel([poses_table(plan, compact=True, mark=planned.pose)])
+        notes = assumptions(plan)
+        if plan.start.dataset.robot.is_revolute.tolist() != [True] * JOINTS:
+            notes.append("URScript takes six turning joints; for this arm take poses.csv or the ROS trajectory")
+        self._notes.content = html.panel([Section("What was assumed", [Bullets(notes)])] if notes else [])
 
 
 def _pressed(actions: Actions, event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:

@@ -14,9 +14,9 @@ from inspector.panels.base import Actions, by_page, hidden_plot, offer, put
 from inspector.session.view import View
 
 NOTE = (
-    "What is left over at each pose, against anything it may depend on. Noise has no order: points that follow a line "
-    "or a wave, or that leave the grey band together, show what is missing. No fit saw the test poses. "
-    "It opens where the pattern is clearest."
+    "The residual of each pose, against anything it may depend on. Noise shows no pattern: points that follow a line "
+    "or a wave, or that leave the grey band together, show what is missing. Test poses were not fitted. "
+    "The plot opens on the input with the clearest pattern."
 )
 PLACES = "work space, from above and the side"
 RINGED = "Ringed: the selected pose."

@@ -15,9 +15,9 @@ from inspector.session.view import View, corner_of
 
 NOTE = (
     "The selected scan in full, all others in few points, in the colour of their role. Look for scans that miss the "
-    "jig, are noisy, or stand apart from the rest. A pose without a corner is left out of the fit."
+    "jig, are noisy, or lie apart from the rest. A pose without a corner is left out of the fit."
 )
-NO_SCANS = "The points were measured (points.csv). The list says how well each is known."
+NO_SCANS = "The points were measured (points.csv). The list gives the uncertainty of each."
 
 
 class ScansPanel:

@@ -32,12 +32,14 @@ class ComparePanel:
         self._show = gui.add_button_group("In 3D", (SHOW_ARM, SHOW_DISTANCE))
         self._show.on_click(lambda e: actions.show_view("Distance" if e.target.value == SHOW_DISTANCE else "Arm"))
         self._figures = gui.add_html(elements.note(NOT_YET))
-        self.version = gui.add_dropdown("Model shown", VERSIONS, hint="whose arm and whose errors are shown")
+        self.version = gui.add_dropdown(
+            "Model shown", VERSIONS, hint="the version of the model whose arm and errors are shown"
+        )
         with gui.add_folder("Arrows to what these predict", expand_by_default=True):
             self.shown = {name: gui.add_checkbox(name, False) for name in VERSIONS}
         self.arrows = gui.add_dropdown(
             "Residuals ×", (*(str(f) for f in FACTORS), AUTOMATIC), initial_value="100",
-            hint="how many times longer than they are residuals are drawn, measured to predicted; a number that you "
+            hint="enlargement of the residuals, drawn from measured to predicted; a number that you "
             f"choose stays, {AUTOMATIC} goes back to what suits the arrows on show",
         )  # fmt: skip
         self.colouring = gui.add_dropdown("Measured points", COLOURINGS)

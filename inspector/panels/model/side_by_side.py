@@ -16,7 +16,7 @@ from inspector.session.view import View
 
 NOTE = (
     "Before and after a repair, or two arms of a type: another dataset beside the one on show. Each is fitted by "
-    "itself, so that a scanner that stands elsewhere is not blamed on the arm."
+    "itself, so that another place of the instrument does not count as a difference of the arms."
 )
 SAME_POINTS = "Both are fits of the same measurements: their parameters are in the tab Fit."
 NONE, VERSION = "–", "this arm: "

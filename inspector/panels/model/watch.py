@@ -13,8 +13,8 @@ from inspector.session.side_by_side import WatchedCell
 from inspector.session.view import View
 
 NOTE = (
-    "Is it still right? A few poses measured later, against this calibration: what changed, and what these poses "
-    "could not have seen. Nothing is blamed on the arm that a moved scanner explains."
+    "Is the calibration still right? A few poses measured later tell what changed since, and what they could not have "
+    "detected. The arm is not blamed for what a moved instrument explains."
 )
 NONE, ALL = "–", "all other datasets"
 
@@ -28,9 +28,9 @@ class WatchPanel:
             "Measured later", (NONE,), hint="another dataset of the folder; choose one after the other"
         )
         self.moved = gui.add_checkbox(
-            "The scanner was put up anew", False, hint="its place is no change to be told then"
+            "The instrument was set up again", False, hint="its new place is then not reported as a change"
         )
-        self._clear = gui.add_button("Clear", color="gray", hint="choose anew", visible=False)
+        self._clear = gui.add_button("Clear", color="gray", hint="clear the choice", visible=False)
         self._state = gui.add_html("")
         self._plot = hidden_plot(gui, 0.7, "control chart")
         self._found = gui.add_html("")

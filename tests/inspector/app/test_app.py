@@ -6,7 +6,6 @@ import html
 import json
 import shutil
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -41,12 +40,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_tiny(tmp_path_factory.mktemp("datasets"))
 
 
-@pytest.fixture(scope="module")
-def running(folder: Path) -> Iterator[App]:
-    with idle_app(folder) as app:
-        yield app
-
-
 @pytest.fixture
 def app(running: App) -> App:
     """The app on the dataset with scans, all of them searched, at its first pose."""
@@ -55,12 +48,6 @@ def app(running: App) -> App:
     running.dark(False)
     assert running.worker.wait_idle(IDLE_S)
     return running
-
-
-@pytest.fixture
-def page(app: App) -> Iterator[WireClient]:
-    with WireClient(app.server.get_port()) as client:
-        yield client
 
 
 def session(app: App) -> Session:
@@ -510,8 +497,8 @@ def test_names_of_datasets_tell_them_apart(tmp_path: Path) -> None:
 
 
 def test_words() -> None:
-    assert numbers.length(0.0123) == "12.3 µm"
-    assert numbers.length(1.5) == "1.500 mm"
+    assert numbers.length(0.0123) == "12 µm"
+    assert numbers.length(1.5) == "1.50 mm"
     assert numbers.length(float("nan")) == "–"
     assert numbers.reduction(4.256, 0.291) == "93.16 %"
     assert numbers.reduction(0, 1) == "–"

@@ -2,34 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 from inspector.app.app import App
-from inspector.server.viser_server import url_of
-from tests.support.app import idle_app
-from tests.support.browser import browser, node_drawn, open_page, open_tab
+from tests.support.browser import node_drawn, open_tab
 from tests.support.clicks import joint_selected, selected
-from tests.support.hidden_dataset import write_hidden
 
 # The id of a point that Plotly has drawn: of the trace's list, by the point's index.
 ID = "node => node.closest('.trace').__data__[0].trace.ids[(node.__data__ ?? node.parentNode.__data__).i]"
 
-pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(scope="module")
-def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
-    with idle_app(write_hidden(tmp_path_factory.mktemp("clicks") / "hidden")) as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
-def page(app: App) -> Iterator[Any]:
-    with browser() as chromium, open_page(chromium, url_of(app.server)) as opened:
-        yield opened
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 def test_a_row_of_the_table_selects_its_pose(page: Any, app: App) -> None:

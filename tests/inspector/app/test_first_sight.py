@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,7 +10,7 @@ import pytest
 from calib.calibration.model_versions import LINKS, NOMINAL
 from inspector.app.app import App
 from inspector.server.viser_server import url_of
-from tests.support.app import IDLE_S, idle_app
+from tests.support.app import IDLE_S
 from tests.support.browser import MS, node_drawn, open_page, open_tab
 from tests.support.tiny_dataset import write_tiny
 
@@ -20,16 +20,8 @@ BAR = "#inspector-headline"
 
 
 @pytest.fixture(scope="module")
-def app(chromium: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
-    del chromium  # first: without a browser there is nothing to prepare
-    with idle_app(write_tiny(tmp_path_factory.mktemp("first"))) as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
-def page(chromium: Any, app: App) -> Iterator[Any]:
-    with open_page(chromium, url_of(app.server)) as opened:
-        yield opened
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_tiny(tmp_path_factory.mktemp("first"))
 
 
 def until(page: Any, holds: Any) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -14,18 +13,12 @@ from inspector.markup.headline import RANKING, TO_FIND, headline_html
 from inspector.session.loop import FIND, FIT, MEASURE, TAKE, Doing, Progress
 from inspector.session.session import Session
 from inspector.session.view import View
-from tests.support.app import IDLE_S, idle_app, plain
-from tests.support.hidden_dataset import HIDDEN, write_hidden
+from tests.support.app import IDLE_S, plain
+from tests.support.hidden_dataset import HIDDEN
 from tests.support.tiny_dataset import write_tiny
 from tests.support.wire_client import WireClient
 
 pytestmark = pytest.mark.slow  # a whole app, running
-
-
-@pytest.fixture(scope="module")
-def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
-    with idle_app(write_hidden(tmp_path_factory.mktemp("headline") / "hidden")) as app:
-        yield app
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -10,25 +9,11 @@ import pytest
 from inspector.app.app import App
 from inspector.panels.learn.missing_effects import UNDO
 from inspector.panels.review import LEAVE_OUT, TAKE_IN
-from inspector.server.viser_server import url_of
-from tests.support.app import IDLE_S, idle_app
-from tests.support.browser import MS, browser, open_page, open_tab, says
-from tests.support.hidden_dataset import write_hidden
+from tests.support.app import IDLE_S
+from tests.support.browser import MS, open_tab, says
 
-pytestmark = pytest.mark.thorough
+pytestmark = [pytest.mark.browser, pytest.mark.thorough]
 POSE = "p05"
-
-
-@pytest.fixture(scope="module")
-def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
-    with idle_app(write_hidden(tmp_path_factory.mktemp("left_out"))) as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
-def page(app: App) -> Iterator[Any]:
-    with browser() as chromium, open_page(chromium, url_of(app.server)) as opened:
-        yield opened
 
 
 def button(page: Any, name: str) -> Any:
@@ -43,7 +28,7 @@ def test_a_pose_is_left_out_by_its_button_and_said_everywhere(page: Any, app: Ap
     button(page, TAKE_IN).wait_for(timeout=MS)
     row = page.locator(f'tr[data-value="{POSE}"]').first
     row.get_by_text("left out").wait_for(timeout=MS)
-    says(page, "no fit and no figure takes it")
+    says(page, "no figure takes it")
     open_tab(page, "What is missing")
     says(page, f"− pose {POSE}: the test error is")
     assert app.worker.wait_idle(IDLE_S)

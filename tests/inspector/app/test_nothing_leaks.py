@@ -37,12 +37,6 @@ def app(folder: Path) -> Iterator[App]:
         yield running
 
 
-@pytest.fixture
-def page(app: App) -> Iterator[WireClient]:
-    with WireClient(app.server.get_port()) as client:
-        yield client
-
-
 def session(app: App) -> Session:
     return app.state.now.session
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,16 +12,17 @@ import pytest
 from calib.dataset.files.folder import write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.simulation.simulate import simulate_dataset
+from inspector.app.app import App
 from inspector.markup.learn.effects import SETTLE
-from inspector.server.viser_server import url_of
-from tests.support.app import idle_app
-from tests.support.browser import browser, node_drawn, open_page, open_tab, says
+from tests.support.browser import node_drawn, open_tab, says
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
 
-def open_set(folder: Path) -> Path:
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Bending of links that these poses do not tell from compliance of joints."""
+    folder = tmp_path_factory.mktemp("plan") / "cell"
     made = simulate_dataset(
         builtin_robot("rb5"), rng=np.random.default_rng(10), effects=[("link_bending", 1.0)], poses=40
     )
@@ -28,26 +30,24 @@ def open_set(folder: Path) -> Path:
     return folder
 
 
-def test_an_open_set_is_planned_for_in_one_click(tmp_path: Path) -> None:
-    with idle_app(open_set(tmp_path / "cell")) as app:
-        found = app.state.session.diagnosis
-        assert found is not None
-        assert found.verdict == "ambiguous"
-        with browser() as chromium, open_page(chromium, url_of(app.server)) as page:
-            open_tab(page, "What is missing")
-            page.get_by_text(SETTLE).first.click()
-            says(page, "Probability that these poses settle it")
-            node_drawn(page, "/scene/plan/rays")
-            node_drawn(page, "/scene/plan/field")
-            rows = page.locator('tr[data-ask="planned"]')
-            rows.nth(4).wait_for()
-            assert rows.count() == 5
-            rows.nth(1).click()
-            node_drawn(page, "/scene/plan/arm/cylinders")
-            with page.expect_download() as download:
-                page.get_by_role("button", name="poses.csv").click()
-            table = pd.read_csv(download.value.path())
-            assert list(table["pose"]) == ["p41", "p42", "p43", "p44", "p45"]
-            app.calibrate("distance")  # another model: the plan is no longer of it
-            says(page, "The model has changed since; plan again.")
-            rows.first.wait_for(state="detached")
+def test_an_open_set_is_planned_for_in_one_click(app: App, page: Any) -> None:
+    found = app.state.session.diagnosis
+    assert found is not None
+    assert found.verdict == "ambiguous"
+    open_tab(page, "What is missing")
+    page.get_by_text(SETTLE).first.click()
+    says(page, "the probability that they do is")
+    node_drawn(page, "/scene/plan/rays")
+    node_drawn(page, "/scene/plan/field")
+    rows = page.locator('tr[data-ask="planned"]')
+    rows.nth(4).wait_for()
+    assert rows.count() == 5
+    rows.nth(1).click()
+    node_drawn(page, "/scene/plan/arm/cylinders")
+    with page.expect_download() as download:
+        page.get_by_role("button", name="poses.csv").click()
+    table = pd.read_csv(download.value.path())
+    assert list(table["pose"]) == ["p41", "p42", "p43", "p44", "p45"]
+    app.calibrate("distance")  # another model: the plan is no longer of it
+    says(page, "plan again")
+    rows.first.wait_for(state="detached")

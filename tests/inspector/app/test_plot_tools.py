@@ -12,36 +12,28 @@ from PIL import Image
 
 from inspector.app.app import App
 from inspector.server.viser_server import url_of
-from tests.support.app import idle_app
-from tests.support.browser import browser, open_page, open_tab
+from tests.support.browser import open_page, open_tab
 from tests.support.clicks import selected
 from tests.support.hidden_dataset import write_hidden
 
-pytestmark = pytest.mark.thorough
+pytestmark = [pytest.mark.browser, pytest.mark.thorough]
 WILD, OFF_MM = 9, 12.0  # a row of points.csv, and how far its point is off
 
 
 @pytest.fixture(scope="module")
-def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = write_hidden(tmp_path_factory.mktemp("plots") / "hidden")
     with (folder / "points.csv").open() as file:
         rows = list(csv.reader(file))
     rows[WILD][rows[0].index("x_mm")] = str(float(rows[WILD][rows[0].index("x_mm")]) + OFF_MM)
     with (folder / "points.csv").open("w") as file:
         csv.writer(file).writerows(rows)
-    with idle_app(folder) as running:
-        yield running
+    return folder
 
 
 @pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    with browser() as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
-def page(app: App, chromium: Any) -> Iterator[Any]:
-    with open_page(chromium, url_of(app.server), 1600, 900) as opened:
+def browser_page(running: App, chromium: Any) -> Iterator[Any]:
+    with open_page(chromium, url_of(running.server), 1600, 900) as opened:
         yield opened
 
 

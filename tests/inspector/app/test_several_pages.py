@@ -2,22 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 
 from inspector.app.app import App
-from tests.support.app import idle_app
-from tests.support.hidden_dataset import write_hidden
 from tests.support.wire_client import WireClient
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(scope="module")
-def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
-    with idle_app(write_hidden(tmp_path_factory.mktemp("pages") / "hidden")) as running:
-        yield running
 
 
 def test_pages_say_that_they_share_what_is_shown(app: App) -> None:

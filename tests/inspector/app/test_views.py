@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from calib.array_types import Array
 from inspector.app.app import App
 from inspector.scene.scene_view import ROOT
 from inspector.session.view import FRONT, RESET, SIDE, TOP
-from tests.support.app import IDLE_S, idle_app
+from tests.support.app import IDLE_S
 from tests.support.tiny_dataset import write_tiny
 from tests.support.wire_client import WireClient
 
@@ -19,9 +19,8 @@ pytestmark = pytest.mark.slow  # a whole app, running
 
 
 @pytest.fixture(scope="module")
-def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
-    with idle_app(write_tiny(tmp_path_factory.mktemp("views"))) as app:
-        yield app
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_tiny(tmp_path_factory.mktemp("views"))
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from calib.dataset.files.folder import write_dataset
 from calib.kinematics.chain import target_points
 from calib.kinematics.robot import Joint, Robot, Tool
 from inspector.cli.parser import main
+from tests.support.sweeps import sweep
 
 NOTES = ("inspector: warning", "inspector: note")
 COMMANDS = (
@@ -71,8 +72,13 @@ def ends_well(capsys: pytest.CaptureFixture[str], folder: Path, *words: str) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("joints", [1, 2])
-@pytest.mark.parametrize("kind", ["plain", "on the axis", "slide"])
+@pytest.mark.parametrize(
+    ("kind", "joints"),
+    sweep(
+        [(kind, joints) for kind in ("plain", "on the axis", "slide") for joints in (1, 2)],
+        every_run=[("plain", 2), ("on the axis", 2), ("slide", 1)],
+    ),
+)
 def test_every_command_ends_well_for_few_joints(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, joints: int, kind: str
 ) -> None:
@@ -84,7 +90,7 @@ def test_every_command_ends_well_for_few_joints(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("declared", [True, False])
+@pytest.mark.parametrize("declared", sweep([True, False], every_run=[True]))
 def test_every_command_ends_well_for_data_without_noise(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, declared: bool
 ) -> None:
@@ -95,7 +101,7 @@ def test_every_command_ends_well_for_data_without_noise(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("poses", [1, 2, 3, 5])
+@pytest.mark.parametrize("poses", sweep([1, 2, 3, 5], every_run=[1, 3]))
 def test_every_command_ends_well_for_few_poses_and_for_none_to_train_with(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, poses: int
 ) -> None:

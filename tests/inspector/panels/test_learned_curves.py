@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from inspector.report.report import report_html
 from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session
-from tests.support.app import IDLE_S, idle_app, shows
+from tests.support.app import IDLE_S, shows
 from tests.support.hidden_dataset import write_unnamed
 from tests.support.wire_client import WireClient
 
@@ -28,18 +27,6 @@ ADD_CURVES = f"Add {LEARNED} (joint 1)"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_unnamed(tmp_path_factory.mktemp("cell"))
-
-
-@pytest.fixture(scope="module")
-def app(folder: Path) -> Iterator[App]:
-    with idle_app(folder) as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
-def page(app: App) -> Iterator[WireClient]:
-    with WireClient(app.server.get_port()) as client:
-        yield client
 
 
 def session(app: App) -> Session:
@@ -65,7 +52,7 @@ def test_they_are_offered_added_with_a_click_and_taken_back(app: App, page: Wire
     assert page.props("Effect")["options"][0] == LEARNED
     assert not curves_drawn(page)
     page.set("Effect", LEARNED)
-    shows(page, "No named effect explains what is left", "log evidence, all together")
+    shows(page, "No named effect", "log evidence")
     page.click(ADD_CURVES)
     shows(page, f"+ {LEARNED}: the test error fell", f"Curves of {LEARNED}", "sin(23 q1)")
     page.wait(curves_drawn)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,30 +11,11 @@ from calib.present import numbers
 from inspector.app.app import App
 from inspector.panels.learn.missing_effects import FIND, REDO, REMOVE, UNDO
 from inspector.scene.scene_view import ROOT
-from inspector.server.viser_server import url_of
-from tests.support.app import ADD, IDLE_S, command, idle_app
-from tests.support.browser import MS, node_drawn, open_page, says
-from tests.support.hidden_dataset import HIDDEN, write_hidden
+from tests.support.app import ADD, IDLE_S, command
+from tests.support.browser import MS, node_drawn, says
+from tests.support.hidden_dataset import HIDDEN
 
 pytestmark = pytest.mark.browser
-
-
-@pytest.fixture(scope="module")
-def folder(chromium: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    del chromium  # first: without a browser there is nothing to prepare
-    return write_hidden(tmp_path_factory.mktemp("hidden"))
-
-
-@pytest.fixture(scope="module")
-def app(folder: Path) -> Iterator[App]:
-    with idle_app(folder) as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
-def page(chromium: Any, app: App) -> Iterator[Any]:
-    with open_page(chromium, url_of(app.server)) as opened:
-        yield opened
 
 
 def fact(page: Any, name: str) -> str:

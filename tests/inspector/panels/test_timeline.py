@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import pytest
 from calib.dataset.files.folder import write_dataset
 from inspector.app.app import App
 from inspector.panels.timeline import PAUSE, PLAY, clock, in_time
-from tests.support.app import IDLE_S, idle_app, plain
+from tests.support.app import IDLE_S, plain
 from tests.support.hidden_dataset import arm
 from tests.support.wire_client import WireClient
 
@@ -31,13 +30,12 @@ def test_a_clock(seconds: float, words: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
-    folder: Path = tmp_path_factory.mktemp("timeline")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("timeline")
     dataset = arm(3)
     write_dataset(replace(dataset, name="timed", poses=replace(dataset.poses, time_s=TIMES_S)), folder / "a timed")
     write_dataset(replace(dataset, name="plain"), folder / "b plain")
-    with idle_app(folder) as running:
-        yield running
+    return folder
 
 
 def selected(app: App) -> int:
@@ -58,7 +56,7 @@ def test_a_time_selects_the_nearest_pose_and_a_pose_its_time(app: App) -> None:
     timeline = app.panels.review.timeline
     assert timeline.slider.label == "min"
     assert timeline.slider.value == pytest.approx(10.5)
-    assert "10:00 after the first of 64 poses, number 11 by time" in page_says(app)
+    assert "number 11 by time" in page_says(app)
 
 
 @pytest.mark.slow

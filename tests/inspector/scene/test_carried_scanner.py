@@ -51,6 +51,6 @@ def test_report_and_glb_draw_it() -> None:
 
 def test_the_legend_says_from_where_it_is_drawn() -> None:
     session = Session(CALIBRATION.dataset)
-    assert "The arm carries the scanner" in legend_html(View(session), {"corners"}, None)
-    in_room = replace(CALIBRATION.dataset, robot=ARM)
-    assert "carries" not in legend_html(View(Session(in_room)), {"corners"}, None)
+    assert "carries the scanner" in legend_html(View(session), {"corners"}, None)
+    in_world = replace(CALIBRATION.dataset, robot=ARM)
+    assert "carries" not in legend_html(View(Session(in_world)), {"corners"}, None)

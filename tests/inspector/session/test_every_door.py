@@ -21,6 +21,7 @@ from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session
 from tests.support.odd_noise import odd_arm
+from tests.support.sweeps import sweep
 
 MOST_PRESSES = 9
 
@@ -80,7 +81,7 @@ CASES: dict[str, Callable[[], Dataset]] = {
     "no name, curves": lambda: arm(3, ("rough_gear", 5.0)),
     "depth three times coarser": lambda: odd_arm("deep", 2, ["transmission_error"], sigmas=4.0),
     "a wander like a drift": lambda: odd_arm("wandering", 8),
-    "shots that tell the noise": lambda: odd_arm("deep", 0, shots=3),
+    "repeats that tell the noise": lambda: odd_arm("deep", 0, repeats=3),
     "a second arm": lambda: arm(9, ("joint_scale", 3.0), ("scanner_drift", 3.0), robot="panda"),
 }
 
@@ -99,7 +100,9 @@ def test_the_advice_followed_to_its_end_is_the_diagnosis(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["hidden_effect_a", "hidden_effect_b", "hidden_effect_c"])
+@pytest.mark.parametrize(
+    "name", sweep(["hidden_effect_a", "hidden_effect_b", "hidden_effect_c"], every_run=["hidden_effect_b"])
+)
 def test_the_same_on_the_sample_data(name: str) -> None:
     folder = Path(__file__).resolve().parents[3] / "sample_data" / name
     dataset = measuring.open_session(folder).dataset

@@ -16,7 +16,7 @@ import pytest
 from calib.dataset.files.fingerprint import fingerprint
 from calib.diagnosis.effect_selection import calibrate_with
 from calib.errors import CalibError
-from calib.noise_shape import NoiseShape, Wander
+from calib.noise_shape import CorrelatedDrift, NoiseShape
 from calib.options import FitOptions
 from inspector.cli.parser import main
 from inspector.session import measuring
@@ -91,7 +91,7 @@ def test_a_diagnosis_comes_back_with_its_words(folder: Path, tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_the_shape_of_the_noise_comes_back(worked_on: Session, folder: Path, tmp_path: Path) -> None:
-    shape = NoiseShape(0.5, 3.0, growth_per_m=0.1, distance_mm=900.0, wander=Wander(0.5, 80.0), tail=4.0)
+    shape = NoiseShape(0.5, 3.0, growth_per_m=0.1, distance_mm=900.0, wander=CorrelatedDrift(0.5, 80.0), tail=4.0)
     options = FitOptions(noise=shape)
     fits = [calibrate_with(worked_on.dataset, s.selected, options) for s in worked_on.steps]
     steps = [replace(step, calibration=fit) for step, fit in zip(worked_on.steps, fits, strict=True)]
@@ -142,6 +142,7 @@ def test_nothing_fitted_yet_is_a_session_too(folder: Path, tmp_path: Path) -> No
     assert (again.calibration, notes) == (None, ())
 
 
+@pytest.mark.slow
 def test_the_folder_is_told_relative_and_found_when_both_move(worked_on: Session, folder: Path, tmp_path: Path) -> None:
     place = tmp_path / "a"
     shutil.copytree(folder, place / "data" / "cell")
@@ -200,7 +201,7 @@ def test_an_effect_of_no_possible_size_is_refused_with_its_place(saved: Path, si
         load_session(saved)
     said = str(caught.value)
     assert f"history[{step}].effects[0].sizes.{name}: found {size!r}" in said.replace("e+", "e+")
-    assert "a number of 1e+15 at most is needed" in said
+    assert "1e+15 at most" in said
 
 
 def test_every_file_that_a_fit_reads_counts(folder: Path, tmp_path: Path) -> None:
@@ -281,9 +282,9 @@ BAD: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "too many steps": (lambda d: d.update(history=[{}] * 2000), "2000 entries"),
     "arrows zero": (lambda d: d["shown"].update(arrows=0), "shown.arrows: found 0; a number above 0"),
     "dark a number": (lambda d: d["shown"].update(dark=1), "shown.dark: found 1; true or false"),
-    "parent folder": (lambda d: outside(d, ".."), "is not at or below"),
-    "root": (lambda d: outside(d, "/"), "is not at or below"),
-    "system": (lambda d: outside(d, "../../../../../../etc"), "is not at or below"),
+    "parent folder": (lambda d: outside(d, ".."), "not at or below"),
+    "root": (lambda d: outside(d, "/"), "not at or below"),
+    "system": (lambda d: outside(d, "../../../../../../etc"), "not at or below"),
 }
 
 
@@ -334,7 +335,7 @@ def test_a_link_out_of_the_served_folder_is_not_followed(saved: Path, folder: Pa
     edited(saved, lambda d: d["dataset"].update(folder=str(other)))
     assert dataset_of(load_session(saved), served) == served / "cell"  # by its dataset.toml, not by its path
     edited(saved, lambda d: outside(d, str(other)))
-    with pytest.raises(CalibError, match="is not at or below"):
+    with pytest.raises(CalibError, match="not at or below"):
         dataset_of(load_session(saved), served)
 
 

@@ -1,4 +1,4 @@
-"""Any serial chain as a five-parameter table and back: the same arm to rounding."""
+"""Conversion of any serial chain to a five-parameter table and back gives the same arm up to rounding."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_masses_hang_where_they_hung() -> None:
 
 
 def test_an_upright_arm_with_square_axes_gets_the_table_that_one_writes_by_hand() -> None:
-    """UR10 by its URDF: shoulder and elbow turn about y, offsets along the axes."""
+    """The table of the UR10, whose URDF has joints about y and offsets along the axes, is the usual one."""
     square, none = np.pi / 2, (0.0, 0.0, 0.0)
     places = [
         ((0, 0, 127.3), none, (0, 0, 1)),

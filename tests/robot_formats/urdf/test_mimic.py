@@ -1,10 +1,9 @@
-"""Joints that follow others of the arm: a matrix from commanded to joint values, against MuJoCo's places."""
+"""Mimic joints as a matrix from commanded to joint values, compared with MuJoCo's positions."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -14,6 +13,7 @@ from calib.robot_formats.calibrated_file import calibrated_urdf
 from calib.robot_formats.chain.serial_chain import RobotFileError
 from calib.robot_formats.robot_file import read_robot
 from tests.support.chains import joint, link, urdf_of
+from tests.support.mujoco_arm import mujoco
 
 # A lifting column of two stages, and a parallelogram: the elbow turns back what the shoulder does.
 ARM = urdf_of(
@@ -35,20 +35,20 @@ ARM = urdf_of(
 
 
 def by_mujoco(q: np.ndarray) -> np.ndarray:
-    """(N, 4, 4) the tip, mm, of what is commanded of lift1 (m) and shoulder; the others by the rule of <mimic>."""
+    """Tip transforms (N, 4, 4), mm, by MuJoCo from commanded lift1 (m) and shoulder, others by the rule of <mimic>."""
     inertial = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
     text = ARM.replace('"/>\n  <link', f'">{inertial}</link>\n  <link')
-    spec = mujoco.MjSpec.from_string(text)
+    spec = mujoco().MjSpec.from_string(text)
     spec.compiler.fusestatic = False
     model = spec.compile()
-    data, out = mujoco.MjData(model), []
+    data, out = mujoco().MjData(model), []
     for lift, shoulder in q:
         elbow = -shoulder + 0.25
         values = {"lift1": lift, "lift2": 1.5 * lift + 0.02, "shoulder": shoulder, "elbow": elbow}
         values["wrist"] = 0.5 * elbow - 0.1
         for name, value in values.items():
             data.qpos[model.joint(name).qposadr[0]] = value
-        mujoco.mj_kinematics(model, data)
+        mujoco().mj_kinematics(model, data)
         place = np.eye(4)
         place[:3, :3], place[:3, 3] = data.body("tip").xmat.reshape(3, 3), 1e3 * data.body("tip").xpos
         out.append(place)

@@ -1,4 +1,4 @@
-"""URDF in: the same places and torques as MuJoCo finds in the same text, and refusals by name."""
+"""Reading of URDF: positions and torques as MuJoCo's from the same text, and errors that name link or joint."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import math
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 
 from calib.effects.gravity import GravityLoads
 from calib.kinematics.chain import forward
 from calib.robot_formats.chain.serial_chain import RobotFileError
-from calib.robot_formats.robot_file import Reading, read_robot
+from calib.robot_formats.robot_file import ReadOptions, read_robot
 from tests.support.chains import joint, link, shoulder_arm, urdf_of
+from tests.support.mujoco_arm import mujoco
 
 
 def written(tmp_path: Path, text: str) -> Path:
@@ -24,7 +24,7 @@ def written(tmp_path: Path, text: str) -> Path:
 
 
 def in_mujoco(text: str) -> Any:
-    spec = mujoco.MjSpec.from_string(text)
+    spec = mujoco().MjSpec.from_string(text)
     spec.compiler.fusestatic = False
     spec.compiler.balanceinertia = True
     spec.compiler.boundmass = 0.0
@@ -33,18 +33,18 @@ def in_mujoco(text: str) -> Any:
 
 def test_places_and_torques_are_those_of_mujoco(tmp_path: Path) -> None:
     text = shoulder_arm()
-    found = read_robot(written(tmp_path, text), Reading(tip="tool0"))
+    found = read_robot(written(tmp_path, text), ReadOptions(tip="tool0"))
     robot = found.robot
     assert [j.name for j in robot.joints] == ["pan", "lift", "elbow", "slide", "roll"]
     finger = 'name="finger_slide" type='  # at zero for MuJoCo too
     model = in_mujoco(text.replace(f'{finger}"prismatic"', f'{finger}"fixed"'))
-    tip = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "tool0")
+    tip = mujoco().mj_name2id(model, mujoco().mjtObj.mjOBJ_BODY, "tool0")
     rng = np.random.default_rng(0)
     for _ in range(30):
         q = rng.uniform(-2, 2, 5) * np.where(robot.is_revolute, 1.0, 300.0)
-        data = mujoco.MjData(model)
+        data = mujoco().MjData(model)
         data.qpos[:] = np.where(robot.is_revolute, q, q / 1e3)
-        mujoco.mj_forward(model, data)
+        mujoco().mj_forward(model, data)
         chain = forward(robot.table, q[None], robot.is_revolute, robot.base_T_first)
         assert np.abs(chain.target_mm[0] - 1e3 * data.xpos[tip]).max() < 1e-9
         assert np.abs(chain.base_T_frame[0, -1, :3, :3] - data.xmat[tip].reshape(3, 3)).max() < 1e-12
@@ -53,20 +53,20 @@ def test_places_and_torques_are_those_of_mujoco(tmp_path: Path) -> None:
 
 def test_what_hangs_on_a_base_in_the_middle_of_the_file(tmp_path: Path) -> None:
     path = written(tmp_path, shoulder_arm())
-    whole, part = (read_robot(path, Reading(tip="tool0", base=base)).robot for base in (None, "base_link"))
+    whole, part = (read_robot(path, ReadOptions(tip="tool0", base=base)).robot for base in (None, "base_link"))
     q = np.random.default_rng(1).uniform(-1, 1, (5, 5))
     loads = [
         GravityLoads(r, forward(r.table, q, r.is_revolute, r.base_T_first), None).joint_torques for r in (whole, part)
     ]
     assert loads[0] == pytest.approx(loads[1], abs=1e-9)
     assert part.gravity_m_s2 != whole.gravity_m_s2
-    late = read_robot(path, Reading(tip="tool0", base="shoulder"))
+    late = read_robot(path, ReadOptions(tip="tool0", base="shoulder"))
     assert [j.name for j in late.robot.joints] == ["lift", "elbow", "slide", "roll"]
     assert "with pan at zero" in late.summary
 
 
 def test_limits_masses_and_names(tmp_path: Path) -> None:
-    found = read_robot(written(tmp_path, shoulder_arm()), Reading(tip="tool0"))
+    found = read_robot(written(tmp_path, shoulder_arm()), ReadOptions(tip="tool0"))
     pan, lift, _, slide, _ = found.robot.joints
     assert (pan.min, pan.max) == (-2.5, 2.5)
     assert (lift.min, lift.max) == (None, None)
@@ -157,7 +157,7 @@ def test_a_loop_apart_from_the_root_is_no_hang(tmp_path: Path) -> None:
     text = urdf_of(AB + link("d"), joint("j", "a", "b") + joint("k", "c", "d") + joint("l", "d", "c"))
     assert read_robot(written(tmp_path, text)).robot.n_joints == 1
     with pytest.raises(RobotFileError, match="loop"):
-        read_robot(written(tmp_path, text), Reading(tip="d"))
+        read_robot(written(tmp_path, text), ReadOptions(tip="d"))
 
 
 BOMB = '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><robot name="&b;"/>'

@@ -1,4 +1,4 @@
-"""URDF out: only origins change; read again it is the calibrated arm."""
+"""Writing of URDF changes origins only, and the file read again is the calibrated arm."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from calib.kinematics.robot import Robot
 from calib.robot_formats.calibrated_file import calibrated_urdf
 from calib.robot_formats.chain.five_parameters import chain_of
 from calib.robot_formats.chain.serial_chain import chain_frames
-from calib.robot_formats.robot_file import Reading, read_robot
+from calib.robot_formats.robot_file import ReadOptions, read_robot
 from calib.robot_formats.urdf.text import plain_urdf
 from tests.support.chains import chains, joint, link, shoulder_arm, urdf_of
 
@@ -42,21 +42,21 @@ def through_toml(robot: Robot, tmp_path: Path) -> Robot:
 
 
 def test_nothing_calibrated_is_a_text_diff_of_nothing(template: Path, tmp_path: Path) -> None:
-    robot = through_toml(read_robot(template, Reading(tip="tool0")).robot, tmp_path)
+    robot = through_toml(read_robot(template, ReadOptions(tip="tool0")).robot, tmp_path)
     out = calibrated_urdf(template, robot, comment="by nobody")
     assert out.content == template.read_bytes()
     assert out.changed == ()
 
 
 def test_only_origins_change_and_the_file_reads_as_the_calibrated_arm(template: Path, tmp_path: Path) -> None:
-    nominal = read_robot(template, Reading(tip="tool0")).robot
+    nominal = read_robot(template, ReadOptions(tip="tool0")).robot
     change = np.random.default_rng(0).normal(0, 1, nominal.table.shape) * [1.0, 0.005, 1.0, 0.005, 0.005]
     calibrated = nominal.with_table(nominal.table + change)
     out = calibrated_urdf(template, through_toml(calibrated, tmp_path), nominal, comment="calibrated -- today")
     assert out.changed == ("pan", "lift", "elbow", "slide", "roll", "tool_fixed")
     again = tmp_path / "calibrated.urdf"
     again.write_bytes(out.content)
-    found = read_robot(again, Reading(tip="tool0")).robot
+    found = read_robot(again, ReadOptions(tip="tool0")).robot
     assert np.abs(tips(found) - tips(calibrated))[:, :3, 3].max() < 1e-9
     before, after = template.read_text().splitlines(), out.content.decode().splitlines()
     changed = [line[2:] for line in difflib.ndiff(before, after) if line[0] in "+-"]
@@ -64,7 +64,7 @@ def test_only_origins_change_and_the_file_reads_as_the_calibrated_arm(template: 
 
 
 def test_one_joints_zero_changes_one_line(template: Path) -> None:
-    nominal = read_robot(template, Reading(tip="tool0")).robot
+    nominal = read_robot(template, ReadOptions(tip="tool0")).robot
     table = nominal.table
     table[2, 3] += np.radians(0.2)
     out = calibrated_urdf(template, nominal.with_table(table), nominal)
@@ -132,7 +132,7 @@ def test_a_base_that_leans_hangs_on_a_world(tmp_path: Path, gravity: tuple[float
     path = tmp_path / "plain.urdf"
     path.write_text(plain_urdf(chain_of(robot)))
     q = np.random.default_rng(0).uniform(-2, 2, (5, 6))
-    whole, part = read_robot(path).robot, read_robot(path, Reading(base="base_link")).robot
+    whole, part = read_robot(path).robot, read_robot(path, ReadOptions(base="base_link")).robot
     assert part.gravity_m_s2 == pytest.approx(robot.gravity_m_s2, abs=1e-12)
     loads = [
         GravityLoads(r, forward(r.table, q, r.is_revolute, r.base_T_first), None).joint_torques

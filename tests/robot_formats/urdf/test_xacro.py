@@ -1,11 +1,10 @@
-"""A xacro, expanded in a process that reads its own folder and nothing else."""
+"""Expansion of xacro files in a process that can read its own folder only."""
 
 from __future__ import annotations
 
 import json
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +13,13 @@ import pytest
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
 from calib.robot_formats.chain.serial_chain import RobotFileError
-from calib.robot_formats.robot_file import Reading, read_robot
+from calib.robot_formats.robot_file import ReadOptions, read_robot
 from calib.robot_formats.urdf import xacro as module
 from calib.robot_formats.urdf.safe_xml import Element, parse_xml
 from calib.robot_formats.urdf.xacro import Xacro
 from inspector.cli.parser import main
 
+pytest.importorskip("xacrodoc")
 pytestmark = pytest.mark.slow  # a process each
 
 HEAD = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">\n'
@@ -73,7 +73,7 @@ def tips(robot: Robot) -> np.ndarray:
 def test_a_xacro_is_the_urdf_that_it_makes(arm: Path, tmp_path: Path) -> None:
     (tmp_path / "hand.urdf").write_text(BY_HAND)
     theirs = read_robot(tmp_path / "hand.urdf").robot
-    mine = read_robot(arm, Reading(xacro=Xacro({"reach": "0.45"}))).robot
+    mine = read_robot(arm, ReadOptions(xacro=Xacro({"reach": "0.45"}))).robot
     assert np.abs(tips(mine) - tips(theirs)).max() < 1e-12
     assert [(j.name, j.min, j.max) for j in mine.joints] == [(j.name, j.min, j.max) for j in theirs.joints]
 
@@ -84,10 +84,10 @@ def test_a_package_is_a_folder_that_was_named(arm: Path, tmp_path: Path) -> None
     (arm.parent / "parts" / "stage.xacro").rename(package / "stage.xacro")
     arm.write_text(ARM.replace("parts/", "$(find stages)/"))
     with pytest.raises(RobotFileError, match=r"arm\.xacro: line 2: .*give --xacro-package stages=FOLDER"):
-        read_robot(arm, Reading(xacro=Xacro()))
-    assert read_robot(arm, Reading(xacro=Xacro(packages={"stages": package}))).robot.n_joints == 2
+        read_robot(arm, ReadOptions(xacro=Xacro()))
+    assert read_robot(arm, ReadOptions(xacro=Xacro(packages={"stages": package}))).robot.n_joints == 2
     with pytest.raises(RobotFileError, match="is no folder"):
-        read_robot(arm, Reading(xacro=Xacro(packages={"stages": package / "no"})))
+        read_robot(arm, ReadOptions(xacro=Xacro(packages={"stages": package / "no"})))
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def test_what_a_xacro_may_not_do_is_told_with_file_and_line(arm: Path, old: str,
     (arm.parent / "link.xacro").symlink_to(arm.parent.parent / "secret.xacro")
     arm.write_text(ARM.replace(old, new, 1))
     with pytest.raises(RobotFileError, match=said) as caught:
-        read_robot(arm, Reading(xacro=Xacro()))
+        read_robot(arm, ReadOptions(xacro=Xacro()))
     assert str(caught.value).startswith(str(arm))
     assert "\n" not in str(caught.value)
 
@@ -130,10 +130,10 @@ def test_a_xacro_without_end_is_given_up(arm: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(module, "_MOST_SECONDS", 3)
     arm.write_text(ARM.replace("$(arg reach)", "${sum([1 for i in range(10**12)])}", 1))
     with pytest.raises(RobotFileError, match=r"not done after 3 s|line 7"):
-        read_robot(arm, Reading(xacro=Xacro()))
+        read_robot(arm, ReadOptions(xacro=Xacro()))
     arm.write_text(HEAD + '<xacro:macro name="a"><xacro:a/></xacro:macro><xacro:a/></robot>')
     with pytest.raises(RobotFileError, match="round in a circle"):
-        read_robot(arm, Reading(xacro=Xacro()))
+        read_robot(arm, ReadOptions(xacro=Xacro()))
 
 
 def test_without_leave_or_without_xacrodoc_a_xacro_is_refused(arm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -141,7 +141,7 @@ def test_without_leave_or_without_xacrodoc_a_xacro_is_refused(arm: Path, monkeyp
         read_robot(arm)
     monkeypatch.setattr(module, "find_spec", lambda name: None)
     with pytest.raises(RobotFileError, match=r"pip install 'robot-calibration-inspector\[xacro\]'"):
-        read_robot(arm, Reading(xacro=Xacro()))
+        read_robot(arm, ReadOptions(xacro=Xacro()))
 
 
 def test_the_commands_expand_what_is_named_and_nothing_else(
@@ -163,12 +163,12 @@ def test_the_commands_expand_what_is_named_and_nothing_else(
 
 
 def with_reach(expression: str, before: str = "") -> str:
-    """The arm with an expression in the place of its reach."""
+    """Xacro of the arm with an expression as its reach."""
     return ARM.replace("  <link name", f"{before}\n  <link name", 1).replace("$(arg reach)", expression, 1)
 
 
 def doubled(times: int) -> str:
-    """Properties, each twice the one before."""
+    """Xacro properties, each twice as long as the one before."""
     return '<xacro:property name="p0" value="aaaaaaaa"/>' + "".join(
         f'<xacro:property name="p{k}" value="${{p{k - 1}}}${{p{k - 1}}}"/>' for k in range(1, times)
     )
@@ -213,19 +213,18 @@ def test_a_xacro_runs_nothing_and_takes_no_machine_for_itself(arm: Path, name: s
     (folder / "deep.yaml").write_text("[" * 20_000)
     before = sorted(path.name for path in folder.iterdir())
     arm.write_text(HOSTILE[name])
-    started = time.monotonic()
     with pytest.raises(RobotFileError) as caught:
-        read_robot(arm, Reading(xacro=Xacro()))
-    assert time.monotonic() - started < 25
+        read_robot(arm, ReadOptions(xacro=Xacro()))
     assert str(caught.value).startswith(f"{arm}: line ")
     assert sorted(path.name for path in folder.iterdir()) == before
 
 
+@pytest.mark.thorough
 def test_macros_that_double_are_given_up(arm: Path) -> None:
     macros = "".join(f'<xacro:macro name="m{k}"><xacro:m{k - 1}/><xacro:m{k - 1}/></xacro:macro>' for k in range(1, 40))
     arm.write_text(f'{HEAD}<xacro:macro name="m0"><link name="x"/></xacro:macro>{macros}<xacro:m39/></robot>')
     with pytest.raises(RobotFileError, match=r"makes more than 100000 elements|not done after"):
-        read_robot(arm, Reading(xacro=Xacro()))
+        read_robot(arm, ReadOptions(xacro=Xacro()))
 
 
 # What stock descriptions do (UR, Franka, xArm, KUKA, ABB, Kinova): tables of limits in degrees, names behind dots,
@@ -295,7 +294,6 @@ print(json.dumps(xacrodoc.XacroDoc.from_file(sys.argv[1], walk_up=False, subargs
 def test_what_stock_descriptions_do_is_expanded_as_the_library_does(
     arm: Path, tmp_path: Path, args: dict[str, str]
 ) -> None:
-    pytest.importorskip("xacrodoc")
     (arm.parent / "parts" / "tools.xacro").write_text(TOOLS)
     (arm.parent / "limits.yaml").write_text(LIMITS)
     arm.write_text(STOCK)

@@ -68,7 +68,7 @@ def test_what_a_further_block_adds_is_the_difference_of_two_evidences() -> None:
     block = curve_columns(120, rng, members=1)
     block = CurveColumns(block.columns, block.member, block.order, np.zeros(len(block.order), dtype=bool))
     ((gain, log_size),) = evidence.gains(at, [block])
-    both = CurveEvidence(curve.beside(block), residual, 110)
+    both = CurveEvidence(curve.joined(block), residual, 110)
     together = both.at(Spectrum(np.concatenate([at.logs[:-2], [log_size], at.logs[-2:]]))).log_evidence
     assert gain == pytest.approx(together - evidence.at(at).log_evidence, abs=1e-6)
 

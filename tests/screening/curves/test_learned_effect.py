@@ -19,8 +19,7 @@ from calib.effects.effect import apply_values
 from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
 from calib.options import FitOptions
-from calib.screening.curves.effect_file import effect_file_text
-from calib.screening.curves.fitted_curves import fitted_curves, shape_text
+from calib.screening.curves.fitted_curves import effect_file_text, fitted_curves, shape_text
 from calib.screening.curves.joint_curves import learn_joint_curves
 from calib.screening.curves.smooth_joint_error import LEARNED, FormulaModes, FormulaTerm, SmoothJointError
 from inspector.cli.parser import main

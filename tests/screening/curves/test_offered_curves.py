@@ -12,11 +12,10 @@ import pytest
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.advice import advice_on
-from calib.diagnosis.decision_rules import CURVES_SHARE, MIN_LEAD, beside_curves, is_convincing
-from calib.diagnosis.diagnose import AddCurves
+from calib.diagnosis.advice import advice_on, advice_text
+from calib.diagnosis.decision_rules import CURVES_SHARE, MIN_LOG_BAYES_FACTOR, is_convincing, ranking_given_curves
+from calib.diagnosis.moves import AddCurves
 from calib.diagnosis.search_space import add_in_turn
-from calib.diagnosis.words.conclusion_text import advice_text
 from calib.diagnosis.words.phrases import fault_text
 from calib.effects.effect import apply_values
 from calib.fitting.observations import nominal_state
@@ -50,13 +49,14 @@ def fitted(dataset: Dataset) -> Calibration:
     return add_in_turn(dataset, [LEARNED])[-1].calibration
 
 
+@pytest.mark.slow
 def test_curves_are_offered_where_no_name_explains_what_is_left(ranked: Session) -> None:
     assert ranked.screening is not None
     assert ranked.curves is not None
     assert ranked.advice is not None
-    assert not any(map(is_convincing, beside_curves(ranked.screening, ranked.curves).candidates))
+    assert not any(map(is_convincing, ranking_given_curves(ranked.screening, ranked.curves).candidates))
     assert ranked.advice.effect == LEARNED
-    said = advice_text(ranked.advice.sentences)
+    said = advice_text(ranked.advice)
     assert "a curve of joint 1 over q1" in said
     assert LEARNED in said
 
@@ -94,17 +94,17 @@ def test_a_cause_of_one_place_or_pose_gives_way_to_curves_that_say_more(ranked: 
     assert screening is not None
     assert curves is not None
 
-    least = (curves.log_evidence - MIN_LEAD) / CURVES_SHARE
+    least = (curves.log_evidence - MIN_LOG_BAYES_FACTOR) / CURVES_SHARE
 
     def stays(name: str, lead: float) -> bool:
         one = next(c for c in screening.candidates if c.name == name)
         one = replace(one, log_evidence=least + lead)
-        return beside_curves(replace(screening, candidates=(one,)), curves).candidates == (one,)
+        return ranking_given_curves(replace(screening, candidates=(one,)), curves).candidates == (one,)
 
     assert stays("joint_step", 1.0)
     assert not stays("joint_dent", -1.0)
     assert stays("joint_scale", -1.0)  # no place, no pose: it names the cause
-    assert beside_curves(screening, None) == screening
+    assert ranking_given_curves(screening, None) == screening
 
 
 def test_a_fault_of_one_joint_stays_told_unless_all_joints_say_more(ranked: Session) -> None:
@@ -115,11 +115,11 @@ def test_a_fault_of_one_joint_stays_told_unless_all_joints_say_more(ranked: Sess
     move, fault = ranked.advice.move, ranked.residual_tests.fault
     assert isinstance(move, AddCurves)
     assert fault is not None
-    told = advice_text(advice_on(move, ranked.residual_tests, ranked.calibration).sentences)
+    told = advice_text(advice_on(move, ranked.residual_tests, ranked.calibration))
     assert fault_text(fault) in told  # the curve is of that joint alone
     (member,) = ranked.curves.members
     both = replace(ranked.curves, members=(member, replace(member, joint=4)), log_evidence=fault.log_evidence + 10.0)
-    told = advice_text(advice_on(replace(move, curves=both), ranked.residual_tests, ranked.calibration).sentences)
+    told = advice_text(advice_on(replace(move, curves=both), ranked.residual_tests, ranked.calibration))
     assert fault_text(fault) not in told
     assert "more than noise" in told
 
@@ -143,6 +143,7 @@ def test_a_fitted_curve_is_the_effect_at_the_measured_poses(fitted: Calibration,
     assert not curve.inside[-1]
 
 
+@pytest.mark.slow
 def test_the_band_is_the_scatter_of_the_fits_parameters(fitted: Calibration) -> None:
     (curve,) = fitted_curves(fitted)
     (member,) = learned_members(fitted)

@@ -55,7 +55,7 @@ CAUSES = {**CATALOGUE, **NEW, **UNFORESEEN}
 
 @dataclass(frozen=True)
 class Case:
-    """What to simulate. Its seed is all of this."""
+    """A case to simulate; its fields are the seed of everything drawn for it."""
 
     kind: str  # class
     causes: tuple[str, ...]

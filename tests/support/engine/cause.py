@@ -17,7 +17,7 @@ Report = Callable[["Cell", Posture, Array, float], Array]
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """What it does grows with its size, mostly in proportion; of size 1 it is of no particular magnitude."""
+    """A cause whose displacement grows with its size, mostly in proportion; size 1 has no special meaning."""
 
     name: str
     deform: Deform | None = None  # of the arm, in the posture in which it is loaded

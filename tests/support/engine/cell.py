@@ -90,7 +90,7 @@ class Cell:
         return np.einsum("nij,nj->ni", frame[:, :3, :3], point) + frame[:, :3, 3]
 
     def reported(self, causes: Sequence[tuple[Cause, float]]) -> dict[str, Array]:
-        """What the scanner reports without noise: (N, 3) for each target; the tool point is "jig"."""
+        """Points (N, 3) of each target as the scanner reports them, without noise; the tool point is "jig"."""
         here = self.posed(causes)
         points = {"jig": here.point, **{name: here.on_tool(np.array(TARGETS[name])) for name in self.targets}}
         out = {}

@@ -23,7 +23,7 @@ SHAPES: tuple[dict[str, int], ...] = (
     {"poses": 150},
     {"setups": 3, "targets": 2},
 )
-"""Number of poses, of the scanner's placements, of further targets, of shots a pose."""
+"""Number of poses, of the scanner's placements, of further targets, of repeats of a pose."""
 
 _GRAVITY = ("joint_compliance", "link_bending", "base_compliance")
 

@@ -93,7 +93,7 @@ def strain_wave(cell: Cell, rng: Rng) -> Cause:
 
 
 def joint_coupling(cell: Cell, rng: Rng) -> Cause:
-    """One of the last two joints follows the one before it, or the last the one before that."""
+    """A following joint: one of the last two follows the one before it, or the last one the one before that."""
     n = cell.arm.n
     pairs = [(j, k) for j, k in ((n - 1, n - 2), (n - 2, n - 3), (n - 1, n - 3)) if cell.turns[[j, k]].all()]
 
@@ -153,7 +153,7 @@ def asymmetric_scale(cell: Cell, rng: Rng) -> Cause:
 
 
 def high_harmonic(cell: Cell, rng: Rng) -> Cause:
-    """One joint, 4 to 20 times a turn."""
+    """A ripple of one joint, 4 to 20 times a turn."""
     order, phase = int(rng.integers(4, 21)), rng.uniform(0, 2 * np.pi)
 
     def make(shares: Array) -> Cause:

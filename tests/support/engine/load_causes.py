@@ -148,7 +148,7 @@ def base_compliance(cell: Cell, rng: Rng) -> Cause:
 
 
 def base_loosening(cell: Cell, rng: Rng) -> Cause:
-    """The same from one pose on."""
+    """A tilt of the foot under the arm's moment, from one pose on."""
     first = int(rng.integers(cell.poses // 4, 3 * cell.poses // 4))
     soft = np.array([*rng.uniform(0.5, 1.5, 2), 0.0])
     return _tilting_base("base_loosening", lambda c: (np.arange(c.poses) >= first).astype(float), soft)

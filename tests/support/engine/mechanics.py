@@ -1,4 +1,4 @@
-"""Where every part of an arm is, what weighs on it, and where it rests when parts give way."""
+"""Frames, weights and equilibrium of an arm whose parts give way."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Deformation:
-    """How far each part is from where it was sent, at N poses. Turns are rotation vectors in the part's frame."""
+    """Displacement of each part from where it was sent, at N poses; turns are rotation vectors in the part's frame."""
 
     joint: Array  # (N, n) rad or mm
     tilt: Array  # (N, n, 3) of a joint's axis about its origin, in the frame that carries it

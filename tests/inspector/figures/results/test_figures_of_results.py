@@ -71,6 +71,7 @@ def luminance(colour: str) -> float:
     return float(np.mean([int(colour[k : k + 2], 16) for k in (1, 3, 5)])) / 255.0
 
 
+@pytest.mark.slow
 def test_bars_are_the_errors_of_the_poses(fit: Calibration) -> None:
     figure = figures.error_bars(fit)
     frame = fit.after.to_frame(fit.dataset).set_index("pose")
@@ -193,6 +194,7 @@ def test_the_ranking_and_one_effect_of_it(found: Diagnosis) -> None:
     stands_alone(figures.added_variable(found, best), "σ")
 
 
+@pytest.mark.slow
 def test_learned_curves_are_those_of_the_fit(tmp_path: Path) -> None:
     found = calib.diagnose(calib.load_dataset(write_unnamed(tmp_path)))
     curves = fitted_curves(found.calibration)
@@ -206,6 +208,7 @@ def test_learned_curves_are_those_of_the_fit(tmp_path: Path) -> None:
     stands_alone(figure, "mrad", "°")
 
 
+@pytest.mark.slow
 def test_what_more_poses_and_a_plan_promise(dataset: Dataset) -> None:
     curve = learning_curve(dataset, counts=[20, 40], repeats=2)
     figure = figures.learning_curve(curve)

@@ -1,0 +1,54 @@
+"""Correlated error of a scanner as dataset.toml declares it, where a scan does not show it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.planes.robust_fit import PlaneFit, height_lever
+
+
+@dataclass(frozen=True)
+class DeclaredNoise:
+    """Correlated error of the scanner as declared under [scanner] of dataset.toml; 0 where nothing is declared."""
+
+    correlated_sigma_mm: float = 0.0  # of the error that neighbouring points share, along the ray
+    correlation_length_mm: float = 0.0  # l of its correlation exp(-r^2 / 2 l^2)
+    registration_sigma_mm: float = 0.0  # by which surfaces that were joined of several views are off, each axis
+
+
+NOTHING_DECLARED = DeclaredNoise()
+MESH_NOTE = (
+    "neighbouring points share their errors, as in a mesh or where views were joined; how well those were joined no "
+    "scan shows: give registration_sigma_mm or, of one view, correlated_sigma_mm under [scanner] in dataset.toml"
+)
+
+
+def apex_variance_mm2(planes: Sequence[PlaneFit], covariance: Array) -> Array:
+    """Trace (...) of the covariance of the point where three planes meet. covariance  # (..., 9, 9) of the planes"""
+    normals = np.array([plane.normal for plane in planes])
+    apex = np.linalg.solve(normals, np.array([plane.offset_mm for plane in planes]))
+    moved = np.linalg.solve(normals, height_lever(planes, apex))
+    return np.einsum("jk,...jk->...", moved.T @ moved, covariance)
+
+
+def at_least_declared(planes: Sequence[PlaneFit], shown: Array, declared: Array) -> Array:
+    """Covariance (9, 9) of three planes by a correlated error: as a scan shows it, at least as large as declared.
+
+    `shown` grows by a share of `declared` where it makes the apex more certain than `declared` alone would.
+    """
+    declared_mm2 = float(apex_variance_mm2(planes, declared))
+    if declared_mm2 <= 0:
+        return shown
+    return np.asarray(shown + max(0.0, 1 - float(apex_variance_mm2(planes, shown) / declared_mm2)) * declared)
+
+
+def registration_covariance(planes: Sequence[PlaneFit], sigma_mm: float) -> Array:
+    """(9, 9) covariance of three planes that an error of sigma_mm in each axis shifts together; no scan shows it."""
+    normals = np.array([plane.normal for plane in planes])
+    covariance = np.zeros((9, 9))
+    covariance[::3, ::3] = sigma_mm**2 * normals @ normals.T
+    return covariance

@@ -1,0 +1,222 @@
+"""Kinds of a user's files by suffix and content: dataset, robot, tables of joints and points, scans."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from calib.dataset_import.columns import recognise
+from calib.errors import CalibError
+from calib.robot_formats.origin_yaml import read_origin_yaml
+from calib.text_files.text_file import decoded
+from calib.text_files.user_table import UserTable, parse_table, plain, split_unit
+
+_MOST_FILES = 10_000
+_HEAD_BYTES = 16_384  # of a file, by which it is judged
+_TABLES = (".csv", ".tsv", ".txt", ".dat")
+_CLOUDS = (".ply", ".pcd", ".e57", ".xyz", ".asc", ".pts", ".npz")
+_MESHES = (".stl", ".obj")  # scans where nothing else can be
+_MANY = 4  # texts of three numbers a line in one folder, which are scans then
+_ROBOT_COLUMNS = ({"theta", "d", "a", "alpha"}, {"wx", "wy", "wz"}, {"x", "y", "z", "roll", "pitch", "yaw"})
+_ORDER = (".toml", ".urdf", ".xacro", ".xml", ".conf", ".csv", ".yaml", ".yml")  # of robots, the surest first
+DATASET, ROBOT, JOINTS, POINTS, BOTH, SCAN, UNUSED = (
+    "dataset", "robot", "joints", "points", "joints and points", "scan", "not used",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class UserFile:
+    """A file with its kind and the reason for it."""
+
+    path: Path
+    kind: str
+    why: str
+
+
+@dataclass(frozen=True)
+class UserFiles:
+    """The files of a folder; of several of a kind, the likeliest is first."""
+
+    folder: Path
+    files: tuple[UserFile, ...]
+    scans: Mapping[str, Path] = field(default_factory=dict)  # a file by its stem
+
+    def of(self, *kinds: str) -> tuple[Path, ...]:
+        """Paths of the files of some kinds."""
+        return tuple(file.path for file in self.files if file.kind in kinds)
+
+    @property
+    def datasets(self) -> tuple[Path, ...]:
+        """Folders that are datasets already."""
+        return tuple(path.parent for path in self.of(DATASET))
+
+    @property
+    def robots(self) -> tuple[Path, ...]:
+        """Paths of robot files, the surest form first."""
+        return tuple(sorted(self.of(ROBOT), key=lambda path: (_ORDER.index(path.suffix.lower()), str(path))))
+
+    @property
+    def tables(self) -> tuple[Path, ...]:
+        """Paths of tables of joints or points."""
+        return self.of(BOTH, JOINTS, POINTS)
+
+    @property
+    def joints(self) -> Path | None:
+        """Path of the likeliest table of joint values; None where there is none."""
+        return next(iter((*self.of(JOINTS), *self.of(BOTH))), None)
+
+    @property
+    def points(self) -> Path | None:
+        """Path of the likeliest table of points that is not that of the joints; None where there is none."""
+        points = self.of(POINTS)
+        return points[0] if points and self.joints is not None and self.joints in self.of(JOINTS) else None
+
+
+def look_through(folder: Path) -> UserFiles:
+    """Find the kind of each file below a folder. Raises CalibError where there are no files or too many."""
+    paths = list(_below(folder))
+    if len(paths) > _MOST_FILES:
+        raise CalibError(f"{folder}: holds more than {_MOST_FILES} files; give the folder of one dataset")
+    if not paths:
+        raise CalibError(f"{folder}: holds no file; a robot and tables of joints and points are needed")
+    if any(path.name == "dataset.toml" for path in paths):
+        return UserFiles(folder, tuple(_of_datasets(paths)))
+    files = [_judged(path) for path in paths]
+    scans = _scans(files)
+    kinds = dict.fromkeys(scans.values(), SCAN)
+    listed = [
+        UserFile(file.path, kinds[file.path], "a point cloud a pose") if file.path in kinds else file for file in files
+    ]
+    left = [_no_scan(file) if file.kind == SCAN and file.path not in kinds else file for file in listed]
+    return UserFiles(folder, tuple(left), scans)
+
+
+def _below(folder: Path) -> Iterator[Path]:
+    """Paths of the plain files below a folder, sorted, without hidden files and links."""
+    count = 0
+    for place, folders, names in os.walk(folder, followlinks=False):
+        folders[:] = sorted(name for name in folders if not name.startswith(".") and name != "__MACOSX")
+        for name in sorted(names):
+            path = Path(place) / name
+            if not name.startswith(".") and path.is_file() and not path.is_symlink():
+                yield path
+                count += 1
+                if count > _MOST_FILES:
+                    return
+
+
+def _of_datasets(paths: list[Path]) -> Iterator[UserFile]:
+    found = [path for path in paths if path.name == "dataset.toml"]
+    for path in paths:
+        if path in found:
+            yield UserFile(path, DATASET, "a dataset's folder, as this program writes it")
+        elif not any(path.is_relative_to(top.parent) for top in found):
+            yield UserFile(path, UNUSED, "beside a ready dataset")
+
+
+def _judged(path: Path) -> UserFile:
+    suffix = path.suffix.lower()
+    if suffix in (".urdf", ".xacro"):
+        return UserFile(path, ROBOT, f"by its suffix {suffix}")
+    if suffix == ".conf":
+        return UserFile(path, ROBOT, "a controller's calibration.conf")
+    if suffix in (".xml", ".toml"):
+        head = _head(path)
+        for mark, words in (
+            ("<robot", "a URDF"),
+            ("<mujoco", "a MuJoCo model"),
+            ("[[joints]]", "a robot.toml"),
+        ):
+            if mark in head:
+                return UserFile(path, ROBOT, words)
+        return UserFile(path, UNUSED, "holds no robot")
+    if suffix in (".yaml", ".yml"):
+        try:
+            read_origin_yaml(path)
+        except CalibError:
+            return UserFile(path, UNUSED, "holds no joint origins")
+        return UserFile(path, ROBOT, "joint origins")
+    if suffix in _TABLES:
+        return _judged_table(path)
+    if suffix in (*_CLOUDS, *_MESHES):
+        return UserFile(path, SCAN, "a point cloud")
+    if suffix in (".xlsx", ".xls", ".ods", ".numbers"):
+        return UserFile(path, UNUSED, "a spreadsheet: save its sheet as CSV")
+    return UserFile(path, UNUSED, "a zip within" if suffix == ".zip" else "of no form that is read")
+
+
+def _judged_table(path: Path) -> UserFile:
+    try:
+        table = parse_table(path, _head(path), lambda _: None)
+    except CalibError as error:
+        return UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))
+    if path.suffix.lower() == ".csv" and table.has_header:
+        names = {plain(split_unit(column)[0]) for column in table.columns}
+        if any(columns <= names for columns in _ROBOT_COLUMNS):
+            return UserFile(path, ROBOT, "a table of the robot, by its columns")
+    if not table.has_header:
+        return _without_header(path, table)
+    meant = recognise(table.columns, None, {})
+    has_joints = "q1" in meant.columns or bool(meant.faults)
+    has_points = all(axis in meant.columns for axis in "xyz")
+    if has_joints or has_points:
+        kind = BOTH if has_joints and has_points else JOINTS if has_joints else POINTS
+        return UserFile(path, kind, "by the names of its columns")
+    words = f"{path.stem} {path.parent.name}".lower()
+    if any(word in words for word in ("joint", "pose", "axis", "axes", "q_")):
+        return UserFile(path, JOINTS, "by its own name")
+    if any(word in words for word in ("point", "tracker", "laser", "measure")):
+        return UserFile(path, POINTS, "by its own name")
+    numbers = sum(split_unit(column)[1] in ("deg", "rad") for column in table.columns)
+    if numbers >= 3:
+        return UserFile(path, JOINTS, "by the angles in it")
+    return UserFile(path, UNUSED, "has columns neither of joints nor of points")
+
+
+def _without_header(path: Path, table: UserTable) -> UserFile:
+    width = len(table.columns)
+    if width == 3:
+        return UserFile(path, SCAN, "three numbers a line")
+    if width == 4:
+        return UserFile(path, POINTS, "four columns without a header: a pose and a point")
+    kind = BOTH if width >= 8 else JOINTS
+    return UserFile(path, kind, f"{width} columns without a header")
+
+
+def _head(path: Path) -> str:
+    """Beginning of a file as text, cut at the end of a line."""
+    with path.open("rb") as file:
+        content = file.read(_HEAD_BYTES)
+    text = decoded(content)
+    whole = len(content) < _HEAD_BYTES or "\n" not in text
+    return text if whole else text[: text.rindex("\n")]
+
+
+def _scans(files: list[UserFile]) -> dict[str, Path]:
+    """Scan files by stem, of the folder that has most of them."""
+    found = [file.path for file in files if file.kind == SCAN]
+    clouds = [path for path in found if path.suffix.lower() in _CLOUDS]
+    texts = [path for path in found if path.suffix.lower() in _TABLES]
+    many = Counter(path.parent for path in texts)
+    clouds += [path for path in texts if many[path.parent] >= _MANY]
+    if not clouds and not any(file.kind == ROBOT and file.path.suffix.lower() != ".toml" for file in files):
+        clouds = [path for path in found if path.suffix.lower() in _MESHES]
+    if not clouds:
+        return {}
+    folder = Counter(path.parent for path in clouds).most_common(1)[0][0]
+    out: dict[str, Path] = {}
+    for path in clouds:
+        if path.parent == folder:
+            out.setdefault(path.stem, path)
+    return out
+
+
+def _no_scan(file: UserFile) -> UserFile:
+    """Another kind for a file that looked like a scan but is none of this dataset."""
+    suffix = file.path.suffix.lower()
+    if suffix in _TABLES:
+        return UserFile(file.path, POINTS, "three columns without a header")
+    return UserFile(file.path, UNUSED, "a mesh" if suffix in _MESHES else "a scan of another folder")

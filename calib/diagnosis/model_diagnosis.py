@@ -1,0 +1,174 @@
+"""The diagnosis of a model at which a search stopped: tests of its residual, confounded effects, learned curves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+from calib.calibration.held_out import held_out_test
+from calib.calibration.result import Calibration
+from calib.diagnosis.decision_rules import equivalent_to
+from calib.diagnosis.effect_selection import FitStep, SelectedEffect
+from calib.diagnosis.moves import Stop, next_effect, straight_steps
+from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.search_space import SearchSpace, step_after
+from calib.diagnosis.verdict import ConfoundedSet, LearnedModel
+from calib.screening.candidates import screen
+from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, formula_text
+from calib.screening.noise_likelihood import scatter_of_repeats
+from calib.screening.noise_search import ShownNoise, first_unproven
+from calib.screening.projected_residual import project_residual
+from calib.screening.residual_tests import ResidualTests, run_residual_tests
+
+
+def diagnosis_of_model(
+    space: SearchSpace, steps: Sequence[FitStep], stop: Stop, tests: ResidualTests | None = None
+) -> Diagnosis:
+    """Diagnosis of the last of some models, to which no effect is to be added.
+
+    Args:
+        space: settings of all fits.
+        steps: models that led to it, in whatever order; the diagnosis has the straight way.
+        stop: why no effect is to be added.
+        tests: of the last fit's residual, where they were done already.
+    """
+    last = steps[-1]
+    space = space.without(last.left_out)
+    if any(effect.name == LEARNED for effect in last.selected):
+        return _with_curves_inside(space, steps)
+    if tests is None:
+        tests = _residual_tests(last.calibration)
+    left_out = last.calibration.outliers  # by robust fits
+    if left_out:
+        tests = replace(tests, outlier_poses=tuple(dict.fromkeys([*left_out, *tests.outlier_poses])))
+    straight = straight_steps(space, steps)
+    diagnosis = Diagnosis(
+        steps=straight,
+        all_tests=tests,
+        implausible=stop.implausible,
+        contenders=tuple(candidate.name for candidate in stop.contenders),
+        tests_with_contender=_tests_with_contender(space, last, stop),
+        confounded_sets=confounded_sets(space, straight),
+        refused=stop.refused,
+        left_to_curves=stop.left_to_curves,
+        held_out=held_out_test(last.calibration, tests.noise_mm, tests.noise_from),
+        noise=_noise_taken(last.calibration),
+    )
+    return diagnosis if stop.implausible else replace(diagnosis, unproven=_unproven(diagnosis))
+
+
+def _residual_tests(calibration: Calibration) -> ResidualTests:
+    return run_residual_tests(calibration.dataset, project_residual(calibration))
+
+
+def _unproven(diagnosis: Diagnosis) -> str:
+    """The first effect with no more evidence than a correlated drift of the instrument has; "" for none."""
+    noise = diagnosis.calibration.options.noise
+    if noise is not None and noise.wander is not None:
+        return ""  # the drift is part of the noise already
+    unproven = first_unproven(diagnosis.added, diagnosis.all_tests.outlier_poses)
+    return "" if unproven is None else unproven.effect
+
+
+def _noise_taken(calibration: Calibration) -> ShownNoise | None:
+    """The shape of the noise that a fit took; None where it took the declared noise."""
+    shape = calibration.options.noise
+    if shape is None:
+        return None
+    return ShownNoise(shape, from_repeats=scatter_of_repeats(calibration.dataset) is not None)
+
+
+def _tests_with_contender(space: SearchSpace, last: FitStep, stop: Stop) -> ResidualTests | None:
+    """Residual tests with the best contender in the model; None without one, or where nothing was added before."""
+    if not stop.contenders or not last.selected:
+        return None
+    return _residual_tests(space.fit((*last.selected, SelectedEffect.of(stop.contenders[0])), last.calibration))
+
+
+# ---- confounded effects ---------------------------------------------------------------------------------------------
+
+
+def confounded_sets(space: SearchSpace, steps: Sequence[FitStep]) -> tuple[ConfoundedSet, ...]:
+    """Sets of effects that the data cannot distinguish, each with one effect in the last step's model.
+
+    Equivalent effects explain the same at these poses, so that only the prior would decide between them. Effects that
+    the data lack the means to test (effects of load without masses) may be the cause as well. One of the set stands in
+    the model, so that the error falls and further effects are found beside it.
+
+    Args:
+        space: settings of all fits.
+        steps: from the link errors to the model, effect by effect, each with its screening.
+    """
+    last = steps[-1]
+    out: list[ConfoundedSet] = []
+    for before, after in pairwise(steps):
+        name = after.effect
+        family = None if name is None else space.family(name)
+        if name is None or family is None or any(name in one.names for one in out):
+            continue
+        equivalent = _equivalent_in_model(space, last, name, equivalent_to(name, before.screening))
+        untested = [f for f in space.families if f.name in family.confounded_with and not f.never_testable]
+        if equivalent or untested:
+            would_help = next((f.would_help for f in untested if f.would_help), "")
+            out.append(ConfoundedSet(name, equivalent, tuple(f.name for f in untested), would_help))
+    return tuple(out)
+
+
+def _equivalent_in_model(space: SearchSpace, last: FitStep, name: str, equivalent: tuple[str, ...]) -> tuple[str, ...]:
+    """The effects equivalent to one of the model given all others of it.
+
+    Those found when it was added may have stood in for effects that were added later.
+    """
+    others: list[SelectedEffect] = [effect for effect in last.selected if effect.name != name]
+    if not equivalent or last.selected[-1].name == name or not others:
+        return equivalent
+    names = {name, *equivalent} - {effect.name for effect in others}
+    families = [family for family in space.families if family.name in names]
+    return equivalent_to(name, screen(space.fit(others, last.calibration), families))
+
+
+# ---- learned curves -------------------------------------------------------------------------------------------------
+
+
+def with_learned(diagnosis: Diagnosis, step: FitStep, members: Sequence[SmoothJointError]) -> Diagnosis:
+    """A diagnosis with a further step that added learned curves."""
+    before, after = diagnosis.calibration, step.calibration
+    assert before.after.train is not None
+    assert after.after.train is not None
+    values = dict(zip((p.name for p in after.fit.parameters), after.fit.x.tolist(), strict=True))
+    learned = LearnedModel(
+        members=tuple(members),
+        formula=formula_text(tuple(members), values),
+        share=1.0 - (after.after.train.rmse_mm / before.after.train.rmse_mm) ** 2,
+        before=before,
+        after=after,
+        log_evidence=step.log_bayes_factor,
+    )
+    # Effects that are not in the model are judged by the residual before the curves took it away.
+    step = replace(step, screening=diagnosis.steps[-1].screening)
+    return replace(diagnosis, steps=(*diagnosis.steps, step), learned=learned)
+
+
+def _with_curves_inside(space: SearchSpace, steps: Sequence[FitStep]) -> Diagnosis:
+    """Diagnosis of a model with curves: that of the model without them, with the step that adds them."""
+    last = steps[-1]
+    names = tuple(effect for effect in last.selected if effect.name != LEARNED)
+    curves = next(effect for effect in last.selected if effect.name == LEARNED)
+    alone = next((step for step in reversed(steps) if _same(step, names, last)), None)
+    if alone is None:
+        alone = FitStep("", names, space.fit(names, None), left_out=last.left_out)
+    others = [step for step in steps if step is not last and step is not alone]
+    alone = space.ranked(alone)
+    stop = next_effect(space, alone)
+    diagnosis = diagnosis_of_model(space, [*others, alone], stop if isinstance(stop, Stop) else Stop())
+    before = diagnosis.steps[-1]
+    selected = (*before.selected, curves)
+    step = step_after(before, LEARNED, selected, last.calibration, log_bayes_factor=last.log_bayes_factor)
+    return with_learned(diagnosis, step, [m for m in curves.members if isinstance(m, SmoothJointError)])
+
+
+def _same(step: FitStep, selected: Sequence[object], last: FitStep) -> bool:
+    """Whether a step has these effects, fitted to the poses of the last one."""
+    without = step.calibration.dataset.left_out == last.calibration.dataset.left_out
+    return step.selected == tuple(selected) and step.left_out == last.left_out and without

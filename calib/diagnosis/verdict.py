@@ -1,0 +1,254 @@
+"""The findings of a diagnosis, and the one function that decides the verdict from them: `conclude`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Literal
+
+from calib.calibration.held_out import HeldOutTest
+from calib.calibration.result import Calibration
+from calib.consistency.data_problem import DataProblem
+from calib.diagnosis.effect_selection import FitStep
+from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate, Screening, Untestable
+from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, inputs_of, joints_of
+from calib.screening.noise_search import AddedEffect, ShownNoise
+from calib.screening.residual_tests import ResidualTests
+from calib.screening.smooth_motions import JointFault
+
+VERDICTS = ("adequate", "named", "ambiguous", "unexplained", "outliers")
+MAX_SIGMAS_LEFT = 1.4  # residual over noise with the best of a tied set in the model, up to which names are claimed
+
+Standing = Literal["claimed", "suspected", "open", "refused"]
+
+
+@dataclass(frozen=True)
+class LearnedModel:
+    """Curves of the joints that were learned where no named effect explains the residual, with the fits around them."""
+
+    members: tuple[SmoothJointError, ...]
+    formula: str | None  # the curves with their values, where short formulas explain as much
+    share: float  # of the training poses' squared error that the curves remove
+    before: Calibration
+    after: Calibration
+    log_evidence: float | None  # over no curves; None where a saved session brought them
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Joints that carry a curve, counted from 1."""
+        return joints_of(self.members)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Inputs that the curves run over."""
+        return inputs_of(self.members)
+
+    def outweighs(self, fault: JointFault) -> bool:
+        """Whether the curves have clearly more evidence than a fault of one joint."""
+        return self.log_evidence is not None and curves_outweigh(self.members, self.log_evidence, fault)
+
+
+def curves_outweigh(members: tuple[SmoothJointError, ...], log_evidence: float, fault: JointFault) -> bool:
+    """Whether curves have clearly more evidence than a fault of one joint, and not by that joint's curve alone."""
+    others = any(member.joint != fault.joint for member in members)
+    return others and log_evidence > fault.log_evidence + MIN_LOG_BAYES_FACTOR
+
+
+@dataclass(frozen=True)
+class ConfoundedSet:
+    """An effect in the model, and the effects that these data cannot distinguish from it."""
+
+    effect: str
+    equivalent: tuple[str, ...]  # effects with the same columns at these poses
+    untested: tuple[str, ...]  # effects that the data lack the means to test
+    would_help: str = ""  # what to write down or measure so that those can be tested
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all effects of the set, the one in the model first."""
+        return tuple(dict.fromkeys([self.effect, *self.equivalent, *self.untested]))
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Reason for which an effect with evidence at the training poses was not added."""
+
+    effect: str
+    why: str  # "nature", "test poses" or "no gain"
+    detail: str = ""  # for "nature": the value and the bound that it exceeds, as a clause
+
+    @property
+    def leaves_doubt(self) -> bool:
+        """Whether another cause stands behind what the effect explains; one without gain elsewhere followed noise."""
+        return self.why != "no gain"
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """All that a search found on a dataset. The verdict is no part of it: `conclude` derives it."""
+
+    steps: tuple[FitStep, ...]  # link errors, then one for each effect added (learned curves last), each screened
+    all_tests: ResidualTests  # of the residual of the last fit without learned curves
+    implausible: str = ""  # why points and poses do not belong together, as a clause; "" where they do
+    contenders: tuple[str, ...] = ()  # effects of which none leads the others, so that none was added; the best first
+    tests_with_contender: ResidualTests | None = None  # with the best of these in the model beside others
+    confounded_sets: tuple[ConfoundedSet, ...] = ()  # each with one effect in the model
+    refused: Refusal | None = None
+    left_to_curves: bool = False  # whether learned curves explain more than the next effect, of one place or pose
+    unproven: str = ""  # an effect in the model that has no more evidence than a correlated drift of the instrument
+    held_out: HeldOutTest | None = None  # the test poses against the error that the last fit predicts for them
+    noise: ShownNoise | None = None  # where the noise has another shape than was declared
+    learned: LearnedModel | None = None  # then its fit is the last step
+    data_problem: DataProblem | None = None  # wrong signs, order, units, rows or robot table
+
+    @property
+    def calibration(self) -> Calibration:
+        """The last fit, with all effects that were added."""
+        return self.steps[-1].calibration
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The effects that the search added, claimed, suspected or open; learned curves are none."""
+        return tuple(effect.name for effect in self.steps[-1].selected if effect.name != LEARNED)
+
+    @cached_property
+    def residual_tests(self) -> ResidualTests:
+        """Tests of the residual, with a fault of one joint only where it may be reported.
+
+        Not where contenders are left, since the residual holds their cause, nor where the data are wrong, nor where
+        learned curves of other joints explain more.
+        """
+        fault = self.all_tests.fault
+        hidden = self.contenders or self.data_problem is not None
+        if fault is not None and (hidden or (self.learned is not None and self.learned.outweighs(fault))):
+            return replace(self.all_tests, fault=None)
+        return self.all_tests
+
+    @property
+    def added(self) -> tuple[AddedEffect, ...]:
+        """Each effect that the search added, with its evidence and the residual before it."""
+        return tuple(
+            AddedEffect(after.effect, after.candidate.log_evidence, before.screening.projected)
+            for before, after in pairwise(self.steps)
+            if after.effect and after.candidate is not None and before.screening is not None
+        )
+
+    @property
+    def screenings(self) -> tuple[Screening, ...]:
+        """One for each step: the evidence of every effect that is not in its model."""
+        return tuple(step.screening for step in self.steps if step.screening is not None)
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """The ranking that the first decision was taken by."""
+        return self.screenings[0].candidates
+
+    @property
+    def untestable(self) -> tuple[Untestable, ...]:
+        """Families that these data cannot test."""
+        return self.screenings[0].untestable
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """The verdict, the standing of each effect, and what of the findings made it so."""
+
+    verdict: str  # of VERDICTS
+    missing: tuple[str, ...] = ()  # effects that are claimed, in the order added
+    suspected: tuple[str, ...] = ()  # effects that were added and are not claimed
+    ambiguous_set: tuple[str, ...] = ()  # effects that these data cannot tell apart, those with one in the model first
+    undecided: tuple[str, ...] = ()  # those of them that are confounded with no effect in the model
+    refused: str = ""  # an effect that was not added in spite of its evidence
+    reason: str = ""  # what keeps an unexplained dataset so: see `_reason`
+
+    def standing(self, effect: str) -> Standing | None:
+        """Standing of an effect; None for one that is not suspected at all."""
+        if effect in self.missing:
+            return "claimed"
+        if effect in self.suspected:
+            return "suspected"
+        if effect in self.ambiguous_set:
+            return "open"
+        return "refused" if effect and effect == self.refused else None
+
+
+def conclude(findings: Findings) -> Conclusion:
+    """The verdict on a dataset and the standing of each effect: the only place where either is decided.
+
+    The first of these that holds:
+
+    1. `unexplained` where the data are wrong, or where curves had to be learned (no name explains what they follow).
+    2. Where an effect has no more evidence than a correlated drift of the instrument, `ambiguous` if effects are
+       confounded, else `unexplained`.
+    3. `ambiguous` where contenders are left.
+    4. `unexplained` where the residual is not noise, the test poses are off by more than predicted, or the only effect
+       was refused for a reason that leaves doubt.
+    5. `ambiguous` where an effect in the model is confounded with others.
+    6. `outliers` where single poses stand out, else `named` where effects were added, else `adequate`.
+
+    Effects in the model are claimed, but for confounded ones, unless the verdict is `unexplained` or an effect is
+    unproven: what causes the rest may have made them look as they do. Beside contenders, the residual with the best of
+    them in the model has to be noise.
+    """
+    confounded = tuple(dict.fromkeys(name for one in findings.confounded_sets for name in one.names))
+    ambiguous_set = () if findings.learned is not None else tuple(dict.fromkeys([*confounded, *findings.contenders]))
+    verdict = _verdict(findings, ambiguous_set)
+    rest_is_noise = findings.tests_with_contender is None or _is_noise(findings.tests_with_contender)
+    claimed = verdict != "unexplained" and not findings.unproven and rest_is_noise
+    return Conclusion(
+        verdict=verdict,
+        missing=tuple(name for name in findings.named if name not in confounded) if claimed else (),
+        suspected=() if claimed else findings.named,
+        ambiguous_set=ambiguous_set,
+        undecided=tuple(name for name in ambiguous_set if name not in confounded),
+        refused="" if findings.refused is None else findings.refused.effect,
+        reason=_reason(findings) if verdict == "unexplained" else "",
+    )
+
+
+def _verdict(findings: Findings, ambiguous_set: tuple[str, ...]) -> str:
+    tests, refused = findings.residual_tests, findings.refused
+    if findings.data_problem is not None or findings.learned is not None:
+        return "unexplained"
+    if findings.unproven:
+        return "ambiguous" if ambiguous_set else "unexplained"
+    if findings.contenders:
+        return "ambiguous"
+    only_refused = refused is not None and refused.leaves_doubt and not findings.named
+    promise_broken = findings.held_out is not None and findings.held_out.is_broken
+    not_noise = tests.fault is not None or tests.structured or tests.too_large
+    if findings.implausible or only_refused or findings.left_to_curves or promise_broken or not_noise:
+        return "unexplained"
+    if findings.confounded_sets:
+        return "ambiguous"
+    if tests.outlier_poses:
+        return "outliers"
+    return "named" if findings.named else "adequate"
+
+
+def _is_noise(tests: ResidualTests) -> bool:
+    """Whether a residual is noise, judged mildly: a size that only the fit itself tells is not counted."""
+    too_large = tests.noise_from != "fit" and tests.residual_mm > MAX_SIGMAS_LEFT * tests.noise_mm
+    return not (tests.fault or tests.structured or too_large)
+
+
+def _reason(findings: Findings) -> str:
+    """What keeps a dataset unexplained, the most definite first.
+
+    "data" (wrong), "implausible", "fault" (of one joint), "curves" (learned), "order" (a systematic pattern), "wander"
+    (an effect is no better than a correlated drift), "size" (more than noise), "promise" (broken at the test poses) or
+    "refused".
+    """
+    tests = findings.residual_tests
+    reasons = {
+        "data": findings.data_problem is not None,
+        "implausible": bool(findings.implausible),
+        "fault": tests.fault is not None,
+        "curves": findings.learned is not None,
+        "order": bool(tests.structured),
+        "wander": bool(findings.unproven) and not tests.too_large,
+        "size": tests.too_large,
+        "promise": findings.held_out is not None and findings.held_out.is_broken,
+    }
+    return next((reason for reason, holds in reasons.items() if holds), "refused")

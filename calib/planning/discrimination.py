@@ -1,0 +1,403 @@
+"""Poses that discriminate between hypotheses on the missing effect, and with which power.
+
+The log Bayes factor of two hypotheses is the log of their evidence's ratio. Poses not yet measured add to it what the
+predictive distributions give; where the first hypothesis is true its expectation is the Kullback-Leibler divergence of
+the two, each refitted at these poses too (Hunter and Reiner 1965; Box and Hill 1967; Atkinson and Fedorov 1975).
+
+Poses are chosen one by one, then exchanged. What is made small is how easily one hypothesis is mistaken for another,
+summed over all ordered pairs,
+
+    sum over i of w_i sum over j of exp(-b_ij / 2),
+
+w_i the probability of hypothesis i and b_ij its expected log Bayes factor over j where i is true. The least one rules
+the sum, and a pair that is discriminated already adds nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations, permutations
+
+import numpy as np
+
+from calib.array_types import Array, BoolArray, IndexArray
+from calib.blas_threads import one_blas_thread
+from calib.calibration.result import Calibration
+from calib.dataset.dataset import Poses
+from calib.diagnosis.explanation import explain
+from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.words.sentences import DiscriminatingPose, Explanation
+from calib.errors import FitError
+from calib.planning.effect_hypotheses import (
+    EffectHypothesis,
+    HypothesisPrediction,
+    HypothesisPredictions,
+    hypothesis_sets,
+    predict,
+)
+from calib.planning.offered_poses import OFFERED, offered_poses
+from calib.screening.candidates import MIN_CONFOUNDED_OVERLAP, MIN_LOG_BAYES_FACTOR, Candidate, Screening
+
+NEXT_POSES = 5  # that are advised where effects are confounded
+ENOUGH_POWER = 0.9  # from which no more poses are asked for
+MOST_POSES = 20  # that are tried to find how many would be enough
+_DRAWS = 400  # of what would be measured, for each hypothesis
+_NEAR = 0.1  # of a joint's range: poses that are nearer than this in every joint count as the same place
+_ROUNDS = 3  # of exchanges
+
+
+@dataclass(frozen=True)
+class NextPoses:
+    """Poses to measure next, by which the hypotheses of a diagnosis are discriminated."""
+
+    discrimination: Discrimination
+    poses: tuple[DiscriminatingPose, ...]  # as they are commanded, those at which the hypotheses differ most first
+
+
+def next_poses(diagnosis: Diagnosis) -> NextPoses | None:
+    """The poses to measure next that discriminate the first set of effects which a diagnosis left open.
+
+    None where it left none open, and where no pose can tell anything of them. What shows a diagnosis (text, JSON, page,
+    report) asks here; `explanation_of` puts the answer into the diagnosis' explanation.
+    """
+    sets = hypothesis_sets(diagnosis)
+    if not sets or len(sets[0].hypotheses) < 2:
+        return None
+    first = sets[0]
+    try:
+        found = discriminate(first.calibration, first.hypotheses, offered_poses(first.calibration), NEXT_POSES)
+    except FitError:  # too few poses to fit a hypothesis at all
+        return None
+    return None if found is None else NextPoses(found, commanded_poses(found, diagnosis.calibration))
+
+
+def explanation_of(diagnosis: Diagnosis, poses: NextPoses | None) -> Explanation:
+    """Why a diagnosis reached its verdict, with the poses to measure next where there are any (`next_poses`)."""
+    if poses is None:
+        return diagnosis.explanation
+    return explain(diagnosis, diagnosis.conclusion, poses.poses, poses.discrimination.power)
+
+
+def discriminating_poses(
+    calibration: Calibration, causes: Sequence[Candidate], *, count: int = 5, offered: int = OFFERED
+) -> tuple[DiscriminatingPose, ...]:
+    """Poses that together discriminate between causes beyond a calibration's model (`discriminate`).
+
+    They can be measured, as far as the cell is known, under conditions that the measured ones had. () for fewer than
+    two causes that show at all.
+
+    Raises FitError where no degree of freedom is left.
+    """
+    candidates = offered_poses(calibration, count=offered)
+    found = discriminate(calibration, [EffectHypothesis.of(cause) for cause in causes], candidates, count)
+    return () if found is None else commanded_poses(found, calibration)
+
+
+def nearest_alternative(screening: Screening, name: str) -> Candidate | None:
+    """The candidate most easily mistaken for another: the best that could explain most of the same, else the best."""
+    ranked = screening.candidates
+    chosen = next((c for c in ranked if c.name == name), None)
+    if chosen is None or not chosen.members:
+        return None
+    others = [c for c in ranked if c.name != name and c.members]
+    likely = [c for c in others if chosen.overlaps.get(c.name, 0.0) > MIN_CONFOUNDED_OVERLAP]
+    return next(iter((*likely, *others)), None)
+
+
+# ---- the choice and what it achieves --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Discrimination:
+    """Poses to measure next, and how well they discriminate between hypotheses."""
+
+    hypotheses: tuple[str, ...]
+    poses: Poses  # (K) with their conditions, in the order chosen
+    separation_mm: Array  # (K,) of the two hypotheses that are least apart there, beyond what a refit absorbs
+    power: float  # probability that the true hypothesis then leads all others by MIN_LOG_BAYES_FACTOR
+    power_by_count: tuple[float, ...]  # after none, the first, the first two, ... of the poses
+    equivalent: tuple[tuple[str, str], ...]  # pairs that no offered poses discriminate
+    enough: int | None  # number of such poses with `ENOUGH_POWER`; None where no number is known
+
+
+@one_blas_thread()
+def discriminate(
+    calibration: Calibration, hypotheses: Sequence[EffectHypothesis], offered: Poses, count: int
+) -> Discrimination | None:
+    """The poses among those offered that discriminate best between hypotheses.
+
+    None for fewer than two hypotheses with members, or no poses.
+
+    Args:
+        calibration: a fit; effects of the hypotheses that are in its model are taken out of it.
+        hypotheses: of which one is true.
+        offered: poses that can be measured, with their conditions.
+        count: how many poses to choose.
+
+    Raises FitError where no degree of freedom is left.
+    """
+    hypotheses = [hypothesis for hypothesis in hypotheses if hypothesis.members]
+    if len(hypotheses) < 2 or not len(offered):
+        return None
+    predictions = predict(calibration, hypotheses, offered)
+    return evaluated(predictions, offered, choose(predictions, offered, count))
+
+
+def commanded_poses(found: Discrimination, calibration: Calibration) -> tuple[DiscriminatingPose, ...]:
+    """Chosen poses as they are commanded, those at which the hypotheses differ most first."""
+    commanded = calibration.dataset.robot.commands_of(found.poses.q)
+    order = np.argsort(-found.separation_mm, kind="stable")
+    return tuple(DiscriminatingPose(commanded[i], float(found.separation_mm[i])) for i in order)
+
+
+def choose(predictions: HypothesisPredictions, offered: Poses, count: int) -> IndexArray:
+    """(count,) indices of the offered poses that discriminate best, in the order chosen; fewer where they run out."""
+    return choose_poses(predictions, count, places=offered.q, pairs=_pairs(equivalent_pairs(predictions)))
+
+
+def evaluated(
+    predictions: HypothesisPredictions, offered: Poses, chosen: IndexArray, *, look_on: bool = False
+) -> Discrimination:
+    """How well chosen poses discriminate.
+
+    Args:
+        predictions: at the offered poses.
+        offered: poses that were chosen from.
+        chosen: (K,) indices of these.
+        look_on: whether to find how many more poses would be enough, where these are not.
+    """
+    equivalent = equivalent_pairs(predictions)
+    pairs = _pairs(equivalent)
+    names = [hypothesis.name for hypothesis in predictions.hypotheses]
+    by_count = tuple(power(predictions, chosen[:k]) for k in range(len(chosen) + 1))
+    return Discrimination(
+        hypotheses=tuple(names),
+        poses=offered.select(chosen),
+        separation_mm=separations_mm(predictions, chosen, pairs),
+        power=by_count[-1],
+        power_by_count=by_count,
+        equivalent=tuple((names[i], names[j]) for i, j in combinations(range(len(names)), 2) if equivalent[i, j]),
+        enough=_enough(predictions, chosen, by_count, offered.q, pairs, look_on and not equivalent.any()),
+    )
+
+
+def _pairs(equivalent: BoolArray) -> BoolArray:
+    """(I, I) the pairs that poses may discriminate; all pairs where they may none."""
+    others = ~np.eye(len(equivalent), dtype=bool)
+    return others & ~equivalent if (others & ~equivalent).any() else others
+
+
+def _enough(
+    predictions: HypothesisPredictions,
+    chosen: IndexArray,
+    by_count: Sequence[float],
+    places: Array,
+    pairs: BoolArray,
+    look_on: bool,
+) -> int | None:
+    """Number of poses with `ENOUGH_POWER`, those that are chosen first; None where that is not known."""
+    within = next((k for k, probability in enumerate(by_count) if probability >= ENOUGH_POWER), None)
+    if within is not None or not look_on:
+        return within
+    while len(chosen) < MOST_POSES:
+        more = _extended(chosen.tolist(), predictions, len(chosen) + 1, places=places, pairs=pairs)
+        if len(more) == len(chosen):
+            return None
+        chosen = more
+        if power(predictions, chosen) >= ENOUGH_POWER:
+            return len(chosen)
+    return None
+
+
+# ---- expected log Bayes factors and power ---------------------------------------------------------------------------
+
+
+def probabilities(predictions: HypothesisPredictions) -> Array:
+    """(I,) probability of each hypothesis by its evidence now."""
+    evidence = np.array([hypothesis.log_evidence for hypothesis in predictions.hypotheses])
+    likely = np.exp(evidence - evidence.max())
+    return np.asarray(likely / likely.sum())
+
+
+def expected_log_bayes_factors(predictions: HypothesisPredictions, poses: IndexArray) -> Array:
+    """(I, I) log Bayes factor of the row's hypothesis over the column's, expected where the row's is true.
+
+    poses  # (K,) indices of the predicted poses that are measured besides
+    """
+    hypotheses = predictions.hypotheses
+    out = np.zeros((len(hypotheses), len(hypotheses)))
+    for i, j in permutations(range(len(hypotheses)), 2):
+        now = hypotheses[i].log_evidence - hypotheses[j].log_evidence
+        out[i, j] = now + _divergence(hypotheses[i], hypotheses[j], poses)
+    return out
+
+
+def equivalent_pairs(predictions: HypothesisPredictions) -> BoolArray:
+    """(I, I) pairs that all predicted poses together would not discriminate."""
+    expected = expected_log_bayes_factors(predictions, np.arange(len(predictions.hypotheses[0].mean)))
+    near = np.minimum(expected, expected.T) < MIN_LOG_BAYES_FACTOR
+    return np.asarray(near & ~np.eye(len(expected), dtype=bool))
+
+
+def separations_mm(predictions: HypothesisPredictions, poses: IndexArray, pairs: BoolArray) -> Array:
+    """(K,) least difference, mm, of any two hypotheses of `pairs` (I, I) at each pose, beyond what a refit absorbs."""
+    hypotheses = predictions.hypotheses
+    least = np.full(len(poses), np.inf)
+    for i, j in permutations(range(len(hypotheses)), 2):
+        if not pairs[i, j]:
+            continue
+        off = hypotheses[i].mean[poses] - hypotheses[j].mean[poses]
+        spread = hypotheses[j].spread[poses]
+        beyond, own = np.linalg.eigh(spread @ np.swapaxes(spread, 1, 2))  # beyond the noise, which is 1
+        along = np.einsum("kvw,kv->kw", own, off)
+        least = np.minimum(least, np.sqrt(np.sum(along**2 / (1.0 + np.clip(beyond, 0.0, None)), axis=1)))
+    return np.where(np.isfinite(least), least * predictions.sigma_mm, 0.0)
+
+
+def power(
+    predictions: HypothesisPredictions, poses: IndexArray, *, log_bayes_factor: float = MIN_LOG_BAYES_FACTOR
+) -> float:
+    """Probability that, with some of the poses measured, the true hypothesis leads all others by this log Bayes factor.
+
+    Averaged by draws from the predictive distributions: over which hypothesis is true (by its evidence now), its size
+    and the noise.
+    """
+    hypotheses = predictions.hypotheses
+    likely = probabilities(predictions)
+    rng = np.random.default_rng(0)
+    joint = [_joint(hypothesis, poses) for hypothesis in hypotheses]
+    draws = rng.standard_normal((len(joint[0][0]), _DRAWS))
+    dof = predictions.dof
+    total = 0.0
+    for i, (mean, _) in enumerate(joint):
+        measured = mean[:, None] + joint[i][1] @ draws
+        after = np.empty((len(joint), _DRAWS))
+        for j, (predicted, root) in enumerate(joint):
+            off = np.linalg.solve(root, measured - predicted[:, None])
+            # The noise is estimated with each hypothesis: a Student distribution, as the screening's evidence.
+            fit = 0.5 * (dof + len(off)) * np.log1p(np.sum(off**2, axis=0) / dof)
+            after[j] = hypotheses[j].log_evidence - fit - np.sum(np.log(np.diag(root)))
+        others = np.delete(after, i, axis=0).max(axis=0)
+        total += float(likely[i] * np.mean(after[i] - others > log_bayes_factor))
+    return total
+
+
+def _joint(hypothesis: HypothesisPrediction, poses: IndexArray) -> tuple[Array, Array]:
+    """Mean (K W,), and lower triangular root (K W, K W) of the covariance, of a prediction at some poses together."""
+    spread = hypothesis.spread[poses].reshape(-1, hypothesis.spread.shape[2])
+    # Cholesky's factor of 1 + L L^T, without the square, in which the noise would be lost beside a wide spread.
+    upper = np.asarray(np.linalg.qr(np.concatenate([np.eye(len(spread)), spread.T]), mode="r"))
+    return hypothesis.mean[poses].ravel(), (upper * np.where(np.diag(upper) < 0.0, -1.0, 1.0)[:, None]).T
+
+
+def _divergence(true: HypothesisPrediction, other: HypothesisPrediction, poses: IndexArray) -> float:
+    """KL divergence of one prediction from another at some poses together.
+
+    By Woodbury in the other's few parameters: (1 + L L^T)^-1 = 1 - L (1 + L^T L)^-1 L^T, for any number of poses.
+    """
+    own = true.spread[poses].reshape(-1, true.spread.shape[2])
+    spread = other.spread[poses].reshape(-1, other.spread.shape[2])
+    off = (true.mean[poses] - other.mean[poses]).ravel()
+    inner = np.eye(spread.shape[1]) + spread.T @ spread
+    apart = np.column_stack([own, off])
+    along = spread.T @ apart
+    beyond = float(np.sum(apart**2)) - float(np.sum(along * np.linalg.solve(inner, along)))
+    absorbed = spread.shape[1] - float(np.trace(np.linalg.inv(inner)))
+    logs = np.linalg.slogdet(inner)[1] - np.linalg.slogdet(np.eye(own.shape[1]) + own.T @ own)[1]
+    return 0.5 * (beyond - absorbed + float(logs))
+
+
+# ---- the choice by exchange -----------------------------------------------------------------------------------------
+
+
+def choose_poses(predictions: HypothesisPredictions, count: int, *, places: Array, pairs: BoolArray) -> IndexArray:
+    """(count,) indices of the predicted poses that discriminate best, in the order chosen; fewer where they run out.
+
+    Args:
+        predictions: at C poses.
+        count: how many to choose.
+        places: (C, n) joints; poses at nearly the same place are not taken twice.
+        pairs: (I, I) pairs of hypotheses that count.
+    """
+    chosen = _extended((), predictions, count, places=places, pairs=pairs).tolist()
+    for _ in range(_ROUNDS if len(chosen) > 1 else 0):
+        before = list(chosen)
+        for k in range(len(chosen)):
+            best = _best_given(predictions, [*chosen[:k], *chosen[k + 1 :]], places, pairs)
+            chosen[k] = chosen[k] if best is None else best
+        if chosen == before:
+            break
+    return np.array(chosen, dtype=np.int64)
+
+
+def _extended(
+    start: Sequence[int], predictions: HypothesisPredictions, count: int, *, places: Array, pairs: BoolArray
+) -> IndexArray:
+    """Chosen poses with more, each the best given those before it, up to `count`."""
+    chosen = list(start)
+    while len(chosen) < count:
+        best = _best_given(predictions, chosen, places, pairs)
+        if best is None:
+            break
+        chosen.append(best)
+    return np.array(chosen, dtype=np.int64)
+
+
+def _best_given(
+    predictions: HypothesisPredictions, chosen: Sequence[int], places: Array, pairs: BoolArray
+) -> int | None:
+    """The pose that discriminates best given those that are chosen; None where none is free."""
+    span = np.maximum(np.ptp(places, axis=0), 1e-9)
+    free = np.ones(len(places), dtype=bool)
+    for k in chosen:
+        free &= np.max(np.abs(places - places[k]) / span, axis=1) > _NEAR
+    if not free.any():
+        return None
+    return int(np.argmin(np.where(free, log_confusion(predictions, chosen, pairs), np.inf)))
+
+
+def log_confusion(predictions: HypothesisPredictions, chosen: Sequence[int], pairs: BoolArray) -> Array:
+    """(C,) log of the sum over pairs that is made small, with the chosen poses and each of C more."""
+    hypotheses = predictions.hypotheses
+    given = [_Conditional(hypothesis, chosen) for hypothesis in hypotheses]
+    terms = []
+    for i, j in permutations(range(len(hypotheses)), 2):
+        if pairs[i, j]:
+            now = hypotheses[i].log_evidence - hypotheses[j].log_evidence
+            expected = now + given[j].divergence_from(given[i])
+            terms.append(np.log(probabilities(predictions)[i]) - 0.5 * expected)
+    return np.asarray(np.logaddexp.reduce(np.stack(terms), axis=0))
+
+
+class _Conditional:
+    """One hypothesis' prediction at every pose given those at the chosen ones, by Schur complements."""
+
+    def __init__(self, hypothesis: HypothesisPrediction, chosen: Sequence[int]) -> None:
+        self.hypothesis = hypothesis
+        spread = hypothesis.spread
+        self.inside = spread[list(chosen)].reshape(-1, spread.shape[2])  # (S, P)
+        self.mean_inside = hypothesis.mean[list(chosen)].ravel()
+        self.covariance = np.eye(len(self.inside)) + self.inside @ self.inside.T
+        # By singular values, so that nothing cancels where a hypothesis spreads far beyond the noise.
+        axes, size, turn = np.linalg.svd(self.inside, full_matrices=False)
+        self.inverse_inside = np.eye(len(axes)) - (axes * (size**2 / (1.0 + size**2))) @ axes.T
+        along = spread @ turn.T  # (C, W, k)
+        self.gain = (along * (size / (1.0 + size**2))) @ axes.T
+        root = spread - (along * (1.0 - 1.0 / np.sqrt(1.0 + size**2))) @ turn
+        beyond, own = np.linalg.eigh(root @ np.swapaxes(root, 1, 2))  # beyond the noise, which is 1
+        beyond = np.clip(beyond, 0.0, None)
+        self.inverse = (own / (1.0 + beyond)[:, None, :]) @ np.swapaxes(own, 1, 2)
+        self.log_det = np.sum(np.log1p(beyond), axis=1) + np.sum(np.log1p(size**2))
+
+    def divergence_from(self, true: _Conditional) -> Array:
+        """(C,) KL divergence from the true hypothesis' joint prediction at the chosen poses and each one more."""
+        off_inside = true.mean_inside - self.mean_inside
+        inside = np.sum(self.inverse_inside * true.covariance) + off_inside @ self.inverse_inside @ off_inside
+        off = true.hypothesis.mean - self.hypothesis.mean - self.gain @ off_inside
+        spread = true.hypothesis.spread - self.gain @ true.inside
+        seen = self.gain @ np.swapaxes(self.gain, 1, 2) + spread @ np.swapaxes(spread, 1, 2)
+        trace = np.einsum("cij,cji->c", self.inverse, seen + np.eye(off.shape[1]))
+        apart = np.einsum("ci,cij,cj->c", off, self.inverse, off)
+        rows = off.shape[1] + len(off_inside)
+        return np.asarray(0.5 * (inside + trace + apart - rows + self.log_det - true.log_det))

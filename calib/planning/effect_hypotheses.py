@@ -1,0 +1,283 @@
+"""Hypotheses on the effect that is missing from a fit, and what each predicts at poses that were not measured.
+
+Each hypothesis is a linear model about the fit: link errors with their tolerances, the scanner's frames, and the
+effect's own coefficients with the prior sigmas that the evidence gave them,
+
+    residual = J g + F f + A a + noise.
+
+The measured poses give the posterior of all of them together, and so for new poses a mean and a covariance that include
+what a refit could absorb (Box and Hill 1967, doi 10.1080/00401706.1967.10490441).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from calib import frames
+from calib.array_types import Array, BoolArray
+from calib.calibration.result import Calibration
+from calib.dataset.dataset import Poses
+from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.verdict import ConfoundedSet
+from calib.effects.effect import Effect, full_name
+from calib.effects.state import Seen
+from calib.fitting.model import effect_columns, point_by_state
+from calib.fitting.observations import linearise_points
+from calib.fitting.scanner_frame import frame_motion
+from calib.screening.candidates import Candidate, Screening
+from calib.screening.member_columns import member_columns
+from calib.screening.projected_residual import ProjectedResidual, project_residual
+
+_FINEST = 1e-5  # noise over the declared one, at least: exact data leave less, and would drown the prior in rounding
+_FRAME = np.array([1e3, 1e3, 1e3, 1.0, 1.0, 1.0])  # mm, rad: prior sigmas of a scanner's frame, as good as unknown
+
+# Weight of the tolerances. A screening leaves a direction free as soon as the data know it a tenth as well as these.
+_PRIOR_WEIGHT = 0.1
+_NO_PRIOR = 1e-3  # weight of the tolerances where a fit was asked to do without them
+
+
+@dataclass(frozen=True)
+class EffectHypothesis:
+    """One effect as the cause: the members that carry it, their prior sigmas, and its evidence."""
+
+    name: str
+    members: tuple[Effect, ...]
+    prior_sigmas: Mapping[str, float]  # by full parameter name
+    log_evidence: float
+    explained_share: float  # of the residual's sum of squares
+
+    @classmethod
+    def of(cls, candidate: Candidate) -> EffectHypothesis:
+        """Hypothesis of a candidate as a screening proposes it."""
+        return cls(
+            candidate.name,
+            candidate.members,
+            candidate.prior_sigmas,
+            candidate.log_evidence,
+            candidate.explained_share,
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Full names of the effect's parameters."""
+        return tuple(full_name(member, p) for member in self.members for p in member.parameters)
+
+    @property
+    def sigmas(self) -> Array:
+        """(K,) prior sigmas of the effect's parameters."""
+        return np.array([self.prior_sigmas[name] for name in self.names])
+
+
+@dataclass(frozen=True)
+class HypothesisSet:
+    """Hypotheses on the cause of a residual, one of which is true."""
+
+    calibration: Calibration  # a fit; where an effect of the set is in its model it stands for the whole set
+    hypotheses: tuple[EffectHypothesis, ...]
+    untested: tuple[str, ...] = ()  # effects that the data lack the means to test
+    would_help: str = ""  # what to write down or measure so that those can be tested
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all effects of the set, those that cannot be tested last."""
+        return (*(hypothesis.name for hypothesis in self.hypotheses), *self.untested)
+
+
+def hypothesis_sets(diagnosis: Diagnosis) -> tuple[HypothesisSet, ...]:
+    """The sets that a diagnosis left open, that with no effect in the model first; () where it left none."""
+    out = [_confounded(diagnosis, confounded) for confounded in diagnosis.confounded_sets]
+    if diagnosis.undecided and diagnosis.screenings:
+        candidates = _candidates(diagnosis.screenings[-1], diagnosis.undecided)
+        out.insert(0, HypothesisSet(diagnosis.calibration, tuple(map(EffectHypothesis.of, candidates))))
+    return tuple(out)
+
+
+def _confounded(diagnosis: Diagnosis, confounded: ConfoundedSet) -> HypothesisSet:
+    """A set with one effect in the model: that effect as it stands there, equivalent ones as they were ranked."""
+    steps = diagnosis.steps
+    before = next((a for a, b in pairwise(steps) if b.effect == confounded.effect), steps[0])
+    inside = next(effect for effect in steps[-1].selected if effect.name == confounded.effect)
+    hypotheses = []
+    for candidate in _candidates(before.screening, (confounded.effect, *confounded.equivalent)):
+        if candidate.name == confounded.effect:
+            evidence = candidate.log_evidence, candidate.explained_share
+            hypotheses.append(EffectHypothesis(candidate.name, inside.members, inside.prior_sigmas, *evidence))
+        else:
+            hypotheses.append(EffectHypothesis.of(candidate))
+    return HypothesisSet(diagnosis.calibration, tuple(hypotheses), confounded.untested, confounded.would_help)
+
+
+def _candidates(screening: Screening | None, names: tuple[str, ...]) -> list[Candidate]:
+    ranked = () if screening is None else screening.candidates
+    return [candidate for candidate in ranked if candidate.name in names]
+
+
+# ---- predictions ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class HypothesisPrediction:
+    """Predictive distribution of one hypothesis at C poses, in sigmas of one coordinate of one measured point.
+
+    W rows a pose. The covariance between poses a and b is spread[a] spread[b]^T, with a unit matrix added for a = b.
+    """
+
+    name: str
+    log_evidence: float
+    mean: Array  # (C, W)
+    spread: Array  # (C, W, P)
+
+
+@dataclass(frozen=True)
+class HypothesisPredictions:
+    """Predictive distributions of all hypotheses at the same poses."""
+
+    hypotheses: tuple[HypothesisPrediction, ...]
+    sigma_mm: float  # of one coordinate of one measured point
+    dof: int  # degrees of freedom by which the noise is known
+
+
+def predict(calibration: Calibration, hypotheses: Sequence[EffectHypothesis], poses: Poses) -> HypothesisPredictions:
+    """Predictive distributions of hypotheses at poses that were not measured.
+
+    Args:
+        calibration: a fit; effects of the hypotheses that are in its model are taken out of it again.
+        hypotheses: of which one is true.
+        poses: with their conditions, of setups that the fit knows.
+
+    Raises FitError where no degree of freedom is left.
+    """
+    projected = project_residual(calibration)
+    doubted = {name for hypothesis in hypotheses for name in hypothesis.names}
+    common = np.array([p.name not in doubted for p in projected.residuals.model.parameters], dtype=bool)
+    square = float(projected.residual @ projected.residual)
+    if common.all():  # else the model has one of them, and the residual is noise
+        square *= min(1.0 - hypothesis.explained_share for hypothesis in hypotheses)
+    noise = max(float(np.sqrt(square / projected.dof)), _FINEST)
+    measured, residual, centre = _measured_rows(projected, common)
+    new = _NewRows.of(projected, poses, centre)
+    nominal = np.concatenate([-(projected.x / projected.residuals.model.scales)[common], np.zeros(6 * len(centre))])
+    out = []
+    for hypothesis in hypotheses:
+        effect = [member_columns(projected, member) for member in hypothesis.members]
+        scaled = _whitened(projected, np.concatenate(effect, axis=1)) * hypothesis.sigmas
+        columns = np.concatenate([measured / noise, scaled], axis=1)
+        prior = np.concatenate([nominal, np.zeros(scaled.shape[1])])
+        weight = np.ones(len(prior))
+        weight[: np.sum(common)] = _PRIOR_WEIGHT if calibration.options.prior else _NO_PRIOR
+        root, mean = _posterior(columns, residual / noise, prior, weight)
+        rows = np.concatenate([new.common(common) / noise, new.of_effect(hypothesis)], axis=2)
+        flat = rows.reshape(-1, rows.shape[2])
+        spread = np.linalg.solve(root.T, flat.T).T.reshape(rows.shape)
+        # The fit's own prediction is the zero of all hypotheses; their geometry counts from there.
+        at_poses = (flat @ mean).reshape(rows.shape[:2])
+        out.append(HypothesisPrediction(hypothesis.name, hypothesis.log_evidence, at_poses, spread))
+    return HypothesisPredictions(tuple(out), noise * new.sigma_mm, projected.dof)
+
+
+def _posterior(columns: Array, residual: Array, prior: Array, weight: Array) -> tuple[Array, Array]:
+    """R (P, P) with R^T R the posterior's precision, and its mean (P,).
+
+    The noise is of unit size; the parameters are about `prior` (P,), each within 1 / weight (P,).
+    """
+    q, root = np.linalg.qr(np.concatenate([columns, np.diag(weight)]))
+    return root, np.linalg.solve(root, q.T @ np.concatenate([residual, weight * prior]))
+
+
+def _whitened(projected: ProjectedResidual, columns: Array) -> Array:
+    return columns if projected.whitening is None else projected.whitening.apply(columns)
+
+
+def _measured_rows(projected: ProjectedResidual, common: BoolArray) -> tuple[Array, Array, dict[str, Array]]:
+    """Columns (R, P) of link errors and frames at the measured poses, the residual (R,), and each setup's centre.
+
+    Units are the prior's sigmas. Parameters that are not `common` to all hypotheses are taken out: what they explained
+    is residual again.
+    """
+    residuals, x = projected.residuals, projected.x
+    observed = residuals.observed
+    to_residual = projected.base_to_residual
+    at_mm, by_x = linearise_points(residuals.model, x, observed)
+    columns = (to_residual @ by_x).reshape(-1, len(x))
+    residual = columns[:, ~common] @ x[~common] - residuals.residual(x)
+    placed = observed.scanner_T_base
+    assert placed is not None
+    blocks, centre = [], {}
+    whiten = to_residual @ np.stack([placed[str(name)][:3, :3].T for name in observed.setup])
+    for name in map(str, np.unique(observed.setup)):
+        rows = observed.setup == name
+        seen_mm = frames.apply(placed[name], at_mm[rows])
+        centre[name] = seen_mm.mean(axis=0)
+        block = np.zeros((len(at_mm), 3, 6))
+        block[rows] = whiten[rows] @ frame_motion(seen_mm, centre[name]) * _FRAME
+        blocks.append(block.reshape(-1, 6))
+    all_columns = np.concatenate([columns[:, common] * residuals.model.scales[common], *blocks], axis=1)
+    residual = _whitened(projected, residual[:, None])[:, 0]
+    return _whitened(projected, all_columns), residual, centre
+
+
+@dataclass(frozen=True)
+class _NewRows:
+    """Derivatives at C poses that were not measured, W = 3 rows a target, over the declared sigma."""
+
+    by_x: Array  # (C, W, P) in the prior's sigmas
+    by_frame: Array  # (C, W, 6 setups)
+    by_state: Mapping[str, Array]  # by target (C, 3, S), in the scanner's frame
+    projected: ProjectedResidual
+    poses: Poses
+    seen: Mapping[str, Seen]
+    sigma_mm: float
+
+    @classmethod
+    def of(cls, projected: ProjectedResidual, poses: Poses, centre: Mapping[str, Array]) -> _NewRows:
+        """Derivatives at poses of setups with these centres of the measured points."""
+        residuals, x = projected.residuals, projected.x
+        model, observed = residuals.model, residuals.observed
+        sigma2 = np.trace(observed.covariance_mm2, axis1=1, axis2=2) / 3.0
+        sigma_mm = float(np.sqrt(np.median(sigma2)))
+        placed = observed.scanner_T_base
+        assert placed is not None
+        scanner_T_base = np.stack([placed[str(name)] for name in poses.setup])
+        turn = scanner_T_base[:, :3, :3] / sigma_mm
+        by_x, by_frame, by_state, seen = [], [], {}, {}
+        for target in observed.targets:
+            points_mm = model.predict(x, poses, target)
+            at_mm = np.einsum("cij,cj->ci", scanner_T_base[:, :3, :3], points_mm) + scanner_T_base[:, :3, 3]
+            seen[target] = Seen(at_mm, observed.scanner_T_base_at(poses))
+            by_x.append(turn @ model.linearise(x, poses, target, seen[target])[1] * model.scales)
+            by_state[target] = turn @ point_by_state(model.state(x, poses, seen[target]), target)[1]
+            block = np.zeros((len(poses), 3, 6 * len(centre)))
+            for k, (name, middle_mm) in enumerate(centre.items()):
+                rows = poses.setup == name
+                block[rows, :, 6 * k : 6 * k + 6] = frame_motion(at_mm[rows], middle_mm) / sigma_mm * _FRAME
+            by_frame.append(block)
+        return cls(
+            np.concatenate(by_x, axis=1),
+            np.concatenate(by_frame, axis=1),
+            by_state,
+            projected,
+            poses,
+            seen,
+            sigma_mm,
+        )
+
+    def common(self, common: BoolArray) -> Array:
+        """(C, W, P) derivatives by link errors and frames."""
+        return np.concatenate([self.by_x[..., common], self.by_frame], axis=2)
+
+    def of_effect(self, hypothesis: EffectHypothesis) -> Array:
+        """(C, W, K) derivatives by an effect's coefficients, each in its prior sigma."""
+        model, x = self.projected.residuals.model, self.projected.x
+        blocks = []
+        for target, by_state in self.by_state.items():
+            state = model.state(x, self.poses, self.seen[target])
+            columns = [
+                effect_columns(by_state, member, state, np.zeros(len(member.parameters)))
+                for member in hypothesis.members
+            ]
+            blocks.append(np.concatenate(columns, axis=2) * hypothesis.sigmas)
+        return np.concatenate(blocks, axis=1)

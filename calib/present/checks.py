@@ -1,0 +1,222 @@
+"""A check of a dataset: whether it passes, and what each step from the corners to the held-out error found."""
+
+from __future__ import annotations
+
+from functools import singledispatch
+from typing import Any
+
+from calib.calibration.held_out import HeldOutTest
+from calib.calibration.noise_level import FIT
+from calib.calibration.result import Calibration, is_declared
+from calib.consistency.data_problem import DataProblem
+from calib.dataset.repeats import repeats_frame
+from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.words.conclusion_text import promise_text, verdict_text
+from calib.fitting.tool_point import ToolShift
+from calib.present import numbers
+from calib.present.blocks import Block, Presentation, Section, Table, Verdict
+from calib.present.colours import BAD, DOUBT, GOOD
+from calib.present.results import document, presentation
+from calib.validation.acceptance import (
+    Check,
+    CheckItem,
+    ErrorRatio,
+    ErrorsOfTestPoses,
+    FoundCorners,
+    MissingCorners,
+    RepeatScatter,
+    ResidualOfDiagnosis,
+    ResidualSigma,
+    ThinScans,
+    TooFewPoses,
+)
+
+
+@presentation.register
+def _check(check: Check) -> Presentation:
+    return Presentation(
+        f"Check of {check.dataset.name}", check_head(check), [Section("Each step", [steps(check)], True)]
+    )
+
+
+@presentation.register
+def _item(item: CheckItem) -> Presentation:
+    return Presentation(item.name, [Verdict(item_sentence(item), _colour(item.passed is not False, item.warning))])
+
+
+def check_head(check: Check) -> list[Block]:
+    """Whether a dataset passes."""
+    count = len(check.warnings)
+    more = f", with {numbers.count(count, 'warning')}" if count else ""
+    verdict = f"{check.dataset.name}: {'passed' if check.passed else 'NOT GOOD ENOUGH'}{more}."
+    return [Verdict(verdict, _colour(check.passed, bool(count)))]
+
+
+def _colour(passed: bool, warned: bool) -> str:
+    return BAD if not passed else DOUBT if warned else GOOD
+
+
+def steps(check: Check) -> Table:
+    """What each step found, a row each."""
+    rows = [(item.status, item.name, item_sentence(item)) for item in check.items]
+    return Table(("", "step", "found"), rows, left=(0, 1, 2))
+
+
+def item_sentence(item: CheckItem) -> str:
+    """What a step of a check found."""
+    return _sentence(item.evidence)
+
+
+@singledispatch
+def _sentence(evidence: object) -> str:
+    raise TypeError(f"nothing is told of a {type(evidence).__name__}")
+
+
+@_sentence.register
+def _(text: str) -> str:
+    return text
+
+
+@_sentence.register
+def _(thin: ThinScans) -> str:
+    return (
+        f"{thin.count} of {thin.scans} lose more than half of their points, which have no value; the worst, "
+        f"{thin.worst}, {thin.dropped:,} of {thin.points:,}; where the jig should be among them, look at the exposure, "
+        "the distance and glare"
+    )
+
+
+@_sentence.register
+def _(missing: MissingCorners) -> str:
+    return f"{missing.count} of {missing.scans} scans have none; the first, {missing.first}: {missing.reason}"
+
+
+@_sentence.register
+def _(found: FoundCorners) -> str:
+    return f"found in all {found.scans} scans, median sigma {numbers.length(found.sigma_mm)}"
+
+
+@_sentence.register
+def _(scatter: RepeatScatter) -> str:
+    places = numbers.count(scatter.places, "place")
+    told = f"{places} measured several times: sigma of {numbers.length(scatter.sigma_mm)} per coordinate"
+    if scatter.declared_ratio is not None:
+        told += f", {numbers.times(scatter.declared_ratio)} the declared: these are not points of one place"
+    if scatter.covariance_ratio is not None:
+        told += f"; they lie {numbers.times(scatter.covariance_ratio)} as far apart as their covariances say"
+    if scatter.doubtful:
+        told += ": what changes from repeat to repeat is not in them; declare it as correlated_sigma_mm of [scanner]"
+    return told
+
+
+@_sentence.register
+def _(few: TooFewPoses) -> str:
+    return f"not tried: {few.poses} different training poses are measured, a fit takes at least {few.needed}"
+
+
+@_sentence.register
+def _(calibration: Calibration) -> str:
+    return calibration.fit.summary(declared=is_declared(calibration.dataset))
+
+
+@_sentence.register
+def _(shift: ToolShift) -> str:
+    return shift.words
+
+
+@_sentence.register
+def _(errors: ErrorsOfTestPoses) -> str:
+    before, after = errors.before, errors.after
+    if before is None or after is None:
+        return "no pose has the role test, so nothing says how good this is away from the training poses"
+    asked = "" if errors.asked_mm is None else f"; {errors.asked_mm:g} mm was asked for"
+    return (
+        f"RMSE {numbers.length_change(before.rmse_mm, after.rmse_mm)}, "
+        f"maximum {numbers.length_change(before.max_mm, after.max_mm)}{asked}"
+    )
+
+
+@_sentence.register
+def _(found: ErrorRatio) -> str:
+    told = f"{found.ratio:.2f} times the training error"
+    if found.expected is None:
+        return told
+    told += f", noise explains {found.expected:.2f}"
+    if found.moved is not None:
+        return f"{told}: {found.moved.words}"
+    return (
+        f"{told}: expect the test error elsewhere; too few poses, physics that is not in the model, or wrong test "
+        f"points, the worst at {found.worst_pose} with {numbers.length(found.worst_mm)}"
+    )
+
+
+@_sentence.register
+def _(residual: ResidualSigma) -> str:
+    level = residual.level
+    if level.is_declared:
+        against = f"{numbers.times(residual.ratio)} the declared sigma"
+    elif level.source == FIT:
+        against = f"{level.name}; no sigma is declared"
+    else:
+        noise = numbers.length(level.sigma_mm)
+        against = f"{numbers.times(residual.ratio)} the {level.name}, {noise}; no sigma is declared"
+    wrong = "the model does not describe these data; check joint signs, units and the order of the poses"
+    meaning = {
+        "": "",
+        "implausible": residual.doubt or wrong,
+        "excess": "more than noise is left; something is missing from the model, or sigma was declared too small",
+        "below": "clearly less than was declared; sigma was declared too large, and small effects are doubted for it",
+    }[residual.meaning]
+    return f"{numbers.length(residual.sigma_mm)} per coordinate, {against}{f': {meaning}' if meaning else ''}"
+
+
+@_sentence.register
+def _(left: ResidualOfDiagnosis) -> str:
+    model = "the links with all that was found" if left.effects else "the links"
+    return (
+        f"{model} leave {numbers.length(left.sigma_mm)} per coordinate, {numbers.times(left.ratio)} the declared "
+        "sigma: the arm is not calibrated to what was measured, or sigma was declared far too small"
+    )
+
+
+@_sentence.register
+def _(problem: DataProblem) -> str:
+    return problem.words
+
+
+@_sentence.register
+def _(diagnosis: Diagnosis) -> str:
+    confounded = numbers.listing(diagnosis.ambiguous_set, "or")  # the reasons are no part of a check
+    return verdict_text(diagnosis.explanation.verdict, reasons="by inspector diagnose", tied=confounded)
+
+
+@_sentence.register
+def _(test: HeldOutTest) -> str:
+    if test.is_broken:
+        return promise_text(test)
+    off, promised = numbers.length(test.rmse_mm), numbers.length(test.promised_mm)
+    return f"the test poses are off by {off}, where {promised} were to be expected"
+
+
+@document.register
+def _item_document(item: CheckItem) -> dict[str, Any]:
+    return {"name": item.name, "passed": item.passed, "words": item_sentence(item), "warning": item.warning}
+
+
+@document.register
+def _check_document(check: Check) -> dict[str, Any]:
+    return {
+        "dataset": check.dataset.name,
+        "passed": check.passed,
+        "reasons": [named(item) for item in check.failed],
+        "warnings": [named(item) for item in check.warnings],
+        "findings": check.items,
+        "repeats": repeats_frame(check.repeats),
+        "calibration": None if check.calibration is None else check.calibration.to_dict(),
+        "diagnosis": None if check.diagnosis is None else check.diagnosis.to_dict(),
+    }
+
+
+def named(item: CheckItem) -> str:
+    """What a step of a check found, with the step's name."""
+    return f"{item.name}: {item_sentence(item)}"

@@ -1,0 +1,345 @@
+"""A plan of poses: what they are for, what they achieve, each pose and why, and what was assumed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from calib.calibration.noise_level import check_sigma
+from calib.dataset.files.poses_csv import joint_columns, poses_frame
+from calib.planning.outcome import (
+    ChangeReason,
+    CheckOutcome,
+    DetectableChange,
+    DiscriminationOutcome,
+    EffectOutcome,
+    ParameterReason,
+    PoseReason,
+    SeparationReason,
+)
+from calib.planning.plan import Plan
+from calib.planning.prediction import PAYS, STEP, Prediction
+from calib.planning.purpose import WATCH, ForCalibration
+from calib.planning.start import FromFit, FromRobot
+from calib.present import names, numbers
+from calib.present.blocks import (
+    Block,
+    Bullets,
+    Facts,
+    FigurePlace,
+    Paragraph,
+    Presentation,
+    Reference,
+    Section,
+    Table,
+    Verdict,
+)
+from calib.present.colours import DOUBT, GOOD
+from calib.present.results import document, presentation
+
+SURELY = 0.8  # power from which a set of hypotheses counts as good as discriminated
+_COUNTS = (0, 5, 10, 15, 20, 30, 40, 50)  # of new poses, whose predicted error the table has
+_GAINS = 0.9  # of a sigma before, above which a coefficient gains next to nothing
+_COEFFICIENTS = 8  # that are listed
+_CONDITIONS = {  # that poses are to be measured under
+    "approach": "come to each pose with every joint from the side in approach1 ...",
+    "payload_kg": "mount each payload once, for all its poses",
+    "temperature_c": "measure the cold poses first; write down the temperatures",
+}
+_RANKS = "Rank 1 tells most; the poses of the last ranks can be left out first."
+
+
+@presentation.register
+def _plan(plan: Plan) -> Presentation:
+    assumed = assumptions(plan)
+    return Presentation(
+        f"Plan for {plan.start.dataset.name}",
+        plan_head(plan),
+        [
+            Section("The poses, in the order of measuring", pose_blocks(plan), brief=True),
+            *([] if plan.purpose.name == WATCH else [Section("More poses", [_error_by_count(plan)], brief=True)]),
+            *([Section("What was assumed", [Bullets(assumed)], brief=True)] if assumed else []),
+        ],
+    )
+
+
+def plan_head(plan: Plan) -> list[Block]:
+    """What the poses are for and what they achieve."""
+    unsure = plan.power is not None and plan.power < SURELY
+    head: list[Block] = [Verdict(plan_headline(plan), DOUBT if unsure else GOOD)]
+    achieved = outcome_sentences(plan)
+    head += [Bullets(achieved)] if achieved else []
+    if plan.purpose.name == WATCH:
+        return head
+    caption = "The predicted error by the number of new poses."
+    return [*head, Facts(_predicted(plan)), FigurePlace("plan_curve", (plan,), caption, height_px=260)]
+
+
+def plan_headline(plan: Plan) -> str:
+    """How many poses for what, and the predicted error or the power."""
+    purpose, planned = plan.purpose, numbers.count(len(plan.poses), "pose")
+    error = f"the predicted error falls {numbers.length_change(plan.now.geometry_mm, plan.then.geometry_mm)}"
+    if purpose.name == WATCH:
+        aim, error = "to watch the cell", ""
+    elif isinstance(plan.outcome, DiscriminationOutcome) and plan.power is not None:
+        aim = f"to discriminate between {numbers.listing(plan.outcome.hypotheses)}"
+        error = f"the probability that they do is {numbers.share(plan.power)}"
+    elif isinstance(purpose, ForCalibration):
+        at = f"to be right at {plan.region} (I-optimal)"
+        aim = at if purpose.criterion == "I" else "to know the parameters (D-optimal)"
+    else:
+        aim = f"for {numbers.listing(purpose.effects)}"
+    return f"{planned} for {plan.start.dataset.name}, {aim}{f': {error}' if error else ''}."
+
+
+def _predicted(plan: Plan) -> list[tuple[str, object]]:
+    before = "before any calibration" if plan.start.measured is None else "now"
+    share = numbers.share(PAYS)
+    more = f"{STEP} more lower it by over {share}, up to {len(plan.curve_mm) - 1} new ones"
+    if plan.enough is not None:
+        more = f"from {plan.enough} new ones on, {STEP} more lower it by less than {share}"
+    return [
+        ("predicted error at", plan.region),
+        (before, _error(plan.now)),
+        ("with these poses", _error(plan.then)),
+        ("as measured there", f"{numbers.length(plan.then.with_noise_mm)}, with a point's noise"),
+        ("more poses", more),
+    ]
+
+
+def _error(predicted: Prediction) -> str:
+    low, high = numbers.length(predicted.low_mm), numbers.length(predicted.high_mm)
+    return f"{numbers.length(predicted.geometry_mm)} (90 % of arms: {low} to {high})"
+
+
+def _error_by_count(plan: Plan) -> Table:
+    """The predicted error by the number of new poses.
+
+    Fewer poses than it takes to place the scanner, or to fit at all, have no error that means anything.
+    """
+    counts = [k for k in _COUNTS if k < len(plan.curve_mm) and plan.curve_mm[k] <= 1.001 * plan.now.geometry_mm]
+    errors = [numbers.column_mm(float(plan.curve_mm[k])) for k in counts]
+    return Table(("new poses", *map(str, counts)), [("predicted error, mm", *errors)])
+
+
+# ---- what the poses achieve -----------------------------------------------------------------------------------------
+
+
+def outcome_sentences(plan: Plan) -> list[str]:
+    """What the poses do for what they are planned for, a sentence each."""
+    match plan.outcome:
+        case EffectOutcome():
+            return [*_conditions(plan.outcome), *_coefficients(plan.outcome)]
+        case CheckOutcome():
+            return _detected(plan.outcome.changes)
+        case DiscriminationOutcome():
+            return _discriminated(plan.outcome)
+        case None:
+            return []
+
+
+def _conditions(outcome: EffectOutcome) -> list[str]:
+    return [
+        f"{way}{'; poses.csv needs it of the measured poses too' if name in outcome.unrecorded else ''}"
+        for name, way in _CONDITIONS.items()
+        if name in outcome.conditions
+    ]
+
+
+def _coefficients(outcome: EffectOutcome) -> list[str]:
+    better = [c for c in outcome.coefficients if c.after < _GAINS * c.before]
+    most = sorted(better, key=lambda c: c.after / c.before)[:_COEFFICIENTS]
+    lines = [
+        f"sigma of {c.name}: {numbers.size(c.before, c.unit)} → {numbers.size(c.after, c.unit)}"
+        for c in outcome.coefficients
+        if c in most
+    ]
+    rest = len(outcome.coefficients) - len(most)
+    of = len(outcome.coefficients)
+    return [*lines, *([f"{numbers.count(rest, 'further coefficient')} of {of} gain less or nothing"] if rest else [])]
+
+
+def _detected(changes: Sequence[DetectableChange]) -> list[str]:
+    free = [_from(c) for c in changes if c.size is not None and c.scanner_free]
+    fixed = [_from(c) for c in changes if c.size is not None and not c.scanner_free]
+    never = [names.change(*c.key) for c in changes if c.size is None]
+    return [
+        *([f"detected and named 19 times of 20: {', '.join(free)}"] if free else []),
+        *(
+            [f"only where the scanner did not move, since turning it looks the same: {', '.join(fixed)}"]
+            if fixed
+            else []
+        ),
+        *([f"not detected by any pose, as it hardly moves the target: {', '.join(never)}"] if never else []),
+        *(["each pose measured twice detects sizes smaller by nearly a third, four times by a half"] if free else []),
+    ]
+
+
+def _from(change: DetectableChange) -> str:
+    assert change.size is not None
+    return f"{names.change(*change.key)} from {numbers.size(change.size, change.unit)}"
+
+
+def _discriminated(outcome: DiscriminationOutcome) -> list[str]:
+    curve = ", ".join(f"{k}: {numbers.share(p)}" for k, p in enumerate(outcome.power_by_count) if k)
+    lines = [
+        f"probability that {numbers.listing(outcome.hypotheses)} are discriminated, by the number of poses: {curve}"
+    ]
+    lines += [
+        f"{one} and {other} predict the same at every pose of this kind, which cannot discriminate between them"
+        for one, other in outcome.equivalent
+    ]
+    if outcome.enough is not None:
+        share = numbers.share(outcome.enough_power)
+        lines.append(f"{outcome.enough} poses of this kind would discriminate in {share} of such cases")
+    if outcome.payload_kg is not None:
+        lines.append(f"a known payload at some of the poses tells more (--payload-kg {outcome.payload_kg:g} or above)")
+    lines += [f"what shows {name} alone: {text}" for name, text in outcome.confirm]
+    if outcome.untested:
+        would = f"; {outcome.would_help}" if outcome.would_help else ""
+        lines.append(f"no pose tells of {numbers.listing(outcome.untested)}, which these data cannot test{would}")
+    return lines
+
+
+# ---- the poses ------------------------------------------------------------------------------------------------------
+
+
+def pose_blocks(plan: Plan) -> list[Block]:
+    """Each pose as commanded, in the order of measuring, and what the ranks mean."""
+    return [poses_table(plan), *([Paragraph(_RANKS, soft=True)] if len(plan.poses) > 1 else [])]
+
+
+def poses_table(plan: Plan, *, compact: bool = False, mark: int | None = None) -> Table:
+    """Each pose as commanded, with its conditions, in the order of measuring; a click on a row selects it.
+
+    compact: all joints in one column and no ranks, for a narrow panel.
+    """
+    robot, poses = plan.start.dataset.robot, plan.poses
+    commanded = robot.commands_of(poses.q)
+    values = np.where(robot.is_revolute, np.degrees(commanded), commanded)
+    joints = [[f"{v:z.1f}".replace("-", "\N{MINUS SIGN}") for v in row] for row in values]
+    units = ["°" if turns else "mm" for turns in robot.is_revolute]
+    columns: list[tuple[str, list[str]]] = [("pose", list(poses.ids))]
+    if compact:
+        both = "°" if all(robot.is_revolute) else "° or mm"
+        columns.append((f"joints, {both}", [", ".join(row) for row in joints]))
+    else:
+        columns += [(f"q{k + 1}, {unit}", [row[k] for row in joints]) for k, unit in enumerate(units)]
+    if poses.payload_kg is not None and np.any(poses.payload_kg):
+        columns.append(("payload, kg", [f"{kg:g}" for kg in poses.payload_kg]))
+    if poses.temperature_c is not None:
+        columns.append(("temperature, °C", [f"{c:.1f}" for c in poses.temperature_c]))
+    if poses.approach is not None and not compact:
+        signs = ["".join("+" if side > 0 else "\N{MINUS SIGN}" for side in row) for row in poses.approach]
+        columns.append(("approach", signs))
+    if not compact:
+        columns.append(("rank", list(map(str, plan.worth))))
+    columns.append(("tells most of", [reason_phrase(reason) for reason in plan.reasons]))
+    last = len(columns) - 1
+    return Table(
+        [name for name, _ in columns],
+        list(zip(*(cells for _, cells in columns), strict=True)),
+        left=range(len(columns)) if compact else (0, last),
+        mark=mark,
+        rows_select=[Reference("planned", k, name) for k, name in enumerate(poses.ids)],
+    )
+
+
+def reason_phrase(reason: PoseReason) -> str:
+    """Why a pose was chosen."""
+    match reason:
+        case ParameterReason():
+            far = "" if reason.far_joint is None else f"joint {reason.far_joint} far from what was measured: "
+            return f"{far}{', '.join(reason.parameters) or 'a little of everything'}"
+        case ChangeReason():
+            return ", ".join(names.change(*key) for key in reason.changes) or "a little of everything"
+        case SeparationReason():
+            return f"the hypotheses differ by {numbers.length(reason.separation_mm)} here, refitted"
+
+
+# ---- what was assumed -----------------------------------------------------------------------------------------------
+
+
+def assumptions(plan: Plan) -> list[str]:
+    """What was assumed, what the prediction cannot know, and what is to be minded."""
+    start, lines = plan.start, []
+    if plan.least is not None:
+        lines.append(
+            f"{numbers.count(len(plan.poses), 'pose is', 'poses are')} too few for a fit of the link errors, which "
+            f"takes {plan.least} and better three times as many"
+        )
+    if plan.blocked:
+        ways = ", ".join(f"{one} to {other}" for one, other in plan.blocked)
+        lines.append(
+            f"moving all joints at once leads through floor, box, scanner or the arm itself: {ways}; go around"
+        )
+    if isinstance(start, FromFit):
+        lines += _of_fit(start)
+    elif isinstance(start, FromRobot):
+        noise = f"noise of {numbers.length(start.noise_mm)} per coordinate of a measured point"
+        lines.append(f"{noise}, and errors within their tolerances")
+    return [*lines, *start.cell.notes]
+
+
+def _of_fit(start: FromFit) -> list[str]:
+    lines, check = [], check_sigma(start.calibration)
+    if start.diagnosed is not None:
+        added = numbers.listing(start.calibration.model.family_names) or "nothing that holds"
+        lines.append(
+            f"the link errors alone leave {numbers.times(start.diagnosed.noise_ratio)} the declared noise; the model "
+            f"is that of the diagnosis, which added {added}"
+        )
+        if start.diagnosed.confounded:
+            lines.append(
+                "the diagnosis left effects confounded: --for split plans poses that discriminate between them"
+            )
+    if check.verdict == "excess" and check.declared_mm:
+        ratio = numbers.times(check.sigma_mm / check.declared_mm)
+        lines.append(
+            f"the fit leaves {ratio} the declared noise, so something is missing from the model: the prediction covers "
+            "the errors of its parameters alone, and what is missing may be larger away from the measured poses"
+        )
+    elif check.verdict == "unknown":
+        lines.append("no noise of the points is declared: the residual of the fit is taken for noise")
+    if start.calibration.residual != "position":
+        lines.append(f"planned as for a fit of positions; this one is of {start.calibration.residual}")
+    return lines
+
+
+# ---- the document ---------------------------------------------------------------------------------------------------
+
+
+@document.register
+def _plan_document(plan: Plan) -> dict[str, Any]:
+    robot = plan.start.dataset.robot
+    columns = joint_columns(robot)
+    each = zip(poses_frame(plan.poses, robot).to_dict("records"), plan.reasons, plan.worth, strict=True)
+    return {
+        "poses": [
+            {
+                "pose": row["pose"], "role": row["role"], "q": [row[name] for name in columns],
+                "why": reason_phrase(reason), "worth": worth,
+                **{str(name): value for name, value in row.items() if name not in ("pose", "role", *columns)},
+            }
+            for row, reason, worth in each
+        ],
+        "columns": columns,
+        "for": plan.purpose.name,
+        "region": plan.region,
+        "predicted_test_rmse_mm": {"now": plan.now.geometry_mm, "then": plan.then.geometry_mm},
+        "band_90_mm": {"now": _band(plan.now), "then": _band(plan.then)},
+        "with_noise_mm": {"now": plan.now.with_noise_mm, "then": plan.then.with_noise_mm},
+        "curve_mm": plan.curve_mm,
+        "enough": plan.enough,
+        "settles": plan.power,
+        "shots": 1,  # every pose is measured once
+        "model": plan.model,
+        "told": outcome_sentences(plan),
+        "notes": assumptions(plan),
+    }  # fmt: skip
+
+
+def _band(prediction: Prediction) -> list[float]:
+    return [prediction.low_mm, prediction.high_mm]

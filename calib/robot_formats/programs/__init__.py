@@ -1,1 +1,0 @@
-"""Joint targets as controllers and ROS read them."""

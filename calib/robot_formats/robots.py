@@ -1,0 +1,114 @@
+"""Robots as a user names them: read from a file of any form, from a dataset, or built in; and written as a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from calib.dataset.files.atomic_write import write_bytes_atomically
+from calib.dataset.files.robot_toml import robot_to_toml
+from calib.errors import CalibError
+from calib.kinematics.robot import Robot
+from calib.options import BUILTIN_ROBOTS
+from calib.robot_formats.calibrated_file import calibrated_urdf, calibrated_yaml
+from calib.robot_formats.chain.five_parameters import chain_of
+from calib.robot_formats.origin_yaml import plain_yaml
+from calib.robot_formats.robot_file import ReadOptions, named_robot
+from calib.robot_formats.urdf.text import plain_urdf
+
+WRITTEN_SUFFIXES = (".toml", ".urdf", ".yaml", ".yml")
+
+
+def load_robot(
+    source: Robot | str | Path,
+    *,
+    tip: str | None = None,
+    base: str | None = None,
+    convention: str | None = None,
+    model: str | None = None,
+) -> Robot:
+    """A robot from robot.toml, URDF, MJCF, a kinematics YAML or CSV, a dataset's folder, or built in by its name.
+
+    Args:
+        source: the file, the folder, the name of a built-in robot ("rb5", "panda"), or a robot, which is returned.
+        tip: link, body or site at which the arm of a URDF or MJCF ends, where it has several.
+        base: link or body at which it starts.
+        convention: "standard" or "modified", of a .csv table of theta, d, a, alpha.
+        model: model of a UR arm, for a controller's calibration.conf.
+
+    Raises:
+        CalibError: names the file, the line or key, what was found, and what would do.
+
+    >>> import calib
+    >>> calib.load_robot("panda")
+    Robot(Franka Panda: 7 joints RRRRRRR)
+    >>> calib.load_robot("sample_data/ur10_ipa/robot.toml").n_joints
+    6
+    """
+    if isinstance(source, Robot):
+        return source
+    if not isinstance(source, str | Path):
+        raise CalibError(f"found a {type(source).__name__}, expected a Robot, the path of its file, or a name")
+    name, path = str(source).lower(), Path(source)
+    reading = ReadOptions(tip, base, convention, model)
+    if path.is_dir():
+        return named_robot(str(path / "robot.toml"), reading).robot
+    if not path.exists() and not path.suffix:
+        if name not in BUILTIN_ROBOTS:
+            known = " or ".join(BUILTIN_ROBOTS)
+            raise CalibError(f"{source}: no such file or folder; give a dataset's folder, a robot's file, or {known}")
+        return named_robot(name, reading).robot
+    return named_robot(str(path), reading).robot
+
+
+def save_robot(robot: Robot | str | Path, path: str | Path, template: str | Path | None = None) -> tuple[str, ...]:
+    """Write a robot as .toml, .urdf or .yaml; returns notes on what that form of a file cannot hold.
+
+    Args:
+        robot: a robot, or what `load_robot` takes: so one form is converted into another.
+        path: the file to write; its suffix says which form.
+        template: the user's own .urdf or .yaml of this arm, whose origins are replaced and all else stays.
+
+    Raises:
+        CalibError: another suffix, or a template that is of another arm.
+
+    >>> import calib
+    >>> notes = calib.save_robot("panda", "panda.urdf")
+    >>> calib.load_robot("panda.urdf").n_joints
+    7
+    """
+    content, notes = robot_content(load_robot(robot), Path(path), None if template is None else Path(template))
+    write_bytes_atomically(Path(path), content)
+    return notes
+
+
+def robot_content(robot: Robot, path: Path, template: Path | None = None) -> tuple[bytes, tuple[str, ...]]:
+    """The bytes of a robot's file of this name, and notes on what it cannot hold (see `save_robot`)."""
+    suffix = path.suffix.lower()
+    if suffix not in WRITTEN_SUFFIXES:
+        raise CalibError(f"{path}: expected a name that ends in {' or '.join(WRITTEN_SUFFIXES)}")
+    if template is not None and (template.suffix.lower() != suffix or suffix == ".toml"):
+        raise CalibError(f"{template}: is of another form than {path}; only a .urdf or .yaml is made of a template")
+    if suffix == ".toml":
+        return robot_to_toml(robot).encode(), ()
+    is_urdf = suffix == ".urdf"
+    if template is not None:
+        written = (calibrated_urdf if is_urdf else calibrated_yaml)(template, robot)
+        return written.content, tuple(written.summary.split("\n"))
+    chain = chain_of(robot)
+    if not is_urdf:
+        note = "note: a maker's description has other frames; give its own file as --template"
+        return plain_yaml(chain).encode(), (note,)
+    return plain_urdf(chain).encode(), tuple(f"note: {note}" for note in _not_in_urdf(robot))
+
+
+def _not_in_urdf(robot: Robot) -> list[str]:
+    """Properties of a robot that a plain URDF does not hold."""
+    notes = []
+    x, y, z = robot.gravity_m_s2
+    if x or y or z > 0.0:
+        notes.append("the base does not stand upright: it hangs on a link world, whose z axis points up")
+    if any(target is not robot.own_tool_point for target in robot.targets):
+        notes.append("further targets are left out")
+    if any(joint.mass_kg for joint in robot.joints):
+        notes.append("the inertias in it are placeholders, as robot.toml has masses only")
+    return notes

@@ -1,0 +1,137 @@
+"""Smooth motions that no effect of the catalogue describes: reported or weighed against an effect, never named."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.array_types import Array, IndexArray
+from calib.effects.catalogue.order_steps import Step
+from calib.screening.candidates import Candidate
+from calib.screening.evidence import FamilyColumns, evaluate_family, evidence_of
+from calib.screening.member_columns import displacement_columns
+from calib.screening.projected_residual import ProjectedResidual, joint_directions
+from calib.screening.sparse_evidence import mean_likelihood
+
+_OWN_RAD = (0.3, 0.6)  # correlation lengths of a smooth motion over the joint's own angle
+_ARM_RAD = (0.8, 1.5)  # over the angles of the first three joints
+_USUAL = 3e-4  # rad: as large as errors of drives are
+_SETTLING = (0.1, 0.2, 0.4, 0.8)  # time constants, as shares of the whole session
+_SWAYING = (0.1, 0.2, 0.4, 1.0)  # correlation lengths, as shares of the whole session
+_MOST_ANGLES, _MOST_MOMENTS = 200, 100  # poses that a smooth function is spanned by: memory stays bounded
+
+
+# ---- of one joint ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class JointFault:
+    """A smooth motion of the likeliest joint. `log_evidence` is that of all joints and motions, equally likely."""
+
+    kind: str  # "smooth"
+    joint: int
+    log_evidence: float
+    size: float  # rad, rms over the poses
+    unit: str  # "rad"
+    visible_mm: float  # rms over the measured points of what the motion does beyond what a fit absorbed
+
+
+def smooth_motion(projected: ProjectedResidual) -> JointFault | None:
+    """A joint that moves smoothly with its own angle or with the first three joints, in whatever way.
+
+    Gaussian processes of two correlation lengths over each; the evidence is of all together. None where no joint shows.
+    """
+    poses = projected.residuals.observed.used_poses[0]
+    robot = projected.state.robot
+    revolute = [j for j in range(robot.n_joints) if robot.joints[j].is_revolute]
+    arm = poses.q[:, [j for j in revolute if j < 3]]
+    spans = [_over_angles(arm, length_rad) for length_rad in _ARM_RAD] if arm.shape[1] else []
+    directions = joint_directions(projected)
+    tried: list[tuple[float, int, Array]] = []
+    for joint in revolute:
+        if not np.any(directions[joint]):
+            continue
+        for span in (*spans, *(_over_angles(poses.q[:, [joint]], length_rad) for length_rad in _OWN_RAD)):
+            columns = projected.motion_columns(directions[joint], _USUAL * span)
+            tried.append((evidence_of(-projected.residual, columns, projected.dof), joint, span))
+    if not tried:
+        return None
+    _, joint, span = max(tried, key=lambda one: one[0])
+    columns = projected.motion_columns(directions[joint], _USUAL * span)
+    evaluated = evaluate_family(FamilyColumns(-projected.residual, (columns,), projected.dof))
+    sigma_mm = np.sqrt(np.trace(projected.residuals.observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
+    moved_mm = evaluated.explained.reshape(-1, 3) * sigma_mm[:, None]
+    size = _USUAL * float(np.sqrt(np.mean((span @ evaluated.coefficients[0]) ** 2)))
+    total = mean_likelihood(np.array([value for value, _, _ in tried]))
+    visible_mm = float(np.sqrt(np.mean(np.sum(moved_mm**2, axis=1))))
+    return JointFault("smooth", joint, total, size, "rad", visible_mm)
+
+
+def _over_angles(angles_rad: Array, length_rad: float) -> Array:
+    """(N, K) functions of angles (N, A) such that white coefficients make a Gaussian process of unit variance.
+
+    Kernel prod_a exp((cos(angle_a - angle'_a) - 1) / length^2), by Nystroem's method over `_MOST_ANGLES` poses.
+    """
+
+    def kernel(left: Array, right: Array) -> Array:
+        return np.asarray(np.exp(np.sum(np.cos(left[:, None] - right[None]) - 1.0, axis=2) / length_rad**2))
+
+    anchors = angles_rad[_spread(len(angles_rad), _MOST_ANGLES)]
+    return kernel(angles_rad, anchors) @ _whitening(kernel(anchors, anchors))
+
+
+def _spread(count: int, most: int) -> IndexArray:
+    """Indices of at most `most` of so many rows, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
+
+
+def _whitening(kernel: Array) -> Array:
+    """(A, K) coefficients at A anchors that are white under a kernel (A, A), without directions of next to no size."""
+    values, vectors = np.linalg.eigh(kernel)
+    kept = values > 1e-3 * values[-1]
+    return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+
+
+# ---- in place of a step ---------------------------------------------------------------------------------------------
+
+
+def slow_course(projected: ProjectedResidual, step: Candidate) -> float:
+    """Log evidence that the part which a step displaces moved slowly instead: crept, settled or swayed.
+
+    The best of an even course, settling with one of four time constants, and any smooth course of four correlation
+    lengths, which are equally likely. 0 where the candidate is no step.
+    """
+    members = [member for member in step.members if isinstance(member, Step)]
+    if not members:
+        return 0.0
+    columns = displacement_columns(projected, members)  # (M, 3, W)
+    row = projected.residuals.observed.used_poses[1]
+    values = []
+    for course in _courses(_moments(projected)):
+        moved = course[row][:, None, :, None] * columns[:, :, None, :]
+        visible = projected.visible(moved.reshape(3 * len(row), -1))
+        values.append(evidence_of(-projected.residual, visible, projected.dof))
+    return max(values) - float(np.log(len(values)))
+
+
+def _moments(projected: ProjectedResidual) -> Array:
+    """(N,) time of each used pose, from 0 to 1; its place in the order where times are not known."""
+    poses = projected.residuals.observed.used_poses[0]
+    when = poses.order.astype(float) if poses.time_s is None else poses.time_s
+    return np.asarray((when - when.min()) / max(float(np.ptp(when)), 1e-300))
+
+
+def _courses(moment: Array) -> Iterator[Array]:
+    """Each (N, L): functions of time, of which white coefficients of unit variance make the course."""
+    yield moment[:, None]
+    for settling in _SETTLING:
+        yield (1.0 - np.exp(-moment / settling))[:, None]
+    anchors = np.sort(moment)[_spread(len(moment), _MOST_MOMENTS)]
+    for length in _SWAYING:
+        yield _alike(moment, anchors, length) @ _whitening(_alike(anchors, anchors, length))
+
+
+def _alike(left: Array, right: Array, length: float) -> Array:
+    return np.asarray(np.exp(-0.5 * ((left[:, None] - right[None]) / length) ** 2))

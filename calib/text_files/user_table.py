@@ -1,0 +1,142 @@
+"""Tables as users have them: any usual separator, decimal commas, a header or none, units in the columns' names."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.errors import DatasetError
+from calib.text_files.csv_text import MOST_BYTES, as_number, csv_rows, lines_of
+from calib.text_files.text_file import read_text
+
+UNITS = {
+    "deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad", "radian": "rad", "radians": "rad",
+    "mm": "mm", "m": "m", "meter": "m", "metre": "m", "meters": "m", "cm": "cm", "in": "in", "inch": "in", "um": "um",
+    "kg": "kg", "s": "s", "sec": "s", "c": "c", "°c": "c", "degc": "c",
+}  # fmt: skip
+"""Spellings of units, and the name of each unit in this program."""
+MOST_CHARACTERS = 200  # of a column name that is parsed
+_UNIT = re.compile(r"^(?P<name>.*?)(?:[\s_]*[\[(]\s*(?P<bracket>[^\])]+?)\s*[\])]|[\s_.]+(?P<end>[^\s_.\d]+))$")
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """A column's name without its unit, and the unit; "" where the name has no known unit."""
+    found = _UNIT.match(name.strip()) if len(name) <= MOST_CHARACTERS else None
+    unit = UNITS.get((found["bracket"] or found["end"] or "").lower(), "") if found else ""
+    return (found["name"], unit) if found and unit else (name, "")
+
+
+def plain(name: str) -> str:
+    """A name in lower case, letters and digits only."""
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+_SEPARATORS = (",", ";", "\t")
+
+
+@dataclass(frozen=True)
+class UserTable:
+    """A user's table as text cells, with the line of each row."""
+
+    path: Path
+    columns: tuple[str, ...]  # without a header "column 1", ...
+    rows: tuple[tuple[str, ...], ...]
+    lines: tuple[int, ...]
+    has_header: bool
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def text(self, column: str) -> list[str]:
+        """The cells of a column, as text."""
+        k = self.columns.index(column)
+        return [row[k] for row in self.rows]
+
+    def numbers(self, column: str, fault: Callable[[str], None]) -> Array:
+        """Finite numbers (rows,) of a column; a cell that holds none is reported to `fault` and becomes NaN."""
+        out = np.full(len(self), math.nan)
+        for i, cell in enumerate(self.text(column)):
+            value = as_number(cell)
+            if value is None:
+                fault(f"{self.path}: line {self.lines[i]}, column {column}: found {cell[:40]!r}; a number is needed")
+            else:
+                out[i] = value
+        return out
+
+
+def load_table(path: Path, fault: Callable[[str], None] | None = None, *, any_encoding: bool = False) -> UserTable:
+    """Read a user's table from a file. Raises DatasetError where it is not one.
+
+    `any_encoding` accepts what spreadsheets write besides UTF-8. With `fault`, each mistake in names and rows is
+    reported there and the table is read all the same.
+    """
+
+    return parse_table(
+        path,
+        read_text(
+            path,
+            missing="name a table of numbers",
+            kind="CSV",
+            most_bytes=MOST_BYTES,
+            any_encoding=any_encoding,
+        ),
+        fault,
+    )
+
+
+def parse_table(path: Path, text: str, fault: Callable[[str], None] | None = None) -> UserTable:
+    """Parse a user's table from text; `path` names it in errors. Otherwise as `load_table`."""
+
+    def wrong(message: str) -> None:
+        if fault is None:
+            raise DatasetError(message)
+        fault(message)
+
+    first = next((line for line in lines_of(text) if line.strip()), "")
+    if not first:
+        raise DatasetError(f"{path}: the file is empty; a header line with column names is needed")
+    separator = max(_SEPARATORS, key=first.count)
+    if not first.count(separator) and len(first.split()) > 1:
+        text, separator = "\n".join(",".join(line.split()) for line in text.splitlines()), ","
+    numbered = [
+        (line, [" ".join(c.split()) for c in row])
+        for line, row in csv_rows(path, text, separator)
+        if any(c.strip() for c in row)
+    ]
+    if separator == ";":
+        numbered = [(line, [c.replace(",", ".") if _is_comma_number(c) else c for c in row]) for line, row in numbered]
+    line, names = numbered[0]
+    has_header = not all(as_number(cell) is not None for cell in names if cell)
+    body = numbered[1:] if has_header else numbered
+    while names and not names[-1]:
+        names.pop()
+    columns = names if has_header else [f"column {k + 1}" for k in range(len(names))]
+    columns = [name or f"column {k + 1}" for k, name in enumerate(columns)]
+    for repeated in [name for name, times in Counter(columns).items() if times > 1]:
+        wrong(f"{path}: line {line}: column {repeated!r} stands there twice; rename one")
+        columns = [
+            f"{name} ({columns[:k].count(name) + 1})" if name == repeated and name in columns[:k] else name
+            for k, name in enumerate(columns)
+        ]
+    if not body:
+        raise DatasetError(f"{path}: no row below the header; one row a pose is needed")
+    for number, row in body:
+        if any(row[len(columns) :]):
+            wrong(
+                f"{path}: line {number}: found {len(row)} cells, the first line has {len(columns)}; name the others or "
+                "remove them"
+            )
+    width = len(columns)
+    rows = tuple(tuple((row + [""] * width)[:width]) for _, row in body)
+    return UserTable(path, tuple(columns), rows, tuple(number for number, _ in body), has_header)
+
+
+def _is_comma_number(cell: str) -> bool:
+    return cell.count(",") == 1 and as_number(cell.replace(",", ".")) is not None

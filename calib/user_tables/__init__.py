@@ -1,1 +1,0 @@
-"""Tables as users have them: any separator, units in the names of columns."""

@@ -1,0 +1,276 @@
+"""Figures of results: each takes what `calib` returned, and gives a plotly figure with a title."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+
+from calib.calibration.noise_level import noise_level
+from calib.calibration.pose_errors import PoseErrors, pose_errors_of, running_median
+from calib.calibration.result import Calibration
+from calib.dataset.dataset import Dataset
+from calib.diagnosis.decision_rules import MIN_LOG_EVIDENCE
+from calib.diagnosis.effect_selection import FitStep, candidate_of
+from calib.diagnosis.result import Diagnosis
+from calib.errors import CalibError
+from calib.fleet.result import Fleet
+from calib.identifiability.redundancy import Redundancy
+from calib.identifiability.structural import redundancy
+from calib.kinematics.chain import target_points
+from calib.kinematics.robot import Robot
+from calib.monitoring.watch import ChangeReport
+from calib.planning.plan import Plan
+from calib.present.residuals import AXES, LENGTH, input_title, joint_title, shown, turned
+from calib.screening.curves.fitted_curves import fitted_curves
+from calib.validation.learning_curve import LearningCurve
+from inspector.figures import (
+    curve_plots,
+    evidence_plots,
+    fleet_plots,
+    plan_plots,
+    plots,
+    residual_plots,
+    watch_plots,
+)
+from inspector.figures.results.alone import titled
+
+# ---- a fit: its errors by pose, over an input, over the work space; which parameters can be known --------------------
+
+
+_TALL_PX = 620  # of figures of one scale both ways
+
+
+def error_bars(calibration: Calibration, *, before: bool = False, dark: bool = False) -> go.Figure:
+    """3D error of each pose, mm, training and test poses in their colours.
+
+    Args:
+        calibration: a fit, of `calib.calibrate` or the `.calibration` of a diagnosis.
+        before: of the nominal robot instead of the fitted one.
+    """
+    frame = (calibration.before if before else calibration.after).to_frame(calibration.dataset)
+    drawn = plots.pose_residuals(
+        frame["pose"].tolist(),
+        frame["role"].tolist(),
+        frame["error_mm"].to_numpy(),
+        what="3D error",
+        dark=dark,
+    )
+    model = "as delivered" if before else "after the fit"
+    return titled(drawn, f"Error at each pose {model}: {calibration.dataset.name}", dark=dark)
+
+
+def residuals_over(
+    of: Calibration | Diagnosis, over: str = "q1", *, show: str | int = "length", dark: bool = False
+) -> go.Figure:
+    """Residual of each pose against an input that it may depend on, with the band of the noise.
+
+    Args:
+        of: a fit, or a diagnosis, whose last fit is shown.
+        over: the input on the x axis: q1 ... (degrees; mm of a slide), torque1 ... (Nm, by gravity), payload_kg,
+            temperature_c, time_s, order, x, y, z (place in the scanner's frame), or a further column of poses.csv.
+        show: "length" of the error; "x", "y" or "z", its part along an axis of the scanner; or a joint, counted from 1:
+            the motion of that joint alone that would explain the error best.
+
+    Raises CalibError on a name or a joint that there is not; it lists those that there are.
+    """
+    calibration = of.calibration if isinstance(of, Diagnosis) else of
+    errors, robot = pose_errors_of(calibration), calibration.dataset.robot
+    if over not in errors.inputs:
+        raise CalibError(f"no input named {over!r}; there are {', '.join(errors.inputs)}")
+    x = turned(over, errors.inputs[over], robot)
+    y, y_title, band = _shown(errors, show, robot)
+    train, x_title = ~errors.is_test, input_title(over, robot)
+    drawn = residual_plots.residual_against(
+        x, y, errors.pose_ids, errors.is_test, x_title=x_title, y_title=y_title, band=band,
+        smooth=running_median(x[train], y[train]), dark=dark,
+    )  # fmt: skip
+    return titled(drawn, f"What is left over: {calibration.dataset.name}", dark=dark)
+
+
+def work_space(of: Calibration | Diagnosis, *, show: str | int = "length", dark: bool = False) -> go.Figure:
+    """Each pose's point from above and from the side, mm in the base frame, coloured by its error.
+
+    `of` and `show` as of `residuals_over`.
+    """
+    calibration = of.calibration if isinstance(of, Diagnosis) else of
+    errors = pose_errors_of(calibration)
+    values, title, _ = _shown(errors, show, calibration.dataset.robot)
+    drawn = residual_plots.place_views(
+        errors.place_mm,
+        values,
+        errors.pose_ids,
+        errors.is_test,
+        title=title,
+        signed=show != "length",
+        dark=dark,
+    )
+    return titled(drawn, f"Error over the work space: {calibration.dataset.name}", dark=dark, height_px=_TALL_PX)
+
+
+def _shown(errors: PoseErrors, show: str | int, robot: Robot) -> tuple[np.ndarray, str, tuple[float, float]]:
+    """Values of an input, its name with unit, and the band of the noise."""
+    if isinstance(show, int):
+        if not 1 <= show <= robot.n_joints:
+            raise CalibError(f"no joint {show}; {robot.name} has joints 1 to {robot.n_joints}")
+        return shown(errors, joint_title(show - 1, robot), show - 1, robot)
+    names = {"length": LENGTH, **dict(zip("xyz", AXES, strict=True))}
+    if show not in names:
+        raise CalibError(f"cannot show {show!r}; there are length, x, y, z, or a joint's number")
+    return shown(errors, names[show], None, robot)
+
+
+def where_measured(dataset: Dataset, *, dark: bool = False) -> go.Figure:
+    """Tool point of the nominal arm at each pose, from above and from the side, mm in the base frame.
+
+    Needs no measured points, so it may be drawn of a dataset of scans or of poses that are planned.
+    """
+    poses, robot = dataset.poses, dataset.robot
+    place_mm = target_points(robot, poses.q)
+    drawn = residual_plots.places_by_role(place_mm, poses.ids, poses.role.tolist(), dark=dark)
+    return titled(drawn, f"Where it is measured: {dataset.name}", dark=dark, height_px=_TALL_PX)
+
+
+def convergence(calibration: Calibration, *, what: str = "3D", dark: bool = False) -> go.Figure:
+    """RMS error at each iteration of the fit, mm, on a logarithmic axis; iteration 0 is the nominal robot.
+
+    Args:
+        what: "3D" error, or "distance", the error of distances to the reference pose.
+    """
+    steps = calibration.iteration_errors
+    if what not in ("3D", "distance"):
+        raise CalibError(f"cannot show {what!r}; there are 3D and distance")
+    if what == "3D":
+        train, test = [s.train_rmse_mm for s in steps], [s.test_rmse_mm for s in steps]
+    else:
+        train, test = [s.train_distance_rmse_mm for s in steps], [s.test_distance_rmse_mm for s in steps]
+    drawn = plots.convergence(train, test, what=what, dark=dark)
+    return titled(drawn, f"Convergence of the fit: {calibration.dataset.name}", dark=dark)
+
+
+def redundancy_heatmap(of: Redundancy | Dataset | Calibration, *, dark: bool = False) -> go.Figure:
+    """Pearson's r between the columns of the Jacobian for each pair of parameters (Park 2022).
+
+    Dark red or dark blue off the diagonal (r = 1, r = -1): only one of the two can be known. Grey: no influence.
+
+    Args:
+        of: a dataset or a calibration, whose training poses count, or an analysis of
+            `calib.identifiability.structural.redundancy`.
+    """
+    if isinstance(of, Calibration):
+        analysis, name = redundancy(of.dataset, residual=of.residual), f": {of.dataset.name}"
+    elif isinstance(of, Dataset):
+        analysis, name = redundancy(of), f": {of.name}"
+    else:
+        analysis, name = of, ""
+    drawn = plots.correlation_heatmap(
+        analysis.parameters, analysis.pearson, no_influence=analysis.no_influence, dark=dark
+    )
+    return titled(drawn, f"Which parameters act alike{name}", dark=dark, height_px=_TALL_PX)
+
+
+# ---- a diagnosis: how the error fell, which effects could be missing, what was learned -------------------------------
+
+
+def error_history(of: Diagnosis | Sequence[FitStep], *, dark: bool = False) -> go.Figure:
+    """How the 3D error (RMS, mm, logarithmic) of training and test poses fell with each effect that was added.
+
+    Dashed: what noise alone leaves, as the dataset declares it, as repeats show it, or as the fit left it.
+
+    Args:
+        of: a diagnosis, or the steps of a model, as `calib.diagnosis.search_space.add_in_turn` makes them.
+    """
+    steps = of.steps if isinstance(of, Diagnosis) else of
+    first, last = steps[0].calibration, steps[-1].calibration
+    stages = [first.before, *(step.calibration.after for step in steps)]
+    labels = ["as delivered", *(step.label for step in steps)]
+    train = [np.nan if s.train is None else s.train.rmse_mm for s in stages]
+    test = [np.nan if s.test is None else s.test.rmse_mm for s in stages]
+    level = noise_level(last)
+    drawn = plots.error_history(labels, train, test, level.floor_mm, noise=level.name, dark=dark)
+    return titled(drawn, f"The error falls: {last.dataset.name}", dark=dark)
+
+
+def ranking(diagnosis: Diagnosis, *, step: int = 0, dark: bool = False) -> go.Figure:
+    """Log evidence of each effect that could be missing, before the first one was added; above 3 it convinces.
+
+    Args:
+        step: after how many effects were added; 0 is the ranking that the first decision was taken by.
+    """
+    if not 0 <= step < len(diagnosis.screenings):
+        raise CalibError(f"no ranking after step {step}; there are 0 to {len(diagnosis.screenings) - 1}")
+    candidates = diagnosis.screenings[step].candidates
+    drawn = evidence_plots.evidence_bars(
+        [c.name for c in candidates], [c.log_evidence for c in candidates],
+        [c.name in diagnosis.missing for c in candidates], MIN_LOG_EVIDENCE, dark=dark,
+    )  # fmt: skip
+    return titled(drawn, f"Which effect is missing: {diagnosis.calibration.dataset.name}", dark=dark)
+
+
+def added_variable(diagnosis: Diagnosis, effect: str, *, dark: bool = False) -> go.Figure:
+    """Residual against what an effect would explain of it, in sigmas of the noise; points on the line are explained.
+
+    Both are of the link errors alone, without what geometry could have absorbed (an added-variable plot). Raises
+    CalibError on an effect that is no candidate.
+    """
+    screening = diagnosis.screenings[0]
+    candidate = candidate_of(screening, effect)
+    drawn = residual_plots.added_variable(
+        candidate.explained, screening.projected.residual, effect, screening.projected.row_poses, dark=dark
+    )
+    return titled(drawn, f"What {effect} would explain: {diagnosis.calibration.dataset.name}", dark=dark)
+
+
+def learned_curves(of: Calibration | Diagnosis, *, dark: bool = False) -> go.Figure:
+    """Learned curves of the joints (`smooth_joint_error`): error over input with a band of two sigmas.
+
+    mrad over degrees, or the units of the input; grey where nothing was measured. Raises CalibError where the model has
+    none.
+    """
+    calibration = of.calibration if isinstance(of, Diagnosis) else of
+    curves = fitted_curves(calibration)
+    if not curves:
+        inside = " + ".join(["link errors", *calibration.model.family_names])
+        raise CalibError(f"dataset {calibration.dataset.name}: no curves were learned; the model is {inside}")
+    drawn = curve_plots.joint_curves(curves, calibration.dataset.robot, columns=min(len(curves), 2), dark=dark)
+    height = curve_plots.height_px(len(curves), min(len(curves), 2))
+    return titled(drawn, f"Learned curves: {calibration.dataset.name}", dark=dark, height_px=height)
+
+
+# ---- after a fit: more poses, the same cell later, many arms ---------------------------------------------------------
+
+
+def learning_curve(curve: LearningCurve, *, dark: bool = False) -> go.Figure:
+    """RMS error of the poses that were fitted and of those held out, mm, against the number of poses fitted.
+
+    Bars: the spread over draws of the poses. Where the two lines meet, more poses help no more.
+    """
+    drawn = evidence_plots.errors_by_poses(
+        [s.poses for s in curve.steps], [s.train_rmse_mm for s in curve.steps],
+        [s.held_out_rmse_mm for s in curve.steps], [s.spread_mm for s in curve.steps], dark=dark,
+    )  # fmt: skip
+    return titled(drawn, f"Would more poses help: {curve.dataset.name}", dark=dark)
+
+
+def control_chart(seen: ChangeReport | Sequence[ChangeReport], *, dark: bool = False) -> go.Figure:
+    """RMS error at the check poses of each later measurement, mm, against the limit of an unchanged cell."""
+    shown_of = (seen,) if isinstance(seen, ChangeReport) else tuple(seen)
+    if not shown_of:
+        raise CalibError("no measurement to draw; give what calib.monitoring.watch.watch returned, one or several")
+    return titled(watch_plots.control_chart(shown_of, dark=dark), "Control chart of the cell", dark=dark)
+
+
+def plan_curve(plan: Plan, *, dark: bool = False) -> go.Figure:
+    """Predicted error, mm, against the number of further poses, and the number from which more hardly help."""
+    drawn = plan_plots.error_by_count(plan.curve_mm, len(plan.poses), plan.enough, dark=dark)
+    return titled(drawn, f"What further poses promise: {plan.start.dataset.name}", dark=dark)
+
+
+def fleet_errors(fleet: Fleet, *, dark: bool = False) -> go.Figure:
+    """RMS error of every dataset of a fleet, mm: as delivered, with calibrated links, with all effects found."""
+    rows = sorted((row for row in fleet.rows if row.error_mm is not None), key=lambda row: (row.error_mm, row.path))
+    stages = [row.train if row.test.final_mm is None else row.test for row in rows]
+    errors = [(stage.nominal_mm, stage.links_mm, stage.final_mm) for stage in stages]
+    drawn = fleet_plots.fleet_errors([row.path for row in rows], errors, dark=dark)
+    return titled(drawn, f"Errors of {len(rows)} datasets", dark=dark)

@@ -1,0 +1,251 @@
+"""The public names as a notebook uses them: examples, paths and names as arguments, results with their own methods."""
+
+from __future__ import annotations
+
+import doctest
+import inspect
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import calib
+from calib.effects.catalogue import family_of
+from calib.effects.catalogue.joints import TransmissionError
+from calib.errors import CalibError, DatasetError, FitError
+from calib.options import FitOptions
+
+ROOT = Path(__file__).parents[1]
+CELL = str(ROOT / "sample_data" / "hidden_effect_a")
+HIDDEN = "transmission_error"
+LONGEST_REPR = 300
+
+FUNCTIONS = [name for name in calib.__all__ if inspect.isfunction(inspect.unwrap(getattr(calib, name)))]
+
+
+@pytest.fixture(scope="module")
+def dataset() -> calib.Dataset:
+    return calib.load_dataset(CELL)
+
+
+@pytest.fixture(scope="module")
+def fit() -> calib.Calibration:
+    return calib.calibrate(CELL, effects=[HIDDEN])
+
+
+@pytest.fixture(scope="module")
+def found() -> calib.Diagnosis:
+    return calib.diagnose(CELL)
+
+
+# ---- examples -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", [name for name in calib.__all__ if name != "__version__"])
+def test_examples_in_docstrings_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    value = getattr(calib, name)
+    assert inspect.getdoc(value), "says what it is"
+    (tmp_path / "sample_data").symlink_to(ROOT / "sample_data")
+    monkeypatch.chdir(tmp_path)
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+    said: list[str] = []
+    tests = doctest.DocTestFinder(recurse=False).find(inspect.unwrap(value), name, globs={})
+    for test in tests:
+        runner.run(test, out=said.append)
+    assert not runner.failures, "".join(said)
+    assert name not in FUNCTIONS or runner.tries, "a public function has an example"
+
+
+# ---- what is taken --------------------------------------------------------------------------------------------------
+
+
+def test_datasets_are_taken_as_paths(dataset: calib.Dataset) -> None:
+    plain = calib.calibrate(dataset)
+    for given in (CELL, Path(CELL)):
+        np.testing.assert_array_equal(calib.calibrate(given).fit.x, plain.fit.x)
+    with pytest.raises(DatasetError, match=r"no_such.*dataset\.toml"):
+        calib.calibrate("no_such")
+    with pytest.raises(DatasetError, match="found a int, expected a Dataset or the path"):
+        calib.redundancy(3)  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_corners_are_found_where_a_dataset_holds_scans_only() -> None:
+    scans = calib.load_dataset(ROOT / "sample_data" / "rb5_jang")
+    some = scans.leave_out([one for k, one in enumerate(scans.poses.ids) if k % 2 and not scans.poses.is_test[k]])
+    fit = calib.calibrate(some)
+    assert fit.after.test is not None
+    assert fit.before.test is not None
+    assert fit.after.test.rmse_mm < fit.before.test.rmse_mm
+
+
+def test_effects_are_taken_by_name_class_family_or_member(dataset: calib.Dataset, fit: calib.Calibration) -> None:
+    family = family_of(dataset, HIDDEN)
+    for effects in (HIDDEN, [TransmissionError], [family], family.members, [HIDDEN, family]):
+        np.testing.assert_array_equal(calib.calibrate(dataset, effects=effects).fit.x, fit.fit.x)
+    with pytest.raises(CalibError, match="no effect named 'slack'; there are joint_compliance"):
+        calib.calibrate(dataset, effects="slack")
+    with pytest.raises(CalibError, match="found a int as an effect"):
+        calib.calibrate(dataset, effects=[3])  # type: ignore[list-item]
+    assert calib.diagnose(dataset, effects=[TransmissionError], max_steps=0).calibration.model.family_names == (HIDDEN,)
+
+
+def test_robots_are_taken_by_name_file_or_folder(tmp_path: Path) -> None:
+    panda = calib.load_robot("panda")
+    assert calib.load_robot(panda) is panda
+    assert calib.load_robot("Panda") == panda
+    assert calib.load_robot(CELL) == calib.load_dataset(CELL).robot
+    for suffix in (".urdf", ".toml", ".yaml"):
+        calib.save_robot("panda", tmp_path / f"robot{suffix}")
+        assert calib.load_robot(tmp_path / f"robot{suffix}").n_joints == 7
+    with pytest.raises(CalibError, match=r"pandaa: no such file or folder; .* rb5 or panda"):
+        calib.load_robot("pandaa")
+    with pytest.raises(CalibError, match=r"ends in \.toml or \.urdf"):
+        calib.save_robot(panda, tmp_path / "robot.step")
+    assert calib.simulate_dataset("panda", rng=0, poses=5).dataset.robot.n_joints == 7
+
+
+@pytest.mark.parametrize(
+    ("keywords", "says"),
+    [
+        ({"residual": "positon"}, "option residual: found 'positon'; expected .* most like 'position'"),
+        ({"prior": 1}, "option prior: found 1; expected True or False"),
+        ({"fixed": "d5"}, "option fixed: found 'd5'; expected a list"),
+        ({"fixed": [5]}, "option fixed: found"),
+        ({"tolerances": {"a2": -0.1}}, "tolerance of a2: found -0.1; a size above 0"),
+        ({"tolerances": ["a2"]}, "option tolerances: found"),
+        ({"robust": "yes"}, "option robust: found 'yes'"),
+        ({"noise": 0.1}, "option noise: found 0.1; expected a NoiseShape"),
+    ],
+)
+def test_an_impossible_option_is_refused_at_once(keywords: Any, says: str) -> None:
+    with pytest.raises(FitError, match=says):
+        FitOptions(**keywords)
+    with pytest.raises(FitError, match=says):
+        calib.diagnose("not even read", **keywords)
+
+
+def test_options_are_keywords_too(dataset: calib.Dataset) -> None:
+    fit = calib.calibrate(dataset, FitOptions("pairs", fixed=("d5",)), fixed=["d4"], prior=False)
+    assert fit.options == FitOptions("pairs", fixed=("d4",), prior=False)
+    with pytest.raises(FitError, match="no option named 'loss'; the options of a fit are residual, prior"):
+        calib.calibrate(dataset, loss="huber")  # type: ignore[call-arg]
+
+
+def test_three_planes_meet_in_a_point_with_its_covariance() -> None:
+    rng = np.random.default_rng(0)
+    normals = np.linalg.qr(rng.normal(size=(3, 3)))[0] + 0.2 * rng.normal(size=(3, 3))
+    corner = np.array([1.0, -2.0, 300.0])
+    unit = normals / np.linalg.norm(normals, axis=1)[:, None]
+    heights = np.diag([1e-4, 4e-4, 9e-4])
+    met = calib.intersect_planes(normals, unit @ corner, heights)
+    np.testing.assert_allclose(met.xyz_mm, corner, atol=1e-9)
+    drawn = rng.multivariate_normal(np.zeros(3), heights, 20_000)
+    points = np.linalg.solve(unit, (unit @ corner + drawn).T).T
+    np.testing.assert_allclose(np.cov(points.T), met.covariance_mm2, rtol=0.05, atol=2e-5)
+    assert calib.intersect_planes(normals, unit @ corner).covariance_mm2 is None
+    with pytest.raises(CalibError, match="no single point"):
+        calib.intersect_planes([[1, 0, 0], [1, 0, 0], [0, 0, 1]], [1, 2, 3])
+    with pytest.raises(CalibError, match="normal of length 0"):
+        calib.intersect_planes(np.zeros((3, 3)), [1, 2, 3])
+
+
+# ---- what results do with themselves --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("which", ["fit", "found"])
+def test_a_result_does_everything_with_itself(which: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+    result: calib.Calibration | calib.Diagnosis = request.getfixturevalue(which)
+    count = len(result.calibration.fit.parameters)
+    assert list(result.parameters["name"]) == [p.name for p in result.calibration.fit.parameters]
+    assert result.covariance.shape == (count, count)
+    assert result.summary()
+    assert result.to_dict()
+    assert len(result.to_frame())
+    result.save(tmp_path / "model.json")
+    loaded = calib.load_model(tmp_path / "model.json")
+    q = result.calibration.dataset.poses.q[:5]
+    np.testing.assert_allclose(result.predict(q), loaded.predict(q), atol=1e-12)
+    corrected = result.correct(q)
+    np.testing.assert_array_equal(corrected.q, loaded.correct(q).q)
+    for source in (result, loaded):
+        assert np.array_equal(calib.corrected_joints(CELL, source, q).q, corrected.q)
+    np.testing.assert_allclose(loaded.covariance, result.covariance, rtol=1e-6, atol=1e-15)
+    assert loaded.parameters["change"].to_numpy() == pytest.approx(result.parameters["change"].to_numpy())
+    assert result.robot == loaded.robot
+    for suffix in (".toml", ".urdf"):
+        result.save_robot(tmp_path / f"robot{suffix}")
+        assert calib.load_robot(tmp_path / f"robot{suffix}").n_joints == 6
+    calib.save_model(loaded, tmp_path / "again.json")
+    again, first = (json.loads((tmp_path / name).read_text()) for name in ("again.json", "model.json"))
+    assert again["parameters"] == first["parameters"]
+    assert isinstance(calib.compare(result, CELL), calib.Comparison)
+    with pytest.raises(FitError, match="leave out x and known"):
+        calib.corrected_joints(CELL, result, q, x=[0.0])
+
+
+def test_a_robot_is_not_written_where_the_fit_is_no_improvement(fit: calib.Calibration, tmp_path: Path) -> None:
+    worse = replace(fit, model=replace(fit.model, effects=fit.model.effects[:1]), before=fit.after, after=fit.before)
+    with pytest.raises(FitError, match="got worse"):
+        worse.save_robot(tmp_path / "robot.toml")
+    assert not (tmp_path / "robot.toml").exists()
+
+
+# ---- representations ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_results_are_one_short_line_and_so_is_all_that_is_in_them(
+    dataset: calib.Dataset, fit: calib.Calibration, found: calib.Diagnosis
+) -> None:
+    scans = calib.load_dataset(ROOT / "sample_data" / "rb5_jang")
+    scan = calib.load_scan(scans.scan_path(0))  # type: ignore[arg-type]
+    results = [
+        dataset, fit, found, found.fitted_model, fit.correct(dataset.poses.q[:2]), scan, calib.find_corner(scan),
+        calib.find_corners(scans.leave_out(scans.poses.ids[1:])), calib.cross_validate(CELL, folds=2),
+        calib.learning_curve(CELL, counts=[20, 40], repeats=1), calib.check(CELL), calib.compare(fit, CELL),
+        calib.watch(fit, CELL), calib.redundancy(CELL), calib.plan(fit, 2), calib.screen(fit),
+        calib.simulate_dataset("rb5", rng=0, poses=9), calib.intersect_planes(np.eye(3), [1, 2, 3]),
+    ]  # fmt: skip
+    kinds = {type(result) for result in results}
+    public = {kind for kind in vars(calib).values() if isinstance(kind, type) and is_dataclass(kind)}
+    assert {kind.__name__ for kind in public - kinds} <= {
+        "Candidate", "Corner", "FitOptions", "Family", "Jig", "NoiseShape", "Parameter", "Points", "Poses", "Robot",
+    }  # fmt: skip
+    long: dict[str, str] = {}
+    for result in results:
+        collect_long(result, long, set())
+    assert long == {}
+
+
+def collect_long(value: Any, long: dict[str, str], seen: set[int], depth: int = 0) -> None:
+    """Values of this library, to some depth, whose representation is long or not of one line, by their class."""
+    if id(value) in seen or depth > 6:
+        return
+    seen.add(id(value))
+    if isinstance(value, Mapping):
+        for item in list(value.values())[:3]:
+            collect_long(item, long, seen, depth + 1)
+    elif isinstance(value, tuple | list):
+        for item in value[:3]:
+            collect_long(item, long, seen, depth + 1)
+    if not isinstance(value, type) and type(value).__module__.startswith("calib."):
+        text = repr(value)
+        if len(text) > LONGEST_REPR or "\n" in text:
+            long[type(value).__qualname__] = text[:200]
+        if is_dataclass(value):
+            for one in fields(value):
+                collect_long(getattr(value, one.name), long, seen, depth + 1)
+
+
+def test_a_representation_says_what_the_value_is(fit: calib.Calibration, found: calib.Diagnosis) -> None:
+    assert (
+        repr(fit) == "Calibration(hidden_effect_a: 64 poses, test RMSE 2.32 -> 0.0999 mm, effects: transmission_error)"
+    )
+    assert repr(found.residual_tests).startswith("ResidualTests(lack_of_fit_p=")
+    assert sys.getsizeof(repr(found)) < 400
