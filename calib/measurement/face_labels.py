@@ -70,14 +70,14 @@ class FaceLabels:
 
     def summary(self) -> str:
         """One line: basis of the labels, least margin, and the number of refused poses with the first reason."""
-        needed = LEAST_MARGIN_DEG if self.unit == "deg" else LEAST_MISFIT_MARGIN
-        least = (
-            f", margin {min(self.margin.values()):.4g} {self.unit} or more (needed: {needed:g})" if self.margin else ""
-        )
+        unit, needed = f" {self.unit}", f"{LEAST_MISFIT_MARGIN:g}"
+        if self.unit == "deg":
+            unit, needed = "°", f"{LEAST_MARGIN_DEG:g}°"
+        least = f", margin {min(self.margin.values()):.4g}{unit} or more (needed: {needed})" if self.margin else ""
         first = next(iter(self.refused.items()), None)
         refused = f"; {len(self.refused)} refused, {first[0]}: {first[1]}" if first else ""
-        meet = ", ".join(f"{angle:.4f}" for angle in self.found_angles_deg or ())
-        angles = f"; they meet at {meet} deg, which differs from dataset.toml" if meet else ""
+        meet = ", ".join(f"{angle:.4f}°" for angle in self.found_angles_deg or ())
+        angles = f"; they meet at {meet}, which differs from dataset.toml" if meet else ""
         count = len(self.orientations)
         poses = f"{count} pose{'' if count == 1 else 's'}"
         return f"faces named by {_LABELLED_BY[self.by]} at {poses}{least}{angles}{refused}"

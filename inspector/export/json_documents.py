@@ -1,4 +1,4 @@
-"""What the commands print with --json of a check and a diagnosis; other results have theirs in `calib.present`."""
+"""What `diagnose --json` and `effects --json` print; other results have theirs in `calib.present`."""
 
 from __future__ import annotations
 
