@@ -130,7 +130,8 @@ def probability(p: float) -> str:
 
 def times(ratio: float) -> str:
     """A ratio in a sentence: "6.4 times", "120 times"."""
-    return f"{float(f'{ratio:.2g}'):.7g} times"
+    written = f"{float(f'{ratio:.2g}'):.7g}"
+    return f"{'1.0' if written == '1' else written} times"
 
 
 def count(number: int, one: str, several: str = "") -> str:

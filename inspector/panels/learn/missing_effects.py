@@ -170,7 +170,13 @@ class MissingEffectsPanel:
         if calibration is None or not drawn:
             self._learned.content = ""
             return
-        self._learned.content = panel([*curve_blocks(calibration), Paragraph(BAND_NOTE, soft=True)])
+        self._learned.content = panel(
+            [
+                Paragraph(f"Curves of {LEARNED}", heading=True),
+                *curve_blocks(calibration),
+                Paragraph(BAND_NOTE, soft=True),
+            ]
+        )
         self._curves.aspect = height_px(len(drawn)) / PANEL_PX
         robot = calibration.model.robot
         self._curves.figure = joint_curves(drawn, robot, selected=view.joint, dark=view.dark)

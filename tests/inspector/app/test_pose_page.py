@@ -105,7 +105,7 @@ def test_scans_are_fitted_as_full_poses_as_the_command_fits_them(
     assert plain_points is not None
     assert plain_points.orientations is None  # a fit of positions takes no more than it did
     fit(page, "pose")
-    shows(page, "pose, ", "Attitude of the jig")
+    shows(page, "pose, ", "attitude of the jig")
     assert app.worker.wait_idle(IDLE_S)
     ours = session(app).calibration
     assert ours is not None
@@ -308,7 +308,7 @@ def test_a_saved_fit_of_full_poses_from_scans_opens_again(searched: Session, fol
     assert full.calibration is not None
     np.testing.assert_array_equal(again.calibration.fit.x, full.calibration.fit.x)
     with idle_app(folder / "cell", saved=found) as app, WireClient(app.server.get_port()) as page:
-        shows(page, "pose, ", "Attitude of the jig", "pose can be fitted")
+        shows(page, "pose, ", "attitude of the jig", "pose can be fitted")
         assert session(app).face_labels is not None
         np.testing.assert_array_equal(session(app).calibration.fit.x, full.calibration.fit.x)  # type: ignore[union-attr]
         assert page.value("Fit") == "pose"
