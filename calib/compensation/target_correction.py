@@ -34,7 +34,6 @@ from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
-from calib.brief import Brief
 from calib.compensation.attitude import FitKnowledge
 from calib.compensation.tool_problem import ToolProblem
 from calib.dataset.dataset import Poses
@@ -47,6 +46,7 @@ from calib.kinematics import chain as kinematics
 from calib.kinematics.inverse import solve_inverse
 from calib.kinematics.robot import PARAMETER_KINDS, Robot
 from calib.options import CORRECTION_KINDS
+from calib.presented import Presented
 from calib.robot_formats.robots import load_robot
 
 POSITION_TOLERANCE_MM = 1e-9
@@ -63,7 +63,7 @@ _SINGULAR = 0.02
 
 
 @dataclass(frozen=True)
-class Correction(Brief):
+class Correction(Presented):
     """Corrected joint vectors of N targets. Errors are of the calibrated arm against the nominal arm's tool frame."""
 
     robot: Robot  # nominal
@@ -91,42 +91,6 @@ class Correction(Brief):
         """Largest move of a revolute joint over the targets that are reached, deg; 0 where none is."""
         moved = np.abs(self.change[self.reached][:, self.robot.is_revolute])
         return float(np.degrees(moved.max(initial=0.0)))
-
-    @property
-    def attitude_words(self) -> str:
-        """Sigma of the tool's attitude, and whether it is corrected, as text; "" where the fit is unknown."""
-        if self.attitude_sigma_rad is None or not len(self.q):
-            return ""
-        known, turn = (1e3 * float(np.sqrt(np.mean(a**2))) for a in (self.attitude_sigma_rad, self.uncorrected_rad))
-        text = f"the fit knows the tool's attitude to {known:.2g} mrad (sigma), "
-        text += f"a correction turns it by {turn:.2g} mrad"
-        if self.kind == "pose":
-            return text
-        return f"{text}: the positions are corrected and no attitude is claimed"
-
-    def summary(self, ids: Sequence[str] | None = None) -> str:
-        """Targets reached, errors without correction, and why targets are missed, a line each."""
-        if len(self.q) == 0:
-            return "no target"
-        turning, moved = self.robot.is_revolute, np.abs(self.change[self.reached])
-        largest = [
-            f"{np.degrees(moved[:, turning].max(initial=0.0)):.3g} deg" if turning.any() else "",
-            f"{moved[:, ~turning].max(initial=0.0):.3g} mm" if not turning.all() else "",
-        ]
-        lines = [
-            f"{int(self.reached.sum())} of {len(self.q)} targets reached ({self.kind}); without correction the arm "
-            f"misses them by {self.uncorrected_mm.mean():.3g} mm on average, {self.uncorrected_mm.max():.3g} mm at "
-            f"most; largest change of a joint {' and '.join(filter(None, largest))}"
-        ]
-        lines += filter(None, [self.attitude_words, self.outside_words])
-        if self.changed:
-            lines.append(f"the arm is taken as it is after the last measured pose ({', '.join(self.changed)})")
-        missed = np.flatnonzero(~self.reached)
-        names = ids or [f"target {i + 1}" for i in range(len(self.q))]
-        lines += [f"{names[i]}: {self.reasons[i]}" for i in missed[:20]]
-        if len(missed) > 20:
-            lines.append(f"and {len(missed) - 20} more")
-        return "\n".join(lines)
 
     def to_frame(self) -> pd.DataFrame:
         """One row per target: reached, errors before and after, and why it is missed."""
@@ -381,11 +345,11 @@ def _reason(robot: Robot, q: Array, q_nominal: Array, box: tuple[Array, Array], 
     for k in np.flatnonzero((q <= box[0]) | (q >= box[1])):
         joint = robot.joints[k]
         name = joint.name or f"joint {k + 1}"
-        scale, unit = (np.degrees(1.0), "deg") if joint.is_revolute else (1.0, "mm")
+        scale, unit = (np.degrees(1.0), "°") if joint.is_revolute else (1.0, " mm")
         if q[k] in (joint.min, joint.max):
-            held.append(f"{name} stands at its limit of {scale * q[k]:.6g} {unit}")
+            held.append(f"{name} stands at its limit of {scale * q[k]:.6g}{unit}")
         else:
-            held.append(f"{name} would have to change by more than {scale * abs(q[k] - q_nominal[k]):.4g} {unit}")
+            held.append(f"{name} would have to change by more than {scale * abs(q[k] - q_nominal[k]):.4g}{unit}")
     if singular:
         held.append("the posture is near singular")
     return f"missed by {missed}: {', '.join(held) or 'out of reach'}"

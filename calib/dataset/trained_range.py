@@ -53,8 +53,8 @@ class TrainedRange:
             return ""
         names = ", ".join(ids[i] for i in rows[:_MOST_NAMED]) + (" ..." if len(rows) > _MOST_NAMED else "")
         joint = int(np.argmax(beyond.sum(axis=0)))
-        scale, unit = (np.degrees(1.0), "deg") if robot.joints[joint].is_revolute else (1.0, "mm")
-        trained = f"{scale * self.low[joint]:.4g} to {scale * self.high[joint]:.4g} {unit}"
+        scale, unit = (np.degrees(1.0), "°") if robot.joints[joint].is_revolute else (1.0, " mm")
+        trained = f"{scale * self.low[joint]:.4g} to {scale * self.high[joint]:.4g}{unit}"
         many = "1 pose is" if len(rows) == 1 else f"{len(rows)} poses are"
         return (
             f"{many} outside the joint ranges that were trained, by more than a tenth of a range ({names}; joint "

@@ -26,8 +26,8 @@ from calib.measurement.measured_points import (
 )
 from calib.present import to_dict
 from calib.present.blocks import Paragraph
-from calib.present.corners import batch_blocks
-from calib.present.redundancy import free_frame_sentence, redundancy_blocks
+from calib.present.corners import batch_blocks, corners_document
+from calib.present.redundancy import free_frame_sentence, redundancy_blocks, redundancy_document
 from calib.present.text import block_text
 from calib.strict_json import to_json
 from calib.targets.assignment import assign_targets
@@ -79,7 +79,7 @@ def run_corners(options: CornersOptions) -> int:
         found = with_corners(dataset, searches, orientation=labels if options.orientation else False)
         write_text_atomically(options.out, corners_csv(found))
     blocks = batch_blocks(dataset, searches, named, labels if dataset.shows_faces else None)
-    show(options, documents.corners_document(searches, labels, named), block_text(*blocks))
+    show(options, corners_document(searches, labels, named), block_text(*blocks))
     return 0
 
 
@@ -91,7 +91,7 @@ def run_redundancy(options: RedundancyOptions) -> int:
     if options.out is not None:
         write_text_atomically(options.out, redundancy_csv(result))
     unknown = free_frame_rank(dataset, residual=options.residual)
-    document = documents.redundancy_document(result, unknown) | {"left_out": dataset.left_out}
+    document = redundancy_document(result, unknown) | {"left_out": dataset.left_out}
     text = block_text(*redundancy_blocks(result), Paragraph(free_frame_sentence(unknown)))
     show(options, document, "\n".join([text, *without(dataset)]))
     return 0

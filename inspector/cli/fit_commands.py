@@ -21,6 +21,7 @@ from calib.errors import CalibError, DatasetError, visible
 from calib.measurement.measured_points import require_corners, with_corners
 from calib.models.model_file import save_model
 from calib.planning.discrimination import NextPoses, explanation_of, next_poses
+from calib.present.correction import correction_blocks, correction_document
 from calib.present.text import block_text
 from calib.present.validation import (
     cross_validation_blocks,
@@ -87,7 +88,7 @@ def run_correct(options: CorrectOptions) -> int:
     require_conditions(targets, model.needs, result.model.family_names)
     correction = model.correct(targets.poses.q, targets.poses, options.what, dataset.robot, ids)
     write_text_atomically(options.out, corrected_file(options.out, targets, correction))
-    show(options, documents.correction_document(correction, ids), correction.summary(ids))
+    show(options, correction_document(correction, ids), block_text(*correction_blocks(correction, ids)))
     return 0 if correction.reached.all() else 1
 
 

@@ -9,13 +9,13 @@ from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError
 from calib.models.model_file import load_model
 from calib.options import DEFAULT_FOLDS
+from calib.present.correction import correction_blocks, correction_document
 from calib.present.text import block_text
 from calib.present.validation import saved_model_blocks, saved_model_document
 from calib.robot_formats.programs import is_point_list, require_point_list
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options import CorrectOptions, ValidateOptions
 from inspector.cli.output_paths import check_outputs
-from inspector.export import json_documents as documents
 
 
 def validate_model(options: ValidateOptions, path: Path) -> int:
@@ -45,7 +45,7 @@ def correct_by_model(options: CorrectOptions, path: Path) -> int:
     correction = model.correct(targets.poses.q, targets.poses, options.what, dataset.robot, targets.poses.ids)
     write_text_atomically(options.out, corrected_file(options.out, targets, correction))
     ids = targets.poses.ids
-    show(options, documents.correction_document(correction, ids), correction.summary(ids))
+    show(options, correction_document(correction, ids), block_text(*correction_blocks(correction, ids)))
     return 0 if correction.reached.all() else 1
 
 

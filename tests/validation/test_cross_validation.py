@@ -326,8 +326,7 @@ def test_the_command(capsys: pytest.CaptureFixture[str], tmp_path: Path, residua
     assert document["learning_curve"]["steps"][-1]["poses"] == 51
     assert main(["validate", str(tmp_path / "cell")]) == 0
     words = capsys.readouterr().out
-    assert words.count("=>") == 2
-    assert "more poses" in words
+    assert "more poses" in words.lower()
     for folds, says in (("1", "needs 2 at least"), ("99", "99 folds for 51 different training poses")):
         assert main(["validate", str(tmp_path / "cell"), "--folds", folds, "--json"]) == 2
         captured = capsys.readouterr()

@@ -16,6 +16,7 @@ import pytest
 
 from calib.dataset.dataset import About, Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
+from calib.present import numbers
 from calib.present.blocks import Table
 from calib.present.numbers import column_mm
 from inspector.cli.parser import main
@@ -96,7 +97,7 @@ def test_the_parameters_are_those_of_the_fit(folder: Path, written: Path, capsys
     for p in found["parameters"]:
         angle = p["unit"] == "rad" and "." not in p["name"]
         value = np.degrees(p["value"]) if angle else p["value"]
-        assert (f"{value:z.4f}" if "." not in p["name"] else f"{value:z.3g}") in table, p["name"]
+        assert numbers.signed(value, "z.4f" if "." not in p["name"] else "z.3g") in table, p["name"]
     lengths = [p for p in found["parameters"] if p["name"] == "a2"]
     assert f"a2 {lengths[0]['nominal']:.4f} {lengths[0]['value']:.4f}" in table
 
@@ -114,7 +115,7 @@ def test_the_figures_hold_the_history_and_every_pose(folder: Path, written: Path
     measured = session.measured.points
     assert measured is not None
     assert arm.count('class="dot"') == 2 * len(measured) + 1  # two pictures, and the legend
-    by_pose = next(figure for figure in others if "3D error after, mm" in figure)
+    by_pose = next(figure for figure in others if "3D error, mm" in figure)
     assert by_pose.count("<title>pose ") == len(measured)
 
 

@@ -175,10 +175,10 @@ def test_the_terminal_tells_curves_in_a_line_and_json_keeps_all_parameters(folde
     asked = ["calibrate", str(folder), "--add", LEARNED]
     assert main(asked) == 0
     text = capsys.readouterr().out
-    (line,) = [line for line in text.splitlines() if line.startswith(f"{LEARNED}: ")]
-    assert "joint 1 over q1: rms " in line
-    assert " mrad at " in line
-    assert "modes known; theta1 += " in line
+    below = text.partition("learned curves of the joints:\n")[2]
+    row = next(line for line in below.splitlines() if line.startswith("  1 ") and "q1" in line)
+    assert " mrad  " in row
+    assert "; theta1 += " in below
     assert f"{LEARNED}.J1" not in text
     assert main([*asked, "--json"]) == 0
     names = [p["name"] for p in json.loads(capsys.readouterr().out)["parameters"]]

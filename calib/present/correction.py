@@ -1,0 +1,92 @@
+"""Corrected joint targets: how many are reached, what the correction gains, and why others are not reached."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from calib.compensation.target_correction import Correction
+from calib.present import numbers
+from calib.present.blocks import Block, Facts, Paragraph, Presentation, Table
+from calib.present.results import document, presentation
+
+_LISTED = 20  # targets that are not reached, with the reason each
+
+
+@presentation.register
+def _correction(correction: Correction) -> Presentation:
+    return Presentation("Corrected joint targets", correction_blocks(correction))
+
+
+def correction_blocks(correction: Correction, ids: Sequence[str] = ()) -> list[Block]:
+    """The correction, with the targets' names where they have any."""
+    if not len(correction.q):
+        return [Paragraph("No target.")]
+    missed = np.flatnonzero(~correction.reached)
+    rows = [(ids[i] if ids else f"target {i + 1}", correction.reasons[i]) for i in missed[:_LISTED]]
+    more = len(missed) - len(rows)
+    return [
+        Facts(_facts(correction)),
+        *([Paragraph(f"{numbers.capitalised(words)}.") for words in _remarks(correction) if words]),
+        *([Table(("not reached", "why"), rows, left=(0, 1))] if rows else []),
+        *([Paragraph(f"and {more} more")] if more > 0 else []),
+    ]
+
+
+def _facts(correction: Correction) -> list[tuple[str, object]]:
+    turning, moved = correction.robot.is_revolute, np.abs(correction.change[correction.reached])
+    largest = [
+        *([numbers.size(float(moved[:, turning].max(initial=0.0)), "rad")] if turning.any() else []),
+        *([numbers.length(float(moved[:, ~turning].max(initial=0.0)))] if not turning.all() else []),
+    ]
+    mean, worst = numbers.length(correction.uncorrected_mm.mean()), numbers.length(correction.uncorrected_mm.max())
+    return [
+        ("targets reached", f"{int(correction.reached.sum())} of {len(correction.q)} ({correction.kind})"),
+        ("error without correction", f"{mean} on average, {worst} at most"),
+        ("largest change of a joint", numbers.listing(largest)),
+    ]
+
+
+def _remarks(correction: Correction) -> list[str]:
+    as_after = f"the arm is taken as it is after the last measured pose ({', '.join(correction.changed)})"
+    return [attitude_phrase(correction), correction.outside_words, as_after if correction.changed else ""]
+
+
+def attitude_phrase(correction: Correction) -> str:
+    """How well the tool's attitude is known, and what is claimed of it; "" where the fit does not say."""
+    sigma_rad = correction.attitude_sigma_rad
+    if sigma_rad is None or not len(correction.q):
+        return ""
+    known, turn = (numbers.digits(1e3 * float(np.sqrt(np.mean(a**2)))) for a in (sigma_rad, correction.uncorrected_rad))
+    phrase = f"the fit knows the tool's attitude to {known} mrad (sigma), a correction turns it by {turn} mrad"
+    return phrase if correction.kind == "pose" else f"{phrase}: the positions are corrected and no attitude is claimed"
+
+
+@document.register
+def _correction_document(correction: Correction) -> dict[str, Any]:
+    return correction_document(correction, [f"target {i + 1}" for i in range(len(correction.q))])
+
+
+def correction_document(correction: Correction, ids: Sequence[str]) -> dict[str, Any]:
+    """What `correct --json` prints: each target with its errors, and those that cannot be reached with the reason."""
+    commanded = correction.robot.commands_of(correction.q)
+    targets = [
+        {"pose": pose, **row, "q": q if row["reached"] else None}
+        for pose, row, q in zip(ids, correction.to_frame().to_dict(orient="records"), commanded, strict=True)
+    ]
+    missed = [(pose, why) for pose, why in zip(ids, correction.reasons, strict=True) if why]
+    outside = correction.is_outside
+    return {
+        "what": correction.kind,
+        "reached": int(correction.reached.sum()),
+        "not_reached": [{"pose": pose, "why": why} for pose, why in missed],
+        "largest_move_deg": correction.largest_move_deg,
+        "outside": None if outside is None else [pose for pose, is_out in zip(ids, outside, strict=True) if is_out],
+        "attitude": attitude_phrase(correction) or None,
+        "as_after_last_pose": correction.changed,
+        "q_units": ["rad" if turns else "mm" for turns in correction.robot.is_revolute],
+        "targets": targets,
+        "unreached": [{"pose": pose, "reason": why} for pose, why in missed],
+    }
