@@ -206,6 +206,19 @@ class WrappedHose(SampledEffect):
 '''
 
 
+COMMANDS = """
+import contextlib, io, json, sys
+from inspector.cli.parser import main
+
+said = []
+for arguments in json.loads(sys.argv[1]):  # one process for all, which loads the copy of the package once
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        assert main(arguments) == 0, arguments
+    said.append(out.getvalue())
+print(json.dumps(said))
+"""
+
+
 @pytest.mark.slow
 def test_a_class_and_its_law_are_all_that_an_effect_takes(tmp_path: Path) -> None:
     """Two new files in a copy of the package: listed, simulated, found, named, and kept in a model file."""
@@ -213,18 +226,28 @@ def test_a_class_and_its_law_are_all_that_an_effect_takes(tmp_path: Path) -> Non
     (tmp_path / "calib/effects/catalogue/pneumatics.py").write_text(EFFECT)
     (tmp_path / "calib/simulation/truth/pneumatics.py").write_text(LAW)
 
-    def inspector(*words: str) -> str:
-        around = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
-        command = [sys.executable, "-m", "inspector", *words]
-        return subprocess.run(command, cwd=tmp_path, env=around, capture_output=True, text=True, check=True).stdout
-
-    assert json.loads(inspector("effects", "--json"))["effects"][-1]["name"] == "wrapped_hose"
-    inspector("simulate", "cell", "--robot", "rb5", "--effect", "wrapped_hose", "--seed", "1")
-    found = json.loads(inspector("diagnose", "cell", "--model-out", "model.json", "--json"))
-    assert (found["verdict"], found["missing"]) == ("named", ["wrapped_hose"])
-    assert "What is missing is the hose round joint " in inspector("diagnose", "cell")
+    commands = [
+        ["effects", "--json"],
+        ["simulate", "cell", "--robot", "rb5", "--effect", "wrapped_hose", "--seed", "1"],
+        ["diagnose", "cell", "--model-out", "model.json", "--json"],
+        ["diagnose", "cell"],
+        ["validate", "cell", "--model", "model.json"],
+    ]
+    around = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
+    done = subprocess.run(
+        [sys.executable, "-c", COMMANDS, json.dumps(commands)],
+        cwd=tmp_path,
+        env=around,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    effects, _, found, told, validated = json.loads(done.stdout)
+    assert json.loads(effects)["effects"][-1]["name"] == "wrapped_hose"
+    assert (json.loads(found)["verdict"], json.loads(found)["missing"]) == ("named", ["wrapped_hose"])
+    assert "hose round joint " in told
     assert "wrapped_hose" in (tmp_path / "model.json").read_text()
-    assert "wrapped_hose" in inspector("validate", "cell", "--model", "model.json")
+    assert "wrapped_hose" in validated
 
 
 def test_readmes_own_effect_is_an_effects_file(tmp_path: Path, hidden: Dataset) -> None:

@@ -227,7 +227,7 @@ def dask() -> Iterator[Any]:
         yield made
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_cluster_that_runs_already_is_taken_by_its_address(
     folder: Path, dask: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -21,6 +21,7 @@ from tests.support.engine.classes import cases as standard_cases
 from tests.support.engine.joint_causes import axis_wobble
 from tests.support.engine.load_causes import bent_rod
 from tests.support.engine.noise import KINDS, draw_noise
+from tests.support.sweeps import sweep
 
 ARMS = {arm.name: arm for arm in (*FIXED, random_six(np.random.default_rng(5)))}
 VALUES = {"calib.dataset.dataset", "calib.kinematics.robot"}  # what a dataset is written with
@@ -69,7 +70,7 @@ def test_its_rods_bend_as_cantilevers_do() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", cases.CAUSES)
+@pytest.mark.parametrize("name", sweep(cases.CAUSES, every_run=list(cases.CAUSES)[::4]))
 def test_a_cause_is_as_visible_as_was_asked(name: str) -> None:
     simulated = simulate(Case("size", (name,), 0, sigmas=(4.0,)))
     sigma_mm = simulated.dataset.scanner.point_sigma_mm

@@ -7,8 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from calib.dataset.files.folder import load_dataset
 from calib.errors import visible
+from calib.options import FitOptions
+from calib.planning.fitted_start import start_of_dataset
+from calib.planning.plan import plan_poses
 from inspector.cli.parser import main
+from inspector.export.plan_files import planned_file
 from tests.support.fleet import ENOUGH, write_cell
 from tests.support.robot_texts import MJCF, UR_YAML
 
@@ -61,8 +66,9 @@ def test_files_that_are_written_show_it_too(cell: Path, tmp_path: Path) -> None:
     main(["fleet", str(cell.parent), "--out", str(out / "fleet.csv")])
     outputs = ["--out", str(out / "robot.toml"), "--model-out", str(out / "model.json"), "--force"]
     assert main(["calibrate", str(cell), *outputs]) == 0
+    planned = plan_poses(start_of_dataset(load_dataset(cell), FitOptions()), 8, candidates=60)
     for suffix in (".csv", ".script", ".dat", ".mod", ".yaml"):
-        assert main(["plan", str(cell), "--poses", "8", "--out", str(out / f"plan{suffix}")]) == 0
+        (out / f"plan{suffix}").write_text(planned_file(out / f"plan{suffix}", planned), "utf-8")
     files = [path for path in out.rglob("*") if path.is_file()]
     assert len(files) >= 8
     for path in files:
