@@ -20,18 +20,13 @@ from calib.strict_json import plain
 DOCUMENTS: Mapping[str, str] = {  # class -> function that makes its document
     "calib.calibration.result.Calibration": "calib.documents.calibration_documents:calibration_document",
     "calib.corners.batch.CornerBatch": "calib.documents.corner_documents:batch_document",
-    "calib.diagnosis.result.Diagnosis": "calib.documents.diagnosis_documents:diagnosis_document",
     "calib.identifiability.redundancy.Redundancy": "calib.documents.corner_documents:pearson_document",
 }
 VIEWS: Mapping[str, str] = {  # class -> function that makes its HTML, tables only
     "calib.calibration.result.Calibration": "calib.views.fit_views:calibration_html",
     "calib.corners.batch.CornerBatch": "calib.views.measured_views:corners_html",
     "calib.dataset.dataset.Dataset": "calib.views.measured_views:dataset_html",
-    "calib.diagnosis.result.Diagnosis": "calib.views.fit_views:diagnosis_html",
     "calib.identifiability.redundancy.Redundancy": "calib.views.fit_views:redundancy_html",
-}
-TEXTS: Mapping[str, str] = {  # class -> function that makes its plain text, where that is above it
-    "calib.diagnosis.result.Diagnosis": "calib.views.fit_views:diagnosis_summary",
 }
 
 WITH_FIGURES = "inspector.notebook:html_with_figures"  # of the same classes; None where it has nothing to add

@@ -15,6 +15,7 @@ from calib.diagnosis.effect_selection import FitStep
 from calib.identifiability.tool_rows import tool_rows
 from calib.models.exported_table import ExportedTable
 from calib.models.fitted_model import FittedModel
+from calib.present.calibration import found_tool_document, stands_document
 from calib.validation.cross_validation import CrossValidation
 from calib.validation.learning_curve import LearningCurve
 
@@ -65,21 +66,6 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "left_out": calibration.fitted_dataset.left_out,
         "warnings": calibration.warnings,
     }
-
-
-def found_tool_document(calibration: Calibration) -> dict[str, Any]:
-    """Where the tool point was found, mm in the last joint's frame and from the tip; None where robot.toml has it."""
-    shift = calibration.tool_shift
-    return {
-        "tool_found_mm": None if shift is None else shift.point_mm,
-        "tool_found_in_tip_mm": None if shift is None else shift.in_tip_mm,
-    }
-
-
-def stands_document(calibration: Calibration) -> dict[str, int] | None:
-    """Number of repeat groups ("stands") and of measured points ("shots"); None where no pose was measured twice."""
-    count = calibration.repeat_count
-    return None if count is None else {"stands": count.groups, "shots": count.repeats}
 
 
 def additions(steps: Sequence[FitStep]) -> list[dict[str, Any]]:

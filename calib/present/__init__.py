@@ -7,6 +7,7 @@ are a choice of them. `results.presentation` and `results.document` find what be
 from calib.present import calibration as calibration
 from calib.present import changes as changes
 from calib.present import checks as checks
+from calib.present import diagnosis as diagnosis
 from calib.present import fleets as fleets
 from calib.present import plans as plans
 from calib.present.results import document, headline, notebook_html, presentation, summary, to_dict

@@ -11,7 +11,8 @@ from calib.documents.calibration_documents import (
     validation_document,
 )
 from calib.documents.corner_documents import corners_document, redundancy_document
-from calib.documents.diagnosis_documents import document_with_poses, effects_document
+from calib.present.diagnosis import diagnosis_document as document_with_poses
+from calib.present.effects import effects_document
 
 __all__ = [
     "additions",

@@ -13,10 +13,10 @@ from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import Combination, identifiable_combinations
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
-from calib.diagnosis.words.phrases import untestable_texts
 from calib.measurement.measured_points import failed_searches
 from calib.present import names, numbers
 from calib.present.blocks import Block, Bullets, Facts, Paragraph, Table
+from calib.present.effects import not_testable
 from calib.screening.candidates import Candidate
 from calib.screening.curves.fitted_curves import fitted_curves, learned_members
 from calib.screening.curves.smooth_joint_error import LEARNED
@@ -88,7 +88,7 @@ def _of_scans(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> list[st
 
 def _noise(calibration: Calibration) -> str:
     level = noise_level(calibration)
-    length = f"{numbers.length(level.sigma_mm)} a coordinate of a measured point"
+    length = f"{numbers.length(level.sigma_mm)} per coordinate of a measured point"
     return length if level.is_declared else f"no: {level.name}, {length}"
 
 
@@ -124,7 +124,7 @@ def ranking(report: Report) -> list[Block]:
     columns = ("effect", "log evidence", "p (Holm)", "explains, %", "CV, mm", "could also be made by")
     out: list[Block] = [
         Paragraph(
-            f"Each effect held against what the model of {report.ranking_of} leaves over. CV: error of a "
+            f"Each effect tested on the residual of the model of {report.ranking_of}. CV: error per "
             "coordinate when each pose is predicted from the others, "
             f"{numbers.column_mm(report.ranking.cv_rmse_mm)} mm without any of them."
         ),
@@ -138,7 +138,7 @@ def ranking(report: Report) -> list[Block]:
     silent = report.diagnosis.untestable if report.diagnosis else report.ranking.untestable
     if silent:
         out.append(Paragraph("Cannot be tested with these data:"))
-        out.append(Bullets(untestable_texts(silent)))
+        out.append(Bullets(not_testable(silent)))
     return out
 
 
@@ -161,7 +161,7 @@ def model_residual(report: Report, model: ModelResidual) -> list[Block]:
         )
         for t in inputs[:5]
     ]
-    caption = f"Model: {model.title}. Order against the inputs, the most first; p is corrected for all looked at"
+    caption = f"Model: {model.title}. Dependence on the inputs, the strongest first; p is corrected for all looked at"
     out: list[Block] = [Table(("input", "shows most in", "p"), rows, left=(0, 1), caption=caption)]
     structured = [t for t in inputs if t.p_value < _P] or inputs[:1]
     return [*out, *(_against(report, model, t) for t in structured[:SHOWN_INPUTS])]
@@ -184,8 +184,8 @@ def _against(report: Report, model: ModelResidual, test: InputTest) -> Figure:
         smooth=running_median(x[train], y[train]),
     ).for_each_trace(_hide, selector={"name": SELECTED})  # fmt: skip
 
-    order = "No order beyond noise" if test.p_value >= _P else "Order"
-    found = f"{order} against {x_title} (p = {numbers.probability(test.p_value)})"
+    order = "No systematic dependence" if test.p_value >= _P else "Systematic dependence"
+    found = f"{order} on {x_title} (p = {numbers.probability(test.p_value)})"
     caption = f"Model: {model.title}. {found}. {band_note(pose_errors, band)}"
     return Figure(drawn, caption)
 

@@ -14,7 +14,6 @@ from inspector.markup.learn import effects as html
 from inspector.markup.learn.candidate import chosen_html, fitted_html, next_html
 from inspector.markup.learn.curves import learned_html, offered_html
 from inspector.markup.parts import elements
-from inspector.markup.parts.links import Names
 from inspector.markup.parts.palette import BAD
 from inspector.panels.base import Actions, ChosenByDataset, by_page, hidden_plot, put
 from inspector.session.session import Session
@@ -134,13 +133,12 @@ class MissingEffectsPanel:
         self._offer(session)
         done = session.searched and session.diagnosis is not None
         self.find.disabled = self.find.label == FIND and (session.calibration is None or done)
-        names = Names.of(session.dataset)
-        self._reasons.content = html.reasons_html(session.diagnosis, session.next_poses, names)
-        self._advice.content = html.verdict_html(session.diagnosis, session.next_poses, names)
+        self._reasons.content = html.reasons_html(session.diagnosis, session.next_poses)
+        self._advice.content = html.verdict_html(session.diagnosis, session.next_poses)
         advice = session.advice if session.diagnosis is None and session.screening is not None else None
         self.follow.visible = advice is not None
         if advice is not None:
-            self._advice.content = html.advice_html(advice, names)
+            self._advice.content = html.advice_html(advice)
             self.follow.label = html.follow_label(advice)
 
     def update_figure(self, view: View) -> None:
