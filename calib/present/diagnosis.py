@@ -210,8 +210,8 @@ def _first_fit(calibration: Calibration) -> str:
     return (
         f"The five-parameter model{' with ' + numbers.listing(families) if families else ''} was fitted to "
         f"{numbers.count(train.points if train else 0, 'measured point')} of {dataset.robot.name}, the {instrument}'s "
-        f"place being unknown. The residual sigma is {numbers.length(calibration.sigma_mm)} per coordinate{ratio}{errors}."
-        f"{grouped}{tool}"
+        f"place being unknown. The residual sigma is {numbers.length(calibration.sigma_mm)} per coordinate{ratio}"
+        f"{errors}.{grouped}{tool}"
     )
 
 

@@ -148,7 +148,7 @@ def _left_unexplained(diagnosis: Diagnosis) -> Words:
         case "size":
             return "more than noise is left, without a systematic dependence on any input."
         case "wander":
-            return "a slow drift of the instrument explains it as well. Measure one pose again and again through the session."
+            return "a slow drift of the instrument explains it as well. Measure one pose again and again meanwhile."
         case "promise" if diagnosis.held_out is not None:
             return promise(diagnosis.held_out)
     if refused is not None and refused.why == "nature":
@@ -196,7 +196,7 @@ def cause(found: Cause, calibration: Calibration) -> Words:
         if len(found.joints) > 1:
             main, *others = found.joints
             also = listed([joint(number) for number in sorted(others)])
-            named = spans(f"{rest}, mainly {preposition} ", joint(main, f"joint {main}"), ", also ", also, ",")
+            named = spans(f"{rest}, mainly {preposition} ", joint(main, f"joint {main}"), ", also ", also)
         elif found.joints:
             named = spans(f"{rest} {preposition} ", joint(found.joints[0], f"joint {found.joints[0]}"))
         else:
@@ -330,8 +330,8 @@ def move(made: Move) -> Words:
             leads = "" if factor is None else f", its log Bayes factor over the next {factor:.0f}"
             return spans(
                 capitalised(with_key(made.name)), f" explains it best: its log evidence is "
-                f"{made.candidate.log_evidence:.0f} ({MIN_LOG_BAYES_FACTOR:g} would do){leads}. Add it; it is the cause "
-                "if noise alone is left in the end.",
+                f"{made.candidate.log_evidence:.0f} ({MIN_LOG_BAYES_FACTOR:g} would do){leads}. Add it; it is the "
+                "cause if noise alone is left in the end.",
             )  # fmt: skip
         case DropEffect(name=name):
             return spans(

@@ -11,13 +11,11 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.advice import Advice, advice_on, advice_text, residual_summary
+from calib.diagnosis.advice import Advice, advice_on, residual_summary
 from calib.diagnosis.diagnose import Model, diagnose, next_move
 from calib.diagnosis.moves import AddEffect, LeaveOutPoses, Stop, next_effect
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, first_fit
-from calib.diagnosis.words.conclusion_text import residual_summary_text
-from calib.diagnosis.words.phrases import input_text, length_text, meaning
 from calib.effects.catalogue import effects_for
 from calib.effects.catalogue.joints import JointScale, TransmissionError
 from calib.effects.catalogue.loads import JointCompliance, ToolSag
