@@ -31,11 +31,11 @@ def test_the_joints_the_size_and_the_pose_of_each_effect(found: Diagnosis) -> No
     assert sorted(backlash.joints) == list(range(1, 7))  # that of joint 7 is not significant
     assert backlash.main is not None
     assert np.degrees(backlash.main.value) == pytest.approx(0.042, abs=5e-4)
-    for cause, before, after in ((compliance, links, first), (backlash, first, both)):
-        assert cause.largest is not None
+    for one, before, after in ((compliance, links, first), (backlash, first, both)):
+        assert one.largest is not None
         moved_mm = np.linalg.norm(after.after.error_mm - before.after.error_mm, axis=1)
-        assert cause.largest.size_mm == moved_mm.max()
-        assert found.calibration.dataset.poses.ids[after.after.pose[np.argmax(moved_mm)]] == cause.largest.pose
+        assert one.largest.size_mm == moved_mm.max()
+        assert found.calibration.dataset.poses.ids[after.after.pose[np.argmax(moved_mm)]] == one.largest.pose
     assert cause_of("backlash", first, first).joints == ()
 
 
