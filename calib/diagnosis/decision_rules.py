@@ -167,3 +167,12 @@ def ranking_given_curves(screening: Screening, curves: LearnedCurves | None) -> 
     least = -np.inf if curves is None else (curves.log_evidence - MIN_LOG_BAYES_FACTOR) / CURVES_SHARE
     kept = tuple(c for c in screening.candidates if not c.family.sparse or c.log_evidence >= least)
     return replace(screening, candidates=kept)
+
+
+def left_to_curves(screening: Screening, curves: LearnedCurves | None, chosen: Candidate) -> tuple[str, ...]:
+    """Causes of one place or pose above the chosen candidate in the ranking, with clearly less evidence than curves."""
+    above = [c for c in screening.candidates if c.family.sparse and c.log_evidence > chosen.log_evidence]
+    if not above:
+        return ()
+    kept = {c.name for c in ranking_given_curves(screening, curves).candidates}
+    return tuple(c.name for c in above if c.name not in kept)

@@ -1,4 +1,4 @@
-"""The result of a diagnosis: the findings, the verdict that follows from them, and why."""
+"""The result of a diagnosis: the findings and the verdict that follows from them."""
 
 from __future__ import annotations
 
@@ -7,18 +7,16 @@ from functools import cached_property
 
 import pandas as pd
 
-from calib.brief import Brief, errors_in_short
+from calib.brief import errors_in_short
 from calib.calibration.result import FittedResult
 from calib.diagnosis.effect_selection import GEOMETRY
-from calib.diagnosis.explanation import explain
+from calib.diagnosis.headline import HeldOutError, held_out_beyond_noise
 from calib.diagnosis.verdict import Conclusion, Findings, conclude
-from calib.diagnosis.words.sentences import Explanation
-from calib.diagnosis.words.text import explanation_text
-from calib.display.shown import Documented, Viewed
+from calib.presented import Presented
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis(Brief, Findings, FittedResult, Documented, Viewed):
+class Diagnosis(Presented, Findings, FittedResult):
     """The findings on a dataset and the verdict.
 
     Poses that would tell confounded effects apart are chosen on demand: `calib.planning.discrimination.next_poses`.
@@ -61,14 +59,10 @@ class Diagnosis(Brief, Findings, FittedResult, Documented, Viewed):
             return bool(self.confounded_sets) and not self.suspected and not self.undecided
         return self.verdict in ("adequate", "named", "outliers")
 
-    @cached_property
-    def explanation(self) -> Explanation:
-        """Why this verdict was reached, as sentences with their numbers."""
-        return explain(self, self.conclusion)
-
-    def summary(self) -> str:
-        """Explanation of the verdict in several short paragraphs, the verdict last."""
-        return explanation_text(self.explanation)
+    @property
+    def held_out_beyond_noise(self) -> HeldOutError | None:
+        """Error of the test poses where it is larger than noise would leave."""
+        return held_out_beyond_noise(self.calibration, self.residual_tests.noise_mm)
 
     def to_frame(self) -> pd.DataFrame:
         """Table of the steps: effect, errors at training and test poses, sigma, p-value, log Bayes factor (margin)."""

@@ -21,10 +21,9 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset, points_from_corners
 from calib.dataset.files.fingerprint import fingerprint
 from calib.dataset.files.folder import load_dataset
+from calib.diagnosis.causes import main_value, moved_mm
+from calib.diagnosis.headline import headline_of
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.words.conclusion_text import verdict_text
-from calib.diagnosis.words.headline import headline_of
-from calib.diagnosis.words.member_sizes import main_value, moved_mm
 from calib.effects.effect import family_name
 from calib.errors import CalibError
 from calib.fleet.row import EffectSize, Failure, Rmse, Row
@@ -149,7 +148,7 @@ def row_of(path: str, checked: Check, without_corner: tuple[str, ...] = ()) -> R
     if found is not None:
         stood_out = (*stood_out, *found.steps[-1].left_out)
     told = None if last is None else headline_of([last])
-    words = "" if found is None else verdict_text(found.explanation.verdict)
+    words = "" if found is None else found.headline
     if found is None:
         tried = (i for i in checked.items if i.name == "diagnosis" or isinstance(i.evidence, TooFewPoses))
         words = next((item.headline for item in tried), "")

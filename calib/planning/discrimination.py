@@ -25,9 +25,7 @@ from calib.array_types import Array, BoolArray, IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Poses
-from calib.diagnosis.explanation import explain
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.words.sentences import DiscriminatingPose, Explanation
 from calib.errors import FitError
 from calib.planning.effect_hypotheses import (
     EffectHypothesis,
@@ -48,6 +46,14 @@ _ROUNDS = 3  # of exchanges
 
 
 @dataclass(frozen=True)
+class DiscriminatingPose:
+    """A pose to measure next, and the least difference between any two hypotheses there."""
+
+    q: Array  # (n,) rad or mm, as it is commanded
+    separation_mm: float  # of the tool, beyond what a refit at this pose absorbs
+
+
+@dataclass(frozen=True)
 class NextPoses:
     """Poses to measure next, by which the hypotheses of a diagnosis are discriminated."""
 
@@ -58,8 +64,7 @@ class NextPoses:
 def next_poses(diagnosis: Diagnosis) -> NextPoses | None:
     """The poses to measure next that discriminate the first set of effects which a diagnosis left open.
 
-    None where it left none open, and where no pose can tell anything of them. What shows a diagnosis (text, JSON, page,
-    report) asks here; `explanation_of` puts the answer into the diagnosis' explanation.
+    None where it left none open, and where no pose discriminates between them.
     """
     sets = hypothesis_sets(diagnosis)
     if not sets or len(sets[0].hypotheses) < 2:
@@ -70,13 +75,6 @@ def next_poses(diagnosis: Diagnosis) -> NextPoses | None:
     except FitError:  # too few poses to fit a hypothesis at all
         return None
     return None if found is None else NextPoses(found, commanded_poses(found, diagnosis.calibration))
-
-
-def explanation_of(diagnosis: Diagnosis, poses: NextPoses | None) -> Explanation:
-    """Why a diagnosis reached its verdict, with the poses to measure next where there are any (`next_poses`)."""
-    if poses is None:
-        return diagnosis.explanation
-    return explain(diagnosis, diagnosis.conclusion, poses.poses, poses.discrimination.power)
 
 
 def discriminating_poses(

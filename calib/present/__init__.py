@@ -10,6 +10,7 @@ from calib.present import checks as checks
 from calib.present import corners as corners
 from calib.present import correction as correction
 from calib.present import dataset as dataset
+from calib.present import diagnosis as diagnosis
 from calib.present import fleets as fleets
 from calib.present import plans as plans
 from calib.present import redundancy as redundancy

@@ -57,6 +57,28 @@ def plain(words: Words) -> str:
     return str(words) if isinstance(words, Span) else "".join(map(str, words))
 
 
+def spans(*parts: Words) -> tuple[Span, ...]:
+    """One sentence of several parts, each a text, a reference or a sequence of these; empty texts are left out."""
+    flat: list[Span] = []
+    for part in parts:
+        flat += [part] if isinstance(part, Span) else part
+    return tuple(span for span in flat if span != "")
+
+
+def listed(names: Sequence[Words], last: str = "and") -> tuple[Span, ...]:
+    """Names in a sentence, each with its reference: "a, b and c"."""
+    out: list[Words] = []
+    for k, name in enumerate(names):
+        out += ["" if k == 0 else f" {last} " if k == len(names) - 1 else ", ", name]
+    return spans(*out)
+
+
+def capitalised(words: Words) -> tuple[Span, ...]:
+    """A sentence with a capital letter first, where it begins with a text."""
+    first, *rest = spans(words) or ("",)
+    return (first[:1].upper() + first[1:] if isinstance(first, str) else first, *rest)
+
+
 def pose(pose_id: object, words: str = "") -> Reference:
     """A pose by its id."""
     return Reference("pose", str(pose_id), words or str(pose_id))

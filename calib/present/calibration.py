@@ -15,7 +15,7 @@ from calib.calibration.result import Calibration, is_declared
 from calib.calibration.uncertainty import Combination, correlated_pairs, identifiable_combinations
 from calib.consistency.data_problem import DataProblem
 from calib.diagnosis.effect_selection import FitStep
-from calib.diagnosis.words.headline import headline_note, headline_of, noise_words
+from calib.diagnosis.headline import headline_of
 from calib.identifiability.structural import redundancy
 from calib.identifiability.tool_rows import tool_rows
 from calib.models.exported_table import ExportedTable
@@ -38,6 +38,7 @@ from calib.present.blocks import (
 )
 from calib.present.colours import BAD
 from calib.present.curves import curve_table, formulas
+from calib.present.error_headline import error_headline
 from calib.present.redundancy import redundancy_section, tool_sentence
 from calib.present.results import document, presentation
 from calib.screening.curves.fitted_curves import learned_members, without_curves
@@ -85,9 +86,7 @@ def calibration_head(calibration: Calibration, way: Sequence[Calibration] = ()) 
 
 def error_way(*calibrations: Calibration) -> Headline:
     """From the arm as delivered to the last of the fits."""
-    told = headline_of(calibrations)
-    stages = [(told.shown(stage.error_mm), stage.name) for stage in told.stages]
-    return Headline(stages, noise_words(told), headline_note(told), told.reached_noise)
+    return error_headline(headline_of(calibrations))
 
 
 def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
@@ -385,6 +384,9 @@ def steps_document(steps: Sequence[FitStep]) -> list[dict[str, Any]]:
 def table_document(table: ExportedTable) -> dict[str, Any]:
     """The errors of the exported table alone, and the families of the model that it cannot hold."""
     return {**document(table.errors), "without_effects": table.left_out}
+
+
+_PLACES = 9  # of a parameter's value, beyond which there is rounding alone
 
 
 @document.register

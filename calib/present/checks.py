@@ -11,12 +11,12 @@ from calib.calibration.result import Calibration, is_declared
 from calib.consistency.data_problem import DataProblem
 from calib.dataset.repeats import repeats_frame
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.words.conclusion_text import promise_text, verdict_text
 from calib.fitting.tool_point import ToolShift
 from calib.present import numbers
-from calib.present.blocks import Block, Presentation, Section, Table, Verdict
+from calib.present.blocks import Block, Presentation, Section, Table, Verdict, plain
 from calib.present.colours import BAD, DOUBT, GOOD
 from calib.present.results import document, presentation
+from calib.present.verdict import promise, verdict
 from calib.validation.acceptance import (
     Check,
     CheckItem,
@@ -186,14 +186,13 @@ def _(problem: DataProblem) -> str:
 
 @_sentence.register
 def _(diagnosis: Diagnosis) -> str:
-    confounded = numbers.listing(diagnosis.ambiguous_set, "or")  # the reasons are no part of a check
-    return verdict_text(diagnosis.explanation.verdict, reasons="by inspector diagnose", tied=confounded)
+    return plain(verdict(diagnosis))
 
 
 @_sentence.register
 def _(test: HeldOutTest) -> str:
     if test.is_broken:
-        return promise_text(test)
+        return promise(test)
     off, promised = numbers.length(test.rmse_mm), numbers.length(test.promised_mm)
     return f"the test poses are off by {off}, where {promised} were to be expected"
 

@@ -37,7 +37,7 @@ from calib.present.blocks import (
 Draw = Callable[[FigurePlace, str], str]  # a place and the name that begins its ids -> SVG
 Recognise = Callable[[str], Words]  # a text -> the same with the names in it as references
 
-_IDS = "figures-of-this-view"  # begins the ids of drawings; each view has its own in its stead
+IDS = "figures-of-this-view"  # begins the ids of drawings; each view has its own in its stead
 
 
 def view(told: Presentation, draw: Draw | None = None) -> str:
@@ -45,9 +45,9 @@ def view(told: Presentation, draw: Draw | None = None) -> str:
 
     draw: what draws its figures; without it they are left out.
     """
-    names = (f"{_IDS}-{number}" for number in count(1))
+    names = (f"{IDS}-{number}" for number in count(1))
     html = _templates(links=False).get_template("view.html").render(title=told.title, **drawn(told, draw, names))
-    return html.replace(_IDS, f"view{zlib.crc32(html.encode()):08x}")
+    return html.replace(IDS, f"view{zlib.crc32(html.encode()):08x}")
 
 
 def panel(told: Sequence[Block | Section], recognise: Recognise | None = None) -> str:

@@ -5,11 +5,18 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from calib.dataset.input_names import PLACES, joint_input
 from calib.effects.effect import Effect, parameters_by_name
 from calib.kinematics.robot import PARAMETER_KINDS, Robot
 from calib.present.blocks import Span, joint
 from calib.present.numbers import parameter_label
 
+_CONDITIONS = {
+    "payload_kg": "the payload",
+    "temperature_c": "the temperature",
+    "time_s": "time",
+    "order": "the order of measuring",
+}
 ROLES = {"reference": "reference", "train": "training", "test": "test"}
 _OF_JOINT = re.compile(r"(?:a|alpha|d|theta|beta)(\d+)")  # a parameter of the arm's table
 
@@ -56,3 +63,19 @@ def joints_by_parameter(robot: Robot, effects: Sequence[Effect] = ()) -> dict[st
         if (joint := getattr(effect, "joint", None)) is not None
     }
     return of_table | of_effects
+
+
+def input_name(name: str) -> Span:
+    """An input that a residual may depend on, in a sentence; a column of the user's own stays as it is."""
+    of_joint = joint_input(name)
+    if of_joint is not None:
+        quantity, index = of_joint
+        number = index + 1
+        return {
+            "q": joint(number, f"joint {number} (q{number})"),
+            "torque": joint(number, f"gravity's torque on joint {number}"),
+            "approach": joint(number, f"the approach of joint {number}"),
+        }[quantity]
+    if name in PLACES:
+        return f"{name} of the scanner's frame"
+    return _CONDITIONS.get(name, name)

@@ -66,6 +66,7 @@ def nested(value: object) -> object:
     return value
 
 
+@singledispatch
 def headline(result: object) -> str:
     """What matters most of a result, in a sentence or two: the first verdict in its presentation."""
     return next(blocks.plain(block.words) for block in presentation(result).head if isinstance(block, blocks.Verdict))

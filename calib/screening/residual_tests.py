@@ -59,6 +59,13 @@ class ResidualTests(Brief):
         return tuple(test.input for test in self.inputs if test.p_value < STRUCTURE_LEVEL)
 
     @property
+    def strongest_joint(self) -> int | None:
+        """Joint, counted from 1, whose motion shows the residual the most; None where no joint does."""
+        joint = self.inputs[0].channel.joint if self.structured else None
+        joint = joint if self.fault is None else self.fault.joint
+        return None if joint is None else joint + 1
+
+    @property
     def too_large(self) -> bool:
         """Whether the residual is larger than noise, a declared sigma being taken as accurate to 25 %."""
         return self.lack_of_fit_p is not None and self.lack_of_fit_p < 0.01

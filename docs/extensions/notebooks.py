@@ -20,8 +20,8 @@ from nbclient.exceptions import CellExecutionError
 from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
 
-from calib.present.blocks import Drawing
-from calib.views.view_page import FIGURES, view_html
+from calib.present.blocks import Drawing, Presentation
+from calib.present.html import IDS, view
 from inspector.figures.svg.figure import svg_of
 from inspector.figures.svg.text import plain
 
@@ -85,12 +85,12 @@ def _still(document: dict[str, Any]) -> str:
     drawn = go.Figure({"data": document["data"], "layout": document["layout"]})
     title = plain(drawn.layout.title.text or "")
     height = int(drawn.layout.height or _HEIGHT_PX)
-    return view_html(title, [Drawing(svg_of(drawn, _WIDTH_PX, height, name=FIGURES, title=title), "")])
+    return view(Presentation(title, [Drawing(svg_of(drawn, _WIDTH_PX, height, name=IDS, title=title), "")]))
 
 
 def _framed(html: str) -> str:
     """Another table, such as pandas makes, looks as ours do."""
-    return view_html("", [Drawing(Markup(html.replace(' border="1"', "")), "")])
+    return view(Presentation("", [Drawing(Markup(html.replace(' border="1"', "")), "")]))
 
 
 def _raw(html: str) -> str:

@@ -98,6 +98,7 @@ class App:
         server.requests.on("look", self.look_from)
         server.requests.on("find", lambda _: self.find(True))
         server.requests.on("joint", lambda number: self.select_joint(whole_number(number)))
+        server.requests.on("effect", self.select_effect)
         server.requests.on("planned", lambda number: self.select_planned(whole_number(number)))
         server.requests.on("settle", lambda _: self.settle())
         server.requests.on("step", lambda number: self.show_step(whole_number(number)))
@@ -363,6 +364,11 @@ class App:
     def candidate(self) -> None:
         """Show the details of the chosen candidate effect."""
         self.worker.submit("candidate", lambda: self.model.compare())
+
+    def select_effect(self, name: str) -> None:
+        """Choose an effect that a sentence names."""
+        if self.state.view is not None:
+            self.worker.submit("candidate", lambda: self.model.choose(name))
 
     def follow(self) -> None:
         """Make the advised move."""

@@ -27,6 +27,7 @@ from calib.measurement.measured_points import (
 from calib.present import to_dict
 from calib.present.blocks import Paragraph
 from calib.present.corners import batch_blocks, corners_document
+from calib.present.effects import effects_document
 from calib.present.redundancy import free_frame_sentence, redundancy_blocks, redundancy_document
 from calib.present.text import block_text
 from calib.strict_json import to_json
@@ -41,7 +42,6 @@ from inspector.cli.options import (
 )
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import processes, progress
-from inspector.export import json_documents as documents
 from inspector.export.csv_and_png import corners_csv, redundancy_csv
 
 
@@ -103,7 +103,7 @@ def run_effects(options: Output) -> int:
         f"{d.name}: {d.equation}  [{', '.join(f'{n} {u}' for n, u in d.symbols)}]; needs {d.needs}"
         for d in descriptions()
     ]
-    show(options, documents.effects_document(), "\n".join(lines))
+    show(options, effects_document(), "\n".join(lines))
     return 0
 
 

@@ -11,18 +11,15 @@ from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.words.conclusion_text import verdict_text
-from calib.diagnosis.words.conclusions import Adequate, Named
-from calib.diagnosis.words.headline import headline_note, headline_of, headline_text
-from calib.diagnosis.words.phrases import listed, untestable_line
-from calib.diagnosis.words.text import explanation_text
 from calib.effects.catalogue import effects_named
 from calib.errors import CalibError, DatasetError, visible
 from calib.measurement.measured_points import require_corners, with_corners
 from calib.models.model_file import save_model
-from calib.planning.discrimination import NextPoses, explanation_of, next_poses
+from calib.planning.discrimination import NextPoses, next_poses
 from calib.present.correction import correction_blocks, correction_document
+from calib.present.diagnosis import diagnosis_document, diagnosis_presentation
 from calib.present.text import block_text
+from calib.present.text import text as plain_text
 from calib.present.validation import (
     cross_validation_blocks,
     cross_validation_verdict,
@@ -47,7 +44,6 @@ from inspector.cli.options import (
 )
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import progress, stages
-from inspector.export import json_documents as documents
 from inspector.session.measuring import with_face_labels
 from inspector.session.session import Session
 from inspector.session.transitions import with_found
@@ -113,9 +109,8 @@ def run_report(options: ReportOptions) -> int:
         )
     session = with_found(session, found)
     write_text_atomically(options.out, report_html(report_of(session), now=datetime.now()))
-    document = documents.document_with_poses(found, session.next_poses) | {"report": str(options.out)}
-    verdict = verdict_text(found.explanation.verdict, reasons="in the report", tied=listed(found.ambiguous_set, "or"))
-    show(options, document, f"{options.out}: {verdict}")
+    document = diagnosis_document(found, session.next_poses) | {"report": str(options.out)}
+    show(options, document, f"{options.out}: {found.headline}")
     return 0
 
 
@@ -140,7 +135,7 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     if options.model_out is not None:
         require_plausible(result.calibration, options.force)
     poses = next_poses(result)
-    document = documents.document_with_poses(result, poses)
+    document = diagnosis_document(result, poses)
     next_steps = planned_next(result, poses, options.path)
     text = "\n".join([diagnosis_text(result, poses), *next_steps, *without(result.calibration.fitted_dataset)])
     if options.model_out is not None:
@@ -158,23 +153,14 @@ def planned_next(result: Diagnosis, poses: NextPoses | None, path: Path) -> list
     """The poses to plan next: those that tell confounded effects apart, or that tell more of the link errors."""
     if poses is not None:
         return [f"next: inspector plan {path} --for split plans the poses that settle it"]
-    verdict = result.explanation.verdict
-    if isinstance(verdict, (Adequate, Named)) and verdict.held_out is not None:
+    if result.verdict in ("adequate", "named") and result.held_out_beyond_noise is not None:
         return [f"next: inspector plan {path} plans poses that tell more of the link errors"]
     return []
 
 
 def diagnosis_text(result: Diagnosis, poses: NextPoses | None) -> str:
-    """A diagnosis as the terminal has it: ranking, steps, what cannot be told, the verdict."""
-    ranked = result.screenings[0].to_frame()
-    ranking = "No effect can be ranked: none is testable with these data."
-    if len(ranked):
-        ranking = ranked.head(6).to_string(index=False, float_format=lambda v: f"{v:.3g}")
-    steps = result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.4g}", na_rep="-")
-    silent = "\n".join(map(untestable_line, result.untestable))
-    told = headline_of([step.calibration for step in result.steps])
-    way = f"{headline_text(told)}\n{headline_note(told)}"
-    return f"{ranking}\n\n{steps}\n\n{silent}\n\n{way}\n\n{explanation_text(explanation_of(result, poses))}"
+    """A diagnosis with poses to measure next, as the terminal has it."""
+    return plain_text(diagnosis_presentation(result, poses))
 
 
 def run_check(options: CheckOptions) -> int:

@@ -5,7 +5,8 @@ Its classes are styled in `server/client/page.css`; the page's script shows it o
 
 from __future__ import annotations
 
-from calib.diagnosis.words.headline import ErrorStage, Headline, headline_note, noise_words
+from calib.diagnosis.headline import ErrorStage, Headline
+from calib.present import error_headline as headlines
 from calib.present import numbers
 from inspector.markup.parts import elements
 from inspector.markup.parts.elements import Html, asking, opening
@@ -49,11 +50,11 @@ def _way(told: Headline, view: View) -> str:
     """Stages of the error as buttons, with the noise."""
     arrow = '<span class="headline-arrow" aria-hidden="true">→</span>'
     stages = arrow.join(_stage(told, stage, view) for stage in told.stages)
-    noise = f'<span class="headline-noise">({elements.text(noise_words(told))})</span>'
-    of = f'<span class="headline-of" title="{elements.text(headline_note(told))}">{OFF_BY}</span>'
+    noise = f'<span class="headline-noise">({elements.text(headlines.noise(told))})</span>'
+    of = f'<span class="headline-of" title="{elements.text(headlines.note(told))}">{OFF_BY}</span>'
     return (
         f'<div class="headline-title">{of}{noise}</div><div class="headline-way">{stages}</div>'
-        f'<div class="headline-note">{elements.text(headline_note(told))}</div>'
+        f'<div class="headline-note">{elements.text(headlines.note(told))}</div>'
     )
 
 
@@ -64,7 +65,8 @@ def _stage(told: Headline, stage: ErrorStage, view: View) -> str:
     return (
         f'<span class="headline-stage" aria-pressed="{str(shown).lower()}" style="--of-version:{colour}"'
         f'{asking("step", step)} title="Show this model in 3D, tables and plots">'
-        f"<strong>{elements.text(told.shown(stage.error_mm))}</strong><span>{elements.text(stage.name)}</span></span>"
+        f"<strong>{elements.text(headlines.stage_error(told, stage))}</strong>"
+        f"<span>{elements.text(stage.name)}</span></span>"
     )
 
 

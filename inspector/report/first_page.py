@@ -7,25 +7,21 @@ import numpy as np
 from calib.calibration.evaluation import Figures
 from calib.calibration.model_versions import versions
 from calib.dataset.dataset import Dataset
+from calib.diagnosis.headline import Headline as HeadlineFacts
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.words.conclusion_text import verdict_text
-from calib.diagnosis.words.conclusions import Unexplained
-from calib.diagnosis.words.headline import Headline as HeadlineFacts
-from calib.diagnosis.words.headline import headline_note, noise_words
-from calib.diagnosis.words.phrases import capitalised, length_digits, poses_text
 from calib.effects.catalogue import descriptions
+from calib.present import error_headline as headlines
 from calib.present import numbers
 from calib.present.blocks import (
     Block,
     Bullets,
     Drawing,
-    Headline,
     KeyFigures,
     Paragraph,
     Table,
     Verdict,
 )
-from calib.present.colours import VERDICT_COLOURS
+from calib.present.diagnosis import poses_to_measure, verdict_block
 from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.markup.parts.palette import NEUTRAL
 from inspector.report.arm_drawing import arm_drawing, stride
@@ -42,12 +38,7 @@ def first_page(report: Report, made: str) -> tuple[Block, ...]:
     assert told is not None
     return (
         KeyFigures(_about(report.dataset, made)),
-        Headline(
-            [(told.shown(stage.error_mm), stage.name) for stage in told.stages],
-            noise_words(told),
-            headline_note(told),
-            told.reached_noise,
-        ),
+        headlines.error_headline(told),
         _verdict(report),
         _picture(report, told),
         errors_table(report, told),
@@ -73,9 +64,7 @@ def _verdict(report: Report) -> Verdict:
     found = report.diagnosis
     if found is None:
         return Verdict(f"No verdict: the model ({model_name(report.calibration)}) was put together by hand.", NEUTRAL)
-    tied = numbers.listing(found.ambiguous_set, "or")
-    words = verdict_text(found.explanation.verdict, reasons="below", tied=tied)
-    return Verdict(capitalised(words), VERDICT_COLOURS[found.verdict])
+    return verdict_block(found)
 
 
 def _picture(report: Report, told: HeadlineFacts) -> Drawing:
@@ -83,8 +72,8 @@ def _picture(report: Report, told: HeadlineFacts) -> Drawing:
     reference = report.dataset.poses.reference
     first, last = told.stages[0], told.stages[-1]
     words = (
-        f"{first.name}: {told.shown(first.error_mm)}",
-        f"{_name_now(report)}: {told.shown(last.error_mm)}",
+        f"{first.name}: {headlines.length(told, first.error_mm)}",
+        f"{_name_now(report)}: {headlines.length(told, last.error_mm)}",
     )
     pose = report.dataset.poses.ids[reference]
     count, every = len(shown[0].evaluation.pose), stride(len(shown[0].evaluation.pose))
@@ -106,14 +95,14 @@ def errors_table(report: Report, told: HeadlineFacts) -> Table:
         figures = evaluation.test if told.of_test_poses else evaluation.train
         assert figures is not None
         columns.append(figures)
-    factor = 1e3 if told.unit == "µm" else 1.0
-    rows = [(name, *(length_digits(factor * getattr(f, key)) for f in columns)) for name, key in _FIGURES]
+    factor = 1e3 if headlines.unit(told) == "µm" else 1.0
+    rows = [(name, *(numbers.digits(factor * getattr(f, key)) for f in columns)) for name, key in _FIGURES]
     if told.noise_mm is not None:
-        rows.append((f"{told.noise.name}, RMS", *[""] * (len(columns) - 1), length_digits(factor * told.noise_mm)))
+        rows.append((f"{told.noise.name}, RMS", *[""] * (len(columns) - 1), numbers.digits(factor * told.noise_mm)))
     points = numbers.count(columns[0].points, "point")
     of = f"test poses ({points} that no fit saw)" if told.of_test_poses else f"the fitted poses ({points})"
-    headers = (f"3D error, {told.unit}", *(stage.name for stage in told.stages))
-    return Table(headers, rows, caption=f"Errors at {of}, all in {told.unit}")
+    headers = (f"3D error, {headlines.unit(told)}", *(stage.name for stage in told.stages))
+    return Table(headers, rows, caption=f"Errors at {of}, all in {headlines.unit(told)}")
 
 
 def what_to_do(report: Report) -> list[str]:
@@ -136,7 +125,8 @@ def _table_to_load(report: Report, told: HeadlineFacts) -> str:
         return "Load no new table: by itself it would not make the arm better than it was delivered."
     return (
         "Load the calibrated table into the controller (robot.toml of inspector calibrate --out, or of the page's tab "
-        f"Take away). By itself it takes the error from {told.shown(before)} to {told.shown(figures.rmse_mm)}."
+        f"Take away). By itself it takes the error from {headlines.length(told, before)} to "
+        f"{headlines.length(told, figures.rmse_mm)}."
     )
 
 
@@ -153,8 +143,8 @@ def _compensation(report: Report, told: HeadlineFacts) -> str:
         )
     return (
         f"Compensate {names}, which no table can hold: correct the joint targets of your programs (inspector correct), "
-        f"and the error goes down to {told.shown(told.stages[-1].error_mm)}. Or mend the cause on the arm, and "
-        "calibrate again."
+        f"and the error goes down to {headlines.length(told, told.stages[-1].error_mm)}. Or mend the cause on the arm, "
+        "and calibrate again."
     )
 
 
@@ -171,7 +161,7 @@ def _to_measure(report: Report, found: Diagnosis | None) -> list[str]:
     out = []
     next_poses = report.session.next_poses
     if found is not None and next_poses is not None:
-        poses = poses_text(next_poses.poses[:_AGAIN], report.dataset.robot.is_revolute)
+        poses = poses_to_measure(next_poses.poses[:_AGAIN], report.dataset.robot.is_revolute)
         out.append(
             f"To tell {numbers.listing(found.undecided, 'from')} apart, measure at these joints, in degrees: {poses} "
             "(inspector plan --for split plans them)."
@@ -184,9 +174,10 @@ def _to_measure(report: Report, found: Diagnosis | None) -> list[str]:
         out.append(
             "Measure some poses more and give them the role test in poses.csv: nothing confirms these figures yet."
         )
-    verdict = None if found is None else found.explanation.verdict
-    if isinstance(verdict, Unexplained) and verdict.joint is not None:
-        out.append(f"Look at joint {verdict.joint}: what has no known cause shows most in its motion.")
+    unexplained = found is not None and found.verdict == "unexplained" and found.data_problem is None
+    number = found.residual_tests.strongest_joint if found is not None and unexplained else None
+    if number is not None:
+        out.append(f"Look at joint {number}: what has no known cause shows most in its motion.")
     if not out:
         after = report.calibration.after
         order = np.argsort(-np.linalg.norm(after.error_mm, axis=1))

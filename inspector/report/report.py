@@ -11,8 +11,6 @@ from importlib import metadata
 from pathlib import Path
 
 from calib.calibration.noise_level import check_sigma, noise_level
-from calib.diagnosis.words.text import reason_texts
-from calib.planning.discrimination import explanation_of
 from calib.present.blocks import (
     Block,
     Bullets,
@@ -23,6 +21,7 @@ from calib.present.blocks import (
 )
 from calib.present.calibration import error_tables, parameters, pose_errors, sigma_sentence, step_table
 from calib.present.dataset import measured_blocks
+from calib.present.diagnosis import HOW, reasons
 from calib.present.redundancy import redundancy_section
 from inspector.figures.plots import error_history
 from inspector.markup.learn.effects import last_change
@@ -40,9 +39,9 @@ METHOD = (
     "parameters are held within about 1 mm and 0.5° of their nominal value, which exact data overrule. Test poses "
     "are only predicted.",
     "An effect is named only if it beats noise (F test, Holm's correction, p below 0.01, and log evidence above 3), "
-    "leads the next by more than 3 in log evidence, and does not make the test poses worse. What is left at the end "
-    "is tested for order against every input, corrected for all that was looked at (Westfall and Young); where more "
-    "than noise is left, the effects in the model are suspected, not claimed.",
+    "leads the next by a log Bayes factor above 3, and does not make the test poses worse. What is left at the end "
+    "is tested for a systematic dependence on every input, corrected for all that was looked at (Westfall and Young); "
+    "where more than noise is left, the effects in the model are suspected, not claimed.",
     "A parameter's sigma assumes a complete model: where more than noise is left, it is too small.",
 )
 REFERENCES = (
@@ -80,7 +79,7 @@ def finding_sections(report: Report) -> tuple[Section, ...]:
     residuals = [block for model in report.residuals for block in sections.model_residual(report, model)]
     curves = sections.learned_curves(report)
     return (
-        Section("How the verdict was reached", _reasons(report)),
+        Section(HOW, _reasons(report)),
         Section(HISTORY, _history(report)),
         Section("Dataset and how it was measured", measured_blocks(report.calibration, report.session.searches)),
         Section("What could be missing", sections.ranking(report)),
@@ -105,7 +104,7 @@ def versions() -> list[tuple[str, str]]:
 
 def _reasons(report: Report) -> list[Block]:
     if report.diagnosis is not None:
-        return list(map(Paragraph, reason_texts(explanation_of(report.diagnosis, report.session.next_poses))))
+        return list(reasons(report.diagnosis, report.session.next_poses))
     sentence, colour = last_change(report.session.history)
     return [
         *([Verdict(sentence, colour)] if sentence else []),

@@ -6,10 +6,10 @@ import plotly.graph_objects as go
 
 from calib.calibration.pose_errors import running_median
 from calib.dataset.dataset import Dataset
-from calib.diagnosis.words.phrases import untestable_texts
 from calib.present import numbers
 from calib.present.blocks import Block, Bullets, Paragraph, Table
 from calib.present.curves import BAND_NOTE, curve_blocks
+from calib.present.effects import not_testable
 from calib.present.residuals import AXES, band_note, input_title, joint_title, shown, turned
 from calib.screening.candidates import Candidate
 from calib.screening.curves.fitted_curves import fitted_curves
@@ -41,7 +41,7 @@ def ranking(report: Report) -> list[Block]:
     columns = ("effect", "log evidence", "p (Holm)", "explains, %", "CV, mm", "could also be made by")
     out: list[Block] = [
         Paragraph(
-            f"Each effect held against what the model of {report.ranking_of} leaves over. CV: error of a "
+            f"Each effect tested on the residual of the model of {report.ranking_of}. CV: error per "
             "coordinate when each pose is predicted from the others, "
             f"{numbers.column_mm(report.ranking.cv_rmse_mm)} mm without any of them."
         ),
@@ -55,7 +55,7 @@ def ranking(report: Report) -> list[Block]:
     silent = report.diagnosis.untestable if report.diagnosis else report.ranking.untestable
     if silent:
         out.append(Paragraph("Cannot be tested with these data:"))
-        out.append(Bullets(untestable_texts(silent)))
+        out.append(Bullets(not_testable(silent)))
     return out
 
 
@@ -78,7 +78,7 @@ def model_residual(report: Report, model: ModelResidual) -> list[Block]:
         )
         for t in inputs[:5]
     ]
-    caption = f"Model: {model.title}. Order against the inputs, the most first; p is corrected for all looked at"
+    caption = f"Model: {model.title}. Dependence on the inputs, the strongest first; p is corrected for all looked at"
     out: list[Block] = [Table(("input", "shows most in", "p"), rows, left=(0, 1), caption=caption)]
     structured = [t for t in inputs if t.p_value < _P] or inputs[:1]
     return [*out, *(_against(report, model, t) for t in structured[:SHOWN_INPUTS])]
@@ -101,8 +101,8 @@ def _against(report: Report, model: ModelResidual, test: InputTest) -> Figure:
         smooth=running_median(x[train], y[train]),
     ).for_each_trace(_hide, selector={"name": SELECTED})  # fmt: skip
 
-    order = "No order beyond noise" if test.p_value >= _P else "Order"
-    found = f"{order} against {x_title} (p = {numbers.probability(test.p_value)})"
+    order = "No systematic dependence" if test.p_value >= _P else "Systematic dependence"
+    found = f"{order} on {x_title} (p = {numbers.probability(test.p_value)})"
     caption = f"Model: {model.title}. {found}. {band_note(pose_errors, band)}"
     return Figure(drawn, caption)
 

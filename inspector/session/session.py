@@ -15,15 +15,14 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import in_repeat_groups_of
 from calib.diagnosis.advice import Advice
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
+from calib.diagnosis.headline import Headline, headline_of
 from calib.diagnosis.moves import AddCurves
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.words.headline import Headline, headline_of
-from calib.diagnosis.words.sentences import DiscriminatingPose
 from calib.effects.effect import Family
 from calib.identifiability.redundancy import Redundancy
 from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import with_corners
-from calib.planning.discrimination import NextPoses
+from calib.planning.discrimination import DiscriminatingPose, NextPoses
 from calib.screening.candidates import Screening
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.residual_tests import ResidualTests

@@ -12,7 +12,8 @@ from calib.calibration.noise_level import noise_level
 from calib.calibration.pose_errors import pose_errors_of
 from calib.dataset.dataset import Dataset, Points, Scanner
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.words.headline import headline_note, headline_of, headline_text
+from calib.diagnosis.headline import headline_of
+from calib.present import error_headline as headlines
 from calib.present.checks import item_sentence
 from calib.present.residuals import LENGTH, band_note, shown
 from calib.validation.acceptance import check
@@ -76,9 +77,9 @@ def test_page_figures_headline_and_check_say_where_it_comes_from() -> None:
     assert "19 of 20" in note
     assert "1.000 mm" not in note
     headline = headline_of([fit])
-    assert "noise as the fit left it" in headline_text(headline)
-    assert "not declared" in headline_text(headline)
-    assert "declares no noise" in headline_note(headline)
+    assert "noise as the fit left it" in headlines.noise(headline)
+    assert "not declared" in headlines.noise(headline)
+    assert "declares no noise" in headlines.note(headline)
     assert not headline.reached_noise
     found = diagnose(dataset)
     names = [trace.name for trace in error_history(found).data]

@@ -17,8 +17,8 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.input_names import column_input, joint_input, quantity_of, summed_joints
 from calib.dataset_import.columns import meaning_of
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.words.phrases import input_text
 from calib.models.fitted_model import FittedModel
+from calib.present.names import input_name
 from calib.present.residuals import input_title
 from calib.screening.curves.joint_curves import learn_joint_curves
 from calib.screening.curves.smooth_joint_error import CurveModes, SmoothJointError
@@ -70,7 +70,7 @@ def test_every_odd_column_is_kept_and_offered_under_its_name(tmp_path: Path) -> 
         np.testing.assert_array_equal(inputs[name], values)
     for name in ODD_COLUMNS:
         np.testing.assert_array_equal(inputs[column_input(name)], dataset.poses.extra[name])
-        assert input_text(column_input(name)).endswith(name)
+        assert str(input_name(column_input(name))).endswith(name)
         assert input_title(column_input(name), dataset.robot).endswith(name)
     table = residual_table(fitted)
     for name in ODD_COLUMNS:

@@ -11,13 +11,12 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.advice import Advice, advice_on, advice_text, residual_summary
+from calib.diagnosis.advice import Advice, advice_on
 from calib.diagnosis.diagnose import Model, diagnose, next_move
+from calib.diagnosis.headline import held_out_beyond_noise
 from calib.diagnosis.moves import AddEffect, LeaveOutPoses, Stop, next_effect
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, first_fit
-from calib.diagnosis.words.conclusion_text import residual_summary_text
-from calib.diagnosis.words.phrases import input_text, length_text, meaning
 from calib.effects.catalogue import effects_for
 from calib.effects.catalogue.joints import JointScale, TransmissionError
 from calib.effects.catalogue.loads import JointCompliance, ToolSag
@@ -27,6 +26,12 @@ from calib.effects.effect import Effect, Parameter
 from calib.effects.state import RobotState
 from calib.kinematics.chain import target_jacobian
 from calib.planning.discrimination import discriminating_poses, nearest_alternative
+from calib.present import numbers
+from calib.present.blocks import plain
+from calib.present.effects import meaning
+from calib.present.names import input_name
+from calib.present.verdict import advice as advice_words
+from calib.present.verdict import residual
 from calib.screening.candidates import Screening, screen
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import ResidualTests, run_residual_tests
@@ -65,7 +70,7 @@ def judged(dataset: Dataset, *, max_effects: int = 3) -> Advice | Diagnosis:
 
 
 def left(calibration: Calibration, residual_tests: ResidualTests) -> str:
-    return residual_summary_text(residual_summary(residual_tests, calibration))
+    return plain(residual(residual_tests, held_out_beyond_noise(calibration, residual_tests.noise_mm)))
 
 
 def test_the_effect_that_leads_is_to_be_added(hidden: tuple[Calibration, Screening, ResidualTests]) -> None:
@@ -73,8 +78,8 @@ def test_the_effect_that_leads_is_to_be_added(hidden: tuple[Calibration, Screeni
     assert isinstance(advice, Advice)
     assert isinstance(advice.move, AddEffect)
     assert advice.effect == "transmission_error"
-    assert "a pattern against" in advice_text(advice)
-    assert "transmission_error explains it best" in advice_text(advice)
+    assert "a systematic dependence on" in plain(advice_words(advice))
+    assert "(transmission_error) explains it best" in plain(advice_words(advice))
 
 
 @pytest.mark.slow
@@ -86,7 +91,7 @@ def test_noise_is_the_end(clean: tuple[Calibration, Screening, ResidualTests]) -
     figures = clean[0].after.test
     assert figures is not None
     assert left(clean[0], replace(clean[2], noise_mm=figures.rmse_mm / np.sqrt(3.0) / 4.0)) == (
-        f"What is left: noise at the training poses; {length_text(figures.rmse_mm)} at the test poses, 4 times the "
+        f"What is left: noise at the training poses; {numbers.length(figures.rmse_mm)} at the test poses, 4 times the "
         "noise."
     )
 
@@ -144,7 +149,7 @@ def test_poses_that_stand_out_are_to_be_left_out(
     assert isinstance(advice.move, LeaveOutPoses)
     assert advice.move.poses == (pose,)
     assert advice.move.diagnosis.verdict == "outliers"
-    assert "Leave it out, and measure it again" in advice_text(advice)
+    assert "Leave it out, and measure it again" in plain(advice_words(advice))
 
 
 @pytest.mark.slow
@@ -163,7 +168,7 @@ def test_the_page_and_the_diagnosis_judge_alike() -> None:
     ],
 )  # fmt: skip
 def test_inputs_in_words(name: str, words: str) -> None:
-    assert input_text(name) == words
+    assert str(input_name(name)) == words
 
 
 def test_parameters_say_what_they_do_on_the_arm(hidden: tuple[Calibration, Screening, ResidualTests]) -> None:
@@ -184,7 +189,7 @@ def test_parameters_say_what_they_do_on_the_arm(hidden: tuple[Calibration, Scree
     torque_nm = np.abs(result.model.state(result.fit.x, poses).gravity_torques_nm[:, 1]).max()
     words = said(JointCompliance(1), 2e-5)
     assert words == f"{np.degrees(2e-5 * torque_nm):.2g}° at {torque_nm:.3g} Nm, stiffness 50 kNm/rad"
-    assert said(ThermalGrowth(), 1.2e-5) == "12 µm a metre and kelvin"
+    assert said(ThermalGrowth(), 1.2e-5) == "12 µm per metre and kelvin"
     travel = np.degrees(np.ptp(poses.q[:, 0]))
     assert said(JointScale(0), 1e-4) == f"{1e-4 * travel:.2g}° over the {travel:.0f}° of its travel"
     hours = np.ptp(poses.time_s) / 3600 if poses.time_s is not None else 0.0

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from calib.dataset.files.folder import load_dataset
+from calib.diagnosis.causes import cause_of, worst_pose
+from calib.diagnosis.decision_rules import left_to_curves
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.words.causes import cause_of, worst_pose
-from calib.diagnosis.words.sentences import EffectFound
+from calib.present.blocks import plain
+from calib.present.verdict import cause
 from tests.support import ROOT
 
 
@@ -23,16 +25,17 @@ def test_the_joints_the_size_and_the_pose_of_each_effect(found: Diagnosis) -> No
     links, first, both = (step.calibration for step in found.steps)
     compliance = cause_of("joint_compliance", links, first)
     assert compliance.joints == (4,)
-    assert "stiffness 12 kNm/rad" in compliance.size
+    assert "stiffness 12 kNm/rad" in plain(cause(compliance, first))
     backlash = cause_of("backlash", first, both)
     assert backlash.joints[0] == 1
-    assert sorted(backlash.joints) == list(range(1, 8))
-    assert backlash.size == "0.042\N{DEGREE SIGN}"
-    for cause, before, after in ((compliance, links, first), (backlash, first, both)):
-        assert cause.largest is not None
+    assert sorted(backlash.joints) == list(range(1, 7))  # that of joint 7 is not significant
+    assert backlash.main is not None
+    assert np.degrees(backlash.main.value) == pytest.approx(0.042, abs=5e-4)
+    for one, before, after in ((compliance, links, first), (backlash, first, both)):
+        assert one.largest is not None
         moved_mm = np.linalg.norm(after.after.error_mm - before.after.error_mm, axis=1)
-        assert cause.largest.size_mm == moved_mm.max()
-        assert found.calibration.dataset.poses.ids[after.after.pose[np.argmax(moved_mm)]] == cause.largest.pose
+        assert one.largest.size_mm == moved_mm.max()
+        assert found.calibration.dataset.poses.ids[after.after.pose[np.argmax(moved_mm)]] == one.largest.pose
     assert cause_of("backlash", first, first).joints == ()
 
 
@@ -51,14 +54,15 @@ def test_the_pose_that_is_off_the_most(found: Diagnosis) -> None:
 
 def the_lead_is_over_the_one_named(found: Diagnosis) -> None:
     """The evidence of the runner-up that is named and the lead over it add up to that of the effect, as ranked."""
-    told = [reason for paragraph in found.explanation.reasons for reason in paragraph]
-    effects = [reason for reason in told if isinstance(reason, EffectFound)]
-    assert effects
-    for before, reason in zip(found.steps, effects, strict=False):
+    added = list(zip(found.steps, found.steps[1:], strict=False))
+    assert added
+    for before, after in added:
+        if after.candidate is None:
+            continue
         assert before.screening is not None
         evidence = {c.name: c.log_evidence for c in before.screening.candidates}
-        assert reason.lead is not None
-        assert evidence[reason.effect] == pytest.approx(evidence[reason.runner_up] + reason.lead)
+        assert after.log_bayes_factor is not None
+        assert evidence[after.candidate.name] == pytest.approx(evidence[after.runner_up] + after.log_bayes_factor)
 
 
 @pytest.mark.slow
@@ -71,6 +75,8 @@ def test_what_is_left_to_curves_is_no_runner_up() -> None:
     """A real arm, whose ranking begins with causes of one place that its curves explain clearly better."""
     found = diagnose(load_dataset(ROOT / "sample_data" / "ur10_ipa"))
     the_lead_is_over_the_one_named(found)
-    (reason,) = [r for p in found.explanation.reasons for r in p if isinstance(r, EffectFound)]
-    assert set(reason.left_to_curves) == {"joint_dent", "high_harmonic"}
-    assert "joint_dent and high_harmonic stand above it in the ranking, but curves" in found.summary()
+    before, after = found.steps[:2]
+    assert before.screening is not None
+    assert after.candidate is not None
+    assert set(left_to_curves(before.screening, before.curves, after.candidate)) == {"joint_dent", "high_harmonic"}
+    assert "joint_dent and high_harmonic rank above it, but curves" in found.summary()

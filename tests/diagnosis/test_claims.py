@@ -14,8 +14,6 @@ from calib.diagnosis.decision_rules import refusal
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import SelectedEffect, calibrate_with
 from calib.diagnosis.verdict import ConfoundedSet, Refusal
-from calib.diagnosis.words.text import reason_texts
-from calib.documents.diagnosis_documents import diagnosis_document
 from calib.effects.base import Parameter
 from calib.effects.catalogue import effects_for
 from calib.effects.effect import families_from
@@ -53,7 +51,7 @@ def test_names_beside_an_unexplained_rest_are_suspected_everywhere_and_claimed_n
     assert "Missing: " not in said
     assert "suspected, not shown" in said
     assert "Do not open a gear for" in said
-    document = diagnosis_document(found)
+    document = found.to_dict()
     assert (document["missing"], document["suspected"]) == ((), found.suspected)
 
 
@@ -82,7 +80,7 @@ def test_a_clear_first_effect_stays_claimed_beside_a_tied_second() -> None:
     worse = diagnose(with_unknown_cause(dataset), user_effects=families_from((Expansion(),)))
     assert worse.missing == ()
     assert "joint_compliance" in worse.suspected
-    assert any("Suspected: joint_compliance" in words for words in reason_texts(worse.explanation))
+    assert "Suspected: joint compliance" in worse.summary()
 
 
 def left(residual_mm: float, noise_from: str = "dataset") -> ResidualTests:

@@ -14,19 +14,18 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.noise_level import DECLARED, NoiseLevel, noise_level
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Scanner
-from calib.diagnosis.words.headline import (
-    NOISE_AGREES,
-    ErrorStage,
-    Headline,
-    headline_note,
-    headline_of,
-    headline_text,
-)
-from calib.diagnosis.words.phrases import length_digits
+from calib.diagnosis.headline import NOISE_AGREES, ErrorStage, Headline, headline_of
 from calib.effects.catalogue import effects_named
+from calib.present.error_headline import error_headline, note
+from calib.present.numbers import digits
+from calib.present.text import block_text
 from tests.support.hidden_dataset import arm
 
 NAMES = ("as delivered", "with calibrated links", "with joint_compliance")
+
+
+def headline_text(headline: Headline) -> str:
+    return block_text(error_headline(headline)).splitlines()[0]
 
 
 def told(*errors_mm: float, noise_mm: float | None = 0.0062, of_test_poses: bool = True) -> Headline:
@@ -91,10 +90,10 @@ def test_without_test_poses_the_fitted_ones_are_told_and_it_says_so() -> None:
     assert not found.of_test_poses
     assert fit.after.train is not None
     assert found.stages[-1].error_mm == fit.after.train.rmse_mm
-    assert "no test poses, so nothing confirms it" in headline_note(found)
+    assert "no test poses, so nothing confirms it" in note(found)
     assert re.search(r"\(noise as the fit left it [\d.]+ (mm|µm): not declared\)$", headline_text(found))
     assert not found.reached_noise
-    assert "declares no noise" in headline_note(found)
+    assert "declares no noise" in note(found)
 
 
 def test_the_line_and_its_unit() -> None:
@@ -106,17 +105,17 @@ def test_the_line_and_its_unit() -> None:
 
 
 def test_noise_is_said_only_where_the_test_error_agrees() -> None:
-    assert headline_note(told(1.9, 0.72, 0.0065)).endswith("What is left is no more than noise.")
-    assert headline_note(told(1.9, 0.72, 0.03954)).endswith("What is left is 6.4 times what noise alone would leave.")
-    assert headline_note(told(1.9, 0.744)).endswith("What is left is 120 times what noise alone would leave.")
+    assert note(told(1.9, 0.72, 0.0065)).endswith("What is left is no more than noise.")
+    assert note(told(1.9, 0.72, 0.03954)).endswith("What is left is 6.4 times what noise alone would leave.")
+    assert note(told(1.9, 0.744)).endswith("What is left is 120 times what noise alone would leave.")
     assert told(1.0, NOISE_AGREES * 0.0062).reached_noise
     assert not told(1.0, 1.01 * NOISE_AGREES * 0.0062).reached_noise
 
 
 @given(st.floats(1e-7, 1e5))
 def test_digits_are_few_and_near(length: float) -> None:
-    shown = length_digits(length)
+    shown = digits(length)
     assert "e" not in shown
     assert float(shown) == pytest.approx(length, rel=0.051)
     assert len(shown.replace(".", "").lstrip("0")) <= max(3, len(f"{length:.0f}"))
-    assert length_digits(-length) == f"-{shown}"
+    assert digits(-length) == f"−{shown}"

@@ -11,14 +11,13 @@ from calib.dataset.dataset import Dataset
 from calib.diagnosis.diagnose import diagnose, noise_is_believed
 from calib.diagnosis.effect_selection import SelectedEffect
 from calib.diagnosis.result import Diagnosis
-from calib.documents.diagnosis_documents import diagnosis_document
 from tests.support.odd_noise import SIGMA_MM, odd_arm
 
 pytestmark = pytest.mark.slow
 
 
 def shape_words(found: Diagnosis) -> str:
-    noise = diagnosis_document(found)["noise"]
+    noise = found.to_dict()["noise"]
     assert noise is not None
     assert noise["words"] in found.summary()
     return str(noise["words"])
@@ -107,7 +106,7 @@ def test_what_sways_slowly_is_not_claimed_as_a_step(sigmas: float) -> None:
 def test_nothing_is_told_of_white_noise() -> None:
     found = diagnose(odd_arm("white", 1))
     assert found.noise is None
-    assert diagnosis_document(found)["noise"] is None
+    assert found.to_dict()["noise"] is None
     assert found.calibration.options.noise is None
 
 
@@ -118,7 +117,7 @@ def test_repeats_are_believed_whatever_else_is_left() -> None:
     assert found.noise is not None
     assert found.noise.from_repeats
     assert "The repeated measurements show this;" in shape_words(found)
-    noise = diagnosis_document(found)["noise"]
+    noise = found.to_dict()["noise"]
     assert noise["axes_mm"][2] / noise["axes_mm"][0] == pytest.approx(3.0, rel=0.2)
     assert noise["isotropic_mm"] == pytest.approx(SIGMA_MM, rel=0.15)
 

@@ -13,7 +13,6 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.decision_rules import are_equivalent, can_stand_for
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.verdict import ConfoundedSet
-from calib.documents.diagnosis_documents import diagnosis_document
 from calib.effects.catalogue import effects_for
 from calib.screening.candidates import screen
 from calib.screening.projected_residual import project_residual
@@ -81,7 +80,7 @@ def test_an_exact_twin_stays_in_the_set_whatever_its_prior(twins: Dataset) -> No
     said = found.summary()
     assert "make the same of these poses" in said
     assert "To tell them apart, measure: for" in said
-    document = diagnosis_document(found)
+    document = found.to_dict()
     assert document["open_sets"][0]["effect"] == confounded.effect
 
 

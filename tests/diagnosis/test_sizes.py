@@ -9,11 +9,11 @@ import pytest
 
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
+from calib.diagnosis.causes import visible_mm
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.words import sentences as facts
-from calib.diagnosis.words.text import reason_text
 from calib.effects.catalogue import effects_for
 from calib.effects.effect import NaturalBound, Parameter, exceeded_bound
+from calib.present import numbers
 from calib.simulation.simulate import simulate_dataset
 from tests.support.fit_cases import rich_dataset
 
@@ -64,27 +64,29 @@ def test_a_value_beyond_nature_carries_a_doubt() -> None:
     for measured, doubted in ((temperature_c, False), (faint, True)):
         found = diagnose(replace(dataset, poses=replace(dataset.poses, temperature_c=measured)))
         assert found.named == ("thermal_growth",)
-        (effect,) = (r for p in found.explanation.reasons for r in p if isinstance(r, facts.EffectFound))
-        assert ("Doubt it: thermal_growth.kappa_per_k is" in reason_text(effect)) == doubted
+        assert ("Doubt it: thermal_growth.kappa_per_k is" in found.summary()) == doubted
         assert ("grows most, by 23e-6/K" in found.summary()) == doubted
 
 
 @pytest.mark.slow
 def test_what_an_effect_explains_is_told_in_millimetres_at_the_tool() -> None:
     found = diagnose(simulated([("joint_compliance", 5.0)]))
-    (effect,) = (r for p in found.explanation.reasons for r in p if isinstance(r, facts.EffectFound))
+    first, second = found.steps
+    assert second.candidate is not None
+    visible = visible_mm(second.candidate, first.calibration)
+    assert visible is not None
     before, after = (step.calibration.after.train for step in found.steps)
     assert before is not None
     assert after is not None
     taken_away_mm = np.sqrt(before.rmse_mm**2 - after.rmse_mm**2)
-    assert effect.visible_mm == pytest.approx(taken_away_mm, rel=0.1)
-    assert f"{effect.visible_mm:.2g} mm rms at the tool" in reason_text(effect)
+    assert visible == pytest.approx(taken_away_mm, rel=0.1)
+    assert f"{numbers.length(visible)} RMS at the tool" in found.summary()
 
 
 @pytest.mark.slow
 def test_nothing_else_shows_only_where_the_test_poses_are_off_by_noise() -> None:
     dataset = simulated([("joint_compliance", 5.0)])
-    assert diagnose(dataset).summary().endswith("With it nothing else shows.")
+    assert diagnose(dataset).headline.endswith("With it nothing else shows.")
     points = dataset.points
     assert points is not None
     remounted = points.xyz_mm + np.where(dataset.poses.is_test[points.pose], 2.0, 0.0)[:, None]

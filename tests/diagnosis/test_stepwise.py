@@ -17,7 +17,6 @@ from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.effects.base import Parameter
 from calib.effects.catalogue import CATALOGUE, effects_named
 from calib.effects.catalogue.user_file import check_effects, load_effects
@@ -341,13 +340,13 @@ def test_rows_written_twice_are_no_repeats_to_judge_by() -> None:
 @pytest.mark.slow
 def test_what_cannot_be_tested_is_not_called_absent() -> None:
     dataset = simulated(seed=5)
-    assert "not testable" not in verdict_text(diagnose(dataset, max_steps=0).explanation.verdict)
+    assert "not testable" not in diagnose(dataset, max_steps=0).headline
     blind = replace(dataset, poses=replace(dataset.poses, approach=None, temperature_c=None))
     result = diagnose(blind)
     assert result.verdict == "adequate"
-    assert "(backlash, thermal_growth: not testable)" in verdict_text(result.explanation.verdict)
+    assert "(backlash, thermal_growth: not testable)" in result.headline
     none = replace(result, steps=(replace(result.steps[0], screening=screening_of_nothing(result)),))
-    assert "can test none" in verdict_text(none.explanation.verdict)
+    assert "can test none" in none.headline
 
 
 def screening_of_nothing(result: Diagnosis) -> Screening:
@@ -388,7 +387,7 @@ def test_structure_of_pure_noise_is_rarely_found() -> None:
 def test_the_explanation_says_what_an_engineer_asks() -> None:
     result: Diagnosis = diagnose(simulated(["joint_compliance"], seed=3, sigmas=5.0))
     words = result.summary()
-    for part in ("joint_compliance", "stiffness", "Nm/rad", "test poses", "Verdict"):
+    for part in ("joint_compliance", "stiffness", "Nm/rad", "test poses"):
         assert part in words
     assert {u.name for u in result.untestable} >= {"scanner_scale"}
 

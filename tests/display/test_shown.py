@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import pickle
-from dataclasses import replace
+from dataclasses import is_dataclass, replace
 from html.parser import HTMLParser
 from importlib import import_module
 from pathlib import Path
@@ -18,12 +18,12 @@ from calib.corners.batch import CornerBatch
 from calib.corners.search import failed_search
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.result import Diagnosis
-from calib.display.shown import DOCUMENTS, VIEWS, WITH_FIGURES, Documented, Viewed
 from calib.identifiability.structural import redundancy
 from calib.options import FitOptions
 from calib.planning.fitted_start import start_of_dataset
 from calib.planning.plan import Plan, plan_poses
 from calib.present.numbers import parameter_label
+from calib.present.results import document, presentation
 from calib.presented import Presented
 from calib.strict_json import plain, to_json
 from calib.validation.acceptance import check
@@ -111,20 +111,10 @@ def one_of(place: str) -> Any:
     return getattr(import_module(module), name)
 
 
-def test_every_name_that_points_upwards_leads_to_a_class_and_its_maker() -> None:
-    assert callable(one_of(WITH_FIGURES))
-    for table, base in ((DOCUMENTS, Documented), (VIEWS, Viewed)):
-        for kind, maker in table.items():
-            assert issubclass(one_of(kind), base), kind
-            assert callable(one_of(maker)), maker
-
-
-def test_every_result_that_says_it_can_be_shown_has_its_maker() -> None:
-    for place in {*DOCUMENTS, *VIEWS}:
-        import_module(place.rpartition(".")[0])
-    for base, table in ((Documented, DOCUMENTS), (Viewed, VIEWS)):
-        named = {f"{kind.__module__}.{kind.__qualname__}" for kind in base.__subclasses__()}
-        assert named == set(table)
+def test_every_result_has_its_telling_and_its_document() -> None:
+    for kind in Presented.__subclasses__():
+        assert presentation.dispatch(kind) is not presentation.dispatch(object), kind
+        assert document.dispatch(kind) is not document.dispatch(object) or is_dataclass(kind), kind
 
 
 def numbers_in(value: object) -> list[float]:
@@ -166,7 +156,7 @@ def test_dicts_are_strict_whatever_is_missing(
     dataset: Dataset, plan: Plan, compared: Comparison, corners: CornerBatch
 ) -> None:
     lost = CornerBatch(corners.dataset, {**corners, "P1_01": failed_search("P1_01", "nothing there")})
-    results: list[Documented | Presented] = [plan, compared, lost, redundancy(dataset), check(dataset)]
+    results: list[Presented] = [plan, compared, lost, redundancy(dataset), check(dataset)]
     for result in results:
         document = result.to_dict()
         assert all(map(math.isfinite, numbers_in(document)))
@@ -187,13 +177,13 @@ def test_views_escape_every_name(
     dataset: Dataset, corners: CornerBatch, with_figures: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not with_figures:  # as where the extra `page` is not installed
-        monkeypatch.setattr("calib.display.shown.NEEDS", ("no_such_package",))
+        monkeypatch.setattr("calib.present.results._installed_draw", lambda: None)
         monkeypatch.setattr("calib.present.results._installed_draw", lambda: None)
     names = hostile(dataset)
     found = calib.diagnose(names)
     odd = CornerBatch(names, {HOSTILE: failed_search(HOSTILE, HOSTILE), **corners})
     one = found.steps[0].calibration
-    results: list[Viewed | Presented] = [
+    results: list[Presented] = [
         names, found, found.calibration, odd, plan_poses(start_of_dataset(names, FitOptions()), 2, candidates=60),
         compare(one, one), redundancy(names),
     ]  # fmt: skip
@@ -220,7 +210,7 @@ def test_ipython_shows_the_summary_as_plain_text(
     dataset: Dataset, found: Diagnosis, plan: Plan, corners: CornerBatch, compared: Comparison
 ) -> None:
     plain_text = pytest.importorskip("IPython.core.formatters").PlainTextFormatter()
-    results: list[Viewed | Presented] = [
+    results: list[Presented] = [
         dataset, found, found.calibration, plan, corners, compared, redundancy(dataset),
     ]  # fmt: skip
     for result in results:

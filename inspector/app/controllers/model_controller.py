@@ -84,6 +84,11 @@ class ModelController:
         """Long work that finds where the chosen candidate and its nearest rival differ most."""
         return self._ranking.compare()
 
+    def choose(self, name: str) -> LongWork:
+        """Long work that chooses an effect and compares it with its nearest rival."""
+        self._panels.missing_effects.choose(name)
+        return self._ranking.compare()
+
     # ---- the first fit ---------------------------------------------------------------------------------------------
 
     def start(self, residual: str) -> LongWork:

@@ -22,6 +22,7 @@ from calib.dataset_import.import_dataset import (
 from calib.dataset_import.plan import ImportPlan
 from calib.dataset_import.user_files import UserFiles
 from calib.errors import CalibError, visible
+from calib.present.diagnosis import diagnosis_document
 from inspector.cli.dataset_commands import measured, show
 from inspector.cli.options import ImportOptions
 from inspector.cli.progress import stages
@@ -105,11 +106,10 @@ def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any]
     from calib.diagnosis.diagnose import diagnose
     from calib.planning.discrimination import next_poses
     from inspector.cli.fit_commands import diagnosis_text
-    from inspector.export.json_documents import document_with_poses
 
     with stages() as on_step:
         result = diagnose(measured(dataset), on_step=on_step)
     poses = next_poses(result)
     text = "\n".join([*lines, "", diagnosis_text(result, poses)])
-    show(options, document | {"diagnosis": document_with_poses(result, poses)}, text)
+    show(options, document | {"diagnosis": diagnosis_document(result, poses)}, text)
     return 0

@@ -8,8 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.calibration.result import Calibration
-from calib.diagnosis.words.phrases import meaning
-from calib.diagnosis.words.sentences import DiscriminatingPose
 from calib.effects.effect import (
     Description,
     Effect,
@@ -20,7 +18,9 @@ from calib.effects.effect import (
     parameters_by_name,
 )
 from calib.kinematics.robot import Robot
+from calib.planning.discrimination import DiscriminatingPose
 from calib.present import numbers
+from calib.present.effects import meaning
 from calib.present.names import joints_by_parameter
 from calib.screening.candidates import Candidate, Value
 from inspector.markup.parts import elements
@@ -44,7 +44,7 @@ def chosen_html(
         if candidate.members:
             now, then = numbers.column_mm(cv_before_mm), numbers.column_mm(candidate.cv_rmse_mm)
             by = numbers.relative_change(cv_before_mm, candidate.cv_rmse_mm)
-            facts.append(("held-out error", f"{now} → {then} mm a coordinate ({by})"))
+            facts.append(("held-out error", f"{now} → {then} mm per coordinate ({by})"))
         facts.append(("could also be made by", likeness or "nothing else here"))
         if candidate.family.note:
             facts.append(("assumed", candidate.family.note))
@@ -119,7 +119,7 @@ def next_html(name: str, rival: str, poses: Sequence[DiscriminatingPose], robot:
     enough = (
         "One measurement there tells them apart."
         if best > 4.0 * noise_mm
-        else f"That is little beside the noise of {numbers.length(noise_mm)} a coordinate: measure there several times."
+        else f"The noise is {numbers.length(noise_mm)} per coordinate: measure there several times."
         if math.isfinite(noise_mm)
         else ""
     )

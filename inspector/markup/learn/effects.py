@@ -6,20 +6,21 @@ import math
 from collections.abc import Sequence
 
 from calib.calibration.noise_level import noise_level
-from calib.diagnosis.advice import Advice, residual_summary
+from calib.diagnosis.advice import Advice
 from calib.diagnosis.decision_rules import is_convincing
 from calib.diagnosis.effect_selection import SelectedEffect
 from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPoses, ShapeNoise
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.words.conclusion_text import verdict_text
-from calib.diagnosis.words.conclusions import Adequate, Named
-from calib.diagnosis.words.phrases import untestable_texts
-from calib.planning.discrimination import NextPoses, explanation_of
-from calib.present import numbers
+from calib.planning.discrimination import NextPoses
+from calib.present import html, numbers
+from calib.present.blocks import Section, Verdict, spans
 from calib.present.colours import VERDICT_COLOURS
+from calib.present.diagnosis import HOW, reasons
+from calib.present.effects import not_testable
 from calib.present.references import Names
+from calib.present.verdict import advice as advice_words
+from calib.present.verdict import residual_of, verdict
 from calib.screening.candidates import Candidate, Screening, Untestable
-from inspector.markup.learn.said import advice_said, known_links, reasons_said, residual_said
 from inspector.markup.parts import elements
 from inspector.markup.parts.links import linked
 from inspector.markup.parts.palette import BAD, GOOD, NEUTRAL, PROPOSAL
@@ -89,38 +90,28 @@ SETTLE = "Plan the poses that settle it"
 MORE = "Plan poses that tell more of the link errors"
 
 
-def verdict_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None, names: Names) -> str:
-    """The verdict of a diagnosis, in a line or two."""
+def verdict_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None) -> str:
+    """The verdict of a diagnosis, in a line or two, and what to plan next."""
     if diagnosis is None:
         return ""
-    summary = residual_summary(diagnosis.residual_tests, diagnosis.calibration)
-    left = residual_said(summary, names)
-    either = numbers.listing(diagnosis.ambiguous_set, "or")
-    sentence = diagnosis.explanation.verdict
-    verdict = linked(verdict_text(sentence, tied=either), names, known_links(sentence))
-    more = " What would tell them apart is said below." if diagnosis.verdict == "ambiguous" else ""
-    more += LOOK_CLOSER if diagnosis.verdict == "unexplained" and diagnosis.learned is None else ""
+    more = LOOK_CLOSER if diagnosis.verdict == "unexplained" and diagnosis.learned is None else ""
+    words = spans(residual_of(diagnosis), " Verdict: ", verdict(diagnosis), more)
     plan = ""
     if next_poses is not None:
-        plan = f" {elements.asking_link('settle', '', SETTLE, tab='Learn/Plan')}."
-    elif isinstance(sentence, (Adequate, Named)) and sentence.held_out is not None:
-        plan = f" {elements.tab_link('Learn/Plan', MORE)}."
-    said = elements.Html(f"{left} Verdict: {verdict}{elements.text(more)}{plan}")
-    return elements.alert(said, colour=VERDICT_COLOURS[diagnosis.verdict])
+        plan = elements.note(elements.Html(f"{elements.asking_link('settle', '', SETTLE, tab='Learn/Plan')}."))
+    elif diagnosis.verdict in ("adequate", "named") and diagnosis.held_out_beyond_noise is not None:
+        plan = elements.note(elements.Html(f"{elements.tab_link('Learn/Plan', MORE)}."))
+    return html.panel([Verdict(words, VERDICT_COLOURS[diagnosis.verdict])]) + plan
 
 
-def reasons_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None, names: Names) -> str:
+def reasons_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None) -> str:
     """All that led to the verdict, a paragraph each."""
-    if diagnosis is None:
-        return ""
-    return elements.heading("How it was found") + "".join(
-        elements.note(reasons_said(paragraph, names)) for paragraph in explanation_of(diagnosis, next_poses).reasons
-    )
+    return "" if diagnosis is None else html.panel([Section(HOW, reasons(diagnosis, next_poses))])
 
 
-def advice_html(advice: Advice, names: Names) -> str:
+def advice_html(advice: Advice) -> str:
     """What is left, and what to do next."""
-    return elements.alert(advice_said(advice, names), colour=PROPOSAL)
+    return html.panel([Verdict(advice_words(advice), PROPOSAL)])
 
 
 def follow_label(advice: Advice) -> str:
@@ -174,9 +165,9 @@ def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:
         )
         + elements.note(
             "✓ The data speak for it: log evidence above 3 and p below 0.01 (Holm-corrected for the number of "
-            "effects). A lead of less than 3 over the next leaves it open. Held-out error: by how much the error falls "
-            "where each pose is predicted from the others; it is "
-            f"{numbers.column_mm(before)} mm a coordinate now. {nothing}"
+            "effects). A log Bayes factor below 3 over the next leaves it open. Held-out error: by how much the error "
+            "falls where each pose is predicted from the others; it is "
+            f"{numbers.column_mm(before)} mm per coordinate now. {nothing}"
         )
     )
 
@@ -185,4 +176,4 @@ def untestable_html(untestable: tuple[Untestable, ...]) -> str:
     """What these data cannot test, why, and what would help."""
     if not untestable:
         return ""
-    return elements.heading("Cannot be tested with these data") + elements.bullets(untestable_texts(untestable))
+    return elements.heading("Cannot be tested with these data") + elements.bullets(not_testable(untestable))

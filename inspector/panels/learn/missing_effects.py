@@ -8,7 +8,6 @@ from calib.calibration.noise_level import noise_level
 from calib.present.blocks import Paragraph
 from calib.present.curves import BAND_NOTE, curve_blocks, offered_curves
 from calib.present.html import panel
-from calib.present.references import Names
 from calib.screening.curves.fitted_curves import fitted_curves
 from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.figures.curve_plots import height_px, joint_curves
@@ -136,13 +135,12 @@ class MissingEffectsPanel:
         self._offer(session)
         done = session.searched and session.diagnosis is not None
         self.find.disabled = self.find.label == FIND and (session.calibration is None or done)
-        names = Names.of(session.dataset)
-        self._reasons.content = html.reasons_html(session.diagnosis, session.next_poses, names)
-        self._advice.content = html.verdict_html(session.diagnosis, session.next_poses, names)
+        self._reasons.content = html.reasons_html(session.diagnosis, session.next_poses)
+        self._advice.content = html.verdict_html(session.diagnosis, session.next_poses)
         advice = session.advice if session.diagnosis is None and session.screening is not None else None
         self.follow.visible = advice is not None
         if advice is not None:
-            self._advice.content = html.advice_html(advice, names)
+            self._advice.content = html.advice_html(advice)
             self.follow.label = html.follow_label(advice)
 
     def update_figure(self, view: View) -> None:

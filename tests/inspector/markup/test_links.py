@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 import re
-from dataclasses import fields, is_dataclass, replace
-from types import SimpleNamespace
-from typing import cast, get_args
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from calib.calibration.calibrate import calibrate
-from calib.diagnosis.advice import Advice
-from calib.diagnosis.moves import AddCurves, LeaveOutPoses, Move
-from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.words import conclusions, sentences
 from calib.effects.catalogue import effects_for
 from calib.present.names import joints_by_parameter
 from calib.present.references import Names, references_to
-from calib.screening.curves.joint_curves import LearnedCurves
-from calib.screening.smooth_motions import JointFault
-from inspector.markup.learn.said import Sentence, advice_said, known_links, reasons_said, residual_said
 from inspector.markup.model.fit import parameters_html
 from inspector.markup.parts import elements
 from inspector.markup.parts.links import linked
@@ -77,55 +68,6 @@ def test_a_pose_that_is_called_like_a_parameter_is_linked_only_as_a_pose() -> No
     ids = ("d3", "q2", "p1", "7", *dataset.poses.ids[4:])
     names = Names.of(replace(dataset, poses=replace(dataset.poses, ids=ids)))
     assert asked(linked("d3 against q2 at p1 and 7; pose d3", names)) == [("pose", "p1"), ("pose", "d3")]
-
-
-FAULT = JointFault("smooth", 3, 20.0, 1e-3, "rad", 0.4)
-CURVES = SimpleNamespace(joints=(2, 3), inputs=("q2", "torque3"), log_evidence=9.0)
-NOTHING = conclusions.ResidualSummary(None, (), False, ())
-
-
-def left_out(pose: str) -> LeaveOutPoses:
-    return LeaveOutPoses(cast(Diagnosis, SimpleNamespace(missing=())), (pose,))
-
-
-WITH_POSES: list[tuple[Sentence, list[tuple[str, str]]]] = [
-    (sentences.PosesStandOut(("1", "p3")), [("pose", "1"), ("pose", "p3")]),
-    (sentences.FaultSuspected(FAULT), [("joint", "4")]),
-    (left_out("1"), [("pose", "1")]),
-    (conclusions.ResidualSummary(None, (), False, ("1", "2")), [("pose", "1"), ("pose", "2")]),
-    (conclusions.ResidualSummary(FAULT, (), False, ()), [("joint", "4")]),
-    (
-        AddCurves(cast(Diagnosis, None), cast(LearnedCurves, CURVES)),
-        [("joint", "2"), ("joint", "3"), ("joint", "2"), ("joint", "3")],
-    ),
-]
-
-
-@pytest.mark.parametrize(("sentence", "links"), WITH_POSES)
-def test_sentences_link_the_poses_and_joints_that_they_are_about(
-    sentence: Sentence, links: list[tuple[str, str]]
-) -> None:
-    of_reason = isinstance(sentence, get_args(sentences.Reason))
-    if of_reason:
-        html = reasons_said([sentence], NAMES)  # type: ignore[list-item]
-    elif isinstance(sentence, conclusions.ResidualSummary):
-        html = residual_said(sentence, NAMES)
-    else:
-        html = advice_said(Advice(sentence, NOTHING), NAMES)  # type: ignore[arg-type]
-    assert asked(html) == links
-
-
-def test_every_kind_of_sentence_with_poses_links_them() -> None:
-    """A new kind whose field `poses` or `outlier_poses` holds ids has to be told to `known_links`."""
-    for kind in (*get_args(sentences.Reason), conclusions.ResidualSummary, *get_args(Move)):
-        held = [f for f in fields(kind) if is_dataclass(kind) and f.type == "tuple[str, ...]" and "poses" in f.name]
-        if held:
-            values = {f.name: ("p9",) if f in held else _any_value(f.name) for f in fields(kind)}
-            assert "p9" in known_links(kind(**values)), kind
-
-
-def _any_value(name: str) -> object:
-    return None if name == "fault" else ()
 
 
 def test_the_joint_of_each_parameter() -> None:

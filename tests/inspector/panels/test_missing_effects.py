@@ -14,10 +14,9 @@ import pytest
 
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.words.phrases import untestable_texts
 from calib.planning.discrimination import discriminating_poses, nearest_alternative
 from calib.present import numbers
-from calib.present.references import Names
+from calib.present.effects import not_testable
 from calib.present.residuals import input_title
 from calib.screening.candidates import Untestable
 from inspector.app.app import App
@@ -100,7 +99,7 @@ def test_find_gives_what_the_command_gives(folder: Path, app: App, page: WireCli
 
 def test_an_open_verdict_names_the_effects_that_it_leaves_open(folder: Path) -> None:
     found = diagnose(load_dataset(folder))
-    said = verdict_html(replace(found, contenders=("backlash", "joint_scale")), None, Names())
+    said = verdict_html(replace(found, contenders=("backlash", "joint_scale")), None)
     assert "backlash or joint_scale" in said
     assert "above" not in said  # on the page the reasons come below
 
@@ -108,7 +107,7 @@ def test_an_open_verdict_names_the_effects_that_it_leaves_open(folder: Path) -> 
 def test_effects_that_cannot_be_tested_for_the_same_reason_share_a_sentence() -> None:
     silent = tuple(Untestable(name, "no masses", "weigh the links") for name in ("bending", "sag", "play"))
     other = Untestable("growth", "no temperature", "write it down")
-    assert untestable_texts((*silent[:2], other, silent[2])) == [
+    assert not_testable((*silent[:2], other, silent[2])) == [
         "bending, sag and play: no masses. To test them: weigh the links.",
         "growth: no temperature. To test it: write it down.",
     ]

@@ -16,10 +16,11 @@ from calib.diagnosis.advice import advice_on, advice_text
 from calib.diagnosis.decision_rules import CURVES_SHARE, MIN_LOG_BAYES_FACTOR, is_convincing, ranking_given_curves
 from calib.diagnosis.moves import AddCurves
 from calib.diagnosis.search_space import add_in_turn
-from calib.diagnosis.words.phrases import fault_text
 from calib.effects.effect import apply_values
 from calib.fitting.observations import nominal_state
+from calib.present.blocks import plain
 from calib.present.curves import curve_blocks
+from calib.present.verdict import fault as fault_words
 from calib.screening.curves.fitted_curves import fitted_curves, learned_members
 from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.cli.parser import main
@@ -116,11 +117,11 @@ def test_a_fault_of_one_joint_stays_told_unless_all_joints_say_more(ranked: Sess
     assert isinstance(move, AddCurves)
     assert fault is not None
     told = advice_text(advice_on(move, ranked.residual_tests, ranked.calibration))
-    assert fault_text(fault) in told  # the curve is of that joint alone
+    assert plain(fault_words(fault)) in told  # the curve is of that joint alone
     (member,) = ranked.curves.members
     both = replace(ranked.curves, members=(member, replace(member, joint=4)), log_evidence=fault.log_evidence + 10.0)
     told = advice_text(advice_on(replace(move, curves=both), ranked.residual_tests, ranked.calibration))
-    assert fault_text(fault) not in told
+    assert plain(fault_words(fault)) not in told
     assert "more than noise" in told
 
 

@@ -1,7 +1,4 @@
-"""The headline of a calibration: how far the arm is off as delivered, with calibrated links, with each effect.
-
-The page, the report and the terminal take it from here, as data or as one line.
-"""
+"""The headline of a calibration: how far the arm is off as delivered, with calibrated links, with each effect."""
 
 from __future__ import annotations
 
@@ -11,13 +8,10 @@ from dataclasses import dataclass
 
 from calib.calibration.noise_level import FIT, NoiseLevel, noise_level
 from calib.calibration.result import Calibration
-from calib.diagnosis.words.conclusions import HeldOutError
-from calib.diagnosis.words.phrases import length_digits, listed, times_text
 from calib.fitting.tool_point import ToolShift
 from calib.screening.curves.smooth_joint_error import LEARNED
 
 NOISE_AGREES = 1.5  # times the noise: up to this an error is what noise leaves, as few poses can tell
-_MICROMETRES_BELOW_MM = 0.1
 
 
 @dataclass(frozen=True)
@@ -26,7 +20,7 @@ class ErrorStage:
 
     name: str  # "as delivered", "with calibrated links", "with joint_compliance"
     error_mm: float  # 3D RMSE
-    step: int | None  # which of the calibrations it is of; None for the arm as delivered
+    step: int | None  # index of its calibration; None for the arm as delivered
     effects: tuple[str, ...] = ()  # that this stage added
 
 
@@ -51,18 +45,17 @@ class Headline:
 
     @property
     def reached_noise(self) -> bool:
-        """Whether the last error is what noise leaves. Never so where the fit alone tells the noise."""
+        """Whether the last error is what noise leaves; never where only the fit says how large the noise is."""
         ratio = self.noise_ratio
         return ratio is not None and self.noise.source != FIT and ratio <= NOISE_AGREES
 
-    @property
-    def unit(self) -> str:
-        """ "mm" or "µm": one unit for all its lengths."""
-        return "µm" if max(stage.error_mm for stage in self.stages) < _MICROMETRES_BELOW_MM else "mm"
 
-    def shown(self, length_mm: float) -> str:
-        """A length as the headline tells it: "0.72 mm"."""
-        return f"{length_digits(1e3 * length_mm if self.unit == 'µm' else length_mm)} {self.unit}"
+@dataclass(frozen=True)
+class HeldOutError:
+    """The error of the test poses, where it is larger than noise would leave."""
+
+    rmse_mm: float  # 3D
+    noise_ratio: float  # of `rmse_mm` to what noise alone leaves
 
 
 def headline_of(calibrations: Sequence[Calibration]) -> Headline:
@@ -94,8 +87,8 @@ def _on_the_way(effects: Sequence[tuple[str, ...]]) -> list[int]:
 
 
 def _name(new: Sequence[str], *, with_links: bool) -> str:
-    links = ["calibrated links"] if with_links else []
-    return f"with {listed([*links, *('learned curves' if name == LEARNED else name for name in new)])}"
+    parts = [*(["calibrated links"] if with_links else []), *("learned curves" if n == LEARNED else n for n in new)]
+    return f"with {', '.join(parts[:-1])} and {parts[-1]}" if len(parts) > 1 else f"with {''.join(parts)}"
 
 
 def _error_mm(calibration: Calibration, of_test_poses: bool, *, before: bool = False) -> float:
@@ -106,50 +99,8 @@ def _error_mm(calibration: Calibration, of_test_poses: bool, *, before: bool = F
 
 
 def held_out_beyond_noise(calibration: Calibration, noise_mm: float) -> HeldOutError | None:
-    """The test poses' error, where it is larger than noise of this sigma a coordinate would leave; else None."""
+    """Error of the test poses where it is larger than noise of a sigma `noise_mm` per coordinate leaves; else None."""
     test = calibration.after.test
     if test is None or not noise_mm > 0.0 or test.rmse_mm <= NOISE_AGREES * math.sqrt(3.0) * noise_mm:
         return None
     return HeldOutError(test.rmse_mm, test.rmse_mm / (math.sqrt(3.0) * noise_mm))
-
-
-def headline_text(told: Headline) -> str:
-    """ "1.92 mm as delivered → 0.72 mm with calibrated links → 0.040 mm with joint_compliance (noise 0.0062 mm)"."""
-    way = " → ".join(f"{told.shown(stage.error_mm)} {stage.name}" for stage in told.stages)
-    return f"{way} ({noise_words(told)})"
-
-
-def noise_words(told: Headline) -> str:
-    """ "noise 0.0062 mm", or "noise as the fit left it 0.21 mm: not declared"."""
-    if told.noise_mm is None:
-        return "noise not declared"
-    if told.noise.is_declared:
-        return f"noise {told.shown(told.noise_mm)}"
-    return f"{told.noise.name} {told.shown(told.noise_mm)}: not declared"
-
-
-def headline_note(told: Headline) -> str:
-    """Which poses the figures are of, and whether noise alone is left, in a sentence or two."""
-    of = (
-        "3D error (RMS) at test poses, which no fit saw."
-        if told.of_test_poses
-        else "3D error (RMS) at the poses that were fitted: there are no test poses, so nothing confirms it."
-    )
-    if told.tool is not None:
-        of += (
-            f" The tool point was found {length_digits(told.tool.off_mm)} mm from where robot.toml has it; that is no "
-            "error of the arm and counts in none of these figures."
-        )
-    if told.stages[-1].error_mm > told.stages[0].error_mm:
-        of += " It rose: the fit is worse than robot.toml as it was, so do not put it on the robot."
-    ratio = told.noise_ratio
-    if ratio is None or told.noise_mm is None:
-        return f"{of} The dataset declares no noise to compare it with."
-    if told.noise.source == FIT:
-        return (
-            f"{of} The dataset declares no noise; what is left is {times_text(ratio)} what the {told.noise.name} "
-            f"would leave, {told.shown(told.noise_mm)}, and that holds what is missing from the model, too."
-        )
-    if told.reached_noise:
-        return f"{of} What is left is no more than noise."
-    return f"{of} What is left is {times_text(ratio)} what noise alone would leave."

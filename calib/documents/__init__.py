@@ -1,1 +1,0 @@
-"""Results as documents: plain dicts with the keys of the commands' `--json`, which scripts rely on."""

@@ -1,0 +1,546 @@
+"""A diagnosis: the way of the error, the verdict, how it was reached, the ranking, the keys of `diagnose --json`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from calib.array_types import BoolArray
+from calib.calibration.result import Calibration, is_declared
+from calib.diagnosis.causes import FittedValue, fitted_values, visible_mm
+from calib.diagnosis.decision_rules import left_to_curves
+from calib.diagnosis.effect_selection import GEOMETRY, FitStep
+from calib.diagnosis.headline import headline_of
+from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.verdict import ConfoundedSet, LearnedModel, Refusal
+from calib.planning.discrimination import DiscriminatingPose, NextPoses, next_poses
+from calib.present import numbers
+from calib.present.blocks import (
+    Block,
+    Bullets,
+    FigurePlace,
+    Paragraph,
+    Presentation,
+    Section,
+    Table,
+    Verdict,
+    Words,
+    capitalised,
+    effect,
+    listed,
+    plain,
+    pose,
+    spans,
+)
+from calib.present.calibration import found_tool_document, parameters, stands_document
+from calib.present.colours import VERDICT_COLOURS
+from calib.present.effects import meaning, not_testable, with_key
+from calib.present.error_headline import error_headline
+from calib.present.names import input_name
+from calib.present.noise import noise_document, noise_sentences
+from calib.present.results import document, headline, presentation, to_dict
+from calib.present.verdict import SMALL_CHANGE, curves, fault, verdict
+from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate
+from calib.screening.curves.fitted_curves import learned_members
+from calib.screening.curves.smooth_joint_error import LEARNED
+from calib.screening.nuisance import REPORTED_EVIDENCE
+from calib.screening.residual_tests import InputTest, ResidualTests
+from calib.screening.smooth_motions import JointFault
+
+HOW = "How the verdict was reached"
+RANKED = 12  # candidates that are listed
+_SHOWN_VALUES = 4  # fitted parameters of an effect that are listed; the others are counted
+_SHOWN_POSES = 3
+_STANDING = {"claimed": "Missing: ", "suspected": "Suspected: ", "open": "Missing, this effect or one like it: "}
+_REFUSALS = {
+    "nature": "{}: it was not added. Something else makes what it would explain.",
+    "test poses": (
+        "with it the test poses, which no fit saw, are predicted worse: it was not added. Either it stands in for "
+        "another cause, or the test poses differ from the others."
+    ),
+    "no gain": (
+        "poses that were left out, the test poses and the training poses one by one, are predicted no better with it "
+        "beyond chance: it was not added."
+    ),
+}
+_NOISE_SOURCES = {
+    "repeats": "by repeated measurements",
+    "dataset": "as dataset.toml declares it, taken as accurate to 25 %",
+    "fit": "as the fit estimates it: none is declared",
+}
+
+
+# ---- the whole ------------------------------------------------------------------------------------------------------
+
+
+@presentation.register
+def _diagnosis(diagnosis: Diagnosis) -> Presentation:
+    return diagnosis_presentation(diagnosis, next_poses(diagnosis))
+
+
+@headline.register
+def _headline(diagnosis: Diagnosis) -> str:
+    return plain(verdict_block(diagnosis).words)  # without the poses to measure next, whose choice takes a while
+
+
+def diagnosis_presentation(diagnosis: Diagnosis, poses: NextPoses | None) -> Presentation:
+    """All that is told of a diagnosis, with poses to measure next that were chosen already (`next_poses`)."""
+    name, last = diagnosis.calibration.dataset.name, diagnosis.calibration
+    history = FigurePlace("error_history", (diagnosis,), "3D RMSE after each change of the model.", height_px=260)
+    learned = (
+        [Section("Learned curves of the joints", [_figure("learned_curves", last, "Learned curves.", 420)])]
+        if learned_members(last)
+        else []
+    )
+    return Presentation(
+        f"Diagnosis of {name}",
+        [*diagnosis_head(diagnosis), history],
+        [
+            Section(HOW, reasons(diagnosis, poses), brief=True),
+            Section("Error history", [steps(diagnosis)], brief=True),
+            Section("What could be missing", ranking(diagnosis), brief=True),
+            *learned,
+            Section("Residual by pose", [_figure("error_bars", last, "3D error of each pose.", 260)]),
+            Section("Parameters", parameters(last)),
+        ],
+    )
+
+
+def _figure(figure: str, calibration: Calibration, caption: str, height_px: int) -> FigurePlace:
+    return FigurePlace(figure, (calibration,), caption, height_px=height_px)
+
+
+def diagnosis_head(diagnosis: Diagnosis) -> list[Block]:
+    """The way of the error and the verdict."""
+    way = headline_of([step.calibration for step in diagnosis.steps])
+    return [error_headline(way), verdict_block(diagnosis)]
+
+
+def verdict_block(diagnosis: Diagnosis) -> Verdict:
+    """The verdict in its colour."""
+    return Verdict(capitalised(verdict(diagnosis)), VERDICT_COLOURS[diagnosis.verdict])
+
+
+def steps(diagnosis: Diagnosis) -> Table:
+    """Errors after each step, and the log Bayes factor of the effect that it added over the next."""
+    columns = ("model", "training, mm", "test, mm", "residual sigma, mm", "log Bayes factor")
+    rows = []
+    for step in diagnosis.steps:
+        after, factor = step.calibration.after, step.log_bayes_factor
+        errors = (None if f is None else f.rmse_mm for f in (after.train, after.test))
+        figures = [*map(numbers.column_mm, errors), numbers.column_mm(step.calibration.sigma_mm)]
+        added = f"+ {step.effect}" if step.effect else GEOMETRY
+        rows.append((added, *figures, numbers.MISSING if factor is None else f"{factor:.0f}"))
+    return Table(columns, rows, caption="3D RMSE; the sigma is per coordinate, by degrees of freedom")
+
+
+def ranking(diagnosis: Diagnosis) -> list[Block]:
+    """The evidence of each candidate by which the first decision was taken, and what cannot be tested."""
+    rows = [
+        (c.name, f"{c.log_evidence:.1f}", numbers.probability(c.p_holm), f"{100 * c.explained_share:.0f}")
+        for c in diagnosis.candidates[:RANKED]
+    ]
+    ranked: list[Block] = [Paragraph("No effect can be ranked: none is testable with these data.")]
+    if rows:
+        ranked = [Table(("effect", "log evidence", "p (Holm)", "explains, %"), rows)]
+    if diagnosis.untestable:
+        ranked += [Paragraph("Cannot be tested with these data:"), Bullets(not_testable(diagnosis.untestable))]
+    return ranked
+
+
+def explanation(diagnosis: Diagnosis, poses: NextPoses | None) -> str:
+    """The reasons and the verdict as plain text, a paragraph each, the verdict last."""
+    why = [plain(paragraph.words) for paragraph in reasons(diagnosis, poses)]
+    return "\n\n".join([*why, f"Verdict: {plain(verdict(diagnosis))}"])
+
+
+# ---- how the verdict was reached ------------------------------------------------------------------------------------
+
+
+def reasons(diagnosis: Diagnosis, poses: NextPoses | None) -> list[Paragraph]:
+    """What led to the verdict, a paragraph each: the first fit, each effect, what is open, the residual, the noise."""
+    words: list[Words] = []
+    if diagnosis.data_problem is not None:
+        wrong = numbers.capitalised(diagnosis.data_problem.words)
+        words.append(f"{wrong}. Signs, order, units, rows and tables come before any effect: none is named.")
+    words.append(_first_fit(diagnosis.steps[0].calibration))
+    for before, after in zip(diagnosis.steps, diagnosis.steps[1:], strict=False):
+        if after.candidate is not None:
+            words.append(effect_added(before, after, diagnosis.conclusion.standing(after.effect or "") or "open"))
+    confirm = {c.name: c.family.description.confirm for c in diagnosis.candidates}
+    words += [confounded(one, confirm) for one in diagnosis.confounded_sets]
+    if diagnosis.conclusion.undecided:
+        words.append(_undecided(diagnosis, poses))
+    if diagnosis.refused is not None:
+        words.append(refusal(diagnosis.refused))
+    words.append(residual_tests(diagnosis.residual_tests))
+    if diagnosis.noise is not None:
+        words.append(noise_sentences(diagnosis))
+    if diagnosis.learned is not None:
+        words.append(_learned(diagnosis.learned))
+    return [Paragraph(sentence) for sentence in words]
+
+
+def _first_fit(calibration: Calibration) -> str:
+    """The model that the diagnosis began with, and how far it is off."""
+    fit, dataset = calibration.fit, calibration.dataset
+    train, test = calibration.after.train, calibration.after.test
+    families = calibration.model.family_names
+    instrument = "scanner" if dataset.shows_faces else "instrument"
+    ratio = (
+        f", {numbers.times(fit.reduced_chi)} the declared noise" if is_declared(dataset) else "; no noise is declared"
+    )
+    errors = (
+        f"; the 3D RMSE is {numbers.length(train.rmse_mm)} at the training poses, {numbers.length(test.rmse_mm)} at "
+        "the test poses"
+        if train and test
+        else ""
+    )
+    repeats = calibration.repeat_count
+    grouped = (
+        ""
+        if repeats is None
+        else f" The dataset's {repeats.repeats} points form {repeats.groups} repeat groups of equal joints and "
+        "conditions, and each group counts once, by the mean of its repeats."
+    )
+    tool = "" if calibration.tool_shift is None else f" {numbers.capitalised(calibration.tool_shift.words)}."
+    return (
+        f"The five-parameter model{' with ' + numbers.listing(families) if families else ''} was fitted to "
+        f"{numbers.count(train.points if train else 0, 'measured point')} of {dataset.robot.name}, the {instrument}'s "
+        f"place being unknown. The residual sigma is {numbers.length(calibration.sigma_mm)} per coordinate{ratio}"
+        f"{errors}.{grouped}{tool}"
+    )
+
+
+def effect_added(before: FitStep, after: FitStep, standing: str) -> Words:
+    """The effect that a step added: the evidence, how the errors changed, its values, and what makes it doubtful.
+
+    standing: "claimed", "suspected" or "open" (it is fitted on behalf of a set).
+    """
+    candidate = after.candidate
+    assert candidate is not None
+    values = fitted_values(candidate, after.calibration)
+    visible = visible_mm(candidate, before.calibration)
+    size = "" if visible is None else f", {numbers.length(visible)} RMS at the tool"
+    change = error_change(before.calibration, after.calibration)
+    note = f" Note: {candidate.family.note}." if candidate.family.note else ""
+    return spans(
+        _STANDING[standing], with_key(candidate.name),
+        f". It explains {numbers.share(candidate.explained_share)} of the squared residual{size} "
+        f"(p = {numbers.probability(candidate.p_holm)})",
+        _lead(before, after, standing), f". {change}", " " if change else "",
+        _values(values, after.calibration), _doubts(values), note,
+    )  # fmt: skip
+
+
+def _lead(before: FitStep, after: FitStep, standing: str) -> Words:
+    """The log Bayes factor over the next candidate."""
+    lead: Words = ()
+    factor = after.log_bayes_factor
+    if after.runner_up and factor is not None:
+        # Claimed with less, it has no rival: the next would explain something else, and is tried again after it.
+        no_rival = standing == "claimed" and factor <= MIN_LOG_BAYES_FACTOR
+        asked = (
+            ", which would explain something else" if no_rival else f" (more than {MIN_LOG_BAYES_FACTOR:g} is required)"
+        )
+        over = spans("; its log Bayes factor over the next, ", effect(after.runner_up))
+        lead = spans(
+            over, f", is {factor:.0f}" if not no_rival else "", asked, f", is {factor:.0f}" if no_rival else ""
+        )
+    screening, candidate = before.screening, after.candidate
+    above = () if screening is None or candidate is None else left_to_curves(screening, before.curves, candidate)
+    if not above:
+        return lead
+    rank = "rank" if len(above) > 1 else "ranks"
+    curved = f" {rank} above it, but curves of all joints explain clearly more"
+    return spans(lead, "; ", listed([effect(key) for key in above]), curved)
+
+
+def error_change(before: Calibration, after: Calibration) -> str:
+    """How the error of the test poses changes between two fits; without test poses, that of the training poses."""
+    tests, trains = (before.after.test, after.after.test), (before.after.train, after.after.train)
+    if tests[0] is not None and tests[1] is not None:
+        old_mm, new_mm = tests[0].rmse_mm, tests[1].rmse_mm
+        share = new_mm / old_mm - 1.0 if old_mm > 0.0 else 0.0
+        go = "hardly changes," if abs(share) < SMALL_CHANGE else "falls" if share < 0.0 else "rises"
+        change = numbers.length_change(old_mm, new_mm)
+        return f"With it the error of the test poses, which no fit saw, {go} {change}."
+    if trains[0] is not None and trains[1] is not None:
+        change = numbers.length_change(trains[0].rmse_mm, trains[1].rmse_mm)
+        return f"With it the error of the training poses goes {change}; no test poses confirm it."
+    return ""
+
+
+def _values(values: Sequence[FittedValue], calibration: Calibration) -> str:
+    if not values:
+        return "None of its parameters is known to better than half its size by itself; together they are."
+    more = len(values) - _SHOWN_VALUES
+    listed_values = "; ".join(_value(value, calibration) for value in values[:_SHOWN_VALUES])
+    return f"Fitted: {listed_values}{f'; and {more} more' if more > 0 else ''}."
+
+
+def _value(value: FittedValue, calibration: Calibration) -> str:
+    unit = value.parameter.unit
+    means = "" if unit == "rad" else meaning(value.effect, value.parameter, value.value, calibration)
+    return f"{value.name} = {numbers.with_sigma(value.value, value.sigma, unit)}{f' ({means})' if means else ''}"
+
+
+def _doubts(values: Sequence[FittedValue]) -> str:
+    """A further sentence on the value that is furthest beyond what such causes have; "" where none is."""
+    beyond = [(abs(v.value) / v.bound.size, v, v.bound) for v in values if v.bound is not None]
+    if not beyond:
+        return ""
+    ratio, value, bound = max(beyond, key=lambda one: one[0])
+    return (
+        f" Doubt it: {value.name} is {numbers.times(ratio)} the largest value that is known of such a cause "
+        f"({bound.size:g} {bound.unit}; {bound.source}), so another cause may stand behind the name."
+    )
+
+
+def confounded(found: ConfoundedSet, confirm: dict[str, str]) -> Words:
+    """An effect in the model that is fitted on behalf of others, and what to measure to tell them apart.
+
+    confirm: what to measure to see an effect alone, by its key.
+    """
+    sentences: list[Words] = []
+    if found.equivalent:
+        alike = (found.effect, *found.equivalent)
+        behalf = "both" if len(alike) == 2 else "all of them"
+        sentences.append(
+            spans(
+                listed([with_key(key) for key in alike]),
+                " are indistinguishable at these poses; ",
+                effect(found.effect),
+                f" is fitted on behalf of {behalf}, and none is claimed.",
+            )
+        )
+        if any(confirm.get(key) for key in alike):
+            sentences.append(_to_tell_apart(alike, confirm))
+    if found.untested:
+        sentences.append(
+            spans(
+                "These data lack what would tell ",
+                with_key(found.effect),
+                " from ",
+                listed([effect(key) for key in found.untested]),
+                "; it is fitted on behalf of all of them, and none is claimed. To settle it, ",
+                found.would_help,
+                ".",
+            )
+        )
+    return spans(*[part for k, sentence in enumerate(sentences) for part in (" " if k else "", sentence)])
+
+
+def _to_tell_apart(keys: Sequence[str], confirm: dict[str, str]) -> str:
+    measures = "; ".join(f"for {key}, {confirm[key]}" for key in keys if confirm.get(key))
+    return f"To tell them apart, measure: {measures}."
+
+
+def _undecided(diagnosis: Diagnosis, poses: NextPoses | None) -> Words:
+    """Effects of which none leads the others, and what would decide between them."""
+    names, ranked = diagnosis.conclusion.undecided, diagnosis.screenings[-1].candidates
+    best = ranked[0]
+    confirm = {c.name: c.family.description.confirm for c in ranked}
+    words = spans(
+        "Something is missing, and these data cannot tell which of ", listed([effect(key) for key in names], "or"),
+        f": none leads the others by a log Bayes factor of {MIN_LOG_BAYES_FACTOR:g}.",
+    )  # fmt: skip
+    overlaps = [f"{key}: {numbers.share(share)}" for key, share in best.overlaps.items() if key in names]
+    if overlaps:
+        words = spans(
+            words, " Of what ", effect(best.name), f" explains, others could explain as much ({', '.join(overlaps)})."
+        )
+    if any(confirm.get(key) for key in names):
+        words = spans(words, " ", _to_tell_apart(names, confirm))
+    if poses is not None:
+        shown = poses_to_measure(poses.poses[:_SHOWN_POSES], diagnosis.calibration.dataset.robot.is_revolute)
+        settle = f" {len(poses.poses)} planned poses settle it with a probability of "
+        power = f"{settle}{numbers.share(poses.discrimination.power)}."
+        words = spans(words, f" Poses at which they differ most, joints in degrees: {shown}.", power)
+    return words
+
+
+def poses_to_measure(poses: Sequence[DiscriminatingPose], is_revolute: BoolArray) -> str:
+    """Poses in degrees, mm for prismatic joints, each with the least difference of the hypotheses there.
+
+    is_revolute  # (n,)
+    """
+    return "; ".join(
+        f"({', '.join(f'{v:.0f}' for v in np.where(is_revolute, np.degrees(one.q), one.q))}): "
+        f"{numbers.length(one.separation_mm)} apart"
+        for one in poses
+    )
+
+
+def refusal(refused: Refusal) -> Words:
+    """An effect that explains the training poses, and what speaks against it."""
+    against = _REFUSALS[refused.why].format(refused.detail)
+    return spans(capitalised(with_key(refused.effect)), f" explains the training poses well, but {against}")
+
+
+def residual_tests(tests: ResidualTests) -> Words:
+    """What a fit leaves, with the figures by which it was judged."""
+    words = spans(
+        f"The residual is {numbers.length(tests.residual_mm)} per coordinate; the noise is "
+        f"{numbers.length(tests.noise_mm)}, {_NOISE_SOURCES[tests.noise_from]}."
+    )
+    if tests.masses_evidence > REPORTED_EVIDENCE:
+        words = spans(
+            words,
+            " A part of it follows from masses or centres of mass that differ from robot.toml (log evidence "
+            f"{tests.masses_evidence:.0f}); it was allowed for before anything else was looked for. Better masses in "
+            "robot.toml would remove it.",
+        )
+    if tests.structured:
+        words = spans(words, " ", _pattern(tests))
+    elif tests.inputs:
+        closest = tests.inputs[0]
+        count = numbers.count(len(tests.inputs), "input")
+        words = spans(
+            words,
+            f" It does not depend systematically on any of {count} (closest: ", input_name(closest.input),
+            f", p = {numbers.probability(closest.p_value)}).",
+        )  # fmt: skip
+    if tests.too_large:
+        words = spans(words, " It is more than noise.")
+    if tests.fault is not None:
+        words = spans(words, " It looks as if ", fault(tests.fault), f" (log evidence {tests.fault.log_evidence:.0f}).")
+    if tests.outlier_poses:
+        words = spans(words, " Single poses stand out: ", listed([pose(name) for name in tests.outlier_poses]), ".")
+    return words
+
+
+def _pattern(tests: ResidualTests) -> Words:
+    first = tests.inputs[0]
+    where = f"along {first.channel.name} of the scanner's frame"
+    if first.channel.joint is not None:
+        where = f"in the motion of {first.channel.name}"
+    return spans(
+        "It depends systematically on ", listed([input_name(key) for key in tests.structured]),
+        f" (p = {numbers.probability(first.p_value)}), most clearly {where} over ", input_name(first.input),
+        ": it is not noise.",
+    )  # fmt: skip
+
+
+def _learned(learned: LearnedModel) -> Words:
+    formula = f"; in short {learned.formula}" if learned.formula else ""
+    change = error_change(learned.before, learned.after)
+    return spans(
+        curves(learned.joints, learned.inputs, learned.log_evidence),
+        f" They were learned as {LEARNED}{formula}. {change}{' ' if change else ''}No cause is named by it.",
+    )
+
+
+# ---- the keys of diagnose --json ------------------------------------------------------------------------------------
+
+
+@document.register
+def _document(diagnosis: Diagnosis) -> dict[str, Any]:
+    return diagnosis_document(diagnosis, next_poses(diagnosis))
+
+
+def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[str, Any]:
+    """The keys of `diagnose --json`, with poses to measure next that were chosen already (`next_poses`)."""
+    tests, last, held_out, refused = (
+        diagnosis.residual_tests, diagnosis.calibration, diagnosis.held_out, diagnosis.refused,
+    )  # fmt: skip
+    return to_dict({
+        "dataset": last.dataset.name,
+        "stands": stands_document(last),
+        "left_out": last.fitted_dataset.left_out,
+        **found_tool_document(last),
+        "worse_than_nominal": last.worse_than_nominal or None,
+        "verdict": diagnosis.verdict,
+        "missing": diagnosis.missing,
+        "suspected": diagnosis.suspected,
+        "ambiguous_set": diagnosis.ambiguous_set,
+        "open_sets": diagnosis.confounded_sets,
+        "refused": None if refused is None else refused.effect,
+        "refused_why": None if refused is None else refused.why,
+        "promise": None if held_out is None else asdict(held_out) | {"kept": not held_out.is_broken},
+        "steps": diagnosis.steps,
+        "candidates": diagnosis.candidates,
+        "untestable": [{"effect": u.name, "why": u.why, "would_help": u.would_help} for u in diagnosis.untestable],
+        "leftover": {
+            "lack_of_fit_p": tests.lack_of_fit_p,
+            "noise_mm": tests.noise_mm,
+            "noise_from": tests.noise_from,
+            "residual_mm": tests.residual_mm,
+            "inputs": tests.inputs,
+            "outlier_poses": tests.outlier_poses,
+            "fault": tests.fault,
+            "masses_log_evidence": tests.masses_evidence,
+        },
+        "simpler": None,  # was a dent or a slip, which are effects now
+        "measure_next": () if poses is None else poses.poses,
+        "explanation": explanation(diagnosis, poses),
+        "outside": last.outside,
+        "learned": diagnosis.learned,
+        "noise": noise_document(diagnosis),
+        "data_problem": diagnosis.data_problem,
+    })  # fmt: skip
+
+
+@document.register
+def _confounded_document(found: ConfoundedSet) -> dict[str, Any]:
+    return {
+        "effect": found.effect,
+        "twins": found.equivalent,
+        "untested": found.untested,
+        "would_help": found.would_help,
+    }
+
+
+@document.register
+def _step_document(step: FitStep) -> dict[str, Any]:
+    after = step.calibration.after
+    return {
+        "effect": step.effect,
+        "train_rmse_mm": after.train.rmse_mm if after.train else None,
+        "test_rmse_mm": after.test.rmse_mm if after.test else None,
+        "sigma_mm": step.calibration.sigma_mm,
+        "p_value": step.candidate.p_value if step.candidate else None,
+        "log_evidence_margin": step.log_bayes_factor,
+    }
+
+
+@document.register
+def _candidate_document(candidate: Candidate) -> dict[str, Any]:
+    return {
+        "effect": candidate.name,
+        "p_value": candidate.p_value,
+        "p_holm": candidate.p_holm,
+        "log_evidence": candidate.log_evidence,
+        "explained_share": candidate.explained_share,
+        "cv_rmse_mm": candidate.cv_rmse_mm,
+        "overlaps": candidate.overlaps,
+        "parameters": candidate.values,
+        "note": candidate.family.note or None,
+    }
+
+
+@document.register
+def _input_test_document(test: InputTest) -> dict[str, Any]:
+    return {"input": test.input, "p_value": test.p_value, "where": test.channel.name}
+
+
+@document.register
+def _learned_document(learned: LearnedModel) -> dict[str, Any]:
+    train, test = learned.after.after.train, learned.after.after.test
+    return {
+        "joints": learned.joints,
+        "inputs": learned.inputs,
+        "formula": learned.formula,
+        "train_rmse_mm": train.rmse_mm if train else None,
+        "test_rmse_mm": test.rmse_mm if test else None,
+        "share": learned.share,
+    }
+
+
+@document.register
+def _fault_document(found: JointFault) -> dict[str, Any]:
+    once = {"place_rad": None, "width_rad": None, "pose_id": ""}  # of a dent or a slip, which are effects now
+    return {**asdict(found), **once, "joint": found.joint + 1, "words": plain(fault(found))}

@@ -1,0 +1,98 @@
+"""Effects of the catalogue as they are named in sentences, what their values mean on an arm, and those not testable."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from calib.calibration.result import Calibration
+from calib.effects.catalogue import descriptions
+from calib.effects.catalogue.loads import stiffness
+from calib.effects.effect import Effect, Parameter, has_meaning, meaning_of
+from calib.present import numbers
+from calib.present.blocks import Span, effect, spans
+from calib.screening.candidates import Untestable
+from calib.screening.curves.smooth_joint_error import LEARNED
+
+
+@cache
+def _titles() -> dict[str, str]:
+    return {described.name: described.title for described in descriptions()} | {LEARNED: "learned curves"}
+
+
+def title(key: str) -> str:
+    """Name of an effect for people: "joint compliance"; a user's own effect is called by its key."""
+    return _titles().get(key, key)
+
+
+def with_key(key: str) -> tuple[Span, ...]:
+    """Name of an effect for people, and its key where that is another: "joint compliance (joint_compliance)"."""
+    named = title(key)
+    return (effect(key),) if named == key else spans(f"{named} (", effect(key), ")")
+
+
+def meaning(owner: Effect, parameter: Parameter, size: float, calibration: Calibration) -> str:
+    """Consequence of a parameter at a dataset's poses; "" where the value says it already.
+
+    Args:
+        owner: the effect whose parameter it is.
+        parameter: one of the effect's.
+        size: in the parameter's unit.
+        calibration: the fit whose poses, torques and times it acts at.
+    """
+    if not np.isfinite(size) or size == 0.0:
+        return ""
+    if parameter.unit == "rad kg/Nm":  # a compliance times a mass that is not known
+        return f"as 10 kg at that frame would make it with a {stiffness(0.1 * size)}"
+    if has_meaning(owner):
+        state = calibration.model.state(calibration.fit.x, calibration.dataset.poses)
+        return meaning_of(owner, parameter, size, state)
+    unit = parameter.unit
+    if unit == "rad":
+        return f"{np.degrees(size):.2g}°"
+    if unit == "rad/Nm":
+        return stiffness(size)
+    if unit == "1/K":
+        return f"{size * 1e6:.2g} µm per metre and kelvin"
+    if unit in ("mm/s", "rad/s"):
+        return _over_the_run(size, unit, calibration)
+    return f"{100.0 * size:.2g} %" if unit == "1" else ""
+
+
+def _over_the_run(size: float, unit: str, calibration: Calibration) -> str:
+    time_s = calibration.dataset.poses.time_s
+    hours = float(np.ptp(time_s)) / 3600.0 if time_s is not None else 0.0
+    if hours <= 0.0:
+        return ""
+    moved = size * 3600.0 * hours
+    words = f"{moved:.2g} mm" if unit == "mm/s" else f"{np.degrees(moved):.2g}°"
+    return f"{words} over the {hours:.2g} h measured"
+
+
+def not_testable(untestable: Sequence[Untestable]) -> list[str]:
+    """A sentence for each reason why effects cannot be tested, with all the effects that it holds for."""
+    keys: dict[tuple[str, str], list[str]] = {}
+    for family in untestable:
+        keys.setdefault((family.why, family.would_help), []).append(family.name)
+    return [
+        f"{numbers.listing(of)}: {why}. To test {'it' if len(of) == 1 else 'them'}: {would_help}."
+        for (why, would_help), of in keys.items()
+    ]
+
+
+def effects_document() -> dict[str, Any]:
+    """The keys of `effects --json`: the catalogue."""
+    return {
+        "effects": [
+            {
+                "name": d.name,
+                "equation": d.equation,
+                "parameters": [{"name": name, "unit": unit} for name, unit in d.symbols],
+                "needs": d.needs,
+            }
+            for d in descriptions()
+        ]
+    }

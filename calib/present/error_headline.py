@@ -1,0 +1,67 @@
+"""The headline of a calibration: how the error fell from the arm as delivered to the last model, and the noise."""
+
+from __future__ import annotations
+
+from calib.calibration.noise_level import FIT
+from calib.diagnosis.headline import ErrorStage, Headline
+from calib.present import blocks, numbers
+
+_MICROMETRES_BELOW_MM = 0.1
+
+
+def error_headline(headline: Headline) -> blocks.Headline:
+    """The errors of all stages, the noise, and the note."""
+    stages = [(stage_error(headline, stage), stage.name) for stage in headline.stages]
+    return blocks.Headline(stages, noise(headline), note(headline), headline.reached_noise)
+
+
+def unit(headline: Headline) -> str:
+    """One unit, "mm" or "µm", for all lengths of a headline."""
+    return "µm" if max(stage.error_mm for stage in headline.stages) < _MICROMETRES_BELOW_MM else "mm"
+
+
+def length(headline: Headline, length_mm: float) -> str:
+    """A length in the headline's unit: "0.72 mm"."""
+    in_micrometres = unit(headline) == "µm"
+    return f"{numbers.digits(1e3 * length_mm if in_micrometres else length_mm)} {unit(headline)}"
+
+
+def stage_error(headline: Headline, stage: ErrorStage) -> str:
+    """The error of a stage in the headline's unit."""
+    return length(headline, stage.error_mm)
+
+
+def noise(headline: Headline) -> str:
+    """The noise of a headline: "noise 0.0062 mm", or "noise as the fit left it 0.21 mm: not declared"."""
+    if headline.noise_mm is None:
+        return "noise not declared"
+    if headline.noise.is_declared:
+        return f"noise {length(headline, headline.noise_mm)}"
+    return f"{headline.noise.name} {length(headline, headline.noise_mm)}: not declared"
+
+
+def note(headline: Headline) -> str:
+    """Which poses the errors of a headline are of, and whether noise alone is left, in a sentence or two."""
+    of = (
+        "3D error (RMS) at test poses, which no fit saw."
+        if headline.of_test_poses
+        else "3D error (RMS) at the poses that were fitted: there are no test poses, so nothing confirms it."
+    )
+    if headline.tool is not None:
+        of += (
+            f" The tool point was found {numbers.digits(headline.tool.off_mm)} mm from where robot.toml has it; that "
+            "is no error of the arm and counts in none of these figures."
+        )
+    if headline.stages[-1].error_mm > headline.stages[0].error_mm:
+        of += " It rose: the fit is worse than robot.toml as it was, so do not put it on the robot."
+    ratio = headline.noise_ratio
+    if ratio is None or headline.noise_mm is None:
+        return f"{of} The dataset declares no noise to compare it with."
+    if headline.noise.source == FIT:
+        return (
+            f"{of} The dataset declares no noise; the error is {numbers.times(ratio)} what the {headline.noise.name} "
+            f"would leave, {length(headline, headline.noise_mm)}, and that holds what is missing from the model, too."
+        )
+    if headline.reached_noise:
+        return f"{of} What is left is no more than noise."
+    return f"{of} What is left is {numbers.times(ratio)} what noise alone would leave."

@@ -1,0 +1,136 @@
+"""The shape of the noise that data show: across and along the line of sight, over distance, time, and its tails."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from calib.dataset.repeats import find_repeats, pooled_sigma_mm
+from calib.diagnosis.verdict import Findings
+from calib.noise_shape import IDENTITY, CorrelatedDrift, NoiseShape
+from calib.present import numbers
+from calib.present.effects import title
+from calib.screening.noise_search import ShownNoise
+
+_ALIGNED = 0.98  # cosine from which a direction is called an axis of the scanner's frame
+
+
+def noise_sigma_mm(findings: Findings) -> float:
+    """RMS noise per coordinate: of the repeats where they show its shape, else of the residual, mm."""
+    if findings.noise is not None and findings.noise.from_repeats:
+        return pooled_sigma_mm(find_repeats(findings.calibration.dataset))
+    return findings.residual_tests.residual_mm
+
+
+def axes_mm(shape: NoiseShape, sigma_mm: float) -> tuple[float, float, float] | None:
+    """Sigmas along three axes, across the line of sight twice and along it, or along those of the shape; else None.
+
+    With a growth over distance they are those at the mean distance.
+    """
+    if shape.depth != 1.0:
+        sizes = np.array([1.0, 1.0, abs(shape.depth)])
+    elif shape.axes != IDENTITY:
+        sizes = np.linalg.eigvalsh(np.array(shape.axes))
+    else:
+        return None
+    first, second, third = (sizes * sigma_mm / np.sqrt(np.mean(sizes**2))).tolist()
+    return first, second, third
+
+
+def noise_sentences(findings: Findings) -> str:
+    """The shape of the noise and what it says of the instrument; "" where it is as declared."""
+    shown = findings.noise
+    if shown is None:
+        return ""
+    sentences = (
+        _directions(shown.shape, noise_sigma_mm(findings)),
+        _growth(shown.shape.growth_per_m),
+        _drift(shown.shape.wander),
+        _tail(shown.shape.tail),
+        _rival(shown.rival),
+    )
+    shows = "The repeated measurements show" if shown.from_repeats else "The residual shows"
+    end = f"{shows} this; the fit weights the points by it, and the size of the noise stays as it was."
+    return " ".join([*filter(None, sentences), end])
+
+
+def noise_document(findings: Findings) -> dict[str, Any] | None:
+    """The noise's shape where it is not as declared; what does not show is None."""
+    shown: ShownNoise | None = findings.noise
+    if shown is None:
+        return None
+    sigma_mm, shape, drift = noise_sigma_mm(findings), shown.shape, shown.shape.wander
+    return {
+        "isotropic_mm": sigma_mm,
+        "axes_mm": axes_mm(shape, sigma_mm),
+        "growth_per_m": shape.growth_per_m or None,
+        "correlation_s": drift.time if drift is not None and not drift.in_poses else None,
+        "correlation_poses": drift.time if drift is not None and drift.in_poses else None,
+        "wander_share": drift.share if drift is not None else None,
+        "tail": shape.tail,
+        "rival": shown.rival or None,
+        "from": "repeats" if shown.from_repeats else "fit",
+        "words": noise_sentences(findings),
+    }
+
+
+def _directions(shape: NoiseShape, sigma_mm: float) -> str:
+    sigmas = axes_mm(shape, sigma_mm)
+    if sigmas is None:
+        return ""
+    if shape.depth != 1.0:
+        ratio, where = abs(shape.depth), "in depth, along the line of sight,"
+    else:
+        sizes, directions = np.linalg.eigh(np.array(shape.axes))
+        odd = 2 if sizes[2] / sizes[1] > sizes[1] / sizes[0] else 0  # the axis that differs most from the others
+        others = np.delete(sizes, odd)
+        ratio, where = float(sizes[odd] / np.sqrt(np.mean(others**2))), _axis(directions[:, odd])
+    how = f"{ratio:.1f} times coarser" if ratio > 1.0 else f"{1.0 / ratio:.1f} times finer"
+    listed = ", ".join(numbers.length(sigma) for sigma in sigmas)
+    return f"Your scanner is {how} {where} than across it (sigmas along the three axes: {listed})."
+
+
+def _axis(direction: np.ndarray) -> str:
+    """Axis of the scanner's frame that a direction is along, or else its components."""
+    k = int(np.argmax(np.abs(direction)))
+    if abs(direction[k]) > _ALIGNED:
+        return "in depth, along z of its frame," if k == 2 else f"along {'xyz'[k]} of its frame"
+    x, y, z = direction * np.sign(direction[k])
+    return f"along ({x:.2f}, {y:.2f}, {z:.2f}) of its frame"
+
+
+def _growth(per_m: float) -> str:
+    if per_m == 0.0:
+        return ""
+    more = float(np.expm1(per_m))
+    how = f"grows by {numbers.share(more)}" if per_m > 0.0 else f"falls by {numbers.share(-more)}"
+    return f"The scanner's noise {how} with each metre of distance."
+
+
+def _drift(drift: CorrelatedDrift | None) -> str:
+    if drift is None:
+        return ""
+    unit = "poses" if drift.in_poses else "s"
+    return (
+        f"{numbers.share(drift.share)} of the noise's variance is a slow drift: what is measured moves as a whole, and "
+        f"points within about {drift.time:.3g} {unit} of each other move alike."
+    )
+
+
+def _tail(tail: float | None) -> str:
+    if tail is None:
+        return ""
+    return (
+        f"The noise has heavier tails than a normal distribution (Student's t, {tail:g} degrees of freedom): single "
+        "points far out are part of it, not mistakes."
+    )
+
+
+def _rival(rival: str) -> str:
+    if not rival:
+        return ""
+    return (
+        f"Such a drift explains as much as {title(rival)} would, so {rival} is not claimed. To tell them apart, "
+        "measure one pose again and again through the session."
+    )

@@ -1,0 +1,358 @@
+"""The verdict of a diagnosis and the advice on a model, as sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+from calib.calibration.held_out import HeldOutTest
+from calib.calibration.result import Calibration
+from calib.diagnosis.advice import Advice
+from calib.diagnosis.causes import AtPose, Cause, cause_of, worst_pose
+from calib.diagnosis.decision_rules import untestable_names
+from calib.diagnosis.headline import HeldOutError
+from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPoses, Move, ShapeNoise
+from calib.diagnosis.result import Diagnosis
+from calib.effects.effect import describe
+from calib.present import numbers
+from calib.present.blocks import Span, Words, capitalised, effect, joint, listed, pose, spans
+from calib.present.effects import meaning, title, with_key
+from calib.present.names import input_name
+from calib.present.noise import noise_sentences
+from calib.screening.candidates import MIN_LOG_BAYES_FACTOR
+from calib.screening.curves.smooth_joint_error import LEARNED
+from calib.screening.residual_tests import ResidualTests
+from calib.screening.smooth_motions import JointFault
+
+SMALL_CHANGE = 0.03  # share of the test poses' error below which a change of it counts for nothing
+_SHOWN_INPUTS = 3
+_SHOWN_UNTESTABLE = 5
+
+
+# ---- the verdict ----------------------------------------------------------------------------------------------------
+
+
+def verdict(diagnosis: Diagnosis) -> Words:
+    """The verdict alone, a sentence or two; it begins with a small letter."""
+    tell = {
+        "adequate": _adequate,
+        "named": _named,
+        "ambiguous": _ambiguous,
+        "unexplained": _unexplained,
+        "outliers": _outliers,
+    }[diagnosis.verdict]
+    return tell(diagnosis)
+
+
+def _adequate(diagnosis: Diagnosis) -> Words:
+    left = worst_pose(diagnosis.calibration)
+    at_most = () if left is None else spans(": the largest error is ", _at_pose(left))
+    if not diagnosis.candidates:
+        return spans(
+            "adequate", at_most, ". These data can test none of the catalogue's effects; what is left is no more than ",
+            "noise, and ", _nothing_else(diagnosis), ".",
+        )  # fmt: skip
+    silent = untestable_names(diagnosis.untestable)
+    more = len(silent) - _SHOWN_UNTESTABLE
+    names = ", ".join(silent[:_SHOWN_UNTESTABLE]) + (f" and {more} more" if more > 0 else "")
+    covers = f", as far as these data can tell ({names}: not testable)" if names else ""
+    return spans(
+        "adequate", at_most, f". Nothing in the catalogue is missing beyond noise{covers}, and ",
+        _nothing_else(diagnosis), ".",
+    )  # fmt: skip
+
+
+def _named(diagnosis: Diagnosis) -> Words:
+    them = "them" if len(diagnosis.missing) > 1 else "it"
+    contradiction = ""
+    points = _contradicting_points(diagnosis)
+    if points is not None:
+        contradiction = (
+            f" But the {points} test points do not confirm it: they got worse, though by no more than their scatter. "
+            "Take it for a lead, and measure more poses."
+        )
+    return spans(_missing(diagnosis), f". With {them} ", _nothing_else(diagnosis), ".", contradiction)
+
+
+def _ambiguous(diagnosis: Diagnosis) -> Words:
+    open_causes = _causes(diagnosis, [confounded.effect for confounded in diagnosis.confounded_sets])
+    first = next(iter(open_causes), None)
+    left = worst_pose(diagnosis.calibration) if first is None else first.largest
+    after = spans(" after ", listed([effect(key) for key in diagnosis.missing])) if diagnosis.missing else ()
+    makes: Words = ()
+    if left is not None:
+        carriers = () if first is None or not first.joints else spans(" of ", _joints(first.joints))
+        makes = spans(": something", carriers, " makes up to ", _at_pose(left))
+    candidates = listed([effect(key) for key in diagnosis.ambiguous_set], "or")
+    return spans(
+        "ambiguous", after, makes, ". These data cannot tell which effect is the cause: ", candidates,
+        "; it is one of them if the catalogue has it at all.", _suspicion(diagnosis.suspected),
+    )  # fmt: skip
+
+
+def _outliers(diagnosis: Diagnosis) -> Words:
+    poses = diagnosis.residual_tests.outlier_poses
+    worst = worst_pose(diagnosis.calibration, poses)
+    off: Words = ()
+    if worst is not None:
+        others = [pose(name) for name in poses if name != worst.pose]
+        stand = "stand" if len(others) > 1 else "stands"
+        more = spans(", and ", listed(others), f" {stand} out too") if others else ()
+        off = spans(": pose ", pose(worst.pose), f" is off by {numbers.length(worst.size_mm)}", more)
+    missing = spans(_missing(diagnosis), ". ") if diagnosis.missing else ()
+    return spans(
+        "outliers", off, ". ", missing, "Apart from single poses nothing is left. Measure those poses again before ",
+        "you leave them out.",
+    )  # fmt: skip
+
+
+def _unexplained(diagnosis: Diagnosis) -> Words:
+    if diagnosis.data_problem is not None:
+        wrong = numbers.capitalised(diagnosis.data_problem.words)
+        return f"unexplained: the data or the table are wrong, not the arm. {wrong}."
+    tests, last = diagnosis.residual_tests, diagnosis.calibration
+    left = worst_pose(last if diagnosis.learned is None else diagnosis.learned.before)
+    if diagnosis.conclusion.reason == "implausible":
+        at_most = () if left is None else spans(": up to ", _at_pose(left), " is left")
+        return spans("unexplained", at_most, f". {numbers.capitalised(diagnosis.implausible)}.")
+    unknown: Words = ()
+    if left is not None:
+        number = tests.strongest_joint
+        most = () if number is None else spans(", most of it in the motion of ", joint(number, f"joint {number}"))
+        unknown = spans(": up to ", _at_pose(left), " has no known cause", most)
+    helping = [effect(key) for key in diagnosis.suspected]
+    begin = (
+        spans(listed(helping), " help" if len(helping) > 1 else " helps", ", yet ")
+        if helping
+        else ("No effect of the catalogue fits: ",)
+    )
+    return spans("unexplained", unknown, ". ", begin, _left_unexplained(diagnosis), _suspicion(diagnosis.suspected))
+
+
+def _left_unexplained(diagnosis: Diagnosis) -> Words:
+    """What speaks against the model of an unexplained dataset, by `Conclusion.reason`."""
+    tests, reason, refused = diagnosis.residual_tests, diagnosis.conclusion.reason, diagnosis.refused
+    match reason:
+        case "fault" if tests.fault is not None:
+            return spans("it looks as if ", fault(tests.fault), ". Look at that joint.")
+        case "order":
+            return spans(
+                "the residual depends systematically on ", _inputs(tests.structured),
+                "; a loose part or a hose would show so.",
+            )  # fmt: skip
+        case "curves" if diagnosis.learned is not None:
+            return spans(
+                "the residual follows learned curves of ", _joints(diagnosis.learned.joints),
+                ", which no effect of the catalogue makes.",
+            )  # fmt: skip
+        case "size":
+            return "more than noise is left, without a systematic dependence on any input."
+        case "wander":
+            return "a slow drift of the instrument explains it as well. Measure one pose again and again meanwhile."
+        case "promise" if diagnosis.held_out is not None:
+            return promise(diagnosis.held_out)
+    if refused is not None and refused.why == "nature":
+        return "what would explain it is larger than such a cause can be."
+    return "what was found makes the test poses worse."
+
+
+def promise(test: HeldOutTest) -> str:
+    """A sentence on test poses that are off by more than was predicted, and what may be behind it."""
+    return (
+        f"the test poses are off by {numbers.length(test.rmse_mm)}, where noise and the uncertainty of the fit predict "
+        f"{numbers.length(test.promised_mm)}: they were measured in another way or on another day, or they show what "
+        "the training poses do not. Measure training poses like them."
+    )
+
+
+def _missing(diagnosis: Diagnosis) -> Words:
+    causes = _causes(diagnosis, diagnosis.missing)
+    parts: list[Words] = []
+    for k, one in enumerate(causes):
+        parts += ["; and " if k else "", cause(one, diagnosis.calibration)]
+    named = spans(*parts) if causes else listed([with_key(key) for key in diagnosis.missing])
+    return spans("What is missing is ", named)
+
+
+def _causes(diagnosis: Diagnosis, keys: Sequence[str]) -> list[Cause]:
+    """What some effects do on this arm, as the last fit has them."""
+    return [
+        cause_of(after.effect, before.calibration, after.calibration)
+        for before, after in pairwise(diagnosis.steps)
+        if after.effect is not None and after.effect in keys
+    ]
+
+
+def cause(found: Cause, calibration: Calibration) -> Words:
+    """An effect by its noun and its joints, its size, and where it shows most."""
+    noun = "" if found.leading is None else describe(found.leading).noun
+    key: Words = spans(" (", effect(found.effect), ")")
+    if not noun:
+        noun, key = (f"{title(found.effect)} of joint" if found.joints else title(found.effect)), ()
+        key = spans(" (", effect(found.effect), ")") if title(found.effect) != found.effect else ()
+    named: Words = noun
+    if noun.endswith(" joint"):
+        rest, preposition = noun.removesuffix(" joint").rsplit(" ", 1)
+        if len(found.joints) > 1:
+            main, *others = found.joints
+            also = listed([joint(number) for number in sorted(others)])
+            named = spans(f"{rest}, mainly {preposition} ", joint(main, f"joint {main}"), ", also ", also)
+        elif found.joints:
+            named = spans(f"{rest} {preposition} ", joint(found.joints[0], f"joint {found.joints[0]}"))
+        else:
+            named = rest
+    size = _cause_size(found, calibration)
+    where = () if found.largest is None else spans("up to ", _at_pose(found.largest))
+    facts = spans(size, ", " if size and where else "", where)
+    return spans(named, key, ": " if facts else "", facts)
+
+
+def _cause_size(found: Cause, calibration: Calibration) -> str:
+    """Size of the leading member: an amplitude, or what its surest value means on the arm."""
+    if found.main is None or found.leading is None:
+        return ""
+    main = found.main
+    if main.parameter is None:
+        return numbers.size(main.value, main.unit)
+    return meaning(found.leading, main.parameter, main.value, calibration) or numbers.size(main.value, main.unit)
+
+
+def _contradicting_points(diagnosis: Diagnosis) -> int | None:
+    """Number of test points where their error grew with what was named, within their scatter; else None."""
+    first, last = diagnosis.steps[0].calibration.after.test, diagnosis.calibration.after.test
+    if first is None or last is None or last.rmse_mm < (1.0 + SMALL_CHANGE) * first.rmse_mm:
+        return None
+    return last.points
+
+
+def _nothing_else(diagnosis: Diagnosis) -> str:
+    """Whether the test poses, too, are off by noise alone."""
+    beyond = diagnosis.held_out_beyond_noise
+    if beyond is None:
+        return "nothing else shows"
+    return (
+        f"nothing else shows at the training poses; the test poses are off by {_times_noise(beyond)}, as they may be "
+        "where the training poses say little about such poses"
+    )
+
+
+def _times_noise(error: HeldOutError) -> str:
+    return f"{numbers.length(error.rmse_mm)}, {numbers.times(error.noise_ratio)} the noise"
+
+
+def _suspicion(keys: Sequence[str]) -> Words:
+    """A further sentence on effects that were added and are not claimed."""
+    if not keys:
+        return ()
+    are, their, them = ("are", "their", "them") if len(keys) > 1 else ("is", "its", "it")
+    return spans(
+        " ", listed([effect(key) for key in keys]),
+        f" {are} suspected, not shown: what causes the rest may cause {their} part too. Do not dismantle anything ",
+        f"because of {them}.",
+    )  # fmt: skip
+
+
+def _at_pose(at: AtPose) -> Words:
+    return spans(f"{numbers.length(at.size_mm)} at pose ", pose(at.pose))
+
+
+def _joints(of: Sequence[int]) -> Words:
+    return spans("joints " if len(of) > 1 else "joint ", listed([joint(number) for number in of]))
+
+
+def _inputs(keys: Sequence[str]) -> Words:
+    more = len(keys) - _SHOWN_INPUTS
+    shown: list[Span] = [input_name(key) for key in keys[:_SHOWN_INPUTS]]
+    return listed([*shown, f"{more} more"] if more > 0 else shown)
+
+
+def fault(found: JointFault) -> Words:
+    """Apparent motion of one joint that no effect describes, without a full stop."""
+    number = found.joint + 1
+    return spans(
+        joint(number, f"joint {number}"),
+        f" moves the tool by about {numbers.length(found.visible_mm)}, beyond what links could, in a way that changes "
+        "smoothly with the arm's attitude",
+    )
+
+
+def curves(joints: Sequence[int], inputs: Sequence[str], log_evidence: float | None) -> Words:
+    """A sentence on curves of joints (counted from 1) over inputs, and their log evidence."""
+    worth = "" if log_evidence is None else f" (log evidence {log_evidence:.0f} over noise)"
+    several = len(joints) > 1
+    return spans(
+        "The residual follows ", "curves of " if several else "a curve of ", _joints(joints), " over ",
+        listed([input_name(key) for key in inputs]), f" that no effect of the catalogue makes{worth}.",
+    )  # fmt: skip
+
+
+# ---- the residual in short, and the advice --------------------------------------------------------------------------
+
+
+def residual(tests: ResidualTests, held_out: HeldOutError | None) -> Words:
+    """What a fit leaves, in a sentence: noise, a systematic dependence, or more than noise.
+
+    held_out: of the test poses, where they are off by more than noise.
+    """
+    return spans("What is left: ", _residual(tests, held_out), ".")
+
+
+def residual_of(diagnosis: Diagnosis) -> Words:
+    """What the last fit of a diagnosis leaves, in a sentence."""
+    return residual(diagnosis.residual_tests, diagnosis.held_out_beyond_noise)
+
+
+def _residual(tests: ResidualTests, held_out: HeldOutError | None) -> Words:
+    if tests.fault is not None:
+        return fault(tests.fault)
+    if tests.structured:
+        return spans("a systematic dependence on ", _inputs(tests.structured))
+    if tests.too_large:
+        return "more than noise, without a systematic dependence"
+    if tests.outlier_poses:
+        return spans("noise, apart from single poses (", listed([pose(name) for name in tests.outlier_poses]), ")")
+    if held_out is not None:
+        ratio = f"{numbers.times(held_out.noise_ratio)} the noise"
+        return f"noise at the training poses; {numbers.length(held_out.rmse_mm)} at the test poses, {ratio}"
+    return "noise"
+
+
+def advice(given: Advice) -> Words:
+    """What the fit leaves, and what to do next."""
+    return spans(residual(given.residual_tests, given.held_out), " ", move(given.move))
+
+
+def move(made: Move) -> Words:
+    """What a move does and why, a sentence or two."""
+    match made:
+        case AddEffect():
+            factor = made.log_bayes_factor
+            leads = "" if factor is None else f", its log Bayes factor over the next {factor:.0f}"
+            return spans(
+                capitalised(with_key(made.name)), f" explains it best: its log evidence is "
+                f"{made.candidate.log_evidence:.0f} ({MIN_LOG_BAYES_FACTOR:g} would do){leads}. Add it; it is the "
+                "cause if noise alone is left in the end.",
+            )  # fmt: skip
+        case DropEffect(name=name):
+            return spans(
+                capitalised(with_key(name)), " is superfluous now: the other effects explain what it does. Remove it."
+            )
+        case LeaveOutPoses(poses=poses):
+            them = "them" if len(poses) > 1 else "it"
+            return spans(
+                "Without ", listed([pose(name) for name in poses]), " nothing but noise is left", _besides(made),
+                f". Leave {them} out, and measure {them} again.",
+            )  # fmt: skip
+        case ShapeNoise():
+            of_noise = noise_sentences(made.diagnosis)
+            return spans("What is left is noise of a shape of its own", _besides(made), f". {of_noise}")
+        case AddCurves(curves=learned):
+            return spans(
+                curves(learned.joints, learned.inputs, learned.log_evidence), f" {LEARNED} adds what was learned; it ",
+                "names no cause. Watch whether the test poses follow.",
+            )  # fmt: skip
+
+
+def _besides(made: LeaveOutPoses | ShapeNoise) -> Words:
+    missing = made.diagnosis.missing
+    return spans(" besides ", listed([effect(key) for key in missing])) if missing else ()
