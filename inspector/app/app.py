@@ -28,7 +28,7 @@ from inspector.app.controllers.watch_controller import WatchController
 from inspector.app.page.dataset_list import has_scans, names_of
 from inspector.app.page.page_state import PageState
 from inspector.app.page.playback import Playback
-from inspector.app.page.tabs import add_panels
+from inspector.app.page.tabs import VIEW_OF_TAB, add_panels
 from inspector.panels.input_checks import whole_number
 from inspector.scene.scene_view import LAYERS
 from inspector.server.viser_server import InspectorServer, tell
@@ -37,7 +37,7 @@ from inspector.session.reopening import Opening
 from inspector.session.scan_cache import ScanCache
 from inspector.session.session_file import Shown
 from inspector.session.user_effects import UserEffects, Watch
-from inspector.session.view import RESIDUALS, SIDES, VIEW_OF_TAB, VIEWS
+from inspector.session.view import RESIDUALS, SIDES, VIEWS
 
 log = logging.getLogger(__name__)
 

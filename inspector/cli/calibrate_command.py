@@ -1,4 +1,4 @@
-"""`calibrate`: the fit, and all that can be written of it; what other commands need of a fit too."""
+"""The command `calibrate`: the fit and all files made from it, and fitting as other commands need it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ SCENE_ARROWS = 100.0  # how many times longer residuals are drawn in a scene's f
 
 
 def loaded_effects(effects_file: Path | None, dataset: Dataset) -> tuple[Family, ...]:
-    """The families of --effects-file."""
+    """Families of the file given by --effects-file."""
     if effects_file is None:
         return ()
     return load_effects(effects_file, nominal_state(dataset))
@@ -49,14 +49,14 @@ def loaded_effects(effects_file: Path | None, dataset: Dataset) -> tuple[Family,
 def fitted(
     options: CalibrateOptions | CorrectOptions | CompareOptions | WatchOptions, dataset: Dataset
 ) -> tuple[FitStep, ...]:
-    """The fits that were asked for: one, then one more for each --add."""
+    """Fits that the options ask for: one, then another for each --add."""
     user_effects = loaded_effects(options.effects_file, dataset)
     effects = effects_named(dataset, options.effect, user_effects)
     return add_in_turn(dataset, options.add, options.fit_options(), effects=effects, user_effects=user_effects)
 
 
 def run_calibrate(options: CalibrateOptions) -> int:
-    """Fit, and write the calibrated table, the model and more."""
+    """Fit a dataset, and write the calibrated table, the model and other files."""
     dataset = load(options.path, options.leave_out, options.finder)
     outputs = [
         options.out, options.model_out, options.residuals, options.scene, options.session, options.learned_out,
@@ -110,7 +110,7 @@ def run_calibrate(options: CalibrateOptions) -> int:
 
 
 def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
-    """The template of each robot's file that is to be written.
+    """Template of each robot file that is to be written.
 
     Raises CalibError where a file has no template, a template no file, or a template is of another arm.
     """
@@ -138,7 +138,7 @@ def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
 
 
 def _calibration_text(steps: Sequence[FitStep], table: ExportedTable) -> str:
-    """Every parameter, the errors after each addition and in all, and what is to be warned of."""
+    """Terminal text of a calibration: parameters, errors after each addition, and warnings."""
     result = steps[-1].calibration
     way = [step.calibration for step in steps]
     each = [step_table(fit_steps(steps))] if len(steps) > 1 else []
@@ -154,7 +154,7 @@ def require_plausible(result: Calibration, force: bool) -> None:
 
 
 def _as_session(options: CalibrateOptions, dataset: Dataset, steps: Sequence[FitStep]) -> Session:
-    """The fits as a session of the page holds them. Raises CalibError for options that a session cannot hold."""
+    """The fits as a session of the page. Raises CalibError for options that a session cannot hold."""
     given = {
         "--effect": options.effect,
         "--hold": options.hold,

@@ -1,4 +1,4 @@
-"""The subcommands that compare: two calibrations, or a calibration with check poses measured later."""
+"""The commands `compare` (two calibrations) and `watch` (check poses measured later)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ WATCH_FILES = (".html", ".svg", ".csv")
 
 
 def run_compare(options: CompareOptions) -> int:
-    """What differs between two datasets' calibrations."""
+    """Compare the calibrations of two datasets."""
     datasets = [measured(load(path), orientation=options.residual == "pose") for path in (options.path, options.other)]
     one, other = (fitted(options, dataset)[-1].calibration for dataset in datasets)
     compared = compare(one, other)
@@ -33,7 +33,9 @@ def run_compare(options: CompareOptions) -> int:
 
 
 def run_watch(options: WatchOptions) -> int:
-    """What changed since a calibration; 1 where anything did, so that a scheduled run can raise an alarm."""
+    """Report changes since a calibration; exit code 1 where anything changed, so that a scheduled run can raise an
+    alarm.
+    """
     for out in options.out:
         if out.suffix.lower() not in WATCH_FILES:
             raise CalibError(f"{out}: found the suffix {out.suffix!r}; a watch is written as {' '.join(WATCH_FILES)}")

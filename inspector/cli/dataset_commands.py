@@ -1,4 +1,4 @@
-"""What each subcommand does: a few lines over `calib`, text or one JSON object to stdout, an exit code back.
+"""Commands on datasets: a few lines over `calib`, text or one JSON object on stdout, an exit code.
 
 Those that fit a model are in `inspector.cli.fit_commands`.
 """
@@ -84,7 +84,7 @@ def run_corners(options: CornersOptions) -> int:
 
 
 def run_redundancy(options: RedundancyOptions) -> int:
-    """Pearson's redundancy of the parameters (Park 3), and the rank with the scanner's frame unknown."""
+    """Print the redundancy of the parameters (Park section 3), and the rank with the scanner's frame unknown."""
     dataset = load(options.path, options.leave_out)
     check_outputs(dataset, [options.out])
     result = redundancy(dataset, residual=options.residual)
@@ -108,7 +108,7 @@ def run_effects(options: Output) -> int:
 
 
 def load(path: Path, leave_out: Sequence[str] = (), finder: Path | None = None) -> Dataset:
-    """Load the dataset, without what was measured at some poses, and print its warnings and notes to stderr.
+    """Load a dataset without the points of poses that are left out; warnings and notes go to stderr.
 
     `finder` is the file of a finder of the user's own, which is tried at once.
     """
@@ -123,19 +123,19 @@ def load(path: Path, leave_out: Sequence[str] = (), finder: Path | None = None) 
 
 
 def without(dataset: Dataset) -> list[str]:
-    """A line on which poses counted for nothing; none where all counted."""
+    """Line that lists the poses left out; none where all are in use."""
     return [f"without what was measured at: {', '.join(dataset.left_out)}"] if dataset.left_out else []
 
 
 def measured(dataset: Dataset, *, orientation: bool = False) -> Dataset:
-    """The dataset with points, found in its scans where it has none; with the jig's orientation where asked."""
+    """Dataset with points, found in its scans where it has none; with the jig's orientation on request."""
     if dataset.points is not None:
         return dataset
     return with_corners(dataset, searched(dataset), orientation=orientation)
 
 
 def searched(dataset: Dataset) -> dict[str, CornerSearch]:
-    """The corners in a dataset's scans, by pose; which scans have none, and why, goes to stderr."""
+    """Corner searches of a dataset's scans, by pose; scans without a corner are reported on stderr."""
     searches = found_corners(dataset)
     require_corners(dataset, searches)
     for pose_id, reason in failed_searches(searches).items():
@@ -146,12 +146,12 @@ def searched(dataset: Dataset) -> dict[str, CornerSearch]:
 
 
 def found_corners(dataset: Dataset, wanted: int | None = None) -> dict[str, CornerSearch]:
-    """The corners by as many processes as wanted; None: one for each core."""
+    """Corner searches on a number of processes; None takes one for each core."""
     scans = 0 if dataset.scan_folder is None else len(dataset.poses)
     with progress("corners") as on_progress, processes(scans, wanted) as executor:
         return find_targets(dataset, on_progress=on_progress, executor=executor, intermediate=False)
 
 
 def show(options: Output, document: Mapping[str, Any], text: str) -> None:
-    """Print text, or with --json the one object."""
+    """Print a text, or with --json one object."""
     print(to_json(to_dict(document)) if options.json else visible(text), file=options.stdout)

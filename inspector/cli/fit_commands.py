@@ -1,4 +1,4 @@
-"""The subcommands that fit a model, validate to check. A few lines over `calib` each."""
+"""Commands that fit a model: validate, correct, report, diagnose, check."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def run_validate(options: ValidateOptions) -> int:
 
 
 def run_correct(options: CorrectOptions) -> int:
-    """Joint targets that bring the real arm where the nominal one was meant to be."""
+    """Print joint targets that bring the real arm where the nominal arm was meant to be."""
     if options.model is not None:
         return correct_by_model(options, options.model)
     dataset = load(options.path, options.leave_out, options.finder)
@@ -93,7 +93,7 @@ def run_correct(options: CorrectOptions) -> int:
 
 
 def run_report(options: ReportOptions) -> int:
-    """Diagnose, and write the report."""
+    """Diagnose a dataset and write the report."""
     from inspector.report.content import report_of
     from inspector.report.report import is_report, report_html  # with plotly, which takes a while to load
 
@@ -120,7 +120,7 @@ def run_report(options: ReportOptions) -> int:
 
 
 def run_diagnose(options: DiagnoseOptions) -> int:
-    """Select the missing effects step by step."""
+    """Diagnose a dataset: add missing effects step by step."""
     if options.max_steps < 0:
         raise DatasetError(f"--max-steps {options.max_steps}: a number of steps is 0 or more")
     dataset = load(options.path, options.leave_out, options.finder)
@@ -178,7 +178,7 @@ def diagnosis_text(result: Diagnosis, poses: NextPoses | None) -> str:
 
 
 def run_check(options: CheckOptions) -> int:
-    """Corners, fit and diagnosis of each dataset; exit code 1 where one does not pass."""
+    """Check corners, fit and diagnosis of each dataset; exit code 1 where one does not pass."""
     results = []
     for folder in find_datasets(options.path):
         dataset = load_dataset(folder).leave_out(options.leave_out)

@@ -1,4 +1,4 @@
-"""`validate --model` and `correct --model`: a saved model is used as it is, nothing is fitted again."""
+"""The commands `validate --model` and `correct --model`, which use a saved model without fitting."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from inspector.cli.output_paths import check_outputs
 
 
 def validate_model(options: ValidateOptions, path: Path) -> int:
-    """The errors of a saved model at the points of a dataset, training and test poses apart."""
+    """Print the errors of a saved model at a dataset's points, training and test poses apart."""
     _refuse_fit_options(options)
     dataset = load(options.path, finder=options.finder)
     model = load_model(path, options.effects_file)
@@ -32,7 +32,7 @@ def validate_model(options: ValidateOptions, path: Path) -> int:
 
 
 def correct_by_model(options: CorrectOptions, path: Path) -> int:
-    """Corrected targets by a saved model; the dataset needs no measurements."""
+    """Print targets corrected by a saved model; the dataset needs no measurements."""
     _refuse_fit_options(options)
     dataset = load(options.path, finder=options.finder)
     check_outputs(dataset, [options.out], [options.joints, options.effects_file, path])
@@ -50,7 +50,7 @@ def correct_by_model(options: CorrectOptions, path: Path) -> int:
 
 
 def _refuse_fit_options(options: ValidateOptions | CorrectOptions) -> None:
-    """Raise CalibError for options of a fit, which a saved model does not need."""
+    """Raise CalibError for options of a fit, which do not apply to a saved model."""
     given: dict[str, object] = {
         "--residual": options.residual != "position",
         "--effect": options.effect,

@@ -1,4 +1,4 @@
-"""What stands over the 3D view, as HTML: how far the arm is off, stage by stage, the four steps of the work, and sides.
+"""HTML of the bar over the 3D view: errors stage by stage, the four steps of the work, and directions of view.
 
 Its classes are styled in `server/client/page.css`; the page's script shows it over the 3D view.
 """
@@ -29,7 +29,7 @@ NO_DATASET = "No dataset is open."
 
 
 def headline_html(view: View | None, doing: Doing) -> str:
-    """The whole of it; while there is no model, what is being done and what comes next."""
+    """HTML of the whole bar; while there is no model, what is being done and what comes next."""
     if view is None:
         return f'<div class="headline"><div class="headline-now">{elements.text(NO_DATASET)}</div></div>'
     session = view.session
@@ -41,12 +41,12 @@ def headline_html(view: View | None, doing: Doing) -> str:
 
 
 def looks_html() -> str:
-    """Where the 3D view may be looked at from, as buttons in its corner."""
+    """Buttons for the directions from which the 3D view can be seen."""
     return "".join(f'<span class="look"{asking("look", side)} title="key {side[0]}">{side}</span>' for side in SIDES)
 
 
 def _way(told: Headline, view: View) -> str:
-    """The stages as buttons, with what noise alone leaves."""
+    """Stages of the error as buttons, with the noise."""
     arrow = '<span class="headline-arrow" aria-hidden="true">→</span>'
     stages = arrow.join(_stage(told, stage, view) for stage in told.stages)
     noise = f'<span class="headline-noise">({elements.text(noise_words(told))})</span>'
@@ -69,7 +69,7 @@ def _stage(told: Headline, stage: ErrorStage, view: View) -> str:
 
 
 def _steps(progress: Progress, doing: Doing) -> str:
-    """The four steps: those that are done, the next one lit; a click opens its tab."""
+    """The four steps, done, next or later; a click opens a step's tab."""
     return f'<div class="headline-steps">{"".join(_step(name, progress, doing) for name in STEPS)}</div>'
 
 
@@ -84,14 +84,14 @@ def _step(name: str, progress: Progress, doing: Doing) -> str:
 
 
 def _does(name: str, progress: Progress, doing: Doing) -> Html:
-    """What a click on a step does: it opens the step's tab, and starts to find where that leads on."""
+    """Attributes for a click on a step: it opens the step's tab, and starts the search where that comes next."""
     if name == FIND and progress.next == FIND and not doing.finding:
         return asking("find", "start", tab=TABS[FIND])
     return opening(TABS[name])
 
 
 def _now(session: Session, progress: Progress, doing: Doing) -> str:
-    """What is being done, or what comes next, in a sentence."""
+    """Sentence on what is being done, or on what comes next."""
     searched, scans = session.scans - len(session.waiting), session.scans
     if progress.next == MEASURE:
         if doing.searching:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any, Protocol
 
 import viser
+
+from inspector.session.view import View
 
 
 class Actions(Protocol):
@@ -46,6 +49,14 @@ class Actions(Protocol):
     def take_plan(self, what: str, client: viser.ClientHandle) -> None: ...
     def watch(self, forget: bool = False) -> None: ...
     def take(self, what: str, client: viser.ClientHandle) -> None: ...
+
+
+class FollowsModel(ABC):
+    """A panel about the model on show, refreshed whenever another model or version is shown."""
+
+    @abstractmethod
+    def update(self, view: View) -> None:
+        """Show the model of a view."""
 
 
 def by_page(event: Any) -> bool:

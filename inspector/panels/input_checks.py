@@ -1,4 +1,4 @@
-"""What a page sends, kept within what its widgets offer."""
+"""Checks of values that a page sends, so that they stay within what its widgets offer."""
 
 from __future__ import annotations
 
@@ -25,5 +25,5 @@ def clamped(value: object, low: float, high: float, default: float) -> float:
 
 
 def whole_number(text: str) -> int | None:
-    """What a text says where that is a number from 0 on, of a few digits; else None."""
+    """Number of a text that is a whole number from 0 on with a few digits; else None."""
     return int(text) if text.isascii() and text.isdigit() and len(text) < 5 else None

@@ -1,4 +1,4 @@
-"""The poses in the order of their time, where poses.csv has one: dragged, or played."""
+"""Slider and playback over the poses in the order of their time, where poses.csv has one."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LONG_S = 600.0  # from this long on the slider is in minutes
 
 
 class TimelinePanel:
-    """A slider over the time of the measurement, and a button that walks through it."""
+    """Slider over the time of the measurement, and a button that plays it."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         self._gui, self._actions = gui, actions
@@ -40,12 +40,12 @@ class TimelinePanel:
         self._actions.at_time(clamped(value, low, high, low) * self._unit_s)
 
     def playing(self, running: bool) -> None:
-        """While it plays, the button stops it."""
+        """Label the button to stop playback while it runs."""
         self.play.label = PAUSE if running else PLAY
         self.play.icon = viser.Icon.PLAYER_PAUSE if running else viser.Icon.PLAYER_PLAY
 
     def update(self, view: View) -> None:
-        """The time of the selected pose."""
+        """Show the time of the selected pose."""
         time_s = view.session.dataset.poses.time_s
         order = in_time(time_s)
         self._folder.visible = len(order) > 1
@@ -76,7 +76,7 @@ def in_time(time_s: Array | None) -> IndexArray:
 
 
 def clock(seconds: float) -> str:
-    """ "1:02:05": hours, minutes, seconds; "2:05" below an hour."""
+    """Time as text: "1:02:05" in hours, minutes, seconds; "2:05" below an hour."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

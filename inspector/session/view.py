@@ -27,18 +27,6 @@ VIEW_LAYERS = {
 }
 POINT_VIEWS = ("Arm", "All corners", "Corner")  # where there are no scans
 WIDE_VIEWS = ("All scans", "All corners", "Arm")  # of the whole dataset, not of one pose
-VIEW_OF_TAB = {  # what the 3D view shows when a tab is opened; a tab without one leaves it as it is
-    "Scans": "Scan",
-    "Planes": "Planes",
-    "Corner": "Corner",
-    "Compare": "Arm",
-    "Beside": "Arm",
-    "Watch": "Arm",
-    "Fit": "Arm",
-    "What is missing": "Arm",
-    "Where it fails": "Arm",
-    "Plan": "Arm",
-}
 FRONT, SIDE, TOP, RESET = "Front", "Side", "Top", "Reset"
 SIDES = (FRONT, SIDE, TOP, RESET)  # where the 3D view is looked at from
 BY_ROLE, BY_ERROR = "by role", "by error"

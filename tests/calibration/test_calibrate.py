@@ -22,8 +22,9 @@ from calib.fitting.scanner_frame import fit_scanner_frame
 from calib.identifiability.structural import redundancy
 from calib.kinematics.robot import Target
 from calib.options import FitOptions
+from calib.present.checks import item_sentence
 from calib.simulation.simulate import simulate_dataset
-from calib.validation.acceptance import check
+from calib.validation.acceptance import ErrorsOfTestPoses, check
 from tests.support import SHARED_DATA
 from tests.support.arms import (
     REFERENCE,
@@ -264,17 +265,19 @@ def test_data_of_another_arm_fail_the_check_whatever_the_improvement() -> None:
     scattered = np.random.default_rng(0).normal(size=points.xyz_mm.shape) * 300.0
     verdict = check(dataset.with_points(Points(points.pose, scattered, points.target)))
     assert not verdict.passed
-    assert "describe" in " ".join(verdict.reasons)
+    assert "describe" in " ".join(map(item_sentence, verdict.failed))
 
 
 @pytest.mark.slow
 def test_check_passes_fails_and_says_why() -> None:
     verdict = check(simulated())
     assert verdict.passed
-    assert verdict.reasons == ()
+    assert verdict.failed == ()
     strict = check(simulated(), max_test_rmse_mm=1e-4)
     assert not strict.passed
-    assert "0.0001 mm was asked for" in strict.reasons[0]
+    (test_poses,) = strict.failed
+    assert isinstance(test_poses.evidence, ErrorsOfTestPoses)
+    assert test_poses.evidence.asked_mm == 1e-4
 
 
 @pytest.mark.skipif(not SHARED_DATA.is_dir(), reason="the real measurements are not part of the project")

@@ -13,6 +13,7 @@ from calib.calibration.pose_errors import pose_errors_of
 from calib.dataset.dataset import Dataset, Points, Scanner
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.words.headline import headline_note, headline_of, headline_text
+from calib.present.checks import item_sentence
 from calib.present.residuals import LENGTH, band_note, shown
 from calib.validation.acceptance import check
 from inspector.figures import error_history
@@ -82,5 +83,5 @@ def test_page_figures_headline_and_check_say_where_it_comes_from() -> None:
     found = diagnose(dataset)
     names = [trace.name for trace in error_history(found).data]
     assert "noise as the fit left it" in names
-    checked = {item.name: item.description for item in check(dataset).items}
+    checked = {item.name: item_sentence(item) for item in check(dataset).items}
     assert "noise as the fit left it; no sigma is declared" in checked["residual"]

@@ -14,6 +14,7 @@ from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.options import FitOptions
+from calib.present.checks import item_sentence
 from calib.validation.acceptance import check
 from tests.support.arms import dataset_of, elementary_points, jang_arm, park_arm, perturbed
 
@@ -67,7 +68,7 @@ def test_exact_data_are_still_met_exactly_and_called_too_good() -> None:
     assert "that good" in too_good(fitted)
     checked = check(dataset)
     assert not checked.passed
-    assert any("that good" in reason for reason in checked.reasons)
+    assert any("that good" in item_sentence(item) for item in checked.failed)
 
 
 def test_noise_as_declared_is_not_too_good() -> None:

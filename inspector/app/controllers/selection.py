@@ -47,5 +47,4 @@ class Selection:
 
     def _show_version(self) -> None:
         """Redraw plots and tables for the version on show."""
-        self._panels.fit.update(self._state.now)
-        self._panels.residuals.update(self._state.now)
+        self._panels.show_model(self._state.now)

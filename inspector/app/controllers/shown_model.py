@@ -85,7 +85,7 @@ class ShownModel:
         self._redraw(before.calibration is None)
         if before.uncounted != session.uncounted:
             self._recount(before.uncounted ^ session.uncounted)
-        self.panels.fit.update(self.state.now)
+        self.panels.show_model(self.state.now)
         self.show()
 
     def beside(self, compute: Callable[[], T], started: Session) -> Generator[None, None, T | None]:

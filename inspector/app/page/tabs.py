@@ -6,10 +6,11 @@ Each step has its own tabs, so that two short rows hold them all.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated, get_type_hints
 
 import viser
 
-from inspector.panels.base import Actions
+from inspector.panels.base import Actions, FollowsModel
 from inspector.panels.downloads import DownloadsPanel
 from inspector.panels.headline import HeadlinePanel
 from inspector.panels.learn.missing_effects import MissingEffectsPanel
@@ -25,13 +26,8 @@ from inspector.panels.model.side_by_side import SideBySidePanel
 from inspector.panels.model.watch import WatchPanel
 from inspector.panels.review import ReviewPanel
 from inspector.panels.your_data import OwnDataButton
+from inspector.session.view import View
 
-STEPS: dict[str, tuple[str, ...]] = {  # a step without tabs of its own is one itself
-    "Measure": ("Scans", "Planes", "Corner"),
-    "Model": ("Compare", "Fit", "Redundancy", "Beside", "Watch"),
-    "Learn": ("What is missing", "Where it fails", "Plan"),
-    "Take away": (),
-}
 ICONS = {
     "Measure": viser.Icon.RULER_MEASURE,
     "Model": viser.Icon.ROBOT,
@@ -43,29 +39,57 @@ LEFT_WIDTH, RIGHT_WIDTH = 290, 440  # pixels
 
 
 @dataclass(frozen=True)
-class Panels:
-    """All panels of the page."""
+class Tab:
+    """The tab that a panel of its own stands in."""
 
+    step: str  # of the work, to which the tab belongs
+    name: str  # that of the step where the step is a single tab
+    view: str = ""  # what the 3D view shows once the tab is opened; "" leaves the view as it is
+
+
+@dataclass(frozen=True)
+class Panels:
+    """All panels of the page: those in tabs in the order in which the tabs are read, then those beside them."""
+
+    scans: Annotated[ScansPanel, Tab("Measure", "Scans", view="Scan")]
+    planes: Annotated[PlanesPanel, Tab("Measure", "Planes", view="Planes")]
+    corner: Annotated[CornerPanel, Tab("Measure", "Corner", view="Corner")]
+    compare: Annotated[ComparePanel, Tab("Model", "Compare", view="Arm")]
+    fit: Annotated[FitPanel, Tab("Model", "Fit", view="Arm")]
+    redundancy: Annotated[RedundancyPanel, Tab("Model", "Redundancy")]
+    side_by_side: Annotated[SideBySidePanel, Tab("Model", "Beside", view="Arm")]
+    watch: Annotated[WatchPanel, Tab("Model", "Watch", view="Arm")]
+    missing_effects: Annotated[MissingEffectsPanel, Tab("Learn", "What is missing", view="Arm")]
+    residuals: Annotated[ResidualsPanel, Tab("Learn", "Where it fails", view="Arm")]
+    plan: Annotated[PlanPanel, Tab("Learn", "Plan", view="Arm")]
+    downloads: Annotated[DownloadsPanel, Tab("Take away", "Take away")]
     headline: HeadlinePanel
     own_data: OwnDataButton
     review: ReviewPanel
-    scans: ScansPanel
-    planes: PlanesPanel
-    corner: CornerPanel
-    compare: ComparePanel
-    redundancy: RedundancyPanel
-    side_by_side: SideBySidePanel
-    watch: WatchPanel
-    fit: FitPanel
-    missing_effects: MissingEffectsPanel
-    residuals: ResidualsPanel
-    plan: PlanPanel
-    downloads: DownloadsPanel
+
+    def show_model(self, view: View) -> None:
+        """Refresh every panel that follows the model on show."""
+        for name in TABS:
+            panel = getattr(self, name)
+            if isinstance(panel, FollowsModel):
+                panel.update(view)
 
     def say(self, words: str) -> None:
         """Show what is being done with the model, or why it cannot be done."""
         self.missing_effects.say(words)
         self.headline.doing(words=words)
+
+
+_PANELS = {
+    name: hint for name, hint in get_type_hints(Panels, include_extras=True).items() if hasattr(hint, "__metadata__")
+}
+TABS: dict[str, Tab] = {name: hint.__metadata__[0] for name, hint in _PANELS.items()}
+"""The tab of each panel, in the order in which the tabs are read."""
+STEPS: dict[str, tuple[str, ...]] = {  # the tabs of each step; a step that is a single tab has none inside
+    step: tuple(tab.name for tab in TABS.values() if tab.step == step != tab.name)
+    for step in dict.fromkeys(tab.step for tab in TABS.values())
+}
+VIEW_OF_TAB = {tab.name: tab.view for tab in TABS.values() if tab.view}
 
 
 def add_panels(
@@ -83,51 +107,15 @@ def add_panels(
         review = ReviewPanel(gui, actions, datasets)
     headline = HeadlinePanel(gui)
     tab = add_tabs(gui, scans_first=scans_first)
-    with tab["Scans"]:
-        scans = ScansPanel(gui, actions)
-    with tab["Planes"]:
-        planes = PlanesPanel(gui, actions)
-    with tab["Corner"]:
-        corner = CornerPanel(gui, actions)
-    with tab["Compare"]:
-        compare = ComparePanel(gui, actions)
-    with tab["Redundancy"]:
-        redundancy = RedundancyPanel(gui, actions)
-    with tab["Beside"]:
-        side_by_side = SideBySidePanel(gui, actions)
-    with tab["Watch"]:
-        watch = WatchPanel(gui, actions)
-    with tab["Fit"]:
-        fit = FitPanel(gui, actions)
-    with tab["What is missing"]:
-        missing_effects = MissingEffectsPanel(gui, actions)
-    with tab["Where it fails"]:
-        residuals = ResidualsPanel(gui, actions)
-    with tab["Plan"]:
-        plan = PlanPanel(gui, actions)
-    with tab["Take away"]:
-        downloads = DownloadsPanel(gui, actions)
+    in_tabs = {}
+    for name, in_tab in TABS.items():
+        with tab[in_tab.name]:
+            in_tabs[name] = _PANELS[name].__origin__(gui, actions)
     left.dock_left()
     left.set_width(LEFT_WIDTH)
     gui.main_panel.dock_right()
     gui.main_panel.set_width(RIGHT_WIDTH)
-    return Panels(
-        headline,
-        own_data,
-        review,
-        scans,
-        planes,
-        corner,
-        compare,
-        redundancy,
-        side_by_side,
-        watch,
-        fit,
-        missing_effects,
-        residuals,
-        plan,
-        downloads,
-    )
+    return Panels(headline=headline, own_data=own_data, review=review, **in_tabs)
 
 
 def add_tabs(gui: viser.GuiApi, *, scans_first: bool) -> dict[str, viser.GuiTabHandle]:

@@ -36,7 +36,7 @@ def named_folder(text: str) -> tuple[str, Path]:
 
 
 def process_count(text: str) -> int:
-    """A number of processes."""
+    """Number of processes, at least 1."""
     return _whole(text, 1, 1024, "number of processes")
 
 
@@ -64,7 +64,7 @@ def scanner_place(text: str) -> tuple[float, ...]:
 
 
 def rmse_mm(text: str) -> float:
-    """A root mean square error in mm, above 0."""
+    """Root mean square error above 0, mm."""
     value = _number(text)
     if not 0.0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"{text} is not an error to ask for; a number of mm above 0")
@@ -72,7 +72,7 @@ def rmse_mm(text: str) -> float:
 
 
 def mass_kg(text: str) -> float:
-    """A mass in kg, above 0."""
+    """Mass above 0, kg."""
     value = _number(text)
     if not 0.0 < value < _HEAVIEST_KG:
         raise argparse.ArgumentTypeError(f"{text} is not a mass; kg above 0, such as 3")
@@ -80,7 +80,7 @@ def mass_kg(text: str) -> float:
 
 
 def seconds(text: str) -> float:
-    """A time that something may take, above 0."""
+    """Duration above 0, s."""
     value = _number(text)
     if not 0.0 < value <= _LONGEST_S:
         raise argparse.ArgumentTypeError(f"{text} is not a time to wait; seconds above 0, {_LONGEST_S:g} at most")

@@ -1,4 +1,4 @@
-"""`plan`: which poses to measure, for a robot or for a dataset."""
+"""The command `plan`: which poses to measure, for a robot or for a dataset."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from inspector.export.plan_files import check_plan_file, planned_file
 
 
 def run_plan(options: PlanOptions) -> int:
-    """Choose poses, and tell why and what they will be good for."""
+    """Choose poses, and print why and what they are expected to achieve."""
     if options.out is not None:
         check_plan_file(options.out)
     start: FromFit | FromRobot
@@ -70,7 +70,7 @@ def run_plan(options: PlanOptions) -> int:
 
 
 def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
-    """The measured dataset, and the user's own effects for it."""
+    """Measured dataset, and the user's own effects for it."""
     if options.poses is not None:
         raise CalibError(f"{options.path}: --poses is a first set; give --add for more of a dataset")
     if options.noise_mm is not None:
@@ -113,7 +113,7 @@ def _dataset_start(options: PlanOptions) -> tuple[FromFit, Sequence[Family]]:
 
 
 def _first_start(options: PlanOptions) -> FromRobot:
-    """A robot, or a dataset's arm in its cell as if nothing of it were known but where the scanner stands."""
+    """Start of a plan for a robot, or for a dataset's arm in its cell without its measurements."""
     if options.add is not None:
         raise CalibError(f"{options.path}: --add is more of a dataset, --poses a first set: give the one that you want")
     if options.effects_file is not None or options.effect:
@@ -133,7 +133,7 @@ def _first_start(options: PlanOptions) -> FromRobot:
 
 
 def _robot(options: PlanOptions) -> Robot:
-    """A built-in one by its name, or that of a file."""
+    """Robot of a built-in name or of a file."""
     name = str(options.path)
     builtin = name.lower() in BUILTIN_ROBOTS and not options.path.exists()
     if not builtin and not options.path.exists():
@@ -143,7 +143,7 @@ def _robot(options: PlanOptions) -> Robot:
 
 
 def _placed(numbers: Sequence[float], usual: Workcell) -> Array:
-    """base_T_scanner of --scanner; it looks at what the usual one looks at where no point is given."""
+    """base_T_scanner of the option --scanner; the scanner looks at the default point where none is given."""
     place_mm = np.array(numbers[:3])
     if len(numbers) == 6:
         return scanner_at(place_mm, np.array(numbers[3:]))

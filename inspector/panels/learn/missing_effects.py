@@ -1,4 +1,4 @@
-"""Tab Learn: which effect is missing, added and taken out again, and how the error follows."""
+"""Tab What is missing: effects ranked, added and removed, and how the error follows."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ PANEL_PX = 390  # about as wide is the figure on the page
 
 
 class MissingEffectsPanel:
-    """The ranking, the buttons, and the history of the error."""
+    """Ranking of effects, buttons that add or remove one, and the history of the error."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         self._actions = actions
@@ -93,32 +93,32 @@ class MissingEffectsPanel:
             self._actions.move(-1 if button == UNDO else 1)
 
     def open(self, dataset: str, _: View) -> None:
-        """Another dataset: what was chosen for it, nothing of the one before."""
+        """Restore the choice of another dataset."""
         self._before = str(self._chosen_for.open(dataset))
         self.choice.options = (NONE,)
         put(self.choice, NONE)
 
     def choose(self, name: str) -> None:
-        """Choose an effect, where it can be."""
+        """Choose an effect in the list, where it is offered."""
         if name in self.choice.options:
             put(self.choice, name)
 
     def finding(self, running: bool) -> None:
-        """While the diagnosis runs, the button stops it."""
+        """Label the button to stop the diagnosis while it runs."""
         self.find.label = STOP if running else FIND
         self.find.disabled = False
 
     def say(self, words_now: str) -> None:
-        """What is being done, or why it cannot be."""
+        """Show what is being done, or why it cannot be done."""
         self._doing.content = elements.alert(words_now, colour="#56B4E9") if words_now else ""
 
     @property
     def chosen(self) -> str:
-        """The name of the effect that the tables are about."""
+        """Name of the effect that the tables describe."""
         return str(self.choice.value)
 
     def update(self, view: View, *, undo: int, redo: int, own: str = "") -> None:
-        """The session's model and what could be missing from it. own: what is wrong with the user's effects file."""
+        """Show the session's model and what could be missing from it. own: fault of the user's effects file."""
         session = view.session
         self._moves = (undo, redo)
         self._undo.disabled, self._redo.disabled = not undo, not redo
@@ -132,7 +132,7 @@ class MissingEffectsPanel:
         self._untestable.content = html.untestable_html(screening.untestable) if screening else ""
 
     def judge(self, session: Session) -> None:
-        """What to do next, with its button; or the verdict, and how it was found."""
+        """Show the next move with its button, or the verdict and how it was reached."""
         self._offer(session)
         done = session.searched and session.diagnosis is not None
         self.find.disabled = self.find.label == FIND and (session.calibration is None or done)
@@ -146,7 +146,7 @@ class MissingEffectsPanel:
             self.follow.label = html.follow_label(advice)
 
     def update_figure(self, view: View) -> None:
-        """The history of the error, and the learned curves where the model has some."""
+        """Draw the history of the error, and the learned curves where the model has some."""
         self.update_curves(view)
         session = view.session
         self._history.visible = session.calibration is not None and bool(session.history)
@@ -163,7 +163,7 @@ class MissingEffectsPanel:
         )
 
     def update_curves(self, view: View) -> None:
-        """The learned curves of the model on show, where it has some."""
+        """Draw the learned curves of the model on show, where it has some."""
         calibration = view.session.calibration
         drawn = () if calibration is None else fitted_curves(calibration)
         self._curves.visible = bool(drawn)
@@ -182,7 +182,7 @@ class MissingEffectsPanel:
         self._curves.figure = joint_curves(drawn, robot, selected=view.joint, dark=view.dark)
 
     def update_choice(self, view: View) -> None:
-        """The ranking with the chosen effect marked, and what is known of that."""
+        """Mark the chosen effect in the ranking, and describe it."""
         session, name = view.session, self.chosen
         inside = [added.name for added in session.effects]
         screening = session.screening
@@ -220,7 +220,7 @@ class MissingEffectsPanel:
             )
 
     def update_next(self, view: View) -> None:
-        """Where to measure to tell the chosen candidate from its nearest rival, where that is known."""
+        """Show the poses that discriminate between the chosen candidate and its nearest rival, once they are known."""
         session = view.session
         separation = session.separations.get(self.chosen)
         if session.screening is None or separation is None:
@@ -231,7 +231,9 @@ class MissingEffectsPanel:
         self._next.content = next_html(self.chosen, separation.rival, separation.poses, robot, noise_mm)
 
     def _offer(self, session: Session) -> None:
-        """All that can be added or removed; what was chosen stays chosen, so that a second press adds nothing more."""
+        """Update the lists of effects that can be added or removed; the choice stays, so that a second press adds
+        nothing.
+        """
         inside = [added.name for added in session.effects]
         ranked = [c.name for c in session.screening.candidates] if session.screening else []
         waits = session.residual_tests is None and LEARNED in self.choice.options  # whether it is still offered

@@ -36,7 +36,7 @@ MOST = 60
 
 
 class PlanPanel:
-    """What is asked of a plan, the plan, its poses and files."""
+    """Widgets of the tab Plan: purpose and number of poses, the plan, its poses and files."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
@@ -63,37 +63,37 @@ class PlanPanel:
 
     @property
     def asked(self) -> tuple[str, int, float | None]:
-        """The word of --for, how many poses, and the payload."""
+        """Chosen purpose (a word of --for), number of poses, and payload."""
         aim = self._words.get(str(self.aim.value), CALIBRATION)
         payload_kg = clamped(self.payload.value, 0.0, 1000.0, 0.0)
         return aim, int(clamped(self.count.value, 1, MOST, 5)), payload_kg or None
 
     def offer(self, aims: tuple[str, ...]) -> None:
-        """What can be planned for, the words of --for; a choice that is gone is the first."""
+        """Update the purposes that can be planned for; the choice stays where it is still offered."""
         self._words = {WORDS.get(aim, f"the size of {aim}"): aim for aim in aims}
         offer(self.aim, tuple(self._words) or (NONE,))
         self.make.disabled = not aims
 
     def choose(self, aim: str) -> None:
-        """Plan for this from now on, where it is offered."""
+        """Choose a purpose, where it is offered."""
         words = next((words for words, name in self._words.items() if name == aim), None)
         if words is not None:
             put(self.aim, words)
 
     def say(self, words: str, *, bad: bool = False) -> None:
-        """What is being done, or why it cannot be; "" for neither."""
+        """Show what is being done, or why it cannot be done; "" clears it."""
         colour = {} if bad else {"colour": "#56B4E9"}
         self._doing.content = elements.alert(words, **colour) if words else ""
 
     def clear(self, words: str = "") -> None:
-        """No plan is on show."""
+        """Remove the plan from the tab."""
         self.say("")
         self._promise.content = elements.note(words) if words else ""
         self._poses.content = self._notes.content = ""
         self._plot.visible = self.files.visible = False
 
     def update(self, planned: Planned, *, dark: bool) -> None:
-        """A plan for the model on show."""
+        """Show a plan for the model on show."""
         plan = planned.plan
         self.say("")
         self._promise.content = html.panel(plan_head(plan))

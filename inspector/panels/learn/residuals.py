@@ -10,7 +10,7 @@ from calib.present.residuals import AXES, LENGTH, band_note, input_title, joint_
 from calib.screening.scan_statistic import Channel
 from inspector.figures.residual_plots import place_views, residual_against, select
 from inspector.markup.parts import elements
-from inspector.panels.base import Actions, by_page, hidden_plot, offer, put
+from inspector.panels.base import Actions, FollowsModel, by_page, hidden_plot, offer, put
 from inspector.session.view import View
 
 NOTE = (
@@ -29,8 +29,8 @@ NOT_YET = "Nothing to show yet: the model is fitted when the search has ended. T
 WORST = 8
 
 
-class ResidualsPanel:
-    """One plot of the residual, and the poses with the largest errors."""
+class ResidualsPanel(FollowsModel):
+    """Plot of the residual against one input, and the poses with the largest errors."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         self._actions = actions
@@ -64,7 +64,7 @@ class ResidualsPanel:
             self._actions.select_id(self._ids[label])
 
     def choose_joint(self, view: View) -> None:
-        """The selected joint's apparent motion against its own angle, where there is a residual to show."""
+        """Plot the selected joint's apparent motion against its own angle, where there is a residual."""
         joint, robot = view.joint, view.session.dataset.robot
         titles = (
             (self.against, input_title(f"q{(joint or 0) + 1}", robot)),
@@ -79,7 +79,7 @@ class ResidualsPanel:
         self.update(view)
 
     def update(self, view: View) -> None:
-        """The session's residual."""
+        """Show the session's residual."""
         pose_errors = self._pose_errors(view)
         if pose_errors is None:
             self._plot.visible = self._places.visible = False
@@ -130,7 +130,7 @@ class ResidualsPanel:
         self._show_worst(pose_errors, view)
 
     def _pose_errors(self, view: View) -> PoseErrors | None:
-        """The errors of the version on show; None before those of the model are known."""
+        """Errors of the version on show; None before those of the model are known."""
         version = view.version
         if version is None or view.shows_last or view.session.pose_errors is None:
             return view.session.pose_errors
@@ -142,7 +142,7 @@ class ResidualsPanel:
         return self._of[1]
 
     def _suggest(self, view: View, inputs: dict[str, str], joints: dict[str, int]) -> None:
-        """Show where the pattern is clearest, as long as nobody has chosen anything else."""
+        """Choose the input with the clearest pattern, unless the user has chosen one."""
         residual_tests = view.session.residual_tests
         if self._chose or residual_tests is None or not residual_tests.structured:
             return

@@ -28,7 +28,7 @@ VIEW_OF = {THIS: "Corner", POINT: "Corner", ALL: "All corners", DISTANCES: "Dist
 
 
 class CornerPanel:
-    """The selected corner in numbers."""
+    """Figures of the selected pose's corner."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         self._note = gui.add_html(elements.note(NOTE))
@@ -37,7 +37,7 @@ class CornerPanel:
         self._content = gui.add_html("")
 
     def update(self, view: View) -> None:
-        """The selected pose's corner."""
+        """Show the selected pose's corner."""
         has_scans = view.session.dataset.scan_folder is not None
         shown = (THIS, ALL, DISTANCES) if has_scans else (POINT, ALL)
         if shown != tuple(self._show.options):

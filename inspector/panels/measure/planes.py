@@ -17,7 +17,7 @@ NOTE = (
 
 
 class PlanesPanel:
-    """Counts and groups of the selected pose."""
+    """Counts of sample sets and plane groups of the selected pose."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         self._note = gui.add_html(elements.note(NOTE))
@@ -26,7 +26,7 @@ class PlanesPanel:
         self._content = gui.add_html("")
 
     def update(self, view: View) -> None:
-        """The selected pose's search."""
+        """Show the selected pose's search."""
         self._show.visible = view.session.dataset.scan_folder is not None
         self._note.content = elements.note(NOTE) if self._show.visible else ""
         self._content.content = planes_html(view)

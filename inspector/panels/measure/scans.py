@@ -21,7 +21,7 @@ NO_SCANS = "The points were measured (points.csv). The list gives the uncertaint
 
 
 class ScansPanel:
-    """What the selected scan is made of, and a table of all poses."""
+    """Facts about the selected scan, and a table of all poses."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         self._note = gui.add_html(elements.note(NOTE))
@@ -31,14 +31,14 @@ class ScansPanel:
         self._all = gui.add_html("")
 
     def update(self, view: View, scan: Scan | None, drawn: int) -> None:
-        """The selected scan's facts; `drawn` of its points are in the scene."""
+        """Show the selected scan's facts; `drawn` is the number of its points in the scene."""
         self._show.visible = view.session.dataset.scan_folder is not None
         self._note.content = elements.note(NOTE if self._show.visible else NO_SCANS)
         self._scan.content = elements.heading(f"Pose {view.pose_id}") + scan_facts(view, scan, drawn)
         self.update_list(view)
 
     def update_list(self, view: View) -> None:
-        """The table of all poses."""
+        """Refresh the table of all poses."""
         self._all.content = elements.heading("All poses") + roles_legend(view) + pose_table(view)
 
 
@@ -80,7 +80,7 @@ def scan_facts(view: View, scan: Scan | None, drawn: int) -> str:
 
 
 def pose_table(view: View) -> str:
-    """Each pose with its state; the selected one is marked."""
+    """Table of all poses with their state, the selected one marked."""
     poses, out = view.session.dataset.poses, view.session.uncounted
     searched = view.session.dataset.scan_folder is not None  # else nothing is known of faces and searches
     rows = []
@@ -109,7 +109,7 @@ def pose_table(view: View) -> str:
 
 
 def corner_state(view: View, pose: int) -> elements.Html | str:
-    """What became of the corner of a pose, in a word or two."""
+    """State of a pose's corner in a word or two."""
     if view.session.dataset.poses.ids[pose] in view.session.uncounted:
         return elements.named_swatch(LEFT_OUT, "left out")
     search = view.session.searches.get(view.session.dataset.poses.ids[pose])

@@ -25,7 +25,7 @@ NOT_YET = "Nothing to compare yet: the model is fitted when the search has ended
 
 
 class ComparePanel:
-    """Which versions are shown, their key figures, and the legends of what is drawn."""
+    """Choice of versions shown, their key figures, and the legends of what is drawn."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
@@ -58,7 +58,7 @@ class ComparePanel:
         self.arrows.on_update(lambda e: a.arrows(_factor(e.target.value)) if by_page(e) else None)
 
     def update(self, view: View, problems: tuple[str, ...] = ()) -> None:
-        """Everything but the distances, which come with the scan; `problems` with what should be drawn."""
+        """Show everything except distances, which come with the scan; `problems` tells what cannot be drawn."""
         names = [version.name for version in view.versions]
         for name, box in self.shown.items():
             box.disabled = name not in names
@@ -79,12 +79,12 @@ class ComparePanel:
         self._problems.content = "".join(elements.alert(p, colour="#E69F00") for p in problems)
 
     def update_distance(self, view: View, distances_mm: Array | None) -> None:
-        """The selected scan's distances to the jig's faces (N,), nan beside the jig; None without a corner."""
+        """Show distances (N,) of the selected scan to the jig's faces, mm, NaN off the jig; None without a corner."""
         self._distance.content = distance_html(view, distances_mm)
 
 
 def _factor(value: object) -> float | None:
-    """The factor that was chosen; None for the one that suits what is drawn."""
+    """Chosen enlargement of residuals; None for the default."""
     return None if value == AUTOMATIC else float(one_of(value, [str(f) for f in FACTORS], "100"))
 
 

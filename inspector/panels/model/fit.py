@@ -1,4 +1,4 @@
-"""Tab Fit: how the error fell, before and after, and what the parameters became."""
+"""Tab Fit: convergence, errors before and after, and the parameters."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from inspector.markup.model.fit import (
     what_is_fitted,
 )
 from inspector.markup.parts import elements
-from inspector.panels.base import Actions, by_page, hidden_plot, offer, put
+from inspector.panels.base import Actions, FollowsModel, by_page, hidden_plot, offer, put
 from inspector.panels.input_checks import one_of
 from inspector.session.measuring import measured_kinds, no_full_poses
 from inspector.session.view import RESIDUALS, View
@@ -29,8 +29,8 @@ NOTE = (
 )
 
 
-class FitPanel:
-    """The calibration in figures and tables."""
+class FitPanel(FollowsModel):
+    """Figures and tables of the calibration."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
@@ -56,20 +56,20 @@ class FitPanel:
         self.calibrate.on_click(lambda _: actions.calibrate(one_of(self.residual.value, RESIDUALS, RESIDUALS[0])))
 
     def busy(self, busy: bool) -> None:
-        """While the fit runs the button is disabled."""
+        """Disable the button while the fit runs."""
         self._busy = busy
         self._enable()
         self.calibrate.label = "Calibrating …" if busy else "Calibrate"
 
     def open(self, dataset: str, view: View) -> None:
-        """Another dataset: what was chosen for the one before is not chosen for this."""
+        """Forget the choice made for the dataset before."""
         result = view.session.calibration
         self._unlabelled = None
         offer(self.residual, measured_kinds(view.session))
         put(self.residual, RESIDUALS[0] if result is None else result.residual)
 
     def offer(self, view: View) -> None:
-        """The residuals that these data have, and the button where it would change something."""
+        """Update the residuals that the data allow, and enable the button where it would change something."""
         session, kinds = view.session, measured_kinds(view.session)
         if self._unlabelled is not None or not (session.unlabelled or not no_full_poses(session)):
             kinds = tuple(kind for kind in kinds if kind != "pose")
@@ -81,11 +81,11 @@ class FitPanel:
         self._enable()
 
     def _enable(self) -> None:
-        """The button, where it would change something."""
+        """Enable the button where it would change something."""
         self.calibrate.disabled = self._busy or str(self.residual.value) == self._fresh
 
     def update(self, view: View, *, waiting: str = "") -> None:
-        """The session's calibration; `waiting` says why there is none yet."""
+        """Show the session's calibration; `waiting` tells why there is none yet."""
         result = view.session.calibration
         self._convergence.visible = self._residuals.visible = result is not None
         if result is None:
@@ -108,7 +108,7 @@ class FitPanel:
         self.update_residuals(view)
 
     def update_faces(self, view: View, problem: str = "") -> None:
-        """Whether full poses can be fitted, how the faces were labelled, or why not; `problem`: why that failed."""
+        """Show whether full poses can be fitted and how faces were labelled; `problem` tells why labelling failed."""
         searches = view.session.searches
         if problem or self._unlabelled is None or self._unlabelled[0] is not searches:
             self._unlabelled = (searches, problem) if problem else None
@@ -117,7 +117,7 @@ class FitPanel:
         self.offer(view)
 
     def update_residuals(self, view: View) -> None:
-        """The error of each pose after the fit, the selected one outlined."""
+        """Draw the error of each pose after the fit, the selected one outlined."""
         result, before = view.calibration, view.is_nominal
         if result is None:
             return

@@ -1,4 +1,4 @@
-"""Tab Redundancy: which parameters act alike (Park), and how many the data can tell apart."""
+"""Tab Redundancy: which parameters are indistinguishable (Park), and how many the data determine."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CHOICES = (LENGTHS, ANGLES, ALL)
 
 
 class RedundancyPanel:
-    """Heatmap and the same in words."""
+    """Heatmap of the correlations, and sentences on redundant parameters."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
@@ -50,13 +50,13 @@ class RedundancyPanel:
         self.choice.on_update(lambda e: actions.correlation() if by_page(e) else None)
 
     def open(self, dataset: str, view: View) -> None:
-        """Another dataset, with what was chosen for it."""
+        """Restore the choice of another dataset."""
         kind = self._kinds.open(dataset)
         offer(self.residual, measured_kinds(view.session))
         put(self.residual, kind)
 
     def update(self, view: View) -> None:
-        """The session's redundancy analysis."""
+        """Show the session's redundancy analysis."""
         analysis = view.session.redundancy
         self._plot.visible = analysis is not None
         if analysis is None:
@@ -75,6 +75,6 @@ class RedundancyPanel:
 
 
 def shown(analysis: Redundancy, choice: str) -> list[int]:
-    """Indices of the parameters of a choice: Park's split by unit, or all."""
+    """Indices of the parameters of a choice: lengths or angles, as Park splits them, or all."""
     unit = {LENGTHS: "mm", ANGLES: "rad"}.get(choice)
     return [i for i, u in enumerate(analysis.units) if unit is None or u == unit]

@@ -23,7 +23,7 @@ NONE, VERSION = "–", "this arm: "
 
 
 class SideBySidePanel:
-    """What is beside the calibration on show, what differs, and the errors of both in one plot."""
+    """The calibration beside the one on show, what differs, and the errors of both in one plot."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
@@ -41,11 +41,11 @@ class SideBySidePanel:
 
     @property
     def chosen(self) -> str:
-        """What is to stand beside: a dataset's name, a version's behind VERSION, or NONE."""
+        """Choice of what is beside: a dataset's name, VERSION and a version's name, or NONE."""
         return str(self.other.value)
 
     def offer(self, datasets: tuple[str, ...], versions: tuple[str, ...]) -> None:
-        """What can be chosen; a choice that is gone is none."""
+        """Update what can be chosen; a choice that is no longer offered becomes NONE."""
         options = (NONE, *datasets, *(f"{VERSION}{name}" for name in versions))
         if options != tuple(self.other.options):
             before = self.chosen
@@ -53,13 +53,13 @@ class SideBySidePanel:
             put(self.other, before if before in options else NONE)
 
     def say(self, words: str, *, bad: bool = False) -> None:
-        """Why there is nothing to see yet."""
+        """Show why there is nothing to compare yet."""
         self._plot.visible = False
         self._differences.content, self._drawn = "", ()
         self._state.content = elements.alert(words) if bad else elements.note(words)
 
     def update(self, view: View, one: Beside, other: Beside) -> None:
-        """Both of them. Raises FitError for arms that cannot be compared."""
+        """Show both calibrations. Raises FitError for arms that cannot be compared."""
         inputs = {input_title(n, view.session.dataset.robot): n for n in ("order", *one.inputs) if n in other.inputs}
         options = tuple(inputs) or (NONE,)
         if options != tuple(self.against.options):

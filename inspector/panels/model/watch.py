@@ -20,7 +20,7 @@ NONE, ALL = "–", "all other datasets"
 
 
 class WatchPanel:
-    """What was measured later, what changed, and the control chart."""
+    """Choice of later measurements, what changed, and the control chart."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
@@ -43,16 +43,16 @@ class WatchPanel:
 
     @property
     def chosen(self) -> tuple[str, ...]:
-        """The datasets that were measured later, in the order in which they were chosen."""
+        """Names of the chosen later datasets, in the order chosen."""
         return self._chosen.get(self._name, ())
 
     @property
     def scanner_moved(self) -> bool:
-        """Whether the user says so."""
+        """Whether the user says that the instrument was set up again."""
         return bool(self.moved.value)
 
     def offer(self, name: str, others: tuple[str, ...], *, forget: bool) -> None:
-        """What can be chosen beside the dataset on show; what was just chosen joins the others."""
+        """Update the datasets that can be chosen; the one just picked joins the chosen ones."""
         picked = str(self.later.value) if name == self._name else NONE
         self._name = name
         chosen = () if forget else tuple(n for n in self.chosen if n in others)
@@ -67,13 +67,13 @@ class WatchPanel:
         self._clear.visible = bool(chosen)
 
     def say(self, words: str, *, bad: bool = False) -> None:
-        """Why there is nothing to see yet."""
+        """Show why there is nothing to see yet."""
         self._plot.visible = False
         self._found.content, self._drawn = "", None
         self._state.content = elements.alert(words) if bad else elements.note(words)
 
     def update(self, view: View, cell: WatchedCell) -> None:
-        """What the later measurements say."""
+        """Show what the later measurements tell of the cell."""
         if self._drawn is not None and self._drawn[0] is cell and self._drawn[1] == view.dark:
             return
         self._state.content = html.panel(change_verdict(cell.seen))

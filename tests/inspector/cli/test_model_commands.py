@@ -12,6 +12,7 @@ import pytest
 
 import calib
 from calib.dataset.files.folder import load_dataset, write_dataset
+from calib.present.numbers import parameter_label
 from inspector.cli.parser import main
 from tests.support.checked_cell import measured_twice
 from tests.support.hidden_dataset import HIDDEN, write_hidden
@@ -190,13 +191,14 @@ def test_a_printed_table_shows_no_rounding_error_for_what_stayed(
 ) -> None:
     capsys.readouterr()
     assert main(["calibrate", str(folder)]) == 0
-    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.split()[-1:] in (["yes"], ["no"])]
+    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.split()[-1:] in (["mm"], ["°"])]
     told = {row[0]: row for row in rows}
     exact = {p["name"]: p for p in printed(capsys, "calibrate", folder)["parameters"]}
-    assert set(told) == set(exact)
+    label = {name: parameter_label(name) for name in exact}
+    assert set(told) == set(label.values())
     stayed = {name for name, p in exact.items() if abs(p["value"] - p["nominal"]) < 1e-6 * p["sigma"]}
     assert "d1" in stayed  # along the first axis: the scanner's unknown place takes it
-    assert {name for name, row in told.items() if row[3] == "0"} == stayed
-    assert all(told[name][1] == told[name][2] for name in stayed)
-    assert told["a2"][-1] == "yes"
-    assert told["d1"][-1] == "no"
+    assert all(told[label[name]][3] == "+0.0000" for name in stayed)
+    assert all(told[label[name]][1] == told[label[name]][2] for name in stayed)
+    assert "*" not in told["a2"]
+    assert "*" in told["d1"]
