@@ -266,6 +266,7 @@ def _origins(quality: CornerQuality) -> list[tuple[str, object]]:
 def _quality_document(quality: CornerQuality) -> dict[str, Any]:
     figures = asdict(quality)
     figures.pop("notes")
+    figures["smooth_told_mm"] = figures.pop("smooth_declared_mm")
     return {**figures, "doubts": quality.doubts()}
 
 

@@ -156,8 +156,3 @@ def parameter_label(name: str) -> str:
         if name.startswith(word):
             return letter + name[len(word) :]
     return name
-
-
-def typeset(words: str) -> str:
-    """A sentence with the signs of this module: ±, µm, ° and a minus sign."""
-    return words.replace("+-", "±").replace(" um", " µm").replace(" -", f" {MINUS}").replace(" deg", "°")
