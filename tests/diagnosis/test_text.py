@@ -59,7 +59,7 @@ def test_the_residual_names_its_inputs_its_fault_and_the_poses_that_stand_out() 
 
 
 def test_an_effect_may_be_fitted_on_behalf_of_others() -> None:
-    words = confounded(ConfoundedSet("backlash", ("tool_sag",)), {"tool_sag": "the tool"})
+    words = confounded(ConfoundedSet("backlash", ("tool_sag",), ()), {"tool_sag": "the tool"})
     assert Reference("effect", "tool_sag", "tool_sag") in words
     assert "are indistinguishable at these poses; backlash is fitted on behalf of both" in plain(words)
     assert plain(words).endswith("measure: for tool_sag, the tool.")

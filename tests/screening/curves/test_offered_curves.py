@@ -12,7 +12,7 @@ import pytest
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.advice import advice_on, advice_text
+from calib.diagnosis.advice import advice_on
 from calib.diagnosis.decision_rules import CURVES_SHARE, MIN_LOG_BAYES_FACTOR, is_convincing, ranking_given_curves
 from calib.diagnosis.moves import AddCurves
 from calib.diagnosis.search_space import add_in_turn
@@ -20,6 +20,7 @@ from calib.effects.effect import apply_values
 from calib.fitting.observations import nominal_state
 from calib.present.blocks import plain
 from calib.present.curves import curve_blocks
+from calib.present.verdict import advice as advice_words
 from calib.present.verdict import fault as fault_words
 from calib.screening.curves.fitted_curves import fitted_curves, learned_members
 from calib.screening.curves.smooth_joint_error import LEARNED
@@ -57,7 +58,7 @@ def test_curves_are_offered_where_no_name_explains_what_is_left(ranked: Session)
     assert ranked.advice is not None
     assert not any(map(is_convincing, ranking_given_curves(ranked.screening, ranked.curves).candidates))
     assert ranked.advice.effect == LEARNED
-    said = advice_text(ranked.advice)
+    said = plain(advice_words(ranked.advice))
     assert "a curve of joint 1 over q1" in said
     assert LEARNED in said
 
@@ -116,11 +117,11 @@ def test_a_fault_of_one_joint_stays_told_unless_all_joints_say_more(ranked: Sess
     move, fault = ranked.advice.move, ranked.residual_tests.fault
     assert isinstance(move, AddCurves)
     assert fault is not None
-    told = advice_text(advice_on(move, ranked.residual_tests, ranked.calibration))
+    told = plain(advice_words(advice_on(move, ranked.residual_tests, ranked.calibration)))
     assert plain(fault_words(fault)) in told  # the curve is of that joint alone
     (member,) = ranked.curves.members
     both = replace(ranked.curves, members=(member, replace(member, joint=4)), log_evidence=fault.log_evidence + 10.0)
-    told = advice_text(advice_on(replace(move, curves=both), ranked.residual_tests, ranked.calibration))
+    told = plain(advice_words(advice_on(replace(move, curves=both), ranked.residual_tests, ranked.calibration)))
     assert plain(fault_words(fault)) not in told
     assert "more than noise" in told
 
