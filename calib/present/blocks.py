@@ -180,6 +180,7 @@ class Verdict(Block):
     kind: ClassVar[str] = "verdict"
     words: Words
     colour: str
+    label: str = ""  # stands before it on a terminal
 
 
 @dataclass(frozen=True)

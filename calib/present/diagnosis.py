@@ -121,7 +121,7 @@ def diagnosis_head(diagnosis: Diagnosis) -> list[Block]:
 
 def verdict_block(diagnosis: Diagnosis) -> Verdict:
     """The verdict in its colour."""
-    return Verdict(capitalised(verdict(diagnosis)), VERDICT_COLOURS[diagnosis.verdict])
+    return Verdict(capitalised(verdict(diagnosis)), VERDICT_COLOURS[diagnosis.verdict], label="Verdict")
 
 
 def steps(diagnosis: Diagnosis) -> Table:

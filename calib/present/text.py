@@ -41,7 +41,9 @@ def _lines(blocks: Sequence[Block]) -> list[str]:
 
 def _block_lines(block: Block) -> list[str]:
     match block:
-        case Paragraph() | Verdict():
+        case Verdict():
+            return f"{block.label}: {plain(block.words)}".removeprefix(": ").splitlines()
+        case Paragraph():
             return plain(block.words).splitlines()
         case Bullets():
             return [f"{_INDENT}{plain(sentence)}" for sentence in block.sentences]

@@ -28,7 +28,7 @@ def shape_words(found: Diagnosis) -> str:
     [
         ("deep", 3, "times coarser in depth, along z of its frame,"),
         ("growing", 0, "with each metre of distance"),
-        ("wandering", 4, "is a slow wander"),
+        ("wandering", 4, "is a slow drift"),
         ("student", 5, "heavier tails than a normal distribution"),
     ],
 )

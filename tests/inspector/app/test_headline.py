@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from calib.present.error_headline import stage_error
 from inspector.app.app import App
 from inspector.app.serving import serving
 from inspector.markup.headline import RANKING, TO_FIND, headline_html
@@ -41,7 +42,7 @@ def test_the_stages_stand_over_the_view_with_their_units(app: App) -> None:
     with WireClient(app.server.get_port()) as page:
         said = plain(page)
         for stage in told.stages:
-            assert told.shown(stage.error_mm) in said
+            assert stage_error(told, stage) in said
             assert stage.name in said
         assert re.search(r"\(noise [\d.]+ (mm|µm)\)", said)
         assert TO_FIND in said
