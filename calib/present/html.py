@@ -15,7 +15,6 @@ from functools import cache
 from itertools import count
 
 from jinja2 import BaseLoader, ChoiceLoader, Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
 
 from calib.html_text import escape, visible_value
 from calib.present.blocks import (
@@ -36,6 +35,14 @@ from calib.present.blocks import (
 
 Draw = Callable[[FigurePlace, str], str]  # a place and the name that begins its ids -> SVG
 Recognise = Callable[[str], Words]  # a text -> the same with the names in it as references
+
+
+class _Html(str):
+    """Text that is markup already and whose parts are escaped."""
+
+    def __html__(self) -> str:
+        return str(self)
+
 
 IDS = "figures-of-this-view"  # begins the ids of drawings; each view has its own in its stead
 
@@ -97,8 +104,8 @@ def environment(*loaders: BaseLoader, links: bool = False) -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=bool(loaders),
     )
-    made.filters["words"] = lambda words: Markup(words_html(words, links))
-    made.filters["selecting"] = lambda reference: Markup(_asks(reference) if links and reference else "")
+    made.filters["words"] = lambda words: _Html(words_html(words, links))
+    made.filters["selecting"] = lambda reference: _Html(_asks(reference) if links and reference else "")
     return made
 
 
