@@ -267,7 +267,7 @@ def test_what_is_left_is_judged_after_each_change_without_find(app: App, page: W
     assert residual_tests is not None
     assert not residual_tests.structured
     page.press("Model", UNDO)
-    shows(page, "a pattern against")
+    shows(page, "What is left: a systematic dependence on")
 
 
 def test_the_ranking_names_gains_parameters_and_what_tells_it_from_the_nearest(app: App, page: WireClient) -> None:
