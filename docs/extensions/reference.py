@@ -204,7 +204,7 @@ def full_error(name: str) -> str:
 class ModuleMembers(SphinxDirective):
     """Directive `.. module-members:: calib.frames`: the docstring of a module with its public classes and functions.
 
-    Names after the module choose those alone. Functions that `calib` itself offers have a place of their own on the page.
+    Names after the module choose those alone. What `calib` itself offers has a place of its own.
     """
 
     required_arguments = 1

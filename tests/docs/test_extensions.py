@@ -74,7 +74,8 @@ def test_every_name_of_the_public_face_is_in_the_reference():
     import calib
 
     text = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "api").glob("*.md"))
-    modules = {module: names.split() for module, names in re.findall(r"^\.\. module-members:: (\S+)(.*)$", text, re.MULTILINE)}
+    directives = re.findall(r"^\.\. module-members:: (\S+)(.*)$", text, re.MULTILINE)
+    modules = {module: names.split() for module, names in directives}
 
     def is_there(name: str, module: str) -> bool:
         in_module = module in modules and isinstance(getattr(calib, name), type) and name in (modules[module] or [name])
