@@ -1,0 +1,1 @@
+"""Design criteria other than a calibration: effect sizes, confounded effects, changes of a cell."""
