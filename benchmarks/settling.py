@@ -29,7 +29,7 @@ from calib.dataset.dataset import Dataset, Points, Poses
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.errors import CalibError
-from calib.planning.criteria.confounded_effects import for_confounded
+from calib.planning.discrimination_criterion import for_confounded
 from calib.planning.plan import plan_poses
 from calib.simulation.measured_dataset import Simulation, measure
 from calib.simulation.simulate import simulate_dataset

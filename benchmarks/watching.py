@@ -31,8 +31,8 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.fitting.observations import conditions_at
 from calib.kinematics.joint_range import random_poses
 from calib.monitoring.watch import ChangeReport, watch
-from calib.planning.criteria.watching import CHECK_POSES, check_poses, usual_changes
 from calib.planning.unknowns import unknowns_of_fit
+from calib.planning.watch_criterion import CHECK_POSES, check_poses, usual_changes
 from calib.simulation.simulate import rounded
 from tests.support.checked_cell import TOLERANCES, Cell
 

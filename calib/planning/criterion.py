@@ -21,7 +21,7 @@ from calib.planning.unknowns import Unknowns
 from calib.workcell.pose_conditions import conditions_for
 
 CALIBRATION = "calibration"
-WATCH = "watch"  # check poses, see `calib.planning.criteria.watching`
+WATCH = "watch"  # check poses, see `calib.planning.watch_criterion`
 _NAMED = 3  # most parameters in a pose's reason
 _MIN_GAIN = 0.01  # share by which a pose lowers a parameter's sigma, below which the parameter is no reason for it
 _FAR_RAD, _FAR_MM = np.radians(25.0), 100.0  # distance from every measured pose in one joint, from which that is far

@@ -24,15 +24,15 @@ from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Robot
 from calib.measurement.measured_dataset import measured
 from calib.options import PLAN_CRITERIA, PLAN_REGIONS, FitFields, FitOptions, fit_options
-from calib.planning.criteria.confounded_effects import SPLIT, for_confounded
-from calib.planning.criteria.effect_sizes import ForEffects
-from calib.planning.criteria.watching import CHECK_POSES, ForWatch
 from calib.planning.criterion import CALIBRATION, WATCH, DesignCriterion, DesignProblem, ForCalibration
+from calib.planning.discrimination_criterion import SPLIT, for_confounded
+from calib.planning.effect_criterion import ForEffects
 from calib.planning.exchange import best_poses
 from calib.planning.outcome import Outcome, PoseReason
 from calib.planning.prediction import Prediction, Region, enough_poses, predicted, predicted_once_placed
 from calib.planning.start import FromFit, FromRobot, Start, start_of_dataset
 from calib.planning.unknowns import DEFAULT_NOISE_MM
+from calib.planning.watch_criterion import CHECK_POSES, ForWatch
 from calib.presented import Presented
 from calib.robot_formats.robots import load_robot
 from calib.workcell.candidates import candidate_poses

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from calib.array_types import Array
 from calib.errors import CalibError
-from calib.planning.criteria.confounded_effects import SPLIT, for_confounded
 from calib.planning.criterion import CALIBRATION, WATCH
+from calib.planning.discrimination_criterion import SPLIT, for_confounded
 from calib.planning.plan import Plan, criterion_of, plan_poses
 from calib.planning.start import FromFit
 from inspector.session.session import Session

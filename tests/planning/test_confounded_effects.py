@@ -12,7 +12,7 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_for
 from calib.errors import CalibError
-from calib.planning.criteria.confounded_effects import ForDiscrimination, for_confounded
+from calib.planning.discrimination_criterion import ForDiscrimination, for_confounded
 from calib.planning.effect_hypotheses import EffectHypothesis, HypothesisSet
 from calib.planning.outcome import DiscriminationOutcome, SeparationReason
 from calib.planning.plan import Plan, plan_poses

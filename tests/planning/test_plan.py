@@ -10,8 +10,8 @@ from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Box, Poses
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
-from calib.planning.criteria.effect_sizes import ForEffects
 from calib.planning.criterion import ForCalibration
+from calib.planning.effect_criterion import ForEffects
 from calib.planning.outcome import EffectOutcome, ParameterReason
 from calib.planning.plan import Plan, criterion_of, plan_poses
 from calib.planning.prediction import enough_poses

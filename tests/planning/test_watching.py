@@ -13,8 +13,8 @@ from calib.fitting.observations import conditions_at
 from calib.kinematics.joint_range import random_poses
 from calib.monitoring.change_tests import DETECTABLE_Z
 from calib.monitoring.watch import watch
-from calib.planning.criteria.watching import CHECK_POSES, CheckedChange, check_poses, usual_changes
 from calib.planning.unknowns import unknowns_of_fit
+from calib.planning.watch_criterion import CHECK_POSES, CheckedChange, check_poses, usual_changes
 from tests.support.checked_cell import Cell
 
 Planned = tuple[Cell, np.ndarray, tuple[CheckedChange, ...], IndexArray]

@@ -14,12 +14,12 @@ from calib.effects.effect import Family
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
-from calib.planning.criteria.confounded_effects import SPLIT, ForDiscrimination, for_confounded
-from calib.planning.criteria.watching import CHECK_POSES
 from calib.planning.criterion import WATCH, DesignCriterion
+from calib.planning.discrimination_criterion import SPLIT, ForDiscrimination, for_confounded
 from calib.planning.plan import FIRST_SET, FURTHER, criterion_of, plan_poses
 from calib.planning.start import FromFit, FromRobot, start_of_dataset
 from calib.planning.unknowns import DEFAULT_NOISE_MM
+from calib.planning.watch_criterion import CHECK_POSES
 from calib.robot_formats.robot_file import named_robot
 from calib.workcell.known_cell import workcell_of_dataset, workcell_of_robot
 from calib.workcell.scan_field import JANG_FIELD

@@ -1,1 +1,0 @@
-"""Design criteria other than a calibration: effect sizes, confounded effects, changes of a cell."""
