@@ -128,7 +128,7 @@ class CellTests:
         return self.free.family_wise_p_value(self.free.tests(self.models))
 
     def scanner_moved(self, arm: list[ChangeModel]) -> Change | None:
-        """Motion of the scanner given changes of the arm; None where insignificant. Confounded with the base's."""
+        """Motion of the scanner given changes of the arm; None where it is insignificant."""
         if not self.scanner_known:
             return None
         test = next(iter(self.fixed.tests((self.scanner,), given=arm)), None)

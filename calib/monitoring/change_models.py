@@ -66,7 +66,7 @@ def change_models_of_arm(model: Model, x: Array, observed: Observations) -> tupl
 def _change_models(
     robot: Robot, columns: dict[str, Array], torques_nm: Array, base_R_tool: Array
 ) -> Iterator[ChangeModel]:
-    """Models of changes of the arm.
+    """Models of changes of the arm, from the motion of the points by each parameter of its table.
 
     Args:
         robot: nominal robot.

@@ -70,10 +70,6 @@ class DesignCriterion(Protocol):
         """Indices (count,) of the best candidates, the most informative first."""
         ...
 
-    def power(self, problem: DesignProblem, chosen: IndexArray) -> float | None:
-        """Probability that the chosen candidates discriminate between confounded effects; None for other criteria."""
-        ...
-
     def reasons(self, problem: DesignProblem, chosen: IndexArray) -> tuple[PoseReason, ...]:
         """Reason for which each candidate was chosen."""
         ...
@@ -84,15 +80,11 @@ class DesignCriterion(Protocol):
 
 
 class BaseCriterion:
-    """Base of criteria that take poses as offered and discriminate between no hypotheses."""
+    """Base of criteria that take poses as offered and give the parameters as reasons."""
 
     def prepared(self, start: Start, offered: Poses) -> Poses:
         """Candidates as they were offered."""
         return offered
-
-    def power(self, problem: DesignProblem, chosen: IndexArray) -> float | None:
-        """None, as there are no hypotheses."""
-        return None
 
     def reasons(self, problem: DesignProblem, chosen: IndexArray) -> tuple[PoseReason, ...]:
         """Parameters whose sigma each chosen candidate lowers most, and a joint far from all measured poses."""

@@ -24,9 +24,7 @@ class ForDiscrimination:
     """Criterion of discriminating between the hypotheses of a set that a fit left open, from which the plan goes on."""
 
     hypothesis_set: HypothesisSet
-    payload_kg: float | None = (
-        None  # payload that the arm may carry at some poses, where the data have none that varies
-    )
+    payload_kg: float | None = None  # payload that the arm may carry at some poses, where the measured one is constant
     name = SPLIT
     effects: tuple[str, ...] = ()
     _predicted: list[tuple[Poses, HypothesisPredictions]] = field(default_factory=list, init=False, repr=False)
@@ -39,8 +37,8 @@ class ForDiscrimination:
     @property
     def _helped_by_payload(self) -> bool:
         """Whether a payload makes the hypotheses differ more, and the data have none that varies."""
-        needs = [hypothesis.members[0] for hypothesis in self.hypothesis_set.hypotheses]
-        wanted = conditions_for([str(getattr(member, "needs", "")) for member in needs])
+        members = [hypothesis.members[0] for hypothesis in self.hypothesis_set.hypotheses]
+        wanted = conditions_for([str(getattr(member, "needs", "")) for member in members])
         payload_kg = self.hypothesis_set.calibration.dataset.poses.payload_kg
         varies = payload_kg is not None and bool(payload_kg.min() < payload_kg.max())
         return bool(wanted.payloads_kg) and not varies
@@ -54,10 +52,6 @@ class ForDiscrimination:
         """Indices (count,) of the candidates that discriminate best, in the order chosen."""
         return choose(self._predictions(problem.candidates), problem.candidates, count)
 
-    def power(self, problem: DesignProblem, chosen: IndexArray) -> float | None:
-        """Probability that the chosen candidates discriminate the true hypothesis from the others."""
-        return self._evaluated(problem, chosen).power
-
     def reasons(self, problem: DesignProblem, chosen: IndexArray) -> tuple[SeparationReason, ...]:
         """Separation of the hypotheses at each chosen candidate."""
         return tuple(SeparationReason(float(mm)) for mm in self._evaluated(problem, chosen).separation_mm)
@@ -68,7 +62,7 @@ class ForDiscrimination:
         weak = achieved.power < ENOUGH_POWER
         hopeless = bool(achieved.equivalent) or (weak and achieved.enough is None)
         hypotheses = self.hypothesis_set.hypotheses
-        confirm = [(one.name, str(getattr(one.members[0], "confirm", ""))) for one in hypotheses if one.members]
+        confirm = [(h.name, str(getattr(h.members[0], "confirm", ""))) for h in hypotheses if h.members]
         return DiscriminationOutcome(
             hypotheses=achieved.hypotheses,
             power_by_count=achieved.power_by_count,
@@ -109,7 +103,7 @@ def for_confounded(diagnosis: Diagnosis, payload_kg: float | None = None) -> For
     for hypothesis_set in sets:
         if sum(bool(hypothesis.members) for hypothesis in hypothesis_set.hypotheses) > 1:
             return ForDiscrimination(hypothesis_set, payload_kg)
-    would_help = next((one.would_help for one in sets if one.would_help), "")
+    would_help = next((each.would_help for each in sets if each.would_help), "")
     raise CalibError(
         f"dataset {name}: no pose discriminates between {', '.join(sets[0].names)}, which these data cannot test"
         + (f"; {would_help}" if would_help else "")

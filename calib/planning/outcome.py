@@ -73,7 +73,7 @@ class DiscriminationOutcome:
     """Power with which poses discriminate between hypotheses, and what would help where it is low."""
 
     hypotheses: tuple[str, ...]
-    power_by_count: tuple[float, ...]  # with none, the first, the first two, ... of the poses
+    power_by_count: tuple[float, ...]  # power of none, the first, the first two, ... of the poses
     equivalent: tuple[tuple[str, str], ...]  # pairs that no offered pose discriminates
     enough: int | None  # number of poses that reach `enough_power`, where these do not
     enough_power: float
@@ -81,6 +81,11 @@ class DiscriminationOutcome:
     confirm: tuple[tuple[str, str], ...]  # hypothesis and the experiment that shows it, where poses cannot
     untested: tuple[str, ...]  # hypotheses that the data cannot test
     would_help: str  # what would make these testable
+
+    @property
+    def power(self) -> float:
+        """Probability that the true hypothesis is discriminated from the others with all of the poses."""
+        return self.power_by_count[-1]
 
 
 Outcome = EffectOutcome | CheckOutcome | DiscriminationOutcome

@@ -28,7 +28,7 @@ from calib.planning.criterion import CALIBRATION, WATCH, DesignCriterion, Design
 from calib.planning.discrimination_criterion import SPLIT, for_confounded
 from calib.planning.effect_criterion import ForEffects
 from calib.planning.exchange import best_poses
-from calib.planning.outcome import Outcome, PoseReason
+from calib.planning.outcome import DiscriminationOutcome, Outcome, PoseReason
 from calib.planning.prediction import Prediction, Region, enough_poses, predicted, predicted_once_placed
 from calib.planning.start import FromFit, FromRobot, Start, start_of_dataset
 from calib.planning.unknowns import DEFAULT_NOISE_MM
@@ -64,11 +64,15 @@ class Plan(Presented):
     then: Prediction  # with all of the poses measured
     curve_mm: Array  # (n + 1,) predicted error with 0, 1, 2, ... new poses, beyond those of the plan
     enough: int | None  # new poses from which five more lower the error by less than 5 %; None: not within the curve
-    power: float | None  # probability that confounded effects are discriminated; None where there are none
     model: tuple[str, ...]  # families of effects in addition to the link errors
     outcome: Outcome | None  # achievement beyond the predicted error
     fewest_for_fit: int | None  # poses that a fit takes, where the plan is a first set of fewer
     blocked: tuple[tuple[str, str], ...]  # successive poses whose straight connection in joint space is blocked
+
+    @property
+    def power(self) -> float | None:
+        """Probability that confounded effects are discriminated; None for other criteria."""
+        return self.outcome.power if isinstance(self.outcome, DiscriminationOutcome) else None
 
     def _brief(self) -> str:
         error = f"predicted RMSE {self.now.geometry_mm:.3g} -> {self.then.geometry_mm:.3g} mm"
@@ -136,7 +140,6 @@ def plan_poses(
         then=then,
         curve_mm=curve_mm,
         enough=enough_poses(curve_mm, first=1 if placed_anew else 0),
-        power=criterion.power(problem, chosen),
         model=unknowns.model.family_names,
         outcome=criterion.outcome(problem, chosen),
         fewest_for_fit=_fewest_for_fit(start, count),

@@ -131,6 +131,7 @@ class FromFit(Brief):
         return self._unknowns_with(())
 
     def _unknowns_with(self, effects: Sequence[Effect]) -> Unknowns:
+        """Unknowns of the fit, the coefficients of further effects, and the frame of a new station."""
         new_station = None if self.base_T_scanner is None else {self.setup: frames.invert(self.base_T_scanner)}
         return unknowns_of_fit(self.calibration, effects=effects, scanner_T_base=new_station)
 

@@ -83,9 +83,9 @@ def plan_headline(plan: Plan) -> str:
     error = f"the predicted error falls {numbers.length_change(plan.now.geometry_mm, plan.then.geometry_mm)}"
     if criterion.name == WATCH:
         aim, error = "to watch the cell", ""
-    elif isinstance(plan.outcome, DiscriminationOutcome) and plan.power is not None:
+    elif isinstance(plan.outcome, DiscriminationOutcome):
         aim = f"to discriminate between {numbers.listing(plan.outcome.hypotheses)}"
-        error = f"the probability that they do is {numbers.share(plan.power)}"
+        error = f"the probability that they do is {numbers.share(plan.outcome.power)}"
     elif isinstance(criterion, ForCalibration):
         at = f"to be right at {plan.region} (I-optimal)"
         aim = at if criterion.optimality == "I" else "to know the parameters (D-optimal)"
