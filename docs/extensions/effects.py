@@ -108,7 +108,8 @@ def index(signatures: Mapping[str, Signature], standard: Standard) -> str:
     out += [
         "## By the input that the residual depends on",
         "`inspector diagnose` names it: *It depends systematically on gravity's torque on joint 3*. These are the "
-        "inputs of the pictures. Where an input is not among those tested, the effect is still found, by its own columns.",
+        "inputs of the pictures. Where an input is not among those tested, the effect is still found, by its own "
+        "columns.",
         "\n".join(
             ["| input | is tested | effects |", "|---|---|---|"]
             + [f"| {words} | {tested} | {', '.join(links)} |" for (words, tested), links in by_input.items()]
