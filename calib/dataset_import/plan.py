@@ -173,7 +173,9 @@ def _with_numbers(
     if report.faults:
         return _plan(report, sources, columns, None, len(table), robot_file)
     points_csv = None if seen is None else points_text(other or table, of_points, [ids[i] for i in row_of], seen)
-    content = Content(report.robot, poses_csv, points_csv, sources.scans, f"imported from {table.path.name}")
+    content = Content(
+        report.robot, poses_csv, points_csv, sources.scans, f"imported from {table.path.name}", sources.robots[0].path
+    )
     fault = fault_of(content)
     if fault is not None:
         report.fault(f"{table.path}: {fault}")

@@ -50,7 +50,9 @@ FIGURES = (
     ("distance_mean_mm", "distance mean"),
     ("distance_max_mm", "distance max"),
 )
-_NOT_KNOWN = "* next to nothing is known of it by itself: its tolerance fixes the value, or it is shared."
+_NOT_KNOWN = (
+    "* these data hardly determine this parameter alone: its tolerance sets the value, or others share its influence."
+)
 _CHANGES = ("before", "after", "reduction")
 _UNCHANGED = 1e-6  # sigmas: a change below this is rounding
 
@@ -175,7 +177,7 @@ def step_table(steps: Sequence[tuple[str, float, float, float]]) -> Table:
     """3D RMSE after each change of the model: its label, training and test RMSE and residual sigma, mm."""
     rows = [(label, *map(numbers.column_mm, figures)) for label, *figures in steps]
     columns = ("model", "training, mm", "test, mm", "residual sigma, mm")
-    return Table(columns, rows, caption="3D RMSE after each change of the model; the sigma is of one coordinate")
+    return Table(columns, rows, caption="3D RMSE after each change of the model; the sigma is per coordinate")
 
 
 def fit_steps(steps: Sequence[FitStep]) -> list[tuple[str, float, float, float]]:

@@ -122,7 +122,7 @@ def corner_table(searches: Mapping[str, CornerSearch]) -> Table:
         for pose_id, corner in found.items()
     ]
     without = ["points without a value, left out"] if dropped else []
-    columns = ("scan", "x, mm", "y, mm", "z, mm", "sigma, mm", "points on the faces", *without, "deserves a look")
+    columns = ("scan", "x, mm", "y, mm", "z, mm", "sigma, mm", "points on the faces", *without, "look at")
     return Table(columns, rows, left=(0, 5, len(columns) - 1))
 
 
@@ -140,7 +140,7 @@ def target_table(named: Assignment) -> Table:
         for pose_id, of_pose in named.points.items()
         for name, place in of_pose.items()
     ]
-    columns = ("scan", "target", "x, mm", "y, mm", "z, mm", "sigma, mm", "rms, mm", "points", "deserves a look")
+    columns = ("scan", "target", "x, mm", "y, mm", "z, mm", "sigma, mm", "rms, mm", "points", "look at")
     return Table(columns, rows, left=(0, 1, 8))
 
 
@@ -153,7 +153,7 @@ def scan_sentences(searches: Mapping[str, CornerSearch]) -> list[Sequence[Span]]
     }
     return [
         *((pose(i), f" has no corner and is left out: {reason}.") for i, reason in failed_searches(searches).items()),
-        *(("The corner of ", pose(i), f" deserves a look: {'; '.join(doubts)}.") for i, doubts in doubtful.items()),
+        *(("The corner of ", pose(i), f" is doubtful: {'; '.join(doubts)}.") for i, doubts in doubtful.items()),
     ]
 
 

@@ -426,11 +426,12 @@ def _pattern(tests: ResidualTests) -> Words:
 
 
 def _learned(learned: LearnedModel) -> Words:
-    formula = f"; in short {learned.formula}" if learned.formula else ""
+    formula = f"; in short {learned.formula.replace(' +', ' + ').replace(' -', ' - ')}" if learned.formula else ""
     change = error_change(learned.before, learned.after)
+    subject = "They were" if len(learned.joints) > 1 else "It was"
     return spans(
         curves(learned.joints, learned.inputs, learned.log_evidence),
-        f" They were learned as {LEARNED}{formula}. {change}{' ' if change else ''}No cause is named by it.",
+        f" {subject} learned as {LEARNED}{formula}. {change}{' ' if change else ''}No cause is named by it.",
     )
 
 

@@ -48,7 +48,7 @@ _CONDITIONS = {  # that poses are to be measured under
     "payload_kg": "mount each payload once, for all its poses",
     "temperature_c": "measure the cold poses first; write down the temperatures",
 }
-_RANKS = "Rank 1 tells most; the poses of the last ranks can be left out first."
+_RANKS = "Rank 1 is the most informative; leave out the poses of the last ranks first."
 
 
 @presentation.register
@@ -236,7 +236,7 @@ def poses_table(plan: Plan, *, compact: bool = False, mark: int | None = None) -
         columns.append(("approach", signs))
     if not compact:
         columns.append(("rank", list(map(str, plan.ranks))))
-    columns.append(("tells most of", [reason_phrase(reason) for reason in plan.reasons]))
+    columns.append(("determines best", [reason_phrase(reason) for reason in plan.reasons]))
     last = len(columns) - 1
     return Table(
         [name for name, _ in columns],

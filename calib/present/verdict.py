@@ -93,10 +93,12 @@ def _ambiguous(diagnosis: Diagnosis) -> Words:
 def _outliers(diagnosis: Diagnosis) -> Words:
     poses = diagnosis.residual_tests.outlier_poses
     worst = worst_pose(diagnosis.calibration, poses)
+    others = [pose(name) for name in poses if worst is None or name != worst.pose]
+    stand = "stand" if len(others) > 1 else "stands"
     off: Words = ()
-    if worst is not None:
-        others = [pose(name) for name in poses if name != worst.pose]
-        stand = "stand" if len(others) > 1 else "stands"
+    if worst is None and others:  # they are left out of the fit, which has no errors there
+        off = spans(": ", listed(others), f" {stand} out")
+    elif worst is not None:
         more = spans(", and ", listed(others), f" {stand} out too") if others else ()
         off = spans(": pose ", pose(worst.pose), f" is off by {numbers.length(worst.size_mm)}", more)
     missing = spans(_missing(diagnosis), ". ") if diagnosis.missing else ()

@@ -252,11 +252,11 @@ def _as_thick_as_measured(cell: Workcell, q: Array) -> Workcell:
     bodies, notes = cell.bodies, [*cell.notes, _bodies_note(cell.bodies)]
     if inside > _MOST_REFUSED:
         bodies = replace(bodies, pairs=bodies.pairs[:0])
-        notes.append("whether they meet each other is not asked: measured poses would have been refused")
+        notes.append("collisions between them are not checked: the measured poses would have been refused")
     hidden = _refused(replace(cell, bodies=bodies), q, (HIDDEN, SCANNER))
     if hidden > _MOST_REFUSED:
         bodies = replace(bodies, hides=np.zeros_like(bodies.hides))
-        notes.append("whether they hide the target is not asked: at measured poses they would have")
+        notes.append("whether they hide the target is not checked: they would hide it at measured poses")
     return replace(cell, bodies=bodies, notes=tuple(notes))
 
 

@@ -27,6 +27,7 @@ from calib.present.calibration import (
     table_document,
 )
 from calib.present.text import block_text
+from calib.robot_formats.calibrated_file import TEMPLATE_SUFFIXES, URDF_SUFFIXES, YAML_SUFFIXES, kept_template
 from calib.screening.curves.fitted_curves import effect_file_text
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options import CalibrateOptions, CompareOptions, CorrectOptions, WatchOptions
@@ -110,17 +111,16 @@ def run_calibrate(options: CalibrateOptions) -> int:
 
 
 def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
-    """Template of each robot file that is to be written.
+    """Template of each robot file that is to be written: the one given, else the one kept at the dataset's import.
 
     Raises CalibError where a file has no template, a template no file, or a template is of another arm.
     """
     wanted = (
-        (options.urdf_out, "--urdf-out", (".urdf",)),
-        (options.kinematics_out, "--kinematics-out", (".yaml", ".yml")),
+        (options.urdf_out, "--urdf-out", URDF_SUFFIXES),
+        (options.kinematics_out, "--kinematics-out", YAML_SUFFIXES),
     )
-    known = [suffix for _, _, suffixes in wanted for suffix in suffixes]
     for path in options.template:
-        if path.suffix.lower() not in known:
+        if path.suffix.lower() not in TEMPLATE_SUFFIXES:
             raise CalibError(
                 f"--template {path}: a template is a .urdf or .yaml; the origins of a .xacro are computed: give "
                 "--kinematics-out with the YAML of joint origins that it reads, or expand it first"
@@ -128,6 +128,9 @@ def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
     found: dict[Path, Path] = {}
     for out, option, suffixes in wanted:
         fitting = [path for path in options.template if path.suffix.lower() in suffixes]
+        kept = kept_template(dataset.folder, suffixes)
+        if out is not None and not fitting and kept is not None:
+            fitting = [kept]
         if (out is not None) != (len(fitting) == 1):
             raise CalibError(f"{option} FILE and one --template ROBOT{suffixes[0]}, your own of this arm, go together")
         if out is not None:

@@ -124,7 +124,7 @@ def load(path: Path, leave_out: Sequence[str] = (), finder: Path | None = None) 
 
 def without(dataset: Dataset) -> list[str]:
     """Line that lists the poses left out; none where all are in use."""
-    return [f"without what was measured at: {', '.join(dataset.left_out)}"] if dataset.left_out else []
+    return [f"left out: {', '.join(dataset.left_out)}"] if dataset.left_out else []
 
 
 def measured(dataset: Dataset, *, orientation: bool = False) -> Dataset:

@@ -151,7 +151,7 @@ SUBCOMMANDS = (
         "dataset_commands.run_redundancy",
         options.RedundancyOptions,
         _redundancy,
-        "which parameters say the same thing (Pearson), and the true rank",
+        "which parameters cannot be told apart (Pearson's r), and the rank of the model",
     ),
     Subcommand(
         "calibrate",

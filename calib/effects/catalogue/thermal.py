@@ -51,7 +51,7 @@ class ThermalGrowth(CatalogueEffect):
         poses = dataset.poses
         temperature = poses.temperature_c
         if temperature is None:
-            return Family(cls.name, (), "poses.csv has no temperature_c", "write the arm's temperature a pose")
+            return Family(cls.name, (), "poses.csv has no temperature_c", "add the arm's temperature at each pose")
         if float(np.ptp(temperature[~poses.is_test])) < 1e-6:
             return Family(
                 cls.name,
@@ -81,7 +81,7 @@ class WarmUp(ShapedEffect):
     changes_arm = True
     equation = "a, d times 1 + g (1 - exp(-t / T))"
     symbols = (("g", "1"),)
-    needs = "time_s in poses.csv, and no temperature_c, which says more"
+    needs = "time_s in poses.csv, and no temperature_c (thermal_growth takes that)"
     confirm = "a sensor on the arm (temperature_c), or the first poses again at the end"
     bounds = (NaturalBound(2e-3, "1", "aluminium grows by 1.4e-3 for 60 K"),)
     notes = r"""
@@ -119,7 +119,13 @@ class WarmUp(ShapedEffect):
             return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")
         if poses.temperature_c is not None:
             known = "poses.csv has temperature_c, by which thermal_growth tests it"
-            return Family(cls.name, (), known, "nothing: thermal_growth says more", covered=True)
+            return Family(
+                cls.name,
+                (),
+                known,
+                "not needed: thermal_growth tests the same cause with the measured temperature",
+                covered=True,
+            )
         start_s, last_s = float(poses.time_s.min()), float(poses.time_s.max())
         if last_s <= start_s:
             return Family(cls.name, (), "time_s is the same at every pose", "write down when each pose was measured")
