@@ -27,7 +27,7 @@ class NoiseLevel:
 
     @property
     def floor_mm(self) -> float | None:
-        """3D RMSE by noise alone, sqrt(3) sigma, mm; None where the noise is not known."""
+        """3D RMSE that noise alone causes, sqrt(3) sigma, mm; None where the noise is not known."""
         return float(np.sqrt(3.0)) * self.sigma_mm if np.isfinite(self.sigma_mm) else None
 
     @property
@@ -41,7 +41,7 @@ class NoiseLevel:
         return _ORIGINS.get(self.source, "noise alone")
 
     def words(self, length: str, of: str = "") -> str:
-        """Name of the noise with a length in brackets, such as "noise alone (0.05 mm a coordinate)"."""
+        """Name of the noise with a length in brackets, such as "noise alone (0.05 mm per coordinate)"."""
         return f"{self.name} ({length}{of}{'' if self.is_declared else ': not declared'})"
 
 
@@ -60,7 +60,7 @@ def noise_level(calibration: Calibration) -> NoiseLevel:
 
 
 def noise_of_repeats(dataset: Dataset) -> tuple[float, float] | None:
-    """Sigma of a coordinate, mm, from repeats, and its degrees of freedom; None where these are too few."""
+    """Sigma per coordinate, mm, from repeats, and its degrees of freedom; None where these are too few."""
     repeats = find_repeats(dataset)
     dof = sum(3 * (r.count - 1) for r in repeats)
     sigma_mm = pooled_sigma_mm(repeats) if dof >= _FEWEST_DOF else 0.0

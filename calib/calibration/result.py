@@ -54,7 +54,7 @@ class FittedResult:
 
     @property
     def calibration(self) -> Calibration:
-        """The fit whose model is meant."""
+        """The fit (`Calibration`) that the result holds."""
         raise NotImplementedError
 
     @property
@@ -71,7 +71,7 @@ class FittedResult:
 
     @property
     def covariance(self) -> Array:
-        """(P, P) covariance of the free parameters; rows of parameters that nothing bounds are zero."""
+        """(P, P) covariance of the free parameters; rows are zero for parameters that neither data nor prior bound."""
         return self.fitted_model.covariance
 
     @property
@@ -155,7 +155,7 @@ class Calibration(FittedResult, Presented):
 
     @property
     def residual(self) -> str:
-        """Kind of the residual that was minimised, of `calib.options.RESIDUAL_KINDS`."""
+        """Kind of the minimised residual, one of `calib.options.RESIDUAL_KINDS`."""
         return self.options.residual
 
     @property
@@ -207,7 +207,7 @@ class Calibration(FittedResult, Presented):
 
     @property
     def tool_shift(self) -> ToolShift | None:
-        """Shift of the tool point where it is far from robot.toml's; else None."""
+        """Shift of the tool point, where it is far from the one in robot.toml; else None."""
         return None if self.model.tool_found is None else tool_shift(self.dataset.robot, self.robot)
 
     @cached_property
@@ -219,7 +219,7 @@ class Calibration(FittedResult, Presented):
 
     @property
     def sigma_mm(self) -> float:
-        """Residual sigma of one coordinate of one point, mm, by degrees of freedom; nan where none are left."""
+        """Residual sigma per coordinate of a point, mm, corrected for degrees of freedom; nan where none are left."""
         return self.fit.reduced_chi * declared_sigma_mm(self.fitted_dataset)
 
     @property
@@ -239,7 +239,8 @@ class Calibration(FittedResult, Presented):
 
     @property
     def worse_than_nominal(self) -> str:
-        """Sentence on a rise of the test poses' error (without test poses, the training poses'); "" where it fell.
+        """Sentence on a rise of the test poses' error (without test poses, the training poses'); "" where the error
+        fell.
 
         The training error can rise in a fit of distances, or without a prior.
         """
@@ -315,7 +316,7 @@ def is_declared(dataset: Dataset) -> bool:
 
 
 def declared_sigma_mm(dataset: Dataset) -> float:
-    """Declared sigma of one coordinate, mm, RMS over the measured points."""
+    """Declared sigma per coordinate, mm, RMS over the measured points."""
     covariance = Observations.of(dataset).covariance_mm2
     return float(np.sqrt(np.mean(np.trace(covariance, axis1=-2, axis2=-1)) / 3.0))
 

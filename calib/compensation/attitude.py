@@ -22,7 +22,7 @@ _POSTURES, _SPAN_RAD, _SPAN_MM = 64, 1.0, 100.0  # postures around the targets, 
 
 @dataclass(frozen=True)
 class FitKnowledge:
-    """Covariance of a fit, and what else decides how far a correction can be trusted."""
+    """Covariance of a fit, with what else decides how far a correction can be trusted."""
 
     covariance: Array  # (P, P) of the model's free parameters
     fixed: frozenset[str] = frozenset()  # fixed by the user; others are fixed because no point determines them

@@ -288,7 +288,7 @@ def _is_bent(now: Calibration) -> bool:
 def _worth_a_fit(
     dataset: Dataset, sample: Sample, as_it_is_mm: float, hypotheses: Iterable[DataHypothesis]
 ) -> list[DataHypothesis]:
-    """The best and simplest of the hypotheses that do not raise the misfit of the nominal arm much."""
+    """The best and simplest hypotheses among those that do not raise the misfit of the nominal arm much."""
     found: list[tuple[float, DataHypothesis]] = []
     for hypothesis in hypotheses:
         robot, of_it = hypothesis.robot or dataset.robot, hypothesis.of_sample(sample, dataset.robot)

@@ -117,7 +117,7 @@ def _reordered(poses: Poses, points: Points | None, rows: IndexArray) -> tuple[P
 
 
 def of_reading(reading: JointReading, names: Sequence[str]) -> DataHypothesis:
-    """Hypothesis of other signs, order or zeros of the joints' columns. names  # (n,) of the user's columns"""
+    """Hypothesis of other signs, order or zeros of the joints' columns; `names` (n,) are the user's columns."""
     turned = [k for k, sign in enumerate(reading.signs) if sign < 0]
     moved = [k for k, column in enumerate(reading.order) if column != k]
     zeros = [k for k, offset in enumerate(reading.offsets_rad) if offset]

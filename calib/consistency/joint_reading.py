@@ -46,7 +46,7 @@ class JointReading:
         )
 
     def of(self, q: Array) -> Array:
-        """Joint values (N, n) from those in the file, rad or mm."""
+        """Joint values (N, n), rad or mm, from those in the file."""
         return np.asarray(q[:, list(self.order)] * np.array(self.signs) + np.array(self.offsets_rad))
 
 

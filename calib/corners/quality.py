@@ -92,7 +92,7 @@ class CornerQuality(Brief):
         return tuple(warnings)
 
     def _advice_on_smooth_error(self) -> str:
-        """Advice on measuring a correlated error further than this scan shows it."""
+        """Advice on how to determine correlated errors of longer range than one scan can show."""
         if self.smooth_length_mm > _LONG_OF_SHOWN * self.smooth_shown_mm:
             return (
                 "that is as far as this scan shows anything: repeats of the same pose with the jig moved in the view "
@@ -105,7 +105,7 @@ class CornerQuality(Brief):
 
 
 def angle_errors(angles_deg: tuple[float, float, float], jig_angles_deg: tuple[float, float, float]) -> Array:
-    """Measured angles less the jig's (3,), in degrees, under the labelling of the jig's faces with the least errors.
+    """Measured minus nominal angles between the faces (3,), deg, under the labelling with the least errors.
 
     Rotating or mirroring the numbering of three faces permutes the three angles in every possible way.
     """

@@ -178,7 +178,7 @@ def _points_of_face(
     outline: Outline,
     options: RefinementOptions,
 ) -> IndexArray:
-    """Rows of the points (K, 3) that lie on a face, inside its outline less a margin. heights  # (K, 3) over all faces
+    """Rows of the points (K, 3) on a face, inside its outline less a margin; `heights` (K, 3) over all faces.
 
     Where too few remain, as on a narrow strip, the margin is made smaller. Raises CornerError if that does not help.
     """

@@ -157,7 +157,8 @@ def _search(
 
 
 def _pass_inputs(points_mm: Array, jig: Jig, found: list[Planes]) -> Iterator[tuple[Neighbourhoods, float]]:
-    """Thinned points of each search pass, and its factor on the number of sample sets; `found` has the passes before.
+    """Thinned points of each search pass, with the factor on its number of sample sets; `found`: planes of earlier
+    passes.
 
     Raises CornerError as `_thinned` does.
     """

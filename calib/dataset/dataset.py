@@ -69,7 +69,7 @@ class Scanner:
 
 @dataclass(frozen=True)
 class About:
-    """Which arm was measured, where, when and by whom, for the report; "" for what is not written down."""
+    """Details of a measurement for the report: arm, place, date and operator; "" for what is not recorded."""
 
     serial: str = ""
     operator: str = ""
@@ -80,7 +80,7 @@ class About:
 
 @dataclass(frozen=True)
 class Poses(Brief):
-    """N poses of an arm with n joints, as commanded, with the conditions that were written down."""
+    """N poses of an arm with n joints, as commanded, with the recorded conditions."""
 
     ids: tuple[str, ...]  # (N,)
     role: NDArray[np.str_]  # (N,) of ROLES; exactly one reference

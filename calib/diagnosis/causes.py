@@ -1,4 +1,4 @@
-"""The causes that a diagnosis found as facts: which joints carry an effect, how large it is, where it shows most."""
+"""Facts on the causes that a diagnosis found: which joints carry an effect, how large it is, where it shows most."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ _SIGNIFICANT = 2.0  # sigmas from which a value is known to differ from zero
 
 @dataclass(frozen=True)
 class MainValue:
-    """The value of a member that tells most of it: the amplitude of several angles, else its surest parameter."""
+    """The value that describes a member of an effect best: the amplitude of several angles, else its surest parameter.
+    """
 
     parameter: Parameter | None  # None: an amplitude
     name: str  # full, with the unit at its end
@@ -76,7 +77,7 @@ def moved_mm(members: Sequence[Effect], calibration: Calibration) -> list[float]
 
 @dataclass(frozen=True)
 class AtPose:
-    """A length at one pose."""
+    """A length, mm, at one pose."""
 
     pose: str  # id
     size_mm: float
@@ -94,7 +95,7 @@ class Cause:
 
 
 def cause_of(effect: str, before: Calibration, after: Calibration) -> Cause:
-    """An effect that was added between two fits of the same points.
+    """Size, joints and largest change of an effect that was added between two fits of the same points.
 
     Joints are listed by their own values: one within two sigmas of zero is left out, unless it is the leading one.
     """
@@ -127,7 +128,7 @@ def worst_pose(calibration: Calibration, poses: tuple[str, ...] = ()) -> AtPose 
 
 
 def _largest_change(before: Calibration, after: Calibration) -> AtPose | None:
-    """Largest move of a predicted point from one fit to the other, in the scanner's frame."""
+    """Largest displacement of a predicted point from one fit to the other, in the scanner's frame."""
     if not np.array_equal(before.after.pose, after.after.pose) or not len(after.after.pose):
         return None
     change_mm = np.linalg.norm(after.after.error_mm - before.after.error_mm, axis=1)

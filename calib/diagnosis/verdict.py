@@ -25,7 +25,8 @@ Standing = Literal["claimed", "suspected", "open", "refused"]
 
 @dataclass(frozen=True)
 class LearnedModel:
-    """Curves of the joints that were learned where no named effect explains the residual, with the fits around them."""
+    """Learned curves of the joints, where no named effect explains the residual, with the fits without and with them.
+    """
 
     members: tuple[SmoothJointError, ...]
     formula: str | None  # the curves with their values, where short formulas explain as much
@@ -50,7 +51,7 @@ class LearnedModel:
 
 
 def curves_outweigh(members: tuple[SmoothJointError, ...], log_evidence: float, fault: JointFault) -> bool:
-    """Whether curves have clearly more evidence than a fault of one joint, and not by that joint's curve alone."""
+    """Whether curves have clearly more evidence than a fault of one joint, and not only by that joint's own curve."""
     others = any(member.joint != fault.joint for member in members)
     return others and log_evidence > fault.log_evidence + MIN_LOG_BAYES_FACTOR
 
@@ -80,7 +81,9 @@ class Refusal:
 
     @property
     def leaves_doubt(self) -> bool:
-        """Whether another cause stands behind what the effect explains; one without gain elsewhere followed noise."""
+        """Whether a refused effect points to another, unknown cause; False where it only fitted noise (no gain on
+        left-out poses).
+        """
         return self.why != "no gain"
 
 
@@ -136,12 +139,12 @@ class Findings:
 
     @property
     def screenings(self) -> tuple[Screening, ...]:
-        """One for each step: the evidence of every effect that is not in its model."""
+        """Screening of each step: the evidence of every effect that is not in the step's model."""
         return tuple(step.screening for step in self.steps if step.screening is not None)
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:
-        """The ranking that the first decision was taken by."""
+        """The ranking of candidates on which the first decision was based."""
         return self.screenings[0].candidates
 
     @property
@@ -152,7 +155,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class Conclusion:
-    """The verdict, the standing of each effect, and what of the findings made it so."""
+    """The verdict, the standing of each effect, and the reason for the verdict."""
 
     verdict: str  # of VERDICTS
     missing: tuple[str, ...] = ()  # effects that are claimed, in the order added
@@ -163,7 +166,7 @@ class Conclusion:
     reason: str = ""  # what keeps an unexplained dataset so: see `_reason`
 
     def standing(self, effect: str) -> Standing | None:
-        """Standing of an effect; None for one that is not suspected at all."""
+        """Standing of an effect; None for one that is not suspected."""
         if effect in self.missing:
             return "claimed"
         if effect in self.suspected:
@@ -228,13 +231,14 @@ def _verdict(findings: Findings, ambiguous_set: tuple[str, ...]) -> str:
 
 
 def _is_noise(tests: ResidualTests) -> bool:
-    """Whether a residual is noise, judged mildly: a size that only the fit itself tells is not counted."""
+    """Whether a residual counts as noise: no pattern, no fault of a joint, no excess over a noise known from elsewhere.
+    """
     too_large = tests.noise_from != "fit" and tests.residual_mm > MAX_SIGMAS_LEFT * tests.noise_mm
     return not (tests.fault or tests.structured or too_large)
 
 
 def _reason(findings: Findings) -> str:
-    """What keeps a dataset unexplained, the most definite first.
+    """Reason why a dataset stays unexplained, the most definite first.
 
     "data" (wrong), "implausible", "fault" (of one joint), "curves" (learned), "order" (a systematic pattern), "wander"
     (an effect is no better than a correlated drift), "size" (more than noise), "promise" (broken at the test poses) or

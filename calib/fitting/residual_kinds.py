@@ -1,4 +1,4 @@
-"""Residuals by the name that a user chooses:
+"""Kinds of residuals, by the name that a user chooses:
 
 * "position" (`PositionResiduals`): predicted minus measured points, the scanner frame of each setup unknown.
 * "distance" (`DistanceResiduals`): distances from a reference pose, which need no frame at all (Jang 2025 eq 9-16).

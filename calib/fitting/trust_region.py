@@ -72,7 +72,8 @@ def solve(
 
 
 def _settle(descent: _Descent, floor: float, *, hurry: bool = True) -> float:
-    """Descend until the prior's weight equals the residual's noise or the floor, if that is larger; the final weight.
+    """Descend until the prior's weight equals the residual's noise, or the floor if that is larger; returns the final
+    weight.
 
     Without a floor, an arm without length would meet any constraint (a ball in a socket, a tip on a plane) at no cost.
     """
@@ -95,7 +96,7 @@ def _settle(descent: _Descent, floor: float, *, hurry: bool = True) -> float:
 
 
 def _below_floor(descent: _Descent, weight: float, floor: float) -> Fit:
-    """The fit at a weight of the prior, which is lowered further where the noise is below the floor (computed points).
+    """Fit with the prior's weight lowered further where the noise is below the floor (computed points).
 
     It is lowered only with many degrees of freedom, and only as far as no parameter changes by several tolerances.
     """
@@ -217,7 +218,7 @@ class _Descent:
         return noise if np.isfinite(noise) and noise > 0.0 else 1.0
 
     def promised_noise(self) -> float:
-        """Residual sigma over declared sigma after a full step without prior, in the linear model."""
+        """Predicted residual sigma over declared sigma after a full step without prior, in the linear model."""
         factors = self.factors.with_prior(0.0, self.z)
         left = self.rows - self.residuals.degrees_spent - len(factors.s)
         return float(np.sqrt(max(self.cost - factors.possible_drop, 0.0) / left)) if left > 0 else np.inf
@@ -290,7 +291,9 @@ class _Descent:
         return float(np.sqrt(self.cost / left)) if left > 0.5 else float("nan")
 
     def surprise(self, weight: float) -> float:
-        """Minus twice the log posterior density of parameters and noise, up to a constant."""
+        """Minus twice the log posterior density of parameters and noise, up to a constant: the objective for the
+        prior's weight.
+        """
         left = max(self.degrees_of_freedom(weight), 1.0)
         variance = max(self.cost / left, self.residuals.noise_floor**2)
         return float(left * np.log(variance) + self.cost / variance + self.z @ self.z)

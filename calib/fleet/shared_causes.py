@@ -32,7 +32,7 @@ Cause = tuple[str, int | None]  # effect, joint counted from 1
 
 @dataclass(frozen=True)
 class Group:
-    """Arms of one site, batch or range of serial numbers, which have a cause more often than the rest."""
+    """Arms of one site, batch or range of serial numbers that have a cause more often than the other arms."""
 
     what: str  # "site", "serial numbers", "robot", or a key of [about]
     value: str
@@ -93,7 +93,7 @@ def _by_robot(arms: Sequence[Row]) -> dict[str, list[Row]]:
 
 
 def _causes(row: Row) -> dict[Cause, EffectSize]:
-    """Effects that the diagnosis of an arm claims, by effect and joint, without joints that hardly carry them."""
+    """Effects claimed by the diagnosis of an arm, by effect and joint, without joints that hardly show them."""
     claimed = [size for size in row.sizes if size.effect in row.missing]
     most = {
         effect: max(size.moves_mm for size in claimed if size.effect == effect)

@@ -45,7 +45,7 @@ class Redundancy(Presented):
 
     @property
     def dropped(self) -> dict[str, str]:
-        """Reasons, by name, why parameters are not among the independent ones."""
+        """Reasons, by name, for parameters not being among the independent ones."""
         why = dict.fromkeys(self.no_influence, "no influence on what is measured")
         for group in (*self.groups, *self.mixed_groups):
             why |= {name: f"acts like {group[0]}" for name in group[1:] if name not in why}
@@ -131,7 +131,7 @@ def analyse(
 
 
 def _groups(pearson: Array, allowed: BoolArray, names: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
-    """Sets of parameters with |r| = 1 to the first of them, in the parameters' order."""
+    """Sets of parameters whose |r| with the set's first parameter is 1, in the parameters' order."""
     alike = (np.abs(np.nan_to_num(pearson)) >= 1.0 - _SAME) & allowed
     grouped: set[int] = set()
     groups = []

@@ -1,4 +1,4 @@
-"""A fitted model by itself: robot, effects, fitted values and what is known of them, without the measurements."""
+"""A fitted model on its own: robot, effects, fitted values and their uncertainty, without the measurements."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _SAME_TABLE = 1e-9  # mm or rad
 
 @dataclass(frozen=True)
 class RoleErrors(Brief):
-    """Errors of the training poses and of the test poses; None where there are none."""
+    """Errors of the training poses and of the test poses; None for a role without poses."""
 
     train: Figures | None
     test: Figures | None

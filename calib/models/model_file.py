@@ -181,7 +181,9 @@ def _table(file: JsonFile, key: str, rows: Sequence[Row], robot: Robot) -> Array
 
 
 def _require_table(file: JsonFile, document: ModelDocument, model: Model, x: Array) -> None:
-    """Raise the file's error where the table, which is for people and other programs, was edited alone."""
+    """Raise the file's error where the table, which is there for readers only, was edited and contradicts the
+    parameters.
+    """
     table = _table(file, "table", document.table, model.robot)
     off = np.abs(table - model.calibrated_robot(x).table)
     if off.max() > _SAME:
@@ -241,7 +243,7 @@ def _trial_state(robot: Robot, needs: Sequence[str]) -> RobotState:
 
 
 def _try(file: JsonFile, model: Model, x: Array, trial: RobotState) -> None:
-    """Predict once; raise the file's error for fields and values that no fit gives, such as a joint too many."""
+    """Predict once; raise the file's error for fields and values that no fit gives, such as a surplus joint."""
     try:
         with np.errstate(all="ignore"):
             points_mm = model.at_tool.predict(x, trial.poses, seen=trial.seen)

@@ -24,7 +24,7 @@ _LEAST_SIGMA_MM = 1e-9  # of a scan without noise
 
 @dataclass(frozen=True)
 class PlaneFit:
-    """Robustly fitted plane of one face, in coordinates about some origin near the apex."""
+    """Robustly fitted plane of one face, in coordinates about an origin near the apex."""
 
     normal: Array  # (3,) unit, toward the scanner
     offset_mm: float

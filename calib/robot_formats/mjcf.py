@@ -90,7 +90,7 @@ def chain_from_document(document: Mapping[str, Any]) -> SerialChain:
 
 @dataclass
 class _Model:
-    """A model and its includes, rewritten as the one text that MuJoCo is given."""
+    """A model and its includes, rewritten as a single text for MuJoCo."""
 
     file: XmlFile
     meshes: dict[str, Path] = field(default_factory=dict)  # by their names in the text

@@ -45,7 +45,7 @@ class ScanStatistic:
 
     @classmethod
     def at(cls, projected: ProjectedResidual, outlier: BoolArray) -> ScanStatistic:
-        """Statistic for the residual of a fit, without the points (M,) that stand out."""
+        """Statistic for the residual of a fit, without the outlying points (M,)."""
         directions: dict[Channel, Array] = {}
         for axis, name in enumerate("xyz"):
             directions[Channel(axis=name)] = np.broadcast_to(np.eye(3)[axis], (len(outlier), 3))

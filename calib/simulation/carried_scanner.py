@@ -123,7 +123,7 @@ def poses_with_jig_in_view(
     rng: np.random.Generator,
     jig: Jig = CUBE_CORNER,
 ) -> Array:
-    """Random poses (count, n) with the jig in the scanner's field and all three faces turned at it.
+    """Random poses (count, n) with the jig in the scanner's field and all three faces turned towards the scanner.
 
     Raises:
         CalibError: too few such poses exist.

@@ -25,7 +25,7 @@ class ScannerView:
 
     @staticmethod
     def of(origin_mm: Array, edge_mm: float) -> ScannerView:
-        """View of an origin (3,) in the scanner's frame, from at least five edges away."""
+        """View of an origin (3,) in the scanner's frame; its distance is taken as at least five edge lengths."""
         distance_mm = float(np.linalg.norm(origin_mm))
         sight = origin_mm / distance_mm if distance_mm > 1e-9 * edge_mm else np.array([0.0, 0.0, 1.0])
         return ScannerView(sight, max(distance_mm, _FARTHEST_EYE * edge_mm))

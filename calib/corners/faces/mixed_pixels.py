@@ -343,7 +343,7 @@ def _robust_solution(rows: Array, values: Array) -> tuple[Array, Array, Array]:
 
 
 def _gain(rows: Array, values: Array, shares: Array, face: int) -> float:
-    """Decrease of a face's bounded squared residuals when its points are moved back; its plane is fitted each time."""
+    """Decrease of a face's bounded squared residuals when its points are moved back and its plane is fitted anew."""
     design = rows[:, 3 * face : 3 * face + 3]
 
     def loss(z: Array) -> float:

@@ -378,7 +378,7 @@ class Backlash(CatalogueEffect):
 
 @dataclass(frozen=True)
 class FollowingError(CatalogueEffect):
-    """A joint that is read before it has settled: a share of the way from the pose before is still to go.
+    """A joint that is read before it has settled: a share of the motion from the previous pose is still missing.
 
     Poses after all measured ones, such as the targets of a correction, are taken as settled.
     """
@@ -459,7 +459,7 @@ class JointDent(ShapedEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each revolute joint, width and place that enough poses show."""
+        """The family with one member for each revolute joint, width and place for which there are enough poses."""
         poses = dataset.poses
         q_deg = np.degrees(poses.q[is_measured_for_training(dataset)])
         members = []

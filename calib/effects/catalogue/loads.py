@@ -139,7 +139,9 @@ class JointCompliance(CatalogueEffect):
 
 @dataclass(frozen=True)
 class JointComplianceUnknownMasses(JointCompliance):
-    """Compliance of a joint under unknown masses: theta += sum over frames beyond of (c m) x torque of 1 kg there."""
+    """Compliance of a joint under unknown masses: theta += sum over frames beyond the joint of (c m) x torque of 1 kg
+    there.
+    """
 
     places: int  # frames beyond the joint, the tool point included
     payload: bool  # whether it varies over the training poses
@@ -171,7 +173,8 @@ class JointComplianceUnknownMasses(JointCompliance):
 
 @dataclass(frozen=True)
 class LinkBending(CatalogueEffect):
-    """A link that bends under its own weight and all beyond it: a cantilever, c = L / EI (`GravityLoads.bending`).
+    """A link that bends under its own weight and all weights beyond it: a cantilever, c = L / EI
+    (`GravityLoads.bending`).
 
     The part that turns about the next joint's axis is close to what compliance of that joint does; only the shift tells
     them apart.
@@ -234,7 +237,9 @@ class LinkBending(CatalogueEffect):
 
 @dataclass(frozen=True)
 class LinkBendingUnknownMasses(LinkBending):
-    """Bending of a link under unknown masses: its end moves by the sum over frames beyond of (c m) x that of 1 kg."""
+    """Bending of a link under unknown masses: its end moves by the sum over later frames of (c m) x the bending by 1
+    kg.
+    """
 
     places: int  # frames from the link's end on, the tool point included
     payload: bool  # whether it varies over the training poses
@@ -421,7 +426,8 @@ class NonlinearStiffness(CatalogueEffect):
 
 @dataclass(frozen=True)
 class LinkTorsion(CatalogueEffect):
-    """A link that twists about its own axis: its end turns by c times the moment along it of all that hangs beyond."""
+    """A link that twists about its own axis: its end turns by c times the moment along the axis of all weights beyond.
+    """
 
     joint: int  # the joint that moves the link
     name = "link_torsion"
@@ -461,7 +467,7 @@ class LinkTorsion(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each link off its joint's axis; the others' torsion is joint compliance."""
+        """The family with one member for each link off its joint's axis; torsion of other links is joint compliance."""
         rows = dataset.robot.table[:-1]
         out = np.abs(rows[:, 0]) > np.maximum(_SHORT_MM, 0.1 * np.abs(rows[:, 2]))
         members = tuple(cls(int(j)) for j in np.flatnonzero(out))

@@ -1,4 +1,4 @@
-"""Changes at one pose: a slip, a knock, a bolt that works loose, which stay from then on in the order of measuring.
+"""Changes at one pose in the order of measuring (a slip, a knock, a bolt that works loose), which persist afterwards.
 
 Poses that come after all that were measured, such as the targets of a correction, are as after the last pose.
 """
@@ -50,7 +50,9 @@ class ChangePoint:
 
 
 def is_measured_for_training(dataset: Dataset) -> BoolArray:
-    """Mask (N,) of training poses with a measured point, one per repeat group; all of them while no point is known."""
+    """Mask (N,) of training poses with a measured point, one per repeat group; of all training poses where none has a
+    point.
+    """
     training = ~dataset.poses.is_test
     if dataset.points is None:
         return training
@@ -80,7 +82,7 @@ def change_points(dataset: Dataset) -> list[ChangePoint]:
 
 
 def _family(dataset: Dataset, name: str, members: Callable[[ChangePoint], list[ShapedEffect]]) -> Family:
-    """The family with members for each change point; with too few poses, why not."""
+    """The family with members for each change point; with too few poses, one marked as not testable with the reason."""
     points = change_points(dataset)
     if not points:
         few = f"fewer than {2 * AT_ENDS} training poses show no step"
@@ -224,7 +226,9 @@ class ScannerStep(Step):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Shift, and turn about the middle of the field; usual sizes move a point by 0.1 mm."""
+        """Shift of the reported points, and turn about the middle of the field; the usual size of each moves a point by
+        0.1 mm.
+        """
         turn = 0.1 / self.half_mm
         return (
             *(Parameter(f"v{a}_from_{self.start.word}_mm", "mm", 0.1, f"shift along {a}") for a in "xyz"),

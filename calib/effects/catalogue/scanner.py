@@ -1,4 +1,4 @@
-"""The scanner: errors of the points that it reports, by where they are and where it is (`RobotState.seen`)."""
+"""Errors of the points that the scanner reports, by the points' place and the scanner's (`RobotState.seen`)."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ class ScannerDrift(CatalogueEffect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Velocity and turning rate; usual sizes make 0.1 mm over the session."""
+        """Velocity and turning rate; the usual size of each moves a point by 0.1 mm over the session."""
         move, turn = 0.1 / self.duration_s, 0.1 / self.half_mm / self.duration_s
         return (
             *(Parameter(f"v{a}_mm_per_s", "mm/s", move, f"drift along {a}") for a in "xyz"),
@@ -230,7 +230,9 @@ class ScannerScale(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member, which no dataset can test: only the arm's lengths over the scale are known."""
+        """The family with one member, which no dataset can test: only the ratio of the arm's lengths to the scale is
+        determined.
+        """
         return Family(
             cls.name,
             (cls(),),

@@ -197,7 +197,7 @@ def _across(frames: Array) -> Array:
 
 
 def _same_axes(axes: Array, frames: Array, turns: BoolArray) -> bool:
-    """Whether the z axes of frames (n, 4, 4) are equal lines, or for sliding joints equal directions."""
+    """Whether the z axes of two sets of frames (n, 4, 4) are equal lines, or for sliding joints equal directions."""
     gap_mm = np.einsum("nij,nj->ni", _across(frames), axes[:, :3, 3] - frames[:, :3, 3])[turns]
     lean = np.abs(axes[:, :3, 2] - frames[:, :3, 2]).max()
     return bool(lean < _SAME_RAD and np.abs(gap_mm).max(initial=0.0) < _SAME_MM)

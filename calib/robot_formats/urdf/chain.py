@@ -23,7 +23,7 @@ _LEAST_MULTIPLIER, _LARGEST_MULTIPLIER = 1e-3, 1e3  # of a multiplier; robot.tom
 
 @dataclass(frozen=True)
 class Following:
-    """Dependence of a joint's value on the commanded ones, in the units of the file."""
+    """Dependence of a mimic joint's value on the commanded ones, in the units of the file."""
 
     row: tuple[float, ...]  # (n,)
     offset: float
@@ -32,7 +32,9 @@ class Following:
 
 
 def followings(file: XmlFile, moving: Sequence[UrdfJoint]) -> tuple[Following, ...]:
-    """Dependence of each joint on others. Raises RobotFileError: a master outside the arm, a circle, unlike types."""
+    """Dependence of each mimic joint on others. Raises RobotFileError: a master outside the arm, a circle, unlike
+    types.
+    """
     by_name = {joint.name: i for i, joint in enumerate(moving)}
     return tuple(_following(file, moving, by_name, i) for i in range(len(moving)))
 

@@ -14,7 +14,7 @@ from calib.simulation.truth.mechanism import Arm, Conditions
 
 @dataclass(frozen=True, eq=False)
 class TrueEffect:
-    """A physical effect on the arm, or on the points that the scanner reports. At magnitude zero it changes neither.
+    """A physical effect on the arm, or on the points that the scanner reports; no change at magnitude zero.
 
     `magnitude_fields` names the fields that are proportional to the effect; all others describe where or how it acts.
     """
@@ -37,7 +37,7 @@ class TrueEffect:
 
     @property
     def is_absent(self) -> bool:
-        """Whether its magnitude is zero."""
+        """Whether the effect's magnitude is zero."""
         return not any(np.any(getattr(self, name)) for name in self.magnitude_fields)
 
     def parameters(self) -> dict[str, Any]:

@@ -60,7 +60,7 @@ class SimulatedCell:
         return float(np.sqrt(np.mean(self.visible_mm(effect) ** 2)))
 
     def scaled_to_visible(self, effect: TrueEffect, rms_mm: float) -> TrueEffect:
-        """The effect at the magnitude that leaves `rms_mm` per coordinate after a geometric fit.
+        """The effect at the magnitude with a residual of `rms_mm` per coordinate after a geometric fit.
 
         Raises:
             CalibError: link parameters absorb all of it, at any magnitude.

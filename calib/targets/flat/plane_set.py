@@ -35,7 +35,7 @@ _SINGULAR = 0.05
 
 @dataclass(frozen=True)
 class _Named:
-    """Patches, and the plane of the set that each is."""
+    """Patches, each with the plane of the set that it is identified as."""
 
     patches: tuple[PlaneFit, ...]
     planes: tuple[int, ...]

@@ -57,7 +57,7 @@ class CapFit:
 
     @property
     def cap_deg(self) -> float:
-        """Half the angle of the cap that is seen: the incidence that nine in ten of the points stay below."""
+        """Half angle, deg, of the visible cap: the incidence below which nine in ten of the points lie."""
         return float(np.degrees(np.arcsin(min(float(np.quantile(self.sine, 0.9)), 1.0))))
 
 
@@ -154,7 +154,7 @@ def _bend(sine: Array, radius: float) -> Array:
 
 
 def _shows_blur(rows: Array, over: Array, weight: Array) -> bool:
-    """Whether the last column of the design (K, p), divided by sigma, has a coefficient well above 0."""
+    """Whether the blur's coefficient, the last of the design (K, p) weighted by sigma, is significantly above 0."""
     step, inverse = _step(rows.T @ (rows * weight[:, None]), rows.T @ (weight * over))
     return step is not None and bool(step[-1] > _BLUR_SIGMAS * np.sqrt(inverse[-1, -1]))
 
@@ -207,7 +207,8 @@ def _is_lifted(over_sigmas: Array, ring: BoolArray) -> bool:
 
 
 def _clear_of_others(direction: Array, over: Array, sigma: Array) -> BoolArray:
-    """(K,) whether most points about the same place of the surface lie on it. direction  # (K, 3) unit, outward"""
+    """(K,) whether most points near the same place of the surface lie on the surface; `direction` (K, 3) unit, outward.
+    """
     off = np.abs(over) > TUKEY * sigma
     if not off.any():
         return np.ones(len(over), dtype=bool)

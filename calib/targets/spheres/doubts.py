@@ -133,7 +133,7 @@ def _spread_deg(outward: Array) -> float:
 
 
 def doubts_of(fit: CapFit, *, fixed: bool) -> tuple[str, ...]:
-    """Warnings about a sphere that was found, each with what would help."""
+    """Warnings about a sphere that was found, each with a remedy."""
     warnings = []
     if fit.cap_deg < _SMALL_CAP_DEG and not fixed:
         warnings.append(
