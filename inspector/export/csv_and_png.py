@@ -1,4 +1,4 @@
-"""Results as CSV tables and pictures as PNG: the content of files, which the callers write."""
+"""Contents of CSV files of results and of PNG files of pictures; callers write the files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drawing of the model: the arm, what its versions predict, and the jig's model over the scan."""
+"""Drawing of the model: the arm, its versions' predictions, and the jig's model over the scan."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ Predictions = tuple[Array, Array, IndexArray]  # measured points (K, 3), errors 
 
 
 def draw_residuals(scene: SceneView, view: View, on_click: Callable[[int], None]) -> None:
-    """Draw an arrow from each measured point to where each compared version predicts it, enlarged by `view.arrows`.
+    """Draw an arrow from each measured point to its prediction by each compared version, enlarged by `view.arrows`.
 
     A click on an arrow or on a predicted point tells the index of its pose.
     """
@@ -154,7 +154,7 @@ def residual_words(factor: float, longest_mm: Mapping[str, float], cut: int = 0)
 
 
 class ArmDrawing:
-    """Draws the arm at the selected pose. Meshes are sent once a dataset; another pose only moves them.
+    """Drawing of the arm at the selected pose; meshes are sent once per dataset and then only moved.
 
     on_joint: told of a click on a joint or its link, counted from 1.
     """

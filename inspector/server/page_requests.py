@@ -1,4 +1,4 @@
-"""Requests of the page's own script, beside viser's widgets: clicks on plots, table rows and words of sentences.
+"""Requests of the page's own script, in addition to viser's: clicks on plots, table rows and words of sentences.
 
 Viser's plots and HTML send nothing to Python. The page is therefore served with a script of ours (`client/*.js`), and
 what it asks (`GET inspector/ask?name=pose&value=p37`) is answered here. Only this server's own page can ask: a request

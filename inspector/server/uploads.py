@@ -80,9 +80,8 @@ class Uploads:
         refused: Callable[[int, str], None],
         limits: UploadLimits | None = None,
     ) -> None:
-        """
-        folder: below which files arrive, in a hidden folder that is removed at the end; made where it is not there.
-        done, answer, refused: called with the file, with viser's acknowledgement, with the reason, and the page.
+        """`folder`: parent of the hidden upload folder; `done`, `answer`, `refused`: callbacks with file, reply or
+        reason, and page.
         """
         self.folder, self.limits = folder, limits or UploadLimits()
         self.button = ""  # uuid of the one widget that files may come from
@@ -203,7 +202,7 @@ class Uploads:
             self._held[client] -= transfer.size
 
     def room_bytes(self, client: int) -> int:
-        """Bytes that may still be written for a page, at least 0. It walks the folder: not for the event loop."""
+        """Bytes that may still be written for a page, at least 0; slow, so not for the event loop."""
         limits, held = self.limits, sum(self._held.values())
         return max(
             0,
@@ -217,8 +216,7 @@ class Uploads:
 
     @contextmanager
     def writing(self, client: int) -> Iterator[int]:
-        """Context in which a page's files are unpacked; it yields their size limit in bytes and counts what is there
-        afterwards.
+        """Context for unpacking a page's files: it yields their size limit in bytes and counts their size afterwards.
         """
         try:
             yield self.room_bytes(client)
@@ -231,7 +229,7 @@ class Uploads:
                 self.release(client)
 
     def refuse_copy(self, client: int) -> None:
-        """Raise CalibError where there is no room for a dataset beside the page's files and its draft."""
+        """Raise CalibError where the disk has no room for a dataset in addition to the page's files and draft."""
         needed = 2 * self._held.get(client, 0)
         free = shutil.disk_usage(self._place()).free - self.limits.free_bytes
         if needed > min(free, self.limits.folder_bytes - size_bytes(self.folder)):

@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 
 class WorkEnded(Exception):
-    """Raised where work tried to end its thread, as by sys.exit()."""
+    """Error: work tried to end its thread, as by sys.exit()."""
 
     def __init__(self, cause: BaseException) -> None:
         super().__init__(f"the work ended with {type(cause).__name__}: {cause}".rstrip(": "))

@@ -51,14 +51,12 @@ def with_face_labels(session: Session) -> Session:
 
 
 def find_face_labels(session: Session) -> FaceLabels:
-    """Labels that tell which face of the jig is which in the corners found so far. Raises as `with_face_labels`."""
+    """Labels of the jig's faces in the corners found so far. Raises as `with_face_labels`."""
     return label_faces(session.dataset, session.searches)
 
 
 def no_full_poses(session: Session) -> str:
-    """Why full poses cannot be fitted to the session's data, in a sentence that says what would help; "" where they
-    can.
-    """
+    """Sentence on why full poses cannot be fitted to the session's data, with a remedy; "" where they can."""
     measured = session.measured_for("pose")
     try:
         require_orientations(measured, Observations.of(measured))

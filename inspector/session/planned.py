@@ -18,7 +18,7 @@ _LIKELIEST = 5  # effects that may be planned for
 
 @dataclass(frozen=True)
 class Planned:
-    """A plan, the session that it was made for, and which of its poses is selected."""
+    """A plan, with the session that it was made for and the index of its selected pose."""
 
     plan: Plan
     session: Session

@@ -1,4 +1,5 @@
-"""Reopening of a saved session: find its dataset, repeat its fits, and report what differs from the saved figures."""
+"""Reopening of a saved session: its dataset is found, its fits repeated, and differences from saved figures reported.
+"""
 
 from __future__ import annotations
 
@@ -28,8 +29,7 @@ SAME = 1e-6  # share by which a figure may differ and still be the same
 
 
 def dataset_of(saved: Saved, root: Path) -> Path:
-    """Folder of a saved session's dataset, at or below `root`: where the file says, else the one with the same
-    dataset.toml.
+    """Folder of a saved session's dataset, at or below `root`: the recorded one, else that with the same dataset.toml.
 
     Raises SessionFileError where there is none. Nothing outside `root` is looked at.
     """
@@ -127,7 +127,7 @@ def replayed(session: Session, history: Sequence[SavedStep]) -> Session:
 
 
 def _in_common(session: Session, history: Sequence[SavedStep]) -> Iterator[FitStep]:
-    """Steps of the session that a saved model shares with it."""
+    """Steps of the session that a saved model also has."""
     for step, ours, saved in zip(session.steps, saved_history(session)[1:], history[1:], strict=False):
         if ours != msgspec.structs.replace(saved, **dict(zip(FIGURES, ours.figures, strict=True))):
             return

@@ -1,4 +1,4 @@
-"""Meshes of links that robot.toml names: each in its link's own frame, in mm."""
+"""Meshes of links named in robot.toml, each in its link's own frame, in mm."""
 
 from __future__ import annotations
 

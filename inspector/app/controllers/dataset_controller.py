@@ -84,7 +84,7 @@ class DatasetController:
         self._model.show()
 
     def process(self) -> LongWork:
-        """Long work that fills what the dataset on show lacks: redundancy, overview and corners of all scans, the
+        """Long work that computes what the dataset on show lacks: redundancy, overview and corners of all scans, the
         fit.
         """
         fit = self._panels.fit
@@ -119,7 +119,7 @@ class DatasetController:
         self._panels.redundancy.update(self._state.now)
 
     def analyse_as_chosen(self) -> None:
-        """Analyse redundancy for the residual chosen in its tab; none where too few poses are in use."""
+        """Analyse redundancy for the residual chosen in the tab Redundancy; skipped where too few poses are in use."""
         try:
             self.analyse(str(self._panels.redundancy.residual.value))
         except CalibError:
@@ -128,7 +128,7 @@ class DatasetController:
     # ---- scans ------------------------------------------------------------------------------------------------------
 
     def _work_on(self, pose: int) -> None:
-        """Load one scan, search it where its corner is not measured, and draw it in the overview."""
+        """Load one scan, search it where its corner is not measured yet, and draw the scan in the overview."""
         scan = self._stage.load(pose)
         if pose in self._state.session.needed:
             self._state.keep(measuring.with_search(self._state.session, pose))

@@ -28,7 +28,7 @@ class FaceLabelling:
         self._background.close()
 
     def require(self) -> LongWork:
-        """Long work that adds face labels to the session, once for all who need them. Raises CalibError."""
+        """Long work that adds face labels to the session, once for all requests. Raises CalibError."""
         session = self._state.session
         if not (session.unlabelled and session.searches):
             return
@@ -41,7 +41,7 @@ class FaceLabelling:
             self._last = None
 
     def try_it(self) -> LongWork:
-        """Long work that labels the faces; where that fails, the tab Fit tells why full poses cannot be fitted."""
+        """Long work that labels the faces; on failure the tab Fit shows why full poses cannot be fitted."""
         try:
             yield from self.require()
         except CalibError as error:  # nothing that the user asked for: no notification
