@@ -239,8 +239,7 @@ class Calibration(FittedResult, Presented):
 
     @property
     def worse_than_nominal(self) -> str:
-        """Sentence on a rise of the test poses' error (without test poses, the training poses'); "" where the error
-        fell.
+        """Sentence on a rise of the test poses' error (without test poses, the training poses'); "" where it fell.
 
         The training error can rise in a fit of distances, or without a prior.
         """

@@ -215,7 +215,7 @@ def corrected_joints(
 
 
 def _known_kind(nominal: Robot, sigma_rad: Array | None, uncorrected_rad: Array) -> str:
-    """Kind of correction that a fit supports: "pose" for six joints and an attitude sigma clearly below the error, else
+    """ "pose" where a fit supports correcting the attitude: six joints, attitude sigma well below its error; else
     "position".
     """
     if nominal.n_joints < 6:
@@ -226,8 +226,7 @@ def _known_kind(nominal: Robot, sigma_rad: Array | None, uncorrected_rad: Array)
 
 
 def _at_positions(problem: ToolProblem, q0: Array, box: tuple[Array, Array]) -> Array:
-    """Joint vectors (N, n) that meet the positions; redundant motion turns the tool towards its goal if the motion is
-    small.
+    """Joint vectors (N, n) that meet the positions; redundant motion turns the tool towards its goal where possible.
 
     A turn of the tool counts so much more than a motion of the joints as keeps these small: near a singular posture a
     small turn would take a large motion, and counts less and less.

@@ -29,8 +29,7 @@ _SIGNIFICANT = 2.0  # sigmas from which a value is known to differ from zero
 
 @dataclass(frozen=True)
 class MainValue:
-    """The value that describes a member of an effect best: the amplitude of several angles, else its surest parameter.
-    """
+    """The value that describes an effect's member best: the amplitude of several angles, or its surest parameter."""
 
     parameter: Parameter | None  # None: an amplitude
     name: str  # full, with the unit at its end

@@ -36,9 +36,7 @@ MIN_GAIN = 1.0  # standard errors by which an effect has to lower the squared er
 
 
 def is_convincing(candidate: Candidate) -> bool:
-    """Whether a candidate's F test, corrected for all candidates tried, is significant and its log evidence large
-    enough.
-    """
+    """Whether a candidate's F test, corrected for all candidates, is significant and its log evidence large enough."""
     return candidate.p_holm < MAX_P_VALUE and candidate.log_evidence > MIN_LOG_EVIDENCE
 
 
@@ -146,8 +144,7 @@ def refusal(
 
 
 def may_be_curves(best: Candidate, calibration: Calibration, screening: Screening) -> bool:
-    """Whether learned curves could have clearly more evidence than the best candidate, if that affects one place or
-    pose only.
+    """Whether learned curves could have clearly more evidence than the best candidate; False unless it is sparse.
 
     Curves that leave the declared noise alone have nu / 2 log(r^2 / nu) in log evidence, less what they cost.
     """

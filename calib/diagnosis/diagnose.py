@@ -181,9 +181,7 @@ def _diagnosis_of_problem(space: SearchSpace, first: FitStep, problem: DataProbl
 def _problem_given_effects(
     space: SearchSpace, diagnosis: Diagnosis, hypotheses: tuple[DataHypothesis, ...]
 ) -> DataProblem | None:
-    """Mistake in the data that explains the residual with fewer effects than the search added; None where there is
-    none.
-    """
+    """Mistake in the data that explains the residual with fewer effects than were added; None where there is none."""
     last = next(step for step in reversed(diagnosis.steps) if step.effect != LEARNED)
     if not hypotheses or diagnosis.verdict == "adequate":
         return None
@@ -228,8 +226,7 @@ def _closing_move(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> Move 
 
 
 def _searched(space: SearchSpace, tell: Tell, rival: str = "") -> Diagnosis:
-    """Diagnosis at the end of a search, which does not add the effect `rival` that a correlated drift explains as well.
-    """
+    """Diagnosis at the end of a search, which does not add `rival`, an effect that a drift explains as well."""
     search = search_stepwise(space, tell, rival)
     tell("judging what is left")
     diagnosis = diagnosis_of_model(space, search.steps, search.stop)
@@ -263,8 +260,7 @@ def _with_noise_as_shown(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -
 
 
 def noise_is_believed(before: Diagnosis, again: Diagnosis) -> bool:
-    """Whether a search under the estimated noise shape leaves noise alone and keeps every effect that was claimed
-    before.
+    """Whether a search under the estimated noise shape leaves noise alone and keeps every effect claimed before.
 
     An unknown cause may look like noise of a strange shape. As a shape keeps the declared size, its size gives it away:
     so a size has to be known where something was left without the shape.

@@ -68,9 +68,7 @@ def first_step(calibration: Calibration) -> FitStep:
 
 
 def candidate_of(screening: Screening | None, name: str) -> Candidate:
-    """A candidate of a screening by its name. Raises CalibError where there is none, or none of its members is
-    significant.
-    """
+    """Candidate of a screening by its name. Raises CalibError where there is none, or it has no detectable member."""
     ranked = {} if screening is None else {c.name: c for c in screening.candidates}
     if name not in ranked:
         raise CalibError(f"effect {name} is not among the candidates: {', '.join(ranked) or 'none is ranked yet'}")

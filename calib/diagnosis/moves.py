@@ -44,9 +44,7 @@ Tell = Callable[[str], None]  # called with a line of text before each stage
 
 @dataclass(frozen=True)
 class AddEffect:
-    """Move that adds the effect with clearly the most evidence, with the new fit; members of earlier effects are
-    reselected.
-    """
+    """Move that adds the effect with clearly most evidence, with the new fit; earlier effects' members are reselected."""
 
     candidate: Candidate
     log_bayes_factor: float | None  # over the next candidate
@@ -79,9 +77,7 @@ class LeaveOutPoses:
 
 @dataclass(frozen=True)
 class ShapeNoise:
-    """Move that weights the points by another noise shape than declared, with which the search ends with a clean
-    verdict.
-    """
+    """Move that weights the points by another noise shape than declared, which leads to a clean verdict."""
 
     diagnosis: Diagnosis
 
@@ -256,9 +252,7 @@ def search_stepwise(space: SearchSpace, tell: Tell, refused: str = "") -> Search
 
 
 def straight_steps(space: SearchSpace, steps: Sequence[FitStep]) -> tuple[FitStep, ...]:
-    """Steps that add the last model's effects one by one, with screenings; refitted where an effect was dropped on the
-    way.
-    """
+    """Steps that add the last model's effects one by one, with screenings; refitted where an effect was dropped."""
     last = steps[-1]
     if _is_straight(steps) and all(step.left_out == last.left_out for step in steps):
         return tuple(map(space.ranked, steps))

@@ -54,8 +54,7 @@ class Diagnosis(Presented, Findings, FittedResult):
 
     @property
     def is_clean(self) -> bool:
-        """Whether noise alone is left apart from outliers, and each confounded set has one of its effects in the model.
-        """
+        """Whether only noise is left, outliers apart, and each confounded set has an effect in the model."""
         if self.verdict == "ambiguous":
             return bool(self.confounded_sets) and not self.suspected and not self.undecided
         return self.verdict in ("adequate", "named", "outliers")

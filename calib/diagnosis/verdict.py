@@ -25,8 +25,7 @@ Standing = Literal["claimed", "suspected", "open", "refused"]
 
 @dataclass(frozen=True)
 class LearnedModel:
-    """Learned curves of the joints, where no named effect explains the residual, with the fits without and with them.
-    """
+    """Learned curves of the joints, where no named effect explains the residual, with the fits before and after."""
 
     members: tuple[SmoothJointError, ...]
     formula: str | None  # the curves with their values, where short formulas explain as much
@@ -81,9 +80,7 @@ class Refusal:
 
     @property
     def leaves_doubt(self) -> bool:
-        """Whether a refused effect points to another, unknown cause; False where it only fitted noise (no gain on
-        left-out poses).
-        """
+        """Whether a refused effect points to an unknown cause; False where it only fitted noise (no gain elsewhere)."""
         return self.why != "no gain"
 
 
@@ -231,8 +228,7 @@ def _verdict(findings: Findings, ambiguous_set: tuple[str, ...]) -> str:
 
 
 def _is_noise(tests: ResidualTests) -> bool:
-    """Whether a residual counts as noise: no pattern, no fault of a joint, no excess over a noise known from elsewhere.
-    """
+    """Whether a residual counts as noise: no pattern, no fault of a joint, no excess over independently known noise."""
     too_large = tests.noise_from != "fit" and tests.residual_mm > MAX_SIGMAS_LEFT * tests.noise_mm
     return not (tests.fault or tests.structured or too_large)
 

@@ -173,9 +173,7 @@ class CatalogueEffect(ABC):
     @classmethod
     @abstractmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Family for a robot and the conditions of its poses; where data are missing, marked as not testable with the
-        reason.
-        """
+        """Family for a robot and the conditions of its poses; marked as untestable, with the reason, without data."""
 
 
 _CATALOGUE = "calib.effects.catalogue."

@@ -124,9 +124,7 @@ class GravityLoads:
         return [self.unit_bending(link) for link in range(self.robot.n_joints)]
 
     def unit_bending(self, link: int) -> tuple[Array, Array]:
-        """Turn and shift (`bending`) by 1 kg at each frame from the link's end on and at the tool point: (N, K, 3)
-        each.
-        """
+        """Turn and shift (`bending`) by 1 kg at each frame from the link's end on and at the tool point: (N, K, 3)."""
         base_T_frame = self.chain.base_T_frame
         places_mm = base_T_frame[:, link + 1 :, :3, 3]  # (N, K, 3)
         at_root, at_end = (
@@ -164,9 +162,7 @@ class GravityLoads:
         return self._bent(link, at_root, at_end, own)
 
     def _bent(self, link: int, at_root: Array, at_end: Array, own: Array | None = None) -> tuple[Array, Array]:
-        """Turn and shift of a link's end by the moments (N, 3) at its root and end, and by the moment of its own weight
-        at the root.
-        """
+        """Turn and shift of a link's end by moments (N, 3) at its root and end, and by its own weight's at the root."""
         base_T_frame = self.chain.base_T_frame
         root_mm, end = base_T_frame[:, link, :3, 3], base_T_frame[:, link + 1]
         span_mm = end[:, :3, 3] - root_mm

@@ -64,8 +64,7 @@ class RobotState(Brief):
         return replace(self, _loaded=[loaded])
 
     def with_masses_of(self, robot: Robot, poses: Poses) -> RobotState:
-        """State with these values, but with the masses of a robot and the payload of poses at the same joint positions.
-        """
+        """State with these values, but a robot's masses and the payload of poses at the same joint positions."""
         state = replace(self, robot=robot, poses=poses)
         state.__dict__["chain"] = self.chain  # masses do not move it
         return state
@@ -140,8 +139,7 @@ class RobotState(Brief):
 
     @property
     def loaded(self) -> RobotState:
-        """State at which loads are computed: that of the first effect that asks for loads, unless the model fixed
-        another.
+        """State at which loads are computed: that of the first effect that needs loads, unless the model fixed one.
 
         States derived from this one share it. Deflections of 1e-3 rad change a torque by 1e-3 of itself, so computing
         it anew after every joint's deflection would cost much and change nothing that can be measured.

@@ -43,9 +43,7 @@ class Fit(Brief):
         return np.where(self.undetermined, np.inf, np.sqrt(np.diag(self.covariance)))
 
     def summary(self, *, declared: bool = True) -> str:
-        """Line with convergence, size and rank of the fit, and with the residual over the sigma where the sigma is
-        `declared`.
-        """
+        """Line with convergence, size and rank of the fit, and the residual over the sigma where that is `declared`."""
         against = f", residual {self.reduced_chi:.3g} times the points' sigma" if declared else ""
         state = "converged" if self.converged else "not converged"
         return (

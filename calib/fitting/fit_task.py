@@ -125,9 +125,7 @@ def _to_found_tool(model: Model, residuals: Residuals) -> tuple[Iteration, ...]:
 
 
 def _in_order_of(model: Model, fit: Fit) -> tuple[Iteration, ...]:
-    """Iterations of a fit with x in the order of another model's parameters, zero for parameters that the fit did not
-    have.
-    """
+    """Iterations of a fit with x in the order of another model's parameters, zero for those missing in the fit."""
 
     def in_order(x: Array) -> Array:
         values = dict(zip((p.name for p in fit.parameters), x.tolist(), strict=True))

@@ -35,9 +35,7 @@ def sum_by_pose(values: Array, row: IndexArray, poses: int) -> Array:
 
 
 def mean_by_pose(values: Array, row: IndexArray, poses: int, *, empty: float = 0.0) -> Array:
-    """Means (N, ...) over each pose's points of values (M, ...), `empty` where a pose has none; `row` (M,) is the pose
-    of each.
-    """
+    """Means (N, ...) over each pose's points of values (M, ...), `empty` where none; `row` (M,) is each one's pose."""
     count = points_by_pose(row, poses).reshape(-1, *[1] * (values.ndim - 1))
     mean = sum_by_pose(values, row, poses) / np.maximum(count, 1)
     return np.asarray(np.where(count > 0, mean, empty))

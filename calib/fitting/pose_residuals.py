@@ -179,9 +179,7 @@ class PoseResiduals(Brief):
         return out
 
     def _basis(self, error: Array, columns: Array) -> Array:
-        """Orthonormal basis (R, rank) of the residual's changes by frames and hand-eye rotation, from the Jacobian's
-        columns.
-        """
+        """Orthonormal basis (R, rank) of the residual's changes by frames and hand-eye rotation, from their columns."""
         return orthonormal((self._whiten @ columns).reshape(6 * len(error), -1)[self._rows])
 
     def _solve_frames_and_hand_eye(self, base_mm: Array, attitude: Array) -> tuple[FramesAndHandEye, Array, Array]:

@@ -294,8 +294,7 @@ def fitted_tool_point(model: Model, fit: Fit, links: LinkErrors, fixed: Collecti
 
 
 def turning_tool_point(model: Model, fit: Fit, links: LinkErrors, fixed: Collection[str]) -> Robot | None:
-    """The nominal arm with the tool point that a fit reaches by turning the tip; None where the fit hardly turns the
-    tip.
+    """The nominal arm with the tool point that a fit reaches by turning the tip; None for a negligible turn.
 
     Hardly is within an angle's tolerance; one point does not determine the attitude of the tip.
     """

@@ -72,8 +72,7 @@ def solve(
 
 
 def _settle(descent: _Descent, floor: float, *, hurry: bool = True) -> float:
-    """Descend until the prior's weight equals the residual's noise, or the floor if that is larger; returns the final
-    weight.
+    """Descend until the prior's weight equals the larger of the residual's noise and the floor; the final weight.
 
     Without a floor, an arm without length would meet any constraint (a ball in a socket, a tip on a plane) at no cost.
     """
@@ -291,9 +290,7 @@ class _Descent:
         return float(np.sqrt(self.cost / left)) if left > 0.5 else float("nan")
 
     def surprise(self, weight: float) -> float:
-        """Minus twice the log posterior density of parameters and noise, up to a constant: the objective for the
-        prior's weight.
-        """
+        """Minus twice the log posterior density of parameters and noise, up to a constant."""
         left = max(self.degrees_of_freedom(weight), 1.0)
         variance = max(self.cost / left, self.residuals.noise_floor**2)
         return float(left * np.log(variance) + self.cost / variance + self.z @ self.z)

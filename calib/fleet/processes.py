@@ -33,9 +33,7 @@ class Processes(Executor):
     """Executor of `count` processes, each with one task at a time."""
 
     def __init__(self, count: int, memory_bytes: float | None = None) -> None:
-        """`memory_bytes`: largest memory of one process; None for an equal share of the memory of the machine or
-        container.
-        """
+        """`memory_bytes`: largest memory of one process; None for an equal share of the machine's or container's."""
         self._memory_bytes = _SHARE * machine_memory_bytes() / count if memory_bytes is None else memory_bytes
         self._threads = ThreadPoolExecutor(count, thread_name_prefix="processes")
         self._places: SimpleQueue[_Worker | None] = SimpleQueue()

@@ -102,9 +102,7 @@ class _Stored:
 def _judged_twice(
     paths: Sequence[str], folder: Path, kept: KeptResults, workers: Workers, options: FleetOptions
 ) -> Iterator[_Stored | Unchanged | Failure]:
-    """Outcome of each dataset as soon as it is known; a failure is reported only after a second try. Results are stored
-    first.
-    """
+    """Outcome of each dataset as soon as it is known, a failure only after a second try; results are stored first."""
 
     def tasks(of: Iterable[str]) -> Iterator[Task]:
         for path in of:
@@ -133,8 +131,7 @@ def _judged_twice(
 def _done(
     function: Callable[[Asked], Answer], items: Iterable[Asked], workers: Workers
 ) -> Iterator[tuple[int, Future[Answer]]]:
-    """Futures of items as they complete; no more are submitted than can run, so that a dead worker loses one item only.
-    """
+    """Futures of items as they complete; no more are submitted than can run, so that a dead worker loses only one."""
     executor = _Here() if workers.executor is None else workers.executor
     return futures_as_completed(function, items, executor, workers.count)
 

@@ -75,9 +75,7 @@ def redundancy(dataset: Dataset | str | Path, *, residual: str = "position") -> 
 
 
 def absorbed_by_scanner_frame(dataset: Dataset) -> tuple[str, ...]:
-    """Parameters whose effect at the training poses equals a motion of the scanner's frame, so that no fit determines
-    them.
-    """
+    """Parameters whose effect at the training poses equals a motion of the scanner's frame: no fit determines these."""
     if not dataset.robot.carries_scanner:
         try:
             return redundancy(dataset, residual="distance").no_influence

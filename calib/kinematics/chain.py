@@ -121,8 +121,7 @@ def point_jacobian(chain: Chain, points_mm: ArrayLike) -> Array:
 
 
 def link_point_jacobian(chain: Chain, points_mm: ArrayLike, joint: int | None) -> Array:
-    """Jacobian (as `point_jacobian`) of points fixed to the link which a joint moves; zero for later rows of the table.
-    """
+    """Jacobian (as `point_jacobian`) of points fixed to the link which a joint moves; zero for later table rows."""
     by_table = point_jacobian(chain, points_mm)
     by_table[:, :, -1 if joint is None else joint :] = 0.0
     return by_table

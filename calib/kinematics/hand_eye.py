@@ -170,8 +170,7 @@ class _Problem:
         return _least_squares_rotation(form, right, starts)
 
     def _attitude_rows(self, rows: BoolArray) -> Array:
-        """Rows (9 K, 10) of R X O less its mean, as linear functions of X, at the K points where the orientation O is
-        known.
+        """Rows (9 K, 10) of R X O less its mean, linear in X, at the K points whose orientation O is known.
 
         A radian counts as `_MM_PER_RADIAN`.
         """

@@ -127,8 +127,7 @@ def _turn_deg(rotation: Array) -> Array:
 
 
 def predicted_attitudes(dataset: Dataset, corners: Mapping[str, Corner]) -> tuple[dict[str, Array], dict[str, str]]:
-    """scanner_R_tool (3, 3) by pose id, from the nominal arm and the corners; for other poses the reason why there is
-    none.
+    """scanner_R_tool (3, 3) by pose id, from the nominal arm and the corners; the reason why not for other poses.
 
     Only for setups whose corners are spread enough to determine the scanner's frame.
     """

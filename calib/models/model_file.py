@@ -181,9 +181,7 @@ def _table(file: JsonFile, key: str, rows: Sequence[Row], robot: Robot) -> Array
 
 
 def _require_table(file: JsonFile, document: ModelDocument, model: Model, x: Array) -> None:
-    """Raise the file's error where the table, which is there for readers only, was edited and contradicts the
-    parameters.
-    """
+    """Raise the file's error where the table, which is for readers only, was edited and contradicts the parameters."""
     table = _table(file, "table", document.table, model.robot)
     off = np.abs(table - model.calibrated_robot(x).table)
     if off.max() > _SAME:

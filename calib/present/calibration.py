@@ -72,8 +72,7 @@ def _calibration(calibration: Calibration) -> Presentation:
 
 
 def calibration_head(calibration: Calibration, way: Sequence[Calibration] = ()) -> list[Block]:
-    """Blocks with the errors at each stage (`way`) of a calibration, all errors, the fit's convergence, and warnings.
-    """
+    """Blocks with the errors at each stage (`way`) of a calibration, all errors, convergence, and warnings."""
     worse = calibration.worse_than_nominal
     warnings = [words for words in calibration.warnings if words != worse]
     return [
@@ -134,8 +133,7 @@ def error_table(
     colours: Mapping[str, str] | None = None,
     test: str = "test",
 ) -> Table:
-    """Table of 3D and distance errors before and after, of training poses and of test poses (or as `test` names them).
-    """
+    """Table of 3D and distance errors before and after, of training and test poses (or as `test` names them)."""
     rows = [
         (
             _of_role(test if role == "test" else role, name, colours),
@@ -204,8 +202,7 @@ def evaluation_sentence(evaluation: Evaluation) -> str:
 
 
 def table_alone(table: ExportedTable) -> list[Block]:
-    """Paragraph with the errors of robot.toml's table alone and of the full model; [] where the model is only a table.
-    """
+    """Paragraph with the errors of robot.toml's table alone and of the full model; [] for a model without effects."""
     if not table.left_out:
         return []
     effects = numbers.listing(table.left_out)
@@ -241,8 +238,7 @@ def sigma_sentence(check: SigmaCheck) -> str:
 
 
 def parameters(calibration: Calibration, table: ExportedTable | None = None) -> list[Block]:
-    """Blocks with every parameter and its sigma, learned curves, identifiable sums, and the tool row's identifiability.
-    """
+    """Blocks with every parameter and its sigma, learned curves, identifiable sums, and the tool row."""
     sums = identifiable_combinations(calibration)
     tool = tool_rows(calibration.dataset, residual=calibration.residual, model=calibration.model)
     return [
@@ -282,9 +278,7 @@ def _tables(calibration: Calibration, height: str) -> Iterator[Block]:
 
 
 def _row(row: Mapping[str, Any], name: str, *, of_arm: bool) -> tuple[str, ...]:
-    """Table row of a parameter: angles of the arm in degrees with four decimals as in data sheets; effects with three
-    digits.
-    """
+    """Table row of a parameter: the arm's angles in degrees with four decimals; an effect's values in three digits."""
     unit = numbers.readable(0.0, row["unit"])[1] if of_arm else str(row["unit"])
     scale = math.degrees(1.0) if of_arm and row["unit"] == "rad" else 1.0
     nominal, value, change, sigma = (scale * float(row[key]) for key in ("nominal", "value", "change", "sigma"))
@@ -375,8 +369,7 @@ def stands_document(calibration: Calibration) -> dict[str, int] | None:
 
 
 def steps_document(steps: Sequence[FitStep]) -> list[dict[str, Any]]:
-    """Steps of a calibration as lists of keys: the first fit, then one for each added effect with its members' sizes.
-    """
+    """Keys of each step of a calibration: the first fit, then one per added effect with its members' sizes."""
     return [
         {
             "effect": step.effect,

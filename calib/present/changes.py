@@ -1,5 +1,4 @@
-"""Presentation of two calibrations compared, and of a cell measured again: differences, changes, undetectable changes.
-"""
+"""Presentation of two calibrations compared, and of a cell measured again: differences, changes, undetectable changes."""
 
 from __future__ import annotations
 
@@ -212,9 +211,7 @@ def control_chart(reports: Sequence[ChangeReport]) -> FigurePlace:
 
 
 def change_sections(reports: Sequence[ChangeReport], repeats: Sequence[PoseFigures] = ()) -> list[Section]:
-    """Sections on each measurement, the size of every usual change, undetectable changes, and repeats where there are
-    any.
-    """
+    """Sections on each measurement, the sizes of usual changes, undetectable changes, and any repeats."""
     last = reports[-1]
     unseen = unseen_sentences(last)
     return [

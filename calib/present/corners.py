@@ -60,9 +60,7 @@ def _batch(batch: CornerBatch) -> Presentation:
 def batch_blocks(
     dataset: Dataset, searches: Mapping[str, CornerSearch], named: Assignment, labels: FaceLabels | None
 ) -> list[Block]:
-    """Blocks on a search of scans: each corner and target, failures with reasons, counts, and labels of the jig's
-    faces.
-    """
+    """Blocks on a search of scans: corners and targets, failures with reasons, counts, and the jig's face labels."""
     failed = failed_searches(searches)
     counted = [Paragraph(f"No corner: {counted_reasons(failed)}.")] if len(failed) > 1 else []
     return [

@@ -29,8 +29,7 @@ def title(key: str) -> str:
 
 
 def with_key(key: str) -> tuple[Span, ...]:
-    """Human-readable name of an effect, followed by its key where that differs: "joint compliance (joint_compliance)".
-    """
+    """Human-readable name of an effect, and its key where that differs: "joint compliance (joint_compliance)"."""
     named = title(key)
     return (effect(key),) if named == key else spans(f"{named} (", effect(key), ")")
 

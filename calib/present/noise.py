@@ -24,8 +24,7 @@ def noise_sigma_mm(findings: Findings) -> float:
 
 
 def axes_mm(shape: NoiseShape, sigma_mm: float) -> tuple[float, float, float] | None:
-    """Sigmas, mm, along three axes (twice across and once along the line of sight, or along the shape's axes); else
-    None.
+    """Sigmas, mm, along three axes (two across and one along the line of sight, or the noise shape's); else None.
 
     With a growth over distance they are those at the mean distance.
     """

@@ -135,8 +135,7 @@ def times(ratio: float) -> str:
 
 
 def count(number: int, one: str, several: str = "") -> str:
-    """Text of a number with its noun: "1 scan", "2 scans"; `several` is the plural where it is not the noun and an s.
-    """
+    """Text of a number with its noun: "1 scan", "2 scans"; `several` is an irregular plural of the noun."""
     return f"{number:,} {one if number == 1 else several or one + 's'}"
 
 

@@ -46,8 +46,7 @@ class Names:
 
 
 def references_to(poses: Collection[str], inputs: Collection[str] = ()) -> dict[str, Reference]:
-    """References by the name that a sentence may hold (for `recognised`): pose ids, and inputs ("q4") by their joint.
-    """
+    """References by the name that a sentence may hold (`recognised`): pose ids, and inputs ("q4") by joint."""
     joints = {name: of_joint[1] + 1 for name in inputs if (of_joint := joint_input(name)) is not None}
     return {**{name: joint(number, name) for name, number in joints.items()}, **{p: pose(p) for p in poses}}
 

@@ -239,9 +239,7 @@ def _model_document(fitted: FittedModel) -> dict[str, Any]:
 def saved_model_document(
     fitted: FittedModel, dataset: Dataset, before: Evaluation, after: Evaluation
 ) -> dict[str, Any]:
-    """Document that `validate --model --json` prints: a saved model's errors at a dataset's points, and those of its
-    fit.
-    """
+    """Document that `validate --model --json` prints: a saved model's errors at a dataset's points and at its fit."""
     return {
         "dataset": dataset.name,
         "model": {**document(fitted), "same_measurements": fitted.is_fitted_to(dataset)},

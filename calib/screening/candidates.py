@@ -162,8 +162,7 @@ def _too_wide(projected: ProjectedResidual, family: Family, columns: int) -> Unt
 
 
 def _not_of_single_poses(candidate: Candidate, plain_rmse_mm: float) -> Candidate:
-    """A candidate; its evidence is zero if its family is sparse and it does not improve the prediction of left-out
-    poses.
+    """A candidate, with zero evidence if its family is sparse and does not improve the prediction of left-out poses.
 
     Single poses that are wrong have their places and times too, and no effect makes them.
     """

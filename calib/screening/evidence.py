@@ -88,8 +88,7 @@ def evaluate_family(family: FamilyColumns) -> Evidence:
 
 
 def most_columns(dof: int) -> int:
-    """Largest number of columns of an effect at these degrees of freedom; more would leave too few to test the effect.
-    """
+    """Largest number of columns that an effect may have at these degrees of freedom and still be testable."""
     return dof // 2
 
 
@@ -197,9 +196,7 @@ def _given(y: Array, columns: Array, triangle: Array, spread: Array) -> tuple[Ar
 
 
 def _best_scales(y: Array, rest: float, triangle: Array, spread: Array, width: int, dof: int) -> tuple[Array, Array]:
-    """Log evidence (G,) at the best scale of each member, `width` columns wide, given the members that have one; and
-    scales.
-    """
+    """Log evidence (G,) at the best scale of each member, `width` columns wide, given the chosen ones; and scales."""
     z, columns, fixed = _given(y, triangle, triangle, spread)
     members = columns.T.reshape(-1, width, len(y))
     u, s, _ = np.linalg.svd(np.swapaxes(members, 1, 2), full_matrices=False)
@@ -210,9 +207,7 @@ def _best_scales(y: Array, rest: float, triangle: Array, spread: Array, width: i
 
 
 def evidence_by_scale(lam: Array, h2: Array, rest: float, total: float, dof: int) -> Array:
-    """Log evidence at each of `SCALES`; `rest` is the squared residual given the other members, `total` that without
-    them.
-    """
+    """Log evidence at each of `SCALES`; `rest`: squared residual given the other members, `total`: without them."""
     grow = 1.0 + SCALES[:, None] ** 2 * lam  # (..., scales, K)
     quadratic = rest - np.sum(h2 * (1.0 - 1.0 / grow), axis=-1)
     least = _ROUNDING * max(total, 1e-300)  # exact data: the rest is rounding, and has no logarithm

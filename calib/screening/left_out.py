@@ -16,8 +16,7 @@ from calib.screening.projected_residual import ProjectedResidual, project_residu
 def left_out_errors_mm(
     projected: ProjectedResidual, columns: Array | None = None, spread: Array | None = None
 ) -> Array:
-    """(R,) error, mm, of each coordinate of points whose pose is predicted from all others (linearised
-    leave-one-pose-out).
+    """(R,) error, mm, of each coordinate when its pose is predicted from all others (linearised).
 
     e_i = (1 - H_ii)^-1 r_i for each pose's block of the hat matrix H of fitted directions and candidate; exact for a
     linear model with fixed sizes of the candidate's coefficients.

@@ -30,9 +30,7 @@ ENOUGH_DIFFERENCES = 24  # of repeats: as many show the shape, and where they sh
 
 @dataclass(frozen=True)
 class LinearResidual:
-    """Residual of a linear fit at M points, and the F directions that the fit could absorb; whitened by the declared
-    noise.
-    """
+    """Residual of a linear fit at M points, with the F directions that the fit could absorb; whitened as declared."""
 
     xyz_mm: Array  # (M, 3) scanner frame
     whiten: Array  # (M, 3, 3)

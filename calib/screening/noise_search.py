@@ -74,8 +74,7 @@ def noise_of_repeats(dataset: Dataset) -> ShownNoise | None:
 
 
 def first_unproven(added: Sequence[AddedEffect], outliers: Collection[str]) -> AddedEffect | None:
-    """The first effect without clearly more evidence than a correlated drift of the instrument; None where there is
-    none.
+    """The first effect without clearly more evidence than a drift of the instrument; None where there is none.
 
     Args:
         added: by a search, one after the other.
@@ -94,7 +93,7 @@ def _log_bayes_factor_over_drift(added: AddedEffect, outliers: Collection[str]) 
 def noise_of_residual(
     dataset: Dataset, unproven: AddedEffect | None, last: ProjectedResidual, outliers: Collection[str]
 ) -> ShownNoise | None:
-    """Noise shape with more likelihood for a residual than the fit's; None where there is none.
+    """Noise shape that a residual supports over the one used in the fit; None where there is none.
 
     Where repeated measurements show the shape, only its drift is searched for.
 
@@ -131,8 +130,7 @@ def _of_poses(projected: ProjectedResidual, pose_ids: Collection[str]) -> BoolAr
 
 @dataclass(frozen=True)
 class FoundShape:
-    """A noise shape, with its gain in log likelihood over the previous one, in nats, less the cost of its parameters.
-    """
+    """A noise shape, with its gain in log likelihood over the previous one, nats, less its parameters' cost."""
 
     shape: NoiseShape
     gain: float
@@ -186,8 +184,7 @@ def _spread(residual: LinearResidual) -> LinearResidual:
 
 
 def point_properties(residual: LinearResidual, shape: NoiseShape) -> Iterator[FoundShape]:
-    """The shape with one more property of single points: growth with distance, or other noise in depth or along axes.
-    """
+    """The shape with one more property of single points: growth with distance, or another size along some axis."""
     weights = residual.weights(shape)
     before = residual.log_likelihood(shape, weights)
 
@@ -219,8 +216,7 @@ def point_properties(residual: LinearResidual, shape: NoiseShape) -> Iterator[Fo
 
 
 def drift_property(residual: LinearResidual, shape: NoiseShape) -> FoundShape | None:
-    """The shape with the likeliest correlated drift; its gain is the mean likelihood over shares and times, relative to
-    none.
+    """The shape with the likeliest correlated drift; its gain is the mean likelihood relative to no drift.
 
     None with too few moments.
     """
@@ -281,8 +277,7 @@ def _rows(matrix: Array) -> tuple[Row, Row, Row]:
 
 @dataclass(frozen=True)
 class TailTest:
-    """Log likelihoods, in nats relative to normal noise, of two explanations of far points: heavy tails and outliers.
-    """
+    """Log likelihoods of two explanations of far points, heavy tails or outliers, in nats over normal noise."""
 
     tail: float  # degrees of freedom
     of_tails: float

@@ -39,8 +39,7 @@ class JointFault:
 
 
 def smooth_motion(projected: ProjectedResidual) -> JointFault | None:
-    """Arbitrary smooth motion of a joint over its own angle or over those of the first three joints; None without
-    evidence.
+    """Smooth motion of the likeliest joint over its own angle or the first three joints'; None without evidence.
 
     Gaussian processes of two correlation lengths over each; the evidence is of all together. None where no joint shows.
     """
@@ -99,8 +98,7 @@ def _whitening(kernel: Array) -> Array:
 
 
 def slow_course(projected: ProjectedResidual, step: Candidate) -> float:
-    """Log evidence that the displacement which a step explains changed slowly instead: by creep, settling or
-    oscillation.
+    """Log evidence that the displacement which a step explains was slow instead: creep, settling or oscillation.
 
     The best of an even course, settling with one of four time constants, and any smooth course of four correlation
     lengths, which are equally likely. 0 where the candidate is no step.

@@ -220,8 +220,7 @@ def _frame_of(pairs: Sequence[tuple[Array, Array]]) -> Array:
 def _refuse_moved(
     dataset: Dataset, points: dict[str, dict[str, FoundPoint]], refused: dict[str, dict[str, str]]
 ) -> None:
-    """Move to `refused` the places whose distance from others differs from that at the other poses, as foreign objects.
-    """
+    """Move to `refused` the places whose distance from others differs from that at other poses: foreign objects."""
     joint = {"jig": None} | {target.name: target.joint for target in dataset.robot.targets}
     names = list(dict.fromkeys(n for of in points.values() for n in of))
     if not dataset.robot.carries_scanner:

@@ -67,8 +67,7 @@ class LearningCurve(Presented):
 
     @property
     def doubled_rmse_mm(self) -> float:
-        """Held-out RMSE, mm, expected with twice the poses: A + B / n with both >= 0, fitted to the curve's upper part.
-        """
+        """Held-out RMSE, mm, expected with twice the poses: A + B / n, both >= 0, fitted to the upper part."""
         floor, slope = self._floor_and_slope()
         return float(np.sqrt(floor + 0.5 * slope / self.steps[-1].poses))
 
@@ -92,8 +91,7 @@ class LearningCurve(Presented):
 
     @property
     def flat_since(self) -> int | None:
-        """Number of poses from which the held-out error stays within 5 % of its last value; None where it still falls.
-        """
+        """Number of poses from which the held-out error stays within 5 % of its last value; None if still falling."""
         if self.gain > FLAT:
             return None
         limit = (1.0 + FLAT) * self.steps[-1].held_out_rmse_mm

@@ -218,8 +218,7 @@ def _bodies_note(bodies: ArmBodies) -> str:
 
 
 def _mounted(jig: Jig, tool_T_jig: Array, chain: Chain, eye_mm: Array) -> tuple[Array, Jig | None, list[str]]:
-    """Pose of the jig on the tool by the side from which it was seen, the jig (None: seen from all sides), and notes.
-    """
+    """Pose of the jig on the tool by the side it was seen from, the jig (None: seen from all sides), and notes."""
     _, normals = jig_geometry(jig)
     if _unseen(tool_T_jig, normals, chain, eye_mm) <= _MOST_REFUSED:
         return tool_T_jig, jig, []

@@ -55,9 +55,7 @@ def counted(reasons: Sequence[NDArray[np.str_]]) -> str:
 
 
 def measurable(cell: Workcell, q: ArrayLike) -> Measurable:
-    """Check of joints (N, n), rad or mm, against all known facts of the cell, the cheapest and most frequent reasons
-    first.
-    """
+    """Check of joints (N, n), rad or mm, against all known facts of the cell, cheap and frequent reasons first."""
     q = np.atleast_2d(np.asarray(q, dtype=float))
     reason = np.full(len(q), "", dtype=f"<U{max(map(len, REASONS))}")
     poses = _ArmPoses(cell, q, cell.chain(q))

@@ -49,8 +49,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """Figure function by its name, loaded when first used (PEP 562). Raises CalibError where plotly is not installed.
-    """
+    """Figure function by its name, loaded on first use (PEP 562). Raises CalibError where plotly is not installed."""
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     try:

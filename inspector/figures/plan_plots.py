@@ -10,8 +10,7 @@ from inspector.markup.parts.palette import NEUTRAL, PROPOSAL
 
 
 def error_by_count(curve_mm: Array, planned: int, enough: int | None, *, dark: bool) -> go.Figure:
-    """Figure of the predicted error by number of new poses, with the planned number and that from which the gain is
-    small.
+    """Figure of the predicted error by number of new poses, with the planned number and the end of useful gains.
 
     curve_mm  # (n + 1,); values that are not finite are left out
     """

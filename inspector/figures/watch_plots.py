@@ -22,8 +22,7 @@ _MANY_TIMES = 8.0  # the limit: from there on the axis is logarithmic
 
 
 def control_chart(seen: Sequence[ChangeReport], *, dark: bool = False) -> go.Figure:
-    """Figure of each measurement's 3D RMSE in time order, with the expected value and the limit of an unchanged cell.
-    """
+    """Figure of each measurement's 3D RMSE in time order, with its expected value and limit for an unchanged cell."""
     shown = in_time(seen)
     x = list(range(1, len(shown) + 1))
     limits = [w.errors.limit_mm for w in shown]

@@ -94,9 +94,7 @@ class ChosenByDataset:
         self._chosen: dict[str, Any] = {}
 
     def open(self, dataset: str) -> Any:
-        """Choice made when this dataset was last on show, else the default; the current choice is stored for its
-        dataset.
-        """
+        """Choice made when this dataset was last on show, else the default; the current choice is stored."""
         self._chosen[self._dataset] = self._handle.value
         self._dataset = dataset
         return self._chosen.get(dataset, self._default)

@@ -25,7 +25,7 @@ _P = 0.01
 
 
 def ranking(report: Report) -> list[Block]:
-    """Section on the evidence of every candidate effect, and on effects that cannot be tested."""
+    """Blocks on the evidence of every candidate effect, and on effects that cannot be tested."""
     rows = [
         (
             c.name,
@@ -66,7 +66,7 @@ def _likeness(candidate: Candidate) -> str:
 
 
 def model_residual(report: Report, model: ModelResidual) -> list[Block]:
-    """Section on a fit's residual against the inputs with the clearest systematic patterns."""
+    """Blocks on a fit's residual against the inputs with the clearest systematic patterns."""
     inputs = [test for test in model.residual_tests.inputs if test.input in model.pose_errors.inputs]
     if not inputs:
         return [Paragraph(f"{model.title}: no input varies that the residual could follow.")]
@@ -112,7 +112,7 @@ def _hide(trace: go.Scatter) -> None:
 
 
 def learned_curves(report: Report) -> list[Block]:
-    """Section on the learned curves in the model: formulas, sizes, and the figure; [] where there are none."""
+    """Blocks on the learned curves in the model: formulas, sizes, and the figure; [] where there are none."""
     curves = fitted_curves(report.calibration)
     if not curves:
         return []

@@ -224,8 +224,7 @@ def residuals(
     on_click: Callable[[int], None],
     lengths: Sequence[tuple[Array, str]] = (),
 ) -> list[viser.SceneNodeHandle]:
-    """Nodes of arrows (K, 2, 3) from measured to predicted points, in colours (K, 3), selectable by click, with a
-    legend.
+    """Nodes of arrows (K, 2, 3) from measured to predicted points, in colours (K, 3), clickable, with a legend.
 
     lengths: places (3,) of arrows whose true lengths stand beside them.
     """

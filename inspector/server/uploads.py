@@ -80,9 +80,7 @@ class Uploads:
         refused: Callable[[int, str], None],
         limits: UploadLimits | None = None,
     ) -> None:
-        """`folder`: parent of the hidden upload folder; `done`, `answer`, `refused`: callbacks with file, reply or
-        reason, and page.
-        """
+        """`folder`: parent of the hidden upload folder; `done`, `answer`, `refused`: callbacks, called with the page."""
         self.folder, self.limits = folder, limits or UploadLimits()
         self.button = ""  # uuid of the one widget that files may come from
         self._done, self._answer, self._refused = done, answer, refused
@@ -216,8 +214,7 @@ class Uploads:
 
     @contextmanager
     def writing(self, client: int) -> Iterator[int]:
-        """Context for unpacking a page's files: it yields their size limit in bytes and counts their size afterwards.
-        """
+        """Context for unpacking a page's files: yields their size limit, bytes, and counts their size at the end."""
         try:
             yield self.room_bytes(client)
         finally:

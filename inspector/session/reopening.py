@@ -1,5 +1,4 @@
-"""Reopening of a saved session: its dataset is found, its fits repeated, and differences from saved figures reported.
-"""
+"""Reopening of a saved session: its dataset is found, its fits repeated, and differences from saved figures reported."""
 
 from __future__ import annotations
 
@@ -84,8 +83,7 @@ def _changed_files(saved: Saved, dataset: Dataset) -> tuple[str, ...]:
 
 
 def reopened(session: Session, saved: Saved) -> tuple[Session, tuple[str, ...]]:
-    """Session with the saved fits repeated on the present measurements, and a line for each difference to the saved
-    figures.
+    """Session with the saved fits repeated on the present measurements, and a line per difference to saved figures.
 
     Raises SessionFileError where an effect or a pose of it is unknown here.
     """

@@ -33,7 +33,7 @@ class Undo:
         return cls(list(past[-UNDO_STEPS:]), list(saved.future[-UNDO_STEPS:]))
 
     def changed(self, before: Session) -> None:
-        """Undo with the model before a change added, and redo cleared."""
+        """Store the model before a change for undo, and clear redo."""
         if before.calibration is not None:
             self.past.append(before)
             del self.past[:-UNDO_STEPS]

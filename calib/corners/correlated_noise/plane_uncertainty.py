@@ -239,8 +239,7 @@ def _evidence_of_faces(
 
 
 def _evidence_of_surroundings(patches: Patches, edge_mm: float, sizes_mm: Array) -> tuple[Array, float, Array]:
-    """Log likelihood (S, W) of a nearby surface under errors along the sight, that without such errors, and the
-    expected loss.
+    """Log likelihood (S, W) of a nearby surface under errors along the sight, that under none, and the expected loss.
 
     Walls and tables are bowed, so a quadratic part of their shape is left free. Apart from that the surface is flat and
     shows the scanner's error alone, which grows with no, the first or the second power of the depth, or it is uneven by

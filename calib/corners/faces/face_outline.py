@@ -204,9 +204,7 @@ def _inside(rectangular: bool) -> BoolArray:
 
 
 def _in_cells(a: Array, b: Array, count: int) -> IndexArray:
-    """Number of points, at shares a and b of the legs, in each of (count, count) cells that are a twelfth of a leg
-    wide.
-    """
+    """Number of points, at shares a and b of the legs, in each of (count, count) cells, a twelfth of a leg wide."""
     row, column = a * _CELLS, b * _CELLS
     within = (row >= 0) & (column >= 0) & (row < count) & (column < count)
     cell = row[within].astype(np.int64) * count + column[within].astype(np.int64)

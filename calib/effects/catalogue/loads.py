@@ -139,9 +139,7 @@ class JointCompliance(CatalogueEffect):
 
 @dataclass(frozen=True)
 class JointComplianceUnknownMasses(JointCompliance):
-    """Compliance of a joint under unknown masses: theta += sum over frames beyond the joint of (c m) x torque of 1 kg
-    there.
-    """
+    """Compliance of a joint under unknown masses: theta += sum over later frames of (c m) x torque of 1 kg there."""
 
     places: int  # frames beyond the joint, the tool point included
     payload: bool  # whether it varies over the training poses
@@ -173,8 +171,7 @@ class JointComplianceUnknownMasses(JointCompliance):
 
 @dataclass(frozen=True)
 class LinkBending(CatalogueEffect):
-    """A link that bends under its own weight and all weights beyond it: a cantilever, c = L / EI
-    (`GravityLoads.bending`).
+    """A link that bends under its own weight and all beyond: a cantilever, c = L / EI (`GravityLoads.bending`).
 
     The part that turns about the next joint's axis is close to what compliance of that joint does; only the shift tells
     them apart.
@@ -237,9 +234,7 @@ class LinkBending(CatalogueEffect):
 
 @dataclass(frozen=True)
 class LinkBendingUnknownMasses(LinkBending):
-    """Bending of a link under unknown masses: its end moves by the sum over later frames of (c m) x the bending by 1
-    kg.
-    """
+    """Bending of a link under unknown masses: its end moves by the sum over later frames of (c m) x bending by 1 kg."""
 
     places: int  # frames from the link's end on, the tool point included
     payload: bool  # whether it varies over the training poses
@@ -426,8 +421,7 @@ class NonlinearStiffness(CatalogueEffect):
 
 @dataclass(frozen=True)
 class LinkTorsion(CatalogueEffect):
-    """A link that twists about its own axis: its end turns by c times the moment along the axis of all weights beyond.
-    """
+    """A link that twists about its own axis: its end turns by c times the moment along the axis of all later weights."""
 
     joint: int  # the joint that moves the link
     name = "link_torsion"

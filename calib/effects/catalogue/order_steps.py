@@ -50,9 +50,7 @@ class ChangePoint:
 
 
 def is_measured_for_training(dataset: Dataset) -> BoolArray:
-    """Mask (N,) of training poses with a measured point, one per repeat group; of all training poses where none has a
-    point.
-    """
+    """Mask (N,) of training poses with a measured point, one per repeat group; of all where none has a point yet."""
     training = ~dataset.poses.is_test
     if dataset.points is None:
         return training
@@ -226,9 +224,7 @@ class ScannerStep(Step):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Shift of the reported points, and turn about the middle of the field; the usual size of each moves a point by
-        0.1 mm.
-        """
+        """Shift of the reported points, and turn about the field's middle; usual sizes move a point by 0.1 mm."""
         turn = 0.1 / self.half_mm
         return (
             *(Parameter(f"v{a}_from_{self.start.word}_mm", "mm", 0.1, f"shift along {a}") for a in "xyz"),

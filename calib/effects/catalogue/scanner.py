@@ -230,9 +230,7 @@ class ScannerScale(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member, which no dataset can test: only the ratio of the arm's lengths to the scale is
-        determined.
-        """
+        """The family with one member, which no dataset can test: only arm lengths relative to the scale are known."""
         return Family(
             cls.name,
             (cls(),),

@@ -92,9 +92,7 @@ def _load(path: Path) -> ModuleType:
 
 @contextmanager
 def _siblings(folder: Path) -> Iterator[None]:
-    """Context in which a file may import others from its folder; none stays cached, so that later imports read them
-    anew.
-    """
+    """Context in which a file may import others from its folder; none stays cached, so that all are read anew."""
     before, wrote = set(sys.modules), sys.dont_write_bytecode
     sys.path.append(str(folder))  # last: a neighbour of any name hides nothing that is installed
     sys.dont_write_bytecode = True
@@ -165,9 +163,7 @@ def _is_sound(name: object, unit: object, doc: object, scale: object) -> bool:
 
 
 def _check(effect: Any, state: RobotState, where: str) -> None:
-    """Raise CalibError where a user's effect has unsound parameters or bounds, fails, or changes the state at zero
-    values.
-    """
+    """Raise CalibError where a user's effect has unsound parameters or bounds, fails, or is not zero at zero values."""
     label = f"{where}: effect {type(effect).__name__}"
     parameters = getattr(effect, "parameters", None)
     if not isinstance(parameters, tuple | list) or not parameters:

@@ -32,7 +32,7 @@ class Following:
 
 
 def followings(file: XmlFile, moving: Sequence[UrdfJoint]) -> tuple[Following, ...]:
-    """Dependence of each mimic joint on others. Raises RobotFileError: a master outside the arm, a circle, unlike
+    """Dependence of each mimic joint on others. Raises RobotFileError for masters outside the arm, circles, unlike
     types.
     """
     by_name = {joint.name: i for i, joint in enumerate(moving)}

@@ -154,8 +154,7 @@ def _evidence_of(chosen: list[_Candidate], projected: ProjectedResidual) -> Curv
 
 
 def _over_angles(projected: ProjectedResidual) -> Iterator[_Candidate]:
-    """Candidate curve of every revolute joint over its own angle, unless geometry could produce the same displacements.
-    """
+    """Candidate curve of every revolute joint over its own angle, unless geometry could have the same effect."""
     directions = joint_directions(projected)
     for j, joint in enumerate(projected.residuals.model.robot.joints):
         if joint.is_revolute:

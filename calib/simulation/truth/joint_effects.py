@@ -75,8 +75,7 @@ class FineRipple(TransmissionError):
 
 @dataclass(frozen=True, eq=False)
 class RoughGear(TransmissionError):
-    """A joint with an irregular error over its whole range: waves without the period of a turn. Not in the catalogue.
-    """
+    """A joint with an irregular error over its whole range: waves not periodic in a turn. Not in the catalogue."""
 
     name = "rough_gear"
     in_catalogue = False
@@ -160,8 +159,7 @@ class JointCoupling(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """Coupling of the last two joints, each driven by the one before, as wrist shafts run through the next joint.
-        """
+        """Coupling of the last two joints to the one before each, as wrist shafts run through the next joint."""
         n = cell.nominal.n_joints
 
         def make(size: Array) -> SampledEffect:

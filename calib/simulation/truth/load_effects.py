@@ -136,8 +136,8 @@ class NonlinearStiffness(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class LinkTorsion(SampledEffect):
-    """Torsion of each link, a tube from its joint's origin to the next one's, by the moment along it of all weights
-    beyond.
+    """Torsion of each link, a tube from its joint's origin to the next one's, by the moment along it of all later
+    weights.
     """
 
     name = "link_torsion"

@@ -44,8 +44,7 @@ class ScannerDistortion(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """Distortion with one dominant term of three, each of which could move a point at the field's edge equally far.
-        """
+        """Distortion with one dominant term of three; each could move a point at the field's edge equally far."""
         middle_mm = cell.plain_mm.mean(axis=0)
         reach_mm = float(np.sqrt(np.mean(np.sum((cell.plain_mm - middle_mm) ** 2, axis=1))))
         k = 0.2 * rng.choice([-1.0, 1.0], 3) * (0.2 + 0.8 * np.eye(3)[rng.integers(3)])

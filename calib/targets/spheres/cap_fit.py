@@ -207,8 +207,7 @@ def _is_lifted(over_sigmas: Array, ring: BoolArray) -> bool:
 
 
 def _clear_of_others(direction: Array, over: Array, sigma: Array) -> BoolArray:
-    """(K,) whether most points near the same place of the surface lie on the surface; `direction` (K, 3) unit, outward.
-    """
+    """(K,) whether most points about the same place of the surface lie on it; `direction` (K, 3) unit, outward."""
     off = np.abs(over) > TUKEY * sigma
     if not off.any():
         return np.ones(len(over), dtype=bool)

@@ -84,9 +84,7 @@ class DatasetController:
         self._model.show()
 
     def process(self) -> LongWork:
-        """Long work that computes what the dataset on show lacks: redundancy, overview and corners of all scans, the
-        fit.
-        """
+        """Long work that computes what the dataset on show lacks: redundancy, scan overview, corners, the fit."""
         fit = self._panels.fit
         if self._state.session.redundancy is None:
             self.analyse_as_chosen()

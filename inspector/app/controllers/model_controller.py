@@ -105,8 +105,7 @@ class ModelController:
         yield from self._labelling.try_it()
 
     def _first_fit(self, residual: str) -> LongWork:
-        """Long work that fits the link errors, to positions where these data do not allow the residual chosen before.
-        """
+        """Long work that fits the link errors, to positions if these data do not allow the chosen residual."""
         try:
             yield from self.calibrate(residual)
         except CalibError:

@@ -83,9 +83,7 @@ class PlanController:
             self.show()
 
     def take(self, what: str, client: viser.ClientHandle) -> None:
-        """Send a file of the plan to the page that asked. Raises CalibError where the file's format cannot describe the
-        arm.
-        """
+        """Send a file of the plan to the page. Raises CalibError where the file's format cannot describe the arm."""
         planned, name = self._planned, FILES.get(what)
         if planned is not None and name is not None:
             content = planned_file(Path(name), planned.plan).encode()

@@ -209,8 +209,7 @@ def ranking(diagnosis: Diagnosis, *, step: int = 0, dark: bool = False) -> go.Fi
 
 
 def added_variable(diagnosis: Diagnosis, effect: str, *, dark: bool = False) -> go.Figure:
-    """Figure of the residual against the part that an effect would explain, in sigmas; points on the line are
-    explained.
+    """Figure of the residual against the part that an effect would explain, in sigmas; full agreement is a line.
 
     Both are of the link errors alone, without what geometry could have absorbed (an added-variable plot). Raises
     CalibError on an effect that is no candidate.
@@ -263,17 +262,13 @@ def control_chart(seen: ChangeReport | Sequence[ChangeReport], *, dark: bool = F
 
 
 def plan_curve(plan: Plan, *, dark: bool = False) -> go.Figure:
-    """Figure of the predicted error, mm, against the number of further poses, and the number from which the gain is
-    small.
-    """
+    """Figure of the predicted error, mm, by number of further poses, with the number from which gains are small."""
     drawn = plan_plots.error_by_count(plan.curve_mm, len(plan.poses), plan.enough, dark=dark)
     return titled(drawn, f"What further poses promise: {plan.start.dataset.name}", dark=dark)
 
 
 def fleet_errors(fleet: Fleet, *, dark: bool = False) -> go.Figure:
-    """Figure of the RMS error of every dataset of a fleet, mm: as delivered, with calibrated links, with all effects
-    found.
-    """
+    """Figure of the RMS error of every dataset of a fleet, mm: as delivered, links calibrated, all effects found."""
     rows = sorted((row for row in fleet.rows if row.error_mm is not None), key=lambda row: (row.error_mm, row.path))
     stages = [row.train if row.test.final_mm is None else row.test for row in rows]
     errors = [(stage.nominal_mm, stage.links_mm, stage.final_mm) for stage in stages]

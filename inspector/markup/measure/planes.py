@@ -90,7 +90,7 @@ def face_table(search: CornerSearch) -> str:
 
 
 def group_state(search: CornerSearch, group: int) -> str:
-    """Outcome of a plane group: the face that it became, or why it became none."""
+    """State of a plane group: the face that it became, "chosen", or "not chosen"."""
     if search.corner is not None:
         for number, face in enumerate(search.corner.faces):
             if face.group == group:

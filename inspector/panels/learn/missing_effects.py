@@ -229,9 +229,7 @@ class MissingEffectsPanel:
         self._next.content = next_html(self.chosen, separation.rival, separation.poses, robot, noise_mm)
 
     def _offer(self, session: Session) -> None:
-        """Update the lists of effects that can be added or removed; the choice stays, so that a second press adds
-        nothing.
-        """
+        """Update the lists of effects that can be added or removed, without changing the choice."""
         inside = [added.name for added in session.effects]
         ranked = [c.name for c in session.screening.candidates] if session.screening else []
         waits = session.residual_tests is None and LEARNED in self.choice.options  # whether it is still offered

@@ -108,9 +108,7 @@ class FitPanel(FollowsModel):
         self.update_residuals(view)
 
     def update_faces(self, view: View, problem: str = "") -> None:
-        """Show whether full poses can be fitted and how faces were labelled; `problem` is the reason if labelling
-        failed.
-        """
+        """Show whether full poses can be fitted and how faces were labelled; `problem`: why labelling failed."""
         searches = view.session.searches
         if problem or self._unlabelled is None or self._unlabelled[0] is not searches:
             self._unlabelled = (searches, problem) if problem else None
