@@ -215,9 +215,7 @@ def corrected_joints(
 
 
 def _known_kind(nominal: Robot, sigma_rad: Array | None, uncorrected_rad: Array) -> str:
-    """ "pose" where a fit supports correcting the attitude: six joints, attitude sigma well below its error; else
-    "position".
-    """
+    """ "pose" where a fit supports correcting the attitude (six joints, small attitude sigma); else "position"."""
     if nominal.n_joints < 6:
         return "position"
     if sigma_rad is None:

@@ -44,7 +44,7 @@ Tell = Callable[[str], None]  # called with a line of text before each stage
 
 @dataclass(frozen=True)
 class AddEffect:
-    """Move that adds the effect with clearly most evidence, with the new fit; earlier effects' members are reselected."""
+    """Move that adds the effect with clearly most evidence, with the new fit; earlier effects are reselected."""
 
     candidate: Candidate
     log_bayes_factor: float | None  # over the next candidate

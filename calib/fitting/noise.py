@@ -102,8 +102,7 @@ class Moments:
         return Moments(self.of_point[keep], self.gap, self.in_poses)
 
     def products(self, drifts: Sequence[CorrelatedDrift], rows: Array) -> Iterator[tuple[Array, float]]:
-        """Products rows^T C^-1 rows (K, K) of rows (M, 3, K), summed over axes, for each drift; and log det C of one
-        axis.
+        """Products rows^T C^-1 rows (K, K) of rows (M, 3, K), summed over axes, per drift; and log det C of one axis.
 
         Computed by Woodbury's identity with the drift at each moment as the unknown.
         """

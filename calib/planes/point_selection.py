@@ -1,4 +1,4 @@
-"""Selection of a scan's points: one per voxel without stray points, those near a place, those with finite coordinates."""
+"""Selection of a scan's points: one per voxel without stray points, those near a place, those with finite values."""
 
 from __future__ import annotations
 

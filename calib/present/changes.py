@@ -1,4 +1,4 @@
-"""Presentation of two calibrations compared, and of a cell measured again: differences, changes, undetectable changes."""
+"""Presentation of two calibrations compared, and of a cell measured again: what changed, what could go undetected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Presentation of a check of a dataset: whether it passes, and the finding of each step from corners to held-out error."""
+"""Presentation of a check of a dataset: whether it passes, and the finding of each step."""
 
 from __future__ import annotations
 

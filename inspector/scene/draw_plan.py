@@ -1,4 +1,4 @@
-"""Drawing of a plan: planned places of the jig, lines of sight, the scanner's field, and the arm at one planned pose."""
+"""Drawing of a plan: planned places of the jig, lines of sight, the scanner's field, the arm at one planned pose."""
 
 from __future__ import annotations
 

@@ -80,7 +80,10 @@ class Uploads:
         refused: Callable[[int, str], None],
         limits: UploadLimits | None = None,
     ) -> None:
-        """`folder`: parent of the hidden upload folder; `done`, `answer`, `refused`: callbacks, called with the page."""
+        """Uploads into a hidden folder below `folder`, which is made where it is missing and removed at the end.
+
+        `done`, `answer`, `refused`: called with the file, with viser's acknowledgement, with the reason, and the page.
+        """
         self.folder, self.limits = folder, limits or UploadLimits()
         self.button = ""  # uuid of the one widget that files may come from
         self._done, self._answer, self._refused = done, answer, refused

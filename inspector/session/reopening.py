@@ -1,4 +1,4 @@
-"""Reopening of a saved session: its dataset is found, its fits repeated, and differences from saved figures reported."""
+"""Reopening of a saved session: find its dataset, repeat its fits, report differences from the saved figures."""
 
 from __future__ import annotations
 

@@ -421,7 +421,7 @@ class NonlinearStiffness(CatalogueEffect):
 
 @dataclass(frozen=True)
 class LinkTorsion(CatalogueEffect):
-    """A link that twists about its own axis: its end turns by c times the moment along the axis of all later weights."""
+    """A link that twists about its own axis: its end turns by c times the moment about the axis of later weights."""
 
     joint: int  # the joint that moves the link
     name = "link_torsion"

@@ -113,7 +113,7 @@ class WarmUp(ShapedEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member per time constant T of a small grid, up to three times the measurement's duration."""
+        """The family with one member per time constant T of a small grid, up to thrice the measurement's time."""
         poses = dataset.poses
         if poses.time_s is None:
             return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")

@@ -32,9 +32,7 @@ class Following:
 
 
 def followings(file: XmlFile, moving: Sequence[UrdfJoint]) -> tuple[Following, ...]:
-    """Dependence of each mimic joint on others. Raises RobotFileError for masters outside the arm, circles, unlike
-    types.
-    """
+    """Dependence of each mimic joint on others. Raises RobotFileError for masters off the arm, circles, mixed types."""
     by_name = {joint.name: i for i, joint in enumerate(moving)}
     return tuple(_following(file, moving, by_name, i) for i in range(len(moving)))
 

@@ -136,9 +136,7 @@ class NonlinearStiffness(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class LinkTorsion(SampledEffect):
-    """Torsion of each link, a tube from its joint's origin to the next one's, by the moment along it of all later
-    weights.
-    """
+    """Torsion of each link, a tube from its joint's origin to the next, by the moment along it of all later weights."""
 
     name = "link_torsion"
     magnitude_fields = ("c_rad_per_nm",)
