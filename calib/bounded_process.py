@@ -25,7 +25,7 @@ _ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_TH
 
 @dataclass(frozen=True)
 class ProcessLimits:
-    """What one request may use: time of the processor, memory, size of the answer."""
+    """Limits of one request in a bounded process: processor time, memory, size of the answer."""
 
     seconds: float = 30.0
     memory_bytes: int = 1024**3  # in addition to what the imports take

@@ -22,7 +22,7 @@ _LEAST_EIGENVALUE = 1e-6  # of the Gram matrix; at zero the three normals lie in
 
 @dataclass(frozen=True)
 class Outline:
-    """Where the three faces end, seen from the apex.
+    """Outline of the three faces of a jig, seen from the apex.
 
     Edge i does not lie in face i: it is the common border of the other two faces.
     """

@@ -27,7 +27,7 @@ MAX_TOLERANCE = 1e6  # mm or rad; `prior=False` is the way to have none
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Options of a fit, checked when made. A result keeps its options, and every refit uses them.
+    """Options of a fit, checked when made; a result keeps its options for every refit.
 
     Raises FitError, which names the option, the value that was found, and the values that are possible.
 

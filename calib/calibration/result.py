@@ -66,7 +66,7 @@ class FittedResult:
 
     @property
     def parameters(self) -> pd.DataFrame:
-        """One row per free parameter: name, nominal, value, change, sigma, tolerance, unit, known."""
+        """Table with one row per free parameter: name, nominal, value, change, sigma, tolerance, unit, known."""
         return self.calibration.to_frame()
 
     @property
@@ -76,7 +76,7 @@ class FittedResult:
 
     @property
     def robot(self) -> Robot:
-        """The robot with the fitted table; where the model has effects, right only together with them."""
+        """The robot with the fitted table; a model with effects is right only as a whole."""
         return self.calibration.model.calibrated_robot(self.calibration.fit.x)
 
     def predict(self, q: ArrayLike, conditions: Poses | None = None, target: str = TOOL_POINT) -> Array:
@@ -160,7 +160,7 @@ class Calibration(FittedResult, Presented):
 
     @property
     def calibration(self) -> Calibration:
-        """The calibration itself."""
+        """This calibration, for the interface of `FittedResult`."""
         return self
 
     @cached_property
@@ -194,7 +194,7 @@ class Calibration(FittedResult, Presented):
 
     @cached_property
     def trained(self) -> TrainedRange:
-        """Joint ranges of the fitted poses."""
+        """Range of each joint over the fitted poses."""
         return TrainedRange.of(self.dataset, self.outliers)
 
     @property
@@ -239,7 +239,7 @@ class Calibration(FittedResult, Presented):
 
     @property
     def worse_than_nominal(self) -> str:
-        """Sentence on a rise of the test poses' error (without test poses, the training poses'); "" where it fell.
+        """Sentence on a rise of the test poses' error (without test poses, the training poses'); "" without a rise.
 
         The training error can rise in a fit of distances, or without a prior.
         """
@@ -272,7 +272,7 @@ class Calibration(FittedResult, Presented):
             )
 
     def to_frame(self) -> pd.DataFrame:
-        """One row per free parameter: name, nominal, value, change, sigma, tolerance, unit, and whether it is known.
+        """Table with one row per free parameter: name, nominal, value, change, sigma, tolerance, unit, known.
 
         A parameter is known where its sigma is below half of its tolerance.
         """

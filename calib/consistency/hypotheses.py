@@ -31,7 +31,7 @@ _NAMED_ROWS = 6  # that a sentence tells one by one
 
 @dataclass(frozen=True, eq=False)
 class DataHypothesis:
-    """A possible mistake in the data; fields at their default leave the dataset as it is."""
+    """A possible mistake in the data; fields at their default leave the dataset unchanged."""
 
     kind: str
     mistake: str  # a clause: "joint 6 turns the other way than robot.toml says"
@@ -170,7 +170,7 @@ def _and(words: Sequence[str]) -> str:
 
 
 def of_units(robot: Robot, sample: Sample) -> Iterator[DataHypothesis]:
-    """Hypotheses of other units of points, angles and slides; the points' unit is judged by their spread."""
+    """Hypotheses of other units of points, angles and slides; other units of points are tested by their spread."""
     turns = robot.is_revolute
     deg = np.pi / 180.0
     angles = {

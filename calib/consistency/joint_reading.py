@@ -27,7 +27,7 @@ class JointReading:
 
     @classmethod
     def plain(cls, joints: int) -> JointReading:
-        """The reading that takes every column as it is."""
+        """The reading that leaves every column unchanged."""
         return cls(tuple(range(joints)), (1.0,) * joints, (0.0,) * joints)
 
     @property

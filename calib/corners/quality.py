@@ -1,4 +1,4 @@
-"""Quality figures of a corner, and the warnings that follow from them."""
+"""Quality figures of a corner, and warnings derived from them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class FaceQuality:
 
 @dataclass(frozen=True)
 class CornerQuality(Brief):
-    """Quality figures of a corner, and the warnings that follow from them."""
+    """Quality figures of a corner, and warnings derived from them."""
 
     faces: tuple[FaceQuality, FaceQuality, FaceQuality]
     angles_deg: tuple[float, float, float]  # as measured, between faces 1-2, 2-3, 3-1

@@ -1,4 +1,4 @@
-"""From a scan to the corner of the jig (Jang 2025, section 2, then refinement on all inliers)."""
+"""Search of a scan for the corner of the jig (Jang 2025, section 2, then refinement on all inliers)."""
 
 from __future__ import annotations
 

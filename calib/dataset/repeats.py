@@ -1,4 +1,4 @@
-"""Repeats: several measurements at the same joint values under the same conditions, the repeat group they form.
+"""Repeats: several measurements at the same joint values under the same conditions, which form a repeat group.
 
 The repeats of one group share whatever a model of the arm lacks, so a fit takes their mean as one observation
 (`average_repeats`). Their scatter measures the instrument's repeatability (`find_repeats`; Jang 2025, Table 1).
@@ -246,7 +246,7 @@ class RepeatCount:
 
     @property
     def note(self) -> str:
-        """Sentence with both counts, which says that the repeats of a group are averaged."""
+        """Sentence with the numbers of measured points and repeat groups, which says that repeats are averaged."""
         return (
             f"{self.repeats} points were measured in {self.groups} repeat groups of equal joints and conditions: each "
             "group counts once, by the mean of its repeats"

@@ -39,7 +39,7 @@ class MainValue:
 
 
 def main_value(member: Effect, calibration: Calibration) -> MainValue | None:
-    """Main value of a member as a fit has it; None where nothing of the member was fitted."""
+    """Main value of a member as fitted; None where no parameter of the member was fitted."""
     fit = calibration.fit
     fitted = {p.name: (float(x), float(s)) for p, x, s in zip(fit.parameters, fit.x, fit.sigma, strict=True)}
     known = [p for p in member.parameters if full_name(member, p) in fitted]

@@ -41,7 +41,7 @@ def is_convincing(candidate: Candidate) -> bool:
 
 
 def rank_candidates(screening: Screening) -> tuple[Candidate, Candidate | None, tuple[Candidate, ...]]:
-    """The best candidate, the one to compare it with, and the contenders, () where the best has clearly most evidence.
+    """Best candidate, candidate to compare it with, and contenders; contenders are () where the best clearly leads.
 
     A contender could explain most of what the best one explains, and has as much evidence within
     `MIN_LOG_BAYES_FACTOR`. A candidate that explains something else is none: it may be a second cause, and is tested

@@ -126,7 +126,7 @@ def whole_diagnosis(space: SearchSpace, tell: Tell) -> Diagnosis:
 
 @dataclass(frozen=True)
 class Model:
-    """A model on the way from the link errors to a verdict, with the moves' settings and steps so far."""
+    """A model on the way from the link errors to a verdict, with the steps that led to it."""
 
     steps: tuple[FitStep, ...]  # that led to it
     dropped: frozenset[str] = frozenset()  # effects that are not to be added, as they were dropped before
@@ -234,7 +234,8 @@ def _searched(space: SearchSpace, tell: Tell, rival: str = "") -> Diagnosis:
 
 
 def _with_noise_as_shown(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> Diagnosis | None:
-    """Diagnosis with points weighted by the estimated noise shape; None where no shape is found or it is not accepted.
+    """Diagnosis under the estimated noise shape; None where no shape is found, or the diagnosis with it is not
+    accepted.
 
     Repeated measurements are believed whatever else is left.
     """
@@ -288,7 +289,7 @@ def _of_all_poses(rest: Diagnosis, outliers: tuple[str, ...]) -> Diagnosis:
 
 
 def _curves_to_add(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> AddCurves | None:
-    """Curves of the joints, where a residual is left that no effect explains; None where they are not to be added.
+    """Move that adds learned curves, where no effect explains the residual; None where curves are not to be added.
 
     They are offered only if (1) the verdict is `unexplained`, or `ambiguous` and their log evidence exceeds twice that
     of the best candidate by `MIN_LOG_BAYES_FACTOR`; (2) the only effect was not refused for a reason that leaves doubt,

@@ -45,7 +45,7 @@ class Headline:
 
     @property
     def reached_noise(self) -> bool:
-        """Whether the last error is at the noise; False where the noise is known from the fit's residual only."""
+        """Whether the last error is no larger than noise; False where the noise is known from the fit's residual only."""
         ratio = self.noise_ratio
         return ratio is not None and self.noise.source != FIT and ratio <= NOISE_AGREES
 
@@ -99,7 +99,7 @@ def _error_mm(calibration: Calibration, of_test_poses: bool, *, before: bool = F
 
 
 def held_out_beyond_noise(calibration: Calibration, noise_mm: float) -> HeldOutError | None:
-    """Error of the test poses where it is larger than noise of a sigma `noise_mm` per coordinate leaves; else None."""
+    """Error of the test poses where it exceeds that by noise of `noise_mm` per coordinate; else None."""
     test = calibration.after.test
     if test is None or not noise_mm > 0.0 or test.rmse_mm <= NOISE_AGREES * math.sqrt(3.0) * noise_mm:
         return None

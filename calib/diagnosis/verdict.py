@@ -1,4 +1,4 @@
-"""The findings of a diagnosis, and the one function that decides the verdict from them: `conclude`."""
+"""The findings of a diagnosis, and `conclude`, the one function that decides the verdict from the findings."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def curves_outweigh(members: tuple[SmoothJointError, ...], log_evidence: float, 
 
 @dataclass(frozen=True)
 class ConfoundedSet:
-    """An effect in the model, and the effects that these data cannot distinguish from it."""
+    """An effect in the model, with the effects that these data cannot distinguish from it."""
 
     effect: str
     equivalent: tuple[str, ...]  # effects with the same columns at these poses
@@ -86,7 +86,7 @@ class Refusal:
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """All that a search found on a dataset. The verdict is no part of it: `conclude` derives it."""
+    """All findings of a search on a dataset, without the verdict, which `conclude` derives."""
 
     steps: tuple[FitStep, ...]  # link errors, then one for each effect added (learned curves last), each screened
     all_tests: ResidualTests  # of the residual of the last fit without learned curves
@@ -127,7 +127,7 @@ class Findings:
 
     @property
     def added(self) -> tuple[AddedEffect, ...]:
-        """Each effect that the search added, with its evidence and the residual before it."""
+        """Each effect that the search added, with its evidence and the residual before the addition."""
         return tuple(
             AddedEffect(after.effect, after.candidate.log_evidence, before.screening.projected)
             for before, after in pairwise(self.steps)

@@ -42,7 +42,7 @@ from calib.kinematics.robot import Robot
 
 @dataclass(frozen=True)
 class Parameter:
-    """One unknown number. `scale` is its usual size, in `unit`: the prior's sigma and the solver's unit for it."""
+    """One unknown number; `scale` is its usual size, in `unit`: the prior's sigma and the solver's unit."""
 
     name: str  # a Python identifier, the keyword by which `apply` gets the value
     unit: str  # "mm", "rad", "rad/Nm" ...; tables and pages show radians as degrees
@@ -68,7 +68,7 @@ class NaturalBound:
 
 @runtime_checkable
 class Effect(Protocol):
-    """The interface of every effect: its parameters, and `apply`, which takes a value for each of them by name."""
+    """The interface of every effect: its parameters, and `apply`, with a keyword for each parameter's value."""
 
     @property
     def parameters(self) -> Sequence[Parameter]:
@@ -173,7 +173,9 @@ class CatalogueEffect(ABC):
     @classmethod
     @abstractmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Family for a robot and the conditions of its poses; marked as untestable, with the reason, without data."""
+        """Family for a robot and the conditions of its poses; marked as untestable, with the reason, where data are
+        missing.
+        """
 
 
 _CATALOGUE = "calib.effects.catalogue."
@@ -298,7 +300,7 @@ def is_held_by_prior(effect: Effect) -> bool:
 
 
 def is_linear(effect: Effect) -> bool:
-    """Whether the effect declares, by `linear = True`, that it adds to the state in proportion to each parameter."""
+    """Whether the effect declares, by `linear = True`, that its change of the state is proportional to each parameter."""
     return getattr(effect, "linear", False) is True
 
 

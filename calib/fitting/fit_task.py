@@ -31,7 +31,7 @@ class Fitted:
 
 @dataclass(frozen=True)
 class FitTask:
-    """A model, the points to fit it to, and the options of the fit."""
+    """A model with the points for its fit and the options of the fit."""
 
     model: Model
     geometry: tuple[Effect, ...]  # the first of its effects, with the tolerances that were asked for

@@ -79,14 +79,14 @@ class Model(Brief):
 
     @property
     def at_tool(self) -> Model:
-        """This model for the tool in the base frame, also where the arm carries the scanner."""
+        """This model with predictions of the tool in the base frame, also where the arm carries the scanner."""
         if not self.robot.carries_scanner:
             return self
         return replace(self, robot=replace(self.robot, carries_scanner=False))
 
     @property
     def added_effects(self) -> tuple[Effect, ...]:
-        """The effects other than the corrections of robot.toml, in the order they were added."""
+        """The effects other than the corrections of robot.toml, in their order of addition."""
         return tuple(effect for effect in self.effects if not corrects_robot(effect))
 
     @property
@@ -96,7 +96,7 @@ class Model(Brief):
 
     @property
     def family_names(self) -> tuple[str, ...]:
-        """Families of the added effects, each once, in the order they were added."""
+        """Families of the added effects, each once, in their order of addition."""
         return tuple(dict.fromkeys(family_name(effect) for effect in self.added_effects))
 
     @property

@@ -111,7 +111,7 @@ def free_directions(robot: Robot, fixed: Collection[str]) -> Array:
 
 
 def fixed_behind_tool_point(robot: Robot, observed: Observations) -> tuple[str, ...]:
-    """Names of parameters behind the last axis that stay fixed because a tool point of its own replaces them.
+    """Names of parameters behind the last axis that stay fixed, as an independent tool point takes their place.
 
     They move the point as its own place does, or turn the tip about it. () where the tool point is the end of the
     tool's row; the tool's row alone where further targets on the last link determine its orientation.
@@ -192,7 +192,9 @@ class ToolPointProblem:
 
     @classmethod
     def of(cls, observed: Observations, robot: Robot, nominal_mm: Array, directions: Array) -> ToolPointProblem:
-        """The problem for the observed points of the tool; further targets are left out, as they do not depend on p."""
+        """The problem for the observed points of the tool; further targets do not depend on the tool point p and are
+        left out.
+        """
         poses, row = observed.used_poses
         is_tool = observed.points.target == "jig"
         flange = kinematics.forward(robot.table, poses.q, robot.is_revolute, robot.base_T_first).base_T_flange[

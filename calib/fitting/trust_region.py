@@ -266,7 +266,7 @@ class _Descent:
                 return self._stop(True, "the residual is at the level of rounding")
 
     def _drop(self, step: Array, weight: float, objective: float) -> tuple[float, float]:
-        """Decrease of the objective by a step, and the cost of the data after it."""
+        """Decrease of the objective by a step, and the cost of the data after the step."""
         z = self.z + step
         residual = self.residuals.residual(z * self.scales)
         cost = float(residual @ residual) if np.all(np.isfinite(residual)) else np.inf

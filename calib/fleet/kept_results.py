@@ -48,7 +48,9 @@ class KeptResults:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Lock of the folder for one run. Raises DatasetError where another run has it, or no folder can be made."""
+        """Lock of the folder for one run. Raises DatasetError where another run has locked the folder, or none can be
+        made.
+        """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             lock = (self.folder / ".lock").open("a")

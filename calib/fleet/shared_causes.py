@@ -1,4 +1,4 @@
-"""Causes that several arms of a fleet share, and what those arms have in common.
+"""Causes that several arms of a fleet share, and common properties of these arms.
 
 A cause is an effect on one joint that a diagnosis claims. Its arms are compared with every site, every value of a
 further key of [about] (a gear's batch), and every range of serial numbers by Fisher's exact test, one-sided: is the
@@ -93,7 +93,7 @@ def _by_robot(arms: Sequence[Row]) -> dict[str, list[Row]]:
 
 
 def _causes(row: Row) -> dict[Cause, EffectSize]:
-    """Effects claimed by the diagnosis of an arm, by effect and joint, without joints that hardly show them."""
+    """Effects claimed by the diagnosis of an arm, by effect and joint, without joints that hardly show the effect."""
     claimed = [size for size in row.sizes if size.effect in row.missing]
     most = {
         effect: max(size.moves_mm for size in claimed if size.effect == effect)

@@ -58,7 +58,7 @@ class Redundancy(Presented):
         return {name: reason for name, reason in why.items() if name not in self.independent}
 
     def to_frame(self) -> pd.DataFrame:
-        """Pearson matrix with the parameters' names."""
+        """Pearson matrix as a table labelled with the parameters' names."""
         return pd.DataFrame(self.pearson, index=self.parameters, columns=self.parameters)
 
     def _brief(self) -> str:

@@ -70,7 +70,7 @@ class HandEye:
 
 
 def with_world_targets(robot: Robot, position_mm: Mapping[str, Array]) -> Robot:
-    """Robot with targets added at positions (3,) in the world, mm in the base frame; targets that it has are kept."""
+    """Robot with targets added at positions (3,) in the world, mm in the base frame; its existing targets are kept."""
     known = {target.name for target in robot.targets if target.in_world}
     added = [
         Target(name, _vector(xyz_mm), POSITION_SIGMA_MM, in_world=True)

@@ -52,7 +52,7 @@ def member_document(effect: Effect) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """A value as numbers, texts, lists and mappings; a dataclass by its fields, without those at their default."""
+    """A value as numbers, texts, lists and mappings; dataclasses become mappings of the fields not at their default."""
     if isinstance(value, Robot):  # it is in the file already
         return None
     if is_dataclass(value) and not isinstance(value, type):
@@ -100,7 +100,7 @@ def member_from(
 
 
 def _own_fields(kind: type) -> set[str]:
-    """Names of the fields that each member of a class has, those without a default."""
+    """Names of the fields without a default, which each member of a class has."""
     return {f.name for f in fields(kind) if f.default is MISSING and f.name != _ROBOT}
 
 

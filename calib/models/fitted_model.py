@@ -97,12 +97,12 @@ class FittedModel(Presented):
 
     @property
     def robot(self) -> Robot:
-        """The robot with the fitted table; where the model has effects, right only together with them."""
+        """The robot with the fitted table; a model with effects is right only as a whole."""
         return self.model.calibrated_robot(self.x)
 
     @property
     def parameters(self) -> pd.DataFrame:
-        """One row per free parameter: name, nominal, value, change, sigma, tolerance, unit."""
+        """Table with one row per free parameter: name, nominal, value, change, sigma, tolerance, unit."""
         parameters = self.model.parameters
         return pd.DataFrame(
             {

@@ -149,7 +149,7 @@ def _options(file: JsonFile, document: ModelDocument) -> FitOptions:
 def _model(
     file: JsonFile, document: ModelDocument, robot: Robot, effects: Sequence[Effect], options: FitOptions
 ) -> Model:
-    """The model of a file. Raises the file's error where its free parameters are not those of the effects."""
+    """Model of a file's content. Raises the file's error where the free parameters are not those of the effects."""
     loads = None
     if document.loads_table is not None:
         loads = robot.with_table(_table(file, "loads_table", document.loads_table, robot))

@@ -42,7 +42,7 @@ class PlaneFit:
 
 
 class PlaneAxes(Protocol):
-    """Plane with the point and the two directions in it that its height and slopes refer to."""
+    """Plane with the reference point and the two directions of its height and slopes."""
 
     @property
     def centre_mm(self) -> Array: ...  # (3,)

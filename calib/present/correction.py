@@ -55,7 +55,7 @@ def _remarks(correction: Correction) -> list[str]:
 
 
 def attitude_phrase(correction: Correction) -> str:
-    """Phrase on the uncertainty of the tool's attitude and whether it is corrected; "" where the fit does not know."""
+    """Phrase on the uncertainty of the tool's attitude and whether it is corrected; "" where it is not known."""
     sigma_rad = correction.attitude_sigma_rad
     if sigma_rad is None or not len(correction.q):
         return ""

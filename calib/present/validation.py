@@ -1,4 +1,4 @@
-"""Presentation of a model's errors at poses it was not fitted to: cross-validation, learning curve, saved model."""
+"""Presentation of a model's errors at poses outside its fit: cross-validation, learning curve, saved model."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def learning_curve_blocks(curve: LearningCurve) -> list[Block]:
 
 
 def learning_curve_verdict(curve: LearningCurve) -> Verdict:
-    """Verdict whether more poses would help, and which error remains where they would not."""
+    """Verdict on whether more poses would help, and on the remaining error where more would not."""
     last = curve.steps[-1]
     words, colour = _more_poses(curve)
     ratio = last.held_out_rmse_mm / last.train_rmse_mm if last.train_rmse_mm > 0.0 else 1.0

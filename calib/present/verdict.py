@@ -184,7 +184,7 @@ def _causes(diagnosis: Diagnosis, keys: Sequence[str]) -> list[Cause]:
 
 
 def cause(found: Cause, calibration: Calibration) -> Words:
-    """Text on an effect: its noun and joints, its size, and where it is largest."""
+    """Text on an effect: its noun and joints, its size, and the pose where it is largest."""
     noun = "" if found.leading is None else describe(found.leading).noun
     key: Words = spans(" (", effect(found.effect), ")")
     if not noun:

@@ -95,7 +95,7 @@ class LinearResidual:
         return np.asarray(np.einsum("mij,mj->mi", turn, along))
 
     def weights(self, shape: NoiseShape) -> Array | None:
-        """(M,) weights of the points under the tails of the shape; None where it has none."""
+        """(M,) weights of the points under the noise shape's heavy tails; None for a shape without."""
         if shape.tail is None:
             return None
         return student_weights(np.sum(self.standardised(shape) ** 2, axis=1), shape.tail)

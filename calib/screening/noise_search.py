@@ -57,7 +57,7 @@ class ShownNoise:
 
 @dataclass(frozen=True)
 class AddedEffect:
-    """An effect that a search added, with its evidence and the residual before it."""
+    """An effect that a search added, with its evidence and the residual before the addition."""
 
     effect: str
     log_evidence: float
@@ -65,7 +65,7 @@ class AddedEffect:
 
 
 def noise_of_repeats(dataset: Dataset) -> ShownNoise | None:
-    """Noise shape estimated from repeated measurements, before any fit; None where they show the declared one."""
+    """Noise shape estimated from repeated measurements, before any fit; None where repeats show no other than declared."""
     scatter = scatter_of_repeats(dataset)
     if scatter is None:
         return None
@@ -144,7 +144,7 @@ def find_shape(
     drifts: bool = True,
     start: NoiseShape = DECLARED,
 ) -> FoundShape | None:
-    """Noise shape of a residual, where it differs from the declared one; None where it does not.
+    """Noise shape of a residual, where it differs from the declared one; None where none is better.
 
     Args:
         residual: at M points.

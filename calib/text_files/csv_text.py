@@ -28,7 +28,7 @@ _GUARDED = re.compile(rf"'+{_FORMULA.pattern}")
 
 
 def as_number(cell: str) -> float | None:
-    """The finite number in a cell; None where it holds none. Neither 1_0 nor digits of other scripts are numbers."""
+    """Finite number in a cell; None for a cell without one. Neither 1_0 nor digits of other scripts are numbers."""
     try:
         value = float(cell) if cell.isascii() and "_" not in cell else math.nan
     except ValueError:

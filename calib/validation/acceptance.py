@@ -52,7 +52,7 @@ MAX_SHARE_DROPPED = 0.5  # share of a scan's points without a value; more is a w
 
 @dataclass(frozen=True)
 class ThinScans(Brief):
-    """Scans of which more than half of the points have no value."""
+    """Scans in which more than half of the points have no value."""
 
     count: int
     scans: int  # of so many
@@ -196,7 +196,7 @@ class Check(Presented):
 
     @property
     def warnings(self) -> tuple[CheckItem, ...]:
-        """Items that are warnings; they do not decide."""
+        """Items that are warnings, which do not decide the check."""
         return tuple(item for item in self.items if item.warning)
 
     def _brief(self) -> str:

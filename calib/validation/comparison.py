@@ -193,7 +193,7 @@ def _changes(
     kernel: Array,
     scales: Array,
 ) -> tuple[tuple[ParameterChange, ...], float, float]:
-    """Fewest changes of single parameters that explain the difference, with its p-values before and after them.
+    """Fewest changes of single parameters that explain the difference; p-value without changes, and with these.
 
     Generalised least squares along the directions that the data know, one more parameter at a time.
     """

@@ -36,7 +36,7 @@ SUSPICIOUS = 1.5  # held-out over training error, in multiples of its value by n
 
 @dataclass(frozen=True)
 class Fold(Brief):
-    """Errors of one fold of poses by the fit without them."""
+    """Errors at one fold of poses, by the fit to all other poses."""
 
     poses: tuple[str, ...]  # held out
     train: Figures
@@ -85,7 +85,7 @@ class CrossValidation(Presented):
         return check_sigma(self.whole)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row per held-out pose: setup, fold, points, RMS over its points before and after, distance error."""
+        """Table with one row per held-out pose: setup, fold, points, RMS before and after, distance error."""
         fold_of = {pose: k + 1 for k, fold in enumerate(self.folds) for pose in fold.poses}
         points = self.after.to_frame(self.dataset)
         points["nominal_mm"] = self.before.to_frame(self.dataset)["error_mm"]

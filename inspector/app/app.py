@@ -107,7 +107,7 @@ class App:
         self.open(start)
 
     def _count_pages(self, _: viser.ClientHandle) -> None:
-        """Tell the user where several pages are open: one server shows the same in all of them."""
+        """Tell the user when several pages are open, since one server shows the same in all pages."""
         self.worker.submit("pages", lambda: self.panels.review.show_pages(len(self.server.get_clients())))
 
     def close(self) -> None:
@@ -178,7 +178,7 @@ class App:
             self.dataset.analyse_as_chosen()
 
     def take(self, what: str, client: viser.ClientHandle) -> None:
-        """Make a file and send it to the page that asked for it."""
+        """Make a file and send it to the page of the request."""
         self.downloads.take(what, client)
 
     def select(self, pose: int) -> None:
@@ -228,7 +228,7 @@ class App:
         self.worker.submit("select", lambda: self.dataset.select(self._wanted))
 
     def show_view(self, name: str) -> None:
-        """Show the layers of a view and move the camera to it."""
+        """Show the layers of a view and move the camera to its position."""
         if name in VIEWS:
             self.worker.submit("view", lambda: self.stage.choose_view(name))
 
@@ -306,9 +306,7 @@ class App:
             self.watch()
 
     def watch(self, forget: bool = False) -> None:
-        """Show what changed between the calibration on show and the chosen later datasets; `forget` clears the
-        choice.
-        """
+        """Show the changes between the calibration on show and the chosen later datasets; `forget` clears the choice."""
         if self.state.view is not None:
             self.worker.submit("watch", lambda: self.watching.show(forget))
 
@@ -332,7 +330,7 @@ class App:
         self.worker.submit("planned", lambda: self.planning.select(pose))
 
     def take_plan(self, what: str, client: viser.ClientHandle) -> None:
-        """Send a file of the plan to the page that asked for it."""
+        """Send a file of the plan to the page of the request."""
         self.worker.submit(("take plan", what, client.client_id), lambda: self.planning.take(what, client))
 
     def redundancy(self, residual: str) -> None:

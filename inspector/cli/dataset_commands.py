@@ -128,7 +128,7 @@ def without(dataset: Dataset) -> list[str]:
 
 
 def measured(dataset: Dataset, *, orientation: bool = False) -> Dataset:
-    """Dataset with points, found in its scans where it has none; with the jig's orientation on request."""
+    """Dataset with points (found in its scans if it has none), and with the jig's orientation on request."""
     if dataset.points is not None:
         return dataset
     return with_corners(dataset, searched(dataset), orientation=orientation)

@@ -12,7 +12,7 @@ from inspector.session.view import View
 
 
 class HeadlinePanel:
-    """The headline as one piece of HTML, sent only when it has changed."""
+    """The headline as one piece of HTML, sent only after a change."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._html = gui.add_html("")

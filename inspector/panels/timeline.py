@@ -40,7 +40,7 @@ class TimelinePanel:
         self._actions.at_time(clamped(value, low, high, low) * self._unit_s)
 
     def playing(self, running: bool) -> None:
-        """Label the button to stop playback while it runs."""
+        """Label the button to stop playback while playback runs."""
         self.play.label = PAUSE if running else PLAY
         self.play.icon = viser.Icon.PLAYER_PAUSE if running else viser.Icon.PLAYER_PLAY
 

@@ -44,7 +44,7 @@ class PageRequests:
         self._asks: dict[str, Ask] = {}
 
     def on(self, name: str, ask: Ask) -> None:
-        """Register the handler of all requests with this name; it is called with the request's value."""
+        """Register the handler of all requests with a name; the handler is called with the request's value."""
         self._asks[name] = ask
 
     def respond(self, target: str, headers: Headers, *, own_host: bool) -> Response | None:

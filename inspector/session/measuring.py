@@ -1,4 +1,4 @@
-"""Changes of a session while it is measured: search a scan, label the jig's faces, analyse redundancy."""
+"""Changes of a session during measurement: search a scan, label the jig's faces, analyse redundancy."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ class ScanCache:
         self.medians[pose] = np.full(3, np.nan) if empty else np.median(scan.points_mm, axis=0)  # type: ignore[union-attr]
 
     def next(self, first: int, tried: set[int]) -> int | None:
-        """Next scan to search: that of pose `first` or the first one after it."""
+        """Next scan to search, from that of pose `first` on."""
         if self._dataset is None:
             return None
         for k in range(len(self._dataset.poses)):

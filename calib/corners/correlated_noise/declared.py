@@ -1,4 +1,4 @@
-"""Correlated error of a scanner as dataset.toml declares it, where a scan does not show it."""
+"""Correlated error of a scanner as declared in dataset.toml, where the scan itself does not show it."""
 
 from __future__ import annotations
 

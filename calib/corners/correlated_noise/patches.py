@@ -1,4 +1,4 @@
-"""Patches of a plane's points: their mean heights over it, and the coordinates that the kernels need.
+"""Patches of a plane's points: mean heights over the plane, and coordinates for the covariance kernels.
 
 A covariance of some hundred means shows as much of a correlated error as one of a hundred thousand points.
 """

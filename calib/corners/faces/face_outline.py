@@ -1,4 +1,4 @@
-"""Outline of a face, the triangle or rectangle of its two edges from the apex, and the points that lie in it.
+"""Outline of a face (triangle or rectangle of its two edges from the apex), and the points inside the outline.
 
 A point's coordinates along the two edges, from the apex, are its heights over the two other faces. They tell how much
 of a face is seen, and which points of the scan belong to it.
@@ -32,7 +32,7 @@ _PEELINGS = 4
 
 @dataclass(frozen=True)
 class FaceOutline:
-    """Outline of one face: the lengths of its two edges, and whether it is their rectangle or their triangle."""
+    """Outline of one face: the lengths of its two edges, and whether these span a rectangle or a triangle."""
 
     legs_mm: tuple[float, float]
     rectangular: bool = False

@@ -1,4 +1,4 @@
-"""Correction of pixels that see across an edge of the jig, in scans so coarse that they are much of a narrow face.
+"""Correction of pixels that see across an edge of the jig, for coarse scans where these are a large share of a face.
 
 A pixel reports a mean over what it sees, and a scanner smooths over neighbouring pixels. Near an edge that rounds the
 corner off. Where a face is many pixels wide its margins leave such points out; on a face seen at a flat angle, a few
@@ -275,7 +275,7 @@ def _inverse_ranges(planes: Sequence[PlaneFit], origin: Array) -> Array:
 def _range_moves(
     sight: _Sight, planes: Sequence[PlaneFit], face: int, origin: Array, grid: PixelGrid, jig: Jig
 ) -> Array:
-    """(N, 3) mm by which neighbours of each kind with a share of 1 move points along their rays, away where convex."""
+    """Moves (N, 3), mm, of points along their rays by mixing with a share of 1 with neighbours of each of three kinds."""
     inverse = _inverse_ranges(planes, origin)
     others = inverse - inverse[face]
     here, steps = others @ sight.ways.T, others @ grid.steps.T  # (3, N), (3, 2): of q_j - q_i

@@ -68,7 +68,7 @@ class TransmissionError(CatalogueEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Amplitudes of sine and cosine."""
+        """Amplitudes of the error's sine and cosine."""
         return harmonic(self.order, 3e-4)
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
@@ -144,7 +144,7 @@ class HighHarmonic(ShapedEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Amplitudes of sine and cosine."""
+        """Amplitudes of the error's sine and cosine."""
         return harmonic(self.order, 1e-4)
 
     def shapes(self, state: RobotState) -> Array:
@@ -266,7 +266,9 @@ class JointCoupling(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The last two joints, each driven by its neighbour before it, and the last by the one before that."""
+        """The family with one member for each drive: the last two joints by the joint before, the last also by the one
+        before that.
+        """
         n = dataset.robot.n_joints
         pairs = [(j, j - 1) for j in range(max(n - 2, 1), n)] + ([(n - 1, n - 3)] if n >= 3 else [])
         if n < 2:
@@ -276,7 +278,9 @@ class JointCoupling(CatalogueEffect):
 
 @dataclass(frozen=True)
 class CableDrag(ShapedEffect):
-    """A cable over two neighbouring joints that pulls one of them: harmonics of their sum, or of their difference."""
+    """A cable over two neighbouring joints that pulls one of them: harmonics of the sum, or difference, of their
+    angles.
+    """
 
     joint: int  # that is pulled
     other: int
@@ -304,7 +308,7 @@ class CableDrag(ShapedEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Amplitudes of sine and cosine; the other joint is in their names."""
+        """Amplitudes of the error's sine and cosine; the other joint is in their names."""
         way = "with" if self.sign > 0 else "against"
         return tuple(
             Parameter(f"{part}{self.order}_{way}_J{self.other + 1}_rad", "rad", 3e-4, f"{part} amplitude")

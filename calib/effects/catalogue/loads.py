@@ -125,7 +125,7 @@ class JointCompliance(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each joint; without masses, one whose unknowns include them."""
+        """The family with one member for each joint; where masses are not known, they are among the unknowns."""
         robot = dataset.robot
         if has_masses(robot):
             return Family(cls.name, tuple(cls(j) for j in range(robot.n_joints)))
@@ -171,7 +171,7 @@ class JointComplianceUnknownMasses(JointCompliance):
 
 @dataclass(frozen=True)
 class LinkBending(CatalogueEffect):
-    """A link that bends under its own weight and all beyond: a cantilever, c = L / EI (`GravityLoads.bending`).
+    """A link that bends under its own weight and later ones: a cantilever, c = L / EI (`GravityLoads.bending`).
 
     The part that turns about the next joint's axis is close to what compliance of that joint does; only the shift tells
     them apart.
@@ -223,7 +223,7 @@ class LinkBending(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each joint's link; without masses, one whose unknowns include them."""
+        """The family with one member for each joint's link; where masses are not known, they are among the unknowns."""
         robot, n_joints = dataset.robot, dataset.robot.n_joints
         if has_masses(robot):
             return Family(cls.name, tuple(map(cls, range(n_joints))))
@@ -303,7 +303,7 @@ class BaseCompliance(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member, for the whole arm; without masses, one whose unknowns include them."""
+        """The family with one member, for the whole arm; where masses are not known, they are among the unknowns."""
         if has_masses(dataset.robot):
             return Family(cls.name, (cls(),))
         member = BaseComplianceUnknownMasses(dataset.robot.n_joints + 1, _payload_varies(dataset))
@@ -473,7 +473,7 @@ class LinkTorsion(CatalogueEffect):
 
 @dataclass(frozen=True)
 class BearingClearance(CatalogueEffect):
-    """A bearing with clearance: the joint's axis leans by a fixed angle to the side that the moment pushes it to."""
+    """A bearing with clearance: the joint's axis leans by a fixed angle towards the side of the moment's push."""
 
     joint: int
     name = "bearing_clearance"

@@ -45,7 +45,7 @@ class ChangePoint:
         return re.sub(r"\W", "_", self.pose)
 
     def after(self, state: RobotState) -> Array:
-        """Indicator of the poses after the change: (N, 1), 1 from it on, 0 before."""
+        """Indicator (N, 1) of the poses after the change: 0 before, 1 from the first pose after it."""
         return (state.poses.order >= self.first).astype(float)[:, None]
 
 
@@ -58,7 +58,7 @@ def is_measured_for_training(dataset: Dataset) -> BoolArray:
 
 
 def change_points(dataset: Dataset) -> list[ChangePoint]:
-    """Change points before training poses, with enough of these before and after to determine a step there.
+    """Change points before training poses, each with enough training poses on both sides to determine a step.
 
     None near a change of setup, where the scanner's frame changes too.
     """
@@ -95,7 +95,7 @@ class Step(ShapedEffect):
     start: ChangePoint
 
     def shapes(self, state: RobotState) -> Array:
-        """Indicator of the poses after the step: (N, 1), 0 before, 1 from it on."""
+        """Indicator (N, 1) of the poses after the step: 0 before, 1 from the first pose after it."""
         return self.start.after(state)
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:

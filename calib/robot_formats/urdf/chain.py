@@ -253,7 +253,7 @@ def _carried(arm: ArmPath, link: str) -> Iterator[tuple[str, Array, UrdfJoint | 
 
 
 def _lump(arm: ArmPath, link: str) -> tuple[float, Vector]:
-    """Mass and centre of mass, in the link's frame, of a link and all that it carries up to the arm's next joint."""
+    """Mass and centre of mass, in the link's frame, of a link and all parts carried up to the arm's next joint."""
     mass_kg, moment = 0.0, np.zeros(3)
     for name, place, _ in _carried(arm, link):
         inertial = arm.tree.links[name]
@@ -265,7 +265,7 @@ def _lump(arm: ArmPath, link: str) -> tuple[float, Vector]:
 
 
 def _beside(arm: ArmPath) -> Iterator[UrdfJoint]:
-    """Moving joints carried by the arm that are not part of it, such as a gripper's."""
+    """Moving joints carried by the arm that are not part of the arm, such as a gripper's."""
     for joint in arm.moving:
         yield from (by for _, _, by in _carried(arm, joint.child) if by is not None and by.moves)
 

@@ -76,7 +76,7 @@ def _none(path: Path, promised: int | None) -> PointsAndNormals:
 
 
 def _counted(rows: list[str]) -> tuple[int | None, list[str]]:
-    """Number of points, where the first line is only that, else None; and the rows below it."""
+    """Number of points where the first line is only a number, else None; and the rows below."""
     first, second = ([line.strip() for line in rows[:2]] + ["", ""])[:2]
     if not _WHOLE_NUMBER.fullmatch(first) or _WHOLE_NUMBER.fullmatch(second):
         return None, rows

@@ -222,7 +222,7 @@ def _formula(
     k: int,
     worth: float,
 ) -> FoundFormula | None:
-    """Short formula in place of a curve; None where it explains less."""
+    """Short formula in place of a curve; None where the formula explains less."""
     name = candidate.modes.input
     direction = joint_directions(projected)[candidate.joint]
     return find_formula(

@@ -20,7 +20,7 @@ LEARNED = "smooth_joint_error"
 
 @dataclass(frozen=True, eq=False)
 class CurveModes:
-    """K curves over an input u, each a sum of harmonics, of unit size over the poses that they were learned from.
+    """K curves over an input u, each a sum of harmonics, scaled to unit size over the poses used for learning.
 
     f_k(u) = sum over n of W[2 i, k] sin(n phase) + W[2 i + 1, k] cos(n phase), phase = rate (u - start), u kept within
     [low, high]: a curve is bounded where nothing was measured.

@@ -90,7 +90,7 @@ class Arm:
 
     @cached_property
     def base_T_straight(self) -> tuple[Array, ...]:
-        """Frames, n times (N, 4, 4), at the end of link j before it bends."""
+        """Frames, n times (N, 4, 4), at the end of each link before bending."""
         return self._chain[2]
 
     @cached_property

@@ -67,7 +67,7 @@ class TargetStep(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class ScannerStep(SampledEffect):
-    """The scanner is knocked: p becomes c + exp(w) (p - c) + v from a pose on, c the middle of what it sees."""
+    """A scanner that is knocked: p becomes c + exp(w) (p - c) + v from a pose on, c the middle of its field."""
 
     name = "scanner_step"
     magnitude_fields = ("shift_mm", "turn_rad")

@@ -53,7 +53,7 @@ class ScannerDistortion(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class ScannerDrift(SampledEffect):
-    """A creeping scanner stand: p becomes exp(w t) p + v t, t from the first pose."""
+    """A scanner that creeps: a point p becomes exp(w t) p + v t, t from the first pose."""
 
     name = "scanner_drift"
     needs_conditions = True

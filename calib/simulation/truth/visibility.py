@@ -25,7 +25,7 @@ _ABSORBED = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class SimulatedCell:
-    """A true arm without effects at the poses where it will be measured."""
+    """A true arm without effects, at the poses of its simulated measurement."""
 
     nominal: Robot
     truth: Truth

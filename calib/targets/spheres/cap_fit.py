@@ -74,7 +74,7 @@ def ray_sines(points: Array, centre: Array, radius: float) -> tuple[Array, Array
 
 
 def fit_cap(points: Array, centre: Array, radius: float, band_mm: float, *, fixed: bool) -> CapFit | None:
-    """Fit of centre and radius to the cap's points, from a start that is good to `band_mm`; None where it fails.
+    """Fit of centre and radius to the cap's points, from a start accurate to `band_mm`; None where the fit fails.
 
     points  # (N, 3) scanner frame, the scanner at the origin. The radius stays as given where it is `fixed`. None where
     fewer than 12 points are on the sphere, or where they do not define it.
@@ -185,7 +185,7 @@ def _spacing(points: Array, centre: Array, radius: float) -> float:
 def _met_by_rays(
     points: Array, centre: Array, radius: float, sine: Array, over: Array, normals: Array
 ) -> tuple[Array, Array]:
-    """Distances (N,) over the surface and normals (N, 3) where each point's ray meets it; as given where it misses."""
+    """Distances (N,) over the surface, and normals (N, 3) where each point's ray meets the surface, else as given."""
     meets = sine < 1
     length = np.sqrt(np.einsum("ni,ni->n", points, points))
     ways = points[meets] / length[meets, None]

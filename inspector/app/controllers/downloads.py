@@ -1,4 +1,4 @@
-"""Downloads: files made in the background and sent only to the page that asks for them."""
+"""Downloads: files made in the background and sent only to the page of the request."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from inspector.session.view import View
 
 
 class PageState:
-    """State shared by the controllers and the stage; whoever changes it redraws what depends on it."""
+    """State shared by the controllers and the stage; code that changes it also redraws what depends on it."""
 
     def __init__(self, on_change: Callable[[View], None]) -> None:
         self._on_change = on_change  # told of every new view

@@ -103,7 +103,7 @@ class MissingEffectsPanel:
             put(self.choice, name)
 
     def finding(self, running: bool) -> None:
-        """Label the button to stop the diagnosis while it runs."""
+        """Label the button to stop the diagnosis while the diagnosis runs."""
         self.find.label = STOP if running else FIND
         self.find.disabled = False
 
@@ -161,7 +161,7 @@ class MissingEffectsPanel:
         )
 
     def update_curves(self, view: View) -> None:
-        """Draw the learned curves of the model on show, where it has some."""
+        """Draw the learned curves of the model on show, if any."""
         calibration = view.session.calibration
         drawn = () if calibration is None else fitted_curves(calibration)
         self._curves.visible = bool(drawn)

@@ -67,7 +67,7 @@ class WatchPanel:
         self._clear.visible = bool(chosen)
 
     def say(self, words: str, *, bad: bool = False) -> None:
-        """Show why there is nothing to see yet."""
+        """Show why there is no result yet."""
         self._plot.visible = False
         self._found.content, self._drawn = "", None
         self._state.content = elements.alert(words) if bad else elements.note(words)
