@@ -26,8 +26,7 @@ FAR_BELOW = 0.2
 
 
 def implausibility_reason(calibration: Calibration) -> str:
-    """Sentence on why a fit cannot describe this arm (wrong units, joint signs, order of poses); "" for a plausible
-    fit.
+    """Sentence on why a fit cannot describe this arm (wrong units, joint signs, order of poses); "" if plausible.
 
     The residual is too large, a correction is far beyond its tolerance, or an effect exceeds its natural bound. Links
     without length, for example, fit a ball in sockets exactly.

@@ -184,8 +184,7 @@ def pose_errors_at(calibration: Calibration, model: Model, x: Array, evaluation:
 
 
 def running_median(x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
-    """Running median of y (N,) over x (N,): for each point, the median of y over the `_RANKS` next ranks of x on either
-    side.
+    """Running median of y (N,) over x (N,): for each point, of up to `_RANKS` neighbours by rank of x on either side.
 
     A gap in x separates two curves by a row of nan, and no median takes points from both sides. Fewer than three
     points between two gaps give no curve. Equal x give one value. Towards the ends the window shrinks symmetrically, so

@@ -244,7 +244,7 @@ def _at_positions(problem: ToolProblem, q0: Array, box: tuple[Array, Array]) -> 
 def _with_known_attitude(
     problem: ToolProblem, q0: Array, q: Array, box: tuple[Array, Array], sigma_rad: Array, reached: BoolArray
 ) -> tuple[Array, BoolArray]:
-    """Joint vectors and mask of reached targets, where near singularities the attitude may be off by up to its sigma."""
+    """Joint vectors and mask of reached targets; near singularities an attitude within its sigma counts as met."""
     near = _at_positions(replace(problem, with_orientation=False), q0, box)
     error_mm, turn_rad = problem.errors(near)
     met = ~reached & (error_mm <= POSITION_TOLERANCE_MM) & (turn_rad <= sigma_rad)

@@ -200,8 +200,7 @@ class FitVariant:
 def problem_given_effects(
     now: Calibration, open_hypotheses: Sequence[DataHypothesis], models: Sequence[FitVariant]
 ) -> DataProblem | None:
-    """Open hypothesis that is clearly more probable than effects found without this hypothesis; None where there is
-    none.
+    """Open hypothesis that is clearly more probable than the effects found without it; None where there is none.
 
     It makes one of the effects superfluous, or removes most of their residual.
 

@@ -227,7 +227,7 @@ class Points(Brief):
 
 @dataclass(frozen=True)
 class Dataset(Presented):
-    """A robot, its poses and the measurements: `points`, or scans to find the points in, or both (the points are used)."""
+    """A robot, its poses and the measurements: `points`, or scans to find points in, or both (the points are used)."""
 
     name: str
     robot: Robot
@@ -253,7 +253,7 @@ class Dataset(Presented):
 
     @property
     def all_targets(self) -> tuple[DeclaredTarget, ...]:
-        """Targets to find in the scans: the jig, if declared or if nothing else is declared, and the declared others."""
+        """Targets to find in the scans: the jig, if declared or if nothing else is, and the declared others."""
         named = any("jig" in target.names for target in self.targets)
         if self.targets and (named or not self.jig_is_declared):
             return self.targets

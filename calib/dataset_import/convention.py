@@ -80,8 +80,7 @@ class Settled:
 def settled(
     report: ImportReport, readings: Sequence[RobotReading], sheet: Sheet | None, meant: Recognised, table: Path
 ) -> Settled:
-    """Choice of convention and reading by the points, with a note; differs from the given one only for an overwhelming
-    gain.
+    """Choice of convention and reading by the points, with a note; the given ones unless the gain is overwhelming.
 
     sheet  # None where no point belongs to a pose
     """

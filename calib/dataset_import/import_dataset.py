@@ -94,8 +94,7 @@ def import_dataset(
     scans: Path | None = None,
     mapping: Mapping[str, Meaning] | None = None,
 ) -> Imported:
-    """Write a dataset folder from a robot and a user's tables; `points` may be None if joints' table or scans have
-    points.
+    """Write a dataset folder from a robot and a user's tables; without `points`, the joints' table or scans have them.
 
     Raises DatasetError with all faults, a line each, and then writes nothing.
     """

@@ -234,8 +234,7 @@ def _searched(space: SearchSpace, tell: Tell, rival: str = "") -> Diagnosis:
 
 
 def _with_noise_as_shown(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> Diagnosis | None:
-    """Diagnosis under the estimated noise shape; None where no shape is found, or the diagnosis with it is not
-    accepted.
+    """Diagnosis under the estimated noise shape; None where no shape is found, or that diagnosis is not accepted.
 
     Repeated measurements are believed whatever else is left.
     """

@@ -45,7 +45,7 @@ class Headline:
 
     @property
     def reached_noise(self) -> bool:
-        """Whether the last error is no larger than noise; False where the noise is known from the fit's residual only."""
+        """Whether the last error is no larger than noise; False where only the fit's residual tells the noise."""
         ratio = self.noise_ratio
         return ratio is not None and self.noise.source != FIT and ratio <= NOISE_AGREES
 

@@ -1,4 +1,4 @@
-"""Names that a file of user-defined effects may import, in addition to those of `calib` itself."""
+"""Names that a file of user-defined effects may import; `calib` itself exports `Effect` and `Parameter`, too."""
 
 from calib.effects.effect import Effect, NaturalBound, Parameter
 

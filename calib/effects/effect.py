@@ -173,9 +173,7 @@ class CatalogueEffect(ABC):
     @classmethod
     @abstractmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Family for a robot and the conditions of its poses; marked as untestable, with the reason, where data are
-        missing.
-        """
+        """Family for a robot and its poses' conditions; marked as untestable, with the reason, where data are missing."""
 
 
 _CATALOGUE = "calib.effects.catalogue."
@@ -300,7 +298,7 @@ def is_held_by_prior(effect: Effect) -> bool:
 
 
 def is_linear(effect: Effect) -> bool:
-    """Whether the effect declares, by `linear = True`, that its change of the state is proportional to each parameter."""
+    """Whether the effect declares, by `linear = True`, that its change of the state is linear in each parameter."""
     return getattr(effect, "linear", False) is True
 
 

@@ -139,8 +139,7 @@ class RobotState(Brief):
 
     @property
     def loaded(self) -> RobotState:
-        """State at which loads are computed: that at the first effect which needs loads, unless the model fixed
-        another.
+        """State at which loads are computed: that of the first effect with loads, unless the model fixed another.
 
         States derived from this one share it. Deflections of 1e-3 rad change a torque by 1e-3 of itself, so computing
         it anew after every joint's deflection would cost much and change nothing that can be measured.

@@ -48,7 +48,7 @@ class KeptResults:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Lock of the folder for one run. Raises DatasetError where another run has locked the folder, or none can be
+        """Lock of the folder for one run. Raises DatasetError where another run holds the lock, or no folder can be
         made.
         """
         try:

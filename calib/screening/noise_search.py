@@ -65,7 +65,7 @@ class AddedEffect:
 
 
 def noise_of_repeats(dataset: Dataset) -> ShownNoise | None:
-    """Noise shape estimated from repeated measurements, before any fit; None where repeats show no other than declared."""
+    """Noise shape estimated from repeated measurements, before any fit; None where it is the declared one."""
     scatter = scatter_of_repeats(dataset)
     if scatter is None:
         return None

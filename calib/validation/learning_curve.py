@@ -99,7 +99,7 @@ class LearningCurve(Presented):
         return self.steps[above[-1] + 1 if above else 0].poses
 
     def to_frame(self) -> pd.DataFrame:
-        """Table with one row per count: poses, fits, training and held-out RMSE, spread, residual and declared sigma."""
+        """Table with one row per count: poses, fits, training and held-out RMSE, spread, residual and noise sigma."""
         frame = pd.DataFrame([vars(step) for step in self.steps])
         declared = self.sigma.declared_mm
         return frame.assign(declared_sigma_mm=float("nan") if declared is None else declared)

@@ -306,7 +306,7 @@ class App:
             self.watch()
 
     def watch(self, forget: bool = False) -> None:
-        """Show the changes between the calibration on show and the chosen later datasets; `forget` clears the choice."""
+        """Show the changes from the calibration on show to the chosen later datasets; `forget` clears the choice."""
         if self.state.view is not None:
             self.worker.submit("watch", lambda: self.watching.show(forget))
 

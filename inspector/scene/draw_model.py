@@ -215,9 +215,7 @@ class ArmDrawing:
 
 
 def jig_distances(view: View, scan: Scan | None) -> Array | None:
-    """Signed distance (N,) of a scan's points to the jig's faces, mm, NaN off the jig; None where no corner was
-    found.
-    """
+    """Signed distance (N,), mm, of a scan's points to the jig's faces, NaN off the jig; None without a corner."""
     corner = None if view.search is None else view.search.corner
     if scan is None or corner is None:
         return None

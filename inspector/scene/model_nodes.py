@@ -48,9 +48,7 @@ class Solids:
         colours: ByteArray,
         links: Sequence[int],
     ) -> list[viser.SceneNodeHandle]:
-        """Show K copies of a shape (vertices, faces) at wxyz (K, 4), places (K, 3), scales (K, 3), colours (K, 3),
-        links (K,).
-        """
+        """Show K copies of a mesh at wxyz (K, 4), places (K, 3), scales (K, 3), colours (K, 3), links (K,)."""
         self.links[name] = links
         node = self.nodes.get(name)
         if node is not None and len(np.reshape(node.batched_positions, (-1, 3))) == len(at_mm):

@@ -42,8 +42,8 @@ def dataset_faults(files: UserFiles) -> tuple[str, ...]:
 
 
 def add_file(path: Path, name: str, folder: Path, room_bytes: int) -> None:
-    """Store an uploaded file below the folder, unpacking a zip as far as there is room; a file of the same name is
-    replaced.
+    """Store an uploaded file below the folder, replacing one of the same name; a zip is unpacked as far as space
+    allows.
     """
     folder.mkdir(exist_ok=True)
     if not name.lower().endswith(".zip"):

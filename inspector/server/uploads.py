@@ -286,9 +286,7 @@ def clear_leftovers(folder: Path) -> None:
 
 
 def _locked(folder: Path) -> int | None:
-    """Handle that locks a folder until it is closed; None where another program holds the lock or locks do not
-    exist.
-    """
+    """Handle that locks a folder until closed; None where another program holds the lock or locks do not exist."""
     try:
         import fcntl
     except ImportError:
@@ -337,9 +335,7 @@ def answer(server: viser.ViserServer, client_id: int, message: _messages.Message
 
 
 def plain_name(name: str) -> str:
-    """File name without folders and without characters that file names should not have; "file" where nothing is
-    left.
-    """
+    """File name without folders and without unusual characters; "file" where nothing is left."""
     last = PurePosixPath(name.replace("\\", "/")).name
     kept = "".join(c if c.isprintable() and c not in ':*?"<>|' else "_" for c in last).strip(" .")
     stem, suffix = Path(kept).stem, Path(kept).suffix

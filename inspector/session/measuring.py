@@ -66,9 +66,7 @@ def no_full_poses(session: Session) -> str:
 
 
 def measured_kinds(session: Session) -> tuple[str, ...]:
-    """Residuals that the session's data allow: full poses need a scanned jig with faces, or orientations in
-    points.csv.
-    """
+    """Residuals that the session's data allow; full poses need a scanned jig, or orientations in points.csv."""
     points = session.dataset.points
     scanned = points is None and session.dataset.shows_faces
     full = scanned or (points is not None and points.orientations is not None and bool(points.orientations.known.any()))

@@ -30,9 +30,7 @@ class Planned:
 
     @property
     def scanner_T_base(self) -> Array:
-        """Pose (4, 4) of the base in the scanner's frame, of the setup in which the planned poses are to be
-        measured.
-        """
+        """Pose (4, 4) of the base in the scanner's frame, of the setup in which the planned poses will be measured."""
         calibration = self.session.calibration
         assert calibration is not None
         return calibration.after.scanner_T_base[self.plan.start.setup]

@@ -94,9 +94,7 @@ class View:
 
     @property
     def shown_step(self) -> int | None:
-        """Index of the shown model: 0 is the nominal robot, k the model after `session.steps[k - 1]`; None before a
-        fit.
-        """
+        """Index of the shown model: 0 for the nominal robot, k after `session.steps[k - 1]`; None before a fit."""
         version = self.version
         if version is None or version.name == NOMINAL:
             return None if version is None else 0

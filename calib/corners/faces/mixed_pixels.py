@@ -275,7 +275,7 @@ def _inverse_ranges(planes: Sequence[PlaneFit], origin: Array) -> Array:
 def _range_moves(
     sight: _Sight, planes: Sequence[PlaneFit], face: int, origin: Array, grid: PixelGrid, jig: Jig
 ) -> Array:
-    """Moves (N, 3), mm, of points along their rays by mixing with a share of 1 with neighbours of each of three kinds."""
+    """Moves (N, 3), mm, of points along their rays by full mixing (share 1) with each of three kinds of neighbours."""
     inverse = _inverse_ranges(planes, origin)
     others = inverse - inverse[face]
     here, steps = others @ sight.ways.T, others @ grid.steps.T  # (3, N), (3, 2): of q_j - q_i

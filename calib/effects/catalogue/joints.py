@@ -266,8 +266,8 @@ class JointCoupling(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each drive: the last two joints by the joint before, the last also by the one
-        before that.
+        """The family with three members: the last two joints by the joint before each, the last also by the second
+        before.
         """
         n = dataset.robot.n_joints
         pairs = [(j, j - 1) for j in range(max(n - 2, 1), n)] + ([(n - 1, n - 3)] if n >= 3 else [])
@@ -278,9 +278,7 @@ class JointCoupling(CatalogueEffect):
 
 @dataclass(frozen=True)
 class CableDrag(ShapedEffect):
-    """A cable over two neighbouring joints that pulls one of them: harmonics of the sum, or difference, of their
-    angles.
-    """
+    """A cable over two neighbouring joints that pulls one of them: harmonics of the angles' sum or difference."""
 
     joint: int  # that is pulled
     other: int

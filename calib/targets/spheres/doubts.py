@@ -113,7 +113,7 @@ def _cells(points: Array, fit: CapFit, half: int) -> IndexArray:
 
 
 def _seen_through(points: Array, on: BoolArray, behind: BoolArray, fit: CapFit) -> float:
-    """Number of the silhouette's cells with points only behind the surface, over that of cells with points on it.
+    """Number of the silhouette's cells with points only behind the surface, over that with points on the surface.
 
     Stray points lie behind a true sphere too, but hardly anywhere without points of the sphere.
     """

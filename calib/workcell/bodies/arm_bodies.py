@@ -149,7 +149,7 @@ def arm_bodies(
 
 
 def jig_size(jig: Jig) -> tuple[float, float]:
-    """Depth of the edges' ends behind the jig's apex (negative: before it) and their distance from the jig's axis, mm."""
+    """Depth of the edges' ends behind the jig's apex (negative: before) and their distance from the jig's axis, mm."""
     edges, _ = jig_geometry(jig)
     back_mm = float(edges[:, 2].mean())
     return back_mm, float(np.linalg.norm(edges - [0.0, 0.0, back_mm], axis=1).max())

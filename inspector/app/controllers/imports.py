@@ -1,6 +1,4 @@
-"""Imports of uploaded files: recognise, plan, show, correct, write, open. Runs on the worker's thread, except
-requests.
-"""
+"""Imports of uploaded files: recognition, plan, correction, writing, opening. Runs on the worker's thread."""
 
 from __future__ import annotations
 
