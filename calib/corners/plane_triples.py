@@ -269,9 +269,7 @@ class Planes:
         return max(triples, key=lambda triple: (triple.is_jig(self.tolerances), float(triple.score.sum())))
 
     def _along(self, faces: Sequence[_Face], face: int) -> tuple[Array, IndexArray]:
-        """Coordinates (K, 2) along a face's two edges of the points on the face's plane near these edges; and their
-        indices.
-        """
+        """Coordinates (K, 2), along a face's two edges, of points on its plane near these edges; and their indices."""
         at = faces[face]
         one, other = (self.sign * o.heights.take(at.on) for o in faces if o is not at)
         least, most = -0.5 * self.jig.longest_mm, 2 * self.jig.longest_mm

@@ -173,7 +173,7 @@ class CatalogueEffect(ABC):
     @classmethod
     @abstractmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Family for a robot and its poses' conditions; marked as untestable, with the reason, where data are missing."""
+        """Family for a robot and its poses' conditions; where data are missing, marked as untestable with the reason."""
 
 
 _CATALOGUE = "calib.effects.catalogue."

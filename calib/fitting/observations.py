@@ -284,7 +284,7 @@ def predict_poses(model: Model, x: Array, observed: Observations) -> tuple[Array
 
 
 def mean_jig_points(observed: Observations) -> tuple[BoolArray, Array, Array]:
-    """Mask (N,) of used poses with a "jig" point; mean (N, 3), mm, of each pose's points, and its covariance (N, 3, 3)."""
+    """Mask (N,) of used poses with a "jig" point; mean (N, 3), mm, of each pose's points, and covariance (N, 3, 3)."""
     poses, row = observed.used_poses
     is_jig = observed.points.target == "jig"
     row = row[is_jig]

@@ -192,7 +192,7 @@ class ToolPointProblem:
 
     @classmethod
     def of(cls, observed: Observations, robot: Robot, nominal_mm: Array, directions: Array) -> ToolPointProblem:
-        """The problem for the observed points of the tool, without those of further targets, which do not depend on p."""
+        """The problem for the observed points of the tool, without further targets, which do not depend on p."""
         poses, row = observed.used_poses
         is_tool = observed.points.target == "jig"
         flange = kinematics.forward(robot.table, poses.q, robot.is_revolute, robot.base_T_first).base_T_flange[

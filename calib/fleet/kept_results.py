@@ -48,9 +48,7 @@ class KeptResults:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Lock of the folder for one run. Raises DatasetError where another run holds the lock, or no folder can be
-        made.
-        """
+        """Lock of the folder for one run. Raises DatasetError where another run holds it, or no folder can be made."""
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             lock = (self.folder / ".lock").open("a")

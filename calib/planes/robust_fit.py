@@ -126,7 +126,7 @@ def _middle_and_sigma(heights: Array) -> tuple[float, float]:
 
 
 def _root(heights: Array, middle: float, sigma_mm: float) -> Array:
-    """Square roots of Tukey's weights: 1 - z^2 with z the height in units of six sigmas; 0 beyond."""
+    """Square roots of Tukey's weights of heights: 1 - z^2 with z the height in units of six sigmas; 0 beyond."""
     root = (heights - middle) * (1 / (TUKEY * sigma_mm))
     root *= root
     np.subtract(1.0, root, out=root)

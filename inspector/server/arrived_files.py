@@ -42,9 +42,7 @@ def dataset_faults(files: UserFiles) -> tuple[str, ...]:
 
 
 def add_file(path: Path, name: str, folder: Path, room_bytes: int) -> None:
-    """Store an uploaded file below the folder, replacing one of the same name; a zip is unpacked as far as space
-    allows.
-    """
+    """Store an uploaded file below the folder, replacing one of the same name; a zip is unpacked as space allows."""
     folder.mkdir(exist_ok=True)
     if not name.lower().endswith(".zip"):
         os.replace(path, folder / name)

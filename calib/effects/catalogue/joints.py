@@ -266,7 +266,7 @@ class JointCoupling(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with three members: the last two joints by the joint before each, the last also by the second
+        """The family with up to three members: the last two joints by the one before each, the last by the second
         before.
         """
         n = dataset.robot.n_joints

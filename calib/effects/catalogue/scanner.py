@@ -143,7 +143,7 @@ class ScannerDrift(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member, about the middle of the training points, over the time that all poses took."""
+        """The family with one member, about the middle of the training points, over the duration of all poses."""
         time_s = dataset.poses.time_s
         if time_s is None:
             return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")

@@ -272,7 +272,7 @@ class FoundFormula:
 
 
 def candidate_terms(input_name: str, u: Array) -> list[FormulaTerm]:
-    """Terms that are tried over an input (N,)."""
+    """Candidate terms of a short formula over an input (N,)."""
     low, high = float(np.min(u)), float(np.max(u))
     places = np.linspace(low, high, _PLACES + 2)[1:-1].tolist()
     terms = [FormulaTerm("kink", place=p) for p in places] + [FormulaTerm("step", place=p) for p in places]

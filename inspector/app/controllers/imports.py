@@ -1,4 +1,4 @@
-"""Imports of uploaded files: recognition, plan, correction, writing, opening. Runs on the worker's thread."""
+"""Imports of uploaded files: recognition, plan, correction, writing. Runs on the worker's thread, except requests."""
 
 from __future__ import annotations
 

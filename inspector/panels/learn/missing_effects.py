@@ -92,7 +92,7 @@ class MissingEffectsPanel:
             self._actions.move(-1 if button == UNDO else 1)
 
     def open(self, dataset: str, _: View) -> None:
-        """Restore the choice made for another dataset."""
+        """Restore the choice made earlier for a dataset."""
         self._before = str(self._chosen_for.open(dataset))
         self.choice.options = (NONE,)
         put(self.choice, NONE)
