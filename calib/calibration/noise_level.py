@@ -19,7 +19,7 @@ _ORIGINS = {REPEATS: "noise as repeats show it", FIT: "noise as the fit left it"
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """Noise of one coordinate of a measured point, and its source."""
+    """Noise per coordinate of a measured point, and its source."""
 
     sigma_mm: float  # RMS over the points; nan where no one declares it and nothing shows it
     source: str  # "dataset", "repeats" or "fit"
@@ -69,7 +69,7 @@ def noise_of_repeats(dataset: Dataset) -> tuple[float, float] | None:
 
 @dataclass(frozen=True)
 class SigmaCheck:
-    """Residual sigma of one coordinate with its 95 % interval, and the declared sigma.
+    """Residual sigma per coordinate with its 95 % interval, and the declared sigma.
 
     With nu degrees of freedom nu s^2 / sigma^2 follows chi^2(nu), which gives the 95 % interval.
     """
@@ -82,7 +82,7 @@ class SigmaCheck:
 
     @property
     def verdict(self) -> str:
-        """Comparison in a word: "excess", "as declared", "below", or "unknown" without declared sigma or dof."""
+        """Comparison of residual with declared sigma: "excess", "as declared", "below", or "unknown" without a basis."""
         if self.declared_mm is None or not np.isfinite(self.sigma_mm):
             return "unknown"
         if self.declared_mm < self.low_mm:
@@ -91,7 +91,7 @@ class SigmaCheck:
 
 
 def check_sigma(calibration: Calibration) -> SigmaCheck:
-    """Residual sigma of a calibration with its 95 % interval, for comparison with the declared sigma."""
+    """Residual sigma of a calibration with its 95 % interval, and the declared sigma."""
     dataset, dof = calibration.dataset, calibration.fit.degrees_of_freedom
     assert dataset.points is not None
     sigma = calibration.sigma_mm

@@ -99,7 +99,7 @@ class PoseErrors:
 
     @property
     def noise_mm(self) -> float:
-        """Sigma of one coordinate by noise alone, mm."""
+        """Sigma per coordinate by noise alone, mm."""
         return self.noise.sigma_mm
 
     @property

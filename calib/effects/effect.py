@@ -85,7 +85,7 @@ class RobotCorrection(Effect, Protocol):
     """An effect whose values are errors of quantities in robot.toml."""
 
     def corrected(self, robot: Robot, values: Array) -> Robot:
-        """The robot with errors, given in the order of the parameters, added."""
+        """The robot with the given errors, in the order of the parameters, added."""
         ...
 
 
@@ -173,7 +173,7 @@ class CatalogueEffect(ABC):
     @classmethod
     @abstractmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Family for a robot and its poses' conditions; where data are missing, marked as untestable with the reason."""
+        """Family for a robot and its poses' conditions; if data are missing, marked as not testable with the reason."""
 
 
 _CATALOGUE = "calib.effects.catalogue."

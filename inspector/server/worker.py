@@ -31,7 +31,7 @@ class WorkEnded(Exception):
 
 
 class Worker:
-    """Runs jobs on one thread; `on_error(key, exception)` is called on that thread for every job that fails."""
+    """Runner of jobs on one thread; `on_error(key, exception)` is called on that thread for every job that fails."""
 
     def __init__(self, on_error: Callable[[Hashable, Exception], None]) -> None:
         self._on_error = on_error

@@ -189,7 +189,7 @@ def _goes_on(a: Array, b: Array) -> float:
 
 
 def share_beyond(along: Array, across: Array) -> float:
-    """Ratio of points beyond the border along = 1 to points inside, in strips of equal width; 0 below 0.5, at most 1."""
+    """Ratio of points beyond the border along = 1 to points inside, in equal strips; 0 below 0.5, at most 1."""
     along_border = (across > _BORDER) & (across < 1 - _BORDER)
     within = int(np.count_nonzero(along_border & (along > 1 - _COLLAR) & (along < 1 - _BORDER)))
     beyond = int(np.count_nonzero(along_border & (along > 1 + _BORDER) & (along < 1 + _COLLAR)))

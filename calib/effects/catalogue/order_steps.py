@@ -1,4 +1,4 @@
-"""Changes at one pose in the order of measuring (a slip, a knock, a bolt that works loose), which persist afterwards.
+"""Changes at one pose: a slip, a knock, a bolt that works loose, which persist from then on in the order of measuring.
 
 Poses that come after all that were measured, such as the targets of a correction, are as after the last pose.
 """

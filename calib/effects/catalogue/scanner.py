@@ -1,4 +1,4 @@
-"""Errors of the points that the scanner reports, by the points' place and the scanner's (`RobotState.seen`)."""
+"""The scanner: errors of the points that it reports, by their place and the scanner's own (`RobotState.seen`)."""
 
 from __future__ import annotations
 

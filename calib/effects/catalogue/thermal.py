@@ -1,4 +1,4 @@
-"""Effects of temperature, either measured or that of an arm that warms up at work."""
+"""Temperature: effects of a measured temperature, or of an arm that warms up at work."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Points as text (.xyz, .asc, .pts, .csv, .txt): one a line, any usual delimiter, header lines, comments, a count."""
+"""Points as text (.xyz, .asc, .pts, .csv, .txt): one per line, any usual delimiter, header lines, comments, a count."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from inspector.session.view import COLOURINGS
 
 
 class ComparisonController:
-    """Draws the arm, the predicted points and the tab Compare for the view on show."""
+    """Controller that draws the arm, the predicted points and the tab Compare for the view on show."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Opens a dataset, searches its scans and selects its poses. Runs on the worker's thread only.
+"""Controller for opening a dataset, searching its scans and selecting poses. Runs on the worker's thread only.
 
 Scans are searched one by one (`open` and `process` are long work), so that what is ready can be looked at meanwhile.
 """
@@ -25,7 +25,7 @@ WAITING = "The fit starts when all scans have been searched. Calibrate takes the
 
 
 class DatasetController:
-    """Opens datasets, works through their scans, and selects poses."""
+    """Controller that opens datasets, works through their scans, and selects poses."""
 
     def __init__(
         self,

@@ -51,7 +51,7 @@ class Asked:
 
 
 class Downloads:
-    """Makes the files of the session on show."""
+    """Controller that makes the files of the session on show."""
 
     def __init__(
         self,

@@ -16,7 +16,7 @@ from inspector.session.session import Session
 
 
 class FaceLabelling:
-    """Labels faces on a thread of its own, so that a fit of full poses waits for no ranking or diagnosis."""
+    """Controller that labels faces on its own thread, so that a fit of full poses need not wait for other work."""
 
     def __init__(self, state: PageState, panel: FitPanel) -> None:
         self._state, self._panel = state, panel

@@ -34,7 +34,7 @@ class Stopped(Exception):
 
 
 class ModelController:
-    """Changes the calibration of the session on show, and shows it in the model's tabs.
+    """Controller that changes the calibration of the session on show, and updates the model's tabs.
 
     redraw: draws the model in the 3D view and in the tab Compare; told whether it is the dataset's first.
     recount: shows which poses are left out; told of which that has changed.

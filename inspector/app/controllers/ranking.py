@@ -13,7 +13,7 @@ from inspector.session.session import Session
 
 
 class Ranking:
-    """Ranks effects by what they explain of the residual, tests the residual, and compares candidates."""
+    """Controller that ranks effects by the residual they explain, tests the residual, and compares candidates."""
 
     def __init__(self, shown: ShownModel) -> None:
         self._shown = shown

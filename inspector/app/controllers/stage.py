@@ -32,7 +32,7 @@ ALL_SCANS, ARM = "All scans", "Arm"
 
 
 class Stage:
-    """Draws the 3D view, moves the camera, and fills the panels of the selected pose."""
+    """Controller that draws the 3D view, moves the camera, and fills the panels of the selected pose."""
 
     def __init__(
         self,

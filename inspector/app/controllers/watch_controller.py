@@ -32,7 +32,7 @@ class WatchController:
         self._background.close()
 
     def show(self, forget: bool = False) -> LongWork:
-        """Long work that shows the changes until the chosen later datasets were measured; `forget` clears the choice."""
+        """Long work that shows the changes of the cell at the chosen later datasets; `forget` clears the choice."""
         base, name = self._state.session.calibration, self._state.name
         self._panel.offer(name, tuple(n for n in self._folders if n != name), forget=forget)
         chosen, moved = self._panel.chosen, self._panel.scanner_moved

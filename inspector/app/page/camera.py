@@ -47,7 +47,7 @@ class Field:
 
 
 class Camera:
-    """Chooses the layers and the camera's position for the view on show."""
+    """Controller of the layers and the camera's position for the view on show."""
 
     def __init__(self, scene: SceneView, review: ReviewPanel) -> None:
         self._scene, self._review = scene, review
