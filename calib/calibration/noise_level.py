@@ -82,7 +82,7 @@ class SigmaCheck:
 
     @property
     def verdict(self) -> str:
-        """Comparison of residual with declared sigma: "excess", "as declared", "below", or "unknown" without a basis."""
+        """Comparison of residual with declared sigma: "excess", "as declared", "below", or "unknown" without basis."""
         if self.declared_mm is None or not np.isfinite(self.sigma_mm):
             return "unknown"
         if self.declared_mm < self.low_mm:
@@ -91,7 +91,7 @@ class SigmaCheck:
 
 
 def check_sigma(calibration: Calibration) -> SigmaCheck:
-    """Residual sigma of a calibration with its 95 % interval, and the declared sigma."""
+    """Residual sigma of a calibration with its 95 % interval, for comparison with the declared sigma."""
     dataset, dof = calibration.dataset, calibration.fit.degrees_of_freedom
     assert dataset.points is not None
     sigma = calibration.sigma_mm

@@ -49,7 +49,7 @@ class Candidate(Brief):
     p_holm: float
     log_evidence: float
     explained_share: float  # of the residual's sum of squares
-    cv_rmse_mm: float  # RMS of a coordinate when each pose is predicted from the others, linearised
+    cv_rmse_mm: float  # RMS per coordinate when each pose is predicted from the others, linearised
     members: tuple[Effect, ...]  # that carry it
     values: tuple[Value, ...]
     prior_sigmas: dict[str, float]  # of highest evidence, by full name of those members' parameters

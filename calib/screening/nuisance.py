@@ -23,7 +23,7 @@ from calib.kinematics.robot import Joint, Robot, Vector
 
 MASS_SHARE = 0.3  # prior sigma of a link's and of a payload's mass over itself
 UNLISTED_KG = 0.3  # prior sigma of a tool's mass that robot.toml does not list, such as cables
-CENTRE_MM = 30.0  # prior sigma of a coordinate of a centre of mass
+CENTRE_MM = 30.0  # prior sigma per coordinate of a centre of mass
 REPORTED_EVIDENCE = 3.0  # log evidence from which they are reported to explain a part of the residual
 _FEWEST_FREE = 10  # degrees of freedom outside the columns, from which these alone give the noise
 

@@ -45,9 +45,9 @@ class ResidualTests(Brief):
     """Results of all tests of the residual of one fit."""
 
     lack_of_fit_p: float | None  # of the residual's size against the noise; None where no noise is known
-    noise_mm: float  # sigma of a coordinate that the residual was compared with
+    noise_mm: float  # sigma per coordinate with which the residual was compared
     noise_from: str  # "repeats", "dataset" or "fit"
-    residual_mm: float  # sigma of a coordinate of the residual
+    residual_mm: float  # sigma per coordinate of the residual
     inputs: tuple[InputTest, ...]  # the strongest pattern first
     outlier_poses: tuple[str, ...]
     fault: JointFault | None = None  # a motion of one joint that no effect of the catalogue describes

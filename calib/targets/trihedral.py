@@ -87,7 +87,7 @@ def _in_whole_scan(search: CornerSearch, remaining: IndexArray, count: int) -> C
 
 
 def _edges(corner: Corner) -> Array:
-    """Unit vectors (3, 3), one per row, along the edges from the apex; edge i is the one that does not lie in face i."""
+    """Unit vectors (3, 3), one per row, along the edges from the apex; edge i is the one that is not in face i."""
     normals = np.array([face.normal for face in corner.faces])
     edges = np.zeros((3, 3))
     for i, j in FACE_PAIRS:

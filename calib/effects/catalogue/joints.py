@@ -266,9 +266,7 @@ class JointCoupling(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with up to three members: the last two joints by the previous one, the last by the one before
-        that.
-        """
+        """The family with up to three members: the last two joints by the previous one, the last by the second before."""
         n = dataset.robot.n_joints
         pairs = [(j, j - 1) for j in range(max(n - 2, 1), n)] + ([(n - 1, n - 3)] if n >= 3 else [])
         if n < 2:
