@@ -59,7 +59,8 @@ def directions_at(model: Model, x: Array, observed: Observations, base_to_residu
     A joint moves as its theta does (d for a prismatic joint); zeros where that parameter is fixed.
 
     Args:
-        model, x: the fitted model, x (P,).
+        model: the fitted model.
+        x: (P,) values of its parameters.
         observed: M points whose scanner is placed.
         base_to_residual: (M, 3, 3), from a displacement in the base frame, mm, to the whitened residual.
     """
