@@ -126,7 +126,7 @@ def as_calibration(fitted: FittedResult | Dataset | str | Path, **keywords: Unpa
 
 
 def _fitted(task: FitTask, start: Calibration | None) -> tuple[Fitted, BoolArray]:
-    """The fit, and the mask (M,) of its points: all, or in a robust fit those of inlying poses."""
+    """The fit, and a mask (M,) of the points used: all, or in a robust fit those of inlying poses."""
     observed, options = task.observed, task.options
     before = None if start is None else Fitted(start.model, start.fit)
     kept = np.ones(len(observed.points), dtype=bool)

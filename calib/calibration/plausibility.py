@@ -80,7 +80,7 @@ def told_size(value: float, unit: str) -> str:
 
 
 def too_good(calibration: Calibration) -> str:
-    """Sentence on a residual far below the noise of any such measurement; "" where the residual is not that small.
+    """Sentence on a residual far below any realistic measurement noise; "" for other residuals.
 
     The noise is the declared sigma or, without one, that of the best instruments for arms.
     """

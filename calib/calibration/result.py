@@ -141,7 +141,7 @@ class Calibration(FittedResult, Presented):
 
     @cached_property
     def fitted_dataset(self) -> Dataset:
-        """The dataset as it was fitted: each repeat group once, by the mean of its repeats (`calib.dataset.repeats`).
+        """Dataset used for the fit: each repeat group once, by the mean of its repeats (`calib.dataset.repeats`).
 
         Without the points of outlying poses.
         """
@@ -207,7 +207,7 @@ class Calibration(FittedResult, Presented):
 
     @property
     def tool_shift(self) -> ToolShift | None:
-        """Shift of the tool point, where it is far from the one in robot.toml; else None."""
+        """Shift of the tool point, where this is far from robot.toml's; else None."""
         return None if self.model.tool_found is None else tool_shift(self.dataset.robot, self.robot)
 
     @cached_property

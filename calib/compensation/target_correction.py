@@ -114,7 +114,7 @@ class Correction(Presented):
 
 @runtime_checkable
 class Corrects(Protocol):
-    """A fitted result that corrects joint vectors by itself: a calibration, a diagnosis, a model from a file."""
+    """Protocol of a fitted result that corrects joint vectors: a calibration, a diagnosis, a model from a file."""
 
     def correct(
         self,

@@ -72,7 +72,7 @@ class ToolProblem:
         return self._error(self._tool(state, turn), rows), jacobian * self.joint_units
 
     def of(self, rows: IndexArray) -> ToolProblem:
-        """The problem of some of the goals."""
+        """The problem restricted to some of the goals."""
         return replace(self, goal=self.goal[rows], conditions=self.conditions.select(rows))
 
     def attitude_left(self, weight: float) -> Preference | None:

@@ -87,13 +87,13 @@ class DataProblem:
 
     @property
     def remedy(self) -> str:
-        """Remedy, as a clause."""
+        """Remedy for a mistake in the data or the table, as a clause."""
         others = "".join(f", or {rival.remedy}" for rival in self.rivals[:2])
         return f"{self.hypothesis.remedy}{others}"
 
     @property
     def mistake(self) -> str:
-        """Mistake, as a clause."""
+        """Mistake in the data or the table, as a clause."""
         others = "".join(f", or {rival.mistake}" for rival in self.rivals[:2])
         return f"{self.hypothesis.mistake}{others}{': these poses do not tell which' if self.rivals else ''}"
 

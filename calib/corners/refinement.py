@@ -1,4 +1,4 @@
-"""The corner from all points of the three faces by robust total least squares, the source of its accuracy.
+"""Refinement of the corner on all points of the three faces by robust total least squares.
 
 Sample sets find the planes but use few of the points; a corner from their groups does not get better with more points.
 Here every scan point of a face takes part, weighted by Tukey's biweight, and the apex's covariance follows from the

@@ -143,7 +143,7 @@ def visible_mm(candidate: Candidate, before: Calibration) -> float | None:
 
 @dataclass(frozen=True)
 class FittedValue:
-    """A parameter of an effect as it was fitted."""
+    """A fitted parameter of an effect, with its value, its sigma and the natural bound that it exceeds, if any."""
 
     effect: Effect
     parameter: Parameter

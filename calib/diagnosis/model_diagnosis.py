@@ -25,7 +25,7 @@ from calib.screening.residual_tests import ResidualTests, run_residual_tests
 def diagnosis_of_model(
     space: SearchSpace, steps: Sequence[FitStep], stop: Stop, tests: ResidualTests | None = None
 ) -> Diagnosis:
-    """Diagnosis of the last of some models, to which no effect is to be added.
+    """Diagnosis of the model of the last step, to which no effect is to be added.
 
     Args:
         space: settings of all fits.

@@ -235,7 +235,7 @@ def describe(effect: Effect | type[CatalogueEffect]) -> Description:
 
 
 def parameters_by_name(effects: Sequence[Effect]) -> dict[str, tuple[Effect, Parameter]]:
-    """Mapping from the full name of each parameter of some effects to its effect and itself."""
+    """Mapping from the full name of each parameter of some effects to the pair of effect and parameter."""
     return {full_name(effect, p): (effect, p) for effect in effects for p in effect.parameters}
 
 
@@ -253,7 +253,7 @@ def has_meaning(effect: Effect) -> bool:
 
 
 def meaning_of(effect: Effect, parameter: Parameter, value: float, state: RobotState) -> str:
-    """Text by an effect on what a value of one of its parameters means on the arm, at the poses of a state.
+    """Text from an effect on the meaning of a parameter's value for the arm, at the poses of a state.
 
     Raises CalibError where an effect from outside this package fails to say it.
     """

@@ -265,7 +265,7 @@ def _target_mm(state: RobotState, target: str) -> Array:
 
 
 def _is_row_end(state: RobotState, target: str) -> bool:
-    """Whether a target is the end of the tool's row rather than a point of its own."""
+    """Whether a target is the end of the tool's row, not an independent point."""
     return target == TOOL_POINT and target not in state.target_offsets_mm
 
 

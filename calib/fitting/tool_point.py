@@ -37,7 +37,7 @@ _ROWS_BEHIND = 2  # of the table: what lies behind the last joint's axis
 
 @dataclass(frozen=True)
 class ToolShift:
-    """A tool point that is far from the one in robot.toml."""
+    """A tool point that is far from robot.toml's."""
 
     point_mm: tuple[float, float, float]  # where it is, in the nominal arm's last joint's frame
     off_mm: float  # from where robot.toml has it

@@ -307,7 +307,7 @@ def _with_tail(residual: LinearResidual, shape: NoiseShape) -> FoundShape | None
 
 
 def _normal(square: float, count: int) -> float:
-    """Log likelihood of `count` normal coordinates with this sum of squares."""
+    """Log likelihood of `count` normal coordinates with a given sum of squares."""
     return -0.5 * count * float(np.log(2.0 * np.pi * max(square / count, 1e-300)) + 1.0)
 
 

@@ -143,6 +143,6 @@ def _with_joint(robot: Robot, k: int, joint: Joint) -> Robot:
 
 
 def _shifted(place_mm: Vector) -> Iterator[Vector]:
-    """Places made from one by shifts of `CENTRE_MM` along x, y and z of its frame in turn."""
+    """Three places: one place shifted by `CENTRE_MM` along x, y and z of its frame in turn."""
     x, y, z = place_mm
     yield from ((x + CENTRE_MM, y, z), (x, y + CENTRE_MM, z), (x, y, z + CENTRE_MM))

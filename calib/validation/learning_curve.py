@@ -56,7 +56,7 @@ class LearningStep:
 
 @dataclass(frozen=True)
 class LearningCurve(Presented):
-    """Error against the number of training poses, which rises from step to step."""
+    """Errors at increasing numbers of training poses."""
 
     dataset: Dataset
     residual: str

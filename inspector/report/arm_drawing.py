@@ -123,7 +123,7 @@ def _axes(picture: _Shown) -> Array:
 
 
 def _round_factor(errors_mm: Array, longest_mm: float) -> float:
-    """Enlargement of 1, 2 or 5 times a power of ten, at least 1, that draws the larger errors about this long."""
+    """Enlargement of 1, 2 or 5 times a power of ten, at least 1, that draws the larger errors at a given length."""
     large_mm = float(np.percentile(np.linalg.norm(errors_mm, axis=1), 90.0)) if len(errors_mm) else 0.0
     if not large_mm > 0.0:
         return 1.0

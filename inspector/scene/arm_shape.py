@@ -118,7 +118,7 @@ class _Solids:
         self._balls: list[tuple[Array, float, int]] = []
 
     def add_link(self, i: int, previous: Array, current: Array, turned_x: Array) -> None:
-        """Add joint i and its link, or the tool, between two frames (4, 4); x_axis (3,) after the rotation."""
+        """Add joint i and its link, or the tool, between two frames (4, 4); x_axis (3,): x after the joint's turn."""
         start, axis, end = previous[:3, 3], previous[:3, 2], current[:3, 3]
         if i < self._robot.n_joints:
             radius = float(self._joint_radius[i])

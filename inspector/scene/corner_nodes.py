@@ -70,7 +70,7 @@ def corners(
     factor: float,
     on_click: Callable[[int], None],
 ) -> list[viser.SceneNodeHandle]:
-    """Nodes of all corners: dots with enlarged ellipsoids, selectable by click; places, covariances, colours of N."""
+    """Nodes of all N corners: dots with enlarged ellipsoids, selectable by click."""
     if not len(xyz_mm):
         return []
     at, diameter = to_scene(xyz_mm), dot_mm(xyz_mm)

@@ -38,7 +38,7 @@ Ask = Callable[[str], None]
 
 
 class PageRequests:
-    """Registry of the requests that the page's script may make, by name; a handler returns at once."""
+    """Registry of handlers by name for the requests of the page's script; a handler returns at once."""
 
     def __init__(self) -> None:
         self._asks: dict[str, Ask] = {}

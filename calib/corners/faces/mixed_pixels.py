@@ -201,7 +201,7 @@ def find_mixed_pixels(
 def moved_back(
     local: Array, planes: Sequence[PlaneFit], face: int, origin: Array, jig: Jig, mixed: MixedPixels
 ) -> Array:
-    """Points (N, 3) moved back along their rays by what mixing across the edges of this face did to their ranges."""
+    """Points (N, 3) of a face moved along their rays to undo the change of range by mixing across the face's edges."""
     sight = _sight(local, origin)
     pulls = _range_moves(sight, planes, face, origin, mixed.grid, jig) @ mixed.shares
     return np.asarray(local - pulls[:, None] * sight.ways)

@@ -266,7 +266,7 @@ class JointCoupling(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with up to three members: the last two joints by the previous one, the last by the second before."""
+        """The family with up to three members: the last two joints by the previous one, the last by the one before."""
         n = dataset.robot.n_joints
         pairs = [(j, j - 1) for j in range(max(n - 2, 1), n)] + ([(n - 1, n - 3)] if n >= 3 else [])
         if n < 2:
@@ -478,7 +478,7 @@ class JointDent(ShapedEffect):
 
 @dataclass(frozen=True)
 class AxisWobble(CatalogueEffect):
-    """A joint's axis that tilts as it turns, about its own origin, by cosine and sine of n q, n = 1 or 2.
+    """A joint's axis that tilts, about its own origin, by cosine and sine of n q as the joint turns, n = 1 or 2.
 
     The part of n = 1 that turns with the link is a constant link error and is left out. The rest tilts the axis in the
     link before, about that link's x and y: alpha and beta of the row before, or the base for the first joint.

@@ -208,6 +208,6 @@ def _errors_from(where: str) -> Iterator[None]:
 
 
 def _line(error: BaseException, path: Path) -> int | str:
-    """Line of a file at which an error was raised last; "?" where none of its lines was."""
+    """Line of the file in which an error was raised, the innermost one; "?" where the error came from elsewhere."""
     frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) == path]
     return frames[-1].lineno or "?" if frames else "?"

@@ -77,7 +77,7 @@ class SimulatedCell:
         return self._scaled(effect, rms_mm, self.moved_rms_mm)
 
     def _scaled(self, effect: TrueEffect, goal_mm: float, size_mm: Callable[[TrueEffect], float]) -> TrueEffect:
-        """The effect at the magnitude at which a measure of its size is `goal_mm`."""
+        """The effect scaled to the magnitude at which a given measure of its size equals `goal_mm`."""
         if goal_mm <= 0:
             return effect.scaled(0.0)
         for _ in range(20):  # displacements are nearly proportional to the magnitude

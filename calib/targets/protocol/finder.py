@@ -58,7 +58,7 @@ class FoundPoint:
 
 
 class TargetFinder(Protocol):
-    """Function that finds at most `wanted.most` places where a target of that shape is, the surest first.
+    """Function that finds at most `wanted.most` places of targets of one shape in a scan, the surest first.
 
     Raises TargetError with the reason, in one line that says what would help, where there is none.
     """

@@ -40,7 +40,7 @@ class LinkMesh:
 
 
 def load_link_mesh(dataset: Dataset, joint: int) -> LinkMesh | None:
-    """Mesh of the link that this joint moves; None where robot.toml names none.
+    """Mesh of the link that a joint moves; None where robot.toml names none.
 
     Raises:
         DatasetError: a file outside the dataset's folder, missing, of an unknown kind, unreadable or too large.

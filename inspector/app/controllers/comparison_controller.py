@@ -68,9 +68,7 @@ class ComparisonController:
 
     @property
     def distances_mm(self) -> Array | None:
-        """Distances (N,) of the selected scan's points to the jig, mm, NaN off the jig; None where no corner was
-        found.
-        """
+        """Distances (N,), mm, of the selected scan's points to the jig, NaN off the jig; None without a corner."""
         return self._distances_mm
 
     def change(self, **what: float | str | frozenset[str] | None) -> None:
@@ -79,7 +77,7 @@ class ComparisonController:
         self.draw()
 
     def choose(self, name: str) -> None:
-        """Show the arm, errors and arrows of the version with this name, where there is one.
+        """Show the arm, errors and arrows of a version by its name, if there is one.
 
         Of the arrows only those to others that the user has ticked stay.
         """
