@@ -103,7 +103,7 @@ def _causes(row: Row) -> dict[Cause, EffectSize]:
 
 
 def _groups(arms: Sequence[Row], has: BoolArray, *, across_models: bool) -> list[Group]:
-    """Every group of these arms, with its p-value before correction."""
+    """Every group of a fleet's arms, with its p-value before correction."""
     population, cases = len(arms), int(has.sum())
     table = hypergeometric_sf(population, cases)
 

@@ -209,7 +209,7 @@ def ranking(diagnosis: Diagnosis, *, step: int = 0, dark: bool = False) -> go.Fi
 
 
 def added_variable(diagnosis: Diagnosis, effect: str, *, dark: bool = False) -> go.Figure:
-    """Figure of the residual against the part that an effect would explain, in sigmas; full agreement is a line.
+    """Figure of the residual against the part that an effect would explain, in sigmas, with the line of agreement.
 
     Both are of the link errors alone, without what geometry could have absorbed (an added-variable plot). Raises
     CalibError on an effect that is no candidate.
