@@ -12,6 +12,7 @@ from inspector.markup.parts.palette import (
     FILTER_COLOURS,
     HIGHLIGHT,
     MEASURE,
+    MODEL_BEFORE,
     MODEL_COLOURS,
     REJECTED,
 )
@@ -53,6 +54,9 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> st
     if compared and visible & {"residuals", "predicted"}:
         models = ((MODEL_COLOURS[name], name) for name in compared)
         parts.append(elements.legend(models, before=f"residuals × {view.arrows:g} to"))
+        before = view.version_before if "before" in visible and view.compared == {view.chosen} else None
+        if before is not None:
+            parts.append(elements.legend([(MODEL_BEFORE, "the model a step before")]))
     if view.version is not None and visible & {"arm", "floor"}:
         parts.append(_of_the_base(visible))
     if view.session.dataset.robot.carries_scanner and visible & {"corners", "arm", "overview"}:

@@ -34,6 +34,7 @@ LAYER_WORDS = {
         "corners": "All corners",
         "predicted": "Predicted",
         "residuals": "Residuals",
+        "before": "Model before",
         "arm": "Arm",
         "scanner": "Scanner",
         "plan": "Planned poses",

@@ -38,6 +38,7 @@ LAYERS = (
     "corner",
     "corners",
     "predicted",
+    "before",
     "residuals",
     "arm",
     "scanner",

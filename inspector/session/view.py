@@ -21,9 +21,9 @@ VIEW_LAYERS = {
     "Scan": {"scan", "faces", "corner", "scale"},
     "Planes": {"faces", "sets", "rejected", "groups", "scale"},
     "Corner": {"faces", "corner", "scale"},
-    "All corners": {"corner", "corners", "residuals", "predicted", "scanner", "floor", "scale"},
+    "All corners": {"corner", "corners", "before", "residuals", "predicted", "scanner", "floor", "scale"},
     "Distance": {"distance", "jig", "scale"},
-    "Arm": {"corners", "residuals", "predicted", "arm", "scanner", "plan", "floor", "scale"},
+    "Arm": {"corners", "before", "residuals", "predicted", "arm", "scanner", "plan", "floor", "scale"},
 }
 POINT_VIEWS = ("Arm", "All corners", "Corner")  # where there are no scans
 WIDE_VIEWS = ("All scans", "All corners", "Arm")  # of the whole dataset, not of one pose
@@ -75,6 +75,12 @@ class View:
     def version(self) -> Version | None:
         """Version of the model whose arm and errors are shown."""
         return next((v for v in self.versions if v.name == self.chosen), self.versions[-1] if self.versions else None)
+
+    @property
+    def version_before(self) -> Version | None:
+        """Version of the model a step before the one on show; None where the nominal robot is shown."""
+        step = self.shown_step
+        return self.at_step(step - 1).version if step else None
 
     @property
     def calibration(self) -> Calibration | None:

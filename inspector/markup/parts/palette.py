@@ -24,6 +24,7 @@ GROUP_COLOURS = (
     "#6699CC",
 )
 MODEL_COLOURS = {"nominal": "#D97700", "link errors": "#0072DC", "with effects": "#8A5A86"}
+MODEL_BEFORE = "#A9B0BA"  # thin lines of the model before the one on show
 BESIDE_COLOURS = ("#0072B2", "#D55E00")  # the calibration on show, and the one beside it
 ARM, JOINT, SLIDE = "#C3C9D1", "#6B7787", "#8C7340"  # links; joints that turn; joints that slide
 MEASURE = "#7F868F"  # the floor's grid and the bar of known length
