@@ -43,9 +43,7 @@ class FitKnowledge:
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def _common(self, model: Model, x: Array, poses: Poses) -> Array:
-        """(3 or 6, P) derivative, by the parameters, of the base's (and tool's) constant turn, over random nearby
-        postures.
-        """
+        """(3 or 6, P) derivative, by the parameters, of the base's (and tool's) constant turn over nearby postures."""
         rng = np.random.default_rng(0)
         rows = np.resize(np.arange(len(poses)), _POSTURES)
         span = np.where(model.robot.is_revolute, _SPAN_RAD, _SPAN_MM)

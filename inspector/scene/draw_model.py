@@ -1,4 +1,4 @@
-"""Drawing of the model: the arm, what its versions predict, and the jig's model over the scan."""
+"""Drawing of the model: the arm, its versions' predictions, and the jig's model over the scan."""
 
 from __future__ import annotations
 
