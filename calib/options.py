@@ -18,7 +18,7 @@ CORRECTION_KINDS = ("position", "pose")
 PLAN_REGIONS = ("auto", "test", "measurable", "all")
 """Regions over which a plan minimises the predicted error, see `calib.planning.plan`."""
 PLAN_CRITERIA = ("I", "D")
-"""Optimality criteria of a plan for a calibration, see `calib.planning.purpose`."""
+"""Optimality criteria of a plan for a calibration, see `calib.planning.criterion`."""
 DEFAULT_FOLDS = 5  # of a cross-validation
 BUILTIN_ROBOTS = ("rb5", "panda")
 """Robots that come with the library, read by `calib.dataset.files.robot_toml`."""

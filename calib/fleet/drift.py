@@ -14,8 +14,8 @@ from calib.errors import CalibError
 from calib.fleet.judge import FleetOptions, FoundCorners, one_blas_thread_for_good, one_line
 from calib.fleet.row import Row
 from calib.fleet.time_limit import OutOfTime, time_limit
+from calib.monitoring.change_models import BASE, JIG, NOISE, SCANNER
 from calib.monitoring.change_tests import Change
-from calib.monitoring.kinds import BASE, JIG, NOISE, SCANNER
 from calib.monitoring.watch import watch
 
 NOT_OF_THE_ARM = (SCANNER, BASE, JIG, NOISE)

@@ -9,10 +9,10 @@ from typing import Any
 import pandas as pd
 
 from calib.calibration.evaluation import Evaluation
+from calib.monitoring.change_models import BASE, NOISE, change_label
 from calib.monitoring.change_tests import Change, Detectable
 from calib.monitoring.control_chart import in_time, size_in_degrees, usual_name
 from calib.monitoring.iso9283 import CAVEAT, PoseFigures
-from calib.monitoring.kinds import BASE, NOISE, kind_words_of
 from calib.monitoring.watch import ChangeReport
 from calib.present import names, numbers
 from calib.present.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Table, Verdict
@@ -264,7 +264,7 @@ def unseen_sentences(report: ChangeReport) -> list[str]:
 
 
 def _kind(detectable: Detectable) -> str:
-    return kind_words_of(detectable.what, detectable.joint, detectable.parameter)
+    return change_label(detectable.what, detectable.joint, detectable.parameter)
 
 
 def repeat_blocks(repeats: Sequence[PoseFigures]) -> list[Block]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.array_types import Array
+from calib.errors import CalibError
 from calib.frames import apply, best_fit_transform, make_transform
 from calib.kinematics.chain import forward
 from calib.kinematics.joint_range import random_poses
@@ -57,3 +58,19 @@ def fitted_scanner_place(base_mm: Array, scanner_mm: Array) -> Array:
     off_mm = np.linalg.norm(apply(base_T_scanner, scanner_mm) - base_mm, axis=1)
     keep = off_mm <= _TRIM * np.median(off_mm)
     return best_fit_transform(scanner_mm[keep], base_mm[keep]) if keep.sum() >= 3 else base_T_scanner
+
+
+def scanner_at(place_mm: Array, toward_mm: Array) -> Array:
+    """base_T_scanner (4, 4) of an upright scanner at a place (3,) that looks at a point (3,): z forward, y down.
+
+    Raises CalibError where both are the same point.
+    """
+    along = np.asarray(toward_mm, dtype=float) - place_mm
+    length = float(np.linalg.norm(along))
+    if length < 1.0:
+        raise CalibError("the scanner looks at where it stands; name a point in front of it")
+    z = along / length
+    up = np.array([0.0, 0.0, 1.0]) if abs(z[2]) < 0.999 else np.array([1.0, 0.0, 0.0])
+    x = np.cross(z, up)
+    x /= np.linalg.norm(x)
+    return make_transform(np.column_stack([x, np.cross(z, x), z]), place_mm)

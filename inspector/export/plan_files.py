@@ -40,7 +40,7 @@ def planned_file(path: Path, plan: Plan) -> str:
         return frame_csv(poses_frame(plan.poses, plan.start.dataset.robot))
     robot = plan.start.dataset.robot
     heading = (
-        f"{len(plan.poses)} poses of {robot.name} to measure, for {plan.purpose.name}, in this order.",
+        f"{len(plan.poses)} poses of {robot.name} to measure, for {plan.criterion.name}, in this order.",
         "Ways were looked at with the arm at rest; the plan names those that are blocked. Run them slowly first.",
     )
     if path.suffix.lower() in ROS:

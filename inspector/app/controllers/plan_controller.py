@@ -8,7 +8,7 @@ from pathlib import Path
 import viser
 
 from calib.errors import CalibError
-from calib.planning.purposes.confounded_effects import SPLIT
+from calib.planning.discrimination_criterion import SPLIT
 from inspector.app.page.page_state import PageState
 from inspector.export.plan_files import planned_file
 from inspector.panels.learn.plan import FILES, NOT_YET, STALE, PlanPanel

@@ -6,8 +6,8 @@ from functools import partial
 
 import viser
 
-from calib.planning.purpose import CALIBRATION, WATCH
-from calib.planning.purposes.confounded_effects import SPLIT
+from calib.planning.criterion import CALIBRATION, WATCH
+from calib.planning.discrimination_criterion import SPLIT
 from calib.present import html
 from calib.present.blocks import Bullets, Section
 from calib.present.plans import assumptions, plan_head, poses_table
