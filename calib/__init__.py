@@ -56,7 +56,7 @@ __all__ = sorted(["__version__", *_HOME])
 
 
 def __getattr__(name: str) -> object:
-    """A public name, from the module that has it (PEP 562)."""
+    """Attribute of the package: a public name, imported from its module on first use (PEP 562)."""
     value: object
     if name == "__version__":
         from importlib.metadata import version

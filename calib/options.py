@@ -1,4 +1,4 @@
-"""Names and defaults that a user may choose. Nothing slow is imported here, so that `inspector --help` is quick."""
+"""Names and defaults of users' options. Nothing slow is imported here, so that `inspector --help` is quick."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MAX_TOLERANCE = 1e6  # mm or rad; `prior=False` is the way to have none
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Options of a fit, checked when made. A result keeps its options, and every refit uses them.
+    """Options of a fit, checked when made; a result keeps its options for every refit.
 
     Raises FitError, which names the option, the value that was found, and the values that are possible.
 
@@ -95,7 +95,7 @@ class FitFields(TypedDict, total=False):
 
 
 def fit_options(options: FitOptions | None, keywords: FitFields) -> FitOptions:
-    """The options, or the defaults, with the fields that were given as keywords. Raises FitError on an unknown one."""
+    """The given or default options, with fields replaced by keywords. Raises FitError on an unknown keyword."""
     known = [one.name for one in fields(FitOptions)]
     for name in keywords:
         if name not in known:

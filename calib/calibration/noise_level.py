@@ -19,7 +19,7 @@ _ORIGINS = {REPEATS: "noise as repeats show it", FIT: "noise as the fit left it"
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """Noise of one coordinate of a measured point, and its source."""
+    """Noise per coordinate of a measured point, and its source."""
 
     sigma_mm: float  # RMS over the points; nan where no one declares it and nothing shows it
     source: str  # "dataset", "repeats" or "fit"
@@ -27,7 +27,7 @@ class NoiseLevel:
 
     @property
     def floor_mm(self) -> float | None:
-        """3D RMSE by noise alone, sqrt(3) sigma, mm; None where the noise is not known."""
+        """3D RMSE that noise alone causes, sqrt(3) sigma, mm; None where the noise is not known."""
         return float(np.sqrt(3.0)) * self.sigma_mm if np.isfinite(self.sigma_mm) else None
 
     @property
@@ -41,7 +41,7 @@ class NoiseLevel:
         return _ORIGINS.get(self.source, "noise alone")
 
     def words(self, length: str, of: str = "") -> str:
-        """Name of the noise with a length in brackets, such as "noise alone (0.05 mm a coordinate)"."""
+        """Name of the noise with a length in brackets, such as "noise alone (0.05 mm per coordinate)"."""
         return f"{self.name} ({length}{of}{'' if self.is_declared else ': not declared'})"
 
 
@@ -60,7 +60,7 @@ def noise_level(calibration: Calibration) -> NoiseLevel:
 
 
 def noise_of_repeats(dataset: Dataset) -> tuple[float, float] | None:
-    """Sigma of a coordinate, mm, from repeats, and its degrees of freedom; None where these are too few."""
+    """Sigma per coordinate, mm, from repeats, and its degrees of freedom; None where these are too few."""
     repeats = find_repeats(dataset)
     dof = sum(3 * (r.count - 1) for r in repeats)
     sigma_mm = pooled_sigma_mm(repeats) if dof >= _FEWEST_DOF else 0.0
@@ -69,7 +69,7 @@ def noise_of_repeats(dataset: Dataset) -> tuple[float, float] | None:
 
 @dataclass(frozen=True)
 class SigmaCheck:
-    """Residual sigma of one coordinate with its 95 % interval, and the declared sigma.
+    """Residual sigma per coordinate with its 95 % interval, and the declared sigma.
 
     With nu degrees of freedom nu s^2 / sigma^2 follows chi^2(nu), which gives the 95 % interval.
     """
@@ -82,7 +82,7 @@ class SigmaCheck:
 
     @property
     def verdict(self) -> str:
-        """Comparison in a word: "excess", "as declared", "below", or "unknown" without declared sigma or dof."""
+        """Comparison of residual with declared sigma: "excess", "as declared", "below", or "unknown" without basis."""
         if self.declared_mm is None or not np.isfinite(self.sigma_mm):
             return "unknown"
         if self.declared_mm < self.low_mm:

@@ -47,7 +47,7 @@ class ImportSources:
 
 @dataclass(frozen=True)
 class PlannedColumn:
-    """Planned use of a table's column, with its reason; `meaning` is None where it is kept as it is or left out."""
+    """Planned use of a table's column, with its reason; `meaning` is None for a column kept unchanged or left out."""
 
     table: Path
     name: str

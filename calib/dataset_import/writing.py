@@ -132,7 +132,7 @@ class Content:
 
 
 def fault_of(content: Content) -> str | None:
-    """Error that reading such a dataset would raise; None where it can be read. Scans are only looked for."""
+    """Error that reading a dataset with this content would raise; None if readable. Scans are only checked to exist."""
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made) / "dataset"
         folder.mkdir()

@@ -43,7 +43,7 @@ class Fit(Brief):
         return np.where(self.undetermined, np.inf, np.sqrt(np.diag(self.covariance)))
 
     def summary(self, *, declared: bool = True) -> str:
-        """Convergence, size and rank of the fit in a line, and the residual over the sigma where that is `declared`."""
+        """Line with convergence, size and rank of the fit, and the residual over the sigma where that is `declared`."""
         against = f", residual {self.reduced_chi:.3g} times the points' sigma" if declared else ""
         state = "converged" if self.converged else "not converged"
         return (

@@ -1,4 +1,4 @@
-"""A calibration: its errors before and after, how the fit ended, every parameter, and the sums that are known."""
+"""Presentation of a calibration: errors before and after, convergence, all parameters, and the identifiable sums."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def _calibration(calibration: Calibration) -> Presentation:
 
 
 def calibration_head(calibration: Calibration, way: Sequence[Calibration] = ()) -> list[Block]:
-    """How the error fell on the `way` to a calibration, all its errors, how the fit ended, and what to be warned of."""
+    """Blocks with the errors at each stage (`way`) of a calibration, all errors, convergence, and warnings."""
     worse = calibration.worse_than_nominal
     warnings = [words for words in calibration.warnings if words != worse]
     return [
@@ -87,12 +87,12 @@ def calibration_head(calibration: Calibration, way: Sequence[Calibration] = ()) 
 
 
 def error_way(*calibrations: Calibration) -> Headline:
-    """From the arm as delivered to the last of the fits."""
+    """Headline of the errors from the arm as delivered to the last of the fits."""
     return error_headline(headline_of(calibrations))
 
 
 def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
-    """What was fitted by which equations, how the fit ended, and the noise that it leaves."""
+    """Facts on the fit: parameters, equations, convergence, and the residual noise."""
     fit = calibration.fit
     facts: list[tuple[str, object]] = [
         ("model", " + ".join(["link errors", *calibration.model.family_names])),
@@ -116,7 +116,7 @@ def _iterations(calibration: Calibration) -> str:
 
 
 def error_tables(calibration: Calibration, colours: Mapping[str, str] | None = None) -> list[Block]:
-    """All errors before and after; those of the jig's attitude, too, where full poses were fitted.
+    """Tables of all errors before and after, including those of the jig's orientation where full poses were fitted.
 
     colours: of training and test poses in figures, by role.
     """
@@ -135,7 +135,7 @@ def error_table(
     colours: Mapping[str, str] | None = None,
     test: str = "test",
 ) -> Table:
-    """3D and distance errors before and after, of training and of test poses, or whatever `test` calls these."""
+    """Table of 3D and distance errors before and after, of training and test poses (or as `test` names them)."""
     rows = [
         (
             _of_role(test if role == "test" else role, name, colours),
@@ -168,20 +168,20 @@ def _of_role(role: str, figure: str, colours: Mapping[str, str] | None) -> str |
 
 
 def pose_errors(calibration: Calibration) -> FigurePlace:
-    """The place of the error of each pose."""
+    """Placeholder of the figure of each pose's error."""
     caption = "3D error of each pose after the fit, with everything in the model: predicted minus measured, length."
     return FigurePlace("error_bars", (calibration,), caption, height_px=280)
 
 
 def step_table(steps: Sequence[tuple[str, float, float, float]]) -> Table:
-    """3D RMSE after each change of the model: its label, training and test RMSE and residual sigma, mm."""
+    """Table of 3D RMSE after each change of the model: its label, training and test RMSE and residual sigma, mm."""
     rows = [(label, *map(numbers.column_mm, figures)) for label, *figures in steps]
     columns = ("model", "training, mm", "test, mm", "residual sigma, mm")
     return Table(columns, rows, caption="3D RMSE after each change of the model; the sigma is per coordinate")
 
 
 def fit_steps(steps: Sequence[FitStep]) -> list[tuple[str, float, float, float]]:
-    """The rows of `step_table` of fits one after the other."""
+    """Rows of `step_table` for a sequence of fits."""
     nan = math.nan
     return [
         (
@@ -195,7 +195,7 @@ def fit_steps(steps: Sequence[FitStep]) -> list[tuple[str, float, float, float]]
 
 
 def evaluation_sentence(evaluation: Evaluation) -> str:
-    """The RMSE of test and training poses in a phrase: "test RMSE 0.20 mm (training 0.19 mm)"."""
+    """Phrase with the RMSE of test and training poses: "test RMSE 0.20 mm (training 0.19 mm)"."""
     train, test = evaluation.train, evaluation.test
     if test is None:
         return f"training RMSE {numbers.length(train.rmse_mm)}, no test poses" if train else "no poses"
@@ -204,7 +204,7 @@ def evaluation_sentence(evaluation: Evaluation) -> str:
 
 
 def table_alone(table: ExportedTable) -> list[Block]:
-    """What robot.toml alone is worth beside the whole model; nothing where the model has no more than a table."""
+    """Paragraph with the errors of robot.toml's table alone and of the full model; [] for a model without effects."""
     if not table.left_out:
         return []
     effects = numbers.listing(table.left_out)
@@ -217,7 +217,7 @@ def table_alone(table: ExportedTable) -> list[Block]:
 
 
 def sigma_sentence(check: SigmaCheck) -> str:
-    """The residual sigma with its 95 % interval, beside the declared one, and what that means."""
+    """Sentence with the residual sigma, its 95 % interval and the declared sigma, and what the comparison means."""
     if not math.isfinite(check.sigma_mm):
         return "Residual sigma: no degree of freedom is left to tell it."
     low, high = numbers.length(check.low_mm), numbers.length(check.high_mm)
@@ -240,7 +240,7 @@ def sigma_sentence(check: SigmaCheck) -> str:
 
 
 def parameters(calibration: Calibration, table: ExportedTable | None = None) -> list[Block]:
-    """Every parameter with its sigma, learned curves, the sums that are known, and what is known of the tool."""
+    """Blocks with every parameter and its sigma, learned curves, identifiable sums, and the tool row."""
     sums = identifiable_combinations(calibration)
     tool = tool_rows(calibration.dataset, residual=calibration.residual, model=calibration.model)
     return [
@@ -253,7 +253,7 @@ def parameters(calibration: Calibration, table: ExportedTable | None = None) -> 
 
 
 def parameter_tables(calibration: Calibration, height: str = "") -> list[Block]:
-    """The parameters of the arm, those of each effect, and the learned curves; `height` as of `Table`."""
+    """Tables of the arm's parameters, of each effect's, and of the learned curves; `height` as of `Table`."""
     return [*_tables(calibration, height), Paragraph(_NOT_KNOWN, soft=True)]
 
 
@@ -280,7 +280,7 @@ def _tables(calibration: Calibration, height: str) -> Iterator[Block]:
 
 
 def _row(row: Mapping[str, Any], name: str, *, of_arm: bool) -> tuple[str, ...]:
-    """A parameter: angles of the arm in degrees with the four decimals of a data sheet; an effect's three digits."""
+    """Table row of a parameter: the arm's angles in degrees with four decimals; an effect's values in three digits."""
     unit = numbers.readable(0.0, row["unit"])[1] if of_arm else str(row["unit"])
     scale = math.degrees(1.0) if of_arm and row["unit"] == "rad" else 1.0
     nominal, value, change, sigma = (scale * float(row[key]) for key in ("nominal", "value", "change", "sigma"))
@@ -299,7 +299,7 @@ def _row(row: Mapping[str, Any], name: str, *, of_arm: bool) -> tuple[str, ...]:
 
 
 def _sum(known: Combination) -> Words:
-    """A sum of parameters of one unit; angles in degrees."""
+    """Row text of a sum of parameters of one unit; angles in degrees."""
     terms: list[Any] = []
     for name, coefficient in known.coefficients.items():
         sign = numbers.MINUS if coefficient < 0 else "+"
@@ -315,7 +315,7 @@ def _sum(known: Combination) -> Words:
 
 @document.register
 def calibration_document(calibration: Calibration) -> dict[str, Any]:
-    """What `calibrate --json` prints."""
+    """Document that `calibrate --json` prints."""
     fit, attitudes = calibration.fit, calibration.orientation_errors
     return {
         "dataset": calibration.dataset.name,
@@ -356,7 +356,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
 
 
 def found_tool_document(calibration: Calibration) -> dict[str, Any]:
-    """Where the tool point was found, mm in the last joint's frame and from the tip; None where robot.toml has it."""
+    """Keys on the found tool point, mm in the last joint's frame and from the tip; None where robot.toml's holds."""
     shift = calibration.tool_shift
     return {
         "tool_found_mm": None if shift is None else shift.point_mm,
@@ -371,7 +371,7 @@ def stands_document(calibration: Calibration) -> dict[str, int] | None:
 
 
 def steps_document(steps: Sequence[FitStep]) -> list[dict[str, Any]]:
-    """The way to a calibration: the first fit, then one for each effect that was added, with its members' sizes."""
+    """Keys of each step of a calibration: the first fit, then one per added effect with its members' sizes."""
     return [
         {
             "effect": step.effect,
@@ -384,7 +384,7 @@ def steps_document(steps: Sequence[FitStep]) -> list[dict[str, Any]]:
 
 
 def table_document(table: ExportedTable) -> dict[str, Any]:
-    """The errors of the exported table alone, and the families of the model that it cannot hold."""
+    """Keys on the exported table alone: its errors, and the families of the model that the table cannot hold."""
     return {**document(table.errors), "without_effects": table.left_out}
 
 

@@ -1,4 +1,4 @@
-"""A plan of poses: what they are for, what they achieve, each pose and why, and what was assumed."""
+"""Presentation of a plan of poses: purpose, predicted gain, each pose with its reason, and assumptions."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _plan(plan: Plan) -> Presentation:
 
 
 def plan_head(plan: Plan) -> list[Block]:
-    """What the poses are for and what they achieve."""
+    """Blocks with the purpose of the poses and their predicted gain."""
     unsure = plan.power is not None and plan.power < SURELY
     head: list[Block] = [Verdict(plan_headline(plan), DOUBT if unsure else GOOD)]
     achieved = outcome_sentences(plan)
@@ -78,7 +78,7 @@ def plan_head(plan: Plan) -> list[Block]:
 
 
 def plan_headline(plan: Plan) -> str:
-    """How many poses for what, and the predicted error or the power."""
+    """Sentence with the number and purpose of the poses, and the predicted error or the power."""
     criterion, planned = plan.criterion, numbers.count(len(plan.poses), "pose")
     error = f"the predicted error falls {numbers.length_change(plan.now.geometry_mm, plan.then.geometry_mm)}"
     if criterion.name == WATCH:
@@ -115,7 +115,7 @@ def _error(predicted: Prediction) -> str:
 
 
 def _error_by_count(plan: Plan) -> Table:
-    """The predicted error by the number of new poses.
+    """Table of the predicted error by the number of new poses.
 
     Fewer poses than it takes to place the scanner, or to fit at all, have no error that means anything.
     """
@@ -128,7 +128,7 @@ def _error_by_count(plan: Plan) -> Table:
 
 
 def outcome_sentences(plan: Plan) -> list[str]:
-    """What the poses do for what they are planned for, a sentence each."""
+    """Sentences on what the poses achieve for the plan's purpose."""
     match plan.outcome:
         case EffectOutcome():
             return [*_conditions(plan.outcome), *_coefficients(plan.outcome)]
@@ -207,12 +207,12 @@ def _discriminated(outcome: DiscriminationOutcome) -> list[str]:
 
 
 def pose_blocks(plan: Plan) -> list[Block]:
-    """Each pose as commanded, in the order of measuring, and what the ranks mean."""
+    """Blocks with each pose as commanded, in the order of measuring, and the meaning of the ranks."""
     return [poses_table(plan), *([Paragraph(_RANKS, soft=True)] if len(plan.poses) > 1 else [])]
 
 
 def poses_table(plan: Plan, *, compact: bool = False, mark: int | None = None) -> Table:
-    """Each pose as commanded, with its conditions, in the order of measuring; a click on a row selects it.
+    """Table of the poses as commanded, with conditions, in the order of measuring; a click on a row selects the pose.
 
     compact: all joints in one column and no ranks, for a narrow panel.
     """
@@ -248,7 +248,7 @@ def poses_table(plan: Plan, *, compact: bool = False, mark: int | None = None) -
 
 
 def reason_phrase(reason: PoseReason) -> str:
-    """Why a pose was chosen."""
+    """Phrase with the reason why a pose was chosen."""
     match reason:
         case ParameterReason():
             far = "" if reason.far_joint is None else f"joint {reason.far_joint} far from what was measured: "
@@ -263,7 +263,7 @@ def reason_phrase(reason: PoseReason) -> str:
 
 
 def assumptions(plan: Plan) -> list[str]:
-    """What was assumed, what the prediction cannot know, and what is to be minded."""
+    """Sentences on the plan's assumptions, on what the prediction cannot include, and on precautions."""
     start, lines = plan.start, []
     if plan.fewest_for_fit is not None:
         lines.append(

@@ -1,4 +1,4 @@
-"""The inputs and residuals of the tab Where it fails: titles with units, values to plot, noise band."""
+"""Inputs and residuals of the tab "Where it fails": titles with units, values to plot, noise band."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NAMES = {
 
 
 def band_note(pose_errors: PoseErrors, band: tuple[float, float]) -> str:
-    """What the grey band is, and how many poses leave it where that is counted."""
+    """Sentences on the grey noise band of a plot, with the number of poses outside it where that can be counted."""
     noise = pose_errors.noise.words(numbers.length(pose_errors.noise_mm), " a coordinate")
     grey = f"Grey: where {noise} leaves 19 of 20 poses."
     if not np.isfinite(band).all():
@@ -37,7 +37,7 @@ def band_note(pose_errors: PoseErrors, band: tuple[float, float]) -> str:
 
 
 def input_title(name: str, robot: Robot) -> str:
-    """ "q3" -> "joint 3 angle, °": an input with its unit."""
+    """Title of an input with its unit: "q3" -> "joint 3 angle, °"."""
     of_joint = joint_input(name)
     if of_joint is not None:
         quantity, joint = of_joint
@@ -50,21 +50,21 @@ def input_title(name: str, robot: Robot) -> str:
 
 
 def turned(name: str, values: Array, robot: Robot) -> Array:
-    """Joint angles in degrees, everything else as it is."""
+    """Values with joint angles converted to degrees and all others unchanged."""
     quantity, joint = joint_input(name) or ("", 0)
     angle = quantity == "q" and robot.joints[joint].is_revolute
     return np.degrees(values) if angle else values
 
 
 def joint_title(joint: int, robot: Robot) -> str:
-    """What the apparent motion of a joint is called."""
+    """Axis title of a joint's apparent motion, with its unit."""
     return f"apparent motion of joint {joint + 1}, {'millidegrees' if robot.joints[joint].is_revolute else 'mm'}"
 
 
 def shown(
     pose_errors: PoseErrors, what: str, joint: int | None, robot: Robot
 ) -> tuple[Array, str, tuple[float, float]]:
-    """The values to plot, their name with the unit, and the band that noise alone fills."""
+    """Values to plot, their title with the unit, and the band of noise alone."""
     if joint is not None:
         scale = float(np.degrees(1.0)) * 1000.0 if robot.joints[joint].is_revolute else 1.0
         half = 2.0 * scale * pose_errors.joint_noise(joint)

@@ -19,7 +19,7 @@ _FEW = 8  # such poses
 
 
 def in_front(robot: Robot) -> tuple[Array, Array]:
-    """Middle of an arm's reach in front of it (3,), mm, and orientation (3, 3) of a scanner that looks back at it."""
+    """Middle (3,), mm, of an arm's reach in front of it, and orientation (3, 3) of a scanner facing the arm there."""
     q = random_poses(robot, 2000, rng=np.random.default_rng(0))
     reach_mm = float(
         np.linalg.norm(forward(robot.table, q, robot.is_revolute, robot.base_T_first).target_mm, axis=1).max()
@@ -29,7 +29,7 @@ def in_front(robot: Robot) -> tuple[Array, Array]:
 
 
 def likely_scanner_place(robot: Robot, tool_T_jig: Array, distance_mm: float) -> Array:
-    """base_T_scanner (4, 4) from which an arm's jig can be seen: in front of the arm, looking back at it.
+    """base_T_scanner (4, 4) from which an arm's jig can be seen: in front of the arm and facing it.
 
     An arm that hardly brings its jig there, facing the scanner (a SCARA, a gantry), is seen in the middle of its reach,
     along the axis of the base from which its jig is faced most often.

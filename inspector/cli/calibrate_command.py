@@ -1,4 +1,4 @@
-"""The command `calibrate`: the fit and all files made from it, and fitting as other commands need it."""
+"""The command `calibrate`: the fit, the files made from it, and fits for other commands."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def loaded_effects(effects_file: Path | None, dataset: Dataset) -> tuple[Family,
 def fitted(
     options: CalibrateOptions | CorrectOptions | CompareOptions | WatchOptions, dataset: Dataset
 ) -> tuple[FitStep, ...]:
-    """Fits that the options ask for: one, then another for each --add."""
+    """Fits as the options require: a first one, then another for each --add."""
     user_effects = loaded_effects(options.effects_file, dataset)
     effects = effects_named(dataset, options.effect, user_effects)
     return add_in_turn(dataset, options.add, options.fit_options(), effects=effects, user_effects=user_effects)
@@ -149,7 +149,7 @@ def _calibration_text(steps: Sequence[FitStep], table: ExportedTable) -> str:
 
 
 def require_plausible(result: Calibration, force: bool) -> None:
-    """Raise CalibError for a fit that is no improvement or implausible, unless `force`: nothing is written then."""
+    """Raise CalibError, before anything is written, for a fit without improvement or implausible, unless `force`."""
     result.require_improvement(force=force)
     doubt = "" if force else implausibility_reason(result)
     if doubt:

@@ -1,4 +1,4 @@
-"""Subcommands with their arguments. Nothing slow is imported: `--help` and a wrong word are answered at once."""
+"""Subcommands with their arguments. Nothing slow is imported, so that `--help` and wrong words are answered at once."""
 
 from __future__ import annotations
 

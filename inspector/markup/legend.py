@@ -27,7 +27,7 @@ ON_FLANGE = (
 
 
 def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> str:
-    """Legend of the visible layers that show something. distances_mm  # (N,) of the scan to the jig"""
+    """HTML legend of the visible, non-empty layers; `distances_mm` (N,) from the scan to the jig."""
     if not visible:
         return elements.note(EMPTY)
     search, corner = view.search, view.search.corner if view.search is not None else None
@@ -66,7 +66,7 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> st
 
 
 def _of_the_base(visible: set[str]) -> str:
-    """Legend of the base's axes and of the floor's grid."""
+    """HTML legend of the base's axes and of the floor's grid."""
     axes = (("#CC0000", "x"), ("#00CC00", "y"), ("#0000CC", "z")) if "arm" in visible else ()
     grid = ((MEASURE, "floor, 100 mm a square"),) if "floor" in visible else ()
     return elements.legend([*axes, *grid], before="base" if axes else "")

@@ -1,4 +1,4 @@
-"""All that a report shows, gathered from a session: fit, ranking of effects, residuals, identifiability."""
+"""Content of a report, gathered from a session: fit, ranking of effects, residuals, identifiability."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from inspector.session.session import Session
 
 @dataclass(frozen=True)
 class ModelResidual:
-    """What the fit of one model leaves over: the errors of the poses, and the tests of them against every input."""
+    """Residual of one model's fit: the errors of the poses, and their tests against every input."""
 
     title: str  # the model, see `model_name`
     pose_errors: PoseErrors
@@ -28,7 +28,7 @@ class ModelResidual:
 
 @dataclass(frozen=True)
 class Report:
-    """All that the page shows; `report_of` gathers it."""
+    """All content of a report, gathered by `report_of`."""
 
     session: Session
     calibration: Calibration
@@ -50,7 +50,7 @@ class Report:
 
 
 def report_of(session: Session) -> Report:
-    """The content of the report of a session that is calibrated and whose candidates are ranked."""
+    """Content of the report on a session that is calibrated and whose candidates are ranked."""
     calibration, ranking = session.calibration, session.screening
     assert calibration is not None
     assert ranking is not None
@@ -76,5 +76,5 @@ def report_of(session: Session) -> Report:
 
 
 def model_name(calibration: Calibration) -> str:
-    """ "link errors + backlash": what is in the model."""
+    """Name of a model by its content: "link errors + backlash"."""
     return " + ".join(["link errors", *calibration.model.family_names])

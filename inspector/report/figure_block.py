@@ -1,4 +1,4 @@
-"""A figure among the blocks of a report, and the picture that it becomes."""
+"""Figures among the blocks of a report, and their conversion to pictures."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from inspector.figures.svg.figure import svg_of
 
 @dataclass(frozen=True)
 class Figure(Block):
-    """A plotly figure in its light version with its caption; the page draws it as SVG, in its own colours."""
+    """A plotly figure in its light version with its caption, drawn by the page as SVG in the page's colours."""
 
     kind: ClassVar[str] = "figure"
     drawn: go.Figure
@@ -25,7 +25,7 @@ class Figure(Block):
 
 
 def still(blocks: Sequence[Block], names: Iterator[str]) -> list[Block]:
-    """The blocks with figures as SVG; `names` are those of the figures, which begin their ids."""
+    """The blocks with figures replaced by SVG; `names` are the figures' names, which prefix their ids."""
     return [_still(block, names) for block in blocks]
 
 

@@ -1,4 +1,4 @@
-"""The first page of a report, for whoever owns the arm: how good it is now, what is wrong with it, what to do."""
+"""The first page of a report, for the arm's owner: its present accuracy, the causes found, what to do."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _FIGURES = (("mean", "mean_mm"), ("RMS", "rmse_mm"), ("maximum", "max_mm"))
 
 
 def first_page(report: Report, made: str) -> tuple[Block, ...]:
-    """All of it, in the order of reading. `made`: the date of the report."""
+    """Blocks of the first page, in the order of reading; `made` is the date of the report."""
     told = report.session.headline
     assert told is not None
     return (
@@ -87,7 +87,7 @@ def _name_now(report: Report) -> str:
 
 
 def errors_table(report: Report, told: HeadlineFacts) -> Table:
-    """Mean, RMS and maximum of the 3D error at each stage, in one unit."""
+    """Table of mean, RMS and maximum of the 3D error at each stage, in one unit."""
     steps = [step.calibration for step in report.session.steps]
     columns: list[Figures] = []
     for stage in told.stages:
@@ -106,7 +106,7 @@ def errors_table(report: Report, told: HeadlineFacts) -> Table:
 
 
 def what_to_do(report: Report) -> list[str]:
-    """The recommended actions in plain words, the most useful first."""
+    """List of recommended actions in plain words, the most useful first."""
     told, found = report.session.headline, report.diagnosis
     assert told is not None
     out = [_table_to_load(report, told)]
@@ -149,7 +149,7 @@ def _compensation(report: Report, told: HeadlineFacts) -> str:
 
 
 def _confirmations(found: Diagnosis | None) -> list[str]:
-    """The measurement that shows each cause alone, before a gear is opened."""
+    """Sentences on the measurements that confirm each cause alone, before a gear is opened."""
     if found is None:
         return []
     confirm = {described.name: described.confirm for described in descriptions()}

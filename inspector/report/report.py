@@ -1,4 +1,4 @@
-"""A calibration as a report: what was measured, what was found, how sure it is, and by which method and versions.
+"""Report on a calibration: measurements, findings, their certainty, the method and program versions.
 
 `content.report_of` gathers what it tells, `sections` has a function a section, `page` renders them by the templates.
 """
@@ -54,14 +54,14 @@ PACKAGES = ("robot-calibration-inspector", "numpy", "scipy", "pandas", "open3d-c
 
 
 def is_report(path: Path) -> bool:
-    """Whether a file is a report of ours, or empty: one that may be replaced."""
+    """Whether a file is a report of this program, or empty, so that it may be replaced."""
     with path.open("rb") as file:
         start = file.read(2000)
     return not start or MARK.encode() in start
 
 
 def report_html(report: Report, *, now: datetime) -> str:
-    """The page; `now` is the date that it carries."""
+    """HTML of a report; `now` is its date."""
     made = now.astimezone().strftime("%Y-%m-%d %H:%M %Z").strip()
     return render_page(
         f"Calibration report: {report.dataset.name}",
@@ -75,7 +75,7 @@ def report_html(report: Report, *, now: datetime) -> str:
 
 
 def finding_sections(report: Report) -> tuple[Section, ...]:
-    """All that was found, after the first page: a report's middle, and what a notebook shows of a diagnosis."""
+    """Sections on all findings after the first page, used by the report and by a notebook's view of a diagnosis."""
     residuals = [block for model in report.residuals for block in sections.model_residual(report, model)]
     curves = sections.learned_curves(report)
     return (
@@ -92,7 +92,7 @@ def finding_sections(report: Report) -> tuple[Section, ...]:
 
 
 def versions() -> list[tuple[str, str]]:
-    """What the figures were computed with."""
+    """Versions of the program and libraries that computed the figures."""
     out = [("Python", f"{platform.python_version()}, {platform.system()} {platform.machine()}")]
     for package in PACKAGES:
         try:

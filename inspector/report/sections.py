@@ -1,4 +1,4 @@
-"""The sections of a report: each tells of one thing that `Report` holds, in words, tables and figures."""
+"""Sections of a report, each on one part of `Report`, in sentences, tables and figures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _P = 0.01
 
 
 def ranking(report: Report) -> list[Block]:
-    """Every effect that could be missing, with its evidence, and those that cannot be tested here."""
+    """Blocks on the evidence of every candidate effect, and on effects that cannot be tested."""
     rows = [
         (
             c.name,
@@ -60,13 +60,13 @@ def ranking(report: Report) -> list[Block]:
 
 
 def _likeness(candidate: Candidate) -> str:
-    """The effects that could make most of what a candidate explains."""
+    """Text on the effects that could explain most of what a candidate explains."""
     most = sorted(candidate.overlaps.items(), key=lambda item: -item[1])[:3]
     return ", ".join(f"{name} {100 * share:.0f}\u00a0%" for name, share in most) or "–"
 
 
 def model_residual(report: Report, model: ModelResidual) -> list[Block]:
-    """What a fit leaves over against the inputs that it has most order in."""
+    """Blocks on a fit's residual against the inputs with the clearest systematic patterns."""
     inputs = [test for test in model.residual_tests.inputs if test.input in model.pose_errors.inputs]
     if not inputs:
         return [Paragraph(f"{model.title}: no input varies that the residual could follow.")]
@@ -85,7 +85,7 @@ def model_residual(report: Report, model: ModelResidual) -> list[Block]:
 
 
 def _channel(test: InputTest, dataset: Dataset) -> str:
-    """What `residuals.shown` calls the part of the residual that a test saw most order in."""
+    """Name, for `residuals.shown`, of the residual's component with the clearest pattern in a test."""
     if test.channel.joint is not None:
         return joint_title(test.channel.joint, dataset.robot)
     return next(title for title, axis in AXES.items() if "xyz"[axis] == test.channel.axis)
@@ -112,7 +112,7 @@ def _hide(trace: go.Scatter) -> None:
 
 
 def learned_curves(report: Report) -> list[Block]:
-    """The learned curves in the model: their formulas, sizes, and the figure; [] where there are none."""
+    """Blocks on the learned curves in the model: formulas, sizes, and the figure; [] where there are none."""
     curves = fitted_curves(report.calibration)
     if not curves:
         return []

@@ -1,4 +1,4 @@
-"""Drawing of the model: the arm, what its versions predict, and the jig's model over the scan."""
+"""Drawing of the model: the arm, its versions' predictions, and the jig's model over the scan."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def pose_colour(view: View, pose: int) -> str:
 
 
 class ArmDrawing:
-    """Draws the arm at the selected pose. Meshes are sent once a dataset; another pose only moves them.
+    """Drawing of the arm at the selected pose; meshes are sent once per dataset and then only moved.
 
     on_joint: told of a click on a joint or its link, counted from 1.
     """
@@ -112,9 +112,7 @@ class ArmDrawing:
 
 
 def jig_distances(view: View, scan: Scan | None) -> Array | None:
-    """Signed distance (N,) of a scan's points to the jig's faces, mm, NaN off the jig; None where no corner was
-    found.
-    """
+    """Signed distance (N,), mm, of a scan's points to the jig's faces, NaN off the jig; None without a corner."""
     corner = None if view.search is None else view.search.corner
     if scan is None or corner is None:
         return None

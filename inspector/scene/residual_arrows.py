@@ -106,7 +106,7 @@ def _arrows_of(version: Version, view: View) -> _Arrows:
 
 
 class ResidualArrows:
-    """Draws arrows from each measured point to where each compared version predicts it, enlarged by `View.arrows`.
+    """Drawing of arrows from measured points to each compared version's predictions, enlarged by `View.arrows`.
 
     One version alone is drawn over thin lines of the model before it. Where that model was on show until now, the
     arrows move from it to the one on show within FALL_S: the error is seen to fall.
@@ -123,7 +123,7 @@ class ResidualArrows:
         self._nodes: tuple[viser.SceneNodeHandle, ...] = ()  # arrows and predicted points that can move
 
     def draw(self, view: View) -> None:
-        """Draw the compared versions, and let the error fall where the version before was on show until now."""
+        """Draw the compared versions, with an animation from the previous version's arrows if that was on show."""
         drawn = {v.name: _arrows_of(v, view) for v in view.versions if v.name in view.compared}
         before = view.version_before if view.version is not None and set(drawn) == {view.version.name} else None
         with self._lock:
@@ -139,13 +139,13 @@ class ResidualArrows:
             threading.Thread(target=self._fall, args=(token,), name="inspector-fall", daemon=True).start()
 
     def between(self, share: float) -> None:
-        """Draw the arrows between those of the model before (0) and those of the model on show (1)."""
+        """Draw arrows interpolated between those of the model before (share 0) and of the model on show (share 1)."""
         with self._lock:
             self._moving = None
             self._place(share)
 
     def stop(self) -> None:
-        """End the move under way."""
+        """End a running animation."""
         with self._lock:
             self._moving = None
 
@@ -212,14 +212,14 @@ class ResidualArrows:
 
 
 def _same(one: _Arrows, other: _Arrows) -> bool:
-    """Whether two versions leave the same errors at the same points."""
+    """Whether two versions have the same errors at the same points."""
     return one.error_mm.shape == other.error_mm.shape and bool(
         np.array_equal(one.start_mm, other.start_mm) and np.array_equal(one.error_mm, other.error_mm)
     )
 
 
 def _thin_lines(api: viser.SceneApi, name: str, arrows: _Arrows) -> viser.SceneNodeHandle:
-    """Thin line for each arrow of the model before."""
+    """Node of thin lines, one for each arrow of the model before."""
     return api.add_line_segments(
         f"{name}/lines", to_scene(np.stack([arrows.start_mm, arrows.tip_mm], axis=1)), rgb(MODEL_BEFORE),
         thickness=1.0, thickness_units="screen",

@@ -17,7 +17,7 @@ _LIKELIEST = 5  # effects that may be planned for
 
 @dataclass(frozen=True)
 class Planned:
-    """A plan, the session that it was made for, and which of its poses is selected."""
+    """A plan, with the session that it was made for and the index of its selected pose."""
 
     plan: Plan
     session: Session
@@ -29,9 +29,7 @@ class Planned:
 
     @property
     def scanner_T_base(self) -> Array:
-        """Pose (4, 4) of the base in the scanner's frame, of the setup in which the planned poses are to be
-        measured.
-        """
+        """Pose (4, 4) of the base in the scanner's frame, of the setup in which the planned poses will be measured."""
         calibration = self.session.calibration
         assert calibration is not None
         return calibration.after.scanner_T_base[self.plan.start.setup]

@@ -1,4 +1,4 @@
-"""What is on show: one session, one pose, and how they are drawn."""
+"""View on a session: the selected pose, joint and version, and the drawing settings."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ FACTORS = (1, 3, 10, 30, 100, 300, 1000, 3000, 10000)  # enlargements of the unc
 
 @dataclass(frozen=True)
 class View:
-    """What is on show: a session, the selected pose and joint, and how the model is drawn."""
+    """What the page displays: a session, the selected pose and joint, and drawing settings."""
 
     session: Session
     pose: int = 0
@@ -100,9 +100,7 @@ class View:
 
     @property
     def shown_step(self) -> int | None:
-        """Index of the shown model: 0 is the nominal robot, k the model after `session.steps[k - 1]`; None before a
-        fit.
-        """
+        """Index of the shown model: 0 for the nominal robot, k after `session.steps[k - 1]`; None before a fit."""
         version = self.version
         if version is None or version.name == NOMINAL:
             return None if version is None else 0
@@ -112,14 +110,14 @@ class View:
         return next(known, next(links, None) if version.name == LINKS else None)
 
     def version_of_step(self, number: int) -> str:
-        """Name of the version that the model after a step belongs to; steps counted as in `shown_step`."""
+        """Name of the version of the model after a step; steps counted as in `shown_step`."""
         steps = self.session.steps
         if number == 0:
             return NOMINAL
         return EFFECTS if steps[number - 1].selected else LINKS
 
     def at_step(self, number: int) -> View:
-        """View of the model after a step, with its arrows: 0 is the nominal robot, k `session.steps[k - 1]`.
+        """View of the model after a step, with arrows: 0 is the nominal robot, k `session.steps[k - 1]`.
 
         Nothing changes where there is no such step.
         """
@@ -131,7 +129,7 @@ class View:
         return replace(self, step=step, chosen=chosen, compared=frozenset({chosen}))
 
     def with_session(self, session: Session) -> View:
-        """View of another session; a view of the latest version stays one of the latest version."""
+        """View of another session; a view of the latest version shows the latest version there, too."""
         newest = session.versions[-1].name if session.versions else ""
         before = self.session.versions[-1].name if self.session.versions else ""
         chosen, compared = self.chosen, self.compared

@@ -1,4 +1,4 @@
-"""Temperature: measured, or of an arm that warms up by itself."""
+"""Temperature: effects of a measured temperature, or of an arm that warms up at work."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class WarmUp(ShapedEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The growth of the warm arm; T is in its name."""
+        """The growth of the warm arm; the time constant T is in its name."""
         return (Parameter(f"growth_in_{self.minutes}min", "1", 1e-4, "growth of all lengths in the end"),)
 
     def shapes(self, state: RobotState) -> Array:
@@ -113,7 +113,7 @@ class WarmUp(ShapedEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each T of a small grid, up to three times as long as the measurement took."""
+        """The family with one member per time constant T of a small grid, up to thrice the measurement's time."""
         poses = dataset.poses
         if poses.time_s is None:
             return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")

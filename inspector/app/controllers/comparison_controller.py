@@ -17,7 +17,7 @@ from inspector.session.view import COLOURINGS
 
 
 class ComparisonController:
-    """Draws the arm, the predicted points and the tab Compare for the view on show."""
+    """Controller that draws the arm, the predicted points and the tab Compare for the view on show."""
 
     def __init__(
         self,
@@ -69,9 +69,7 @@ class ComparisonController:
 
     @property
     def distances_mm(self) -> Array | None:
-        """Distances (N,) of the selected scan's points to the jig, mm, NaN off the jig; None where no corner was
-        found.
-        """
+        """Distances (N,), mm, of the selected scan's points to the jig, NaN off the jig; None without a corner."""
         return self._distances_mm
 
     def change(self, **what: float | str | frozenset[str] | None) -> None:
@@ -80,7 +78,7 @@ class ComparisonController:
         self.draw()
 
     def choose(self, name: str) -> None:
-        """Show the arm, errors and arrows of the version with this name, where there is one.
+        """Show the arm, errors and arrows of a version by its name, if there is one.
 
         Of the arrows only those to others that the user has ticked stay.
         """

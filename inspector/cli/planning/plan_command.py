@@ -1,4 +1,4 @@
-"""The command `plan`: which poses to measure, for a robot or for a dataset."""
+"""The command `plan`: poses to measure, for a robot or for a dataset."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from inspector.export.plan_files import check_plan_file, planned_file
 
 
 def run_plan(options: PlanOptions) -> int:
-    """Choose poses, and print why and what they are expected to achieve."""
+    """Choose poses, and print the reasons and the expected result."""
     if options.out is not None:
         check_plan_file(options.out)
     start: FromFit | FromRobot
@@ -110,7 +110,7 @@ def _dataset_start(options: PlanOptions) -> tuple[FromFit, Sequence[Family]]:
 
 
 def _first_start(options: PlanOptions) -> FromRobot:
-    """Start of a plan for a robot, or for a dataset's arm in its cell without its measurements."""
+    """Start of a plan from a robot, or from a dataset's arm and cell without its measurements."""
     if options.add is not None:
         raise CalibError(f"{options.path}: --add is more of a dataset, --poses a first set: give the one that you want")
     if options.effects_file is not None or options.effect:
@@ -130,7 +130,7 @@ def _first_start(options: PlanOptions) -> FromRobot:
 
 
 def _robot(options: PlanOptions) -> Robot:
-    """Robot of a built-in name or of a file."""
+    """Robot given by a built-in name or a file."""
     name = str(options.path)
     builtin = name.lower() in BUILTIN_ROBOTS and not options.path.exists()
     if not builtin and not options.path.exists():

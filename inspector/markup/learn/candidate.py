@@ -1,4 +1,4 @@
-"""The texts of the tab Learn about one effect: what it is, its parameters, how to tell it from another."""
+"""HTML of the tab Learn on one effect: description, parameters, and how to discriminate it from others."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from inspector.markup.parts.links import joint_asks
 def chosen_html(
     name: str, candidate: Candidate | None, calibration: Calibration, cv_before_mm: float, *, own: bool
 ) -> str:
-    """What the chosen effect is, its estimated parameters, what it may be confused with, how to be sure."""
+    """HTML on the chosen effect: description, estimated parameters, confounded effects, confirming experiment."""
     described = _description(name, candidate, calibration)
     out = elements.heading(f"Effect {name}")
     facts: list[tuple[str, object]] = []
@@ -70,7 +70,7 @@ def chosen_html(
 
 
 def _description(name: str, candidate: Candidate | None, calibration: Calibration) -> Description:
-    """What the class of a candidate, or of an effect in the model, says of it."""
+    """Description of a candidate, or of an effect in the model, from the texts on its class."""
     if candidate is not None:
         return candidate.family.description
     inside = next((effect for effect in calibration.model.effects if family_name(effect) == name), None)
@@ -78,7 +78,7 @@ def _description(name: str, candidate: Candidate | None, calibration: Calibratio
 
 
 def fitted_html(calibration: Calibration, name: str) -> str:
-    """The parameters of an effect that is in the model, as they were fitted."""
+    """HTML of the fitted parameters of an effect in the model."""
     members = [e for e in calibration.model.effects if family_name(e) == name]
     known, joints = parameters_by_name(members), joints_by_parameter(calibration.model.robot, members)
     fitted = [row for row in calibration.to_frame().to_dict("records") if row["name"] in known]
@@ -90,14 +90,14 @@ def fitted_html(calibration: Calibration, name: str) -> str:
 
 
 def value_row(value: Value) -> tuple[str, str, str, str]:
-    """A coefficient with its unit; the family's name is in the heading."""
+    """Table row of a coefficient with its unit; the family's name is in the heading."""
     return value.name.partition(".")[2] or value.name, f"{value.value:.3g}", f"{value.sigma:.1g}", value.unit
 
 
 def parameter_row(
     effect: Effect, parameter: Parameter, value: float, sigma: float, calibration: Calibration
 ) -> tuple[str, str, elements.Html]:
-    """A parameter with its unit, what it is and means on the arm; the family's name is in the heading."""
+    """Table row of a parameter: unit, description and meaning on the arm; the family's name is in the heading."""
     short = full_name(effect, parameter).partition(".")[2]
     unit = "" if parameter.unit == "1" else parameter.unit
     means = ": ".join(filter(None, (parameter.doc, meaning(effect, parameter, value, calibration)))) or "–"
@@ -105,7 +105,7 @@ def parameter_row(
 
 
 def next_html(name: str, rival: str, poses: Sequence[DiscriminatingPose], robot: Robot, noise_mm: float) -> str:
-    """The poses at which an effect and its nearest rival differ most."""
+    """HTML on the poses at which an effect and its nearest rival differ most."""
     if not poses:
         return ""
     rows = [

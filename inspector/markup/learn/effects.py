@@ -1,4 +1,4 @@
-"""The texts of the tab Learn as HTML: the model's state, the ranking, the chosen effect, the verdict."""
+"""HTML of the tab Learn: the model's state, the ranking, the chosen effect, the verdict."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ LOOK_CLOSER = " Look at it in the tab Where it fails; an effect of your own can 
 
 
 def named(screening: Screening, name: str) -> Candidate | None:
-    """A candidate by its name; None where it is none (it may be in the model already)."""
+    """Candidate by its name; None where no candidate has it (the effect may be in the model already)."""
     return next((c for c in screening.candidates if c.name == name), None)
 
 
 def state_html(session: Session, undo: int, redo: int) -> str:
-    """What is in the model, its figures, and whether the last change helped."""
+    """HTML on the model: its effects, its errors, and whether the last change helped."""
     if session.calibration is None or not session.history:
         return elements.note(NOT_YET)
     last = session.history[-1]
@@ -63,7 +63,7 @@ def state_html(session: Session, undo: int, redo: int) -> str:
 
 
 def last_change(history: Sequence[StepErrors]) -> tuple[str, str]:
-    """Whether the last change of the model helped, in words, with a colour."""
+    """Phrase on whether the last change of the model helped, with a colour."""
     if len(history) < 2:
         return "", NEUTRAL
     old, new = history[-2:]
@@ -91,7 +91,7 @@ MORE = "Plan poses that tell more of the link errors"
 
 
 def verdict_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None) -> str:
-    """The verdict of a diagnosis, in a line or two, and what to plan next."""
+    """HTML of a diagnosis' verdict in a line or two, and of the next plan."""
     if diagnosis is None:
         return ""
     more = LOOK_CLOSER if diagnosis.verdict == "unexplained" and diagnosis.learned is None else ""
@@ -105,17 +105,17 @@ def verdict_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None) -> s
 
 
 def reasons_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None) -> str:
-    """All that led to the verdict, a paragraph each."""
+    """HTML of the reasons for the verdict, a paragraph each."""
     return "" if diagnosis is None else html.panel([Section(HOW, reasons(diagnosis, next_poses))])
 
 
 def advice_html(advice: Advice) -> str:
-    """What is left, and what to do next."""
+    """HTML on the residual and on the next move."""
     return html.panel([Verdict(advice_words(advice), PROPOSAL)])
 
 
 def follow_label(advice: Advice) -> str:
-    """What the button beside an advice does."""
+    """Label of the button that makes the advised move."""
     match advice.move:
         case AddEffect():
             return f"Add {effect_label(SelectedEffect.of(advice.move.candidate))}"
@@ -130,7 +130,7 @@ def follow_label(advice: Advice) -> str:
 
 
 def effect_label(effect: SelectedEffect) -> str:
-    """An effect with the joints that carry it."""
+    """Name of an effect with the joints that carry it."""
     joints = sorted({joint + 1 for m in effect.members if (joint := getattr(m, "joint", None)) is not None})
     if not joints:
         return effect.name
@@ -138,7 +138,7 @@ def effect_label(effect: SelectedEffect) -> str:
 
 
 def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:
-    """The candidates of which something shows, the best first, convincing ones ticked; the others by name."""
+    """HTML of the candidates with visible columns, best first, convincing ones ticked; the others by name only."""
     showing = [c for c in screening.candidates if c.members]
     names = [c.name for c in showing]
     silent = [c.name for c in screening.candidates if not c.members]
@@ -173,7 +173,7 @@ def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:
 
 
 def untestable_html(untestable: tuple[Untestable, ...]) -> str:
-    """What these data cannot test, why, and what would help."""
+    """HTML on effects that these data cannot test, with reasons and remedies."""
     if not untestable:
         return ""
     return elements.heading("Cannot be tested with these data") + elements.bullets(not_testable(untestable))

@@ -1,4 +1,4 @@
-"""Links in HTML that the page's own widgets make: names in a sentence, and rows that pick a joint."""
+"""Links in the HTML of the page's own widgets: names in a sentence, and rows that select a joint."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from inspector.markup.parts.elements import Html, asking
 
 
 def joint_asks(joints: Iterable[int | None]) -> list[Html]:
-    """What a click on each row of a table asks for: its joint, from 1; nothing where it has none."""
+    """Requests by a click on each row of a table: the row's joint, from 1; none for rows without a joint."""
     return [Html("") if joint is None else asking("joint", joint) for joint in joints]
 
 
 def linked(sentence: object, names: Names, known: Mapping[str, Reference] | None = None) -> Html:
-    """A sentence, escaped, in which the poses and joints that it names can be clicked."""
+    """HTML of a sentence in which the names of poses and joints can be clicked."""
     return Html(words_html(recognised(str(sentence), names, known), links=True))
