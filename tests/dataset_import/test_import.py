@@ -310,6 +310,4 @@ def test_the_robots_own_file_is_kept_and_comes_back_calibrated(
     assert "origins changed: J2" in capsys.readouterr().out
     calibrated, before = load_robot(out), load_robot(urdf)
     assert calibrated.n_joints == before.n_joints
-    with pytest.raises(SystemExit) as refused:
-        main(["calibrate", str(cell), "--kinematics-out", str(tmp_path / "calibrated.yaml")])
-    assert refused.value.code == 2
+    assert main(["calibrate", str(cell), "--kinematics-out", str(tmp_path / "calibrated.yaml")]) == 2
