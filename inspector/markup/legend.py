@@ -61,8 +61,7 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> st
         parts.append(_of_the_base(visible))
     if view.session.dataset.robot.carries_scanner and visible & {"corners", "arm", "overview"}:
         parts.append(elements.note(ON_FLANGE))
-    # The margin keeps it clear of the folder below.
-    return f'<div style="margin-bottom:14px">{"".join(parts)}</div>' if parts else ""
+    return "".join(parts)
 
 
 def _of_the_base(visible: set[str]) -> str:

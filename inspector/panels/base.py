@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import viser
 
 from inspector.session.view import View
+
+SECONDARY: Literal["gray"] = "gray"
+"""Colour of every button but a view's main one; server/client/page.css outlines it."""
 
 
 class Actions(Protocol):

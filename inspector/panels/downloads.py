@@ -1,78 +1,143 @@
-"""Tab Take away: files that can be downloaded, each for the browser that requests it."""
+"""Tab Take away: files that can be downloaded, each for the browser that asks."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 
 import viser
 
+from calib.calibration.plausibility import implausibility_reason
+from calib.errors import CalibError
+from calib.models.exported_table import exported_table
+from calib.present.calibration import table_alone
+from calib.present.html import panel
+from calib.robot_formats.calibrated_file import kept_template
 from inspector.markup.parts import elements
-from inspector.panels.base import Actions
+from inspector.markup.parts.palette import BAD, DOUBT
+from inspector.panels.base import SECONDARY, Actions, FollowsModel
+from inspector.session.view import View
 
-NOTE = (
-    "Each is made when you press and goes to your browser's downloads; nothing is written where the server runs. "
-    "The command that does the same is given with each."
-)
-SCREENSHOT = "Screenshot (PNG)"
-ITEMS: dict[str, tuple[str, str]] = {  # what the button is called: icon, what the file holds
-    "Report (HTML)": (
-        viser.Icon.FILE_DESCRIPTION,
-        "One page to send to someone: verdict, figures that can be hovered, parameters, method, versions. "
-        "Opens without a network. Command: inspector report",
-    ),
-    "Calibrated robot (TOML)": (
-        viser.Icon.ROBOT,
-        "The table that is best without effects as robot.toml, unless the test poses got worse; its first line tells "
-        "its own error where the model has effects. "
-        "Command: inspector calibrate --out",
-    ),
-    "Full model (JSON)": (
-        viser.Icon.BRACES,
-        "Table, effects, scanner frames, covariance and errors as model.json, for correct --model, validate --model "
-        "and calib.load_model. Command: inspector calibrate --model-out",
-    ),
-    "Session (JSON)": (
-        viser.Icon.DEVICE_FLOPPY,
-        "The dataset's name and content, the steps of the model, what is on show. Open it again with "
-        "inspector serve --session; made by the command inspector calibrate --session",
-    ),
-    "Residuals (CSV)": (
-        viser.Icon.TABLE,
-        "A row a pose: role, error, predicted and measured point in mm, every input. "
-        "Command: inspector calibrate --residuals",
-    ),
-    "Measured points (CSV)": (
-        viser.Icon.TABLE,
-        "In the form of points.csv: what was measured, in mm in the scanner's frame with covariance. "
-        "Command: inspector corners --out",
-    ),
-    "Redundancy (CSV)": (
-        viser.Icon.TABLE,
-        "Pearson's r of all pairs of parameters. Command: inspector redundancy --out",
-    ),
-    "3D scene (GLB)": (
-        viser.Icon.CUBE,
-        "For Blender and the like, in metres: the arm at this pose, measured and predicted points, residuals as "
-        "long as on show. Command: inspector calibrate --scene",
-    ),
-    SCREENSHOT: (viser.Icon.CAMERA, "Your 3D view as it is now, as large as your window."),
-}
+NOTE = "Each file is made when you press and goes to your browser's downloads; the server writes nothing."
+NOT_YET = "Nothing to take away yet: the model is fitted when the search has ended."
+REPORT, OWN_FILE, TABLE, MODEL = (
+    "Report (HTML)", "Your robot's file, calibrated", "Calibrated robot (TOML)", "Full model (JSON)",
+)  # fmt: skip
+SESSION, SCREENSHOT = "Session (JSON)", "Screenshot (PNG)"
+RESIDUALS, POINTS, REDUNDANCY, SCENE = (
+    "Residuals (CSV)", "Measured points (CSV)", "Redundancy (CSV)", "3D scene (GLB)",
+)  # fmt: skip
 
 
-class DownloadsPanel:
-    """A button for each file, with a description of it."""
+@dataclass(frozen=True)
+class Item:
+    """A file that can be downloaded."""
+
+    icon: viser.IconName
+    holds: str  # a sentence
+    command: str = ""  # the same at the terminal
+
+
+GROUPS: dict[str, dict[str, Item]] = {
+    "Report": {
+        REPORT: Item(
+            viser.Icon.FILE_DESCRIPTION,
+            "One page for whoever owns the arm: verdict, figures, parameters, method. It opens without a network.",
+            "inspector report",
+        )
+    },
+    "Robot": {
+        OWN_FILE: Item(
+            viser.Icon.FILE_CODE,
+            "The URDF or YAML that the robot was imported from with calibrated origins, all else byte for byte.",
+            "inspector calibrate --urdf-out",
+        ),
+        TABLE: Item(
+            viser.Icon.ROBOT,
+            "The table for a controller: the link errors that are best without effects, as robot.toml.",
+            "inspector calibrate --out",
+        ),
+        MODEL: Item(
+            viser.Icon.BRACES,
+            "Table, effects, frames and covariance, for the commands correct and validate and for calib.load_model.",
+            "inspector calibrate --model-out",
+        ),
+    },
+    "Data": {
+        RESIDUALS: Item(
+            viser.Icon.TABLE,
+            "A row a pose: role, error, predicted and measured point in mm, every input.",
+            "inspector calibrate --residuals",
+        ),
+        POINTS: Item(
+            viser.Icon.TABLE,
+            "The measured points as points.csv, mm in the instrument's frame, with covariance.",
+            "inspector corners --out",
+        ),
+        REDUNDANCY: Item(
+            viser.Icon.TABLE, "Pearson's r of all pairs of parameters.", "inspector redundancy --out"
+        ),
+        SCENE: Item(
+            viser.Icon.CUBE,
+            "For Blender and the like, in metres: the arm at this pose, points, residuals as long as on show.",
+            "inspector calibrate --scene",
+        ),
+        SCREENSHOT: Item(viser.Icon.CAMERA, "The 3D view as it is now, as large as the window."),
+    },
+    "Session": {
+        SESSION: Item(
+            viser.Icon.DEVICE_FLOPPY,
+            "The steps of the model and what is on show, to go on later: inspector serve --session FILE.",
+            "inspector calibrate --session",
+        )
+    },
+}  # fmt: skip
+ITEMS = {name: item for group in GROUPS.values() for name, item in group.items()}
+PRIMARY = REPORT
+
+
+class DownloadsPanel(FollowsModel):
+    """A button for each file with what it is for, in groups, and what to know before a robot's file is used."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
         self._doing = gui.add_html("")
-        for name, (icon, holds) in ITEMS.items():
-            button = gui.add_button(name, icon=icon, hint=holds)  # type: ignore[arg-type]
-            button.on_click(partial(_pressed, actions, name))
-            gui.add_html(elements.note(holds))
+        self._buttons: dict[str, viser.GuiButtonHandle] = {}
+        self._notes: dict[str, viser.GuiHtmlHandle] = {}
+        for group, items in GROUPS.items():
+            gui.add_html(elements.heading(group))
+            if group == "Robot":
+                self._before_use = gui.add_html(elements.note(NOT_YET))
+            for name, item in items.items():
+                button = gui.add_button(
+                    name, icon=item.icon, hint=item.command or None, color=None if name == PRIMARY else SECONDARY
+                )
+                button.on_click(partial(_pressed, actions, name))
+                self._buttons[name], self._notes[name] = button, gui.add_html(elements.note(item.holds))
+
+    def update(self, view: View) -> None:
+        """Offer what this dataset and model can give, and say what a robot's file cannot hold."""
+        own = kept_template(view.session.dataset.folder) is not None
+        self._buttons[OWN_FILE].visible = self._notes[OWN_FILE].visible = own
+        self._before_use.content = before_use_html(view)
 
     def say(self, words: str) -> None:
-        """Show which file is being made; "" clears the line."""
+        """Show what is being made; "" clears it."""
         self._doing.content = elements.alert(words, colour="#56B4E9") if words else ""
+
+
+def before_use_html(view: View) -> str:
+    """HTML on the error that the table alone leaves, and on what speaks against its use."""
+    session = view.session
+    if session.calibration is None:
+        return elements.note(NOT_YET)
+    table = exported_table(session.calibration, session.links_alone)
+    try:
+        table.require_improvement()
+    except CalibError as error:
+        return elements.alert(str(error), colour=BAD)
+    doubt = implausibility_reason(session.calibration)
+    return panel(table_alone(table)) + (elements.alert(doubt, colour=DOUBT) if doubt else "")
 
 
 def _pressed(actions: Actions, what: str, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:

@@ -13,7 +13,7 @@ from calib.targets.search import ScanSearch
 from inspector.markup.parts import elements
 from inspector.markup.parts.links import linked
 from inspector.markup.parts.palette import DOUBT, FAILED, LEFT_OUT, role_colour
-from inspector.panels.base import Actions, ChangedValues, by_page, put
+from inspector.panels.base import SECONDARY, Actions, ChangedValues, by_page, put
 from inspector.panels.input_checks import clamped, one_of
 from inspector.panels.timeline import TimelinePanel
 from inspector.session.view import FACTORS, POINT_VIEWS, SIDES, VIEW_LAYERS, VIEWS, View, corner_of
@@ -46,6 +46,11 @@ LAYER_WORDS = {
 AS_POINTS = {"All corners": "All points", "Corner": "Point"}
 VIEW_OF = {label: view for view, label in AS_POINTS.items()}
 LAYERS_AS_POINTS = {"corner": "This point", "corners": "All points"}
+# Tabs cannot be removed: those about scans are not shown where there are none, and the first lists the points.
+POINTS_ONLY = (
+    '<style>[data-dock-tab]:is([title="Planes"],[title="Corner"]){display:none!important}'
+    '[data-dock-tab][title="Scans"]>span{display:none}[data-dock-tab][title="Scans"]::after{content:"Points"}</style>'
+)
 NOTHING_OPEN = "No dataset is open: choose another one, or correct this one and start the program again."
 KEYS = "Keys: N next, P previous, 1–7 views, F front, S side, T top, R reset, D dark"
 PAGES = "{} pages are open: they share what is shown."
@@ -66,12 +71,12 @@ class ReviewPanel:
         self._about = gui.add_html("")
         self.progress_text = gui.add_html(elements.note("Reading the dataset …"))
         self.progress = gui.add_progress_bar(0, animated=True)
-        self.search = gui.add_button("Stop the search", visible=False, color="gray")
+        self.search = gui.add_button("Stop the search", visible=False, color=SECONDARY)
         self.pose = gui.add_dropdown("Pose", ("–",))
         self.walk = gui.add_button_group("", (PREVIOUS, NEXT), hint="keys: P and N")
         self._status = gui.add_html("")
         self.leave_out = gui.add_button(
-            LEAVE_OUT, color="gray", visible=False, hint="fits the model again; Undo takes it back"
+            LEAVE_OUT, color=SECONDARY, visible=False, hint="fits the model again; Undo takes it back"
         )
         self._shown_pose = ""  # id
         self.timeline = TimelinePanel(gui, actions)
@@ -177,6 +182,7 @@ class ReviewPanel:
         ) + "".join(
             [
                 f'<span data-dataset="{elements.text(dataset.name)}"></span>',  # files of figures are called by it
+                POINTS_ONLY if dataset.scan_folder is None else "",
                 *(elements.alert(linked(w, self._names), colour="#E69F00") for w in dataset.warnings),
                 *(elements.note(linked(n, self._names)) for n in dataset.notes),
             ]
@@ -269,7 +275,7 @@ class ReviewPanel:
 
     def show_legend(self, html: str) -> None:
         """Show the meaning of the colours in the 3D view."""
-        self._legend.content = html
+        self._legend.content = f'<div data-over-view="legend">{html}</div>'
 
     def show_pages(self, pages: int) -> None:
         """Show how many browsers are connected, where there are several."""

@@ -21,7 +21,7 @@ from inspector.markup.measure.your_data import (
     plan_html,
 )
 from inspector.markup.parts import elements
-from inspector.panels.base import by_page, put
+from inspector.panels.base import SECONDARY, by_page, put
 
 OWN_DATA = "Open your own data …"
 OWN_HINT = "a zip, or a robot's file and CSV tables of joints and points; or drop them anywhere on the page"
@@ -47,7 +47,7 @@ class OwnDataButton:
         if takes_data:
             self.upload = gui.add_upload_button(OWN_DATA, icon=viser.Icon.UPLOAD, hint=OWN_HINT)
         else:
-            self.how = gui.add_button(OWN_DATA, icon=viser.Icon.UPLOAD, color="gray", hint=OWN_HINT)
+            self.how = gui.add_button(OWN_DATA, icon=viser.Icon.UPLOAD, color=SECONDARY, hint=OWN_HINT)
 
 
 class ImportActions(Protocol):
@@ -106,7 +106,7 @@ class YourDataWindow:
             self.name = gui.add_text("Name", "")
             self._place = gui.add_html("")
             self.open = gui.add_button(OPEN, disabled=True, icon=viser.Icon.FOLDER_OPEN)
-            self.cancel = gui.add_button(CANCEL, color="gray")
+            self.cancel = gui.add_button(CANCEL, color=SECONDARY)
         self._choices: dict[str, viser.GuiDropdownHandle[str]] = {}  # by column
         self._connect()
 
@@ -197,7 +197,7 @@ def explain(gui: viser.GuiApi) -> None:
     modal = gui.add_modal("Your own data")
     with modal:
         gui.add_html(elements.note(HOW) + elements.code(COMMANDS))
-        close = gui.add_button("Close", color="gray")
+        close = gui.add_button("Close", color=SECONDARY)
     close.on_click(lambda _: modal.close())
 
 

@@ -11,10 +11,24 @@ import viser
 
 from calib.calibration.result import Calibration
 from calib.errors import CalibError, DatasetError
-from calib.models.exported_table import exported_table
+from calib.models.exported_table import ExportedTable, exported_table
+from calib.robot_formats.calibrated_file import kept_template
 from inspector.app.page.page_state import PageState
 from inspector.export import csv_and_png as exports
-from inspector.panels.downloads import ITEMS, SCREENSHOT, DownloadsPanel
+from inspector.panels.downloads import (
+    ITEMS,
+    MODEL,
+    OWN_FILE,
+    POINTS,
+    REDUNDANCY,
+    REPORT,
+    RESIDUALS,
+    SCENE,
+    SCREENSHOT,
+    SESSION,
+    TABLE,
+    DownloadsPanel,
+)
 from inspector.panels.input_checks import clamped
 from inspector.server.background import Background
 from inspector.server.worker import LongWork, Worker
@@ -106,11 +120,22 @@ def _report(asked: Asked) -> tuple[str, bytes]:
     return "report.html", report_html(report_of(session), now=datetime.now()).encode()
 
 
-def _robot(asked: Asked) -> tuple[str, bytes]:
+def _table(asked: Asked) -> ExportedTable:
     asked.calibration.require_improvement()
     table = exported_table(asked.calibration, asked.session.links_alone)
     table.require_improvement()
-    return "robot.toml", table.to_toml().encode()
+    return table
+
+
+def _robot(asked: Asked) -> tuple[str, bytes]:
+    return "robot.toml", _table(asked).to_toml().encode()
+
+
+def _own_file(asked: Asked) -> tuple[str, bytes]:
+    template = kept_template(asked.session.dataset.folder)
+    if template is None:
+        raise CalibError(f"dataset {asked.session.dataset.name}: no URDF or YAML of the robot was kept at the import")
+    return f"calibrated{template.suffix}", _table(asked).in_template(template).content
 
 
 def _model(asked: Asked) -> tuple[str, bytes]:
@@ -161,13 +186,14 @@ def _screenshot(asked: Asked, client: viser.ClientHandle) -> tuple[str, bytes]:
 
 
 MAKERS: dict[str, Callable[[Asked], tuple[str, bytes]]] = {
-    "Report (HTML)": _report,
-    "Calibrated robot (TOML)": _robot,
-    "Full model (JSON)": _model,
-    "Session (JSON)": _session,
-    "Residuals (CSV)": _residuals,
-    "Measured points (CSV)": _points,
-    "Redundancy (CSV)": _redundancy,
-    "3D scene (GLB)": _scene,
+    REPORT: _report,
+    OWN_FILE: _own_file,
+    TABLE: _robot,
+    MODEL: _model,
+    SESSION: _session,
+    RESIDUALS: _residuals,
+    POINTS: _points,
+    REDUNDANCY: _redundancy,
+    SCENE: _scene,
 }
 """How each file is made; only the screenshot needs the page that asks."""

@@ -8,7 +8,7 @@ from calib.present import html
 from calib.present.changes import change_sections, change_verdict
 from inspector.figures.watch_plots import control_chart
 from inspector.markup.parts import elements
-from inspector.panels.base import Actions, by_page, hidden_plot, put
+from inspector.panels.base import SECONDARY, Actions, by_page, hidden_plot, put
 from inspector.session.side_by_side import WatchedCell
 from inspector.session.view import View
 
@@ -30,7 +30,7 @@ class WatchPanel:
         self.moved = gui.add_checkbox(
             "The instrument was set up again", False, hint="its new place is then not reported as a change"
         )
-        self._clear = gui.add_button("Clear", color="gray", hint="clear the choice", visible=False)
+        self._clear = gui.add_button("Clear", color=SECONDARY, hint="clear the choice", visible=False)
         self._state = gui.add_html("")
         self._plot = hidden_plot(gui, 0.7, "control chart")
         self._found = gui.add_html("")

@@ -1,6 +1,6 @@
 // What stands over the 3D view: the server's [data-over-view="headline"] is shown in a bar of ours between the docks, and
-// the 3D view begins below it; [data-over-view="looks"] in the view's corner. On a phone the view ends where viser's
-// sheet begins.
+// the 3D view begins below it; [data-over-view="looks"] and "legend" in the view's corners. On a phone the view ends where
+// viser's sheet begins.
 "use strict";
 
 (() => {
@@ -8,6 +8,8 @@
   const shown = new Map(); // what each of ours was copied from
   const bar = added("headline", "How far the arm is off, and what comes next");
   const looks = added("looks", "Where the view is looked at from");
+  const legend = added("legend", "What the colours of the 3D view mean");
+  let opened = ""; // the tab of the step that comes next, which was opened last
 
   function added(name, label) {
     const element = document.createElement("section");
@@ -36,8 +38,18 @@
       waiting = false;
       copy(bar);
       copy(looks);
+      copy(legend);
+      openNextStep();
       place();
     });
+  }
+
+  // The tab of the step that comes next is open, until the user has touched the page.
+  function openNextStep() {
+    const next = bar.querySelector('.headline-step[data-state="next"]')?.dataset.tab;
+    if (!next || next === opened || inspector.touched()) return;
+    opened = next;
+    inspector.openTab(next);
   }
 
   function set(name, pixels) {

@@ -103,5 +103,7 @@ const inspector = (() => {
     if (event.key === "Escape" && !typing && !onTop) ask("joint", "");
   });
 
-  return { ask, openTab };
+  const touched = () => gesture > -Infinity;
+
+  return { ask, openTab, touched };
 })();
