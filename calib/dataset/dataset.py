@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -49,6 +49,8 @@ class Surroundings:
 
 
 ROLES = ("reference", "train", "test")
+PoseCondition = Literal["approach", "payload_kg", "temperature_c"]
+"""Conditions of a pose, besides its joints, that whoever measures may choose: columns of poses.csv."""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Poses
+from calib.effects.effect import Description, describe
 from calib.planning.exchange import best_poses
 from calib.planning.offered_poses import under_conditions
 from calib.planning.outcome import Outcome, PoseReason
@@ -115,15 +116,15 @@ class ForCalibration(PlainPurpose):
         return best_poses([situation.right_at_region], count).rows
 
 
-def with_varied_conditions(start: Start, offered: Poses, needs: Sequence[str] = ()) -> Poses:
-    """The candidates under conditions that vary as the measured ones do, where the fit's effects or `needs` name them.
+def with_varied_conditions(start: Start, offered: Poses, effects: Sequence[Description] = ()) -> Poses:
+    """The candidates under conditions that vary as the measured ones do, where the fit's or these effects need it.
 
     The others stay as they are: a pose need not be measured warm for a model that temperature does not touch.
     """
     if start.measured is None:
         return offered
-    of_fit = [str(getattr(effect, "needs", "")) for effect in start.unknowns().model.added_effects]
-    wanted, varied = conditions_for([*of_fit, *needs]), under_conditions(offered, start.measured)
+    of_fit = [describe(effect) for effect in start.unknowns().model.added_effects]
+    wanted, varied = conditions_for([*of_fit, *effects]), under_conditions(offered, start.measured)
     return replace(
         offered,
         payload_kg=varied.payload_kg if wanted.payloads_kg else offered.payload_kg,

@@ -16,7 +16,7 @@ from calib.calibration.plausibility import implausibility_reason
 from calib.compensation.target_correction import corrected_joints
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import write_dataset
-from calib.dataset.files.robot_toml import builtin_robot, load_robot, robot_to_toml
+from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, robot_to_toml
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_named
 from calib.effects.link_errors import TOLERANCE_RAD
@@ -222,7 +222,7 @@ def test_a_calibrated_robot_with_a_tool_point_of_its_own_is_read_back_and_fitted
     dataset = replace(simulated(beside), robot=robot)
     result = calibrate(dataset)
     (tmp_path / "robot.toml").write_text(robot_to_toml(result.robot))
-    again = load_robot(tmp_path / "robot.toml")
+    again = load_robot_toml(tmp_path / "robot.toml")
     assert again.targets == result.robot.targets
     for residual in ("position", "distance"):
         anew = calibrate(replace(dataset, robot=again), FitOptions(residual))

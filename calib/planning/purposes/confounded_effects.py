@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from calib.array_types import IndexArray
 from calib.dataset.dataset import Poses
 from calib.diagnosis.result import Diagnosis
+from calib.effects.effect import describe
 from calib.errors import CalibError
 from calib.planning.discrimination import ENOUGH_POWER, Discrimination, choose, evaluated
 from calib.planning.effect_hypotheses import HypothesisPredictions, HypothesisSet, hypothesis_sets, predict
@@ -37,8 +38,8 @@ class ForDiscrimination:
     @property
     def _helped_by_payload(self) -> bool:
         """Whether a payload makes the hypotheses differ more, and the data have none that varies."""
-        needs = [hypothesis.members[0] for hypothesis in self.hypothesis_set.hypotheses]
-        wanted = conditions_for([str(getattr(member, "needs", "")) for member in needs])
+        hypotheses = self.hypothesis_set.hypotheses
+        wanted = conditions_for(describe(hypothesis.members[0]) for hypothesis in hypotheses)
         payload_kg = self.hypothesis_set.calibration.dataset.poses.payload_kg
         varies = payload_kg is not None and bool(payload_kg.min() < payload_kg.max())
         return bool(wanted.payloads_kg) and not varies

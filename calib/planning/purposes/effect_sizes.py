@@ -9,6 +9,7 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Poses
 from calib.effects.catalogue import descriptions
+from calib.effects.effect import Description
 from calib.errors import CalibError
 from calib.planning.exchange import best_poses
 from calib.planning.outcome import CoefficientSigma, EffectOutcome
@@ -31,19 +32,19 @@ class ForEffects(PlainPurpose):
         return ",".join(self.effects)
 
     @property
-    def _needs(self) -> list[str]:
-        return [kind.needs for kind in descriptions() if kind.name in self.effects]
+    def _described(self) -> list[Description]:
+        return [described for described in descriptions() if described.name in self.effects]
 
     @property
     def _wanted(self) -> WantedConditions:
         """The conditions that these effects show under; user's own ask for none."""
-        wanted = conditions_for(self._needs, payload_kg=self.payload_kg or PAYLOAD_KG)
-        without = wanted.helpful and self.payload_kg is None
+        wanted = conditions_for(self._described, payload_kg=self.payload_kg or PAYLOAD_KG)
+        without = "payload_kg" in wanted.helpful and self.payload_kg is None
         return replace(wanted, payloads_kg=()) if without else wanted
 
     def prepared(self, start: Start, offered: Poses) -> Poses:
         """The poses under conditions that vary as the measured ones do, and as these effects need it."""
-        poses = with_varied_conditions(start, offered, self._needs)
+        poses = with_varied_conditions(start, offered, self._described)
         wanted, rng = self._wanted, np.random.default_rng(0)
         if wanted.both_sides and poses.approach is None:
             poses = replace(poses, approach=rng.choice([-1.0, 1.0], poses.q.shape))

@@ -19,7 +19,7 @@ import pandas as pd
 import pytest
 
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.dataset.files.robot_toml import load_robot
+from calib.dataset.files.robot_toml import load_robot_toml
 from calib.measurement.measured_points import failed_searches
 from calib.models.model_file import load_model
 from inspector.cli.parser import _parser, main
@@ -114,7 +114,7 @@ def test_calibrate_writes_the_robot_that_it_found(
 ) -> None:
     out = tmp_path / "new" / "robot.toml"
     document = run_json(capsys, "calibrate", points_folder, "--out", out)
-    table = load_robot(out).table.ravel()
+    table = load_robot_toml(out).table.ravel()
     np.testing.assert_allclose(table, [p["value"] for p in document["parameters"]], rtol=1e-12, atol=1e-15)
 
 
@@ -256,7 +256,7 @@ def test_what_is_no_file_is_not_replaced_by_one(
     link.symlink_to(kept)
     assert main(["calibrate", str(points_folder), "--out", str(link)]) == 0
     assert link.is_symlink()
-    assert load_robot(kept).n_joints == 6
+    assert load_robot_toml(kept).n_joints == 6
     os.mkfifo(pipe)
     with subprocess.Popen(["cat", str(pipe)], stdout=subprocess.PIPE) as reader:
         assert main(["calibrate", str(points_folder), "--out", str(pipe)]) == 0
