@@ -40,10 +40,6 @@ class NoiseLevel:
         """Name of the noise by its source, such as "noise alone" or "noise as repeats show it"."""
         return _ORIGINS.get(self.source, "noise alone")
 
-    def words(self, length: str, of: str = "") -> str:
-        """Name of the noise with a length in brackets, such as "noise alone (0.05 mm a coordinate)"."""
-        return f"{self.name} ({length}{of}{'' if self.is_declared else ': not declared'})"
-
 
 def noise_level(calibration: Calibration) -> NoiseLevel:
     """Noise as declared by the dataset, else estimated from repeats, else from the residual of the fit.
@@ -60,7 +56,7 @@ def noise_level(calibration: Calibration) -> NoiseLevel:
 
 
 def noise_of_repeats(dataset: Dataset) -> tuple[float, float] | None:
-    """Sigma of a coordinate, mm, from repeats, and its degrees of freedom; None where these are too few."""
+    """Sigma per coordinate, mm, from repeats, and its degrees of freedom; None where these are too few."""
     repeats = find_repeats(dataset)
     dof = sum(3 * (r.count - 1) for r in repeats)
     sigma_mm = pooled_sigma_mm(repeats) if dof >= _FEWEST_DOF else 0.0

@@ -51,7 +51,7 @@ def implausibility_reason(calibration: Calibration) -> str:
     residual_mm, span_mm = _measured_sigma_mm(calibration), _span_mm(calibration)
     if residual_mm > MAX_SHARE_OF_SPAN * span_mm:
         return (
-            f"the model does not describe these data: {residual_mm:.3g} mm a coordinate are left of points "
+            f"the model does not describe these data: {residual_mm:.3g} mm per coordinate are left of points "
             f"that spread over {span_mm:.3g} mm; {remedy}"
         )
     return ""
@@ -94,7 +94,7 @@ def too_good(calibration: Calibration) -> str:
         return ""
     of = "the declared sigma" if declared else f"the {BEST_SIGMA_MM:g} mm of the best instruments for arms"
     return (
-        f"{calibration.sigma_mm:.2g} mm a coordinate are left, {fit.reduced_chi / floor:.2g} times {of}: no "
+        f"{calibration.sigma_mm:.2g} mm per coordinate are left, {fit.reduced_chi / floor:.2g} times {of}: no "
         "measurement is that good, so the model was fitted to itself, the points were computed, or sigma was declared "
         "far too large: declare what repeats of one pose show"
     )
@@ -133,7 +133,7 @@ def outlier_hint(calibration: Calibration) -> str:
         return ""
     if not robust.outliers:
         return ""
-    change = f"a coordinate's sigma is {robust.sigma_mm:.3g} mm without, {calibration.sigma_mm:.3g} mm with"
+    change = f"the sigma per coordinate is {robust.sigma_mm:.3g} mm without, {calibration.sigma_mm:.3g} mm with"
     before, after = calibration.after.test, robust.after.test
     if before is not None and after is not None:
         change = f"the test poses are off by {after.rmse_mm:.3g} mm without, {before.rmse_mm:.3g} mm with"

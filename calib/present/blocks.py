@@ -197,6 +197,7 @@ class FigurePlace(Block):
     """The place of a figure, which whoever has a plotting library draws; a text has none.
 
     figure: what draws it, a function's name in `inspector.figures`; it is called with `of`.
+    height_px: 0 for the height that the figure itself has.
     """
 
     kind: ClassVar[str] = "figure"

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from calib.calibration.evaluation import Evaluation
-from calib.calibration.noise_level import SigmaCheck
+from calib.calibration.noise_level import SigmaCheck, noise_level
 from calib.calibration.result import Calibration, is_declared
 from calib.calibration.uncertainty import Combination, correlated_pairs, identifiable_combinations
 from calib.consistency.data_problem import DataProblem
-from calib.diagnosis.effect_selection import FitStep
+from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.headline import headline_of
 from calib.identifiability.structural import redundancy
 from calib.identifiability.tool_rows import tool_rows
@@ -35,9 +35,12 @@ from calib.present.blocks import (
     Table,
     Verdict,
     Words,
+    spans,
 )
-from calib.present.colours import BAD
+from calib.present.candidates import with_joints
+from calib.present.colours import BAD, GOOD, NEUTRAL
 from calib.present.curves import curve_table, formulas
+from calib.present.effects import model_name
 from calib.present.error_headline import error_headline
 from calib.present.redundancy import redundancy_section, tool_sentence
 from calib.present.results import document, presentation
@@ -53,6 +56,7 @@ FIGURES = (
 _NOT_KNOWN = "* next to nothing is known of it by itself: its tolerance fixes the value, or it is shared."
 _CHANGES = ("before", "after", "reduction")
 _UNCHANGED = 1e-6  # sigmas: a change below this is rounding
+_SMALL_CHANGE = 0.01  # share of an error below which a change of it counts as none
 
 
 @presentation.register
@@ -93,7 +97,7 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
     """What was fitted by which equations, how the fit ended, and the noise that it leaves."""
     fit = calibration.fit
     facts: list[tuple[str, object]] = [
-        ("model", " + ".join(["link errors", *calibration.model.family_names])),
+        ("model", model_name(calibration)),
         ("residual", f"{calibration.residual}, {numbers.count(fit.rows, 'equation')}"),
         ("parameters", f"{len(fit.parameters)}, of which {fit.rank} can be known (rank)"),
         ("fit", f"{'converged' if fit.converged else 'not converged'} after {_iterations(calibration)}: {fit.reason}"),
@@ -175,7 +179,7 @@ def step_table(steps: Sequence[tuple[str, float, float, float]]) -> Table:
     """3D RMSE after each change of the model: its label, training and test RMSE and residual sigma, mm."""
     rows = [(label, *map(numbers.column_mm, figures)) for label, *figures in steps]
     columns = ("model", "training, mm", "test, mm", "residual sigma, mm")
-    return Table(columns, rows, caption="3D RMSE after each change of the model; the sigma is of one coordinate")
+    return Table(columns, rows, caption="3D RMSE after each change of the model; the sigma is per coordinate")
 
 
 def fit_steps(steps: Sequence[FitStep]) -> list[tuple[str, float, float, float]]:
@@ -190,6 +194,68 @@ def fit_steps(steps: Sequence[FitStep]) -> list[tuple[str, float, float, float]]
         )
         for step in steps
     ]
+
+
+class ModelErrors(Protocol):
+    """Errors of one model of several that were fitted one after the other."""
+
+    @property
+    def label(self) -> str:
+        """What was changed: "link errors", "+ backlash", "− backlash"."""
+
+    @property
+    def train_rmse_mm(self) -> float:
+        """3D RMSE of the training poses."""
+
+    @property
+    def test_rmse_mm(self) -> float:
+        """3D RMSE of the test poses; nan without any."""
+
+    @property
+    def other_poses(self) -> bool:
+        """Whether other poses count than for the model before, so that its errors are neither better nor worse."""
+
+
+def last_change(models: Sequence[ModelErrors]) -> Verdict | None:
+    """Whether the last change of the model helped; None where there was none, or nothing can be said of it."""
+    if len(models) < 2:
+        return None
+    old, new = models[-2:]
+    tested = math.isfinite(old.test_rmse_mm) and math.isfinite(new.test_rmse_mm)
+    before, after = (old.test_rmse_mm, new.test_rmse_mm) if tested else (old.train_rmse_mm, new.train_rmse_mm)
+    if not (before > 0 and math.isfinite(after)):
+        return None
+    of = "test error" if tested else "training error (there are no test poses)"
+    figures = f"{numbers.column_mm(before)} → {numbers.column_mm(after)} mm"
+    share = after / before - 1
+    if new.other_poses:
+        return Verdict(f"{new.label}: the {of} is {figures}, of the poses that count now.", NEUTRAL)
+    adds = not new.label.startswith("−")
+    if abs(share) < _SMALL_CHANGE:
+        more = "It does not help; Undo takes it out again." if adds else "It was not needed."
+        return Verdict(f"{new.label}: the {of} hardly changed, {figures}. {more}", NEUTRAL)
+    if share < 0:
+        return Verdict(f"{new.label}: the {of} fell by {numbers.share(-share)}, {figures}.", GOOD)
+    more = "It does not help; Undo takes it out again." if adds else "It was needed; Undo brings it back."
+    return Verdict(f"{new.label}: the {of} rose by {numbers.share(share)}, {figures}. {more}", BAD)
+
+
+def state_of_model(models: Sequence[ModelErrors], effects: Sequence[SelectedEffect], calibration: Calibration) -> Facts:
+    """What is in the model on show, its errors, and the noise."""
+    last, level = models[-1], noise_level(calibration)
+    test = last.test_rmse_mm
+    floor = "not declared"
+    if level.floor_mm is not None:
+        floor = f"{numbers.column_mm(level.floor_mm)} mm{'' if level.is_declared else ', not declared'}"
+    added = [part for one in effects for part in (" + ", with_joints(one))]
+    return Facts(
+        [
+            ("model", spans("link errors", *added)),
+            ("training 3D RMSE", f"{numbers.column_mm(last.train_rmse_mm)} mm"),
+            ("test 3D RMSE", f"{numbers.column_mm(test)} mm" if math.isfinite(test) else "no test poses"),
+            (f"{level.name}, 3D", floor),
+        ]
+    )
 
 
 def evaluation_sentence(evaluation: Evaluation) -> str:

@@ -218,7 +218,7 @@ def added_variable(
     names = list(map(escape, ids))
     traces = [
         {
-            "type": "scatter", "mode": "markers", "name": "a coordinate of a training point", "x": x.tolist(),
+            "type": "scatter", "mode": "markers", "name": "training points, per coordinate", "x": x.tolist(),
             "y": y.tolist(), "marker": {"size": 5, "color": ROLE_COLOURS["train"], "opacity": 0.8},
             "meta": {**SELECTS_POSE, "values": names}, "customdata": names,
             "hovertemplate": f"pose %{{customdata}}<br>{escape(name)} makes %{{x:.2f}} σ<br>"

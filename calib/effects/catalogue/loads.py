@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
 from calib.array_types import Array
-from calib.dataset.dataset import Dataset
+from calib.dataset.dataset import Dataset, PoseCondition
 from calib.effects.effect import CatalogueEffect, Effect, Family, NaturalBound, Parameter, registered_effects
 from calib.effects.gravity import has_masses
 from calib.effects.state import RobotState
@@ -91,7 +92,7 @@ class JointCompliance(CatalogueEffect):
     equation = "theta_j += c_j tau_j(q, payload)"
     symbols = (("c_j", "rad/Nm"),)
     needs = "masses in robot.toml, or many poses; payload_kg where it varies"
-    helpful_conditions = ("payload_kg",)
+    helpful_conditions: ClassVar[tuple[PoseCondition, ...]] = ("payload_kg",)
     confirm = "the same poses with and without a payload: compliance grows with the load, nothing else does"
     bounds = (
         NaturalBound(1e-3, "rad/Nm", "the smallest strain wave gears turn by 1e-3 rad/Nm (makers' tables: 1 kNm/rad)"),
