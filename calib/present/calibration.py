@@ -16,6 +16,7 @@ from calib.calibration.uncertainty import Combination, correlated_pairs, identif
 from calib.consistency.data_problem import DataProblem
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.headline import headline_of
+from calib.fitting.tool_point import ToolShift
 from calib.identifiability.structural import redundancy
 from calib.identifiability.tool_rows import tool_rows
 from calib.models.exported_table import ExportedTable
@@ -56,6 +57,7 @@ FIGURES = (
 _NOT_KNOWN = "* next to nothing is known of it by itself: its tolerance fixes the value, or it is shared."
 _CHANGES = ("before", "after", "reduction")
 _UNCHANGED = 1e-6  # sigmas: a change below this is rounding
+_MOST_OUTLIERS = 8  # outlying poses that are named
 _SMALL_CHANGE = 0.01  # share of an error below which a change of it counts as none
 
 
@@ -77,14 +79,14 @@ def _calibration(calibration: Calibration) -> Presentation:
 
 def calibration_head(calibration: Calibration, way: Sequence[Calibration] = ()) -> list[Block]:
     """How the error fell on the `way` to a calibration, all its errors, how the fit ended, and what to be warned of."""
-    worse = calibration.worse_than_nominal
-    warnings = [words for words in calibration.warnings if words != worse]
+    worse = worsening_sentence(calibration)
+    remarks = [remark for remark in calibration_warnings(calibration) if remark != worse]
     return [
         error_way(*(way or (calibration,))),
         *([Verdict(numbers.capitalised(worse), BAD)] if worse else []),
         *error_tables(calibration),
         Facts(fit_facts(calibration)),
-        *([Bullets(warnings)] if warnings else []),
+        *([Bullets(remarks)] if remarks else []),
     ]
 
 
@@ -112,6 +114,81 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
 
 def _iterations(calibration: Calibration) -> str:
     return numbers.count(len(calibration.fit.iterations) - 1, "iteration")
+
+
+def fit_sentence(calibration: Calibration) -> str:
+    """How the fit ended, its size and rank, and the residual over the sigma where that is declared."""
+    fit = calibration.fit
+    state = "converged" if fit.converged else "not converged"
+    declared = is_declared(calibration.dataset)
+    residual = f", residual {numbers.times(fit.reduced_chi)} the points' sigma" if declared else ""
+    return (
+        f"{state} after {_iterations(calibration)} ({fit.reason}); {numbers.count(fit.rows, 'equation')}, "
+        f"{numbers.count(len(fit.x), 'parameter')}, rank {fit.rank}{residual}"
+    )
+
+
+# ---- warnings -------------------------------------------------------------------------------------------------------
+
+
+def calibration_warnings(calibration: Calibration) -> tuple[str, ...]:
+    """What to be warned of before a calibration is used: of the data, the tool, the fit, and single poses."""
+    sentences = [*calibration.fitted_dataset.warnings, *calibration.fitted_dataset.notes, *calibration.after.notes]
+    if calibration.tool_shift is not None:
+        sentences.append(tool_shift_sentence(calibration.tool_shift))
+    sentences.append(calibration.hand_eye_ambiguity)
+    if not calibration.fit.converged:
+        sentences.append(f"the fit did not converge: {calibration.fit.reason}")
+    sentences.append(worsening_sentence(calibration))
+    if calibration.outliers:
+        out = f"{_outlying(calibration)}, and did not count in the fit; outliers are often physics, look at them"
+        sentences.append(out)
+    return tuple(filter(None, sentences))
+
+
+def tool_shift_sentence(shift: ToolShift) -> str:
+    """Where a tool point was found that is far from robot.toml's; it begins with a small letter."""
+    from_tip = ", ".join(numbers.signed(value, "z.1f") for value in shift.in_tip_mm)
+    x, y, z = (numbers.signed(value, "z.1f") for value in shift.point_mm)
+    return (
+        f"the tool point is {shift.off_mm:.1f} mm from where robot.toml has it (in the last joint's frame: "
+        f"x {x}, y {y}, z {z} mm; from the tip: {from_tip} mm); it is a point of its own, and the tip stays where "
+        "robot.toml has it: the measured points tell neither its place nor its attitude"
+    )
+
+
+def worsening_sentence(calibration: Calibration) -> str:
+    """That a fit is worse than the arm as delivered, with the errors; "" where it is not."""
+    worse = calibration.worsening
+    if worse is None:
+        return ""
+    return (
+        f"the fit is worse than robot.toml on the {names.role(worse.role)} poses: RMSE from "
+        f"{numbers.column_mm(worse.before_mm)} to {numbers.column_mm(worse.after_mm)} mm; do not put it on the robot, "
+        "find out why first (too few or too similar poses for what is fitted, another residual, no prior)"
+    )
+
+
+def outlier_hint(plain: Calibration, robust: Calibration) -> str:
+    """The outlying poses of a plain fit, and the error without them, by a robust fit (`fit_without_outliers`)."""
+    it = "it" if len(robust.outliers) == 1 else "them"
+    error, without_mm, with_mm = "the sigma per coordinate is", robust.sigma_mm, plain.sigma_mm
+    before, after = plain.after.test, robust.after.test
+    if before is not None and after is not None:
+        error, without_mm, with_mm = "the test poses are off by", after.rmse_mm, before.rmse_mm
+    return (
+        f"{_outlying(robust)}: {error} {numbers.length(without_mm)} without, {numbers.length(with_mm)} with {it} in "
+        f"the fit. Look at {it}; --robust leaves {it} out, --leave-out any pose"
+    )
+
+
+def _outlying(robust: Calibration) -> str:
+    """Clause that names the poses left out by a robust fit, with their errors."""
+    errors_mm = robust.outlier_errors_mm
+    named = [f"{name} ({numbers.length(off_mm)} off)" for name, off_mm in errors_mm.items()]
+    more = f" and {len(named) - _MOST_OUTLIERS} more" if len(named) > _MOST_OUTLIERS else ""
+    poses = "1 pose stands" if len(named) == 1 else f"{len(named)} poses stand"
+    return f"{poses} out of all others, {', '.join(named[:_MOST_OUTLIERS])}{more}"
 
 
 # ---- errors ---------------------------------------------------------------------------------------------------------
@@ -395,7 +472,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
             for step in calibration.iteration_errors
         ],
         "converged": fit.converged,
-        "worse_than_nominal": calibration.worse_than_nominal or None,
+        "worse_than_nominal": worsening_sentence(calibration) or None,
         "reason": fit.reason,
         "rank": fit.rank,
         **document(calibration.after),
@@ -415,7 +492,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "stands": stands_document(calibration),
         "outliers": calibration.outliers,
         "left_out": calibration.fitted_dataset.left_out,
-        "warnings": calibration.warnings,
+        "warnings": calibration_warnings(calibration),
     }
 
 

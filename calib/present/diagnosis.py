@@ -35,7 +35,14 @@ from calib.present.blocks import (
     pose,
     spans,
 )
-from calib.present.calibration import found_tool_document, parameters, pose_errors, stands_document
+from calib.present.calibration import (
+    found_tool_document,
+    parameters,
+    pose_errors,
+    stands_document,
+    tool_shift_sentence,
+    worsening_sentence,
+)
 from calib.present.candidates import ranking, untestable_blocks
 from calib.present.colours import VERDICT_COLOURS
 from calib.present.curves import BAND_NOTE, curve_blocks
@@ -206,7 +213,8 @@ def _first_fit(calibration: Calibration) -> str:
         else f" The dataset's {repeats.repeats} points form {repeats.groups} repeat groups of equal joints and "
         "conditions, and each group counts once, by the mean of its repeats."
     )
-    tool = "" if calibration.tool_shift is None else f" {numbers.capitalised(calibration.tool_shift.words)}."
+    shift = calibration.tool_shift
+    tool = "" if shift is None else f" {numbers.capitalised(tool_shift_sentence(shift))}."
     return (
         f"The five-parameter model{' with ' + numbers.listing(families) if families else ''} was fitted to "
         f"{numbers.count(train.points if train else 0, 'measured point')} of {dataset.robot.name}, the {instrument}'s "
@@ -452,7 +460,7 @@ def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[st
         "stands": stands_document(last),
         "left_out": last.fitted_dataset.left_out,
         **found_tool_document(last),
-        "worse_than_nominal": last.worse_than_nominal or None,
+        "worse_than_nominal": worsening_sentence(last) or None,
         "verdict": diagnosis.verdict,
         "missing": diagnosis.missing,
         "suspected": diagnosis.suspected,

@@ -25,6 +25,7 @@ from calib.kinematics.robot import Robot, Target
 from calib.kinematics.tool_point import tool_point, with_tool_point
 from calib.models.model_file import load_model, save_model
 from calib.options import FitOptions
+from calib.present.calibration import calibration_warnings
 from calib.present.checks import item_sentence
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import check
@@ -116,7 +117,7 @@ def test_the_tool_is_told_with_where_it_is(tmp_path: Path, capsys: pytest.Captur
     np.testing.assert_allclose(shift.point_mm, tool_point(dataset.robot.table), atol=2.0)
     assert shift.off_mm == pytest.approx(np.sqrt(50.0**2 + 60.0**2 + 30.0**2), abs=2.0)
     words = f"the tool point is {shift.off_mm:.1f} mm from where robot.toml has it"
-    assert sum(words in warning for warning in result.warnings) == 1
+    assert sum(words in warning for warning in calibration_warnings(result)) == 1
     assert words[4:] in result.summary()
     assert words in fit_html(result)  # on the page
     assert any("tool point is" in item_sentence(item) for item in check(wrong).warnings)
