@@ -16,7 +16,7 @@ from calib.array_types import Array
 from calib.brief import Brief, errors_in_short
 from calib.calibration.evaluation import Evaluation, evaluate_all
 from calib.calibration.orientation_errors import OrientationErrors, evaluate_orientations
-from calib.dataset.dataset import Dataset, Poses
+from calib.dataset.dataset import Dataset, FaceLabelling, Poses
 from calib.dataset.repeats import RepeatCount, without_poses
 from calib.dataset.trained_range import TrainedRange
 from calib.errors import FitError
@@ -193,11 +193,11 @@ class Calibration(FittedResult, Presented):
         return before, after
 
     @property
-    def faces_named(self) -> str:
-        """Sentence on how the jig's faces were labelled; "" unless full poses from scans were fitted."""
+    def face_labelling(self) -> FaceLabelling | None:
+        """How the jig's faces were labelled; None unless full poses from scans were fitted."""
         points = self.dataset.points
         orientations = None if points is None else points.orientations
-        return orientations.labelled_by if self.residual == "pose" and orientations is not None else ""
+        return orientations.labelling if self.residual == "pose" and orientations is not None else None
 
     @cached_property
     def trained(self) -> TrainedRange:

@@ -40,6 +40,7 @@ from calib.present.blocks import (
 )
 from calib.present.candidates import with_joints
 from calib.present.colours import BAD, GOOD, NEUTRAL
+from calib.present.corners import face_labelling
 from calib.present.curves import curve_table, formulas
 from calib.present.effects import model_name
 from calib.present.error_headline import error_headline
@@ -107,8 +108,8 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
     if np.isfinite(calibration.sigma_mm):
         times = f", {numbers.times(fit.reduced_chi)} the declared" if is_declared(calibration.dataset) else ""
         facts.append(("residual sigma", f"{numbers.length(calibration.sigma_mm)} per coordinate{times}"))
-    if calibration.faces_named:
-        facts.append(("faces of the jig", calibration.faces_named))
+    if calibration.face_labelling is not None:
+        facts.append(("faces of the jig", face_labelling(calibration.face_labelling)))
     return facts
 
 
@@ -457,7 +458,7 @@ def _sum(known: Combination) -> Words:
 @document.register
 def calibration_document(calibration: Calibration) -> dict[str, Any]:
     """What `calibrate --json` prints."""
-    fit, attitudes = calibration.fit, calibration.orientation_errors
+    fit, attitudes, labelling = calibration.fit, calibration.orientation_errors, calibration.face_labelling
     return {
         "dataset": calibration.dataset.name,
         "residual": calibration.residual,
@@ -479,7 +480,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "before": calibration.before,
         **found_tool_document(calibration),
         "attitudes": attitudes and dict(zip(("before", "after"), attitudes, strict=True)),
-        "faces_named": calibration.faces_named or None,
+        "faces_named": None if labelling is None else face_labelling(labelling),
         "sigma_mm": calibration.sigma_mm,
         "degrees_of_freedom": fit.degrees_of_freedom,
         "parameters": calibration.to_frame(),

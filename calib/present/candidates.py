@@ -12,7 +12,15 @@ import numpy as np
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import is_convincing
 from calib.diagnosis.effect_selection import SelectedEffect
-from calib.effects.effect import Description, Effect, describe, family_name, full_name, parameters_by_name
+from calib.effects.effect import (
+    Description,
+    Effect,
+    describe,
+    family_name,
+    full_name,
+    has_meaning,
+    parameters_by_name,
+)
 from calib.kinematics.robot import Robot
 from calib.planning.discrimination import DiscriminatingPose
 from calib.present import numbers
@@ -202,7 +210,9 @@ def _values(
     selects: list[Reference | None] = []
     for name, value, sigma in values:
         owner, parameter = known[name]
-        means = ": ".join(filter(None, (parameter.doc, meaning(owner, parameter, value, calibration))))
+        is_read_already = parameter.unit == "rad" and not has_meaning(owner)  # in degrees
+        on_arm = "" if is_read_already else meaning(owner, parameter, value, calibration)
+        means = ": ".join(filter(None, (parameter.doc, on_arm)))
         rows.append(
             (
                 name.partition(".")[2] or name,

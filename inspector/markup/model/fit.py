@@ -8,6 +8,7 @@ from calib.present import html
 from calib.present.blocks import Block, Facts, Verdict
 from calib.present.calibration import calibration_warnings, error_tables, fit_facts, parameter_tables, table_alone
 from calib.present.colours import DOUBT
+from calib.present.corners import face_labelling
 from calib.present.references import Names
 from inspector.markup.parts.palette import ROLE_COLOURS
 from inspector.session.measuring import measured_kinds, no_full_poses
@@ -28,7 +29,7 @@ def faces_words(session: Session) -> str:
     if problem:
         return NO_POSES + problem.removeprefix(f"dataset {session.dataset.name}: ")
     if session.face_labels is not None:
-        return f"pose can be fitted: {session.face_labels.summary()}."
+        return f"pose can be fitted: {face_labelling(session.face_labels.labelling)}."
     return "pose can be fitted: points.csv has orientations."
 
 
