@@ -9,7 +9,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from calib.calibration.evaluation import Evaluation
+from calib.calibration.evaluation import Evaluation, Figures
+from calib.calibration.model_versions import Version
 from calib.calibration.noise_level import SigmaCheck, noise_level
 from calib.calibration.result import Calibration, is_declared
 from calib.calibration.uncertainty import Combination, correlated_pairs, identifiable_combinations
@@ -336,6 +337,39 @@ def state_of_model(models: Sequence[ModelErrors], effects: Sequence[SelectedEffe
     )
 
 
+def errors_by_version(versions: Sequence[Version], colours: Mapping[str, str]) -> Table:
+    """RMSE and largest 3D error of each version of a model, mm, and what noise alone leaves; `colours` by version."""
+    rows = [
+        (Coloured(version.name, colours[version.name]), *_largest(version.evaluation.train, version.evaluation.test))
+        for version in versions
+    ]
+    level = noise_level(versions[-1].calibration)
+    noise = "not declared" if level.floor_mm is None else numbers.column_mm(level.floor_mm)
+    of_test = noise if level.floor_mm is not None and versions[-1].evaluation.test is not None else numbers.MISSING
+    noise_row = (level.name, noise, numbers.MISSING, of_test, numbers.MISSING)
+    return Table(("model", "training", "max", "test", "max"), [*rows, noise_row])
+
+
+def _largest(*figures: Figures | None) -> tuple[str, ...]:
+    cells = ((None, None) if f is None else (f.rmse_mm, f.max_mm) for f in figures)
+    return tuple(numbers.column_mm(mm) for pair in cells for mm in pair)
+
+
+def pose_error_by_version(versions: Sequence[Version], pose: int, colours: Mapping[str, str]) -> Table:
+    """Predicted minus measured at one pose by each version of a model, mm; no row for one without an error there."""
+    errors = [(version.name, version.pose_error_vectors_mm()[pose]) for version in versions]
+    rows = [
+        (
+            Coloured(name, colours[name]),
+            *(numbers.signed(float(e), "+.4f") for e in error),
+            numbers.column_mm(float(np.linalg.norm(error))),
+        )
+        for name, error in errors
+        if np.isfinite(error).all()
+    ]
+    return Table(("model", "x", "y", "z", "length"), rows)
+
+
 def evaluation_sentence(evaluation: Evaluation) -> str:
     """The RMSE of test and training poses in a phrase: "test RMSE 0.20 mm (training 0.19 mm)"."""
     train, test = evaluation.train, evaluation.test
@@ -545,5 +579,5 @@ def _data_problem_document(problem: DataProblem) -> dict[str, Any]:
         "joints": problem.joints,
         "mend": problem.remedy,
         "rmse_mm": {"now": problem.now_mm, "then": problem.then_mm},
-        "words": problem.words,
+        "words": problem.warning,
     }

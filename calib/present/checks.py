@@ -188,7 +188,7 @@ def _(left: ResidualOfDiagnosis) -> str:
 
 @_sentence.register
 def _(problem: DataProblem) -> str:
-    return problem.words
+    return problem.warning
 
 
 @_sentence.register

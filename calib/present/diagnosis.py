@@ -171,7 +171,7 @@ def reasons(diagnosis: Diagnosis, poses: NextPoses | None) -> list[Paragraph]:
     """What led to the verdict, a paragraph each: the first fit, each effect, what is open, the residual, the noise."""
     words: list[Words] = []
     if diagnosis.data_problem is not None:
-        wrong = numbers.capitalised(diagnosis.data_problem.words)
+        wrong = numbers.capitalised(diagnosis.data_problem.warning)
         words.append(f"{wrong}. Signs, order, units, rows and tables come before any effect: none is named.")
     words.append(_first_fit(diagnosis.steps[0].calibration))
     for before, after in zip(diagnosis.steps, diagnosis.steps[1:], strict=False):

@@ -14,8 +14,8 @@ from calib.calibration.result import Calibration
 from calib.dataset.input_names import PLACES, joint_input
 from calib.diagnosis.result import Diagnosis
 from calib.kinematics.robot import Robot
-from calib.present import numbers
-from calib.present.blocks import Block, FigurePlace, Paragraph, Table, joint
+from calib.present import names, numbers
+from calib.present.blocks import Block, FigurePlace, Paragraph, Table, joint, pose
 from calib.present.effects import model_name
 from calib.screening.residual_tests import STRUCTURE_LEVEL, InputTest, ResidualTests, run_residual_tests
 
@@ -92,6 +92,24 @@ def shown(
         half = 2.0 * pose_errors.noise_mm
         return pose_errors.error_mm[:, AXES[what]], f"{what}, mm", (-half, half)
     return pose_errors.error_length_mm, f"{LENGTH}, mm", (0.0, pose_errors.length_noise_mm)
+
+
+def worst_poses(pose_errors: PoseErrors, count: int, marked: str = "") -> Table:
+    """The poses with the largest errors, mm in the scanner's frame, a row each; the row of one pose is marked."""
+    worst = pose_errors.worst(count)
+    rows = []
+    for name in worst:
+        k = pose_errors.pose_ids.index(name)
+        role = names.role("test" if pose_errors.is_test[k] else "train")
+        error = (numbers.signed(float(e), "+.4f") for e in pose_errors.error_mm[k])
+        rows.append((name, role, numbers.column_mm(float(pose_errors.error_length_mm[k])), *error))
+    return Table(
+        ("pose", "role", "length", "x", "y", "z"),
+        rows,
+        left=(0, 1),
+        mark=worst.index(marked) if marked in worst else None,
+        rows_select=[pose(name) for name in worst],
+    )
 
 
 # ---- tests of the residual ------------------------------------------------------------------------------------------

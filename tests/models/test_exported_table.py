@@ -66,7 +66,7 @@ def test_the_file_holds_the_table_that_is_best_alone_and_says_its_error(
 def test_without_effects_the_file_is_the_fitted_table_and_no_more(dataset: Dataset) -> None:
     plain = calibrate(dataset)
     assert exported_table(plain).to_toml() == robot_to_toml(plain.robot)
-    assert exported_table(plain).words == ""
+    assert exported_table(plain).comment == ""
 
 
 @pytest.mark.slow

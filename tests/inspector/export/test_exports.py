@@ -278,7 +278,7 @@ def test_the_page_gives_what_the_commands_give(app: App, fitted: Calibration, da
         alone = exported_table(fitted)
         assert load_robot_toml(path).table == pytest.approx(alone.robot.table, rel=1e-12)
         words = "What robot.toml can hold, the table alone, fitted without "
-        assert alone.words in path.read_text()
+        assert alone.comment in path.read_text()
         assert words in html.unescape(page.text())
         (tmp_path / "model.json").write_bytes(taken(page, "Full model (JSON)"))
         np.testing.assert_array_equal(load_model(tmp_path / "model.json").x, fitted.fit.x)
