@@ -135,12 +135,16 @@ def test_tolerances_holds_and_robust_fits_by_command(capsys: pytest.CaptureFixtu
         "a2=1e-9",
         "--hold",
         "d5",
+        "--hold",
+        "θ4",  # as tables show it
         "--robust",
         "--residual",
         "pairs",
     )
     parameters = {p["name"]: p for p in document["parameters"]}
     assert "d5" not in parameters
+    assert "theta4" not in parameters
+    assert "theta5" in parameters
     assert abs(parameters["a2"]["change"]) < 1e-6
     assert document["outliers"] == []
     assert "no parameter named 'b7'" in refused(capsys, "calibrate", points_folder, "--tolerance", "b7=1")
