@@ -29,8 +29,8 @@ from calib.dataset.dataset import Dataset, Points, Poses
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.errors import CalibError
+from calib.planning.discrimination_criterion import for_confounded
 from calib.planning.plan import plan_poses
-from calib.planning.purposes.confounded_effects import for_confounded
 from calib.simulation.measured_dataset import Simulation, measure
 from calib.simulation.simulate import simulate_dataset
 from calib.workcell.candidates import candidate_poses
@@ -115,22 +115,22 @@ def run(arm: Arm, count: int, bare: bool) -> dict[str, object] | None:
     if found.verdict != "ambiguous":
         return None
     try:
-        purpose = for_confounded(found, None if bare else payload_kg)
+        criterion = for_confounded(found, None if bare else payload_kg)
     except CalibError:
         return None
     start = time.perf_counter()
-    plan = plan_poses(purpose.start, count, purpose=purpose, seed=arm.seed)
+    plan = plan_poses(criterion.start, count, criterion=criterion, seed=arm.seed)
     seconds = time.perf_counter() - start
     rng = np.random.default_rng([arm.seed, 1])
     after = outcome(with_more(simulation, plan.poses, rng), effect)
-    anywhere = purpose.start.poses_at(candidate_poses(purpose.start.cell, SURELY, rng=rng))
-    surely = outcome(with_more(simulation, purpose.prepared(purpose.start, anywhere), rng), effect)
+    anywhere = criterion.start.poses_at(candidate_poses(criterion.start.cell, SURELY, rng=rng))
+    surely = outcome(with_more(simulation, criterion.prepared(criterion.start, anywhere), rng), effect)
     return {
         "seed": arm.seed,
         "robot": simulation.dataset.robot.name,
         "effect": effect,
-        "rivals": " ".join(hypothesis.name for hypothesis in purpose.hypothesis_set.hypotheses),
-        "holds truth": effect in purpose.hypothesis_set.names,
+        "rivals": " ".join(hypothesis.name for hypothesis in criterion.hypothesis_set.hypotheses),
+        "holds truth": effect in criterion.hypothesis_set.names,
         "predicted": plan.power,
         "after": after,
         "by forty": surely,

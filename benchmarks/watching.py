@@ -31,8 +31,8 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.fitting.observations import conditions_at
 from calib.kinematics.joint_range import random_poses
 from calib.monitoring.watch import ChangeReport, watch
-from calib.planning.purposes.watching import CHECK_POSES, check_poses, usual_kinds
 from calib.planning.unknowns import unknowns_of_fit
+from calib.planning.watch_criterion import CHECK_POSES, check_poses, usual_changes
 from calib.simulation.simulate import rounded
 from tests.support.checked_cell import TOLERANCES, Cell
 
@@ -146,7 +146,7 @@ def planned_checks(cell: Cell, base: Calibration, rng: np.random.Generator) -> A
     candidates = rounded(cell.nominal, random_poses(cell.nominal, 300, rng=rng))
     poses = conditions_at(base.dataset.poses, candidates)
     unknowns = unknowns_of_fit(base)
-    return candidates[check_poses(usual_kinds(unknowns, poses, unknowns.rows(poses)), CHECK_POSES)]
+    return candidates[check_poses(usual_changes(unknowns, poses, unknowns.rows(poses)), CHECK_POSES)]
 
 
 def run(

@@ -39,8 +39,7 @@ _NAMES = {
     "calib.monitoring.watch": ("ChangeReport", "watch"),
     "calib.noise_shape": ("NoiseShape",),
     "calib.options": ("FitOptions",),
-    "calib.planning.plan": ("Plan",),
-    "calib.planning.purposes.planned": ("plan",),
+    "calib.planning.plan": ("Plan", "plan"),
     "calib.robot_formats.robots": ("load_robot", "save_robot"),
     "calib.scans.scan": ("Scan", "load_scan"),
     "calib.screening.candidates": ("Candidate", "Screening", "screen"),
@@ -57,7 +56,7 @@ __all__ = sorted(["__version__", *_HOME])
 
 
 def __getattr__(name: str) -> object:
-    """A public name, from the module that has it (PEP 562)."""
+    """Attribute of the package: a public name, imported from its module on first use (PEP 562)."""
     value: object
     if name == "__version__":
         from importlib.metadata import version

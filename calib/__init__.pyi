@@ -35,7 +35,7 @@ from calib.monitoring.watch import watch as watch
 from calib.noise_shape import NoiseShape as NoiseShape
 from calib.options import FitOptions as FitOptions
 from calib.planning.plan import Plan as Plan
-from calib.planning.purposes.planned import plan as plan
+from calib.planning.plan import plan as plan
 from calib.robot_formats.robots import load_robot as load_robot
 from calib.robot_formats.robots import save_robot as save_robot
 from calib.scans.scan import Scan as Scan

@@ -22,7 +22,7 @@ def one_blas_thread() -> Iterator[None]:
 
 @cache
 def _controller() -> Any:
-    """Controller of the BLAS libraries of numpy and scipy; both have to be loaded for it to find theirs."""
+    """Controller of the BLAS libraries of numpy and scipy, which have to be loaded already."""
     import scipy.linalg  # noqa: F401
 
     before = dict(os.environ)

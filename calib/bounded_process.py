@@ -25,7 +25,7 @@ _ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_TH
 
 @dataclass(frozen=True)
 class ProcessLimits:
-    """What one request may use: time of the processor, memory, size of the answer."""
+    """Limits of one request in a bounded process: processor time, memory, size of the answer."""
 
     seconds: float = 30.0
     memory_bytes: int = 1024**3  # in addition to what the imports take
@@ -77,7 +77,7 @@ def ask(function: str, request: Mapping[str, Any], limits: ProcessLimits = Proce
 
 
 def _how_it_ended(code: int, limits: ProcessLimits, answer: Any) -> str:
-    """Why a process gave no answer, from its exit code and what it wrote, as the end of a sentence about the file."""
+    """Reason why a process gave no answer, from its exit code and output, as the end of a sentence about the file."""
     if isinstance(answer, dict) and "failed" in answer:
         return str(answer["failed"])
     if code in (-24, -9):  # SIGXCPU, and SIGKILL behind it

@@ -1,4 +1,4 @@
-"""Errors about the user's input. Each carries one line: what was found, where, and what is expected.
+"""Errors about the user's input; the text of each is one line: what was found, where, and what is expected.
 
 Programs catch `CalibError`; the command line turns it into that line and exit code 2.
 """
@@ -53,7 +53,7 @@ def _is_hidden(text: str, k: int) -> bool:
 
 
 def _joins(neighbour: str) -> bool:
-    """Whether a character is a letter or mark of a script that has joiners, none of which is in Latin's part."""
+    """Whether a character is a letter or mark of a script that has joiners, as Latin has none."""
     return neighbour > "\u0590" and category(neighbour)[0] in "LM"
 
 
@@ -71,31 +71,31 @@ def _cut(line: str) -> str:
 
 
 class CalibError(Exception):
-    """The input does not allow the work to go on; the text of the error is cleaned by `printable`."""
+    """Error: the input does not allow the work to go on; its text is cleaned by `printable`."""
 
     def __str__(self) -> str:
         return printable(super().__str__())
 
 
 class DatasetError(CalibError):
-    """A file of the dataset folder is missing, malformed or contradicts another."""
+    """Error: a file of the dataset folder is missing, malformed or contradicts another."""
 
 
 class ScanError(CalibError):
-    """A scan cannot be read as points."""
+    """Error: a scan cannot be read as points."""
 
 
 class CornerError(CalibError):
-    """No corner can be found in a scan, or in too few of the scans."""
+    """Error: no corner can be found in a scan, or in too few of the scans."""
 
 
 class ModelFileError(CalibError):
-    """A model.json cannot be used."""
+    """Error: a model.json cannot be used."""
 
 
 class FitError(CalibError):
-    """The measurements do not determine the fit that was asked for."""
+    """Error: the measurements do not determine the requested fit."""
 
 
 class TargetError(CalibError):
-    """A target cannot be found in a scan, or a finder of the user's own fails."""
+    """Error: a target cannot be found in a scan, or a finder of the user's own fails."""

@@ -26,7 +26,7 @@ def make_transform(rotation: ArrayLike, translation_mm: ArrayLike) -> Array:
 
 
 def invert(a_T_b: ArrayLike) -> Array:
-    """Inverses (..., 4, 4) of rigid transforms `a_T_b`: they map a to b."""
+    """Inverses b_T_a (..., 4, 4) of rigid transforms a_T_b."""
     a_T_b = np.asarray(a_T_b, dtype=float)
     b_R_a = np.swapaxes(a_T_b[..., :3, :3], -1, -2)
     return make_transform(b_R_a, -np.einsum("...ij,...j->...i", b_R_a, a_T_b[..., :3, 3]))

@@ -1,4 +1,4 @@
-"""Text as HTML shows it: its markup escaped, its hidden characters visible."""
+"""Text escaped for HTML, with hidden characters made visible."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from calib.errors import visible
 
 
 def escape(text: object, quote: bool = True) -> str:
-    """A text for HTML, as the standard library's `html.escape` makes it, with escapes for what would not be seen."""
+    """A text escaped for HTML as by `html.escape`, with hidden characters as visible escapes."""
     return html.escape(visible(str(text), kept="\n\r\t"), quote=quote)
 
 
 def visible_value(value: object) -> object:
-    """What jinja2 puts into a page (its `finalize`): a value as a text with all that it hides; markup is our own."""
+    """Text of a value that jinja2 puts into a page (its `finalize`), hidden characters escaped; own markup stays."""
     return value if hasattr(value, "__html__") else visible(str(value), kept="\n\r\t")

@@ -22,7 +22,7 @@ _LEAST_EIGENVALUE = 1e-6  # of the Gram matrix; at zero the three normals lie in
 
 @dataclass(frozen=True)
 class Outline:
-    """Where the three faces end, seen from the apex.
+    """Outline of the three faces of a jig, seen from the apex.
 
     Edge i does not lie in face i: it is the common border of the other two faces.
     """
@@ -85,7 +85,7 @@ class Jig:
 
 
 def angles_between_deg(normals: Array) -> tuple[float, float, float]:
-    """Angles between faces 1-2, 2-3 and 3-1 with unit normals (3, 3), one a row: f_ij = arccos(-n_i . n_j)."""
+    """Angles between faces 1-2, 2-3 and 3-1 with unit normals (3, 3), one per row: f_ij = arccos(-n_i . n_j)."""
     first, second, third = (
         float(np.degrees(np.arccos(np.clip(-normals[i] @ normals[j], -1, 1)))) for i, j in FACE_PAIRS
     )
@@ -93,7 +93,7 @@ def angles_between_deg(normals: Array) -> tuple[float, float, float]:
 
 
 def jig_normals(face_angles_deg: tuple[float, float, float]) -> Array:
-    """Unit normals N (3, 3) of the faces, one a row, in the jig's own frame: N = G^(1/2), the symmetric root.
+    """Unit normals N (3, 3) of the faces, one per row, in the jig's own frame: N = G^(1/2), the symmetric root.
 
     The frame's axes are the faces' normals where the faces are square; otherwise it is the right-handed frame that lies
     closest to the normals.
@@ -106,7 +106,7 @@ def jig_normals(face_angles_deg: tuple[float, float, float]) -> Array:
 
 
 def jig_geometry(jig: Jig) -> tuple[Array, Array]:
-    """Edge ends (3, 3) in mm and face normals (3, 3) toward the scanner's side, one a row, in the jig's model frame.
+    """Edge ends (3, 3), mm, and face normals (3, 3) toward the scanner's side, one per row, in the jig's model frame.
 
     That frame has its origin in the apex and z along the jig's axis, the mean of its edges, away from the scanner; x
     lies in the plane of z and the first face's normal. Face i is the triangle between the apex and the two edges that

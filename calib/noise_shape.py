@@ -41,7 +41,7 @@ class NoiseShape:
 
     @property
     def is_possible(self) -> bool:
-        """Whether the values describe a noise that can exist and lie within what can be computed with."""
+        """Whether the values describe a possible noise and lie within computable limits."""
         (a, b, c), (d, e, f), (g, h, i) = self.axes
         volume = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
         sizes = (self.scale, self.depth, volume)

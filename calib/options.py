@@ -1,4 +1,4 @@
-"""Names and defaults that a user may choose. Nothing slow is imported here, so that `inspector --help` is quick."""
+"""Names and defaults of users' options. Nothing slow is imported here, so that `inspector --help` is quick."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CORRECTION_KINDS = ("position", "pose")
 PLAN_REGIONS = ("auto", "test", "measurable", "all")
 """Regions over which a plan minimises the predicted error, see `calib.planning.plan`."""
 PLAN_CRITERIA = ("I", "D")
-"""Optimality criteria of a plan for a calibration, see `calib.planning.purpose`."""
+"""Optimality criteria of a plan for a calibration, see `calib.planning.criterion`."""
 DEFAULT_FOLDS = 5  # of a cross-validation
 BUILTIN_ROBOTS = ("rb5", "panda")
 """Robots that come with the library, read by `calib.dataset.files.robot_toml`."""
@@ -40,7 +40,7 @@ def parameter_name(typed: str) -> str:
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Options of a fit, checked when made. A result keeps its options, and every refit uses them.
+    """Options of a fit, checked when made; a result keeps its options for every refit.
 
     Raises FitError, which names the option, the value that was found, and the values that are possible.
 
@@ -110,7 +110,7 @@ class FitFields(TypedDict, total=False):
 
 
 def fit_options(options: FitOptions | None, keywords: FitFields) -> FitOptions:
-    """The options, or the defaults, with the fields that were given as keywords. Raises FitError on an unknown one."""
+    """The given or default options, with fields replaced by keywords. Raises FitError on an unknown keyword."""
     known = [one.name for one in fields(FitOptions)]
     for name in keywords:
         if name not in known:

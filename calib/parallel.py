@@ -31,7 +31,7 @@ def map_as_completed(
 def futures_as_completed(
     function: Callable[[Item], Result], items: Iterable[Item], executor: Executor, in_flight: int
 ) -> Iterator[tuple[int, Future[Result]]]:
-    """Pairs (index of the item, its future), each as it is done; a future may hold an exception, and the others go on.
+    """Pairs (index of the item, its future) as each completes; a future may hold an exception, and the others continue.
 
     `in_flight` bounds them as in `map_as_completed`.
     """

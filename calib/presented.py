@@ -1,4 +1,4 @@
-"""Base class of results that tell of themselves: as plain data, as text, as HTML in a notebook.
+"""Base class of results with a presentation: as plain data, as text, as HTML in a notebook.
 
 A result holds facts and no sentences. What is told of it is made in `calib.present`, which stands above all results and
 knows each of them; the one import upwards is here, made when a result is first asked for its telling.
@@ -13,14 +13,14 @@ from calib.brief import Brief
 
 
 class Printer(Protocol):
-    """What IPython hands to `_repr_pretty_`."""
+    """Protocol of the printer object that IPython passes to `_repr_pretty_`."""
 
     def text(self, text: str) -> None:
         """Print a text."""
 
 
 class Presented(Brief):
-    """A result that can be had as plain data, as text and as HTML."""
+    """Base class of results that convert to plain data, text and HTML."""
 
     def to_dict(self) -> dict[str, Any]:
         """The result with the keys of the command's `--json`: strings, numbers, lists, dicts, None; no NaN.
@@ -36,11 +36,11 @@ class Presented(Brief):
 
     @property
     def headline(self) -> str:
-        """What matters most of the result, in a sentence or two."""
+        """Most important statement on the result, in a sentence or two."""
         return str(_present().headline(self))
 
     def _repr_html_(self) -> str:
-        """The result in a cell of Jupyter, VS Code and others: light or dark as they are, no script, no network."""
+        """HTML of the result for a cell of Jupyter, VS Code and others: light or dark, no script, no network."""
         return str(_present().notebook_html(self))
 
     def _repr_pretty_(self, printer: Printer, cycle: bool) -> None:

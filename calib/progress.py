@@ -1,4 +1,4 @@
-"""How far long work has come, for whoever asks for it: `progress=True` of a function that takes it.
+"""Progress of long work, shown on request: `progress=True` of a function that takes it.
 
 In a notebook it is a bar in the cell's output, by IPython alone (no widgets), which is gone when the work is done, so
 that a saved notebook keeps nothing of it; at a terminal tqdm's bar on stderr; where stderr is no terminal, nothing.
@@ -22,13 +22,13 @@ _LONGEST = 60  # characters of a name beside a bar
 
 
 class Handle(Protocol):
-    """What IPython gives for an output that is shown anew."""
+    """Protocol of IPython's handle of an output that can be updated."""
 
     def update(self, shown: object) -> None: ...
 
 
 def in_notebook() -> bool:
-    """Whether this runs in a cell of Jupyter, VS Code or another front end of a kernel."""
+    """Whether the code runs in a cell of Jupyter, VS Code or another front end of a kernel."""
     ipython = sys.modules.get("IPython")
     shell = None if ipython is None else ipython.get_ipython()
     return getattr(shell, "kernel", None) is not None
@@ -36,7 +36,7 @@ def in_notebook() -> bool:
 
 @contextmanager
 def counted(what: str, unit: str, *, asked: bool = True, then: OnProgress | None = None) -> Iterator[OnProgress | None]:
-    """A function to call after each part of the work: it moves a bar where that was asked for, and calls `then`.
+    """Context with a function to call after each part of the work: it advances a bar, if `asked`, and calls `then`.
 
     None where nobody wants to know.
     """
@@ -55,7 +55,7 @@ def counted(what: str, unit: str, *, asked: bool = True, then: OnProgress | None
 
 @contextmanager
 def staged(*, asked: bool = True, then: OnStep | None = None) -> Iterator[OnStep | None]:
-    """The same for work whose steps are not known beforehand: called with a line of words before each."""
+    """Context with a function to call with a line of text before each of a number of steps not known beforehand."""
     if not asked:
         yield then
         return
@@ -92,7 +92,7 @@ def _notebook_line() -> Iterator[OnStep]:
 
 @contextmanager
 def _output() -> Iterator[Callable[[str, str], None]]:
-    """A bar in the cell's output: a function that shows words and the bar's state, "" where that is not known."""
+    """Context with a function that shows a text and a bar in the cell's output; the bar's state is "" where unknown."""
     ipython = import_module("IPython.display")  # a notebook has it
     handle: Handle = ipython.display(ipython.HTML(""), display_id=True)
 

@@ -1,4 +1,4 @@
-"""Strict JSON: files that someone else may have written are read with every value checked; documents are written.
+"""Strict JSON: reading of untrusted files with every value checked, and writing of documents.
 
 An error is one line that names the place in the file. Structs say what a file holds and msgspec checks it. Its errors
 are put into our own words, since they name the type that is needed but not what was found, and among the values of a
@@ -52,7 +52,7 @@ _REMEDIES = (  # by what msgspec says that it expects
 
 @dataclass(frozen=True)
 class JsonFile:
-    """A JSON file to be read: its path, what messages call it, and the error to raise."""
+    """A JSON file to be read: its path, its name in messages, and the error to raise."""
 
     path: Path
     kind: str  # "session file"
@@ -122,7 +122,7 @@ class JsonFile:
 
 
 def in_short(value: Any) -> str:
-    """A value as JSON or Python writes it, cut to 60 characters for an error message."""
+    """Text of a value as JSON or Python writes it, cut to 60 characters for an error message."""
     if value is None:
         return "nothing"
     return f"{value!r:.60}".replace("\n", " ") + (" ..." if len(repr(value)) > 60 else "")

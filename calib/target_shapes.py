@@ -55,7 +55,7 @@ class Socket:
 
 @dataclass(frozen=True)
 class OwnShape:
-    """A target that only a finder of the user's own knows."""
+    """A target shape that only a finder of the user's own can find."""
 
     sizes: Mapping[str, Any] = field(default_factory=dict)  # all keys of its table in dataset.toml
 

@@ -1,4 +1,4 @@
-"""Units of length of input files other than the millimetre, which is the unit of all lengths here."""
+"""Units of length that input files may have besides the millimetre, the unit of all lengths in this package."""
 
 from __future__ import annotations
 

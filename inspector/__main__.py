@@ -1,4 +1,4 @@
-"""`python -m inspector` is the command `inspector`."""
+"""Entry point of `python -m inspector`, the same as the command `inspector`."""
 
 from __future__ import annotations
 

@@ -126,7 +126,7 @@ def as_calibration(fitted: FittedResult | Dataset | str | Path, **keywords: Unpa
 
 
 def _fitted(task: FitTask, start: Calibration | None) -> tuple[Fitted, BoolArray]:
-    """The fit, and the mask (M,) of its points: all, or in a robust fit those of inlying poses."""
+    """The fit, and a mask (M,) of the points used: all, or in a robust fit those of inlying poses."""
     observed, options = task.observed, task.options
     before = None if start is None else Fitted(start.model, start.fit)
     kept = np.ones(len(observed.points), dtype=bool)
@@ -227,7 +227,7 @@ def geometry_of(robot: Robot, observed: Observations, options: FitOptions) -> tu
 
 
 def checked_tolerances(names: Sequence[str], tolerances: Mapping[str, float]) -> Mapping[str, float]:
-    """The tolerances, all of parameters with these names; FitError otherwise."""
+    """The tolerances, after a check that each is of a parameter with one of these names. Raises FitError otherwise."""
     for name in tolerances:
         if name not in names:
             raise FitError(f"no parameter named {name!r}; there are {', '.join(names[:6])} ...")

@@ -99,5 +99,5 @@ def options_for_links(calibration: Calibration) -> FitOptions:
 
 
 def fitted_version(name: str, calibration: Calibration) -> Version:
-    """A fit as a version with a name."""
+    """Version of the model made of a fit, under a name."""
     return Version(name, calibration.model, calibration.fit.x, calibration.after, calibration)

@@ -19,7 +19,7 @@ _ORIGINS = {REPEATS: "noise as repeats show it", FIT: "noise as the fit left it"
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """Noise of one coordinate of a measured point, and its source."""
+    """Noise per coordinate of a measured point, and its source."""
 
     sigma_mm: float  # RMS over the points; nan where no one declares it and nothing shows it
     source: str  # "dataset", "repeats" or "fit"
@@ -27,7 +27,7 @@ class NoiseLevel:
 
     @property
     def floor_mm(self) -> float | None:
-        """3D RMSE by noise alone, sqrt(3) sigma, mm; None where the noise is not known."""
+        """3D RMSE that noise alone causes, sqrt(3) sigma, mm; None where the noise is not known."""
         return float(np.sqrt(3.0)) * self.sigma_mm if np.isfinite(self.sigma_mm) else None
 
     @property
@@ -65,7 +65,7 @@ def noise_of_repeats(dataset: Dataset) -> tuple[float, float] | None:
 
 @dataclass(frozen=True)
 class SigmaCheck:
-    """Residual sigma of one coordinate with its 95 % interval, and the declared sigma.
+    """Residual sigma per coordinate with its 95 % interval, and the declared sigma.
 
     With nu degrees of freedom nu s^2 / sigma^2 follows chi^2(nu), which gives the 95 % interval.
     """
@@ -78,7 +78,7 @@ class SigmaCheck:
 
     @property
     def verdict(self) -> str:
-        """Comparison in a word: "excess", "as declared", "below", or "unknown" without declared sigma or dof."""
+        """Comparison of residual with declared sigma: "excess", "as declared", "below", or "unknown" without basis."""
         if self.declared_mm is None or not np.isfinite(self.sigma_mm):
             return "unknown"
         if self.declared_mm < self.low_mm:

@@ -26,7 +26,7 @@ FAR_BELOW = 0.2
 
 
 def implausibility_reason(calibration: Calibration) -> str:
-    """Sentence on why a fit cannot describe this arm (wrong units, joint signs, order of poses); "" where it can.
+    """Sentence on why a fit cannot describe this arm (wrong units, joint signs, order of poses); "" if plausible.
 
     The residual is too large, a correction is far beyond its tolerance, or an effect exceeds its natural bound. Links
     without length, for example, fit a ball in sockets exactly.
@@ -80,7 +80,7 @@ def told_size(value: float, unit: str) -> str:
 
 
 def too_good(calibration: Calibration) -> str:
-    """Sentence on a residual far below the noise of any such measurement; "" where it is not.
+    """Sentence on a residual far below any realistic measurement noise; "" for other residuals.
 
     The noise is the declared sigma or, without one, that of the best instruments for arms.
     """
@@ -108,7 +108,7 @@ def _measured_sigma_mm(calibration: Calibration) -> float:
 
 
 def _span_mm(calibration: Calibration) -> float:
-    """RMS spread of the points per coordinate, mm, at least a share of the arm's length."""
+    """RMS spread of the points per coordinate, mm, but no less than a fixed share of the arm's length."""
     dataset = calibration.dataset
     assert dataset.points is not None
     spread_mm = float(np.sqrt(np.mean(np.var(dataset.points.xyz_mm, axis=0))))

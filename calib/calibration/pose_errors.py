@@ -1,4 +1,4 @@
-"""Errors of a calibration at each measured pose, and the inputs that they may depend on."""
+"""Errors of a calibration at each measured pose, with the inputs on which the errors may depend."""
 
 from __future__ import annotations
 
@@ -59,7 +59,8 @@ def directions_at(model: Model, x: Array, observed: Observations, base_to_residu
     A joint moves as its theta does (d for a prismatic joint); zeros where that parameter is fixed.
 
     Args:
-        model, x: the fitted model, x (P,).
+        model: the fitted model.
+        x: (P,) values of its parameters.
         observed: M points whose scanner is placed.
         base_to_residual: (M, 3, 3), from a displacement in the base frame, mm, to the whitened residual.
     """
@@ -99,7 +100,7 @@ class PoseErrors:
 
     @property
     def noise_mm(self) -> float:
-        """Sigma of one coordinate by noise alone, mm."""
+        """Sigma per coordinate by noise alone, mm."""
         return self.noise.sigma_mm
 
     @property
@@ -184,7 +185,7 @@ def pose_errors_at(calibration: Calibration, model: Model, x: Array, evaluation:
 
 
 def running_median(x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
-    """Running median of y (N,) over x (N,): at each value of x the median of points within `_RANKS` ranks of it.
+    """Running median of y (N,) over x (N,): for each point, of up to `_RANKS` neighbours by rank of x on either side.
 
     A gap in x separates two curves by a row of nan, and no median takes points from both sides. Fewer than three
     points between two gaps give no curve. Equal x give one value. Towards the ends the window shrinks symmetrically, so

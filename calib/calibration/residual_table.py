@@ -1,4 +1,4 @@
-"""Residuals of a calibration as a table: one row per pose, with every input that they may depend on."""
+"""Residuals of a calibration as a table: one row per pose, with every input on which residuals may depend."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def residual_table(calibration: Calibration) -> pd.DataFrame:
 
 
 def _inputs(pose_errors: PoseErrors, poses: Poses, is_revolute: BoolArray) -> dict[str, object]:
-    """Values (N,) of the inputs by column name, without the point's place, which is in `measured_...`."""
+    """Values (N,) of the inputs by column name, except the point's place, which has columns `measured_...`."""
     named: dict[str, object] = {}
     columns = further_inputs(poses)
     for name, values in pose_errors.inputs.items():

@@ -52,7 +52,7 @@ class FittedResult:
 
     @property
     def calibration(self) -> Calibration:
-        """The fit whose model is meant."""
+        """The fit (`Calibration`) that the result holds."""
         raise NotImplementedError
 
     @property
@@ -64,17 +64,17 @@ class FittedResult:
 
     @property
     def parameters(self) -> pd.DataFrame:
-        """One row per free parameter: name, nominal, value, change, sigma, tolerance, unit, known."""
+        """Table with one row per free parameter: name, nominal, value, change, sigma, tolerance, unit, known."""
         return self.calibration.to_frame()
 
     @property
     def covariance(self) -> Array:
-        """(P, P) covariance of the free parameters; rows of parameters that nothing bounds are zero."""
+        """(P, P) covariance of the free parameters; rows are zero for parameters that neither data nor prior bound."""
         return self.fitted_model.covariance
 
     @property
     def robot(self) -> Robot:
-        """The robot with the fitted table; where the model has effects, right only together with them."""
+        """The robot with the fitted table; a model with effects is right only as a whole."""
         return self.calibration.model.calibrated_robot(self.calibration.fit.x)
 
     def predict(self, q: ArrayLike, conditions: Poses | None = None, target: str = TOOL_POINT) -> Array:
@@ -148,7 +148,7 @@ class Calibration(FittedResult, Presented):
 
     @cached_property
     def fitted_dataset(self) -> Dataset:
-        """The dataset as it was fitted: each repeat group once, by the mean of its repeats (`calib.dataset.repeats`).
+        """Dataset used for the fit: each repeat group once, by the mean of its repeats (`calib.dataset.repeats`).
 
         Without the points of outlying poses.
         """
@@ -162,12 +162,12 @@ class Calibration(FittedResult, Presented):
 
     @property
     def residual(self) -> str:
-        """Kind of the residual that was minimised, of `calib.options.RESIDUAL_KINDS`."""
+        """Kind of the minimised residual, one of `calib.options.RESIDUAL_KINDS`."""
         return self.options.residual
 
     @property
     def calibration(self) -> Calibration:
-        """The calibration itself."""
+        """This calibration, for the interface of `FittedResult`."""
         return self
 
     @cached_property
@@ -201,7 +201,7 @@ class Calibration(FittedResult, Presented):
 
     @cached_property
     def trained(self) -> TrainedRange:
-        """Joint ranges of the fitted poses."""
+        """Range of each joint over the fitted poses."""
         return TrainedRange.of(self.dataset, self.outliers)
 
     @property
@@ -214,7 +214,7 @@ class Calibration(FittedResult, Presented):
 
     @property
     def tool_shift(self) -> ToolShift | None:
-        """Shift of the tool point where it is far from robot.toml's; else None."""
+        """Shift of the tool point, where this is far from robot.toml's; else None."""
         return None if self.model.tool_found is None else tool_shift(self.dataset.robot, self.robot)
 
     @cached_property
@@ -226,12 +226,12 @@ class Calibration(FittedResult, Presented):
 
     @property
     def sigma_mm(self) -> float:
-        """Residual sigma of one coordinate of one point, mm, by degrees of freedom; nan where none are left."""
+        """Residual sigma per coordinate of a point, mm, corrected for degrees of freedom; nan where none are left."""
         return self.fit.reduced_chi * declared_sigma_mm(self.fitted_dataset)
 
     @property
     def worsening(self) -> Worsening | None:
-        """Rise of the test poses' error (without test poses, the training poses'); None where it fell.
+        """Rise of the test poses' error (without test poses, the training poses'); None without a rise.
 
         The training error can rise in a fit of distances, or without a prior.
         """
@@ -266,7 +266,7 @@ class Calibration(FittedResult, Presented):
             )
 
     def to_frame(self) -> pd.DataFrame:
-        """One row per free parameter: name, nominal, value, change, sigma, tolerance, unit, and whether it is known.
+        """Table with one row per free parameter: name, nominal, value, change, sigma, tolerance, unit, known.
 
         A parameter is known where its sigma is below half of its tolerance.
         """
@@ -297,7 +297,7 @@ def is_declared(dataset: Dataset) -> bool:
 
 
 def declared_sigma_mm(dataset: Dataset) -> float:
-    """Declared sigma of one coordinate, mm, RMS over the measured points."""
+    """Declared sigma per coordinate, mm, RMS over the measured points."""
     covariance = Observations.of(dataset).covariance_mm2
     return float(np.sqrt(np.mean(np.trace(covariance, axis1=-2, axis2=-1)) / 3.0))
 

@@ -25,7 +25,7 @@ CORRELATED = 0.8
 
 @dataclass(frozen=True)
 class Combination:
-    """A weighted sum of parameters with its value, its sigma and that of its most uncertain part."""
+    """A weighted sum of parameters with its value and sigma, and the largest sigma among its terms."""
 
     coefficients: Mapping[str, float]
     value: float  # of the fitted parameters, nominal and correction
@@ -36,7 +36,7 @@ class Combination:
 
     @property
     def is_known(self) -> bool:
-        """Whether the sigma is below half the tolerance, the rule for single parameters too."""
+        """Whether the sigma is below half the tolerance, as for a single known parameter."""
         return self.sigma < 0.5 * self.tolerance
 
     @property

@@ -22,7 +22,7 @@ _POSTURES, _SPAN_RAD, _SPAN_MM = 64, 1.0, 100.0  # postures around the targets, 
 
 @dataclass(frozen=True)
 class FitKnowledge:
-    """Covariance of a fit, and what else decides how far a correction can be trusted."""
+    """Covariance of a fit, with what else decides how far a correction can be trusted."""
 
     covariance: Array  # (P, P) of the model's free parameters
     fixed: frozenset[str] = frozenset()  # fixed by the user; others are fixed because no point determines them
@@ -43,7 +43,7 @@ class FitKnowledge:
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def _common(self, model: Model, x: Array, poses: Poses) -> Array:
-        """(3 or 6, P) derivative, by the parameters, of the turns of base and tool common to postures around poses."""
+        """(3 or 6, P) derivative, by the parameters, of the base's (and tool's) constant turn over nearby postures."""
         rng = np.random.default_rng(0)
         rows = np.resize(np.arange(len(poses)), _POSTURES)
         span = np.where(model.robot.is_revolute, _SPAN_RAD, _SPAN_MM)

@@ -93,7 +93,7 @@ class Correction(Presented):
         return float(np.degrees(moved.max(initial=0.0)))
 
     def to_frame(self) -> pd.DataFrame:
-        """One row per target: reached, errors before and after, and why it is missed."""
+        """Table with one row per target: reached, errors before and after, and the reason if missed."""
         return pd.DataFrame(
             {
                 "reached": self.reached,
@@ -114,7 +114,7 @@ class Correction(Presented):
 
 @runtime_checkable
 class Corrects(Protocol):
-    """A fitted result that corrects joint vectors by itself: a calibration, a diagnosis, a model from a file."""
+    """Protocol of a fitted result that corrects joint vectors: a calibration, a diagnosis, a model from a file."""
 
     def correct(
         self,
@@ -124,7 +124,7 @@ class Corrects(Protocol):
         nominal: Robot | None = None,
         ids: Sequence[str] | None = None,
     ) -> Correction:
-        """The correction of joint vectors, by all that the fit knows."""
+        """Joint vectors with which the calibrated arm goes where the nominal one would, by the fitted model."""
         ...
 
 
@@ -215,7 +215,7 @@ def corrected_joints(
 
 
 def _known_kind(nominal: Robot, sigma_rad: Array | None, uncorrected_rad: Array) -> str:
-    """The kind of correction that a fit supports: "pose" for six joints and an attitude known to half of its turn."""
+    """ "pose" where a fit supports correcting the attitude (six joints, small attitude sigma); else "position"."""
     if nominal.n_joints < 6:
         return "position"
     if sigma_rad is None:
@@ -224,7 +224,7 @@ def _known_kind(nominal: Robot, sigma_rad: Array | None, uncorrected_rad: Array)
 
 
 def _at_positions(problem: ToolProblem, q0: Array, box: tuple[Array, Array]) -> Array:
-    """Joint vectors (N, n) that meet the positions; free motion turns the tool towards its goal where that is small.
+    """Joint vectors (N, n) that meet the positions; redundant motion turns the tool towards its goal where possible.
 
     A turn of the tool counts so much more than a motion of the joints as keeps these small: near a singular posture a
     small turn would take a large motion, and counts less and less.
@@ -244,7 +244,7 @@ def _at_positions(problem: ToolProblem, q0: Array, box: tuple[Array, Array]) -> 
 def _with_known_attitude(
     problem: ToolProblem, q0: Array, q: Array, box: tuple[Array, Array], sigma_rad: Array, reached: BoolArray
 ) -> tuple[Array, BoolArray]:
-    """Joint vectors whose position is exact and whose attitude is met to its sigma, where it needs large motions."""
+    """Joint vectors and mask of reached targets; near singularities an attitude within its sigma counts as met."""
     near = _at_positions(replace(problem, with_orientation=False), q0, box)
     error_mm, turn_rad = problem.errors(near)
     met = ~reached & (error_mm <= POSITION_TOLERANCE_MM) & (turn_rad <= sigma_rad)
@@ -340,7 +340,7 @@ def plain_poses(q: Array) -> Poses:
 
 
 def _reason(robot: Robot, q: Array, q_nominal: Array, box: tuple[Array, Array], missed: str, singular: bool) -> str:
-    """Reason why a target is not reached, as text; `box` has its own lower and upper bounds (n,)."""
+    """Reason why a target is not reached, as text; `box` has its own lower and upper joint bounds (n,)."""
     held = []
     for k in np.flatnonzero((q <= box[0]) | (q >= box[1])):
         joint = robot.joints[k]

@@ -36,7 +36,7 @@ from calib.text_files.csv_text import frame_csv
 
 @dataclass(frozen=True)
 class Targets:
-    """Joint targets as poses, and the file they were read from."""
+    """Joint targets as poses, with the path of their file."""
 
     poses: Poses
     file: TableFile

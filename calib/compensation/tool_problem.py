@@ -72,11 +72,11 @@ class ToolProblem:
         return self._error(self._tool(state, turn), rows), jacobian * self.joint_units
 
     def of(self, rows: IndexArray) -> ToolProblem:
-        """The problem of some of the goals."""
+        """The problem restricted to some of the goals."""
         return replace(self, goal=self.goal[rows], conditions=self.conditions.select(rows))
 
     def attitude_left(self, weight: float) -> Preference | None:
-        """The tool's remaining turn times a weight, which free motion of a position may reduce; None for weight 0."""
+        """Secondary objective for redundant motion: the tool's remaining rotation times a weight; None for weight 0."""
 
         def left(q: Array, rows: IndexArray) -> tuple[Array, Array]:
             state, turn = self._state(q, rows)

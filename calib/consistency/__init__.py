@@ -1,1 +1,1 @@
-"""Consistency of joints, points and robot.toml: signs, order, units, rows and tables."""
+"""Consistency of joints, points and robot.toml: signs, order, units, rows and robot tables."""

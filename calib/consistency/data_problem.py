@@ -64,7 +64,7 @@ Refit = Callable[[Dataset], Calibration]
 
 @dataclass(frozen=True)
 class DataProblem:
-    """A mistake in the data or the table, with the errors before and after mending it."""
+    """A mistake in the data or the table, with the errors before and after its correction."""
 
     hypothesis: DataHypothesis
     mended: Dataset
@@ -87,19 +87,19 @@ class DataProblem:
 
     @property
     def remedy(self) -> str:
-        """Remedy, as a clause."""
+        """Remedy for a mistake in the data or the table, as a clause."""
         others = "".join(f", or {rival.remedy}" for rival in self.rivals[:2])
         return f"{self.hypothesis.remedy}{others}"
 
     @property
     def mistake(self) -> str:
-        """Mistake, as a clause."""
+        """Mistake in the data or the table, as a clause."""
         others = "".join(f", or {rival.mistake}" for rival in self.rivals[:2])
         return f"{self.hypothesis.mistake}{others}{': these poses do not tell which' if self.rivals else ''}"
 
     @property
     def warning(self) -> str:
-        """Warning with the mistake, the errors before and after mending it, and the remedy.
+        """Warning with the mistake, the errors before and after its correction, and the remedy.
 
         A text of the data, like those of `Dataset.warnings`: an import says it before there is any result.
         """
@@ -193,7 +193,7 @@ def _units_problem(now: Calibration, refit: Refit, sample: Sample) -> DataProble
 
 @dataclass(frozen=True)
 class FitVariant:
-    """A model with effects to be fitted to the data as they are and as mended."""
+    """A model with effects, to be fitted to the data both as measured and as corrected under a hypothesis."""
 
     effects: tuple[str, ...]  # in the model
     without: str  # found effect that is left out of the model; "" for none
@@ -203,7 +203,7 @@ class FitVariant:
 def problem_given_effects(
     now: Calibration, open_hypotheses: Sequence[DataHypothesis], models: Sequence[FitVariant]
 ) -> DataProblem | None:
-    """Open hypothesis that is clearly more probable than the effects found without it; None where none is.
+    """Open hypothesis that is clearly more probable than the effects found without it; None where there is none.
 
     It makes one of the effects superfluous, or removes most of their residual.
 
@@ -291,7 +291,7 @@ def _is_bent(now: Calibration) -> bool:
 def _worth_a_fit(
     dataset: Dataset, sample: Sample, as_it_is_mm: float, hypotheses: Iterable[DataHypothesis]
 ) -> list[DataHypothesis]:
-    """The best and simplest of the hypotheses that do not raise the misfit of the nominal arm much."""
+    """The best and simplest hypotheses among those that do not raise the misfit of the nominal arm much."""
     found: list[tuple[float, DataHypothesis]] = []
     for hypothesis in hypotheses:
         robot, of_it = hypothesis.robot or dataset.robot, hypothesis.of_sample(sample, dataset.robot)
@@ -324,7 +324,7 @@ def _by_matching(dataset: Dataset) -> list[DataHypothesis]:
 
 
 class _FittedHypotheses:
-    """Fits of hypotheses, and their comparison with the fit of the data as they are."""
+    """Fits of hypotheses on mistakes, compared with the fit of the unchanged data."""
 
     def __init__(self, now: Calibration, refit: Refit) -> None:
         self.now, self.refit = now, refit
@@ -343,7 +343,7 @@ class _FittedHypotheses:
                 self.fits[hypothesis] = fitted
 
     def judged(self) -> Suspicions:
-        """The simplest of the most probable accepted hypotheses, and those that are neither accepted nor excluded."""
+        """Suspicions: the best accepted hypothesis with equally good ones, else the hypotheses still open."""
         believed = [h for h in self.fits if self._is_believed(h)]
         if not believed:
             return self._undecided()
@@ -355,7 +355,7 @@ class _FittedHypotheses:
         return Suspicions(self._problem(best, as_good))
 
     def _undecided(self) -> Suspicions:
-        """Open hypotheses where none is accepted, and the likeliest of them."""
+        """Suspicions where no hypothesis is accepted: those still open, and the likeliest one if its gain is large."""
         still_open = tuple(h for h in self.fits if self._is_open(h))
         best = max(still_open, key=self._gain, default=None)
         if best is None or self._gain(best) <= MIN_GAIN:

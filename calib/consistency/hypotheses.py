@@ -31,7 +31,7 @@ _NAMED_ROWS = 6  # that a sentence tells one by one
 
 @dataclass(frozen=True, eq=False)
 class DataHypothesis:
-    """A possible mistake in the data; fields at their default leave the dataset as it is."""
+    """A possible mistake in the data; fields at their default leave the dataset unchanged."""
 
     kind: str
     mistake: str  # a clause: "joint 6 turns the other way than robot.toml says"
@@ -117,7 +117,7 @@ def _reordered(poses: Poses, points: Points | None, rows: IndexArray) -> tuple[P
 
 
 def of_reading(reading: JointReading, names: Sequence[str]) -> DataHypothesis:
-    """Hypothesis of other signs, order or zeros of the joints' columns. names  # (n,) of the user's columns"""
+    """Hypothesis of other signs, order or zeros of the joints' columns; `names` (n,) are the user's columns."""
     turned = [k for k, sign in enumerate(reading.signs) if sign < 0]
     moved = [k for k, column in enumerate(reading.order) if column != k]
     zeros = [k for k, offset in enumerate(reading.offsets_rad) if offset]
@@ -170,7 +170,7 @@ def _and(words: Sequence[str]) -> str:
 
 
 def of_units(robot: Robot, sample: Sample) -> Iterator[DataHypothesis]:
-    """Hypotheses of other units of points, angles and slides; the points' unit is judged by their spread."""
+    """Hypotheses of other units of points, angles and slides; other units of points are tested by their spread."""
     turns = robot.is_revolute
     deg = np.pi / 180.0
     angles = {

@@ -27,7 +27,7 @@ class JointReading:
 
     @classmethod
     def plain(cls, joints: int) -> JointReading:
-        """The reading that takes every column as it is."""
+        """The reading that leaves every column unchanged."""
         return cls(tuple(range(joints)), (1.0,) * joints, (0.0,) * joints)
 
     @property
@@ -46,7 +46,7 @@ class JointReading:
         )
 
     def of(self, q: Array) -> Array:
-        """Joint values (N, n) from those in the file, rad or mm."""
+        """Joint values (N, n), rad or mm, from those in the file."""
         return np.asarray(q[:, list(self.order)] * np.array(self.signs) + np.array(self.offsets_rad))
 
 

@@ -23,7 +23,7 @@ NEAR = 0.2  # of the distance to the next point, within which the matched points
 
 
 def matched_rows(arm_mm: Array, seen_mm: Array) -> IndexArray | None:
-    """Index (K,) of the arm's point (K, 3) that each measured point (K, 3) is; None where no assignment fits."""
+    """Index (K,) of the arm's point (K, 3) that belongs to each measured point (K, 3); None where none fits."""
     count = len(seen_mm)
     if not _FEWEST <= count <= _MOST:
         return None

@@ -1,1 +1,1 @@
-"""From plane groups to the corner with its covariance (Jang 2025, eq 2): face selection, intersection, refinement."""
+"""The jig's corner from plane groups, with its covariance (Jang 2025, eq 2): faces, intersection, refinement."""

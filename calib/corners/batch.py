@@ -28,7 +28,7 @@ from calib.scans.scan import PointCount, load_scan
 
 
 class CornerBatch(dict[str, CornerSearch], Presented):
-    """Corner searches of a dataset's scans by pose id, in the dataset's order."""
+    """Corner searches of a dataset's scans, by pose id, in the dataset's order."""
 
     def __init__(self, dataset: Dataset, searches: Mapping[str, CornerSearch] = MappingProxyType({})) -> None:
         super().__init__(searches)

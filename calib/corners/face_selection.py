@@ -37,7 +37,7 @@ class TriedPairs:
         self._offsets_mm: list[Array] = []
 
     def new(self, planes: Planes) -> list[tuple[int, int]]:
-        """Likeliest pairs of planes not tried before, within the tolerances; they count as tried from now on."""
+        """Likeliest pairs of planes not tried before, within the tolerances; the pairs returned count as tried."""
         pairs = planes.likeliest_pairs
         new = [pair for pair in pairs if not self._tried(planes, pair)]
         self._normals += [planes.normals[list(pair)] for pair in new]

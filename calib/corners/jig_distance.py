@@ -41,7 +41,7 @@ def place_jig(corner: Corner, jig: Jig) -> tuple[Array, tuple[int, int, int]]:
 
 
 def _turn(fitted: Array, model: Array) -> tuple[Array, float]:
-    """Rotation (3, 3) that takes the model's normals to the fitted ones (3, 3 each), and the norm of the residual."""
+    """Rotation (3, 3) from the model's normals (3, 3) to the fitted normals (3, 3), and the norm of the residual."""
     turn = frames.best_fit_rotation(model, fitted)
     return turn, float(np.linalg.norm(fitted - model @ turn.T))
 

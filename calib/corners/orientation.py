@@ -70,7 +70,7 @@ def candidates(corner: Corner, jig: Jig) -> tuple[Orientation, Orientation, Orie
 
 
 def oriented(corner: Corner, jig: Jig, order: tuple[int, int, int]) -> Orientation:
-    """Orientation with the corner's faces labelled in this order, one of those that `candidates` gives.
+    """Orientation with the corner's faces labelled in a given order, one of those from `candidates`.
 
     Raises CornerError for angles that no jig can have.
     """
@@ -111,6 +111,6 @@ def _orient(corner: Corner, known: Array, order: tuple[int, int, int]) -> Orient
 
 
 def _apex_by_planes(corner: Corner) -> Array:
-    """Derivatives (3, 9) of the apex (mm) by the planes' (h, s_1, s_2), each through its height at the apex."""
+    """Derivatives (3, 9) of the apex, mm, by height h and slopes s_1, s_2 of each of the three planes."""
     normals = np.array([face.normal for face in corner.faces])
     return np.linalg.solve(normals, height_lever(corner.faces, corner.xyz_mm))

@@ -1,4 +1,4 @@
-"""Triples of planes that may be the jig's faces, scored by how well they fit its outline.
+"""Triples of planes that may be the jig's faces, scored by how well the points fit the jig's outline.
 
 A face's score is the share of its outline's area that has points less the share that is wrong: seen through, or with
 points of the same plane beyond its edges. All lengths come from the heights of the scan's thinned points over the
@@ -124,7 +124,7 @@ class Planes:
 
     @cached_property
     def solid(self) -> IndexArray:
-        """Indices of the thinned points that lie on a surface, no stray points."""
+        """Indices of the thinned points that lie on a surface, without stray points."""
         return np.flatnonzero(self.around.thickness_mm < self.tolerances.height_mm)
 
     @cached_property
@@ -269,7 +269,7 @@ class Planes:
         return max(triples, key=lambda triple: (triple.is_jig(self.tolerances), float(triple.score.sum())))
 
     def _along(self, faces: Sequence[_Face], face: int) -> tuple[Array, IndexArray]:
-        """Coordinates (K, 2), along a face's two edges, of its plane's points near it, and their indices."""
+        """Coordinates (K, 2), along a face's two edges, of points on its plane near these edges; and their indices."""
         at = faces[face]
         one, other = (self.sign * o.heights.take(at.on) for o in faces if o is not at)
         least, most = -0.5 * self.jig.longest_mm, 2 * self.jig.longest_mm

@@ -1,4 +1,4 @@
-"""Quality figures of a corner, and the warnings that follow from them."""
+"""Quality figures of a corner, and warnings derived from them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class FaceQuality:
 
 @dataclass(frozen=True)
 class CornerQuality(Brief):
-    """Quality figures of a corner, and the warnings that follow from them."""
+    """Quality figures of a corner, and warnings derived from them."""
 
     faces: tuple[FaceQuality, FaceQuality, FaceQuality]
     angles_deg: tuple[float, float, float]  # as measured, between faces 1-2, 2-3, 3-1
@@ -92,7 +92,7 @@ class CornerQuality(Brief):
         return tuple(warnings)
 
     def _advice_on_smooth_error(self) -> str:
-        """Advice on measuring a correlated error further than this scan shows it."""
+        """Advice on how to determine correlated errors of longer range than one scan can show."""
         if self.smooth_length_mm > _LONG_OF_SHOWN * self.smooth_shown_mm:
             return (
                 "that is as far as this scan shows anything: repeats of the same pose with the jig moved in the view "
@@ -105,7 +105,7 @@ class CornerQuality(Brief):
 
 
 def angle_errors(angles_deg: tuple[float, float, float], jig_angles_deg: tuple[float, float, float]) -> Array:
-    """Measured angles less the jig's (3,), in degrees, under the labelling of the jig's faces with the least errors.
+    """Measured minus nominal angles between the faces (3,), deg, under the labelling with the least errors.
 
     Rotating or mirroring the numbering of three faces permutes the three angles in every possible way.
     """

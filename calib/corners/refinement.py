@@ -1,4 +1,4 @@
-"""The corner from all points of the three faces by robust total least squares, the source of its accuracy.
+"""Refinement of the corner on all points of the three faces by robust total least squares.
 
 Sample sets find the planes but use few of the points; a corner from their groups does not get better with more points.
 Here every scan point of a face takes part, weighted by Tukey's biweight, and the apex's covariance follows from the
@@ -178,7 +178,7 @@ def _points_of_face(
     outline: Outline,
     options: RefinementOptions,
 ) -> IndexArray:
-    """Rows of the points (K, 3) that lie on a face, inside its outline less a margin. heights  # (K, 3) over all faces
+    """Rows of the points (K, 3) on a face, inside its outline less a margin; `heights` (K, 3) over all faces.
 
     Where too few remain, as on a narrow strip, the margin is made smaller. Raises CornerError if that does not help.
     """

@@ -24,7 +24,7 @@ _MOST_TILT_DEG = 3.0  # standard deviation of a face's direction; a depth camera
 
 @dataclass(frozen=True)
 class RefinedFaces:
-    """Three refined planes, and the scan and jig by which they are judged."""
+    """Three refined planes with their scan and jig, for the decision whether these are the jig's faces."""
 
     planes: Sequence[PlaneFit]  # three, about `origin_mm`
     covariance: Array  # (9, 9) of the planes' heights (mm) and slopes (rad) in turn

@@ -1,4 +1,4 @@
-"""From a scan to the corner of the jig (Jang 2025, section 2, then refinement on all inliers)."""
+"""Search of a scan for the corner of the jig (Jang 2025, section 2, then refinement on all inliers)."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def _search(
 
 
 def _pass_inputs(points_mm: Array, jig: Jig, found: list[Planes]) -> Iterator[tuple[Neighbourhoods, float]]:
-    """Thinned points of each search pass, and its factor on the number of sample sets; `found` has the passes before.
+    """Thinned points of each search pass, with its factor on the number of sets; `found`: earlier passes' planes.
 
     Raises CornerError as `_thinned` does.
     """

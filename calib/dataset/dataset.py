@@ -37,7 +37,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What the arm has to keep clear of: the floor and boxes, in the base frame, and its own singularities.
+    """Obstacles of the arm (floor and boxes, in the base frame), and its least allowed manipulability.
 
     `floor_z_mm` is None where not known; `least_manipulability`, 0 to 1, is as `calib.workcell.measurable` defines it.
     """
@@ -71,7 +71,7 @@ class Scanner:
 
 @dataclass(frozen=True)
 class About:
-    """Which arm was measured, where, when and by whom, for the report; "" for what is not written down."""
+    """Details of a measurement for the report: arm, place, date and operator; "" for what is not recorded."""
 
     serial: str = ""
     operator: str = ""
@@ -82,7 +82,7 @@ class About:
 
 @dataclass(frozen=True)
 class Poses(Brief):
-    """N poses of an arm with n joints, as commanded, with the conditions that were written down."""
+    """N poses of an arm with n joints, as commanded, with the recorded conditions."""
 
     ids: tuple[str, ...]  # (N,)
     role: NDArray[np.str_]  # (N,) of ROLES; exactly one reference
@@ -147,7 +147,7 @@ class Poses(Brief):
         )
 
     def measured_later(self) -> Poses:
-        """These poses as measured after all fitted ones, where effects of pose order keep their last value."""
+        """The same poses as if measured after all fitted ones, where effects of pose order keep their last value."""
         return replace(self, order=np.full(len(self), np.inf), came_from=self.q)
 
     @property
@@ -243,7 +243,7 @@ class Points(Brief):
 
 @dataclass(frozen=True)
 class Dataset(Presented):
-    """A robot, its poses and what was measured: `points`, or scans to find them in, or both (the points are used)."""
+    """A robot, its poses and the measurements: `points`, or scans to find points in, or both (the points are used)."""
 
     name: str
     robot: Robot
@@ -269,7 +269,7 @@ class Dataset(Presented):
 
     @property
     def all_targets(self) -> tuple[DeclaredTarget, ...]:
-        """Targets to find in the scans: the jig, where it is declared or nothing else is, and the declared others."""
+        """Targets to find in the scans: the jig, if declared or if nothing else is, and the declared others."""
         named = any("jig" in target.names for target in self.targets)
         if self.targets and (named or not self.jig_is_declared):
             return self.targets

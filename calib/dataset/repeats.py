@@ -1,4 +1,4 @@
-"""Repeats: several measurements at the same joint values under the same conditions, the repeat group they form.
+"""Repeats: several measurements at the same joint values under the same conditions, which form a repeat group.
 
 The repeats of one group share whatever a model of the arm lacks, so a fit takes their mean as one observation
 (`average_repeats`). Their scatter measures the instrument's repeatability (`find_repeats`; Jang 2025, Table 1).
@@ -192,7 +192,7 @@ def _group_means(values: Array, group: IndexArray, groups: int, used: BoolArray 
 
 
 def _mean_orientations(orientations: Orientations | None, group: IndexArray, counts_as: Array) -> Orientations | None:
-    """Chordal mean of each group's known orientations (the rotation nearest to their sum); counts_as  # (G,)"""
+    """Chordal mean of each group's known orientations (the rotation nearest to their sum); `counts_as` (G,)."""
     if orientations is None:
         return None
     known, groups = orientations.known, len(counts_as)
@@ -217,7 +217,7 @@ def _mean_orientations(orientations: Orientations | None, group: IndexArray, cou
 
 
 def _mean_conditions(poses: Poses, sides: IndexArray, measured: IndexArray, at: IndexArray) -> Poses:
-    """The poses, those that keep a group's mean with the mean temperature and time of its repeats."""
+    """The poses, with the mean temperature and time of the repeats at each pose that represents a repeat group."""
 
     def mean(values: Array | None) -> Array | None:
         if values is None:
@@ -246,7 +246,7 @@ class RepeatCount:
 
     @property
     def note(self) -> str:
-        """Sentence with both counts, which says that the repeats of a group are averaged."""
+        """Sentence with the numbers of measured points and repeat groups, which says that repeats are averaged."""
         return (
             f"{self.repeats} points were measured in {self.groups} repeat groups of equal joints and conditions: each "
             "group counts once, by the mean of its repeats"
@@ -268,7 +268,7 @@ def _warnings(poses: Poses, group: IndexArray, measured: IndexArray) -> tuple[st
 
 
 def without_poses(dataset: Dataset, pose_ids: Sequence[str]) -> Dataset:
-    """The dataset without the measured points of some poses and of all their repeats; the poses themselves stay."""
+    """The dataset without the measured points of some poses and of all repeats of those; the poses themselves stay."""
     assert dataset.points is not None
     gone = [dataset.poses.ids[i] for i in np.flatnonzero(in_repeat_groups_of(dataset, pose_ids))]
     left_out = tuple(dict.fromkeys([*dataset.left_out, *gone]))
@@ -331,7 +331,7 @@ def _different(xyz_mm: Array, rows: Sequence[int]) -> list[int]:
 
 @dataclass(frozen=True)
 class ScatterOfRepeats:
-    """Scatter of repeats relative to the covariances that the points themselves declare."""
+    """Scatter of repeats relative to the covariances that are declared for the points."""
 
     ratio: float  # of standard deviations; 1 where the covariances describe what changes between repeats
     dof: int
@@ -362,7 +362,7 @@ def scatter_against_covariances(dataset: Dataset) -> ScatterOfRepeats | None:
 
 
 def pooled_sigma_mm(repeats: Sequence[Repeats]) -> float:
-    """Standard deviation of one coordinate, mm, pooled over all places: sqrt(sum (n_i - 1) s_i^2 / sum 3 (n_i - 1))."""
+    """Standard deviation per coordinate, mm, pooled over all places: sqrt(sum (n_i - 1) s_i^2 / sum 3 (n_i - 1))."""
     dof = sum(3 * (r.count - 1) for r in repeats)
     return float(np.sqrt(sum((r.count - 1) * float(r.sigma_mm @ r.sigma_mm) for r in repeats) / dof))
 

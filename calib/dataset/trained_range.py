@@ -1,4 +1,4 @@
-"""Joint ranges of a fit's training poses; a model is confirmed inside them and extrapolates outside."""
+"""Joint ranges of a fit's training poses, outside which the model extrapolates."""
 
 from __future__ import annotations
 

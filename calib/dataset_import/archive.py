@@ -70,7 +70,7 @@ def unpack(path: Path, folder: Path, limits: ArchiveLimits = ArchiveLimits()) ->
 
 
 def _refuse_full_disk(path: Path, folder: Path, needed_bytes: int, limits: ArchiveLimits) -> None:
-    """Raise DatasetError where the files would leave too little room on the disk."""
+    """Raise DatasetError where the files would leave too little space on the disk."""
     there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if shutil.disk_usage(there).free - needed_bytes < limits.spare_bytes:
         raise DatasetError(
@@ -79,7 +79,7 @@ def _refuse_full_disk(path: Path, folder: Path, needed_bytes: int, limits: Archi
 
 
 def _refuse_long_table(path: Path, limits: ArchiveLimits) -> None:
-    """Raise DatasetError where the archive's table is longer than its files could make it, before it is read."""
+    """Raise DatasetError, before reading, where the archive's table is longer than its files could make it."""
     with path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - _END_BYTES))
         end = file.read(_END_BYTES)

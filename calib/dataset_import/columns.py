@@ -106,7 +106,7 @@ def parsed_mapping(pairs: Sequence[str]) -> dict[str, Meaning]:
 
 
 def meaning_of(text: str) -> Meaning | None:
-    """Meaning of a text as in --map, such as -q1_deg+90; None where it has none."""
+    """Meaning written as in --map, such as -q1_deg+90; None for a text without a meaning."""
     text = text.strip()
     if text in _OTHERS or _EXACT.match(text):
         return Meaning(text)

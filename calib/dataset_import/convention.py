@@ -28,7 +28,7 @@ AGREES = 0.1  # of the points' spread, at most, where arm and points belong toge
 
 @dataclass(frozen=True)
 class Sheet:
-    """Joint values and points as they were read: one point per pose, all of one target and station."""
+    """Joint values and points as read from the file: one point per pose, all of one target and station."""
 
     ids: tuple[str, ...]  # (N,)
     q: Array  # (N, n) rad, mm
@@ -80,7 +80,7 @@ class Settled:
 def settled(
     report: ImportReport, readings: Sequence[RobotReading], sheet: Sheet | None, meant: Recognised, table: Path
 ) -> Settled:
-    """Choice of convention and reading by the points, with a note of it; changed only for an overwhelming gain.
+    """Choice of convention and reading by the points, with a note; the given ones unless the gain is overwhelming.
 
     sheet  # None where no point belongs to a pose
     """

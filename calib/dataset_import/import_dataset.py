@@ -1,4 +1,4 @@
-"""A dataset folder made of a user's files: all faults are reported at once, and nothing is written half."""
+"""A dataset folder made of a user's files: all faults are reported at once, and no partial dataset is written."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class ImportChoice:
 
 
 def plan_of_files(files: UserFiles, choice: ImportChoice) -> ImportPlan:
-    """Plan of an import of the chosen files, with everything that is wrong in `faults`."""
+    """Plan of an import of the chosen files, with all faults of the files in `faults`."""
     joints = choice.joints or files.joints
     points = choice.points
     if points is None and (choice.joints is None or choice.joints == files.joints):
@@ -94,7 +94,7 @@ def import_dataset(
     scans: Path | None = None,
     mapping: Mapping[str, Meaning] | None = None,
 ) -> Imported:
-    """Write a dataset folder from a robot and a user's tables; without `points` the joints' table or scans have them.
+    """Write a dataset folder from a robot and a user's tables; without `points`, the joints' table or scans have them.
 
     Raises DatasetError with all faults, a line each, and then writes nothing.
     """

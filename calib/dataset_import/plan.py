@@ -47,7 +47,7 @@ class ImportSources:
 
 @dataclass(frozen=True)
 class PlannedColumn:
-    """Planned use of a table's column, with its reason; `meaning` is None where it is kept as it is or left out."""
+    """Planned use of a table's column, with its reason; `meaning` is None for a column kept unchanged or left out."""
 
     table: Path
     name: str
@@ -173,7 +173,9 @@ def _with_numbers(
     if report.faults:
         return _plan(report, sources, columns, None, len(table), robot_file)
     points_csv = None if seen is None else points_text(other or table, of_points, [ids[i] for i in row_of], seen)
-    content = Content(report.robot, poses_csv, points_csv, sources.scans, f"imported from {table.path.name}")
+    content = Content(
+        report.robot, poses_csv, points_csv, sources.scans, f"imported from {table.path.name}", sources.robots[0].path
+    )
     fault = fault_of(content)
     if fault is not None:
         report.fault(f"{table.path}: {fault}")

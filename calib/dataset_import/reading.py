@@ -200,7 +200,7 @@ def point_of_each_pose(q_file: Array, seen: Array, row_of: Sequence[int]) -> Arr
 def points_unit(
     report: ImportReport, table: UserTable, meant: Recognised, near: Array, q: Array
 ) -> tuple[str, str, float]:
-    """Unit of the points, the reason, and the ratio of their spread to the arm's ("" and 1 where by name).
+    """Unit of the points, the reason, and the ratio of their spread to the arm's; "" and 1 where columns name a unit.
 
     Taken from the columns' names, else from the points' spread relative to the arm's.
     near: (N, 3) in the file's unit, q: (N, n) rad, mm.

@@ -45,7 +45,7 @@ class UserFiles:
     scans: Mapping[str, Path] = field(default_factory=dict)  # a file by its stem
 
     def of(self, *kinds: str) -> tuple[Path, ...]:
-        """Paths of the files of some kinds."""
+        """Paths of the files of the given kinds."""
         return tuple(file.path for file in self.files if file.kind in kinds)
 
     @property
@@ -215,7 +215,7 @@ def _scans(files: list[UserFile]) -> dict[str, Path]:
 
 
 def _no_scan(file: UserFile) -> UserFile:
-    """Another kind for a file that looked like a scan but is none of this dataset."""
+    """File that looked like a scan but is none of the dataset, with another kind: points or unused."""
     suffix = file.path.suffix.lower()
     if suffix in _TABLES:
         return UserFile(file.path, POINTS, "three columns without a header")

@@ -19,6 +19,7 @@ from calib.dataset_import.columns import Recognised
 from calib.dataset_import.reading import ImportReport
 from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Robot
+from calib.robot_formats.calibrated_file import template_name
 from calib.text_files.csv_text import rows_csv
 from calib.text_files.user_table import UserTable
 
@@ -127,10 +128,11 @@ class Content:
     points_csv: str | None
     scans: Mapping[str, Path]  # a file by its stem
     description: str
+    template: Path | None = None  # the user's own robot file, kept for a calibrated one of the same form
 
 
 def fault_of(content: Content) -> str | None:
-    """Error that reading such a dataset would raise; None where it can be read. Scans are only looked for."""
+    """Error that reading a dataset with this content would raise; None if readable. Scans are only checked to exist."""
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made) / "dataset"
         folder.mkdir()
@@ -152,6 +154,8 @@ def written(out: Path, content: Content) -> Dataset:
         try:
             dataset = load_dataset(draft)
             write_dataset(replace(dataset, name=out.resolve().name, description=content.description), final)
+            if content.template is not None:
+                shutil.copyfile(content.template, final / template_name(content.template))
             load_dataset(final)
         except CalibError as error:
             raise DatasetError(str(error).replace(str(draft), str(out)).replace(str(final), str(out))) from None

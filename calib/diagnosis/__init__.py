@@ -1,1 +1,1 @@
-"""Which effect is missing: selected step by step, decided by rules, explained in words."""
+"""Diagnosis: the search for missing effects, step by step, and the rules that decide the verdict."""

@@ -1,4 +1,4 @@
-"""The advice on a model: the move that leads on from it, and the tests of what its fit leaves."""
+"""Advice on a model: the next move, with the tests of the residual of the model's fit."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from calib.screening.residual_tests import ResidualTests
 
 @dataclass(frozen=True)
 class Advice:
-    """A move that leads on from a model, and what the model's fit leaves."""
+    """The next move from a model, with the tests of the residual of the model's fit."""
 
     move: Move
     residual_tests: ResidualTests  # without a fault of one joint where the move explains it
@@ -32,7 +32,7 @@ class Advice:
 
 
 def advice_on(move: Move, tests: ResidualTests, calibration: Calibration) -> Advice:
-    """The advice to make a move.
+    """Advice made of a move, with the tests of the residual and the error of the test poses.
 
     Args:
         tests: of the residual of the model that the move leads on from.

@@ -1,4 +1,4 @@
-"""The causes that a diagnosis found as facts: which joints carry an effect, how large it is, where it shows most."""
+"""Facts on the causes that a diagnosis found: which joints carry an effect, how large it is, where it shows most."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _SIGNIFICANT = 2.0  # sigmas from which a value is known to differ from zero
 
 @dataclass(frozen=True)
 class MainValue:
-    """The value of a member that tells most of it: the amplitude of several angles, else its surest parameter."""
+    """The value that describes an effect's member best: the amplitude of several angles, or its surest parameter."""
 
     parameter: Parameter | None  # None: an amplitude
     name: str  # full, with the unit at its end
@@ -39,7 +39,7 @@ class MainValue:
 
 
 def main_value(member: Effect, calibration: Calibration) -> MainValue | None:
-    """Main value of a member as a fit has it; None where nothing of the member was fitted."""
+    """Main value of a member as fitted; None where no parameter of the member was fitted."""
     fit = calibration.fit
     fitted = {p.name: (float(x), float(s)) for p, x, s in zip(fit.parameters, fit.x, fit.sigma, strict=True)}
     known = [p for p in member.parameters if full_name(member, p) in fitted]
@@ -76,7 +76,7 @@ def moved_mm(members: Sequence[Effect], calibration: Calibration) -> list[float]
 
 @dataclass(frozen=True)
 class AtPose:
-    """A length at one pose."""
+    """A length, mm, at one pose."""
 
     pose: str  # id
     size_mm: float
@@ -94,7 +94,7 @@ class Cause:
 
 
 def cause_of(effect: str, before: Calibration, after: Calibration) -> Cause:
-    """An effect that was added between two fits of the same points.
+    """Size, joints and largest change of an effect that was added between two fits of the same points.
 
     Joints are listed by their own values: one within two sigmas of zero is left out, unless it is the leading one.
     """
@@ -127,7 +127,7 @@ def worst_pose(calibration: Calibration, poses: tuple[str, ...] = ()) -> AtPose 
 
 
 def _largest_change(before: Calibration, after: Calibration) -> AtPose | None:
-    """Largest move of a predicted point from one fit to the other, in the scanner's frame."""
+    """Largest displacement of a predicted point from one fit to the other, in the scanner's frame."""
     if not np.array_equal(before.after.pose, after.after.pose) or not len(after.after.pose):
         return None
     change_mm = np.linalg.norm(after.after.error_mm - before.after.error_mm, axis=1)
@@ -143,7 +143,7 @@ def visible_mm(candidate: Candidate, before: Calibration) -> float | None:
 
 @dataclass(frozen=True)
 class FittedValue:
-    """A parameter of an effect as it was fitted."""
+    """A fitted parameter of an effect, with its value, its sigma and the natural bound that it exceeds, if any."""
 
     effect: Effect
     parameter: Parameter

@@ -36,12 +36,12 @@ MIN_GAIN = 1.0  # standard errors by which an effect has to lower the squared er
 
 
 def is_convincing(candidate: Candidate) -> bool:
-    """Whether a candidate beats noise: the F test over all that were tried, and the evidence floor."""
+    """Whether a candidate's F test, corrected for all candidates, is significant and its log evidence large enough."""
     return candidate.p_holm < MAX_P_VALUE and candidate.log_evidence > MIN_LOG_EVIDENCE
 
 
 def rank_candidates(screening: Screening) -> tuple[Candidate, Candidate | None, tuple[Candidate, ...]]:
-    """The best candidate, the next to compare it with, and the contenders: () where the best one leads.
+    """Best candidate, candidate to compare it with, and contenders; contenders are () where the best clearly leads.
 
     A contender could explain most of what the best one explains, and has as much evidence within
     `MIN_LOG_BAYES_FACTOR`. A candidate that explains something else is none: it may be a second cause, and is tested
@@ -58,7 +58,7 @@ def rank_candidates(screening: Screening) -> tuple[Candidate, Candidate | None, 
 
 
 def are_equivalent(one: Candidate, other: Candidate, dof: int) -> bool:
-    """Whether two candidates explain the same of a residual, and one of them hardly better.
+    """Whether two candidates explain the same part of a residual about equally well.
 
     Their fits differ by less than noise decides, so that only their priors would.
 
@@ -79,7 +79,7 @@ def are_equivalent(one: Candidate, other: Candidate, dof: int) -> bool:
 
 
 def can_stand_for(best: Candidate, others: Sequence[Candidate], dof: int) -> bool:
-    """Whether the best may stand in the model for all others of its set, which stay open (`ConfoundedSet`)."""
+    """Whether the best candidate may represent all others of its confounded set in the model (`ConfoundedSet`)."""
     return all(other.name in best.family.confounded_with or are_equivalent(best, other, dof) for other in others)
 
 
@@ -93,12 +93,12 @@ def equivalent_to(name: str, screening: Screening | None) -> tuple[str, ...]:
 
 
 def untestable_names(untestable: Sequence[Untestable]) -> tuple[str, ...]:
-    """Families that a verdict does not cover, without those that no dataset can test (the scanner's scale)."""
+    """Families that this dataset cannot test, without those that no dataset can test (the scanner's scale)."""
     return tuple(family.name for family in untestable if not family.never)
 
 
 def predicts_worse(before: Calibration, after: Calibration, *, scatter: float = MAX_WORSENING) -> bool:
-    """Whether the test poses are predicted worse beyond their scatter, or the fit failed.
+    """Whether a fit failed, or predicts the test poses worse by more than their scatter.
 
     Paired over test points: the mean change of the squared error against `scatter` standard errors of it.
     """
@@ -144,7 +144,7 @@ def refusal(
 
 
 def may_be_curves(best: Candidate, calibration: Calibration, screening: Screening) -> bool:
-    """Whether curves of the joints could have clearly more evidence than the best candidate, of one place or one pose.
+    """Whether learned curves could have clearly more evidence than the best candidate; False unless it is sparse.
 
     Curves that leave the declared noise alone have nu / 2 log(r^2 / nu) in log evidence, less what they cost.
     """
@@ -160,7 +160,7 @@ def may_be_curves(best: Candidate, calibration: Calibration, screening: Screenin
 
 
 def ranking_given_curves(screening: Screening, curves: LearnedCurves | None) -> Screening:
-    """The ranking without causes of one place or one pose than which curves have clearly more evidence.
+    """The ranking without effects of one place or pose, where learned curves have clearly more evidence than those.
 
     Such a cause follows a part of what the curves follow whole, and would send someone to open a healthy gear.
     """
@@ -170,7 +170,7 @@ def ranking_given_curves(screening: Screening, curves: LearnedCurves | None) -> 
 
 
 def left_to_curves(screening: Screening, curves: LearnedCurves | None, chosen: Candidate) -> tuple[str, ...]:
-    """Causes of one place or pose above the chosen candidate in the ranking, with clearly less evidence than curves."""
+    """Effects of one place or pose that rank above the chosen candidate but have clearly less evidence than curves."""
     above = [c for c in screening.candidates if c.family.sparse and c.log_evidence > chosen.log_evidence]
     if not above:
         return ()

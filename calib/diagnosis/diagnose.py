@@ -1,4 +1,4 @@
-"""Which physical effect is missing from the five-parameter model of a dataset.
+"""Diagnosis of the physical effects that are missing from the five-parameter model of a dataset.
 
 `next_move` decides what to do with a model: `diagnose` follows its moves to the end, the page offers them one by one.
 Signs and order of joints, units, rows and the robot's table come first: where one of them is wrong, no effect is named.
@@ -108,7 +108,7 @@ def diagnose(
 
 
 def whole_diagnosis(space: SearchSpace, tell: Tell) -> Diagnosis:
-    """The diagnosis at which the moves end, from the link errors on."""
+    """Diagnosis of a dataset, reached by following every move from the fit of the link errors to the last."""
     repeated = noise_of_repeats(space.dataset)
     if repeated is not None:
         space = replace(space, options=replace(space.options, noise=repeated.shape))
@@ -126,7 +126,7 @@ def whole_diagnosis(space: SearchSpace, tell: Tell) -> Diagnosis:
 
 @dataclass(frozen=True)
 class Model:
-    """A model on the way from the link errors to a verdict."""
+    """A model on the way from the link errors to a verdict, with the steps that led to it."""
 
     steps: tuple[FitStep, ...]  # that led to it
     dropped: frozenset[str] = frozenset()  # effects that are not to be added, as they were dropped before
@@ -145,7 +145,7 @@ class Model:
 
 
 def next_move(space: SearchSpace, model: Model, tell: Tell = lambda line: None) -> Move | Diagnosis:
-    """The move that leads on from a model, or the diagnosis of it where none does."""
+    """The next move from a model, or the model's diagnosis where no move is left."""
     if model.diagnosis is not None:
         return _closing_move(space, model.diagnosis, tell) or model.diagnosis
     first, last = model.steps[0], model.steps[-1]
@@ -181,7 +181,7 @@ def _diagnosis_of_problem(space: SearchSpace, first: FitStep, problem: DataProbl
 def _problem_given_effects(
     space: SearchSpace, diagnosis: Diagnosis, hypotheses: tuple[DataHypothesis, ...]
 ) -> DataProblem | None:
-    """Wrong data after all, where that explains with fewer effects what effects were added for."""
+    """Mistake in the data that explains the residual with fewer effects than were added; None where there is none."""
     last = next(step for step in reversed(diagnosis.steps) if step.effect != LEARNED)
     if not hypotheses or diagnosis.verdict == "adequate":
         return None
@@ -204,7 +204,7 @@ def _problem_given_effects(
 
 
 def _closing_move(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> Move | None:
-    """The move that leads on from a diagnosis; None where it stands."""
+    """The move that follows from a diagnosis; None where the diagnosis is final."""
     if diagnosis.learned is not None:
         return None
     space = replace(space, options=diagnosis.calibration.options)
@@ -226,7 +226,7 @@ def _closing_move(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> Move 
 
 
 def _searched(space: SearchSpace, tell: Tell, rival: str = "") -> Diagnosis:
-    """The diagnosis at the end of a search, which does not add the rival of a correlated drift ("" for none)."""
+    """Diagnosis at the end of a search, which does not add `rival`, an effect that a drift explains as well."""
     search = search_stepwise(space, tell, rival)
     tell("judging what is left")
     diagnosis = diagnosis_of_model(space, search.steps, search.stop)
@@ -234,7 +234,7 @@ def _searched(space: SearchSpace, tell: Tell, rival: str = "") -> Diagnosis:
 
 
 def _with_noise_as_shown(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> Diagnosis | None:
-    """The search with the points weighted by the noise's shape; None where none shows, or it is not believed.
+    """Diagnosis under the estimated noise shape; None where no shape is found, or that diagnosis is not accepted.
 
     Repeated measurements are believed whatever else is left.
     """
@@ -260,7 +260,7 @@ def _with_noise_as_shown(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -
 
 
 def noise_is_believed(before: Diagnosis, again: Diagnosis) -> bool:
-    """Whether a search with the noise as it shows is clean, and loses no claim.
+    """Whether a search under the estimated noise shape leaves noise alone and keeps every effect claimed before.
 
     An unknown cause may look like noise of a strange shape. As a shape keeps the declared size, its size gives it away:
     so a size has to be known where something was left without the shape.
@@ -278,7 +278,7 @@ def _measured_poses(calibration: Calibration) -> int:
 
 
 def _of_all_poses(rest: Diagnosis, outliers: tuple[str, ...]) -> Diagnosis:
-    """The diagnosis without the outliers as one of all poses, of which these stand out."""
+    """The diagnosis of a search without the outliers, with these recorded as outlying and left out."""
     all_outliers = tuple(dict.fromkeys([*outliers, *rest.all_tests.outlier_poses]))
     return replace(
         rest,
@@ -288,7 +288,7 @@ def _of_all_poses(rest: Diagnosis, outliers: tuple[str, ...]) -> Diagnosis:
 
 
 def _curves_to_add(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> AddCurves | None:
-    """Curves of the joints, where a residual is left that no effect explains; None where they are not to be added.
+    """Move that adds learned curves, where no effect explains the residual; None where curves are not to be added.
 
     They are offered only if (1) the verdict is `unexplained`, or `ambiguous` and their log evidence exceeds twice that
     of the best candidate by `MIN_LOG_BAYES_FACTOR`; (2) the only effect was not refused for a reason that leaves doubt,

@@ -1,4 +1,4 @@
-"""Effects selected one by one: the members that carry each, with the prior sigmas that the evidence gives them.
+"""Effects selected one by one: the members that carry each, with prior sigmas estimated from the evidence.
 
 `calibrate(effects=...)` takes whole families with their usual scales. The diagnosis and the page select less: the
 members that carry an effect in these data, each parameter with a prior sigma chosen by the evidence.
@@ -38,7 +38,7 @@ class SelectedEffect(Brief):
 
     @classmethod
     def of(cls, candidate: Candidate) -> SelectedEffect:
-        """Effect as the screening proposes it."""
+        """Selected effect made of a candidate of the screening."""
         return cls(candidate.name, candidate.members, candidate.prior_sigmas)
 
 
@@ -68,7 +68,7 @@ def first_step(calibration: Calibration) -> FitStep:
 
 
 def candidate_of(screening: Screening | None, name: str) -> Candidate:
-    """A candidate of a screening by its name. Raises CalibError where there is none, or where nothing of it shows."""
+    """Candidate of a screening by its name. Raises CalibError where there is none, or it has no detectable member."""
     ranked = {} if screening is None else {c.name: c for c in screening.candidates}
     if name not in ranked:
         raise CalibError(f"effect {name} is not among the candidates: {', '.join(ranked) or 'none is ranked yet'}")
@@ -100,7 +100,7 @@ def curves_given(calibration: Calibration) -> LearnedCurves | None:
 
 
 def selected_curves(curves: LearnedCurves) -> SelectedEffect:
-    """Effect that learned curves are in a model."""
+    """Learned curves as a selected effect of a model."""
     sigmas = {full_name(member, p): p.scale for member in curves.members for p in member.parameters}
     return SelectedEffect(LEARNED, curves.members, sigmas)
 
@@ -137,7 +137,7 @@ def calibrate_with(
 def recalled(
     dataset: Dataset, name: str, prior_sigmas: Mapping[str, float], user_effects: Sequence[Family] = ()
 ) -> SelectedEffect:
-    """Effect that was selected before, by its name and the prior sigmas of its members' parameters.
+    """An effect selected earlier, restored from its name and the prior sigmas of its members' parameters.
 
     Learned curves have no members yet: they are learned again from the fit before them (`relearned`).
 

@@ -1,4 +1,4 @@
-"""The headline of a calibration: how far the arm is off as delivered, with calibrated links, with each effect."""
+"""The errors of an arm as delivered, with calibrated links and with each effect added, for a headline."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NOISE_AGREES = 1.5  # times the noise: up to this an error is what noise leaves,
 
 @dataclass(frozen=True)
 class ErrorStage:
-    """One model on the way, and how far it is off."""
+    """One of the models from the arm as delivered to the last, with its error."""
 
     name: str  # "as delivered", "with calibrated links", "with joint_compliance"
     error_mm: float  # 3D RMSE
@@ -26,7 +26,7 @@ class ErrorStage:
 
 @dataclass(frozen=True)
 class Headline:
-    """The way from the arm as delivered to the last model, and what noise alone would leave."""
+    """Errors of the models from the arm as delivered to the last one, and the error that noise alone causes."""
 
     stages: tuple[ErrorStage, ...]  # the arm as delivered first
     noise: NoiseLevel
@@ -35,7 +35,7 @@ class Headline:
 
     @property
     def noise_mm(self) -> float | None:
-        """3D RMSE that noise alone leaves; None where it is not known."""
+        """3D RMSE that noise alone causes, mm; None where it is not known."""
         return self.noise.floor_mm
 
     @property
@@ -45,14 +45,14 @@ class Headline:
 
     @property
     def reached_noise(self) -> bool:
-        """Whether the last error is what noise leaves; never where only the fit says how large the noise is."""
+        """Whether the last error is no larger than noise; False where only the fit's residual tells the noise."""
         ratio = self.noise_ratio
         return ratio is not None and self.noise.source != FIT and ratio <= NOISE_AGREES
 
 
 @dataclass(frozen=True)
 class HeldOutError:
-    """The error of the test poses, where it is larger than noise would leave."""
+    """Error of the test poses, where it exceeds that of noise alone."""
 
     rmse_mm: float  # 3D
     noise_ratio: float  # of `rmse_mm` to what noise alone leaves
@@ -78,7 +78,7 @@ def headline_of(calibrations: Sequence[Calibration]) -> Headline:
 
 
 def _on_the_way(effects: Sequence[tuple[str, ...]]) -> list[int]:
-    """Which models, by their effects, lead to the last one by adding alone; of equal ones the later."""
+    """Indices of the models whose effects grow by additions alone up to the last model's; of equal ones the later."""
     way: list[int] = []
     for step in range(len(effects) - 1, -1, -1):
         if not way or set(effects[step]) < set(effects[way[-1]]):
@@ -99,7 +99,7 @@ def _error_mm(calibration: Calibration, of_test_poses: bool, *, before: bool = F
 
 
 def held_out_beyond_noise(calibration: Calibration, noise_mm: float) -> HeldOutError | None:
-    """Error of the test poses where it is larger than noise of a sigma `noise_mm` per coordinate leaves; else None."""
+    """Error of the test poses where it exceeds that by noise of `noise_mm` per coordinate; else None."""
     test = calibration.after.test
     if test is None or not noise_mm > 0.0 or test.rmse_mm <= NOISE_AGREES * math.sqrt(3.0) * noise_mm:
         return None

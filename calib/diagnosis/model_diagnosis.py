@@ -25,7 +25,7 @@ from calib.screening.residual_tests import ResidualTests, run_residual_tests
 def diagnosis_of_model(
     space: SearchSpace, steps: Sequence[FitStep], stop: Stop, tests: ResidualTests | None = None
 ) -> Diagnosis:
-    """Diagnosis of the last of some models, to which no effect is to be added.
+    """Diagnosis of the model of the last step, to which no effect is to be added.
 
     Args:
         space: settings of all fits.
@@ -72,7 +72,7 @@ def _unproven(diagnosis: Diagnosis) -> str:
 
 
 def _noise_taken(calibration: Calibration) -> ShownNoise | None:
-    """The shape of the noise that a fit took; None where it took the declared noise."""
+    """Noise shape that a fit used; None where it used the declared noise."""
     shape = calibration.options.noise
     if shape is None:
         return None
@@ -90,7 +90,7 @@ def _tests_with_contender(space: SearchSpace, last: FitStep, stop: Stop) -> Resi
 
 
 def confounded_sets(space: SearchSpace, steps: Sequence[FitStep]) -> tuple[ConfoundedSet, ...]:
-    """Sets of effects that the data cannot distinguish, each with one effect in the last step's model.
+    """Sets of effects that the data cannot distinguish, each with one effect that is in the last step's model.
 
     Equivalent effects explain the same at these poses, so that only the prior would decide between them. Effects that
     the data lack the means to test (effects of load without masses) may be the cause as well. One of the set stands in
@@ -116,7 +116,7 @@ def confounded_sets(space: SearchSpace, steps: Sequence[FitStep]) -> tuple[Confo
 
 
 def _equivalent_in_model(space: SearchSpace, last: FitStep, name: str, equivalent: tuple[str, ...]) -> tuple[str, ...]:
-    """The effects equivalent to one of the model given all others of it.
+    """Effects equivalent to an effect of the model, given all other effects of the model.
 
     Those found when it was added may have stood in for effects that were added later.
     """
@@ -151,7 +151,7 @@ def with_learned(diagnosis: Diagnosis, step: FitStep, members: Sequence[SmoothJo
 
 
 def _with_curves_inside(space: SearchSpace, steps: Sequence[FitStep]) -> Diagnosis:
-    """Diagnosis of a model with curves: that of the model without them, with the step that adds them."""
+    """Diagnosis of a model with curves: that of the model without curves, extended by the step that adds them."""
     last = steps[-1]
     names = tuple(effect for effect in last.selected if effect.name != LEARNED)
     curves = next(effect for effect in last.selected if effect.name == LEARNED)
@@ -169,6 +169,6 @@ def _with_curves_inside(space: SearchSpace, steps: Sequence[FitStep]) -> Diagnos
 
 
 def _same(step: FitStep, selected: Sequence[object], last: FitStep) -> bool:
-    """Whether a step has these effects, fitted to the poses of the last one."""
+    """Whether a step has these effects, fitted to the same poses as the last step."""
     without = step.calibration.dataset.left_out == last.calibration.dataset.left_out
     return step.selected == tuple(selected) and step.left_out == last.left_out and without

@@ -44,7 +44,7 @@ Tell = Callable[[str], None]  # called with a line of text before each stage
 
 @dataclass(frozen=True)
 class AddEffect:
-    """An effect that leads all others, with the fit that has it; members of earlier effects are selected anew."""
+    """Move that adds the effect with clearly most evidence, with the new fit; earlier effects are reselected."""
 
     candidate: Candidate
     log_bayes_factor: float | None  # over the next candidate
@@ -60,7 +60,7 @@ class AddEffect:
 
 @dataclass(frozen=True)
 class DropEffect:
-    """An effect that the others explain too, with the fit that does without it."""
+    """Move that drops an effect which the other effects explain as well, with the fit without it."""
 
     name: str
     selected: tuple[SelectedEffect, ...]
@@ -69,7 +69,7 @@ class DropEffect:
 
 @dataclass(frozen=True)
 class LeaveOutPoses:
-    """Poses that stand out: the search without them leads to a clean verdict."""
+    """Move that leaves out outlying poses, without which the search ends with a clean verdict."""
 
     diagnosis: Diagnosis
     poses: tuple[str, ...]  # ids
@@ -77,14 +77,14 @@ class LeaveOutPoses:
 
 @dataclass(frozen=True)
 class ShapeNoise:
-    """Noise of another shape than declared: the search with the points weighted by it leads to a clean verdict."""
+    """Move that weights the points by another noise shape than declared, which leads to a clean verdict."""
 
     diagnosis: Diagnosis
 
 
 @dataclass(frozen=True)
 class AddCurves:
-    """Learned curves of the joints, with which left-out poses are predicted better than without."""
+    """Move that adds learned curves of the joints, which predict left-out poses better than the model without them."""
 
     diagnosis: Diagnosis  # with the fit that has them as its last step
     curves: LearnedCurves
@@ -95,7 +95,7 @@ Move = AddEffect | DropEffect | LeaveOutPoses | ShapeNoise | AddCurves
 
 @dataclass(frozen=True)
 class Stop:
-    """Why no effect is to be added, with none to drop either."""
+    """End of a search: the reason why no effect is added; none is to be dropped either."""
 
     implausible: str = ""  # why points and poses do not belong together, as a clause: no effect is their cause
     contenders: tuple[Candidate, ...] = ()  # effects of which none leads the others
@@ -106,7 +106,7 @@ class Stop:
 def next_effect(
     space: SearchSpace, step: FitStep, dropped: Collection[str] = (), tell: Tell = lambda line: None
 ) -> AddEffect | DropEffect | Stop:
-    """The effect to add to a model, else the one to drop from it, else why there is none.
+    """Move that adds or drops an effect of a model, or the Stop with the reason why there is none.
 
     Args:
         space: settings of all fits.
@@ -141,7 +141,7 @@ def step_of(step: FitStep, move: AddEffect | DropEffect) -> FitStep:
 def _addition(
     space: SearchSpace, step: FitStep, dropped: Collection[str], tell: Tell, *, may_refuse: int = MAX_REFUSED
 ) -> AddEffect | Stop:
-    """The effect to add, with its fit, or why there is none.
+    """Move that adds an effect, with its fit, or the Stop with the reason why none is added.
 
     Where the best is refused, one that explains less may be the cause that it stood in for: `may_refuse` are tried.
     """
@@ -187,7 +187,7 @@ def _without(screening: Screening, names: Collection[str]) -> Screening:
 def _look_ahead(
     space: SearchSpace, step: FitStep, contenders: Sequence[Candidate]
 ) -> tuple[Candidate, Candidate, float] | None:
-    """The contender that leads clearly once the next effect is in too, with the second and its log Bayes factor.
+    """The contender that leads clearly once its best successor is added too, the second best, and the log Bayes factor.
 
     Two hidden causes may be confounded until both are in the model. The evidence of each contender with its best
     successor is compared; None where none leads, or where nothing convincing comes after any.
@@ -207,7 +207,7 @@ def _look_ahead(
 
 
 def _superfluous(space: SearchSpace, step: FitStep, tell: Tell) -> DropEffect | None:
-    """The effect with the least evidence given all others, where that is too little."""
+    """The effect with the least evidence given all others, where that evidence is too small; else None."""
     if len(step.selected) < 2:
         return None
     evidence, fits = [], []
@@ -230,14 +230,14 @@ def _superfluous(space: SearchSpace, step: FitStep, tell: Tell) -> DropEffect | 
 
 @dataclass(frozen=True)
 class Search:
-    """The steps that built a model, each with its screening, and why the search went no further."""
+    """The steps that built a model, each with its screening, and the reason for the stop."""
 
     steps: tuple[FitStep, ...]
     stop: Stop
 
 
 def search_stepwise(space: SearchSpace, tell: Tell, refused: str = "") -> Search:
-    """Add effects one by one while one is convincing, drop superfluous ones, from the link errors to the stop.
+    """Search from the link errors on: add effects while one is convincing, drop superfluous ones, until a Stop.
 
     refused: an effect that is not to be added; "" for none.
     """
@@ -252,7 +252,7 @@ def search_stepwise(space: SearchSpace, tell: Tell, refused: str = "") -> Search
 
 
 def straight_steps(space: SearchSpace, steps: Sequence[FitStep]) -> tuple[FitStep, ...]:
-    """The last model built effect by effect, each step with its screening; fitted again where the steps went astray."""
+    """Steps that add the last model's effects one by one, with screenings; refitted where an effect was dropped."""
     last = steps[-1]
     if _is_straight(steps) and all(step.left_out == last.left_out for step in steps):
         return tuple(map(space.ranked, steps))

@@ -1,4 +1,4 @@
-"""The result of a diagnosis: the findings and the verdict that follows from them."""
+"""The result of a diagnosis: the findings, and the verdict that is decided from them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Diagnosis(Presented, Findings, FittedResult):
 
     @cached_property
     def conclusion(self) -> Conclusion:
-        """The verdict and the standing of each effect, as the findings decide them."""
+        """The verdict and the standing of each effect, decided from the findings."""
         return conclude(self)
 
     @property
@@ -34,12 +34,12 @@ class Diagnosis(Presented, Findings, FittedResult):
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Effects that are claimed, in the order added."""
+        """Effects that are claimed, in the order in which they were added."""
         return self.conclusion.missing
 
     @property
     def suspected(self) -> tuple[str, ...]:
-        """Effects that were added and are not claimed."""
+        """Effects that were added but are not claimed."""
         return self.conclusion.suspected
 
     @property
@@ -54,14 +54,14 @@ class Diagnosis(Presented, Findings, FittedResult):
 
     @property
     def is_clean(self) -> bool:
-        """Whether noise alone is left, outliers apart, and an effect in the model stands for all that is confounded."""
+        """Whether only noise is left, outliers apart, and each confounded set has an effect in the model."""
         if self.verdict == "ambiguous":
             return bool(self.confounded_sets) and not self.suspected and not self.undecided
         return self.verdict in ("adequate", "named", "outliers")
 
     @property
     def held_out_beyond_noise(self) -> HeldOutError | None:
-        """Error of the test poses where it is larger than noise would leave."""
+        """Error of the test poses where it exceeds that of noise alone; else None."""
         return held_out_beyond_noise(self.calibration, self.residual_tests.noise_mm)
 
     def to_frame(self) -> pd.DataFrame:

@@ -49,7 +49,7 @@ class SearchSpace:
         user_effects: Sequence[Family] = (),
         max_effects: int = MAX_EFFECTS,
     ) -> SearchSpace:
-        """Settings with all families of the catalogue, as far as the fitted poses can test them, and the user's."""
+        """Settings with the user's families and all families of the catalogue that the fitted poses can test."""
         fitted = with_repeats_averaged(dataset, options.residual)
         return cls(dataset, options, tuple(given), (*effects_for(fitted), *user_effects), max_effects)
 
@@ -58,7 +58,7 @@ class SearchSpace:
         return replace(self, dataset=without_poses(self.dataset, tuple(pose_ids))) if pose_ids else self
 
     def with_noise(self, shape: NoiseShape, start: Calibration) -> SearchSpace:
-        """These settings with noise of a shape, first fits starting at an earlier one."""
+        """These settings with noise of a given shape, whose first fits start at an earlier fit."""
         return replace(self, options=replace(self.options, noise=shape), start=start)
 
     def fit(self, selected: Sequence[SelectedEffect], start: Calibration | None) -> Calibration:
@@ -66,11 +66,11 @@ class SearchSpace:
         return calibrate_with(self.dataset, selected, self.options, effects=self.given, start=start or self.start)
 
     def screen(self, calibration: Calibration) -> Screening:
-        """Every family that is not in a fit's model, tested against the residual of that fit."""
+        """Screening of every family that is not in a fit's model, against the residual of that fit."""
         return screen(calibration, self.families)
 
     def ranked(self, step: FitStep) -> FitStep:
-        """The step with its screening."""
+        """The step with its screening added."""
         return step if step.screening is not None else replace(step, screening=self.screen(step.calibration))
 
     def family(self, name: str) -> Family | None:

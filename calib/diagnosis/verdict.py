@@ -1,4 +1,4 @@
-"""The findings of a diagnosis, and the one function that decides the verdict from them: `conclude`."""
+"""The findings of a diagnosis, and `conclude`, the one function that decides the verdict from the findings."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Standing = Literal["claimed", "suspected", "open", "refused"]
 
 @dataclass(frozen=True)
 class LearnedModel:
-    """Curves of the joints that were learned where no named effect explains the residual, with the fits around them."""
+    """Learned curves of the joints, where no named effect explains the residual, with the fits before and after."""
 
     members: tuple[SmoothJointError, ...]
     formula: str | None  # the curves with their values, where short formulas explain as much
@@ -50,14 +50,14 @@ class LearnedModel:
 
 
 def curves_outweigh(members: tuple[SmoothJointError, ...], log_evidence: float, fault: JointFault) -> bool:
-    """Whether curves have clearly more evidence than a fault of one joint, and not by that joint's curve alone."""
+    """Whether curves have clearly more evidence than a fault of one joint, and not only by that joint's own curve."""
     others = any(member.joint != fault.joint for member in members)
     return others and log_evidence > fault.log_evidence + MIN_LOG_BAYES_FACTOR
 
 
 @dataclass(frozen=True)
 class ConfoundedSet:
-    """An effect in the model, and the effects that these data cannot distinguish from it."""
+    """An effect in the model, with the effects that these data cannot distinguish from it."""
 
     effect: str
     equivalent: tuple[str, ...]  # effects with the same columns at these poses
@@ -80,13 +80,13 @@ class Refusal:
 
     @property
     def leaves_doubt(self) -> bool:
-        """Whether another cause stands behind what the effect explains; one without gain elsewhere followed noise."""
+        """Whether a refused effect points to an unknown cause; False where it only fitted noise (no gain elsewhere)."""
         return self.why != "no gain"
 
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """All that a search found on a dataset. The verdict is no part of it: `conclude` derives it."""
+    """All findings of a search on a dataset, without the verdict, which `conclude` derives."""
 
     steps: tuple[FitStep, ...]  # link errors, then one for each effect added (learned curves last), each screened
     all_tests: ResidualTests  # of the residual of the last fit without learned curves
@@ -127,7 +127,7 @@ class Findings:
 
     @property
     def added(self) -> tuple[AddedEffect, ...]:
-        """Each effect that the search added, with its evidence and the residual before it."""
+        """Each effect that the search added, with its evidence and the residual before the addition."""
         return tuple(
             AddedEffect(after.effect, after.candidate.log_evidence, before.screening.projected)
             for before, after in pairwise(self.steps)
@@ -136,12 +136,12 @@ class Findings:
 
     @property
     def screenings(self) -> tuple[Screening, ...]:
-        """One for each step: the evidence of every effect that is not in its model."""
+        """Screening of each step: the evidence of every effect that is not in the step's model."""
         return tuple(step.screening for step in self.steps if step.screening is not None)
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:
-        """The ranking that the first decision was taken by."""
+        """The ranking of candidates on which the first decision was based."""
         return self.screenings[0].candidates
 
     @property
@@ -152,7 +152,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class Conclusion:
-    """The verdict, the standing of each effect, and what of the findings made it so."""
+    """The verdict, the standing of each effect, and the reason for the verdict."""
 
     verdict: str  # of VERDICTS
     missing: tuple[str, ...] = ()  # effects that are claimed, in the order added
@@ -163,7 +163,7 @@ class Conclusion:
     reason: str = ""  # what keeps an unexplained dataset so: see `_reason`
 
     def standing(self, effect: str) -> Standing | None:
-        """Standing of an effect; None for one that is not suspected at all."""
+        """Standing of an effect; None for one that is not suspected."""
         if effect in self.missing:
             return "claimed"
         if effect in self.suspected:
@@ -228,13 +228,13 @@ def _verdict(findings: Findings, ambiguous_set: tuple[str, ...]) -> str:
 
 
 def _is_noise(tests: ResidualTests) -> bool:
-    """Whether a residual is noise, judged mildly: a size that only the fit itself tells is not counted."""
+    """Whether a residual counts as noise: no pattern, no fault of a joint, no excess over independently known noise."""
     too_large = tests.noise_from != "fit" and tests.residual_mm > MAX_SIGMAS_LEFT * tests.noise_mm
     return not (tests.fault or tests.structured or too_large)
 
 
 def _reason(findings: Findings) -> str:
-    """What keeps a dataset unexplained, the most definite first.
+    """Reason why a dataset stays unexplained, the most definite first.
 
     "data" (wrong), "implausible", "fault" (of one joint), "curves" (learned), "order" (a systematic pattern), "wander"
     (an effect is no better than a correlated drift), "size" (more than noise), "promise" (broken at the test poses) or

@@ -1,4 +1,4 @@
-"""Names that a file of a user's own effects may import; `from calib import Effect, Parameter` gives two of them."""
+"""Names that a file of user-defined effects may import; `calib` itself exports `Effect` and `Parameter`, too."""
 
 from calib.effects.effect import Effect, NaturalBound, Parameter
 

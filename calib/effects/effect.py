@@ -43,7 +43,7 @@ from calib.kinematics.robot import Robot
 
 @dataclass(frozen=True)
 class Parameter:
-    """One unknown number. `scale` is its usual size, in `unit`: the prior's sigma and the solver's unit for it."""
+    """One unknown number; `scale` is its usual size, in `unit`: the prior's sigma and the solver's unit."""
 
     name: str  # a Python identifier, the keyword by which `apply` gets the value
     unit: str  # "mm", "rad", "rad/Nm" ...; tables and pages show radians as degrees
@@ -69,7 +69,7 @@ class NaturalBound:
 
 @runtime_checkable
 class Effect(Protocol):
-    """The interface of every effect: its parameters, and `apply`, which takes a value for each of them by name."""
+    """The interface of every effect: its parameters, and `apply`, with a keyword for each parameter's value."""
 
     @property
     def parameters(self) -> Sequence[Parameter]:
@@ -78,20 +78,20 @@ class Effect(Protocol):
 
     @property
     def apply(self) -> Callable[..., RobotState]:
-        """`apply(state, **values)`: the state with the effect in it."""
+        """State with the effect applied: `apply(state, **values)`."""
         ...
 
 
 class RobotCorrection(Effect, Protocol):
-    """An effect whose values are errors of what robot.toml holds."""
+    """An effect whose values are errors of quantities in robot.toml."""
 
     def corrected(self, robot: Robot, values: Array) -> Robot:
-        """The robot with these errors, in the order of the parameters, built in."""
+        """The robot with the given errors, in the order of the parameters, added."""
         ...
 
 
 class JointMotion(Effect, Protocol):
-    """A linear effect that adds to one joint and gives its derivative by all its many parameters at once."""
+    """A linear effect on one joint that gives the derivatives by all its many parameters at once."""
 
     @property
     def joint(self) -> int:
@@ -99,13 +99,13 @@ class JointMotion(Effect, Protocol):
         ...
 
     def joint_motions(self, state: RobotState) -> Array:
-        """Increment of the joint by a unit of each parameter: (N, K) rad, mm for a prismatic joint."""
+        """Increment of the joint by one unit of each parameter: (N, K) rad, mm for a prismatic joint."""
         ...
 
 
 @dataclass(frozen=True)
 class Family(Brief):
-    """A named cause, with one member for each joint (and harmonic) that may carry it or not."""
+    """A named cause of errors, with one member for each joint (and harmonic) that may show it."""
 
     name: str
     members: tuple[Effect, ...]
@@ -119,12 +119,12 @@ class Family(Brief):
 
     @property
     def description(self) -> Description:
-        """The texts of the members' class; the name alone for a family without members."""
+        """The texts on the class of the members; the name alone for a family without members."""
         return describe(self.members[0]) if self.members else Description(self.name)
 
     @property
     def never_testable(self) -> bool:
-        """Whether no dataset of this format can test it, so that `why_not` says nothing about the data."""
+        """Whether no dataset of this format can test the family, so that `why_not` says nothing about the data."""
         return self.covered or any(getattr(member, "testable", True) is False for member in self.members)
 
     def _brief(self) -> str:
@@ -132,7 +132,7 @@ class Family(Brief):
 
 
 class CatalogueEffect(ABC):
-    """Base class of the catalogue's effects. All that is said about an effect is on its class.
+    """Base class of the catalogue's effects, whose class attributes hold all texts and bounds of an effect.
 
     A subclass with a `name` in a module of `calib.effects.catalogue` is registered as a family of the catalogue when it
     is defined; a subclass of that without a name of its own as a further kind of the family's members, such as those of
@@ -177,7 +177,7 @@ class CatalogueEffect(ABC):
     @classmethod
     @abstractmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The members for a robot and the conditions of its poses; without the data for them, why not."""
+        """Family for a robot and its poses' conditions; if data are missing, marked as not testable with the reason."""
 
 
 _CATALOGUE = "calib.effects.catalogue."
@@ -186,7 +186,7 @@ _MEMBER_KINDS: list[type[CatalogueEffect]] = []  # these and their further kinds
 
 
 def registered_effects() -> tuple[type[CatalogueEffect], ...]:
-    """The catalogue's classes that are defined so far, in the catalogue's order.
+    """Classes of the catalogue defined so far, in the catalogue's order.
 
     `calib.effects.catalogue.CATALOGUE` is all of them.
     """
@@ -194,7 +194,7 @@ def registered_effects() -> tuple[type[CatalogueEffect], ...]:
 
 
 def registered_member_kinds() -> tuple[type[CatalogueEffect], ...]:
-    """All classes of the catalogue's members that are defined so far; several may be of one family."""
+    """Classes of all members of the catalogue's families defined so far; several may belong to one family."""
     return tuple(_MEMBER_KINDS)
 
 
@@ -232,7 +232,7 @@ def full_name(effect: Effect, parameter: Parameter) -> str:
 
 
 def describe(effect: Effect | type[CatalogueEffect]) -> Description:
-    """The description on an effect's class; what is no text or no condition, as a user's may be, counts as none."""
+    """Description on an effect's class; an attribute of another type, as in a user's effect, counts as missing."""
     name = effect.name if isinstance(effect, type) else family_name(effect)
     values = {text: getattr(effect, text, "") for text in ("title", "noun", "equation", "needs", "confirm")}
     texts = {text: value for text, value in values.items() if isinstance(value, str)}
@@ -253,12 +253,12 @@ def _conditions(effect: Effect | type[CatalogueEffect], attribute: str) -> tuple
 
 
 def parameters_by_name(effects: Sequence[Effect]) -> dict[str, tuple[Effect, Parameter]]:
-    """Mapping from the full name of each parameter of some effects to its effect and itself."""
+    """Mapping from the full name of each parameter of some effects to the pair of effect and parameter."""
     return {full_name(effect, p): (effect, p) for effect in effects for p in effect.parameters}
 
 
 def exceeded_bound(effect: Effect, parameter: Parameter, value: float, sigma: float) -> NaturalBound | None:
-    """The natural bound that a value exceeds by more than two sigmas; None where it exceeds none, or none is known."""
+    """The natural bound that a value exceeds by more than two sigmas; None where there is none."""
     for bound in getattr(effect, "bounds", ()):
         if bound.unit == parameter.unit:
             return bound if abs(value) - 2.0 * sigma > bound.size else None
@@ -266,12 +266,12 @@ def exceeded_bound(effect: Effect, parameter: Parameter, value: float, sigma: fl
 
 
 def has_meaning(effect: Effect) -> bool:
-    """Whether the effect itself says what its values mean on the arm."""
+    """Whether the effect describes in words what its values mean on the arm."""
     return callable(getattr(effect, "meaning", None))
 
 
 def meaning_of(effect: Effect, parameter: Parameter, value: float, state: RobotState) -> str:
-    """Meaning of a value of one of an effect's parameters on the arm, at the poses of a state, as the effect says it.
+    """Text from an effect on the meaning of a parameter's value for the arm, at the poses of a state.
 
     Raises CalibError where an effect from outside this package fails to say it.
     """
@@ -284,13 +284,13 @@ def meaning_of(effect: Effect, parameter: Parameter, value: float, state: RobotS
 
 
 def families_from(effects: Sequence[Effect]) -> tuple[Family, ...]:
-    """A user's own effects as families, those of one name together."""
+    """A user's own effects as families; effects of one name form one family."""
     names = list(dict.fromkeys(family_name(effect) for effect in effects))
     return tuple(Family(name, tuple(e for e in effects if family_name(e) == name)) for name in names)
 
 
 def apply_values(effect: Effect, state: RobotState, values: Array) -> RobotState:
-    """The state with the effect in it: `apply` with values in the order of the effect's parameters.
+    """The state with an effect applied, by values in the order of the effect's parameters.
 
     Raises CalibError where an effect from outside this package fails.
     """
@@ -299,7 +299,7 @@ def apply_values(effect: Effect, state: RobotState, values: Array) -> RobotState
 
 
 def corrects_robot(effect: Effect) -> TypeGuard[RobotCorrection]:
-    """Whether the effect declares, by `corrects_robot = True`, that its values are errors of what robot.toml holds.
+    """Whether the effect declares, by `corrects_robot = True`, that its values are errors of quantities in robot.toml.
 
     They can be built into it, and are part of every fit. For this package's own effects only: an effect that adds one
     value by `add_link_error` is something else.
@@ -308,7 +308,7 @@ def corrects_robot(effect: Effect) -> TypeGuard[RobotCorrection]:
 
 
 def is_held_by_prior(effect: Effect) -> bool:
-    """Whether the effect declares, by `held_by_prior = True`, that its prior sigmas are part of it.
+    """Whether the effect declares, by `held_by_prior = True`, that its prior sigmas are part of the effect.
 
     It may then have more parameters than there are equations.
     """
@@ -316,17 +316,17 @@ def is_held_by_prior(effect: Effect) -> bool:
 
 
 def is_linear(effect: Effect) -> bool:
-    """Whether the effect declares, by `linear = True`, that it adds to the state in proportion to each parameter."""
+    """Whether the effect declares, by `linear = True`, that its change of the state is linear in each parameter."""
     return getattr(effect, "linear", False) is True
 
 
 def moves_one_joint(effect: Effect) -> TypeGuard[JointMotion]:
-    """Whether the effect gives its derivative at once: a linear one of this package that adds to one joint only."""
+    """Whether the effect is a `JointMotion` of this package: linear, on one joint, with all derivatives at once."""
     return not is_user_defined(effect) and is_linear(effect) and hasattr(effect, "joint_motions")
 
 
 def state_derivative(effect: Effect, state: RobotState, values: Array) -> Iterator[Array]:
-    """d state.vector / d value for each parameter of an effect that acts on `state`, one by one: (1 or N, S).
+    """d state.vector / d value for each parameter of an effect, taken one by one: (1 or N, S) each.
 
     Differences of the effect's own map, which is cheap; the chain's part of the derivative is analytic. A linear effect
     has the same derivative everywhere: one step of a parameter's scale from zero, where the effect is absent. Others

@@ -39,7 +39,7 @@ class GravityLoads:
 
     @property
     def _hanging(self) -> list[tuple[int, Array, Array]]:
-        """Masses on the arm, payload included: frame that carries it, mass (1 or N,) kg, place (N, 3) mm."""
+        """Masses on the arm, payload included: carrying frame, mass (1 or N,) kg, and place (N, 3) mm."""
         robot, base_T_frame = self.robot, self.chain.base_T_frame
         hanging = []
         for k, joint in enumerate(robot.joints):
@@ -61,7 +61,7 @@ class GravityLoads:
 
     @cached_property
     def carried(self) -> tuple[Array, Array]:
-        """Mass at each frame 0 ... n + 1 or beyond: (n + 2, N) kg, and mass times place (n + 2, N, 3) kg mm."""
+        """Mass (n + 2, N) kg, and mass times place (n + 2, N, 3) kg mm, carried at or beyond each frame 0 ... n + 1."""
         shape = (self.robot.n_joints + 2, len(self.chain.base_T_frame))
         mass, first_moment = np.zeros(shape), np.zeros((*shape, 3))
         for frame, mass_kg, place_mm in self._hanging:
@@ -120,11 +120,11 @@ class GravityLoads:
 
     @cached_property
     def unit_bendings(self) -> list[tuple[Array, Array]]:
-        """Bending of each link by unit masses, as `unit_bending`."""
+        """Bending of each link by masses of 1 kg, each as from `unit_bending`."""
         return [self.unit_bending(link) for link in range(self.robot.n_joints)]
 
     def unit_bending(self, link: int) -> tuple[Array, Array]:
-        """Bending by 1 kg at each frame from the link's end on and at the tool point: (N, K, 3) twice, as `bending`."""
+        """Turn and shift (`bending`) by 1 kg at each frame from the link's end on and at the tool point: (N, K, 3)."""
         base_T_frame = self.chain.base_T_frame
         places_mm = base_T_frame[:, link + 1 :, :3, 3]  # (N, K, 3)
         at_root, at_end = (
@@ -135,7 +135,7 @@ class GravityLoads:
         return np.stack([turn for turn, _ in bent], axis=1), np.stack([shift for _, shift in bent], axis=1)
 
     def payload_bending(self, link: int) -> tuple[Array, Array]:
-        """Bending of a link by the payload alone: (N, 3) rad and (N, 3) mm, as `bending`."""
+        """Turn (N, 3) rad and shift (N, 3) mm of a link's end by the payload alone (`bending`)."""
         at_root, at_end = (
             self.payload_moment_about(self.chain.base_T_frame[:, frame, :3, 3]) for frame in (link, link + 1)
         )
@@ -143,11 +143,11 @@ class GravityLoads:
 
     @cached_property
     def bendings(self) -> list[tuple[Array, Array]]:
-        """Bending of each link by all masses, as `bending`."""
+        """Turn and shift of each link's end by all masses, each as from `bending`."""
         return [self.bending(link) for link in range(self.robot.n_joints)]
 
     def bending(self, link: int) -> tuple[Array, Array]:
-        """Bending of a link with L / EI = 1 rad/Nm: turn of its end (N, 3) rad, in its frame, and shift (N, 3) mm.
+        """Turn (N, 3) rad, link frame, and shift (N, 3) mm of a link's end for a compliance L / EI = 1 rad/Nm.
 
         With M0 and ML the moments across the link at its root and end of all beyond it, M1 that of its own weight at
         the root, e its direction and L its length, the end turns by (M0 + ML) / 2 + M1 / 3 and moves by
@@ -162,7 +162,7 @@ class GravityLoads:
         return self._bent(link, at_root, at_end, own)
 
     def _bent(self, link: int, at_root: Array, at_end: Array, own: Array | None = None) -> tuple[Array, Array]:
-        """Turn and shift of a link's end by moments (N, 3) at its root and end and, at the root, of its own weight."""
+        """Turn and shift of a link's end by moments (N, 3) at its root and end, and by its own weight's at the root."""
         base_T_frame = self.chain.base_T_frame
         root_mm, end = base_T_frame[:, link, :3, 3], base_T_frame[:, link + 1]
         span_mm = end[:, :3, 3] - root_mm

@@ -18,7 +18,7 @@ from calib.effects.state import RobotState
 
 
 class Displacement(Protocol):
-    """A displacement that is linear in W amounts. Equal values displace alike."""
+    """A displacement linear in W amounts; instances that compare equal displace alike."""
 
     @property
     def width(self) -> int:
@@ -26,12 +26,12 @@ class Displacement(Protocol):
         ...
 
     def act(self, state: RobotState, amounts: Array) -> RobotState:
-        """The state displaced by amounts (N, W) at each pose, in proportion to each."""
+        """The state displaced by amounts (N, W) at each pose, linearly in each amount."""
         ...
 
 
 class ShapedEffect(CatalogueEffect):
-    """An effect whose parameter l * W + w, times shape l of a pose, is amount w of the displacement there."""
+    """An effect whose parameter l * W + w, times shape l at a pose, is amount w of the displacement there."""
 
     linear = True
 

@@ -1,4 +1,4 @@
-"""The robot's state at every pose, which effects change before the forward pass, and the data they may use.
+"""The robot's state at every pose, which effects change before the forward pass, and the conditions of the poses.
 
 Where the arm carries the scanner, a target that is fixed in the world is seen from the flange at
 
@@ -64,7 +64,7 @@ class RobotState(Brief):
         return replace(self, _loaded=[loaded])
 
     def with_masses_of(self, robot: Robot, poses: Poses) -> RobotState:
-        """State with these values, a robot's masses and the payload of poses of the same joint positions."""
+        """State with these values, but a robot's masses and the payload of poses at the same joint positions."""
         state = replace(self, robot=robot, poses=poses)
         state.__dict__["chain"] = self.chain  # masses do not move it
         return state
@@ -139,7 +139,7 @@ class RobotState(Brief):
 
     @property
     def loaded(self) -> RobotState:
-        """The state that loads are computed at: the first that an effect asked for, unless the model fixed another.
+        """State at which loads are computed: that of the first effect with loads, unless the model fixed another.
 
         States derived from this one share it. Deflections of 1e-3 rad change a torque by 1e-3 of itself, so computing
         it anew after every joint's deflection would cost much and change nothing that can be measured.
@@ -174,7 +174,7 @@ class RobotState(Brief):
 
     @property
     def attitude(self) -> Array:
-        """Orientation base_R_tool (N, 3, 3), with the base's turn and the target's own.
+        """Orientation base_R_tool (N, 3, 3), including the base's turn and the target's own turn.
 
         For an arm that carries the scanner: flange_R_base, the orientation of the world seen from the flange.
         """
@@ -209,7 +209,7 @@ def world_target_by_state(state: RobotState, target: str) -> tuple[Array, Array]
 
 
 def world_turn_by_state(state: RobotState) -> Array:
-    """Derivative of the world's small turn about the flange's axes, rad, by `state.vector` (N, 3, S): `attitude`'s."""
+    """Derivative of the world's small turn about the flange's axes (`attitude`), rad, by `state.vector` (N, 3, S)."""
     by_table = kinematics.flange_turn_jacobian(state.chain)
     by_table = by_table.reshape(*by_table.shape[:2], -1)
     chain_R_base = np.swapaxes(frames.rotation_from_rotvec(state.base_rotvec_rad), 1, 2)

@@ -1,4 +1,4 @@
-"""A fit of robot.toml's table and of effects, which searches the tool point where robot.toml has it far off."""
+"""Fit of robot.toml's table and of effects, with a search for the tool point where robot.toml has it far off."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Fitted:
 
 @dataclass(frozen=True)
 class FitTask:
-    """A model, the points to fit it to, and the options of the fit."""
+    """A model with the points for its fit and the options of the fit."""
 
     model: Model
     geometry: tuple[Effect, ...]  # the first of its effects, with the tolerances that were asked for
@@ -110,7 +110,7 @@ class FitTask:
 
 
 def _to_found_tool(model: Model, residuals: Residuals) -> tuple[Iteration, ...]:
-    """Two iterations: the nominal robot, and the nominal robot with its tool point where it was found."""
+    """Two iterations of a fit: the nominal robot, and the nominal robot with the found tool point."""
     nominal = np.zeros(len(model.parameters))
     own = model.placed_robot.own_tool_point
     assert own is not None
@@ -125,7 +125,7 @@ def _to_found_tool(model: Model, residuals: Residuals) -> tuple[Iteration, ...]:
 
 
 def _in_order_of(model: Model, fit: Fit) -> tuple[Iteration, ...]:
-    """Iterations of a fit with x in the order of another model's parameters, zero for those the fit did not have."""
+    """Iterations of a fit with x in the order of another model's parameters, zero for those missing in the fit."""
 
     def in_order(x: Array) -> Array:
         values = dict(zip((p.name for p in fit.parameters), x.tolist(), strict=True))

@@ -67,11 +67,11 @@ class Model(Brief):
 
     @property
     def placed_robot(self) -> Robot:
-        """The nominal robot, with the tool point that was found, by which the scanner is placed before a fit."""
+        """The nominal robot with the found tool point, from which the scanner is placed before a fit."""
         return self.robot if self.tool_found is None else self.tool_found
 
     def delivered(self, x: ArrayLike) -> Array:
-        """Parameters (P,) of the arm as delivered: zero, except the place of a found tool point, which is that of x."""
+        """Parameters (P,) of the arm as delivered: zero, except that a found tool point keeps its place from x."""
         own = None if self.tool_found is None else self.robot.own_tool_point
         names = () if own is None else target_parameter_names(own)
         is_place = np.array([p.name in names for p in self.parameters], dtype=bool)
@@ -79,14 +79,14 @@ class Model(Brief):
 
     @property
     def at_tool(self) -> Model:
-        """This model for the tool in the base frame, also where the arm carries the scanner."""
+        """This model with predictions of the tool in the base frame, also where the arm carries the scanner."""
         if not self.robot.carries_scanner:
             return self
         return replace(self, robot=replace(self.robot, carries_scanner=False))
 
     @property
     def added_effects(self) -> tuple[Effect, ...]:
-        """The effects other than the corrections of robot.toml, in the order they were added."""
+        """The effects other than the corrections of robot.toml, in their order of addition."""
         return tuple(effect for effect in self.effects if not corrects_robot(effect))
 
     @property
@@ -96,12 +96,12 @@ class Model(Brief):
 
     @property
     def family_names(self) -> tuple[str, ...]:
-        """Families of the added effects, each once, in the order they were added."""
+        """Families of the added effects, each once, in their order of addition."""
         return tuple(dict.fromkeys(family_name(effect) for effect in self.added_effects))
 
     @property
     def scales(self) -> Array:
-        """Prior sigma (P,) of each free parameter: its tolerance, or the size that an effect has in practice."""
+        """Prior sigma (P,) of each free parameter: its tolerance, or the usual size of the effect's parameter."""
         return np.array([p.scale for p in self.parameters])
 
     def with_fixed(self, names: ArrayLike) -> Model:
@@ -123,7 +123,7 @@ class Model(Brief):
         return np.split(full, ends[:-1])
 
     def with_loads_at(self, x: ArrayLike) -> Model:
-        """This model with gravity's loads computed once, at the links as they are at x.
+        """This model with gravity's loads computed once, with the links at x.
 
         Otherwise the loads would depend on the link errors, and the derivatives by these would need a further term.
         """
@@ -226,7 +226,7 @@ def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array
 
 
 def _by_offset(state: RobotState, target: str) -> Array:
-    """Derivative (N, 3, 3) of a further target's position by its place in its link's frame."""
+    """Derivative (N, 3, 3) of a further target's position by its coordinates in the frame of its link."""
     turn = state.chain.base_T_link(state.robot.target(target).joint)[:, :3, :3]
     if np.any(state.base_rotvec_rad):
         turn = frames.rotation_from_rotvec(state.base_rotvec_rad) @ turn
@@ -234,7 +234,7 @@ def _by_offset(state: RobotState, target: str) -> Array:
 
 
 def turn_by_state(state: RobotState) -> Array:
-    """Derivative (N, 3, S), rad, of the tool's rotation by `state.vector`; the world's for a scanner on the flange."""
+    """Derivative (N, 3, S), rad, of the tool's rotation by `state.vector`, or the world's (scanner on the flange)."""
     if state.robot.carries_scanner:
         return world_turn_by_state(state)
     by_table = kinematics.turn_jacobian(state.chain)
@@ -265,7 +265,7 @@ def _target_mm(state: RobotState, target: str) -> Array:
 
 
 def _is_row_end(state: RobotState, target: str) -> bool:
-    """Whether a target is the end of the tool's row rather than a point of its own."""
+    """Whether a target is the end of the tool's row, not an independent point."""
     return target == TOOL_POINT and target not in state.target_offsets_mm
 
 

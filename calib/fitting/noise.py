@@ -1,4 +1,4 @@
-"""Noise of measured points of a known shape (`calib.noise_shape`): covariances, correlation in time, Student's t tails.
+"""Noise of points under a known noise shape (`calib.noise_shape`): covariances, correlation in time, Student's t tails.
 
 Tails: a point's three coordinates are normal with a variance of their own, so that a whitened residual e has weight
 
@@ -102,7 +102,7 @@ class Moments:
         return Moments(self.of_point[keep], self.gap, self.in_poses)
 
     def products(self, drifts: Sequence[CorrelatedDrift], rows: Array) -> Iterator[tuple[Array, float]]:
-        """For each drift rows^T C^-1 rows (K, K), summed over the axes, of rows (M, 3, K); and log det C of one axis.
+        """Products rows^T C^-1 rows (K, K) of rows (M, 3, K), summed over axes, per drift; and log det C of one axis.
 
         Computed by Woodbury's identity with the drift at each moment as the unknown.
         """
@@ -192,13 +192,13 @@ class Whitening:
         return np.asarray(rows.reshape(columns.shape))
 
     def unweighted(self, residual: Array) -> Array:
-        """The white residual (3 M,) divided by its weights, in its true size."""
+        """White residual (3 M,) with the weights of Student's t undone."""
         if self.weights is None:
             return residual
         return np.asarray((residual.reshape(-1, 3) / np.sqrt(self.weights)[:, None]).ravel())
 
     def with_tails(self, normal: Array, rng: np.random.Generator) -> Array:
-        """Noise (3 M, D) with Student's t tails: normal noise, each point over the root of its own chi^2 over nu."""
+        """Noise (3 M, D) with Student's t tails: normal noise of each point over the root of its own chi^2 over nu."""
         if self.tail is None:
             return normal
         rows = normal.reshape(-1, 3, normal.shape[1])

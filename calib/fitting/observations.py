@@ -35,7 +35,7 @@ def sum_by_pose(values: Array, row: IndexArray, poses: int) -> Array:
 
 
 def mean_by_pose(values: Array, row: IndexArray, poses: int, *, empty: float = 0.0) -> Array:
-    """Means (N, ...) over each pose's points of values (M, ...), `empty` where a pose has none; `row` (M,) poses."""
+    """Means (N, ...) over each pose's points of values (M, ...), `empty` where none; `row` (M,) is each one's pose."""
     count = points_by_pose(row, poses).reshape(-1, *[1] * (values.ndim - 1))
     mean = sum_by_pose(values, row, poses) / np.maximum(count, 1)
     return np.asarray(np.where(count > 0, mean, empty))
@@ -284,7 +284,7 @@ def predict_poses(model: Model, x: Array, observed: Observations) -> tuple[Array
 
 
 def mean_jig_points(observed: Observations) -> tuple[BoolArray, Array, Array]:
-    """For each used pose: whether it has a "jig" point, their mean (N, 3), mm, and its covariance (N, 3, 3)."""
+    """Mask (N,) of used poses with a "jig" point; mean (N, 3), mm, of each pose's points, and covariance (N, 3, 3)."""
     poses, row = observed.used_poses
     is_jig = observed.points.target == "jig"
     row = row[is_jig]

@@ -1,4 +1,4 @@
-"""Residuals by the name that a user chooses:
+"""Kinds of residuals, by the name that a user chooses:
 
 * "position" (`PositionResiduals`): predicted minus measured points, the scanner frame of each setup unknown.
 * "distance" (`DistanceResiduals`): distances from a reference pose, which need no frame at all (Jang 2025 eq 9-16).
@@ -37,7 +37,7 @@ def make_residuals(
 
 
 def require_kind_for(robot: Robot, kind: str) -> None:
-    """Raise FitError on residuals of distances for an arm that carries the scanner, as its points do not move."""
+    """Raise FitError on residuals of distances for an arm that carries the scanner, as its targets do not move."""
     if robot.carries_scanner and kind in ("distance", "pairs"):
         raise FitError(
             f"residual {kind}: a scanner on the flange measures a jig that stands still, and distances between poses "

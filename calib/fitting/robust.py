@@ -133,14 +133,14 @@ def _p_values(
 
 
 def _distance(error: Array, lever: Array, *, fitted: bool) -> float:
-    """Statistic T of one pose; error  # (D,), lever  # (D, K) with lever lever^T = H, or L if it was not fitted."""
+    """Statistic T of one pose, from its error (D,) and lever (D, K), where lever lever^T = H, or L if not fitted."""
     of_fit = lever @ lever.T
     variance = (1.0 + 1e-9) * np.eye(len(error)) + (-of_fit if fitted else of_fit)
     return float(error @ np.linalg.solve(variance, error))
 
 
 def resistant_core(make: Callable[[Observations], Residuals], observed: Observations, *, prior: bool) -> BoolArray:
-    """Mask (M,) of the points of poses with weight in a Tukey fit: hardly any outlier, not all inliers."""
+    """Mask (M,) of the points of poses with weight in a Tukey fit, which leaves out nearly all outliers."""
     residuals = make(observed)
     rows = rows_of_points(residuals, observed)
     fit = solve(residuals, prior=prior)
@@ -212,6 +212,6 @@ def _by_rows(rows: IndexArray, of: Callable[[int], float]) -> Array:
 
 
 def _kept_above_zero(weights: Array, norm: Array) -> Array:
-    """The weights (M,) with zeros replaced by values so small that rejected points add nothing to the cost."""
+    """The weights (M,) with zeros replaced by values so small that rejected points contribute nothing to the cost."""
     near = np.minimum(float(np.median(norm)) / np.maximum(norm, 1e-300), 1.0)
     return np.maximum(weights, np.maximum(_LEAST * near**2, _OUT))

@@ -1,4 +1,4 @@
-"""The tool point where robot.toml has it far off: where it is in the last joint's frame, and how far off it may be.
+"""Search for the tool point where robot.toml has it far off: its place in the last joint's frame, and its uncertainty.
 
 A point on the tool is fixed in the frame that turns (or slides) with the last joint. The last row of the table and the
 tool's row move it alike; one point cannot tell which of them is wrong, nor how the tool is turned about it. A tool
@@ -37,7 +37,7 @@ _ROWS_BEHIND = 2  # of the table: what lies behind the last joint's axis
 
 @dataclass(frozen=True)
 class ToolShift:
-    """A tool point that is far from the one in robot.toml."""
+    """A tool point that is far from robot.toml's."""
 
     point_mm: tuple[float, float, float]  # where it is, in the nominal arm's last joint's frame
     off_mm: float  # from where robot.toml has it
@@ -45,7 +45,7 @@ class ToolShift:
 
 
 def tool_shift(nominal: Robot, calibrated: Robot) -> ToolShift:
-    """Shift from the nominal arm's tool point to that of the calibrated arm."""
+    """Shift from the nominal arm's tool point to the calibrated arm's."""
     point_mm = tool_point_in_nominal(nominal, calibrated)
     x, y, z = point_mm.tolist()
     in_tip = frames.apply(tip_T_last(nominal), point_mm).tolist()
@@ -101,7 +101,7 @@ def free_directions(robot: Robot, fixed: Collection[str]) -> Array:
 
 
 def fixed_behind_tool_point(robot: Robot, observed: Observations) -> tuple[str, ...]:
-    """Names of the parameters behind the last axis that a tool point of its own leaves undetermined and fixed.
+    """Names of parameters behind the last axis that stay fixed, as an independent tool point takes their place.
 
     They move the point as its own place does, or turn the tip about it. () where the tool point is the end of the
     tool's row; the tool's row alone where further targets on the last link determine its orientation.
@@ -120,7 +120,7 @@ def behind_last_axis(robot: Robot) -> tuple[str, ...]:
 
 
 def angles_behind_last_axis(robot: Robot) -> tuple[str, ...]:
-    """Names of the angles behind the last joint's axis, which turn the tip, without the last joint's zero."""
+    """Names of the angles behind the last joint's axis that turn the tip; the last joint's zero is excluded."""
     zero = f"theta{robot.n_joints}"
     return tuple(n for n in behind_last_axis(robot) if n.startswith(("alpha", "beta", "theta")) and n != zero)
 
@@ -128,7 +128,7 @@ def angles_behind_last_axis(robot: Robot) -> tuple[str, ...]:
 def with_found_tool(
     model: Model, links: LinkErrors, offsets: TargetOffsets | None, observed: Observations, found: Robot
 ) -> Model:
-    """The model with the tool point as a point of its own, its tolerance the distance at which it was found.
+    """Model with the found tool point as a target of its own, with its distance from the nominal one as tolerance.
 
     links, offsets: the model's first effects, with the tolerances of the options.
     """
@@ -182,7 +182,7 @@ class ToolPointProblem:
 
     @classmethod
     def of(cls, observed: Observations, robot: Robot, nominal_mm: Array, directions: Array) -> ToolPointProblem:
-        """The problem for the observed points of the tool; further targets are left out, as they do not depend on p."""
+        """The problem for the observed points of the tool, without further targets, which do not depend on p."""
         poses, row = observed.used_poses
         is_tool = observed.points.target == "jig"
         flange = kinematics.forward(robot.table, poses.q, robot.is_revolute, robot.base_T_first).base_T_flange[
@@ -253,7 +253,7 @@ _SYSTEMATIC = 3.0  # sigmas of the search are those of white errors; link errors
 
 
 def search_tool_point(observed: Observations, links: LinkErrors, fixed: Collection[str]) -> Robot | None:
-    """The nominal arm with the tool point estimated from the points; None where that is near robot.toml's.
+    """The nominal arm with the tool point estimated from the points; None where the estimate is near robot.toml's.
 
     Far off is more than the tolerances of the last two rows allow. (A prior that is weighed by the residual constrains
     a parameter the more the worse the fit is: it would keep a tool that is off by 80 mm where robot.toml has it.)
@@ -270,7 +270,7 @@ def search_tool_point(observed: Observations, links: LinkErrors, fixed: Collecti
 
 
 def fitted_tool_point(model: Model, fit: Fit, links: LinkErrors, fixed: Collection[str]) -> Robot | None:
-    """The nominal arm with the tool point of a fit; None where that is within the tolerances.
+    """The nominal arm with the tool point of a fit; None where that point is within the tolerances.
 
     links, fixed: as in the options; the model may have wider tolerances and further fixed parameters.
     """
@@ -284,7 +284,7 @@ def fitted_tool_point(model: Model, fit: Fit, links: LinkErrors, fixed: Collecti
 
 
 def turning_tool_point(model: Model, fit: Fit, links: LinkErrors, fixed: Collection[str]) -> Robot | None:
-    """The nominal arm with the tool point that a fit reaches by turning the tip; None where it hardly turns it.
+    """The nominal arm with the tool point that a fit reaches by turning the tip; None for a negligible turn.
 
     Hardly is within an angle's tolerance; one point does not determine the attitude of the tip.
     """

@@ -72,7 +72,7 @@ def solve(
 
 
 def _settle(descent: _Descent, floor: float, *, hurry: bool = True) -> float:
-    """Descend until the prior's weight equals the residual's noise or the floor, if that is larger; the final weight.
+    """Descend until the prior's weight equals the larger of the residual's noise and the floor; the final weight.
 
     Without a floor, an arm without length would meet any constraint (a ball in a socket, a tip on a plane) at no cost.
     """
@@ -95,7 +95,7 @@ def _settle(descent: _Descent, floor: float, *, hurry: bool = True) -> float:
 
 
 def _below_floor(descent: _Descent, weight: float, floor: float) -> Fit:
-    """The fit at a weight of the prior, which is lowered further where the noise is below the floor (computed points).
+    """Fit with the prior's weight lowered further where the noise is below the floor (computed points).
 
     It is lowered only with many degrees of freedom, and only as far as no parameter changes by several tolerances.
     """
@@ -217,7 +217,7 @@ class _Descent:
         return noise if np.isfinite(noise) and noise > 0.0 else 1.0
 
     def promised_noise(self) -> float:
-        """Residual sigma over declared sigma after a full step without prior, in the linear model."""
+        """Predicted residual sigma over declared sigma after a full step without prior, in the linear model."""
         factors = self.factors.with_prior(0.0, self.z)
         left = self.rows - self.residuals.degrees_spent - len(factors.s)
         return float(np.sqrt(max(self.cost - factors.possible_drop, 0.0) / left)) if left > 0 else np.inf
@@ -266,7 +266,7 @@ class _Descent:
                 return self._stop(True, "the residual is at the level of rounding")
 
     def _drop(self, step: Array, weight: float, objective: float) -> tuple[float, float]:
-        """Decrease of the objective by a step, and the cost of the data after it."""
+        """Decrease of the objective by a step, and the cost of the data after the step."""
         z = self.z + step
         residual = self.residuals.residual(z * self.scales)
         cost = float(residual @ residual) if np.all(np.isfinite(residual)) else np.inf

@@ -1,1 +1,1 @@
-"""Many datasets at once: each judged by itself on any executor, then compared by arm and searched for shared causes."""
+"""Diagnosis of many datasets: each processed on any executor, then compared by arm and searched for shared causes."""

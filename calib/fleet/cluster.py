@@ -22,7 +22,7 @@ _PURE = False  # a pure task would not run again: Dask answers a second try with
 
 @contextmanager
 def local_workers(count: int) -> Iterator[Workers]:
-    """Workers that are `count` processes of this machine, which no other user can reach."""
+    """Workers on `count` processes of this machine, which no other user can reach."""
     with Processes(count) as executor:
         yield Workers(executor, count, own_processes=True)
 
@@ -62,7 +62,7 @@ def cluster_workers(address: str, folder: Path) -> Iterator[Workers]:
 
 
 def seen_by_worker(folder: str) -> dict[str, object]:
-    """Versions of a worker, and whether it sees the folder; runs on the worker."""
+    """Versions of a worker's programs, and whether the worker sees the folder; runs on the worker."""
     return {"versions": versions(), "folder": Path(folder).is_dir()}
 
 

@@ -1,4 +1,4 @@
-"""The datasets below a folder, however deep."""
+"""Discovery of datasets at any depth below a folder."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MOST_LEVELS = 32
 
 @dataclass(frozen=True)
 class Discovered:
-    """Folders below a folder that hold a dataset.toml, and folders that could not be listed."""
+    """Folders that hold a dataset.toml, found below one folder, and folders that could not be listed."""
 
     folder: Path
     datasets: tuple[str, ...]  # paths below the folder, with slashes, in order; "." is the folder itself
@@ -23,7 +23,7 @@ class Discovered:
 
 
 def discover(folder: Path) -> Discovered:
-    """Datasets in a folder and all folders below it, but for hidden folders and those inside a dataset.
+    """Datasets in a folder and all folders below it, except hidden folders and those inside a dataset.
 
     Links are followed; a folder that two paths lead to counts once, by the first of them in order.
 

@@ -14,8 +14,8 @@ from calib.errors import CalibError
 from calib.fleet.judge import FleetOptions, FoundCorners, one_blas_thread_for_good, one_line
 from calib.fleet.row import Row
 from calib.fleet.time_limit import OutOfTime, time_limit
+from calib.monitoring.change_models import BASE, JIG, NOISE, SCANNER
 from calib.monitoring.change_tests import Change
-from calib.monitoring.kinds import BASE, JIG, NOISE, SCANNER
 from calib.monitoring.watch import watch
 
 NOT_OF_THE_ARM = (SCANNER, BASE, JIG, NOISE)
@@ -38,7 +38,7 @@ class Drift:
 
     @property
     def of_the_arm(self) -> tuple[Change, ...]:
-        """Changes of the arm itself, where the verdict is clear."""
+        """Changes of the arm itself, where the verdict is unambiguous."""
         clear = self.verdict == "changed"
         return tuple(c for c in self.changes if clear and c.what not in NOT_OF_THE_ARM)
 
@@ -75,7 +75,7 @@ def consecutive(rows: Iterable[Row]) -> list[tuple[Row, Row]]:
 
 
 def compare(task: DriftTask) -> Drift:
-    """Changes between two datasets of an arm; where they cannot be compared, a Drift that says why."""
+    """Changes between two datasets of an arm; where they cannot be compared, a Drift with the reason."""
     if task.own_process:
         one_blas_thread_for_good()
     try:

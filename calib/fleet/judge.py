@@ -1,4 +1,4 @@
-"""One dataset of a fleet, judged by a worker: corners, fit, diagnosis, and the row of the fleet's table."""
+"""Processing of one dataset of a fleet by a worker: corners, fit, diagnosis, and the row of the fleet's table."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ PACKAGES = ("numpy", "scipy", "pandas")
 
 @dataclass(frozen=True)
 class FleetOptions:
-    """Options by which each dataset is judged."""
+    """Options for the processing of each dataset of a fleet."""
 
     fit: FitOptions = field(default_factory=FitOptions)
     max_test_rmse_mm: float | None = None  # largest error of the test poses; None: less than that of the nominal robot
@@ -50,7 +50,7 @@ class FleetOptions:
 
 @dataclass(frozen=True)
 class Task:
-    """A dataset to be judged, by its path; the worker reads the files."""
+    """A dataset to be processed, by its path; the worker reads the files."""
 
     folder: str  # of the fleet
     path: str  # of the dataset below it
@@ -77,7 +77,7 @@ class FoundCorners:
 
 @dataclass(frozen=True)
 class Judged:
-    """A row with its key, corners and duration."""
+    """Result of one dataset: its row with key, corners and duration."""
 
     key: str  # hash of the files, options and versions that the row depends on
     row: Row
@@ -93,7 +93,7 @@ class Unchanged:
 
 
 def judge(task: Task) -> Judged | Unchanged | Failure:
-    """The row of a dataset; whatever goes wrong in it becomes a Failure with one line."""
+    """The row of a dataset; any error on the way becomes a Failure with one line."""
     if task.own_process:
         one_blas_thread_for_good()
     try:
@@ -108,7 +108,7 @@ def judge(task: Task) -> Judged | Unchanged | Failure:
 
 
 def one_line(words: str) -> str:
-    """A text in one line of bounded length."""
+    """A text as one line of bounded length."""
     line = " ".join(words.split())
     return line if len(line) <= LONGEST_REASON else f"{line[: LONGEST_REASON - 3]}..."
 
@@ -218,7 +218,7 @@ def sizes_of(found: Diagnosis) -> tuple[EffectSize, ...]:
 
 
 def _flat(prefix: str, values: Mapping[str, object]) -> list[tuple[str, str]]:
-    """Keys and texts of nested tables: ("gears.J3", "lot 17")."""
+    """Keys joined by dots, with texts, from nested tables: ("gears.J3", "lot 17")."""
     out: list[tuple[str, str]] = []
     for key, value in values.items():
         if isinstance(value, Mapping):
@@ -232,13 +232,13 @@ def _flat(prefix: str, values: Mapping[str, object]) -> list[tuple[str, str]]:
 
 
 def row_key(files: Mapping[str, str], options: FleetOptions) -> str:
-    """Hash of all that a row depends on: the dataset's files, the options, this program and its libraries."""
+    """Hash of everything that determines a row: the dataset's files, the options, this program and its libraries."""
     asked = {"fit": asdict(options.fit), "max_test_rmse_mm": options.max_test_rmse_mm}
     return _hash({"files": dict(sorted(files.items())), "asked": asked, "versions": versions()})
 
 
 def pair_key(base: str, later: str) -> str:
-    """Hash of all that a comparison of two datasets depends on, from the keys of their rows."""
+    """Hash of everything that determines the comparison of two datasets, from the keys of their rows."""
     return _hash({"base": base, "later": later})
 
 
@@ -248,7 +248,7 @@ def _hash(document: Mapping[str, object]) -> str:
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of Python and the libraries, and a hash of this program's files, which change between versions."""
+    """Versions of Python and the libraries, and a hash of this program's files."""
     digest = hashlib.sha256()
     root = Path(calib.__file__).parent
     for path in sorted(root.rglob("*.py")):
@@ -259,7 +259,7 @@ def versions() -> dict[str, str]:
 
 @cache
 def one_blas_thread_for_good() -> None:
-    """Limit BLAS to one thread for the rest of a worker's life, whatever tasks set and restore."""
+    """Limit BLAS to one thread for the rest of a worker's life, whatever tasks set or restore."""
     from threadpoolctl import threadpool_limits
 
     with one_blas_thread():

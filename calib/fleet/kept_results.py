@@ -1,4 +1,4 @@
-"""Results of a run so far, one file per dataset in a folder beside the table, from which a later run continues."""
+"""Results of a run so far, one file per dataset in a folder next to the table, from which a later run continues."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class KeptResults:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Lock of the folder for one run. Raises DatasetError where another run has it, or no folder can be made."""
+        """Lock of the folder for one run. Raises DatasetError where another run holds it, or no folder can be made."""
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             lock = (self.folder / ".lock").open("a")
@@ -75,7 +75,7 @@ class KeptResults:
             path.unlink(missing_ok=True)
 
     def store(self, judged: Judged) -> None:
-        """Write the result of a dataset, in place of an earlier one."""
+        """Write the result of a dataset, replacing an earlier one."""
         self._write(
             self._place(judged.row.path),
             {"key": judged.key, "row": judged.row, "corners": judged.corners, "seconds": judged.seconds},
@@ -93,7 +93,7 @@ class KeptResults:
         self._write(self._place(drift.base, drift.later), {"key": key, "drift": drift})
 
     def drift(self, base: str, later: str, key: str) -> Drift | None:
-        """The comparison of two datasets, where it was written with this key; else None."""
+        """Stored comparison of two datasets under this key; None where there is none."""
         file = self._read(self._place(base, later), _DriftFile)
         return file.drift if file is not None and file.key == key else None
 

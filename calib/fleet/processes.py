@@ -1,4 +1,4 @@
-"""Processes of this machine as an executor, each at the end of an anonymous pair of sockets: nothing listens on a port.
+"""Executor of local processes, each connected by an anonymous socket pair, so that no port is open.
 
 Whoever could reach a scheduler on a port could have it run code, and on a shared machine everybody reaches 127.0.0.1. A
 process that dies loses the task that it was at, and no other: the next task starts a new one.
@@ -26,14 +26,14 @@ _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class WorkerDied(Exception):
-    """A worker process ended without a result."""
+    """Error: a worker process ended without a result."""
 
 
 class Processes(Executor):
     """Executor of `count` processes, each with one task at a time."""
 
     def __init__(self, count: int, memory_bytes: float | None = None) -> None:
-        """`memory_bytes`: most memory of one process; None: its part of that of the machine or container."""
+        """`memory_bytes`: largest memory of one process; None for an equal share of the machine's or container's."""
         self._memory_bytes = _SHARE * machine_memory_bytes() / count if memory_bytes is None else memory_bytes
         self._threads = ThreadPoolExecutor(count, thread_name_prefix="processes")
         self._places: SimpleQueue[_Worker | None] = SimpleQueue()
@@ -85,7 +85,7 @@ class Processes(Executor):
 
 
 class _Worker:
-    """A worker process, and this program's end of the connection to it."""
+    """A worker process, with this program's end of the connection."""
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")

@@ -14,7 +14,7 @@ from calib.presented import Presented
 
 @dataclass(frozen=True)
 class Fleet(Presented):
-    """Judgements of all datasets below a folder, in the order of their paths."""
+    """Rows of all datasets below a folder, in the order of their paths, with drifts, shared causes and failures."""
 
     folder: Path
     rows: tuple[Row, ...]
@@ -36,7 +36,7 @@ class Fleet(Presented):
 
     @property
     def verdicts(self) -> dict[str, int]:
-        """Number of datasets by verdict, the most frequent first; "" is no verdict."""
+        """Number of datasets by verdict, the most frequent first; "" stands for no verdict."""
         counts = Counter(row.verdict for row in self.rows)
         return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
 

@@ -1,4 +1,4 @@
-"""One dataset of a fleet as a row of its table, small whatever the dataset's size."""
+"""One dataset of a fleet as a row of the fleet's table, small whatever the dataset's size."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Row(Brief):
 
     @property
     def arm(self) -> tuple[str, str]:
-        """Robot and serial number; a dataset without a number is an arm of its own."""
+        """Robot and serial number; a dataset without a number counts as an arm of its own."""
         return self.robot, self.serial or f"({self.path})"
 
     @property

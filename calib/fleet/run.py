@@ -1,4 +1,4 @@
-"""A whole fleet: every dataset below a folder judged on an executor, then arms compared and shared causes sought."""
+"""Run of a whole fleet: datasets below a folder processed on an executor, arms compared, shared causes sought."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def run_fleet(
     progress: bool = False,
     on_progress: OnProgress | None = None,
 ) -> Fleet:
-    """Judgements of every dataset that was found below a folder, changes of arms, and shared causes.
+    """Result of all datasets found below a folder: their rows, changes of arms, and shared causes.
 
     Args:
         found: the datasets, by `discover`.
@@ -102,7 +102,7 @@ class _Stored:
 def _judged_twice(
     paths: Sequence[str], folder: Path, kept: KeptResults, workers: Workers, options: FleetOptions
 ) -> Iterator[_Stored | Unchanged | Failure]:
-    """Outcome of each dataset as soon as it is known, a failure after a second try; results are written first."""
+    """Outcome of each dataset as soon as it is known, a failure only after a second try; results are stored first."""
 
     def tasks(of: Iterable[str]) -> Iterator[Task]:
         for path in of:
@@ -131,7 +131,7 @@ def _judged_twice(
 def _done(
     function: Callable[[Asked], Answer], items: Iterable[Asked], workers: Workers
 ) -> Iterator[tuple[int, Future[Answer]]]:
-    """Futures of items as they are done. No more are submitted than run, so that a dead worker loses one."""
+    """Futures of items as they complete; no more are submitted than can run, so that a dead worker loses only one."""
     executor = _Here() if workers.executor is None else workers.executor
     return futures_as_completed(function, items, executor, workers.count)
 
@@ -148,7 +148,7 @@ class _Here(Executor):
 def _outcome(
     future: Future[Judged | Unchanged | Failure], path: str, options: FleetOptions
 ) -> Judged | Unchanged | Failure:
-    """Result of a worker, or a Failure with the reason why there is none."""
+    """Result of a worker, or a Failure with the reason for its absence."""
     return Failure(path, _lost(future, options)) if _is_lost(future) else future.result()
 
 
@@ -157,7 +157,7 @@ def _is_lost(future: Future[Answer]) -> bool:
 
 
 def _lost(future: Future[Answer], options: FleetOptions) -> str:
-    """Reason why a worker gave no result: `judge` raises nothing, so its worker failed."""
+    """Reason why a worker gave no result; since `judge` raises nothing, the worker itself failed."""
     error = CancelledError() if future.cancelled() else future.exception()
     if isinstance(error, CancelledError):
         return "the cluster cancelled it"

@@ -1,4 +1,4 @@
-"""Causes that several arms of a fleet share, and what those arms have in common.
+"""Causes that several arms of a fleet share, and common properties of these arms.
 
 A cause is an effect on one joint that a diagnosis claims. Its arms are compared with every site, every value of a
 further key of [about] (a gear's batch), and every range of serial numbers by Fisher's exact test, one-sided: is the
@@ -32,7 +32,7 @@ Cause = tuple[str, int | None]  # effect, joint counted from 1
 
 @dataclass(frozen=True)
 class Group:
-    """Arms of one site, batch or range of serial numbers, which have a cause more often than the rest."""
+    """Arms of one site, batch or range of serial numbers that have a cause more often than the other arms."""
 
     what: str  # "site", "serial numbers", "robot", or a key of [about]
     value: str
@@ -93,7 +93,7 @@ def _by_robot(arms: Sequence[Row]) -> dict[str, list[Row]]:
 
 
 def _causes(row: Row) -> dict[Cause, EffectSize]:
-    """Effects that the diagnosis of an arm claims, by effect and joint, without joints that hardly carry them."""
+    """Effects claimed by the diagnosis of an arm, by effect and joint, without joints that hardly show the effect."""
     claimed = [size for size in row.sizes if size.effect in row.missing]
     most = {
         effect: max(size.moves_mm for size in claimed if size.effect == effect)
@@ -103,7 +103,7 @@ def _causes(row: Row) -> dict[Cause, EffectSize]:
 
 
 def _groups(arms: Sequence[Row], has: BoolArray, *, across_models: bool) -> list[Group]:
-    """Every group of these arms, with its p-value before correction."""
+    """Every group of a fleet's arms, with its p-value before correction."""
     population, cases = len(arms), int(has.sum())
     table = hypergeometric_sf(population, cases)
 

@@ -20,7 +20,7 @@ _TEXTS = ("path", "name", "serial", "site", "date", "robot")
 
 
 def fleet_frame(rows: Sequence[Row]) -> pd.DataFrame:
-    """One row per dataset. Lists are texts with "; " between; an effect's member has its main value and sigma.
+    """Table with one row per dataset; lists are joined by "; ", and an effect's member has its main value and sigma.
 
     There are columns for the effects and the further keys of [about] of any row, sorted by name.
     """

@@ -1,4 +1,4 @@
-"""A time limit for work in a thread: an exception between two steps of Python, else the end of the process."""
+"""Time limit for work in a thread: an exception between two steps of Python, else the end of the process."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ GRACE_S = 20.0  # for the work to end after the exception
 
 
 class OutOfTime(BaseException):
-    """Raised inside work that takes too long. It is no Exception, so that no `except Exception` stops it."""
+    """Exception inside work that takes too long; derived from BaseException, so that no `except Exception` stops it."""
 
 
 @contextmanager
 def time_limit(seconds: float, *, end_process: bool) -> Iterator[None]:
-    """Raise OutOfTime in this thread after so many seconds.
+    """Context that raises OutOfTime in this thread after a number of seconds.
 
     The exception is raised between two steps of Python. Work that is stuck in one, such as a file system that does not
     answer, ends with its process where `end_process` allows that: its parent then counts the process as died.

@@ -58,7 +58,7 @@ class Redundancy(Presented):
         return {name: reason for name, reason in why.items() if name not in self.independent}
 
     def to_frame(self) -> pd.DataFrame:
-        """Pearson matrix with the parameters' names."""
+        """Pearson matrix as a table labelled with the parameters' names."""
         return pd.DataFrame(self.pearson, index=self.parameters, columns=self.parameters)
 
     def _brief(self) -> str:
@@ -131,7 +131,7 @@ def analyse(
 
 
 def _groups(pearson: Array, allowed: BoolArray, names: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
-    """Sets of parameters with |r| = 1 to the first of them, in the parameters' order."""
+    """Sets of parameters whose |r| with the set's first parameter is 1, in the parameters' order."""
     alike = (np.abs(np.nan_to_num(pearson)) >= 1.0 - _SAME) & allowed
     grouped: set[int] = set()
     groups = []

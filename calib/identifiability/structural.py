@@ -75,7 +75,7 @@ def redundancy(dataset: Dataset | str | Path, *, residual: str = "position") -> 
 
 
 def absorbed_by_scanner_frame(dataset: Dataset) -> tuple[str, ...]:
-    """Parameters whose effect at the training poses equals a motion of the scanner's frame: no fit determines them."""
+    """Parameters whose effect at the training poses equals a motion of the scanner's frame: no fit determines these."""
     if not dataset.robot.carries_scanner:
         try:
             return redundancy(dataset, residual="distance").no_influence
@@ -96,7 +96,7 @@ class FreeFrameRank:
 
 
 def free_frame_rank(dataset: Dataset, *, residual: str = "position") -> FreeFrameRank:
-    """Number of parameters that can be identified where the scanner's frame is unknown, here and at best."""
+    """Numbers of parameters identifiable with an unknown scanner frame: at the dataset's poses and at best."""
     columns, norms, names, units = _at_training_poses(dataset, residual, frame_known=False)
     here = analyse(columns, names, units, unprojected_norms=norms).rank
     measured = _measured_targets(dataset)
@@ -187,7 +187,7 @@ def _at_training_poses(
 
 
 def _measured_targets(dataset: Dataset) -> set[str]:
-    """Names of the targets that were measured at training poses; the tool's end where no point is known yet."""
+    """Names of the targets that were measured at training poses; the tool's end where there are no points yet."""
     points = dataset.points
     if points is None:
         return {"jig"}
@@ -195,7 +195,7 @@ def _measured_targets(dataset: Dataset) -> set[str]:
 
 
 def _further_targets(robot: Robot, measured: Collection[str], residual: str) -> tuple[Target, ...]:
-    """Targets whose positions are unknown in a fit; for distances the tool point alone.
+    """Targets whose positions are unknown in a fit; in a fit of distances, the tool point alone.
 
     Targets in the world that were not located yet get an arbitrary position off the axes of the arm.
     """

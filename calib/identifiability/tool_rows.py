@@ -1,4 +1,4 @@
-"""Identifiability of the tool row by a dataset's measurements: which parameters alone, and which in sums only.
+"""Identifiability of the tool row by a dataset's measurements: single parameters, and those known only in sums.
 
 The points of one target give a position, no orientation: a turn of the tool about the measured point moves nothing. A
 length along the last joint's axis adds to the last link's.
@@ -21,7 +21,7 @@ _ROW = "TCP"
 
 @dataclass(frozen=True)
 class ToolRows:
-    """Parameters of the tool row by how far each is identifiable, with the scanner's frame known."""
+    """Parameters of the tool row by their identifiability, with the scanner's frame known."""
 
     known: tuple[str, ...]  # each alone
     sums: Mapping[str, tuple[str, ...]]  # known only in sums with these others

@@ -38,11 +38,11 @@ class Chain:
 
     @property
     def base_T_flange(self) -> Array:
-        """Frame of the last joint (N, 4, 4), from which the tool row starts and in which further targets are given."""
+        """Frame (N, 4, 4) of the last joint, to which the tool row and further targets refer."""
         return self.base_T_frame[:, -2]
 
     def base_T_link(self, joint: int | None) -> Array:
-        """Frame (N, 4, 4) of the link that a joint moves, counted from 1; None: the last."""
+        """Frame (N, 4, 4) of the link that a joint moves, joints counted from 1; None for the last."""
         return self.base_T_frame[:, -2 if joint is None else joint]
 
     @property
@@ -121,7 +121,7 @@ def point_jacobian(chain: Chain, points_mm: ArrayLike) -> Array:
 
 
 def link_point_jacobian(chain: Chain, points_mm: ArrayLike, joint: int | None) -> Array:
-    """Jacobian (as `point_jacobian`) of points that are fixed to the link which a joint moves; zero for rows beyond."""
+    """Jacobian (as `point_jacobian`) of points fixed to the link which a joint moves; zero for later table rows."""
     by_table = point_jacobian(chain, points_mm)
     by_table[:, :, -1 if joint is None else joint :] = 0.0
     return by_table

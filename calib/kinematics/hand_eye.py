@@ -70,7 +70,7 @@ class HandEye:
 
 
 def with_world_targets(robot: Robot, position_mm: Mapping[str, Array]) -> Robot:
-    """Robot with targets added at positions (3,) in the world, mm in the base frame; targets that it has are kept."""
+    """Robot with targets added at positions (3,) in the world, mm in the base frame; its existing targets are kept."""
     known = {target.name for target in robot.targets if target.in_world}
     added = [
         Target(name, _vector(xyz_mm), POSITION_SIGMA_MM, in_world=True)
@@ -170,7 +170,7 @@ class _Problem:
         return _least_squares_rotation(form, right, starts)
 
     def _attitude_rows(self, rows: BoolArray) -> Array:
-        """Rows (9 K, 10) of R X O less its mean, by X, and zeros, at the K of the points (M,) where O is known.
+        """Rows (9 K, 10) of R X O less its mean, linear in X, at the K points whose orientation O is known.
 
         A radian counts as `_MM_PER_RADIAN`.
         """

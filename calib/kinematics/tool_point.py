@@ -1,4 +1,4 @@
-"""Measured point of the tool: the end of the tool's row, or a point of its own on the last link.
+"""Measured point of the tool: the end of the tool's row, or an independent point on the last link.
 
 A robot with a target named "jig" has its measured point there, in the last joint's frame; the tool's row then ends at
 the tip, whose position and orientation a single measured point does not determine.
@@ -33,7 +33,7 @@ def tool_point(table: Array) -> Array:
 
 
 def with_own_tool_point(robot: Robot, point_mm: ArrayLike) -> Robot:
-    """Robot with its measured point as a target of its own, mm in the last joint's frame; the tip is kept."""
+    """Robot with its measured point as an independent target, mm in the last joint's frame; the tip is kept."""
     x, y, z = np.asarray(point_mm, dtype=float).tolist()
     others = tuple(target for target in robot.targets if target.name != TOOL_POINT)
     return replace(robot, targets=(Target(TOOL_POINT, (x, y, z)), *others))

@@ -1,1 +1,1 @@
-"""From corners to measured points, with the jig's faces labelled alike at every pose."""
+"""Conversion of corners to measured points, with the jig's faces labelled alike at every pose."""

@@ -122,7 +122,7 @@ def _turn_deg(rotation: Array) -> Array:
 
 
 def predicted_attitudes(dataset: Dataset, corners: Mapping[str, Corner]) -> tuple[dict[str, Array], dict[str, str]]:
-    """scanner_R_tool (3, 3) by pose id, from the nominal arm and the corners; for the other poses the reason why not.
+    """scanner_R_tool (3, 3) by pose id, from the nominal arm and the corners; the reason why not for other poses.
 
     Only for setups whose corners are spread enough to determine the scanner's frame.
     """
@@ -263,7 +263,7 @@ def _label_by_angles(three: Mapping[str, Labellings]) -> FaceLabels | None:
 
 
 def _label_by_continuity(three: Mapping[str, Labellings], why: Mapping[str, str], dataset: Dataset) -> FaceLabels:
-    """Labels of each pose like those of the pose before it, where it turned little since.
+    """Labels by continuity: each pose is labelled like the one before it, where the jig turned little in between.
 
     At the first pose face 1 is the one nearest the scanner's x axis.
     """

@@ -1,4 +1,4 @@
-"""A dataset with measured points, from a dataset or its folder: what every fit begins with."""
+"""Dataset with measured points, made from a dataset or its folder, as every fit requires."""
 
 from __future__ import annotations
 

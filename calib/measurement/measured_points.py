@@ -1,4 +1,4 @@
-"""From corners to measured points: the step between searching scans and fitting a robot."""
+"""Conversion of corners found in scans to measured points, on which a robot is fitted."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def failed_searches(searches: Mapping[str, CornerSearch]) -> dict[str, str]:
 
 
 def require_corners(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> None:
-    """Raise where not one scan has a corner: ScanError where no file could be read, else CornerError.
+    """Raise if no scan has a corner: ScanError where no file could be read, else CornerError.
 
     A scan that cannot be read among others that can is a failed search like any other (`failed_searches`).
     """
@@ -111,7 +111,7 @@ def require_corners(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> N
 
 
 def counted_reasons(reasons: Mapping[str, str]) -> str:
-    """Reasons why poses have no corner, the most frequent first, each with its count and its numbers' ranges.
+    """Reasons why poses have no corner, the most frequent first, each with its count and the range of its numbers.
 
     Such as: 41 of 54: two faces only, at 84 to 90 deg to each other ...; 13 of 54: ... The remedy is given for the most
     frequent one.
@@ -132,6 +132,6 @@ def counted_reasons(reasons: Mapping[str, str]) -> str:
 
 
 def _range(numbers: Sequence[str]) -> str:
-    """Least and largest of some numbers, as they are written; one number where they are equal."""
+    """Least and largest of some numbers as text; a single number where they are equal."""
     least, largest = min(numbers, key=float), max(numbers, key=float)
     return least if float(least) == float(largest) else f"{least} to {largest}"

@@ -52,7 +52,7 @@ def member_document(effect: Effect) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """A value as numbers, texts, lists and mappings; a dataclass by its fields, without those at their default."""
+    """A value as numbers, texts, lists and mappings; dataclasses become mappings of the fields not at their default."""
     if isinstance(value, Robot):  # it is in the file already
         return None
     if is_dataclass(value) and not isinstance(value, type):
@@ -82,7 +82,7 @@ def member_from(
     robot: Robot,
     user_effects: Sequence[Family] = (),
 ) -> Effect:
-    """The member that `member_document` described, for this robot. Raises the file's error where there is none."""
+    """Member rebuilt from what `member_document` wrote, for this robot. Raises the file's error where this fails."""
     family, saved = document["family"], document["fields"]
     kinds = [kind for name, kind in MEMBER_KINDS if name == family]
     if not kinds:
@@ -100,12 +100,12 @@ def member_from(
 
 
 def _own_fields(kind: type) -> set[str]:
-    """Names of the fields that each member of a class has, those without a default."""
+    """Names of the fields without a default, which each member of a class has."""
     return {f.name for f in fields(kind) if f.default is MISSING and f.name != _ROBOT}
 
 
 def _built(file: JsonFile, place: Place, saved: Any, kind: type, robot: Robot) -> Any:
-    """A dataclass of a kind, made of saved fields, each checked."""
+    """Dataclass of a given kind, made of saved fields, each checked."""
     saved = file.checked(place, saved, dict[str, Any])
     hints = get_type_hints(kind)
     known = {field.name: field for field in fields(kind)}
@@ -122,7 +122,7 @@ def _built(file: JsonFile, place: Place, saved: Any, kind: type, robot: Robot) -
 
 
 def _field(file: JsonFile, place: Place, value: Any, hint: Any, robot: Robot) -> Any:
-    """Value of a field; where it may be one of several dataclasses, the one that has the value's fields."""
+    """Value of a field; of several possible dataclasses, that with matching fields is built."""
     choices = [kind for kind in (hint, *get_args(hint)) if isinstance(kind, type) and is_dataclass(kind)]
     for kind in choices:
         if isinstance(value, dict) and set(value) <= {field.name for field in fields(kind)}:
@@ -133,7 +133,7 @@ def _field(file: JsonFile, place: Place, value: Any, hint: Any, robot: Robot) ->
 
 
 def _users(file: JsonFile, place: Place, document: Mapping[str, Any], user_effects: Sequence[Family]) -> Effect:
-    """The member of the user's effects that a file describes."""
+    """Member among the user's own effects that a file describes."""
     family = document["family"]
     members = [member for one in user_effects if one.name == family for member in one.members]
     for member in members:
@@ -144,7 +144,7 @@ def _users(file: JsonFile, place: Place, document: Mapping[str, Any], user_effec
 
 
 def _decoded(kind: type, value: Any) -> Any:
-    """A field that is an array of finite numbers."""
+    """Array of finite numbers, read from a saved field."""
     if (get_origin(kind) or kind) is np.ndarray:
         try:
             array = np.array(value, dtype=float)

@@ -1,4 +1,4 @@
-"""A calibrated robot as a file, robot.toml or the user's own URDF or kinematics YAML: the table that is best alone.
+"""Calibrated robot as a file (robot.toml, or the user's own URDF or YAML) with the table that is best without effects.
 
 A controller takes a table and nothing else. Link errors that were fitted together with an effect are right only
 together with it: without the effect they can be worse than those of a fit that never had it. So the exported table is
@@ -25,7 +25,7 @@ from calib.robot_formats.robots import robot_content
 
 @dataclass(frozen=True)
 class ExportedTable(Brief):
-    """A robot whose table is best without any effect, and the model that it came from."""
+    """A robot whose table is best without any effect, and the calibration from which it was fitted."""
 
     full: Calibration  # the model, its effects included
     links: Calibration | None
@@ -38,7 +38,7 @@ class ExportedTable(Brief):
 
     @property
     def errors(self) -> Evaluation:
-        """Errors of the arm with the table alone."""
+        """Errors of the arm with the exported table alone."""
         return self.full.before if self.links is None else self.links.after
 
     @property
@@ -63,7 +63,7 @@ class ExportedTable(Brief):
         return first_line + robot_to_toml(self.robot)
 
     def in_template(self, template: Path) -> CalibratedFile:
-        """A URDF or YAML with the calibrated origins; a URDF's comment has dataset and errors.
+        """Calibrated URDF or YAML: the template with calibrated origins; a URDF's comment has dataset and errors.
 
         Raises RobotFileError where the template is not of the dataset's arm.
         """

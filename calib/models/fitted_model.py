@@ -1,4 +1,4 @@
-"""A fitted model by itself: robot, effects, fitted values and what is known of them, without the measurements."""
+"""A fitted model on its own: robot, effects, fitted values and their uncertainty, without the measurements."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _SAME_TABLE = 1e-9  # mm or rad
 
 @dataclass(frozen=True)
 class RoleErrors(Brief):
-    """Errors of the training poses and of the test poses; None where there are none."""
+    """Errors of the training poses and of the test poses; None for a role without poses."""
 
     train: Figures | None
     test: Figures | None
@@ -97,12 +97,12 @@ class FittedModel(Presented):
 
     @property
     def robot(self) -> Robot:
-        """The robot with the fitted table; where the model has effects, right only together with them."""
+        """The robot with the fitted table; a model with effects is right only as a whole."""
         return self.model.calibrated_robot(self.x)
 
     @property
     def parameters(self) -> pd.DataFrame:
-        """One row per free parameter: name, nominal, value, change, sigma, tolerance, unit."""
+        """Table with one row per free parameter: name, nominal, value, change, sigma, tolerance, unit."""
         parameters = self.model.parameters
         return pd.DataFrame(
             {

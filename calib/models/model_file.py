@@ -149,7 +149,7 @@ def _options(file: JsonFile, document: ModelDocument) -> FitOptions:
 def _model(
     file: JsonFile, document: ModelDocument, robot: Robot, effects: Sequence[Effect], options: FitOptions
 ) -> Model:
-    """The model of a file. Raises the file's error where its free parameters are not those of the effects."""
+    """Model of a file's content. Raises the file's error where the free parameters are not those of the effects."""
     loads = None
     if document.loads_table is not None:
         loads = robot.with_table(_table(file, "loads_table", document.loads_table, robot))
@@ -181,7 +181,7 @@ def _table(file: JsonFile, key: str, rows: Sequence[Row], robot: Robot) -> Array
 
 
 def _require_table(file: JsonFile, document: ModelDocument, model: Model, x: Array) -> None:
-    """Raise the file's error where the table, which is for people and other programs, was edited alone."""
+    """Raise the file's error where the table, which is for readers only, was edited and contradicts the parameters."""
     table = _table(file, "table", document.table, model.robot)
     off = np.abs(table - model.calibrated_robot(x).table)
     if off.max() > _SAME:
@@ -241,7 +241,7 @@ def _trial_state(robot: Robot, needs: Sequence[str]) -> RobotState:
 
 
 def _try(file: JsonFile, model: Model, x: Array, trial: RobotState) -> None:
-    """Predict once; raise the file's error for fields and values that no fit gives, such as a joint too many."""
+    """Predict once; raise the file's error for fields and values that no fit gives, such as a surplus joint."""
     try:
         with np.errstate(all="ignore"):
             points_mm = model.at_tool.predict(x, trial.poses, seen=trial.seen)

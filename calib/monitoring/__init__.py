@@ -1,1 +1,1 @@
-"""The same cell measured again: what changed since a calibration, if anything."""
+"""Changes of a cell since a calibration, from a few check poses measured later."""

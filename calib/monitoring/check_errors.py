@@ -1,4 +1,4 @@
-"""How far check poses are off, beside how far they may be where nothing changed."""
+"""Errors of check poses, and the limit that these stay below where nothing changed."""
 
 from __future__ import annotations
 
@@ -13,46 +13,47 @@ from calib.distributions import chi2_ppf
 from calib.monitoring.iso9283 import Visits
 from calib.monitoring.prediction_spread import ErrorCovariance
 
-LIMIT_SHARE = 0.9973  # of unchanged cells that stay below the limit: three sigmas of a control chart
+LIMIT_SHARE = 0.9973  # share of unchanged cells that stay below the limit: three sigmas of a control chart
 
 
 @dataclass(frozen=True)
 class CheckErrors(Brief):
-    """Measured minus predicted at M points, the scanner where it was, or where they say if it was put up anew."""
+    """Measured minus predicted points (M) of check poses, the scanner where it was, or fitted to these if it moved."""
 
     poses: Poses  # (N,)
     pose: IndexArray  # (M,) index into poses
     target: tuple[str, ...]  # (M,)
     measured_mm: Array  # (M, 3) scanner frame
     off_mm: Array  # (M, 3) scanner frame
-    covariance: ErrorCovariance  # of off_mm where nothing changed
+    covariance: ErrorCovariance  # covariance of off_mm where nothing changed
     scanner_R_base: Array  # (3, 3)
 
     @property
     def rmse_mm(self) -> float:
-        """RMS of the 3D error, mm."""
+        """RMS of the 3D errors, mm."""
         return float(np.sqrt(np.mean(np.sum(self.off_mm**2, axis=1))))
 
     @property
     def likely_mm(self) -> float:
-        """What `rmse_mm` is, in the mean square, where nothing changed: noise and what the earlier fit leaves open."""
+        """Expected RMS of the 3D errors where nothing changed, mm: by noise and the earlier fit's uncertainty."""
         return float(np.sqrt(self.covariance.trace_mm2 / len(self.off_mm)))
 
     @property
     def limit_mm(self) -> float:
-        """What `rmse_mm` stays below in 99.73 % of unchanged cells.
+        """Limit that `rmse_mm` stays below in 99.73 % of unchanged cells, mm.
 
-        Its square is a weighted sum of chi squareds, taken as one of the same mean and variance (Satterthwaite 1946).
+        Its square is a weighted sum of chi-square variables, approximated by one of the same mean and variance
+        (Satterthwaite 1946).
         """
         mean, squares = self.covariance.trace_mm2, self.covariance.sum_of_squares_mm4
-        freedom = mean**2 / squares
-        return float(np.sqrt(squares / mean * chi2_ppf(LIMIT_SHARE, freedom) / len(self.off_mm)))
+        dof = mean**2 / squares
+        return float(np.sqrt(squares / mean * chi2_ppf(LIMIT_SHARE, dof) / len(self.off_mm)))
 
     @property
     def pose_ids(self) -> tuple[str, ...]:
-        """(M,)"""
+        """Name of each point's pose (M,)."""
         return tuple(self.poses.ids[int(i)] for i in self.pose)
 
     def visits(self, session: str) -> Visits:
-        """The visits to the poses in the base frame, as ISO 9283's figures take them."""
+        """Visits of the poses in one session, errors in the base frame, for the figures of ISO 9283."""
         return Visits(session, self.pose_ids, self.poses.q[self.pose], self.target, self.off_mm @ self.scanner_R_base)

@@ -1,4 +1,4 @@
-"""Whether a sheet of check poses is the mistake: its signs, order, units or rows, by what the earlier fit predicts."""
+"""Mistakes in a sheet of check poses (signs, order, units, rows), found by the earlier fit's predictions."""
 
 from __future__ import annotations
 
@@ -30,37 +30,37 @@ from calib.frames import apply
 from calib.monitoring.change_tests import Change
 
 POSE_ORDER = "pose_order"
-_FALLS_TO = 0.1  # share of the error that may be left: no change of an arm looks like another sheet
-_AS_GOOD = 2.0  # times the least error, which a simpler hypothesis may leave
-_FEWEST = 4  # points; a frame is laid upon three of any arm's
+_FALLS_TO = 0.1  # share of the error that may remain: no change of an arm looks like another sheet
+_AS_GOOD = 2.0  # times the least error, up to which a simpler hypothesis is as good
+_FEWEST = 4  # points; a frame fits any three
 
 
 def sheet_problem(base: Calibration, new: Dataset) -> DataProblem | None:
-    """What is wrong with the sheet of new measurements; None where nothing is, or what is off may be the arm's.
+    """Problem of a sheet of new measurements; None where there is none, or where the errors may be the arm's.
 
-    The scanner's place is free, and nothing else: the earlier fit says where the points have to lie.
+    Only the scanner's frame is fitted: all else is predicted by the earlier fit.
     """
     if new.points is None or len(new.points) < _FEWEST:
         return None
-    now_mm = _left_mm(base, new)
+    now_mm = _rmse_mm(base, new)
     if now_mm is None or not is_beyond_effects(now_mm, new.robot):
         return None
     names = column_names(new.robot)
     tried: dict[DataHypothesis, float] = {}
     for hypothesis in _hypotheses(base, new, names):
-        left_mm = _left_mm(base, hypothesis.of_dataset(new))
-        if left_mm is not None and left_mm < _FALLS_TO * now_mm and not is_beyond_effects(left_mm, new.robot):
-            tried[hypothesis] = left_mm
+        rmse_mm = _rmse_mm(base, hypothesis.of_dataset(new))
+        if rmse_mm is not None and rmse_mm < _FALLS_TO * now_mm and not is_beyond_effects(rmse_mm, new.robot):
+            tried[hypothesis] = rmse_mm
     if not tried:
         return None
     least = min(tried.values())
-    good = [h for h, left_mm in tried.items() if left_mm < _AS_GOOD * least]
+    good = [h for h, rmse_mm in tried.items() if rmse_mm < _AS_GOOD * least]
     best, *rivals = sorted(simplest_of(good), key=tried.__getitem__)
     return DataProblem(best, best.of_dataset(new), now_mm, tried[best], np.inf, tuple(rivals))
 
 
-def found_of(problem: DataProblem) -> Change:
-    """What is wrong with the sheet as a change of the cell; its size is how many poses or joints it concerns."""
+def change_of(problem: DataProblem) -> Change:
+    """Problem of a sheet as a change; its size is the number of poses or joints concerned."""
     if problem.kind == ROW_ORDER:
         return Change(POSE_ORDER, None, "", float(problem.hypothesis.moved_rows), 0.0, "poses", 0.0, ())
     joint = problem.joints[0] if len(problem.joints) == 1 else None
@@ -68,6 +68,7 @@ def found_of(problem: DataProblem) -> Change:
 
 
 def _hypotheses(base: Calibration, new: Dataset, names: tuple[str, ...]) -> Iterable[DataHypothesis]:
+    """Hypotheses on what is wrong with a sheet, for joint columns of these names."""
     yield from (of_reading(reading, names) for reading in simple_readings(new.robot.is_revolute))
     every = replace(new, poses=replace(new.poses, role=np.full(len(new.poses), "train")))
     sample = training_sample(every)
@@ -85,17 +86,19 @@ def _hypotheses(base: Calibration, new: Dataset, names: tuple[str, ...]) -> Iter
 
 
 def _observed(base: Calibration, new: Dataset) -> Observations:
+    """Points of all new poses, with the nominal scanner frames."""
     later = replace(new, poses=new.poses.measured_later())
     observed = Observations.of(later, np.ones(len(new.poses), dtype=bool))
     return with_nominal_scanner_frames(observed, base.model.placed_robot)
 
 
 def _predicted_mm(base: Calibration, new: Dataset) -> Array:
+    """Points (M, 3) in the base frame, mm, as the earlier fit predicts them."""
     return predict_points(base.model, base.fit.x, _observed(base, new))
 
 
-def _left_mm(base: Calibration, new: Dataset) -> float | None:
-    """RMS of the 3D error by the earlier fit with the scanner's place free; None where too few points are left."""
+def _rmse_mm(base: Calibration, new: Dataset) -> float | None:
+    """RMS of the 3D error, mm, of the earlier fit with the scanner's frame fitted; None for too few points."""
     if new.points is None or len(new.points) < _FEWEST:
         return None
     observed = _observed(base, new)

@@ -1,10 +1,10 @@
-"""What changed between a calibration and a few check poses measured later, and what nobody could have seen.
+"""Changes of a cell between a calibration and a few check poses measured later, and which could not be detected.
 
-The new points are predicted by the earlier fit. What they are off by has the covariance of that prediction (the earlier
-fit's parameters and scanner frame are known only so well) and of the noise that the earlier fit left. Each kind of
-change is held against it by generalised least squares, twice: with the scanner where it was, which tells *whether*
-anything changed, and with the scanner's place free, which tells what of it the arm must answer for. Nothing is blamed
-on the arm that a moved scanner explains, and nothing on the cell that a sheet in another order or unit does.
+The new points are predicted by the earlier fit. Their errors have the covariance of that prediction (of the earlier
+fit's parameters and scanner frame) and of the noise of the earlier fit. Each possible change is tested by generalised
+least squares, twice: with the scanner where it was, for *whether* anything changed, and with the scanner's frame free,
+for what the arm must have caused. No change is attributed to the arm that a moved scanner explains, and none to the
+cell that a sheet in another order or unit does.
 """
 
 from __future__ import annotations
@@ -20,60 +20,52 @@ from calib.consistency.data_problem import DataProblem
 from calib.dataset.dataset import Dataset
 from calib.errors import FitError
 from calib.measurement.measured_dataset import measured
-from calib.monitoring.cell import Cell
+from calib.monitoring.cell import CellTests
+from calib.monitoring.change_models import BASE, JIG, JOINT_ZERO, NOISE, SCANNER, TOOL, ChangeModel
 from calib.monitoring.change_tests import (
     ALARM,
     NAMED,
-    NAMED_BESIDE,
+    NAMED_GIVEN_OTHERS,
     NOISIER,
     Change,
     Detectable,
-    as_well,
-    the_likeliest,
+    confounded_with,
+    most_likely,
 )
 from calib.monitoring.check_errors import CheckErrors
-from calib.monitoring.kinds import (
-    BASE,
-    JIG,
-    JOINT_ZERO,
-    NOISE,
-    SCANNER,
-    TOOL,
-    ChangeModel,
-)
-from calib.monitoring.sheet import found_of, sheet_problem
+from calib.monitoring.sheet import change_of, sheet_problem
 from calib.presented import Presented
 
-MOST = 3  # changes of the arm that are told
+MAX_ARM_CHANGES = 3  # most changes of the arm that are named
 
 
 @dataclass(frozen=True)
 class ChangeReport(Presented):
-    """What a set of check poses says of a cell."""
+    """Changes of a cell as a set of check poses shows them, and the changes that these could not detect."""
 
     name: str
     verdict: str  # unchanged, changed, unclear
     changes: tuple[Change, ...]
     detectable: tuple[Detectable, ...]
     errors: CheckErrors
-    usual: tuple[Change, ...]  # each joint's zero and the tool, as if that alone had changed, whether it did or not
-    rmse_free_mm: float  # 3D, the scanner's place fitted anew
-    expected_mm: float  # 3D, of what the earlier fit and its noise leave
-    p_unchanged: float
+    usual: tuple[Change, ...]  # each joint's zero and the tool given `changes`, whether it changed or not
+    rmse_free_mm: float  # 3D, the scanner's frame fitted anew
+    expected_mm: float  # 3D, of the expected noise
+    p_unchanged: float  # p-value of the new points where nothing changed
     poses: int
-    when: str = ""  # the date that the dataset tells
-    data_problem: DataProblem | None = None  # what is wrong with the sheet; then nothing is said of the cell
-    outside: tuple[str, ...] = ()  # check poses whose joints leave the ranges that were trained
+    when: str = ""  # `[about] date` of the dataset
+    data_problem: DataProblem | None = None  # what is wrong with the sheet, then the only change
+    outside: tuple[str, ...] = ()  # check poses with joints outside the ranges of the training poses
     outside_words: str = ""
 
     @property
     def rmse_mm(self) -> float:
-        """3D, the scanner where it was."""
+        """RMS of the 3D errors of the check poses, mm, the scanner where it was."""
         return self.errors.rmse_mm
 
     @property
     def unseen(self) -> tuple[Detectable, ...]:
-        """Kinds that these poses show only where they move the points by more than three times the noise, or never."""
+        """Changes that these poses detect only where the points move by over three times the noise, or never."""
         return tuple(d for d in self.detectable if d.moves_mm is None or d.moves_mm > 3.0 * self.expected_mm)
 
     def _brief(self) -> str:
@@ -84,12 +76,12 @@ class ChangeReport(Presented):
 def watch(
     base: FittedResult | Dataset | str | Path, new: Dataset | str | Path, *, scanner_moved: bool = False
 ) -> ChangeReport:
-    """Changes of a cell between an earlier calibration and new measurements of some check poses.
+    """Report on the changes of a cell between an earlier calibration and check poses measured later.
 
     Args:
         base: the earlier calibration or diagnosis, or a dataset or its folder, which is then calibrated.
         new: the check poses, a dataset or its folder.
-        scanner_moved: whether the scanner was put up anew, which is then no change; else it stands where it stood.
+        scanner_moved: whether the scanner was set up anew, which is then no change; else it stands where it stood.
 
     Raises:
         FitError: another robot, or fewer than three poses.
@@ -108,22 +100,22 @@ def watch(
             f"dataset {new.name}: its scanner is {places[0]}, that of {base.dataset.name} {places[1]}; check with the "
             "scanner where it was"
         )
-    cell, trained = Cell.of(base, new, scanner_moved=scanner_moved), base.trained
-    p_unchanged = cell.p_unchanged
+    tests, trained = CellTests.of(base, new, scanner_moved=scanner_moved), base.trained
+    p_unchanged = tests.p_unchanged
     problem = sheet_problem(base, new)
-    changes = _changes(cell, alarmed=p_unchanged < ALARM) if problem is None else (found_of(problem),)
-    verdict = "unchanged" if not changes else "unclear" if _mixed(changes) else "changed"
+    changes = _changes(tests, alarmed=p_unchanged < ALARM) if problem is None else (change_of(problem),)
+    verdict = "unchanged" if not changes else "unclear" if _arm_or_scanner(changes) else "changed"
     return ChangeReport(
         name=new.name,
         verdict=verdict,
         changes=changes,
-        detectable=tuple(cell.free.detectable(kind) for kind in cell.kinds),
-        errors=cell.errors,
-        usual=_usual(cell, changes),
-        rmse_free_mm=cell.rmse_free_mm,
-        expected_mm=cell.expected_mm,
-        p_unchanged=min(p_unchanged, cell.free.p_noise),
-        poses=cell.poses,
+        detectable=tuple(tests.free.detectable(model) for model in tests.models),
+        errors=tests.errors,
+        usual=_usual(tests, changes),
+        rmse_free_mm=tests.rmse_free_mm,
+        expected_mm=tests.expected_mm,
+        p_unchanged=min(p_unchanged, tests.free.p_noise),
+        poses=tests.poses,
         when=new.about.date,
         data_problem=problem,
         outside=tuple(new.poses.ids[i] for i in np.flatnonzero(trained.outside(new.robot, new.poses.q))),
@@ -131,57 +123,62 @@ def watch(
     )
 
 
-def _usual(cell: Cell, changes: tuple[Change, ...]) -> tuple[Change, ...]:
+def _usual(tests: CellTests, changes: tuple[Change, ...]) -> tuple[Change, ...]:
+    """Size of the change of each joint's zero and of the tool or jig, given the changes that were named."""
     named = {(c.what, c.joint, c.parameter) for c in changes if SCANNER not in c.as_well}
-    arm = [kind for kind in cell.kinds if kind.key in named]
+    arm = [model for model in tests.models if model.key in named]
     moved = any(c.what == SCANNER for c in changes)
-    usual = [kind for kind in cell.kinds if kind.what in (JOINT_ZERO, TOOL, JIG)]
-    return tuple(cell.beside(kind, arm, scanner_moved=moved) for kind in usual)
+    usual = [model for model in tests.models if model.what in (JOINT_ZERO, TOOL, JIG)]
+    return tuple(tests.size_given(model, arm, scanner_moved=moved) for model in usual)
 
 
-def _mixed(changes: tuple[Change, ...]) -> bool:
-    """Whether the arm and the scanner explain a change equally well: nobody knows then what to mend."""
+def _arm_or_scanner(changes: tuple[Change, ...]) -> bool:
+    """Whether a change of the arm and a motion of the scanner are confounded."""
     return any(change.what == SCANNER and set(change.as_well) - {BASE} for change in changes) or any(
         SCANNER in change.as_well for change in changes
     )
 
 
-def _changes(cell: Cell, *, alarmed: bool) -> tuple[Change, ...]:
-    """What the arm must answer for, with the scanner's place free; then whether the scanner moved, and the noise.
+def _changes(tests: CellTests, *, alarmed: bool) -> tuple[Change, ...]:
+    """Significant changes of the arm with the scanner free, then the scanner's motion, then the noise.
 
     alarmed: whether anything changed; else only the noise can have.
     """
-    found = [] if not alarmed else _of_arm_and_scanner(cell)
-    kinds = [kind for kind in cell.kinds if any(kind.key == (f.what, f.joint, f.parameter) for f in found)]
-    p_noise = cell.free.p_rest(kinds)
+    changes = _of_arm_and_scanner(tests) if alarmed else []
+    models = [model for model in tests.models if any(model.key == (c.what, c.joint, c.parameter) for c in changes)]
+    p_noise = tests.free.p_rest(models)
     if p_noise < NOISIER:
-        ratio = cell.free.noise_ratio(kinds)
-        sigma = ratio / np.sqrt(2.0 * cell.free.freedom(kinds))
-        found.append(Change(NOISE, None, "", ratio, float(sigma), "times", p_noise, ()))
-    return tuple(found)
+        ratio = tests.free.noise_ratio(models)
+        sigma = ratio / np.sqrt(2.0 * tests.free.dof(models))
+        changes.append(Change(NOISE, None, "", ratio, float(sigma), "times", p_noise, ()))
+    return tuple(changes)
 
 
-def _of_arm_and_scanner(cell: Cell) -> list[Change]:
+def _of_arm_and_scanner(tests: CellTests) -> list[Change]:
+    """Significant changes of the arm, added one by one, and the scanner's motion given these."""
     arm: list[ChangeModel] = []
-    said: list[tuple[float, tuple[str, ...]]] = []
-    while len(arm) < MOST:
-        tests = cell.free.tests(cell.kinds, given=arm)
-        best = the_likeliest(tests)
+    p_values: list[float] = []
+    confounded: list[tuple[str, ...]] = []
+    while len(arm) < MAX_ARM_CHANGES:
+        of_each = tests.free.tests(tests.models, given=arm)
+        best = most_likely(of_each)
         if best is None:
             break
-        p = cell.free.chance(tests)
-        enough = NAMED if not arm and cell.explains_alone(best.kind) else NAMED_BESIDE
-        if not cell.scanner_known and not arm:
-            enough = ALARM
-        if p > enough or cell.free.noise_explains(arm, best.kind):
+        p_value = tests.free.family_wise_p_value(of_each)
+        limit = NAMED if not arm and tests.explains_alone(best.model) else NAMED_GIVEN_OTHERS
+        if not tests.scanner_known and not arm:
+            limit = ALARM
+        if p_value > limit or tests.free.noise_explains(arm, best.model):
             break
-        arm.append(best.kind)
-        said.append((p, as_well(tests, best)))
+        arm.append(best.model)
+        p_values.append(p_value)
+        confounded.append(confounded_with(of_each, best))
     if not arm:
-        return cell.with_the_scanner_where_it_was() if cell.scanner_known else []
-    moved = cell.scanner_moved(arm)
-    view = cell.free if moved is not None or not cell.scanner_known else cell.fixed
-    found = [
-        replace(view.found(kind, arm), p_value=p, as_well=others) for kind, (p, others) in zip(arm, said, strict=True)
+        return tests.change_with_scanner_fixed() if tests.scanner_known else []
+    moved = tests.scanner_moved(arm)
+    fitted = tests.free if moved is not None or not tests.scanner_known else tests.fixed
+    changes = [
+        replace(fitted.estimate(model, arm), p_value=p_value, as_well=others)
+        for model, p_value, others in zip(arm, p_values, confounded, strict=True)
     ]
-    return found if moved is None else [*found, moved]
+    return changes if moved is None else [*changes, moved]

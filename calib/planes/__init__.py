@@ -1,1 +1,1 @@
-"""From a scan to plane groups (Jang 2025, sections 2.2 and 2.3): normals, filters, clustering, robust plane fits."""
+"""Plane groups of a scan (Jang 2025, sections 2.2 and 2.3): normals, filters, clustering, robust plane fits."""

@@ -96,7 +96,7 @@ class _FreeSets:
 
     @staticmethod
     def of(sets: SampleSets, order: IndexArray) -> _FreeSets:
-        """The sets `order` with the moments of their points."""
+        """The free sets with the indices `order`, with the moments of their points."""
         centroids = sets.centroids_mm[order]
         origin = np.median(centroids, axis=0) if len(order) else np.zeros(3)
         points = sets.points_mm[order] - origin
@@ -104,7 +104,7 @@ class _FreeSets:
         return _FreeSets(order, centroids, sets.normals[order], np.hstack([centroids - origin, second]), origin)
 
     def without(self, joins: IndexArray) -> _FreeSets:
-        """The free sets other than `joins`."""
+        """The free sets other than those marked by `joins`."""
         stay = np.ones(len(self.sets), dtype=bool)
         stay[joins] = False
         return _FreeSets(

@@ -87,7 +87,7 @@ def _neighbourhoods(points_mm: Array, near: IndexArray, radius_mm: Array) -> Nei
 
 
 def _trimmed_planes(columns: Array, near: IndexArray, start: int, kept: int) -> _Planes:
-    """Planes through the neighbourhoods of one batch of points, from `start` on. columns  # (3, V), near  # (V, k)"""
+    """Planes through the neighbourhoods of one batch of points, from `start` on; `columns` (3, V), `near` (V, k)."""
     stop = start + _AT_A_TIME
     local = np.stack([x[near[start:stop]] - x[start:stop, None] for x in columns])  # (3, B, k)
     plane = _fit_planes(local, np.ones(local.shape[1:]))
@@ -107,7 +107,7 @@ class _Planes(NamedTuple):
 
 
 def _fit_planes(local: Array, weights: Array) -> _Planes:
-    """Planes by weighted PCA of V neighbourhoods at once. local  # (3, V, k), weights  # (V, k)
+    """Planes by weighted PCA of V neighbourhoods at once; `local` (3, V, k), `weights` (V, k).
 
     The eigenvalues of each 3 x 3 scatter matrix S come in closed form (Smith 1961); the adjugate of S - l I, l the
     least of them, is a multiple of n n^T, whose longest column gives the normal n. This takes a tenth of the time of

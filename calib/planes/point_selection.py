@@ -1,4 +1,4 @@
-"""Selection of a scan's points: one a voxel without stray points, those near a place, those with finite coordinates."""
+"""Selection of a scan's points: one per voxel without stray points, those near a place, those with finite values."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _occupied(points_mm: Array, voxel_mm: float) -> tuple[IndexArray, IndexArray
 
 
 def _keys(cell: Sequence[IndexArray]) -> IndexArray:
-    """One integer (N,) for each cell of three indices from 0. cell  # (3, N)"""
+    """One integer (N,) for each cell, from its three indices `cell` (3, N), counted from 0."""
     x, y, z = cell
     key = x * (int(y.max()) + 1)
     key += y

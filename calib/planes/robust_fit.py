@@ -24,7 +24,7 @@ _LEAST_SIGMA_MM = 1e-9  # of a scan without noise
 
 @dataclass(frozen=True)
 class PlaneFit:
-    """Robustly fitted plane of one face, in coordinates about some origin near the apex."""
+    """Robustly fitted plane of one face, in coordinates about an origin near the apex."""
 
     normal: Array  # (3,) unit, toward the scanner
     offset_mm: float
@@ -42,7 +42,7 @@ class PlaneFit:
 
 
 class PlaneAxes(Protocol):
-    """Plane with the point and the two directions in it that its height and slopes refer to."""
+    """Plane with the reference point and the two directions of its height and slopes."""
 
     @property
     def centre_mm(self) -> Array: ...  # (3,)
@@ -126,7 +126,7 @@ def _middle_and_sigma(heights: Array) -> tuple[float, float]:
 
 
 def _root(heights: Array, middle: float, sigma_mm: float) -> Array:
-    """Square roots of Tukey's weights: 1 - z^2 with z the height in units of six sigmas; 0 beyond."""
+    """Square roots of Tukey's weights of heights: 1 - z^2 with z the height in units of six sigmas; 0 beyond."""
     root = (heights - middle) * (1 / (TUKEY * sigma_mm))
     root *= root
     np.subtract(1.0, root, out=root)

@@ -1,1 +1,1 @@
-"""Which poses to measure: what each would tell, the best few, and the error that a fit of them will have."""
+"""Choice of the poses to measure next, and the error that a fit to them will have."""

@@ -1,16 +1,16 @@
-"""Poses that discriminate between hypotheses on the missing effect, and with which power.
+"""Choice of poses that discriminate between hypotheses on the missing effect, and their power.
 
-The log Bayes factor of two hypotheses is the log of their evidence's ratio. Poses not yet measured add to it what the
-predictive distributions give; where the first hypothesis is true its expectation is the Kullback-Leibler divergence of
-the two, each refitted at these poses too (Hunter and Reiner 1965; Box and Hill 1967; Atkinson and Fedorov 1975).
+The log Bayes factor of two hypotheses is the log of the ratio of their evidence. New poses add the log ratio of the
+predictive distributions; its expectation, where the first hypothesis is true, is the Kullback-Leibler divergence of the
+two, each refitted at these poses too (Hunter and Reiner 1965; Box and Hill 1967; Atkinson and Fedorov 1975).
 
-Poses are chosen one by one, then exchanged. What is made small is how easily one hypothesis is mistaken for another,
-summed over all ordered pairs,
+Poses are chosen one by one, then exchanged. The criterion, which is minimised, is the confusion of the hypotheses over
+all ordered pairs,
 
     sum over i of w_i sum over j of exp(-b_ij / 2),
 
-w_i the probability of hypothesis i and b_ij its expected log Bayes factor over j where i is true. The least one rules
-the sum, and a pair that is discriminated already adds nothing.
+w_i the probability of hypothesis i and b_ij its expected log Bayes factor over j where i is true. The least b_ij
+dominates the sum, and a pair that is discriminated already adds nothing.
 """
 
 from __future__ import annotations
@@ -37,63 +37,65 @@ from calib.planning.effect_hypotheses import (
 from calib.planning.offered_poses import OFFERED, offered_poses
 from calib.screening.candidates import MIN_CONFOUNDED_OVERLAP, MIN_LOG_BAYES_FACTOR, Candidate, Screening
 
-NEXT_POSES = 5  # that are advised where effects are confounded
-ENOUGH_POWER = 0.9  # from which no more poses are asked for
-MOST_POSES = 20  # that are tried to find how many would be enough
-_DRAWS = 400  # of what would be measured, for each hypothesis
-_NEAR = 0.1  # of a joint's range: poses that are nearer than this in every joint count as the same place
-_ROUNDS = 3  # of exchanges
+NEXT_POSES = 5  # poses that are advised where effects are confounded
+ENOUGH_POWER = 0.9  # power that is enough
+MOST_POSES = 20  # poses that are tried to find how many would be enough
+_DRAWS = 400  # draws of the measurements, for each hypothesis
+_NEAR = 0.1  # share of each joint's range within which two poses are one place
+_ROUNDS = 3  # rounds of exchanges
 
 
 @dataclass(frozen=True)
 class DiscriminatingPose:
-    """A pose to measure next, and the least difference between any two hypotheses there."""
+    """Pose to measure next, with the least separation of any two hypotheses at that pose."""
 
-    q: Array  # (n,) rad or mm, as it is commanded
-    separation_mm: float  # of the tool, beyond what a refit at this pose absorbs
+    q: Array  # (n,) commanded joints, rad or mm
+    separation_mm: float  # difference of the predicted points beyond what a refit absorbs
 
 
 @dataclass(frozen=True)
 class NextPoses:
-    """Poses to measure next, by which the hypotheses of a diagnosis are discriminated."""
+    """Poses to measure next, which discriminate between the hypotheses of a diagnosis."""
 
     discrimination: Discrimination
-    poses: tuple[DiscriminatingPose, ...]  # as they are commanded, those at which the hypotheses differ most first
+    poses: tuple[DiscriminatingPose, ...]  # the largest separation first
 
 
 def next_poses(diagnosis: Diagnosis) -> NextPoses | None:
-    """The poses to measure next that discriminate the first set of effects which a diagnosis left open.
+    """Poses to measure next that discriminate between the first set of effects left confounded by a diagnosis.
 
-    None where it left none open, and where no pose discriminates between them.
+    None where no effects are confounded, or no pose discriminates between them.
     """
     sets = hypothesis_sets(diagnosis)
     if not sets or len(sets[0].hypotheses) < 2:
         return None
     first = sets[0]
     try:
-        found = discriminate(first.calibration, first.hypotheses, offered_poses(first.calibration), NEXT_POSES)
+        discrimination = discriminate(first.calibration, first.hypotheses, offered_poses(first.calibration), NEXT_POSES)
     except FitError:  # too few poses to fit a hypothesis at all
         return None
-    return None if found is None else NextPoses(found, commanded_poses(found, diagnosis.calibration))
+    if discrimination is None:
+        return None
+    return NextPoses(discrimination, commanded_poses(discrimination, diagnosis.calibration))
 
 
 def discriminating_poses(
     calibration: Calibration, causes: Sequence[Candidate], *, count: int = 5, offered: int = OFFERED
 ) -> tuple[DiscriminatingPose, ...]:
-    """Poses that together discriminate between causes beyond a calibration's model (`discriminate`).
+    """Poses that together discriminate between causes of a calibration's residual (`discriminate`).
 
-    They can be measured, as far as the cell is known, under conditions that the measured ones had. () for fewer than
+    The poses can be measured, as far as the cell is known, under the conditions of the measured ones. () for fewer than
     two causes that show at all.
 
     Raises FitError where no degree of freedom is left.
     """
     candidates = offered_poses(calibration, count=offered)
-    found = discriminate(calibration, [EffectHypothesis.of(cause) for cause in causes], candidates, count)
-    return () if found is None else commanded_poses(found, calibration)
+    discrimination = discriminate(calibration, [EffectHypothesis.of(cause) for cause in causes], candidates, count)
+    return () if discrimination is None else commanded_poses(discrimination, calibration)
 
 
 def nearest_alternative(screening: Screening, name: str) -> Candidate | None:
-    """The candidate most easily mistaken for another: the best that could explain most of the same, else the best."""
+    """Best-ranked candidate that is confounded with the named one; where none is, the best of all others."""
     ranked = screening.candidates
     chosen = next((c for c in ranked if c.name == name), None)
     if chosen is None or not chosen.members:
@@ -108,30 +110,30 @@ def nearest_alternative(screening: Screening, name: str) -> Candidate | None:
 
 @dataclass(frozen=True)
 class Discrimination:
-    """Poses to measure next, and how well they discriminate between hypotheses."""
+    """Chosen poses, and the power with which they discriminate between hypotheses."""
 
     hypotheses: tuple[str, ...]
     poses: Poses  # (K) with their conditions, in the order chosen
-    separation_mm: Array  # (K,) of the two hypotheses that are least apart there, beyond what a refit absorbs
-    power: float  # probability that the true hypothesis then leads all others by MIN_LOG_BAYES_FACTOR
-    power_by_count: tuple[float, ...]  # after none, the first, the first two, ... of the poses
-    equivalent: tuple[tuple[str, str], ...]  # pairs that no offered poses discriminate
-    enough: int | None  # number of such poses with `ENOUGH_POWER`; None where no number is known
+    separation_mm: Array  # (K,) least separation of any two hypotheses, beyond what a refit absorbs
+    power: float  # probability that the true hypothesis has a log Bayes factor of MIN_LOG_BAYES_FACTOR over all others
+    power_by_count: tuple[float, ...]  # power of none, the first, the first two, ... of the poses
+    equivalent: tuple[tuple[str, str], ...]  # pairs that the offered poses do not discriminate
+    enough: int | None  # number of poses with `ENOUGH_POWER`; None where unknown
 
 
 @one_blas_thread()
 def discriminate(
     calibration: Calibration, hypotheses: Sequence[EffectHypothesis], offered: Poses, count: int
 ) -> Discrimination | None:
-    """The poses among those offered that discriminate best between hypotheses.
+    """Poses among those offered that discriminate best between hypotheses, with their power.
 
     None for fewer than two hypotheses with members, or no poses.
 
     Args:
-        calibration: a fit; effects of the hypotheses that are in its model are taken out of it.
-        hypotheses: of which one is true.
+        calibration: a fit; effects of the hypotheses that are in its model are removed from it.
+        hypotheses: hypotheses of which one is true.
         offered: poses that can be measured, with their conditions.
-        count: how many poses to choose.
+        count: number of poses to choose.
 
     Raises FitError where no degree of freedom is left.
     """
@@ -142,28 +144,29 @@ def discriminate(
     return evaluated(predictions, offered, choose(predictions, offered, count))
 
 
-def commanded_poses(found: Discrimination, calibration: Calibration) -> tuple[DiscriminatingPose, ...]:
-    """Chosen poses as they are commanded, those at which the hypotheses differ most first."""
-    commanded = calibration.dataset.robot.commands_of(found.poses.q)
-    order = np.argsort(-found.separation_mm, kind="stable")
-    return tuple(DiscriminatingPose(commanded[i], float(found.separation_mm[i])) for i in order)
+def commanded_poses(discrimination: Discrimination, calibration: Calibration) -> tuple[DiscriminatingPose, ...]:
+    """Chosen poses with commanded joints, the largest separation first."""
+    commanded = calibration.dataset.robot.commands_of(discrimination.poses.q)
+    separation_mm = discrimination.separation_mm
+    order = np.argsort(-separation_mm, kind="stable")
+    return tuple(DiscriminatingPose(commanded[i], float(separation_mm[i])) for i in order)
 
 
 def choose(predictions: HypothesisPredictions, offered: Poses, count: int) -> IndexArray:
-    """(count,) indices of the offered poses that discriminate best, in the order chosen; fewer where they run out."""
+    """Indices (count,) of the offered poses that discriminate best, in the order chosen; fewer where these run out."""
     return choose_poses(predictions, count, places=offered.q, pairs=_pairs(equivalent_pairs(predictions)))
 
 
 def evaluated(
-    predictions: HypothesisPredictions, offered: Poses, chosen: IndexArray, *, look_on: bool = False
+    predictions: HypothesisPredictions, offered: Poses, chosen: IndexArray, *, find_enough: bool = False
 ) -> Discrimination:
-    """How well chosen poses discriminate.
+    """Power and separation of chosen poses.
 
     Args:
-        predictions: at the offered poses.
+        predictions: predictions at the offered poses.
         offered: poses that were chosen from.
-        chosen: (K,) indices of these.
-        look_on: whether to find how many more poses would be enough, where these are not.
+        chosen: (K,) indices of the chosen poses.
+        find_enough: whether to find how many poses would be enough, where the chosen ones are not.
     """
     equivalent = equivalent_pairs(predictions)
     pairs = _pairs(equivalent)
@@ -176,12 +179,12 @@ def evaluated(
         power=by_count[-1],
         power_by_count=by_count,
         equivalent=tuple((names[i], names[j]) for i, j in combinations(range(len(names)), 2) if equivalent[i, j]),
-        enough=_enough(predictions, chosen, by_count, offered.q, pairs, look_on and not equivalent.any()),
+        enough=_enough(predictions, chosen, by_count, offered.q, pairs, find_enough and not equivalent.any()),
     )
 
 
 def _pairs(equivalent: BoolArray) -> BoolArray:
-    """(I, I) the pairs that poses may discriminate; all pairs where they may none."""
+    """Pairs (I, I) of hypotheses that poses may discriminate; all pairs where there are none."""
     others = ~np.eye(len(equivalent), dtype=bool)
     return others & ~equivalent if (others & ~equivalent).any() else others
 
@@ -192,17 +195,17 @@ def _enough(
     by_count: Sequence[float],
     places: Array,
     pairs: BoolArray,
-    look_on: bool,
+    find_enough: bool,
 ) -> int | None:
-    """Number of poses with `ENOUGH_POWER`, those that are chosen first; None where that is not known."""
+    """Number of poses with `ENOUGH_POWER`, the chosen ones first; None where it is unknown."""
     within = next((k for k, probability in enumerate(by_count) if probability >= ENOUGH_POWER), None)
-    if within is not None or not look_on:
+    if within is not None or not find_enough:
         return within
     while len(chosen) < MOST_POSES:
-        more = _extended(chosen.tolist(), predictions, len(chosen) + 1, places=places, pairs=pairs)
-        if len(more) == len(chosen):
+        extended = _extended(chosen.tolist(), predictions, len(chosen) + 1, places=places, pairs=pairs)
+        if len(extended) == len(chosen):
             return None
-        chosen = more
+        chosen = extended
         if power(predictions, chosen) >= ENOUGH_POWER:
             return len(chosen)
     return None
@@ -212,34 +215,36 @@ def _enough(
 
 
 def probabilities(predictions: HypothesisPredictions) -> Array:
-    """(I,) probability of each hypothesis by its evidence now."""
+    """Posterior probability (I,) of each hypothesis by its evidence at the measured poses."""
     evidence = np.array([hypothesis.log_evidence for hypothesis in predictions.hypotheses])
     likely = np.exp(evidence - evidence.max())
     return np.asarray(likely / likely.sum())
 
 
 def expected_log_bayes_factors(predictions: HypothesisPredictions, poses: IndexArray) -> Array:
-    """(I, I) log Bayes factor of the row's hypothesis over the column's, expected where the row's is true.
+    """Expected log Bayes factor (I, I) of the row's hypothesis over the column's, where the row's is true.
 
-    poses  # (K,) indices of the predicted poses that are measured besides
+    Args:
+        predictions: predictions at C poses.
+        poses: (K,) indices of the poses that are measured in addition.
     """
     hypotheses = predictions.hypotheses
-    out = np.zeros((len(hypotheses), len(hypotheses)))
+    expected = np.zeros((len(hypotheses), len(hypotheses)))
     for i, j in permutations(range(len(hypotheses)), 2):
         now = hypotheses[i].log_evidence - hypotheses[j].log_evidence
-        out[i, j] = now + _divergence(hypotheses[i], hypotheses[j], poses)
-    return out
+        expected[i, j] = now + _divergence(hypotheses[i], hypotheses[j], poses)
+    return expected
 
 
 def equivalent_pairs(predictions: HypothesisPredictions) -> BoolArray:
-    """(I, I) pairs that all predicted poses together would not discriminate."""
+    """Pairs (I, I) of hypotheses that all predicted poses together would not discriminate."""
     expected = expected_log_bayes_factors(predictions, np.arange(len(predictions.hypotheses[0].mean)))
     near = np.minimum(expected, expected.T) < MIN_LOG_BAYES_FACTOR
     return np.asarray(near & ~np.eye(len(expected), dtype=bool))
 
 
 def separations_mm(predictions: HypothesisPredictions, poses: IndexArray, pairs: BoolArray) -> Array:
-    """(K,) least difference, mm, of any two hypotheses of `pairs` (I, I) at each pose, beyond what a refit absorbs."""
+    """Least separation (K,), mm, of any two hypotheses of `pairs` (I, I) at each pose, beyond what a refit absorbs."""
     hypotheses = predictions.hypotheses
     least = np.full(len(poses), np.inf)
     for i, j in permutations(range(len(hypotheses)), 2):
@@ -256,10 +261,10 @@ def separations_mm(predictions: HypothesisPredictions, poses: IndexArray, pairs:
 def power(
     predictions: HypothesisPredictions, poses: IndexArray, *, log_bayes_factor: float = MIN_LOG_BAYES_FACTOR
 ) -> float:
-    """Probability that, with some of the poses measured, the true hypothesis leads all others by this log Bayes factor.
+    """Probability that, with some poses measured, the true hypothesis has this log Bayes factor over all others.
 
-    Averaged by draws from the predictive distributions: over which hypothesis is true (by its evidence now), its size
-    and the noise.
+    Averaged by draws from the predictive distributions: over which hypothesis is true (by its evidence), the size of
+    the effect and the noise.
     """
     hypotheses = predictions.hypotheses
     likely = probabilities(predictions)
@@ -282,15 +287,15 @@ def power(
 
 
 def _joint(hypothesis: HypothesisPrediction, poses: IndexArray) -> tuple[Array, Array]:
-    """Mean (K W,), and lower triangular root (K W, K W) of the covariance, of a prediction at some poses together."""
+    """Mean (K W,) and lower triangular root (K W, K W) of the covariance of a joint prediction at some poses."""
     spread = hypothesis.spread[poses].reshape(-1, hypothesis.spread.shape[2])
-    # Cholesky's factor of 1 + L L^T, without the square, in which the noise would be lost beside a wide spread.
+    # Cholesky's factor of 1 + L L^T, without the square, in which a wide spread would hide the noise.
     upper = np.asarray(np.linalg.qr(np.concatenate([np.eye(len(spread)), spread.T]), mode="r"))
     return hypothesis.mean[poses].ravel(), (upper * np.where(np.diag(upper) < 0.0, -1.0, 1.0)[:, None]).T
 
 
 def _divergence(true: HypothesisPrediction, other: HypothesisPrediction, poses: IndexArray) -> float:
-    """KL divergence of one prediction from another at some poses together.
+    """Kullback-Leibler divergence of the joint predictions of two hypotheses at some poses.
 
     By Woodbury in the other's few parameters: (1 + L L^T)^-1 = 1 - L (1 + L^T L)^-1 L^T, for any number of poses.
     """
@@ -310,13 +315,13 @@ def _divergence(true: HypothesisPrediction, other: HypothesisPrediction, poses: 
 
 
 def choose_poses(predictions: HypothesisPredictions, count: int, *, places: Array, pairs: BoolArray) -> IndexArray:
-    """(count,) indices of the predicted poses that discriminate best, in the order chosen; fewer where they run out.
+    """Indices (count,) of the predicted poses that discriminate best, in the order chosen; fewer where these run out.
 
     Args:
-        predictions: at C poses.
-        count: how many to choose.
-        places: (C, n) joints; poses at nearly the same place are not taken twice.
-        pairs: (I, I) pairs of hypotheses that count.
+        predictions: predictions at C poses.
+        count: number of poses to choose.
+        places: (C, n) joints; poses at nearly the same joints are not taken twice.
+        pairs: (I, I) pairs of hypotheses to discriminate.
     """
     chosen = _extended((), predictions, count, places=places, pairs=pairs).tolist()
     for _ in range(_ROUNDS if len(chosen) > 1 else 0):
@@ -332,7 +337,7 @@ def choose_poses(predictions: HypothesisPredictions, count: int, *, places: Arra
 def _extended(
     start: Sequence[int], predictions: HypothesisPredictions, count: int, *, places: Array, pairs: BoolArray
 ) -> IndexArray:
-    """Chosen poses with more, each the best given those before it, up to `count`."""
+    """Chosen poses and further ones, each the best given those before it, up to `count`."""
     chosen = list(start)
     while len(chosen) < count:
         best = _best_given(predictions, chosen, places, pairs)
@@ -345,7 +350,7 @@ def _extended(
 def _best_given(
     predictions: HypothesisPredictions, chosen: Sequence[int], places: Array, pairs: BoolArray
 ) -> int | None:
-    """The pose that discriminates best given those that are chosen; None where none is free."""
+    """Index of the pose that discriminates best, given the chosen poses; None where no pose is free."""
     span = np.maximum(np.ptp(places, axis=0), 1e-9)
     free = np.ones(len(places), dtype=bool)
     for k in chosen:
@@ -356,20 +361,20 @@ def _best_given(
 
 
 def log_confusion(predictions: HypothesisPredictions, chosen: Sequence[int], pairs: BoolArray) -> Array:
-    """(C,) log of the sum over pairs that is made small, with the chosen poses and each of C more."""
+    """Log of the confusion of the hypotheses (C,), see the module, with the chosen poses and each of C more."""
     hypotheses = predictions.hypotheses
-    given = [_Conditional(hypothesis, chosen) for hypothesis in hypotheses]
+    conditional = [_Conditional(hypothesis, chosen) for hypothesis in hypotheses]
     terms = []
     for i, j in permutations(range(len(hypotheses)), 2):
         if pairs[i, j]:
             now = hypotheses[i].log_evidence - hypotheses[j].log_evidence
-            expected = now + given[j].divergence_from(given[i])
+            expected = now + conditional[j].divergence_from(conditional[i])
             terms.append(np.log(probabilities(predictions)[i]) - 0.5 * expected)
     return np.asarray(np.logaddexp.reduce(np.stack(terms), axis=0))
 
 
 class _Conditional:
-    """One hypothesis' prediction at every pose given those at the chosen ones, by Schur complements."""
+    """Prediction of one hypothesis at every pose, conditional on the chosen ones, by Schur complements."""
 
     def __init__(self, hypothesis: HypothesisPrediction, chosen: Sequence[int]) -> None:
         self.hypothesis = hypothesis
@@ -389,13 +394,13 @@ class _Conditional:
         self.log_det = np.sum(np.log1p(beyond), axis=1) + np.sum(np.log1p(size**2))
 
     def divergence_from(self, true: _Conditional) -> Array:
-        """(C,) KL divergence from the true hypothesis' joint prediction at the chosen poses and each one more."""
+        """Kullback-Leibler divergence (C,) from the true hypothesis' prediction at the chosen poses and one more."""
         off_inside = true.mean_inside - self.mean_inside
         inside = np.sum(self.inverse_inside * true.covariance) + off_inside @ self.inverse_inside @ off_inside
         off = true.hypothesis.mean - self.hypothesis.mean - self.gain @ off_inside
         spread = true.hypothesis.spread - self.gain @ true.inside
-        seen = self.gain @ np.swapaxes(self.gain, 1, 2) + spread @ np.swapaxes(spread, 1, 2)
-        trace = np.einsum("cij,cji->c", self.inverse, seen + np.eye(off.shape[1]))
+        total = self.gain @ np.swapaxes(self.gain, 1, 2) + spread @ np.swapaxes(spread, 1, 2)
+        trace = np.einsum("cij,cji->c", self.inverse, total + np.eye(off.shape[1]))
         apart = np.einsum("ci,cij,cj->c", off, self.inverse, off)
         rows = off.shape[1] + len(off_inside)
         return np.asarray(0.5 * (inside + trace + apart - rows + self.log_det - true.log_det))

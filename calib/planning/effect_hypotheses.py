@@ -1,11 +1,11 @@
-"""Hypotheses on the effect that is missing from a fit, and what each predicts at poses that were not measured.
+"""Hypotheses on the effect that is missing from a fit, and their predictions at poses that were not measured.
 
 Each hypothesis is a linear model about the fit: link errors with their tolerances, the scanner's frames, and the
 effect's own coefficients with the prior sigmas that the evidence gave them,
 
     residual = J g + F f + A a + noise.
 
-The measured poses give the posterior of all of them together, and so for new poses a mean and a covariance that include
+The measured poses give the joint posterior of all coefficients, and so a mean and a covariance for new poses, including
 what a refit could absorb (Box and Hill 1967, doi 10.1080/00401706.1967.10490441).
 """
 
@@ -32,17 +32,17 @@ from calib.screening.candidates import Candidate, Screening
 from calib.screening.member_columns import member_columns
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 
-_FINEST = 1e-5  # noise over the declared one, at least: exact data leave less, and would drown the prior in rounding
+_FINEST = 1e-5  # least noise over the declared one: with that of exact data the prior would be lost in rounding
 _FRAME = np.array([1e3, 1e3, 1e3, 1.0, 1.0, 1.0])  # mm, rad: prior sigmas of a scanner's frame, as good as unknown
 
-# Weight of the tolerances. A screening leaves a direction free as soon as the data know it a tenth as well as these.
+# Weight of the tolerances. A screening leaves a direction free where the data know it a tenth as well as these.
 _PRIOR_WEIGHT = 0.1
 _NO_PRIOR = 1e-3  # weight of the tolerances where a fit was asked to do without them
 
 
 @dataclass(frozen=True)
 class EffectHypothesis:
-    """One effect as the cause: the members that carry it, their prior sigmas, and its evidence."""
+    """Hypothesis that one effect is the cause of a residual: its members, their prior sigmas, and its evidence."""
 
     name: str
     members: tuple[Effect, ...]
@@ -52,7 +52,7 @@ class EffectHypothesis:
 
     @classmethod
     def of(cls, candidate: Candidate) -> EffectHypothesis:
-        """Hypothesis of a candidate as a screening proposes it."""
+        """Hypothesis of a candidate of a screening."""
         return cls(
             candidate.name,
             candidate.members,
@@ -68,7 +68,7 @@ class EffectHypothesis:
 
     @property
     def sigmas(self) -> Array:
-        """(K,) prior sigmas of the effect's parameters."""
+        """Prior sigmas (K,) of the effect's parameters."""
         return np.array([self.prior_sigmas[name] for name in self.names])
 
 
@@ -76,28 +76,28 @@ class EffectHypothesis:
 class HypothesisSet:
     """Hypotheses on the cause of a residual, one of which is true."""
 
-    calibration: Calibration  # a fit; where an effect of the set is in its model it stands for the whole set
+    calibration: Calibration  # fit; an effect of the set in its model stands for the whole set
     hypotheses: tuple[EffectHypothesis, ...]
     untested: tuple[str, ...] = ()  # effects that the data lack the means to test
-    would_help: str = ""  # what to write down or measure so that those can be tested
+    would_help: str = ""  # what to record or measure so that `untested` can be tested
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all effects of the set, those that cannot be tested last."""
+        """Names of all effects of the set, the untested last."""
         return (*(hypothesis.name for hypothesis in self.hypotheses), *self.untested)
 
 
 def hypothesis_sets(diagnosis: Diagnosis) -> tuple[HypothesisSet, ...]:
-    """The sets that a diagnosis left open, that with no effect in the model first; () where it left none."""
-    out = [_confounded(diagnosis, confounded) for confounded in diagnosis.confounded_sets]
+    """Sets of effects left confounded by a diagnosis, the set without an effect in the model first."""
+    sets = [_confounded(diagnosis, confounded) for confounded in diagnosis.confounded_sets]
     if diagnosis.undecided and diagnosis.screenings:
         candidates = _candidates(diagnosis.screenings[-1], diagnosis.undecided)
-        out.insert(0, HypothesisSet(diagnosis.calibration, tuple(map(EffectHypothesis.of, candidates))))
-    return tuple(out)
+        sets.insert(0, HypothesisSet(diagnosis.calibration, tuple(map(EffectHypothesis.of, candidates))))
+    return tuple(sets)
 
 
 def _confounded(diagnosis: Diagnosis, confounded: ConfoundedSet) -> HypothesisSet:
-    """A set with one effect in the model: that effect as it stands there, equivalent ones as they were ranked."""
+    """Set of an effect in the model and of its equivalents, with the evidence before that effect was added."""
     steps = diagnosis.steps
     before = next((a for a, b in pairwise(steps) if b.effect == confounded.effect), steps[0])
     inside = next(effect for effect in steps[-1].selected if effect.name == confounded.effect)
@@ -112,6 +112,7 @@ def _confounded(diagnosis: Diagnosis, confounded: ConfoundedSet) -> HypothesisSe
 
 
 def _candidates(screening: Screening | None, names: tuple[str, ...]) -> list[Candidate]:
+    """Candidates of these names, in the order of their ranking."""
     ranked = () if screening is None else screening.candidates
     return [candidate for candidate in ranked if candidate.name in names]
 
@@ -121,9 +122,10 @@ def _candidates(screening: Screening | None, names: tuple[str, ...]) -> list[Can
 
 @dataclass(frozen=True)
 class HypothesisPrediction:
-    """Predictive distribution of one hypothesis at C poses, in sigmas of one coordinate of one measured point.
+    """Predictive distribution of one hypothesis at C poses, in sigmas per coordinate of a measured point.
 
-    W rows a pose. The covariance between poses a and b is spread[a] spread[b]^T, with a unit matrix added for a = b.
+    There are W rows for each pose. The covariance between poses a and b is spread[a] spread[b]^T, and that plus a unit
+    matrix for a = b.
     """
 
     name: str
@@ -137,23 +139,23 @@ class HypothesisPredictions:
     """Predictive distributions of all hypotheses at the same poses."""
 
     hypotheses: tuple[HypothesisPrediction, ...]
-    sigma_mm: float  # of one coordinate of one measured point
-    dof: int  # degrees of freedom by which the noise is known
+    sigma_mm: float  # noise per coordinate of a measured point
+    dof: int  # degrees of freedom of the noise
 
 
 def predict(calibration: Calibration, hypotheses: Sequence[EffectHypothesis], poses: Poses) -> HypothesisPredictions:
     """Predictive distributions of hypotheses at poses that were not measured.
 
     Args:
-        calibration: a fit; effects of the hypotheses that are in its model are taken out of it again.
-        hypotheses: of which one is true.
-        poses: with their conditions, of setups that the fit knows.
+        calibration: a fit; effects of the hypotheses that are in its model are removed from it.
+        hypotheses: hypotheses of which one is true.
+        poses: poses with their conditions, at stations that the fit knows.
 
     Raises FitError where no degree of freedom is left.
     """
     projected = project_residual(calibration)
-    doubted = {name for hypothesis in hypotheses for name in hypothesis.names}
-    common = np.array([p.name not in doubted for p in projected.residuals.model.parameters], dtype=bool)
+    of_effects = {name for hypothesis in hypotheses for name in hypothesis.names}
+    common = np.array([p.name not in of_effects for p in projected.residuals.model.parameters], dtype=bool)
     square = float(projected.residual @ projected.residual)
     if common.all():  # else the model has one of them, and the residual is noise
         square *= min(1.0 - hypothesis.explained_share for hypothesis in hypotheses)
@@ -161,7 +163,7 @@ def predict(calibration: Calibration, hypotheses: Sequence[EffectHypothesis], po
     measured, residual, centre = _measured_rows(projected, common)
     new = _NewRows.of(projected, poses, centre)
     nominal = np.concatenate([-(projected.x / projected.residuals.model.scales)[common], np.zeros(6 * len(centre))])
-    out = []
+    predictions = []
     for hypothesis in hypotheses:
         effect = [member_columns(projected, member) for member in hypothesis.members]
         scaled = _whitened(projected, np.concatenate(effect, axis=1)) * hypothesis.sigmas
@@ -175,28 +177,29 @@ def predict(calibration: Calibration, hypotheses: Sequence[EffectHypothesis], po
         spread = np.linalg.solve(root.T, flat.T).T.reshape(rows.shape)
         # The fit's own prediction is the zero of all hypotheses; their geometry counts from there.
         at_poses = (flat @ mean).reshape(rows.shape[:2])
-        out.append(HypothesisPrediction(hypothesis.name, hypothesis.log_evidence, at_poses, spread))
-    return HypothesisPredictions(tuple(out), noise * new.sigma_mm, projected.dof)
+        predictions.append(HypothesisPrediction(hypothesis.name, hypothesis.log_evidence, at_poses, spread))
+    return HypothesisPredictions(tuple(predictions), noise * new.sigma_mm, projected.dof)
 
 
 def _posterior(columns: Array, residual: Array, prior: Array, weight: Array) -> tuple[Array, Array]:
-    """R (P, P) with R^T R the posterior's precision, and its mean (P,).
+    """Root R (P, P) of the posterior's precision R^T R, and the posterior's mean (P,).
 
-    The noise is of unit size; the parameters are about `prior` (P,), each within 1 / weight (P,).
+    The noise is of unit size; the prior has mean `prior` (P,) and sigmas 1 / weight (P,).
     """
     q, root = np.linalg.qr(np.concatenate([columns, np.diag(weight)]))
     return root, np.linalg.solve(root, q.T @ np.concatenate([residual, weight * prior]))
 
 
 def _whitened(projected: ProjectedResidual, columns: Array) -> Array:
+    """Columns (R, P) multiplied by the whitening of a residual, where it has one."""
     return columns if projected.whitening is None else projected.whitening.apply(columns)
 
 
 def _measured_rows(projected: ProjectedResidual, common: BoolArray) -> tuple[Array, Array, dict[str, Array]]:
-    """Columns (R, P) of link errors and frames at the measured poses, the residual (R,), and each setup's centre.
+    """Derivatives (R, P) by link errors and frames at the measured poses, residual (R,), and centre of each station.
 
-    Units are the prior's sigmas. Parameters that are not `common` to all hypotheses are taken out: what they explained
-    is residual again.
+    Units are the prior's sigmas. Parameters that are not `common` to all hypotheses are removed: the residual is that
+    without them.
     """
     residuals, x = projected.residuals, projected.x
     observed = residuals.observed
@@ -210,10 +213,10 @@ def _measured_rows(projected: ProjectedResidual, common: BoolArray) -> tuple[Arr
     whiten = to_residual @ np.stack([placed[str(name)][:3, :3].T for name in observed.setup])
     for name in map(str, np.unique(observed.setup)):
         rows = observed.setup == name
-        seen_mm = frames.apply(placed[name], at_mm[rows])
-        centre[name] = seen_mm.mean(axis=0)
+        scanner_mm = frames.apply(placed[name], at_mm[rows])
+        centre[name] = scanner_mm.mean(axis=0)
         block = np.zeros((len(at_mm), 3, 6))
-        block[rows] = whiten[rows] @ frame_motion(seen_mm, centre[name]) * _FRAME
+        block[rows] = whiten[rows] @ frame_motion(scanner_mm, centre[name]) * _FRAME
         blocks.append(block.reshape(-1, 6))
     all_columns = np.concatenate([columns[:, common] * residuals.model.scales[common], *blocks], axis=1)
     residual = _whitened(projected, residual[:, None])[:, 0]
@@ -222,11 +225,11 @@ def _measured_rows(projected: ProjectedResidual, common: BoolArray) -> tuple[Arr
 
 @dataclass(frozen=True)
 class _NewRows:
-    """Derivatives at C poses that were not measured, W = 3 rows a target, over the declared sigma."""
+    """Derivatives at C poses that were not measured, W = 3 rows for each target, over the declared sigma."""
 
-    by_x: Array  # (C, W, P) in the prior's sigmas
-    by_frame: Array  # (C, W, 6 setups)
-    by_state: Mapping[str, Array]  # by target (C, 3, S), in the scanner's frame
+    by_x: Array  # (C, W, P) by link errors in the prior's sigmas
+    by_frame: Array  # (C, W, 6 S) by the frames of S stations
+    by_state: Mapping[str, Array]  # by target, (C, 3, S) by the state, scanner frame
     projected: ProjectedResidual
     poses: Poses
     seen: Mapping[str, Seen]
@@ -234,7 +237,7 @@ class _NewRows:
 
     @classmethod
     def of(cls, projected: ProjectedResidual, poses: Poses, centre: Mapping[str, Array]) -> _NewRows:
-        """Derivatives at poses of setups with these centres of the measured points."""
+        """Derivatives at poses of stations whose measured points have these centres, mm."""
         residuals, x = projected.residuals, projected.x
         model, observed = residuals.model, residuals.observed
         sigma2 = np.trace(observed.covariance_mm2, axis1=1, axis2=2) / 3.0
@@ -266,11 +269,11 @@ class _NewRows:
         )
 
     def common(self, common: BoolArray) -> Array:
-        """(C, W, P) derivatives by link errors and frames."""
+        """Derivatives (C, W, P) by link errors and frames."""
         return np.concatenate([self.by_x[..., common], self.by_frame], axis=2)
 
     def of_effect(self, hypothesis: EffectHypothesis) -> Array:
-        """(C, W, K) derivatives by an effect's coefficients, each in its prior sigma."""
+        """Derivatives (C, W, K) by an effect's coefficients, each in its prior sigma."""
         model, x = self.projected.residuals.model, self.projected.x
         blocks = []
         for target, by_state in self.by_state.items():

@@ -1,4 +1,4 @@
-"""Poses that could be measured next, under the conditions that a dataset's poses had."""
+"""Candidates for the poses to measure next, under the conditions that a dataset's poses had."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ OFFERED = 400
 
 
 def offered_poses(calibration: Calibration, *, count: int = OFFERED) -> Poses:
-    """Candidates (count) for the next poses: measurable, as far as is known, from where the scanner stood first.
+    """Candidates (count) for the next poses that can be measured from the scanner's first station.
 
-    Where no such pose exists they lie within the range of the measured joints.
+    Where no such pose is found, they lie within the ranges of the measured joints.
     """
     rng = np.random.default_rng(0)
     dataset = calibration.dataset
@@ -33,20 +33,20 @@ def offered_poses(calibration: Calibration, *, count: int = OFFERED) -> Poses:
     except CalibError:
         q = rng.uniform(measured.q.min(axis=0), measured.q.max(axis=0), (count, measured.q.shape[1]))
     poses = conditions_at(measured, q)
-    there = replace(poses, role=np.full(count, "train"), setup=np.full(count, setup))
-    return under_conditions(there, measured)
+    offered = replace(poses, role=np.full(count, "train"), setup=np.full(count, setup))
+    return under_conditions(offered, measured)
 
 
 def under_conditions(poses: Poses, measured: Poses, payloads_kg: tuple[float, ...] = ()) -> Poses:
     """Poses under conditions that are drawn from those of the measured ones.
 
     Payload and temperature are at either end of their range, and each joint is approached from either side, where that
-    was written down.
+    was recorded.
 
     Args:
         poses: to be measured.
         measured: poses whose conditions vary as the new ones shall.
-        payloads_kg: one of which each pose carries where the measured ones carry all the same.
+        payloads_kg: payloads to draw from, where that of the measured poses does not vary.
     """
     rng = np.random.default_rng(0)
     payload_kg, temperature_c = (
@@ -62,7 +62,7 @@ def under_conditions(poses: Poses, measured: Poses, payloads_kg: tuple[float, ..
 
 
 def _ends(values: Array | None) -> tuple[float, ...]:
-    """The least and the largest value of a condition that varies; () where it does not."""
+    """Least and largest value of a condition; () where it does not vary."""
     if values is None or not np.ptp(values) > 0.0:
         return ()
     return float(values.min()), float(values.max())

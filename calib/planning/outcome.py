@@ -1,4 +1,4 @@
-"""What planned poses achieve, as facts: why each was chosen, and what all of them do for the design criterion."""
+"""Facts on planned poses: the reason for each, and the achievement of all for each design criterion."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ ChangeKey = tuple[str, int | None, str]  # `ChangeModel.key` of a change of the 
 
 @dataclass(frozen=True)
 class ParameterReason:
-    """Parameters that are known better by a pose, and a joint that was never measured near its position there."""
+    """Parameters that a pose makes known better, and a joint that was never measured near its position at that pose."""
 
     parameters: tuple[str, ...]  # without their symbols, the largest gain first
     far_joint: int | None  # from 1; None where each joint was measured near
@@ -44,7 +44,7 @@ class CoefficientSigma:
 
 @dataclass(frozen=True)
 class EffectOutcome:
-    """How well the coefficients of suspected effects become known, and which conditions that takes."""
+    """Sigmas of the coefficients of suspected effects, and the conditions that the poses are measured under."""
 
     coefficients: tuple[CoefficientSigma, ...]  # in the model's order
     conditions: tuple[str, ...]  # fields of `Poses` that have to vary: "approach", "payload_kg", "temperature_c"
@@ -57,8 +57,8 @@ class DetectableChange:
 
     key: ChangeKey
     unit: str
-    size: float | None  # None: no pose shows it
-    scanner_free: bool  # whether that holds wherever the scanner stands now
+    size: float | None  # None: no pose shows the change
+    scanner_free: bool  # whether that holds wherever the scanner stands
 
 
 @dataclass(frozen=True)
@@ -70,17 +70,22 @@ class CheckOutcome:
 
 @dataclass(frozen=True)
 class DiscriminationOutcome:
-    """How surely hypotheses are discriminated, and what would help where that is not sure enough."""
+    """Power with which poses discriminate between hypotheses, and what would help where it is low."""
 
     hypotheses: tuple[str, ...]
-    power_by_count: tuple[float, ...]  # with none, the first, the first two, ... of the poses
-    equivalent: tuple[tuple[str, str], ...]  # pairs that no such pose discriminates
-    enough: int | None  # such poses that have the power `enough_power`, where these have less
+    power_by_count: tuple[float, ...]  # power of none, the first, the first two, ... of the poses
+    equivalent: tuple[tuple[str, str], ...]  # pairs that no offered pose discriminates
+    enough: int | None  # number of poses that reach `enough_power`, where these do not
     enough_power: float
     payload_kg: float | None  # a payload that would add power, where none was asked for
-    confirm: tuple[tuple[str, str], ...]  # hypothesis and how it is shown by itself, where poses cannot
+    confirm: tuple[tuple[str, str], ...]  # hypothesis and the experiment that shows it, where poses cannot
     untested: tuple[str, ...]  # hypotheses that the data cannot test
     would_help: str  # what would make these testable
+
+    @property
+    def power(self) -> float:
+        """Probability that the true hypothesis is discriminated from the others with all of the poses."""
+        return self.power_by_count[-1]
 
 
 Outcome = EffectOutcome | CheckOutcome | DiscriminationOutcome

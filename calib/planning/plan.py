@@ -1,69 +1,82 @@
-"""A plan: the poses to measure, why each, and the held-out error that a fit has before and after."""
+"""Plans: the poses to measure, the reason for each, and the held-out error that a fit has before and after."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Unpack
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
-from calib.dataset.dataset import Poses
-from calib.effects.catalogue import family_of
+from calib.calibration.result import FittedResult
+from calib.dataset.dataset import Dataset, Poses
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.result import Diagnosis
+from calib.effects.catalogue import EffectChoice, family_of
 from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError
 from calib.identifiability.structural import fewest_poses
 from calib.kinematics.joint_range import random_poses
-from calib.options import PLAN_REGIONS
+from calib.kinematics.robot import Robot
+from calib.measurement.measured_dataset import measured
+from calib.options import PLAN_CRITERIA, PLAN_REGIONS, FitFields, FitOptions, fit_options
+from calib.planning.criterion import CALIBRATION, WATCH, DesignCriterion, DesignProblem, ForCalibration
+from calib.planning.discrimination_criterion import SPLIT, for_confounded
+from calib.planning.effect_criterion import ForEffects
 from calib.planning.exchange import best_poses
-from calib.planning.outcome import Outcome, PoseReason
-from calib.planning.prediction import (
-    Prediction,
-    Region,
-    enough_poses,
-    predicted,
-    predicted_once_placed,
-)
-from calib.planning.purpose import WATCH, ForCalibration, Purpose, Situation
-from calib.planning.reasons import new_ids, parameter_reasons
-from calib.planning.start import Start
+from calib.planning.outcome import DiscriminationOutcome, Outcome, PoseReason
+from calib.planning.prediction import Prediction, Region, enough_poses, predicted, predicted_once_placed
+from calib.planning.start import FromFit, FromRobot, Start, start_of_dataset
+from calib.planning.unknowns import DEFAULT_NOISE_MM
+from calib.planning.watch_criterion import CHECK_POSES, ForWatch
 from calib.presented import Presented
+from calib.robot_formats.robots import load_robot
 from calib.workcell.candidates import candidate_poses
+from calib.workcell.known_cell import workcell_of_robot
 from calib.workcell.order import clear_ways, order_poses
 
+FIRST_SET, FURTHER = 20, 5
+"""Numbers of poses to plan where none is given: for a robot that was never measured, and beyond a dataset."""
 CANDIDATES = 800
-RIGHT_EVERYWHERE = ForCalibration()
+LEAST_ERROR = ForCalibration()
 _REGION = 300  # poses of a region that is drawn
 _FEWEST_TEST = 5  # test poses that make a region
-_TYPED = 1e-3  # deg or mm
-_THINNED = 3  # one of so many candidates for what lies beyond the plan
-_FURTHER = 40  # poses beyond the plan, to see when more no longer pay
+_TYPED = 1e-3  # deg or mm to which joints are rounded
+_THINNED = 3  # one candidate of so many is considered for the curve beyond the plan
+_BEYOND = 40  # poses beyond the plan, to see when more no longer pay
 
 
 @dataclass(frozen=True)
 class Plan(Presented):
-    """The poses to measure, in the order of measuring, and what they are good for."""
+    """Poses to measure, in the order of measuring, with the errors predicted before and after."""
 
     start: Start
-    purpose: Purpose
+    criterion: DesignCriterion
     poses: Poses
     reasons: tuple[PoseReason, ...]  # why each pose was chosen
-    worth: tuple[int, ...]  # 1 is the pose that tells most, by pose
-    region: str  # where the error is predicted, in words
-    now: Prediction
-    then: Prediction
-    curve_mm: Array  # (n + 1,) the predicted error by the number of new poses, from none to beyond the plan
-    enough: int | None  # new poses from which five more lower it by less than 5 %; None: not within the curve
-    power: float | None  # probability that confounded effects are told apart; None where none are to be
-    model: tuple[str, ...]  # families beside the link errors
-    outcome: Outcome | None  # what the plan does for its purpose, beside the predicted error
-    least: int | None  # poses that a fit takes, where these are a first set of fewer
-    blocked: tuple[tuple[str, str], ...]  # poses between which the straight way in joint space is blocked
+    ranks: tuple[int, ...]  # rank of each pose, 1 for the most informative
+    region: str  # name of the poses at which the error is predicted
+    now: Prediction  # before any of the poses is measured
+    then: Prediction  # with all of the poses measured
+    curve_mm: Array  # (n + 1,) predicted error with 0, 1, 2, ... new poses, beyond those of the plan
+    enough: int | None  # new poses from which five more lower the error by less than 5 %; None: not within the curve
+    model: tuple[str, ...]  # families of effects in addition to the link errors
+    outcome: Outcome | None  # achievement beyond the predicted error
+    fewest_for_fit: int | None  # poses that a fit takes, where the plan is a first set of fewer
+    blocked: tuple[tuple[str, str], ...]  # successive poses whose straight connection in joint space is blocked
+
+    @property
+    def power(self) -> float | None:
+        """Probability that confounded effects are discriminated; None for other criteria."""
+        return self.outcome.power if isinstance(self.outcome, DiscriminationOutcome) else None
 
     def _brief(self) -> str:
         error = f"predicted RMSE {self.now.geometry_mm:.3g} -> {self.then.geometry_mm:.3g} mm"
-        return f"{self.start.dataset.name}: {len(self.poses)} poses for {self.purpose.name}, {error}"
+        return f"{self.start.dataset.name}: {len(self.poses)} poses for {self.criterion.name}, {error}"
 
 
 @one_blas_thread()
@@ -71,22 +84,23 @@ def plan_poses(
     start: Start,
     count: int,
     *,
-    purpose: Purpose = RIGHT_EVERYWHERE,
+    criterion: DesignCriterion = LEAST_ERROR,
     region: str = "auto",
     user_effects: Sequence[Family] = (),
     candidates: int = CANDIDATES,
     seed: int = 0,
 ) -> Plan:
-    """Choose `count` poses to measure.
+    """Plan of `count` poses chosen by a criterion, with the errors predicted before and after.
 
     Args:
-        start: what is known already.
-        purpose: what the poses are for.
-        region: where the fit is to be right: the test poses ("test"), all that can be measured ("measurable"), the
-            joints' whole range ("all"); "auto" takes the test poses where there are at least five.
-        user_effects: families of the user's own that the purpose may name.
-        candidates: how many poses to choose from.
-        seed: of the candidates.
+        start: fit or robot that the plan goes on from.
+        count: number of poses to choose.
+        criterion: criterion that the poses are chosen by.
+        region: poses at which the error is predicted: the test poses ("test"), all that can be measured ("measurable"),
+            the joints' whole range ("all"); "auto" takes the test poses where there are at least five.
+        user_effects: families of the user's own that the criterion may name.
+        candidates: number of poses to choose from.
+        seed: seed of the candidates.
 
     Raises:
         CalibError: too few poses can be measured, or an effect that cannot be planned for.
@@ -98,66 +112,65 @@ def plan_poses(
     rng = np.random.default_rng(seed)
     candidates = max(candidates, 2 * count)
     q = candidate_poses(start.cell, candidates + _REGION, rng=rng)  # the last of which are the region's
-    offered = purpose.prepared(start, start.poses_at(q[:candidates]))
-    unknowns = start.unknowns(_members(start, offered, purpose.effects, user_effects))
-    wanted_at = _region(start, start.poses_at(q[candidates:]), region, rng)
-    situation = Situation(start, unknowns, offered, unknowns.rows(offered), Region.of(*wanted_at, unknowns))
-    chosen = purpose.choose(situation, count)
-    curve_mm = _curve(situation, chosen)
+    offered = criterion.prepared(start, start.poses_at(q[:candidates]))
+    unknowns = start.unknowns(_members(start, offered, criterion.effects, user_effects))
+    region_at = Region.of(*_region(start, start.poses_at(q[candidates:]), region, rng), unknowns)
+    problem = DesignProblem(start, unknowns, offered, unknowns.rows(offered), region_at)
+    chosen = criterion.choose(problem, count)
+    curve_mm = _curve(problem, chosen)
     none = np.zeros(0, dtype=np.int64)
     placed_anew = start.measured is None or start.setup not in start.measured.setup
     if placed_anew:
-        now = predicted_once_placed(situation.region, unknowns, unknowns.degrees_of_freedom, rng)
+        now = predicted_once_placed(problem.region, unknowns, unknowns.noise_dof, rng)
         curve_mm[0] = now.geometry_mm
     else:
-        now = predicted(situation.region, situation.information(none), unknowns.degrees_of_freedom, rng)
-    then = predicted(situation.region, situation.information(chosen), unknowns.degrees_of_freedom, rng)
-    reasons = purpose.reasons(situation, chosen) or parameter_reasons(situation, chosen)
-    order = _order(situation, chosen)
-    planned = _to_measure(situation, chosen[order], a_set=purpose.name == WATCH)
+        now = predicted(problem.region, problem.information(none), unknowns.noise_dof, rng)
+    then = predicted(problem.region, problem.information(chosen), unknowns.noise_dof, rng)
+    reasons = criterion.reasons(problem, chosen)
+    order = _order(problem, chosen)
+    planned = _to_measure(problem, chosen[order], own_dataset=criterion.name == WATCH)
     return Plan(
         start=start,
-        purpose=purpose,
+        criterion=criterion,
         poses=planned,
         reasons=tuple(reasons[k] for k in order),
-        worth=tuple(int(k) + 1 for k in order),
-        region=situation.region.words,
+        ranks=tuple(int(k) + 1 for k in order),
+        region=problem.region.name,
         now=now,
         then=then,
         curve_mm=curve_mm,
         enough=enough_poses(curve_mm, first=1 if placed_anew else 0),
-        power=purpose.power(situation, chosen),
         model=unknowns.model.family_names,
-        outcome=purpose.outcome(situation, chosen),
-        least=_more_than(start, count),
+        outcome=criterion.outcome(problem, chosen),
+        fewest_for_fit=_fewest_for_fit(start, count),
         blocked=_blocked_ways(start, planned),
     )
 
 
-def _more_than(start: Start, count: int) -> int | None:
-    """Number of poses that a fit of the link errors takes, where a first set of `count` has fewer."""
+def _fewest_for_fit(start: Start, count: int) -> int | None:
+    """Number of poses that a fit of the link errors takes, where `count` poses are a first set of fewer; else None."""
     least = fewest_poses(start.dataset.robot)
     return least if start.measured is None and count < least else None
 
 
 def _blocked_ways(start: Start, planned: Poses) -> tuple[tuple[str, str], ...]:
-    """Successive poses between which moving all joints at once leads through an obstacle, whatever the order."""
+    """Pairs of successive poses between which moving all joints at once leads through an obstacle."""
     blocked = np.flatnonzero(~clear_ways(start.cell, planned.q))
     return tuple((planned.ids[k], planned.ids[k + 1]) for k in blocked)
 
 
 def _members(start: Start, offered: Poses, names: Sequence[str], user_effects: Sequence[Family]) -> tuple[Effect, ...]:
-    """The members of these families for the unknowns, those that the fit has already apart.
+    """Members of the named families of effects that the fit does not have yet.
 
-    Raises CalibError for a family that the planned poses cannot test either, or that is at a few of many places.
+    Raises CalibError for a family that neither the measured nor the planned poses can test, and for a sparse one.
     """
     if not names:
         return ()
     fit = start.unknowns()
     in_fit = set(fit.parameter_names)
-    # In their own order, not as of a later time, and with points where they should be: families ask for both.
-    rows = replace(offered, order=np.zeros(0), came_from=np.zeros((0, 0)))
-    planned = replace(start.dataset, poses=rows, points=fit.points(offered))
+    # Families ask for the order of the poses, here their own and not a later one, and for points.
+    anew = replace(offered, order=np.zeros(0), came_from=np.zeros((0, 0)))
+    planned = replace(start.dataset, poses=anew, points=fit.points(offered))
     members: list[Effect] = []
     for name in names:
         family = None if start.measured is None else family_of(start.dataset, name, user_effects)
@@ -175,7 +188,7 @@ def _members(start: Start, offered: Poses, names: Sequence[str], user_effects: S
 
 
 def _region(start: Start, others: Poses, region: str, rng: np.random.Generator) -> tuple[str, Poses]:
-    """In words, and its poses; `others` are some that can be measured."""
+    """Name of a region, and its poses; `others` are poses that can be measured."""
     measured = start.measured
     if measured is not None and region in ("auto", "test"):
         placed = np.isin(measured.setup, list(start.unknowns().scanner_T_base))
@@ -190,46 +203,160 @@ def _region(start: Start, others: Poses, region: str, rng: np.random.Generator) 
     return "the poses that can be measured", others
 
 
-def _curve(situation: Situation, chosen: IndexArray) -> Array:
-    """(n + 1,) the region's predicted error with the first of the chosen, in order of worth, then with more."""
-    region = situation.right_at_region
-    logs = [region.log_value(situation.information(chosen[:k])) for k in range(len(chosen) + 1)]
-    some = np.arange(0, len(situation.rows), _THINNED)
-    further = min(_FURTHER, len(some) - len(chosen))
-    beyond = replace(region, rows=region.rows[some], known=situation.information(chosen))
+def _curve(problem: DesignProblem, chosen: IndexArray) -> Array:
+    """Predicted RMS error (n + 1,), mm, over the region with the first 0, 1, 2, ... poses, then with more."""
+    region = problem.region_question
+    logs = [region.log_value(problem.information(chosen[:k])) for k in range(len(chosen) + 1)]
+    some = np.arange(0, len(problem.rows), _THINNED)
+    further = min(_BEYOND, len(some) - len(chosen))
+    beyond = replace(region, rows=region.rows[some], prior_information=problem.information(chosen))
     more = best_poses([beyond], further, exclude=np.isin(some, chosen), exchange=False)
     return np.exp(0.5 * np.array([*logs, *more.greedy_log_values]))
 
 
-def _order(situation: Situation, chosen: IndexArray) -> IndexArray:
-    """The order of measuring, as indices into the chosen: short ways; each temperature and payload in one go."""
-    start, poses = situation.start, situation.candidates.select(chosen)
+def _order(problem: DesignProblem, chosen: IndexArray) -> IndexArray:
+    """Order of measuring as indices of the chosen: short ways, and each temperature and payload without a break."""
+    start, poses = problem.start, problem.candidates.select(chosen)
     at = start.measured.q[np.argmax(start.measured.order)] if start.measured is not None else None
     kept = [values for values in (poses.temperature_c, poses.payload_kg) if values is not None]
     groups = np.unique(np.column_stack([np.zeros(len(chosen)), *kept]), axis=0, return_inverse=True)[1].ravel()
-    out: list[int] = []
+    order: list[int] = []
     for group in range(groups.max() + 1):
         rows = np.flatnonzero(groups == group)
-        out += rows[order_poses(start.cell, poses.q[rows], at)].tolist()
-        at = poses.q[out[-1]]
-    return np.array(out, dtype=np.int64)
+        order += rows[order_poses(start.cell, poses.q[rows], at)].tolist()
+        at = poses.q[order[-1]]
+    return np.array(order, dtype=np.int64)
 
 
-def _to_measure(situation: Situation, rows: IndexArray, *, a_set: bool) -> Poses:
-    """The chosen candidates under names of their own, joints to 0.001 deg or mm as a person would type them.
+def _to_measure(problem: DesignProblem, rows: IndexArray, *, own_dataset: bool) -> Poses:
+    """Chosen candidates with new names, and joints rounded to 0.001 deg or mm as a person would type them.
 
-    The first is the reference where they are a dataset by themselves: from scratch, or `a_set`, as check poses are.
+    The first is the reference where the poses are a dataset of their own: from scratch, or `own_dataset` (check poses).
     """
-    measured = situation.start.measured
+    measured = problem.start.measured
     ids = new_ids(len(rows), () if measured is None else measured.ids)
     role = np.full(len(rows), "train", dtype="<U9")
-    if measured is None or a_set:
+    if measured is None or own_dataset:
         role[0] = "reference"
-    poses = situation.candidates.select(rows)
-    step = np.where(situation.start.dataset.robot.is_revolute, np.radians(_TYPED), _TYPED)
+    poses = problem.candidates.select(rows)
+    step = np.where(problem.start.dataset.robot.is_revolute, np.radians(_TYPED), _TYPED)
     poses = replace(poses, q=step * np.round(poses.q / step))
     temperature_c = poses.temperature_c
     if temperature_c is not None and not np.ptp(temperature_c) > 0.0:
-        temperature_c = None  # of no matter for these; what is measured then counts, as for the time
+        temperature_c = None  # irrelevant to these poses; the value measured then counts, as for the time
     poses = replace(poses, temperature_c=temperature_c, time_s=None)
     return replace(poses, ids=ids, role=role, scan_names=tuple(f"{pose_id}.ply" for pose_id in ids))
+
+
+def new_ids(count: int, taken: Sequence[str]) -> tuple[str, ...]:
+    """Names "p" and a number, in sequence after the highest number taken, with as many digits as the taken names."""
+    numbers = [name[1:] for name in taken if name[:1] == "p" and name[1:].isdecimal()]
+    first = max((int(number) for number in numbers), default=0) + 1
+    width = max((len(number) for number in numbers), default=len(str(count)))
+    return tuple(f"p{number:0{width}d}" for number in range(first, first + count))
+
+
+# ---- a plan from whatever is known ----------------------------------------------------------------------------------
+
+
+def criterion_of(name: str, optimality: str = "I", *, payload_kg: float | None = None) -> DesignCriterion:
+    """Criterion by its name: "calibration", "watch", or effects with commas between, and a payload for these.
+
+    Raises CalibError where the name is of none. "split" takes a diagnosis, see `for_confounded`.
+    """
+    if optimality not in PLAN_CRITERIA:
+        raise CalibError(f"no criterion {optimality!r}; there are {' and '.join(PLAN_CRITERIA)}")
+    names = tuple(dict.fromkeys(part.strip() for part in name.split(",") if part.strip()))
+    if len(names) == 1 and names[0] in (CALIBRATION, WATCH):
+        if payload_kg is not None:
+            raise CalibError(f"--payload-kg is for effects that a load shows; --for {name} is planned without")
+        return ForWatch() if names[0] == WATCH else ForCalibration(optimality)
+    if not names or {CALIBRATION, WATCH} & set(names):
+        raise CalibError(f"--for {name}: give {CALIBRATION}, {WATCH}, or effects with commas between")
+    if optimality != PLAN_CRITERIA[0]:
+        raise CalibError(f"--criterion {optimality} is of a calibration; leave it out with --for {name}")
+    return ForEffects(names, payload_kg)
+
+
+def plan(
+    known: FittedResult | Dataset | Robot | str | Path,
+    count: int | None = None,
+    options: FitOptions | None = None,
+    *,
+    purpose: str = CALIBRATION,
+    criterion: str = "I",
+    region: str = "auto",
+    effects: EffectChoice | Sequence[EffectChoice] = (),
+    user_effects: Sequence[Family] = (),
+    payload_kg: float | None = None,
+    noise_mm: float = DEFAULT_NOISE_MM,
+    base_T_scanner: ArrayLike | None = None,
+    seed: int = 0,
+    on_step: Callable[[str], None] | None = None,
+    **keywords: Unpack[FitFields],
+) -> Plan:
+    """Plan of the poses to measure next, in the order of measuring, and the error that a fit to them will have.
+
+    Args:
+        known: a calibration or diagnosis, a dataset or its folder, or a robot, its file or its name.
+        count: number of poses; None: 20 for a robot, 8 check poses, else 5.
+        options: options of the fit of a dataset or robot.
+        purpose: "calibration", "watch" (check poses), "split" (effects that a diagnosis left confounded), or names of
+            effects with commas between.
+        criterion: "I" (least error over the region) or "D" (best known parameters), for a calibration.
+        region: poses at which the error is predicted: "auto", "test", "measurable" or "all", see `plan_poses`.
+        effects: effects that the model of a dataset has; the diagnosis is then left out.
+        user_effects: families beyond the catalogue.
+        payload_kg: payload that the arm may carry at some poses, for effects that a load shows.
+        noise_mm: standard deviation per coordinate of a measured point, mm, for a robot that was never measured.
+        base_T_scanner: (4, 4) pose of the scanner, where it is set up anew.
+        seed: seed of the candidate poses.
+        on_step: called with a line of text before each stage of a diagnosis.
+        **keywords: fields of `FitOptions`, in place of those of `options`.
+
+    Raises:
+        CalibError: too few poses can be measured, or a purpose, effect or option that cannot be planned for.
+
+    >>> import calib
+    >>> fit = calib.calibrate("sample_data/hidden_effect_a", effects="transmission_error")
+    >>> calib.plan(fit, 3)
+    Plan(hidden_effect_a: 3 poses for calibration, predicted RMSE 0.06... -> 0.05... mm)
+    """
+    options = fit_options(options, keywords)
+    scanner = None if base_T_scanner is None else np.asarray(base_T_scanner, dtype=float)
+    start: FromFit | FromRobot
+    design = None if purpose == SPLIT else criterion_of(purpose, criterion, payload_kg=payload_kg)
+    if isinstance(known, str | Path) and Path(known).is_dir():
+        known = measured(known, orientation=options.residual == "pose")
+    if design is None:
+        design = for_confounded(_diagnosed(known, options, effects, user_effects, on_step), payload_kg)
+        start, usual = design.start, FURTHER
+    else:
+        usual = CHECK_POSES if purpose == WATCH else FURTHER
+        if isinstance(known, FittedResult):
+            start = FromFit(known.calibration, scanner)
+        elif isinstance(known, Dataset):
+            start = start_of_dataset(
+                known, options, effects=effects, user_effects=user_effects, base_T_scanner=scanner, on_step=on_step
+            )
+        else:
+            cell = workcell_of_robot(load_robot(known), base_T_scanner=scanner)
+            start, usual = FromRobot(cell, noise_mm, options), FIRST_SET
+    return plan_poses(
+        start, usual if count is None else count, criterion=design, region=region, user_effects=user_effects, seed=seed
+    )
+
+
+def _diagnosed(
+    known: FittedResult | Dataset | Robot | str | Path,
+    options: FitOptions,
+    effects: EffectChoice | Sequence[EffectChoice],
+    user_effects: Sequence[Family],
+    on_step: Callable[[str], None] | None,
+) -> Diagnosis:
+    """Diagnosis of what is known. Raises CalibError where that is neither a diagnosis nor a dataset."""
+    if isinstance(known, Diagnosis):
+        return known
+    if isinstance(known, Dataset):
+        return diagnose(known, options, effects=effects, user_effects=user_effects, on_step=on_step)
+    raise CalibError(f'purpose "{SPLIT}" is for effects left confounded by a diagnosis; give a diagnosis or a dataset')

@@ -1,9 +1,9 @@
-"""The error that a fit will have at poses that it has not seen, and how far one arm's may be from that.
+"""Predicted error of a fit at poses that it was not fitted to, with the band that 90 % of arms are in.
 
 The fitted model's error at a region's points is linear in the unknowns' errors, of covariance C: its mean square over
-the points is e^T G e with e ~ N(0, C), G the mean of columns^T columns. Over all arms the mean of it is trace(G C). One
-arm's is a sum of chi squared variables, weighted by the eigenvalues of L^T G L (C = L L^T). Few of these are large, so
-it varies.
+the points is e^T G e with e ~ N(0, C), G the mean of columns^T columns. Its mean over all arms is trace(G C). For one
+arm it is a sum of chi-square variables, weighted by the eigenvalues of L^T G L (C = L L^T). Few of these are large, so
+it varies from arm to arm.
 """
 
 from __future__ import annotations
@@ -18,89 +18,87 @@ from calib.dataset.dataset import Poses
 from calib.planning.question import inverse
 from calib.planning.unknowns import Unknowns
 
-SHARE = 0.9  # of arms within the band
+SHARE = 0.9  # share of arms within the band
 _DRAWS = 2000
-PAYS = 0.05  # share of the error by which five poses more have to lower it
-STEP = 5
+STEP = 5  # poses that are added at a time
+PAYS = 0.05  # share of the error by which `STEP` more poses have to lower it
 
 
 @dataclass(frozen=True)
 class Region:
-    """Poses at which the model is to be right."""
+    """Poses at which the model is to be accurate."""
 
-    words: str
+    name: str
     poses: Poses
-    columns_mm: Array  # (T, 3 t, K) of `Unknowns.columns_mm`
-    noise_mm2: float  # mean square of a point's noise there, three dimensions
+    columns_mm: Array  # (T, 3 t, K) `Unknowns.columns_mm` for T poses, t targets
+    noise_mm2: float  # mean square of a point's noise, three dimensions
 
     @classmethod
-    def of(cls, words: str, poses: Poses, unknowns: Unknowns) -> Region:
-        return cls(words, poses, unknowns.columns_mm(poses), unknowns.noise_mm2(poses))
+    def of(cls, name: str, poses: Poses, unknowns: Unknowns) -> Region:
+        """Region of some poses, with the derivatives of the points there by the unknowns."""
+        return cls(name, poses, unknowns.columns_mm(poses), unknowns.noise_mm2(poses))
 
     @property
-    def wanted(self) -> Array:
-        """(K, m) sums of unknowns whose variances add up to a point's mean square error."""
+    def target_combinations(self) -> Array:
+        """Combinations (K, m) of unknowns, mm, whose variances add up to the mean square error of a point."""
         return self.columns_mm.reshape(-1, self.columns_mm.shape[-1]).T / np.sqrt(self.points)
 
     @property
     def points(self) -> int:
+        """Number of points, one for each target of each pose."""
         return self.columns_mm.shape[0] * self.columns_mm.shape[1] // 3
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """3D RMS of a model's error over a region, mm."""
+    """Predicted 3D RMS error of a model over a region, mm."""
 
-    geometry_mm: float  # of the model's places, root mean square over arms
-    low_mm: float  # 90 % of arms are between
-    high_mm: float
-    with_noise_mm: float  # as measured there, each point with its noise
-
-
-def predicted(region: Region, information: Array, degrees_of_freedom: float, rng: np.random.Generator) -> Prediction:
-    """The error of a fit with this information (K, K); its noise is known by so many degrees of freedom."""
-    covariance = inverse(information)
-    root = covariance_root(covariance)
-    seen = region.wanted.T @ root
-    return _of_weights(_squares(seen), region.noise_mm2, degrees_of_freedom, rng)
+    geometry_mm: float  # without noise, root mean square over arms
+    low_mm: float  # lower end of the band of 90 % of arms, without noise
+    high_mm: float  # upper end
+    with_noise_mm: float  # as measured, each point with its noise
 
 
-def predicted_once_placed(
-    region: Region, unknowns: Unknowns, degrees_of_freedom: float, rng: np.random.Generator
-) -> Prediction:
-    """The error before any new pose, with the scanner placed by the region's own points.
+def predicted(region: Region, information: Array, noise_dof: float, rng: np.random.Generator) -> Prediction:
+    """Predicted error of a fit with information (K, K), whose noise was estimated with `noise_dof`."""
+    root = covariance_root(inverse(information))
+    return _of_weights(_weights(region.target_combinations.T @ root), region.noise_mm2, noise_dof, rng)
 
-    Of an arm that was never measured every parameter is off by its tolerance; of a fit as it knows them, where the
-    scanner is put up anew.
+
+def predicted_once_placed(region: Region, unknowns: Unknowns, noise_dof: float, rng: np.random.Generator) -> Prediction:
+    """Predicted error before any new pose, with the scanner's frame fitted to the region's own points.
+
+    The parameters of an arm that was never measured are off by their tolerances, those of a fit by their uncertainty.
     """
     p = len(unknowns.scales)
-    wanted = region.wanted.T
-    frame = wanted[:, p:]
-    kept = wanted[:, :p] - frame @ (np.linalg.pinv(frame, rcond=1e-9) @ wanted[:, :p])
-    root = np.linalg.cholesky(inverse(unknowns.known)[:p, :p])
-    return _of_weights(_squares(kept @ root), region.noise_mm2, degrees_of_freedom, rng)
+    targets = region.target_combinations.T
+    frame = targets[:, p:]
+    parameters = targets[:, :p] - frame @ (np.linalg.pinv(frame, rcond=1e-9) @ targets[:, :p])
+    root = np.linalg.cholesky(inverse(unknowns.prior_information)[:p, :p])
+    return _of_weights(_weights(parameters @ root), region.noise_mm2, noise_dof, rng)
 
 
-def _squares(seen: Array) -> Array:
-    """The squares of a matrix's singular values."""
-    return np.asarray(np.linalg.svd(seen, compute_uv=False) ** 2)
+def _weights(combinations: Array) -> Array:
+    """Weights of the chi-square variables: squared singular values of combinations of unit variables, mm^2."""
+    return np.asarray(np.linalg.svd(combinations, compute_uv=False) ** 2)
 
 
-def _of_weights(weights: Array, noise_mm2: float, degrees_of_freedom: float, rng: np.random.Generator) -> Prediction:
+def _of_weights(weights: Array, noise_mm2: float, noise_dof: float, rng: np.random.Generator) -> Prediction:
+    """Prediction where the mean square error is a sum of chi-square variables with these weights, mm^2."""
     mean = float(weights.sum())
     drawn = rng.chisquare(1.0, (_DRAWS, len(weights))) @ weights
-    if np.isfinite(degrees_of_freedom) and degrees_of_freedom > 2.0:
-        drawn *= degrees_of_freedom / rng.chisquare(degrees_of_freedom, _DRAWS)
+    if np.isfinite(noise_dof) and noise_dof > 2.0:
+        drawn *= noise_dof / rng.chisquare(noise_dof, _DRAWS)
     low, high = np.sqrt(np.quantile(drawn, [0.5 - 0.5 * SHARE, 0.5 + 0.5 * SHARE]))
     return Prediction(float(np.sqrt(mean)), float(low), float(high), float(np.sqrt(mean + noise_mm2)))
 
 
 def enough_poses(curve: Array, first: int = 0) -> int | None:
-    """From how many poses on, `first` or more, five more lower the error by less than 5 %.
+    """Least number of new poses from which five more lower the error by less than 5 %; None where the curve is short.
 
-    None where the curve ends before.
-
-    curve  # (n + 1,) the error by the number of new poses, from 0
+    Args:
+        curve: (n + 1,) error by the number of new poses, from 0.
+        first: least number to consider.
     """
     for count in range(first, len(curve) - STEP):
         if curve[count + STEP] > (1.0 - PAYS) * curve[count]:

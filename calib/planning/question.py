@@ -1,8 +1,8 @@
-"""What the poses of a plan are to tell, as linear algebra: unknowns, what each candidate tells, and what matters of it.
+"""Optimality of a set of poses as linear algebra: unknowns, their information, and the combinations that matter.
 
-A candidate's rows are the derivative of its measured numbers by the unknowns, in units of their noise. Measured poses
-add up: the information (inverse covariance) of a plan is H = known + sum of rows^T rows. A question is answered the
-better the smaller its measure of the covariance C = H^-1 is.
+A candidate's rows are the derivative of its measured numbers by the unknowns, in units of their noise. The information
+(inverse covariance) with some poses measured is H = prior information + sum of rows^T rows over these poses. A question
+prefers poses with a small measure of the covariance C = H^-1.
 """
 
 from __future__ import annotations
@@ -19,63 +19,64 @@ VARIANCE, VOLUME = "variance", "volume"
 
 @dataclass(frozen=True)
 class Question:
-    """What is known of K unknowns, what each of N candidates tells of them, and which m sums of them matter.
+    """Target combinations of K unknowns to be known well, with the prior information and the rows of N candidates.
 
-    `measure`: "variance" is trace(W^T C W), the sum of the wanted sums' variances: I-optimal where W are the rows of a
-    region's points, A-optimal for single coefficients. "volume" is det(W^T C W)^(1/m): D-optimal.
+    With W the target combinations, `measure` "variance" is trace(W^T C W), the sum of their variances: I-optimal where
+    W are the rows of a region's points, A-optimal for single coefficients. "volume" is det(W^T C W)^(1/m): D-optimal.
     """
 
     rows: Array  # (N, r, K)
-    known: Array  # (K, K), positive definite
-    wanted: Array  # (K, m)
+    prior_information: Array  # (K, K), positive definite
+    target_combinations: Array  # (K, m)
     measure: str = VARIANCE
 
     def __post_init__(self) -> None:
-        n = self.known.shape[0]
-        assert (self.known.shape, self.rows.shape[2], self.wanted.shape[0]) == ((n, n), n, n)
+        n = self.prior_information.shape[0]
+        shapes = self.prior_information.shape, self.rows.shape[2], self.target_combinations.shape[0]
+        assert shapes == ((n, n), n, n)
         assert self.measure in (VARIANCE, VOLUME)
 
     def log_value(self, information: Array) -> float:
-        """The log of the measure, for an information (K, K)."""
+        """Log of the measure for an information (K, K)."""
         covariance = inverse(information)
-        inside = self.wanted.T @ covariance @ self.wanted
+        target_covariance = self.target_combinations.T @ covariance @ self.target_combinations
         if self.measure == VARIANCE:
-            return float(np.log(np.trace(inside)))
-        return float(np.linalg.slogdet(inside)[1]) / inside.shape[0]
+            return float(np.log(np.trace(target_covariance)))
+        return float(np.linalg.slogdet(target_covariance)[1]) / target_covariance.shape[0]
 
     def log_values_with(self, information: Array) -> Array:
-        """(N,) the log of the measure with one candidate more, for each.
+        """Log of the measure (N,) with each candidate added, by itself, to an information (K, K).
 
-        By Woodbury: C' = C - C R^T (1 + R C R^T)^-1 R C, an r x r system a candidate.
+        By Woodbury: C' = C - C R^T (1 + R C R^T)^-1 R C, an r x r system for each candidate.
         """
         covariance = inverse(information)
         n, r, k = self.rows.shape
         flat = self.rows.reshape(n * r, k)
         spread = np.matmul((flat @ covariance).reshape(n, r, k), np.swapaxes(self.rows, 1, 2))
         spread = spread + np.eye(r)
-        told = covariance @ self.wanted  # (K, m)
-        inside = self.wanted.T @ told
+        cross_covariance = covariance @ self.target_combinations  # (K, m)
+        target_covariance = self.target_combinations.T @ cross_covariance
         if self.measure == VARIANCE:
-            seen = _squares(flat, told, self.rows)
-            drop = np.trace(np.linalg.solve(spread, seen), axis1=1, axis2=2)
-            least = 1e-12 * np.trace(inside)  # rounding
-            return np.asarray(np.log(np.maximum(np.trace(inside) - drop, least)))
-        m = inside.shape[0]
-        before = float(np.linalg.slogdet(inside)[1])
-        root = np.linalg.inv(np.linalg.cholesky(inside))
-        seen = _squares(flat, told @ root.T, self.rows)
-        after = np.linalg.slogdet(spread - seen)[1] - np.linalg.slogdet(spread)[1]
+            squares = _squares(flat, cross_covariance, self.rows)
+            drop = np.trace(np.linalg.solve(spread, squares), axis1=1, axis2=2)
+            least = 1e-12 * np.trace(target_covariance)  # rounding
+            return np.asarray(np.log(np.maximum(np.trace(target_covariance) - drop, least)))
+        m = target_covariance.shape[0]
+        before = float(np.linalg.slogdet(target_covariance)[1])
+        root = np.linalg.inv(np.linalg.cholesky(target_covariance))
+        squares = _squares(flat, cross_covariance @ root.T, self.rows)
+        after = np.linalg.slogdet(spread - squares)[1] - np.linalg.slogdet(spread)[1]
         return np.asarray((before + after) / m)
 
 
-def condensed(wanted: Array) -> Array:
-    """At most K sums with the same variances in total, of wanted (K, m) with m > K: W W^T stays what it is."""
-    k, m = wanted.shape
-    return wanted if m <= k else np.asarray(np.linalg.qr(wanted.T, mode="r")).T
+def condensed(combinations: Array) -> Array:
+    """At most K combinations W' with W' W'^T = W W^T, so the same total variance, of combinations W (K, m)."""
+    k, m = combinations.shape
+    return combinations if m <= k else np.asarray(np.linalg.qr(combinations.T, mode="r")).T
 
 
 def inverse(information: Array) -> Array:
-    """The covariance (K, K) of an information. Raises CalibError where it is not positive definite."""
+    """Covariance (K, K) of an information (K, K). Raises CalibError where that is not positive definite."""
     # In units in which the diagonal is 1: unknown frames and known lengths are many powers of ten apart.
     size = np.sqrt(np.diag(information))
     try:
@@ -87,10 +88,10 @@ def inverse(information: Array) -> Array:
     return np.asarray((root.T @ root) / np.outer(size, size))
 
 
-def _squares(flat: Array, told: Array, rows: Array) -> Array:
-    """(N, r, r) R B B^T R^T of each candidate's rows, B = told (K, m)."""
+def _squares(flat: Array, factor: Array, rows: Array) -> Array:
+    """Products R B B^T R^T (N, r, r) of each candidate's rows R and a factor B (K, m); `flat` has all rows (N r, K)."""
     n, r, k = rows.shape
-    if told.shape[1] < k:
-        seen = (flat @ told).reshape(n, r, -1)
-        return np.asarray(seen @ np.swapaxes(seen, 1, 2))
-    return np.asarray((flat @ (told @ told.T)).reshape(n, r, k) @ np.swapaxes(rows, 1, 2))
+    if factor.shape[1] < k:
+        products = (flat @ factor).reshape(n, r, -1)
+        return np.asarray(products @ np.swapaxes(products, 1, 2))
+    return np.asarray((flat @ (factor @ factor.T)).reshape(n, r, k) @ np.swapaxes(rows, 1, 2))

@@ -1,8 +1,8 @@
-"""Where a plan begins: a fit of what was measured already, or an arm that was never measured."""
+"""Start of a plan: a fit of what was measured already, or an arm that was never measured."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
@@ -12,13 +12,23 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.brief import Brief
+from calib.calibration.calibrate import calibrate
+from calib.calibration.noise_level import check_sigma
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset, Poses
-from calib.effects.effect import Effect
+from calib.diagnosis.diagnose import diagnose
+from calib.effects.catalogue import EffectChoice, effects_named
+from calib.effects.effect import Effect, Family
 from calib.errors import CalibError
 from calib.fitting.observations import conditions_at
 from calib.options import FitOptions
-from calib.planning.unknowns import DEFAULT_NOISE_MM, Unknowns, unknowns_of_fit, unknowns_of_robot
+from calib.planning.unknowns import (
+    DEFAULT_NOISE_MM,
+    Unknowns,
+    require_scanner_in_world,
+    unknowns_of_fit,
+    unknowns_of_robot,
+)
 from calib.workcell.known_cell import workcell_of_dataset
 from calib.workcell.workcell import Workcell
 
@@ -26,40 +36,40 @@ NEW_SETUP = "new"
 
 
 class Start(Protocol):
-    """What a plan needs of its beginning."""
+    """Start of a plan: what was measured, what is known of the unknowns, and which poses can be measured."""
 
     @property
     def dataset(self) -> Dataset:
-        """Robot, jig and scanner, with the measured poses where there are any."""
+        """Dataset with robot, jig and scanner, and with the measured poses where there are any."""
         ...
 
     @property
     def measured(self) -> Poses | None:
-        """The poses that were measured already, test poses too."""
+        """Poses that were measured already, test poses included; None for an arm that was never measured."""
         ...
 
     @property
     def setup(self) -> str:
-        """The placement of the scanner that new poses are measured from."""
+        """Name of the scanner's station (`Poses.setup`) from which new poses are measured."""
         ...
 
     @property
     def cell(self) -> Workcell:
-        """What decides which poses can be measured."""
+        """Cell that decides which poses can be measured."""
         ...
 
     def unknowns(self, effects: Sequence[Effect] = ()) -> Unknowns:
-        """The unknowns of the fit to come, these effects among them."""
+        """Unknowns of the fit to come, including the coefficients of further effects."""
         ...
 
     def poses_at(self, q: Array) -> Poses:
-        """Poses to be measured at joints (N, n), under the usual conditions."""
+        """Poses to be measured at joints q (N, n), rad or mm, under the usual conditions."""
         ...
 
 
 @dataclass(frozen=True)
 class DiagnosedModel:
-    """Why a diagnosis chose the model to plan for, and whether it left anything open."""
+    """Reason for which a diagnosis chose the model to plan for, and whether it left effects confounded."""
 
     noise_ratio: float  # residual of the link errors alone over the declared noise
     confounded: bool  # whether effects stayed confounded
@@ -67,23 +77,26 @@ class DiagnosedModel:
 
 @dataclass(frozen=True)
 class FromFit(Brief):
-    """The next poses of a calibration; from where its scanner stood last, or from a further place."""
+    """Start from a calibration, whose next poses are measured from its scanner's last station or from a new one."""
 
     calibration: Calibration
-    scanner_place: Array | None = None  # (4, 4) base_T_scanner of a placement that was not measured from yet
+    base_T_scanner: Array | None = None  # (4, 4) pose of the scanner at a new station; None: the last one
     diagnosed: DiagnosedModel | None = None  # where a diagnosis chose the calibration's model
 
     @property
     def dataset(self) -> Dataset:
+        """Dataset of the calibration."""
         return self.calibration.dataset
 
     @property
     def measured(self) -> Poses:
+        """Measured poses, test poses included."""
         return self.calibration.dataset.poses
 
     @property
     def setup(self) -> str:
-        if self.scanner_place is None:
+        """Name of the last station, or a name that is free for a new one."""
+        if self.base_T_scanner is None:
             return self._last_setup
         names = set(map(str, self.measured.setup))
         number = 1
@@ -93,7 +106,7 @@ class FromFit(Brief):
 
     @property
     def _last_setup(self) -> str:
-        """The setup of the training pose that was measured last."""
+        """Name of the station of the training pose that was measured last."""
         poses, points = self.calibration.fitted_dataset.poses, self.calibration.fitted_dataset.points
         assert points is not None
         trained = points.pose[~poses.is_test[points.pose]]
@@ -101,26 +114,29 @@ class FromFit(Brief):
 
     @cached_property
     def cell(self) -> Workcell:
-        """With the fitted table, the scanner where the fit has it, or at the further place."""
+        """Cell with the fitted table, and the scanner where the fit has it or at the new station."""
         last = self._last_setup
         fitted = replace(self.dataset, robot=self.calibration.robot)
         seen_from = frames.invert(self.calibration.after.scanner_T_base[last])
         cell = workcell_of_dataset(fitted, base_T_scanner=seen_from, setup=last)
-        return cell if self.scanner_place is None else replace(cell, base_T_scanner=self.scanner_place)
+        return cell if self.base_T_scanner is None else replace(cell, base_T_scanner=self.base_T_scanner)
 
     def unknowns(self, effects: Sequence[Effect] = ()) -> Unknowns:
+        """Unknowns of the fit, including the coefficients of further effects."""
         return self._unknowns_with(effects) if effects else self._unknowns
 
     @cached_property
     def _unknowns(self) -> Unknowns:
-        """The unknowns of the fit alone, kept because a plan asks for them several times."""
+        """Unknowns of the fit alone, cached because a plan asks for them several times."""
         return self._unknowns_with(())
 
     def _unknowns_with(self, effects: Sequence[Effect]) -> Unknowns:
-        further = None if self.scanner_place is None else {self.setup: frames.invert(self.scanner_place)}
-        return unknowns_of_fit(self.calibration, effects=effects, scanner_T_base=further)
+        """Unknowns of the fit, the coefficients of further effects, and the frame of a new station."""
+        new_station = None if self.base_T_scanner is None else {self.setup: frames.invert(self.base_T_scanner)}
+        return unknowns_of_fit(self.calibration, effects=effects, scanner_T_base=new_station)
 
     def poses_at(self, q: Array) -> Poses:
+        """Training poses at joints q (N, n), under the measured poses' conditions at the latest time."""
         poses, time_s = conditions_at(self.measured, q), self.measured.time_s
         later = None if time_s is None else np.full(len(q), time_s.max())
         return replace(poses, role=np.full(len(q), "train"), setup=np.full(len(q), self.setup), time_s=later)
@@ -128,39 +144,76 @@ class FromFit(Brief):
 
 @dataclass(frozen=True)
 class FromRobot:
-    """A first set of poses for an arm."""
+    """Start from an arm that was never measured, for a first set of poses."""
 
     cell: Workcell  # with the scanner roughly where it will stand
-    noise_mm: float = DEFAULT_NOISE_MM  # of a measured point, each axis
+    noise_mm: float = DEFAULT_NOISE_MM  # sigma per coordinate of a measured point
     options: FitOptions = field(default_factory=FitOptions)
 
     @property
     def dataset(self) -> Dataset:
+        """Dataset with the robot and without poses."""
         robot = self.cell.robot
         return Dataset(robot.name, robot, self.poses_at(np.zeros((0, robot.n_joints))))
 
     @property
     def measured(self) -> None:
+        """None, as nothing was measured."""
         return None
 
     @property
     def setup(self) -> str:
+        """Empty name of the only station."""
         return ""
 
     def unknowns(self, effects: Sequence[Effect] = ()) -> Unknowns:
+        """Parameters within their tolerances, including the coefficients of further effects."""
         if not self.options.prior:
             raise CalibError("a first set of poses is planned with tolerances; leave out --no-prior")
-        place = np.eye(4) if self.cell.base_T_scanner is None else self.cell.base_T_scanner
+        base_T_scanner = np.eye(4) if self.cell.base_T_scanner is None else self.cell.base_T_scanner
         return unknowns_of_robot(
             self.cell.robot,
-            place,
+            base_T_scanner,
             noise_mm=self.noise_mm,
             effects=effects,
             tolerances=self.options.tolerances,
-            held=self.options.fixed,
+            fixed=self.options.fixed,
         )
 
     def poses_at(self, q: Array) -> Poses:
+        """Training poses at joints q (N, n), named q1, q2, ..."""
         n = len(q)
         ids = tuple(f"q{i + 1}" for i in range(n))
         return Poses(ids, np.full(n, "train"), q, np.full(n, ""), ids)
+
+
+def start_of_dataset(
+    dataset: Dataset,
+    options: FitOptions,
+    *,
+    effects: EffectChoice | Sequence[EffectChoice] = (),
+    user_effects: Sequence[Family] = (),
+    base_T_scanner: Array | None = None,
+    on_step: Callable[[str], None] | None = None,
+) -> FromFit:
+    """Start from the fit of a dataset, or from its diagnosis where the residual is above the declared noise.
+
+    Args:
+        dataset: measured poses with their points.
+        options: options of the fit.
+        effects: effects that the model has; the diagnosis is then left out.
+        user_effects: families beyond the catalogue.
+        base_T_scanner: (4, 4) pose of the scanner for the new poses, where it is set up anew.
+        on_step: called with a line of text before each stage of a diagnosis.
+
+    Raises FitError where the arm carries the scanner.
+    """
+    require_scanner_in_world(dataset)
+    members = effects_named(dataset, effects, user_effects)
+    calibration = calibrate(dataset, options, effects=members)
+    check = check_sigma(calibration)
+    if members or check.verdict != "excess" or not check.declared_mm:
+        return FromFit(calibration, base_T_scanner)
+    diagnosis = diagnose(dataset, options, user_effects=user_effects, on_step=on_step)
+    diagnosed = DiagnosedModel(check.sigma_mm / check.declared_mm, diagnosis.verdict == "ambiguous")
+    return FromFit(diagnosis.calibration, base_T_scanner, diagnosed)

@@ -1,4 +1,4 @@
-"""What to do about an arm, in plain words for its owner: table, compensation, confirmation, poses to measure."""
+"""Recommended actions for an arm's owner: table, compensation, confirmation, poses to measure."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def what_to_do(
     next_poses: NextPoses | None,
     outlier_poses: Sequence[str],
 ) -> list[str]:
-    """The recommended actions, the most useful first.
+    """List of recommended actions in plain words, the most useful first.
 
     Args:
         headline: the errors of the arm, stage by stage.
@@ -79,7 +79,7 @@ def _compensation(calibration: Calibration, correction: Correction | None, headl
 
 
 def _confirmations(diagnosis: Diagnosis | None) -> list[str]:
-    """The measurement that shows each cause alone, before a gear is opened."""
+    """Sentences on the measurements that confirm each cause alone, before a gear is opened."""
     if diagnosis is None:
         return []
     confirm = {described.name: described.confirm for described in descriptions()}

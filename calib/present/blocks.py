@@ -1,4 +1,4 @@
-"""What the telling of a result consists of: paragraphs, lists, tables, places of figures.
+"""Blocks of which a result's presentation consists: paragraphs, lists, tables, places of figures.
 
 A sentence is a text, or a sequence of texts and references. A reference names a pose, a joint, an effect or a model of
 the dataset: the page makes it a link that selects it, everywhere else it is its own words.
@@ -16,7 +16,7 @@ _SHORT_NAME = 14  # characters
 
 @dataclass(frozen=True)
 class Reference:
-    """A name within a sentence or a cell that a reader may follow: a click on it selects what it names."""
+    """A name within a sentence or a cell that refers to a pose, joint or effect; a click on it selects that."""
 
     kind: Literal["pose", "joint", "effect", "planned", "step", "setup"]
     value: str | int  # a pose's id, a joint's number from 1, an effect's key, an index
@@ -53,7 +53,7 @@ Words = Span | Sequence[Span]  # a sentence, or a cell of a table
 
 
 def plain(words: Words) -> str:
-    """The text of a sentence, its references as their own words."""
+    """Plain text of a sentence, each reference by its own text."""
     return str(words) if isinstance(words, Span) else "".join(map(str, words))
 
 
@@ -66,7 +66,7 @@ def spans(*parts: Words) -> tuple[Span, ...]:
 
 
 def listed(names: Sequence[Words], last: str = "and") -> tuple[Span, ...]:
-    """Names in a sentence, each with its reference: "a, b and c"."""
+    """Names joined for a sentence, each with its reference: "a, b and c"."""
     out: list[Words] = []
     for k, name in enumerate(names):
         out += ["" if k == 0 else f" {last} " if k == len(names) - 1 else ", ", name]
@@ -80,17 +80,17 @@ def capitalised(words: Words) -> tuple[Span, ...]:
 
 
 def pose(pose_id: object, words: str = "") -> Reference:
-    """A pose by its id."""
+    """Reference to a pose by its id."""
     return Reference("pose", str(pose_id), words or str(pose_id))
 
 
 def joint(number: int, words: str = "") -> Reference:
-    """A joint by its number, counted from 1."""
+    """Reference to a joint by its number, counted from 1."""
     return Reference("joint", number, words or str(number))
 
 
 def effect(key: str, words: str = "") -> Reference:
-    """An effect by its key in the catalogue."""
+    """Reference to an effect by its key in the catalogue."""
     return Reference("effect", key, words or key)
 
 
@@ -103,7 +103,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Paragraph(Block):
-    """A sentence or several; `soft` ones are smaller and grey, a `heading` stands over what follows."""
+    """One or several sentences; `soft` ones are smaller and grey, a `heading` is put above the blocks that follow."""
 
     kind: ClassVar[str] = "paragraph"
     words: Words
@@ -113,7 +113,7 @@ class Paragraph(Block):
 
 @dataclass(frozen=True)
 class Bullets(Block):
-    """A plain list."""
+    """A bulleted list of sentences."""
 
     kind: ClassVar[str] = "bullets"
     sentences: Sequence[Words]
@@ -148,7 +148,7 @@ class Table(Block):
 
 @dataclass(frozen=True)
 class Facts(Block):
-    """Name and value, a row each."""
+    """A table of names and values, one row each."""
 
     kind: ClassVar[str] = "facts"
     pairs: Sequence[tuple[str, object]]
@@ -156,7 +156,7 @@ class Facts(Block):
 
 @dataclass(frozen=True)
 class KeyFigures(Block):
-    """A few numbers to be seen first."""
+    """A few important numbers, displayed before all else."""
 
     kind: ClassVar[str] = "key_figures"
     pairs: Sequence[tuple[str, object]]
@@ -164,7 +164,7 @@ class KeyFigures(Block):
 
 @dataclass(frozen=True)
 class Headline(Block):
-    """How the error fell: figure and name of each stage, the noise, and a note below."""
+    """Decrease of the error from stage to stage: figure and name of each stage, the noise, and a note below."""
 
     kind: ClassVar[str] = "headline"
     stages: Sequence[tuple[str, str]]
@@ -175,7 +175,7 @@ class Headline(Block):
 
 @dataclass(frozen=True)
 class Verdict(Block):
-    """The answer, marked with a colour of the palette (never one from outside)."""
+    """The verdict on a result, marked with a colour of the palette (never one from outside)."""
 
     kind: ClassVar[str] = "verdict"
     words: Words
@@ -185,7 +185,7 @@ class Verdict(Block):
 
 @dataclass(frozen=True)
 class Drawing(Block):
-    """A picture that is SVG already, whose words were escaped by the one who drew it."""
+    """A picture given as SVG, whose texts are escaped already."""
 
     kind: ClassVar[str] = "drawing"
     svg: str
@@ -194,7 +194,7 @@ class Drawing(Block):
 
 @dataclass(frozen=True)
 class FigurePlace(Block):
-    """The place of a figure, which whoever has a plotting library draws; a text has none.
+    """Placeholder of a figure, drawn where a plotting library is available; omitted in plain text.
 
     figure: what draws it, a function's name in `inspector.figures`; it is called with `of`.
     height_px: 0 for the height that the figure itself has.
@@ -210,7 +210,7 @@ class FigurePlace(Block):
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and the blocks below it; a `brief` one is part of the text that a terminal prints, too."""
+    """A heading and the blocks below it; a `brief` section is printed on a terminal, too."""
 
     heading: str
     blocks: Sequence[Block]
@@ -219,7 +219,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Presentation:
-    """All that is told of a result: a title, what is seen first, and sections that a notebook opens with a click."""
+    """Everything shown of a result: a title, the first blocks, and sections that open with a click in a notebook."""
 
     title: str
     head: Sequence[Block]

@@ -1,4 +1,4 @@
-"""A calibration: its errors before and after, how the fit ended, every parameter, and the sums that are known."""
+"""Presentation of a calibration: errors before and after, convergence, all parameters, and the identifiable sums."""
 
 from __future__ import annotations
 
@@ -56,7 +56,9 @@ FIGURES = (
     ("distance_mean_mm", "distance mean"),
     ("distance_max_mm", "distance max"),
 )
-_NOT_KNOWN = "* next to nothing is known of it by itself: its tolerance fixes the value, or it is shared."
+_NOT_KNOWN = (
+    "* these data hardly determine this parameter alone: its tolerance sets the value, or others share its influence."
+)
 _CHANGES = ("before", "after", "reduction")
 _UNCHANGED = 1e-6  # sigmas: a change below this is rounding
 _MOST_OUTLIERS = 8  # outlying poses that are named
@@ -80,7 +82,7 @@ def _calibration(calibration: Calibration) -> Presentation:
 
 
 def calibration_head(calibration: Calibration, way: Sequence[Calibration] = ()) -> list[Block]:
-    """How the error fell on the `way` to a calibration, all its errors, how the fit ended, and what to be warned of."""
+    """Blocks with the errors at each stage (`way`) of a calibration, all errors, convergence, and warnings."""
     worse = worsening_sentence(calibration)
     remarks = [remark for remark in calibration_warnings(calibration) if remark != worse]
     return [
@@ -93,12 +95,12 @@ def calibration_head(calibration: Calibration, way: Sequence[Calibration] = ()) 
 
 
 def error_way(*calibrations: Calibration) -> Headline:
-    """From the arm as delivered to the last of the fits."""
+    """Headline of the errors from the arm as delivered to the last of the fits."""
     return error_headline(headline_of(calibrations))
 
 
 def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
-    """What was fitted by which equations, how the fit ended, and the noise that it leaves."""
+    """Facts on the fit: parameters, equations, convergence, and the residual noise."""
     fit = calibration.fit
     facts: list[tuple[str, object]] = [
         ("model", model_name(calibration)),
@@ -119,7 +121,7 @@ def _iterations(calibration: Calibration) -> str:
 
 
 def fit_sentence(calibration: Calibration) -> str:
-    """How the fit ended, its size and rank, and the residual over the sigma where that is declared."""
+    """Sentence on convergence, size and rank of the fit, and on the residual over the declared sigma."""
     fit = calibration.fit
     state = "converged" if fit.converged else "not converged"
     declared = is_declared(calibration.dataset)
@@ -134,7 +136,7 @@ def fit_sentence(calibration: Calibration) -> str:
 
 
 def calibration_warnings(calibration: Calibration) -> tuple[str, ...]:
-    """What to be warned of before a calibration is used: of the data, the tool, the fit, and single poses."""
+    """Warnings on the data, the tool, the fit and single poses, to be read before a calibration is used."""
     sentences = [*calibration.fitted_dataset.warnings, *calibration.fitted_dataset.notes, *calibration.after.notes]
     if calibration.tool_shift is not None:
         sentences.append(tool_shift_sentence(calibration.tool_shift))
@@ -149,7 +151,7 @@ def calibration_warnings(calibration: Calibration) -> tuple[str, ...]:
 
 
 def tool_shift_sentence(shift: ToolShift) -> str:
-    """Where a tool point was found that is far from robot.toml's; it begins with a small letter."""
+    """Sentence on a tool point that was found far from robot.toml's, without capital and full stop."""
     from_tip = ", ".join(numbers.signed(value, "z.1f") for value in shift.in_tip_mm)
     x, y, z = (numbers.signed(value, "z.1f") for value in shift.point_mm)
     return (
@@ -160,7 +162,7 @@ def tool_shift_sentence(shift: ToolShift) -> str:
 
 
 def worsening_sentence(calibration: Calibration) -> str:
-    """That a fit is worse than the arm as delivered, with the errors; "" where it is not."""
+    """Sentence on a fit that is worse than the arm as delivered, with the errors; "" for any other fit."""
     worse = calibration.worsening
     if worse is None:
         return ""
@@ -172,7 +174,7 @@ def worsening_sentence(calibration: Calibration) -> str:
 
 
 def outlier_hint(plain: Calibration, robust: Calibration) -> str:
-    """The outlying poses of a plain fit, and the error without them, by a robust fit (`fit_without_outliers`)."""
+    """Sentence on the outlying poses of a plain fit and the error without them (`fit_without_outliers`)."""
     it = "it" if len(robust.outliers) == 1 else "them"
     error, without_mm, with_mm = "the sigma per coordinate is", robust.sigma_mm, plain.sigma_mm
     before, after = plain.after.test, robust.after.test
@@ -197,7 +199,7 @@ def _outlying(robust: Calibration) -> str:
 
 
 def error_tables(calibration: Calibration, colours: Mapping[str, str] | None = None) -> list[Block]:
-    """All errors before and after; those of the jig's attitude, too, where full poses were fitted.
+    """Tables of all errors before and after, including those of the jig's orientation where full poses were fitted.
 
     colours: of training and test poses in figures, by role.
     """
@@ -216,7 +218,7 @@ def error_table(
     colours: Mapping[str, str] | None = None,
     test: str = "test",
 ) -> Table:
-    """3D and distance errors before and after, of training and of test poses, or whatever `test` calls these."""
+    """Table of 3D and distance errors before and after, of training and test poses (or as `test` names them)."""
     rows = [
         (
             _of_role(test if role == "test" else role, name, colours),
@@ -249,20 +251,20 @@ def _of_role(role: str, figure: str, colours: Mapping[str, str] | None) -> str |
 
 
 def pose_errors(calibration: Calibration) -> FigurePlace:
-    """The place of the error of each pose."""
+    """Placeholder of the figure of each pose's error."""
     caption = "3D error of each pose after the fit, with everything in the model: predicted minus measured, length."
     return FigurePlace("error_bars", (calibration,), caption, height_px=280)
 
 
 def step_table(steps: Sequence[tuple[str, float, float, float]]) -> Table:
-    """3D RMSE after each change of the model: its label, training and test RMSE and residual sigma, mm."""
+    """Table of 3D RMSE after each change of the model: its label, training and test RMSE and residual sigma, mm."""
     rows = [(label, *map(numbers.column_mm, figures)) for label, *figures in steps]
     columns = ("model", "training, mm", "test, mm", "residual sigma, mm")
     return Table(columns, rows, caption="3D RMSE after each change of the model; the sigma is per coordinate")
 
 
 def fit_steps(steps: Sequence[FitStep]) -> list[tuple[str, float, float, float]]:
-    """The rows of `step_table` of fits one after the other."""
+    """Rows of `step_table` for a sequence of fits."""
     nan = math.nan
     return [
         (
@@ -280,7 +282,7 @@ class ModelErrors(Protocol):
 
     @property
     def label(self) -> str:
-        """What was changed: "link errors", "+ backlash", "− backlash"."""
+        """Change of the model: "link errors", "+ backlash", "− backlash"."""
 
     @property
     def train_rmse_mm(self) -> float:
@@ -296,7 +298,7 @@ class ModelErrors(Protocol):
 
 
 def last_change(models: Sequence[ModelErrors]) -> Verdict | None:
-    """Whether the last change of the model helped; None where there was none, or nothing can be said of it."""
+    """Judgement of the last change of the model by the errors; None without a change or without an error."""
     if len(models) < 2:
         return None
     old, new = models[-2:]
@@ -320,7 +322,7 @@ def last_change(models: Sequence[ModelErrors]) -> Verdict | None:
 
 
 def state_of_model(models: Sequence[ModelErrors], effects: Sequence[SelectedEffect], calibration: Calibration) -> Facts:
-    """What is in the model on show, its errors, and the noise."""
+    """Facts on a model: its effects, its errors, and the noise."""
     last, level = models[-1], noise_level(calibration)
     test = last.test_rmse_mm
     floor = "not declared"
@@ -338,7 +340,7 @@ def state_of_model(models: Sequence[ModelErrors], effects: Sequence[SelectedEffe
 
 
 def errors_by_version(versions: Sequence[Version], colours: Mapping[str, str]) -> Table:
-    """RMSE and largest 3D error of each version of a model, mm, and what noise alone leaves; `colours` by version."""
+    """Table of RMSE and largest 3D error of each version of a model, mm, and of noise alone; `colours` by version."""
     rows = [
         (Coloured(version.name, colours[version.name]), *_largest(version.evaluation.train, version.evaluation.test))
         for version in versions
@@ -356,7 +358,7 @@ def _largest(*figures: Figures | None) -> tuple[str, ...]:
 
 
 def pose_error_by_version(versions: Sequence[Version], pose: int, colours: Mapping[str, str]) -> Table:
-    """Predicted minus measured at one pose by each version of a model, mm; no row for one without an error there."""
+    """Table of predicted minus measured at one pose by each version of a model, mm, where it has an error there."""
     errors = [(version.name, version.pose_error_vectors_mm()[pose]) for version in versions]
     rows = [
         (
@@ -371,7 +373,7 @@ def pose_error_by_version(versions: Sequence[Version], pose: int, colours: Mappi
 
 
 def evaluation_sentence(evaluation: Evaluation) -> str:
-    """The RMSE of test and training poses in a phrase: "test RMSE 0.20 mm (training 0.19 mm)"."""
+    """Phrase with the RMSE of test and training poses: "test RMSE 0.20 mm (training 0.19 mm)"."""
     train, test = evaluation.train, evaluation.test
     if test is None:
         return f"training RMSE {numbers.length(train.rmse_mm)}, no test poses" if train else "no poses"
@@ -380,7 +382,7 @@ def evaluation_sentence(evaluation: Evaluation) -> str:
 
 
 def table_alone(table: ExportedTable) -> list[Block]:
-    """What robot.toml alone is worth beside the whole model; nothing where the model has no more than a table."""
+    """Paragraph with the errors of robot.toml's table alone and of the full model; [] for a model without effects."""
     if not table.left_out:
         return []
     effects = numbers.listing(table.left_out)
@@ -393,7 +395,7 @@ def table_alone(table: ExportedTable) -> list[Block]:
 
 
 def sigma_sentence(check: SigmaCheck) -> str:
-    """The residual sigma with its 95 % interval, beside the declared one, and what that means."""
+    """Sentence with the residual sigma, its 95 % interval and the declared sigma, and what the comparison means."""
     if not math.isfinite(check.sigma_mm):
         return "Residual sigma: no degree of freedom is left to tell it."
     low, high = numbers.length(check.low_mm), numbers.length(check.high_mm)
@@ -416,7 +418,7 @@ def sigma_sentence(check: SigmaCheck) -> str:
 
 
 def parameters(calibration: Calibration, table: ExportedTable | None = None) -> list[Block]:
-    """Every parameter with its sigma, learned curves, the sums that are known, and what is known of the tool."""
+    """Blocks with every parameter and its sigma, learned curves, identifiable sums, and the tool row."""
     sums = identifiable_combinations(calibration)
     tool = tool_rows(calibration.dataset, residual=calibration.residual, model=calibration.model)
     return [
@@ -429,7 +431,7 @@ def parameters(calibration: Calibration, table: ExportedTable | None = None) -> 
 
 
 def parameter_tables(calibration: Calibration, height: str = "") -> list[Block]:
-    """The parameters of the arm, those of each effect, and the learned curves; `height` as of `Table`."""
+    """Tables of the arm's parameters, of each effect's, and of the learned curves; `height` as of `Table`."""
     return [*_tables(calibration, height), Paragraph(_NOT_KNOWN, soft=True)]
 
 
@@ -456,7 +458,7 @@ def _tables(calibration: Calibration, height: str) -> Iterator[Block]:
 
 
 def _row(row: Mapping[str, Any], name: str, *, of_arm: bool) -> tuple[str, ...]:
-    """A parameter: angles of the arm in degrees with the four decimals of a data sheet; an effect's three digits."""
+    """Table row of a parameter: the arm's angles in degrees with four decimals; an effect's values in three digits."""
     unit = numbers.readable(0.0, row["unit"])[1] if of_arm else str(row["unit"])
     scale = math.degrees(1.0) if of_arm and row["unit"] == "rad" else 1.0
     nominal, value, change, sigma = (scale * float(row[key]) for key in ("nominal", "value", "change", "sigma"))
@@ -475,7 +477,7 @@ def _row(row: Mapping[str, Any], name: str, *, of_arm: bool) -> tuple[str, ...]:
 
 
 def _sum(known: Combination) -> Words:
-    """A sum of parameters of one unit; angles in degrees."""
+    """Row text of a sum of parameters of one unit; angles in degrees."""
     terms: list[Any] = []
     for name, coefficient in known.coefficients.items():
         sign = numbers.MINUS if coefficient < 0 else "+"
@@ -532,7 +534,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
 
 
 def found_tool_document(calibration: Calibration) -> dict[str, Any]:
-    """Where the tool point was found, mm in the last joint's frame and from the tip; None where robot.toml has it."""
+    """Keys on the found tool point, mm in the last joint's frame and from the tip; None where robot.toml's holds."""
     shift = calibration.tool_shift
     return {
         "tool_found_mm": None if shift is None else shift.point_mm,
@@ -547,7 +549,7 @@ def stands_document(calibration: Calibration) -> dict[str, int] | None:
 
 
 def steps_document(steps: Sequence[FitStep]) -> list[dict[str, Any]]:
-    """The way to a calibration: the first fit, then one for each effect that was added, with its members' sizes."""
+    """Keys of each step of a calibration: the first fit, then one per added effect with its members' sizes."""
     return [
         {
             "effect": step.effect,
@@ -560,7 +562,7 @@ def steps_document(steps: Sequence[FitStep]) -> list[dict[str, Any]]:
 
 
 def table_document(table: ExportedTable) -> dict[str, Any]:
-    """The errors of the exported table alone, and the families of the model that it cannot hold."""
+    """Keys on the exported table alone: its errors, and the families of the model that the table cannot hold."""
     return {**document(table.errors), "without_effects": table.left_out}
 
 

@@ -83,7 +83,7 @@ def ranking(
     own: Collection[str] = (),
     ticked: bool = False,
 ) -> Table | Paragraph:
-    """The evidence of each candidate, a row each, the best first.
+    """Table of the evidence of each candidate, the best first; a sentence without candidates.
 
     Args:
         columns: beside the effect's name, of `_COLUMNS`.
@@ -132,7 +132,7 @@ def nothing_shows(screening: Screening) -> str:
 
 
 def untestable_blocks(untestable: Sequence[Untestable]) -> list[Block]:
-    """What these data cannot test, why, and what would help; [] where they test all."""
+    """Blocks on effects that these data cannot test, with reasons and remedies; [] where they test all."""
     if not untestable:
         return []
     return [Paragraph(f"{CANNOT_BE_TESTED}:"), Bullets(not_testable(untestable))]
@@ -151,7 +151,7 @@ def alike(candidate: Candidate) -> tuple[Span, ...]:
 def candidate_blocks(
     name: str, candidate: Candidate | None, calibration: Calibration, held_out_mm: float, *, own: bool = False
 ) -> list[Block]:
-    """What an effect is, its estimated values, what it may be confused with, and what to measure to be sure.
+    """Blocks on an effect: description, estimated values, confounded effects, confirming experiment.
 
     Args:
         candidate: None for an effect that is no candidate, such as one in the model.
@@ -180,13 +180,13 @@ def candidate_blocks(
 
 
 def estimated_values(candidate: Candidate, calibration: Calibration, *, height: str = "") -> Table:
-    """A candidate's coefficients as the ranking estimates them, and what they mean; `height` as of `Table`."""
+    """Table of a candidate's coefficients as the ranking estimates them, with their meaning; `height` as in `Table`."""
     values = [(value.name, value.value, value.sigma) for value in candidate.values]
     return _values("estimated", candidate.members, values, calibration, height)
 
 
 def fitted_effect(name: str, calibration: Calibration) -> list[Block]:
-    """The parameters of an effect that is in the model, as they were fitted with everything else."""
+    """Blocks with the fitted parameters of an effect in the model."""
     members = [e for e in calibration.model.effects if family_name(e) == name]
     mine = {full_name(member, parameter) for member in members for parameter in member.parameters}
     rows = calibration.to_frame().to_dict("records")
@@ -204,7 +204,7 @@ def _values(
     calibration: Calibration,
     height: str,
 ) -> Table:
-    """Parameters (full name, value, sigma) with what they are and mean on the arm; the family's name is left out."""
+    """Table of parameters (full name, value, sigma) with description and meaning on the arm."""
     known, joints = parameters_by_name(members), joints_by_parameter(calibration.model.robot, members)
     rows: list[tuple[str, str, str]] = []
     selects: list[Reference | None] = []

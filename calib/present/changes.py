@@ -1,4 +1,4 @@
-"""Two calibrations compared, and a cell measured again: what differs, what changed, what could not be seen."""
+"""Presentation of two calibrations compared, and of a cell measured again: what changed, what could go undetected."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 import pandas as pd
 
 from calib.calibration.evaluation import Evaluation
+from calib.monitoring.change_models import BASE, NOISE, change_label
 from calib.monitoring.change_tests import Change, Detectable
 from calib.monitoring.control_chart import in_time, size_in_degrees, usual_name
 from calib.monitoring.iso9283 import CAVEAT, PoseFigures
-from calib.monitoring.kinds import BASE, NOISE, kind_words_of
 from calib.monitoring.watch import ChangeReport
 from calib.present import names, numbers
 from calib.present.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Table, Verdict
@@ -35,7 +35,7 @@ def _comparison(compared: Comparison) -> Presentation:
 
 
 def comparison_head(compared: Comparison) -> list[Block]:
-    """What differs, and which effects stand in one model only."""
+    """Blocks with the differences of two calibrations, and the effects that are in one of the models only."""
     only = [
         f"Only in the model of {name}: {numbers.listing(effects)}."
         for name, effects in zip(compared.names, compared.only_in, strict=True)
@@ -46,7 +46,7 @@ def comparison_head(compared: Comparison) -> list[Block]:
 
 
 def comparison_verdict(compared: Comparison) -> str:
-    """What differs between two calibrations, in a sentence or two."""
+    """Verdict on the differences between two calibrations, in a sentence or two."""
     where = (
         f"The tool point moves by {numbers.length(compared.rms_mm)} RMS, at the most by "
         f"{numbers.length(compared.largest_mm)} at {compared.largest_pose}"
@@ -75,7 +75,7 @@ def _or(others: Sequence[str]) -> str:
 
 
 def errors(compared: Comparison) -> Table:
-    """3D RMSE before and after of both calibrations, of training and test poses."""
+    """Table of 3D RMSE before and after of both calibrations, of training and test poses."""
     rows = [
         (f"{name}, {names.role(role)}", *(numbers.column_mm(_rmse_mm(figures, role)) for figures in stages))
         for name, stages in zip(compared.names, compared.errors, strict=True)
@@ -91,7 +91,7 @@ def _rmse_mm(evaluation: Evaluation, role: str) -> float | None:
 
 
 def parameters(compared: Comparison) -> list[Block]:
-    """The parameters that differ by two sigmas or more, the surest first."""
+    """Table of the parameters that differ by two sigmas or more, the most significant first."""
     apart = sorted((p for p in compared.parameters if abs(p.z) >= APART), key=lambda p: -abs(p.z))
     if not apart:
         return [Paragraph(f"No single parameter differs by {APART:g} sigma or more.")]
@@ -153,18 +153,18 @@ def _change_report(report: ChangeReport) -> Presentation:
 
 
 def change_verdict(reports: Sequence[ChangeReport]) -> list[Block]:
-    """What the last of several measurements says of the cell."""
+    """Blocks with the verdict on the last of several measurements of a cell."""
     return [Verdict(change_headline(reports[-1]), VERDICT_COLOURS[reports[-1].verdict])]
 
 
 def change_headline(report: ChangeReport) -> str:
-    """What changed in a cell, in a sentence or two."""
+    """Sentence or two on what changed in a cell."""
     phrases = "; ".join(change_phrases(report))
     return change_sentence(report.name, report.verdict, phrases, report.poses, report.rmse_mm, report.expected_mm)
 
 
 def change_sentence(name: str, verdict: str, phrases: str, poses: int, rmse_mm: float, expected_mm: float) -> str:
-    """What changed between two measurements of a cell, and by how much the later points are off."""
+    """Sentence on what changed between two measurements of a cell, with the error of the later points."""
     off = (
         f"{poses} check poses are off by {numbers.length(rmse_mm)} RMS, where the noise and the earlier fit's "
         f"uncertainty make {numbers.length(expected_mm)}"
@@ -175,14 +175,14 @@ def change_sentence(name: str, verdict: str, phrases: str, poses: int, rmse_mm: 
 
 
 def change_phrases(report: ChangeReport) -> tuple[str, ...]:
-    """What changed, a phrase each."""
+    """Phrases on what changed, one per change."""
     if report.data_problem is not None:
         return (report.data_problem.warning,)
     return tuple(change_phrase(change) for change in report.changes)
 
 
 def change_phrase(change: Change) -> str:
-    """One change with its size, and what cannot be discriminated from it."""
+    """Phrase on one change, with its size and the changes that cannot be discriminated from it."""
     if change.what == NOISE:
         return f"the noise is {numbers.times(change.size)} what it was"
     moved = {
@@ -205,13 +205,13 @@ def _limits(report: ChangeReport) -> list[tuple[str, object]]:
 
 
 def control_chart(reports: Sequence[ChangeReport]) -> FigurePlace:
-    """The place of the control chart."""
+    """Placeholder of the control chart."""
     caption = "The error at the check poses of each measurement, against its limit."
     return FigurePlace("control_chart", (tuple(reports),), caption)
 
 
 def change_sections(reports: Sequence[ChangeReport], repeats: Sequence[PoseFigures] = ()) -> list[Section]:
-    """Each measurement, the size of every usual change, what could not be seen, and repeats where there are any."""
+    """Sections on each measurement, the sizes of usual changes, undetectable changes, and any repeats."""
     last = reports[-1]
     unseen = unseen_sentences(last)
     return [
@@ -223,7 +223,7 @@ def change_sections(reports: Sequence[ChangeReport], repeats: Sequence[PoseFigur
 
 
 def measurements(reports: Sequence[ChangeReport]) -> Table:
-    """The verdict and error of each measurement, a row each; the dates where they are known."""
+    """Table of the measurements: verdict and error of each, with dates where they are known."""
     dated = any(report.when for report in reports)
     rows = [
         (
@@ -241,7 +241,7 @@ def measurements(reports: Sequence[ChangeReport]) -> Table:
 
 
 def usual_sizes(reports: Sequence[ChangeReport]) -> Table:
-    """The change of each joint's zero and of the tool, with its sigma, a column a measurement."""
+    """Table of the change of each joint's zero and of the tool with its sigma, one column per measurement."""
     rows = []
     for k, usual in enumerate(reports[-1].usual):
         name = "tool" if usual.joint is None else f"zero of joint {usual.joint}"
@@ -253,7 +253,7 @@ def usual_sizes(reports: Sequence[ChangeReport]) -> Table:
 
 
 def unseen_sentences(report: ChangeReport) -> list[str]:
-    """What the poses could not have seen, and which of them lie where the model is not confirmed."""
+    """Sentences on changes that the poses could not have shown, and on poses where the model is not confirmed."""
     never = [_kind(d) for d in report.unseen if d.size is None]
     small = [f"{_kind(d)} below {numbers.size(d.size, d.unit)}" for d in report.unseen if d.size is not None]
     return [
@@ -264,11 +264,11 @@ def unseen_sentences(report: ChangeReport) -> list[str]:
 
 
 def _kind(detectable: Detectable) -> str:
-    return kind_words_of(detectable.what, detectable.joint, detectable.parameter)
+    return change_label(detectable.what, detectable.joint, detectable.parameter)
 
 
 def repeat_blocks(repeats: Sequence[PoseFigures]) -> list[Block]:
-    """ISO 9283's figures of poses that were visited again; RP and AP of the last session, drift over all."""
+    """Blocks with ISO 9283's figures of revisited poses: RP and AP of the last session, drift over all sessions."""
     rows = [
         (
             pose.pose,
@@ -285,7 +285,7 @@ def repeat_blocks(repeats: Sequence[PoseFigures]) -> list[Block]:
 
 
 def worst_repeats(repeats: Sequence[PoseFigures]) -> list[str]:
-    """The worst of RP, dAP and dRP in a sentence; nothing where no pose was visited again."""
+    """Sentence on the worst of RP, dAP and dRP; [] where no pose was visited again."""
     if not repeats:
         return []
     worst = {
@@ -303,7 +303,7 @@ def worst_repeats(repeats: Sequence[PoseFigures]) -> list[str]:
 
 
 def series(reports: Sequence[ChangeReport]) -> pd.DataFrame:
-    """A row for each measurement in the order of time: error, limit, verdict, what changed, usual changes' sizes."""
+    """Table with a row per measurement in time order: error, limit, verdict, changes, and usual changes' sizes."""
     rows = []
     for report in in_time(reports):
         row: dict[str, object] = {
@@ -355,7 +355,7 @@ def _usual_document(usual: Change) -> dict[str, Any]:
 
 
 def watch_document(reports: Sequence[ChangeReport], repeats: Sequence[PoseFigures] = ()) -> dict[str, Any]:
-    """What `inspector watch --json` prints: the last measurement, all of them in order under "new", and repeats."""
+    """Document that `inspector watch --json` prints: the last measurement, all in order under "new", and repeats."""
     return {**document(reports[-1]), "new": reports, "iso9283": [_repeats_document(pose) for pose in repeats]}
 
 

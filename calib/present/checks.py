@@ -1,4 +1,4 @@
-"""A check of a dataset: whether it passes, and what each step from the corners to the held-out error found."""
+"""Presentation of a check of a dataset: whether it passes, and the finding of each step."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _item(item: CheckItem) -> Presentation:
 
 
 def check_head(check: Check) -> list[Block]:
-    """Whether a dataset passes."""
+    """Blocks with the verdict whether a dataset passes."""
     count = len(check.warnings)
     more = f", with {numbers.count(count, 'warning')}" if count else ""
     verdict = f"{check.dataset.name}: {'passed' if check.passed else 'NOT GOOD ENOUGH'}{more}."
@@ -59,13 +59,13 @@ def _colour(passed: bool, warned: bool) -> str:
 
 
 def steps(check: Check) -> Table:
-    """What each step found, a row each."""
+    """Table of the steps of a check, with the finding of each."""
     rows = [(item.status, item.name, item_sentence(item)) for item in check.items]
     return Table(("", "step", "found"), rows, left=(0, 1, 2))
 
 
 def item_sentence(item: CheckItem) -> str:
-    """What a step of a check found."""
+    """Sentence with the finding of one step of a check."""
     return _sentence(item.evidence)
 
 
@@ -224,5 +224,5 @@ def _check_document(check: Check) -> dict[str, Any]:
 
 
 def named(item: CheckItem) -> str:
-    """What a step of a check found, with the step's name."""
+    """Sentence with the finding of one step of a check, after the step's name."""
     return f"{item.name}: {item_sentence(item)}"

@@ -1,4 +1,4 @@
-"""Colours beside a verdict, one meaning a colour; colour-blind eyes tell them apart, on light and dark pages."""
+"""Colours of verdicts, one meaning each, distinguishable for colour-blind readers on light and dark pages."""
 
 from __future__ import annotations
 

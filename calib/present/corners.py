@@ -1,4 +1,4 @@
-"""Corners and other targets found in scans: places and sigmas, how well the faces are seen, what failed and why."""
+"""Presentation of corners and other targets found in scans: places, sigmas, visibility of the faces, failures."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _batch(batch: CornerBatch) -> Presentation:
 def batch_blocks(
     dataset: Dataset, searches: Mapping[str, CornerSearch], named: Assignment, labels: FaceLabels | None
 ) -> list[Block]:
-    """All of a search: each corner and target, what failed and why, the counts, and how the jig's faces were named."""
+    """Blocks on a search of scans: corners and targets, failures with reasons, counts, and the jig's face labels."""
     failed = failed_searches(searches)
     counted = [Paragraph(f"No corner: {counted_reasons(failed)}.")] if len(failed) > 1 else []
     return [
@@ -79,7 +79,7 @@ def batch_blocks(
 
 
 def face_labelling(found: FaceLabelling) -> str:
-    """How the jig's faces were labelled, how surely, and where not; it begins with a small letter."""
+    """Clause on how the jig's faces were labelled, with the least margin and the poses without labels."""
     unit = "°" if found.unit == "deg" else f" {found.unit}"
     needed = f"{found.needed_margin:g}{unit if found.unit == 'deg' else ''}"
     margin = "" if found.least_margin is None else f", margin {found.least_margin:.4g}{unit} or more (needed: {needed})"
@@ -94,7 +94,7 @@ def face_labelling(found: FaceLabelling) -> str:
 
 
 def batch_head(dataset: Dataset, searches: Mapping[str, CornerSearch], named: Assignment) -> list[Block]:
-    """How many corners, or of each target how many, were found, and their median sigma."""
+    """Blocks with the number of corners found (or of each target), and their median sigma."""
     corners = [search.corner for search in searches.values() if search.corner is not None]
     pairs: list[tuple[str, object]] = []
     if named.points or named.refused:
@@ -113,7 +113,7 @@ def batch_head(dataset: Dataset, searches: Mapping[str, CornerSearch], named: As
 
 
 def failures(searches: Mapping[str, CornerSearch], named: Assignment) -> list[Block]:
-    """The scans without a corner, and the targets that were not found where others were, each with the reason."""
+    """Blocks with the scans without a corner, and the targets not found where others were, each with the reason."""
     failed = [(pose(pose_id), why) for pose_id, why in failed_searches(searches).items()]
     refused = [
         (pose(pose_id), name, why)
@@ -128,7 +128,7 @@ def failures(searches: Mapping[str, CornerSearch], named: Assignment) -> list[Bl
 
 
 def corner_table(searches: Mapping[str, CornerSearch]) -> Table:
-    """A row for each corner that was found."""
+    """Table with a row for each corner found."""
     found = {pose_id: s.corner for pose_id, s in searches.items() if s.corner is not None}
     dropped = {pose_id: s.count.dropped for pose_id, s in searches.items() if s.count is not None and s.count.dropped}
     rows = [
@@ -143,12 +143,12 @@ def corner_table(searches: Mapping[str, CornerSearch]) -> Table:
         for pose_id, corner in found.items()
     ]
     without = ["points without a value, left out"] if dropped else []
-    columns = ("scan", "x, mm", "y, mm", "z, mm", "sigma, mm", "points on the faces", *without, "deserves a look")
+    columns = ("scan", "x, mm", "y, mm", "z, mm", "sigma, mm", "points on the faces", *without, "look at")
     return Table(columns, rows, left=(0, 5, len(columns) - 1))
 
 
 def target_table(named: Assignment) -> Table:
-    """A row for each target of each scan, where others than one jig are looked for."""
+    """Table with a row for each target of each scan, where other targets than one jig are searched for."""
     rows = [
         (
             pose(pose_id),
@@ -161,12 +161,12 @@ def target_table(named: Assignment) -> Table:
         for pose_id, of_pose in named.points.items()
         for name, place in of_pose.items()
     ]
-    columns = ("scan", "target", "x, mm", "y, mm", "z, mm", "sigma, mm", "rms, mm", "points", "deserves a look")
+    columns = ("scan", "target", "x, mm", "y, mm", "z, mm", "sigma, mm", "rms, mm", "points", "look at")
     return Table(columns, rows, left=(0, 1, 8))
 
 
 def scan_sentences(searches: Mapping[str, CornerSearch]) -> list[Sequence[Span]]:
-    """Why scans have no corner, and which corners deserve a second look, a sentence each."""
+    """Sentences with the reasons why scans have no corner, and with warnings on corners that were found."""
     doubtful = {
         pose_id: doubts
         for pose_id, search in searches.items()
@@ -174,7 +174,7 @@ def scan_sentences(searches: Mapping[str, CornerSearch]) -> list[Sequence[Span]]
     }
     return [
         *((pose(i), f" has no corner and is left out: {reason}.") for i, reason in failed_searches(searches).items()),
-        *(("The corner of ", pose(i), f" deserves a look: {'; '.join(doubts)}.") for i, doubts in doubtful.items()),
+        *(("The corner of ", pose(i), f" is doubtful: {'; '.join(doubts)}.") for i, doubts in doubtful.items()),
     ]
 
 
@@ -212,7 +212,7 @@ def _scan_search(search: ScanSearch) -> Presentation:
 
 
 def search_blocks(search: CornerSearch, colours: Sequence[str] = ()) -> list[Block]:
-    """How well the faces of a scan's corner are seen, and what its uncertainty comes from.
+    """Blocks on how well the faces of a scan's corner are visible, and on the sources of its uncertainty.
 
     colours: of the three faces where they are drawn.
     """
@@ -223,13 +223,13 @@ def search_blocks(search: CornerSearch, colours: Sequence[str] = ()) -> list[Blo
 
 
 def doubt_blocks(corner: Corner) -> list[Block]:
-    """What deserves a look, with what would help."""
+    """Blocks with warnings on a corner and what would help."""
     doubts = corner.quality.doubts()
     return [Verdict(doubt, DOUBT) for doubt in doubts] or [Paragraph(_NO_DOUBT, soft=True)]
 
 
 def place_table(xyz_mm: Array, covariance_mm2: Array | None) -> Table:
-    """A point in the scanner's frame with its sigma along each axis."""
+    """Table of a point in the scanner's frame with its sigma along each axis."""
     sigmas_mm = [None] * 3 if covariance_mm2 is None else list(np.sqrt(np.diag(covariance_mm2)))
     rows = [
         (name, numbers.coordinate(value), numbers.column_mm(sigma))
@@ -267,7 +267,7 @@ def _face_tables(corner: Corner, colours: Sequence[str]) -> Iterator[Table]:
 
 
 def _origins(quality: CornerQuality) -> list[tuple[str, object]]:
-    """What the apex's uncertainty comes from, and which points were left out of the faces."""
+    """Facts on the sources of the apex's uncertainty, and on points left out of the faces."""
     smooth = (
         f"{numbers.length(quality.smooth_error_mm)} over {quality.smooth_length_mm:.0f} mm: sigma × "
         f"{quality.smooth_factor:.2f}"
@@ -293,7 +293,7 @@ def _quality_document(quality: CornerQuality) -> dict[str, Any]:
 
 @document.register
 def _labels_document(labels: FaceLabels) -> dict[str, Any]:
-    """Quaternions are w, x, y, z of scanner_R_jig."""
+    """Keys on the jig's face labels; quaternions are w, x, y, z of scanner_R_jig."""
     return {
         "named_by": labels.by,
         "margin_unit": labels.unit,
@@ -321,7 +321,7 @@ def _batch_document(batch: CornerBatch) -> dict[str, Any]:
 
 
 def corners_document(searches: Mapping[str, CornerSearch], labels: FaceLabels, named: Assignment) -> dict[str, Any]:
-    """What `corners --json` prints: the corners with their planes, the jig's orientations, and what failed and why.
+    """Document that `corners --json` prints: corners with their planes, the jig's orientations, failures with reasons.
 
     `targets` are all that have a name, where a dataset has others than one jig.
     """

@@ -1,4 +1,4 @@
-"""Corrected joint targets: how many are reached, what the correction gains, and why others are not reached."""
+"""Presentation of corrected joint targets: number reached, gain by the correction, and reasons for missed targets."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _correction(correction: Correction) -> Presentation:
 
 
 def correction_blocks(correction: Correction, ids: Sequence[str] = ()) -> list[Block]:
-    """The correction, with the targets' names where they have any."""
+    """Blocks on a correction, with the targets' names where they have any."""
     if not len(correction.q):
         return [Paragraph("No target.")]
     missed = np.flatnonzero(~correction.reached)
@@ -55,7 +55,7 @@ def _remarks(correction: Correction) -> list[str]:
 
 
 def attitude_phrase(correction: Correction) -> str:
-    """How well the tool's attitude is known, and what is claimed of it; "" where the fit does not say."""
+    """Phrase on the uncertainty of the tool's attitude and whether it is corrected; "" where it is not known."""
     sigma_rad = correction.attitude_sigma_rad
     if sigma_rad is None or not len(correction.q):
         return ""
@@ -70,7 +70,7 @@ def _correction_document(correction: Correction) -> dict[str, Any]:
 
 
 def correction_document(correction: Correction, ids: Sequence[str]) -> dict[str, Any]:
-    """What `correct --json` prints: each target with its errors, and those that cannot be reached with the reason."""
+    """Document that `correct --json` prints: each target with its errors; unreachable ones with the reason."""
     commanded = correction.robot.commands_of(correction.q)
     targets = [
         {"pose": pose, **row, "q": q if row["reached"] else None}

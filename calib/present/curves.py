@@ -1,4 +1,4 @@
-"""Learned curves of the joints: their sizes, the formulas of the short ones, and the curves that can be added."""
+"""Presentation of learned curves of the joints: sizes, short formulas, and curves that could be added."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ def input_label(curve: FittedCurve, robot: Robot) -> str:
 
 
 def read_unit(unit: str) -> str:
-    """A curve's unit as people read it."""
+    """Unit of a curve for readers."""
     return _READ_AS.get(unit, unit)
 
 
 def curve_blocks(calibration: Calibration) -> list[Block]:
-    """The learned curves of a model: what they are, a row each, and the formulas of the short ones; [] without any."""
+    """Blocks on the learned curves of a model: explanation, table, and formulas of short ones; [] without any."""
     members = learned_members(calibration)
     if not members:
         return []
@@ -43,7 +43,7 @@ def curve_blocks(calibration: Calibration) -> list[Block]:
 
 
 def curve_table(calibration: Calibration) -> Table:
-    """A row for each learned curve of a model."""
+    """Table with a row for each learned curve of a model."""
     curves = fitted_curves(calibration)
     return Table(CURVES, [_row(c) for c in curves], left=(0, 1), rows_select=[joint(c.joint + 1) for c in curves])
 
@@ -62,7 +62,7 @@ def _row(curve: FittedCurve) -> tuple[str, ...]:
 
 
 def formulas(calibration: Calibration) -> list[str]:
-    """The curves that are short formulas: their terms in words, and the formula with its values."""
+    """Sentences on curves that are short formulas: their terms in words, and the formula with its values."""
     return [
         f"Joint {curve.joint + 1}: {curve.shape}; {curve.formula}."
         for curve in fitted_curves(calibration)
@@ -71,7 +71,7 @@ def formulas(calibration: Calibration) -> list[str]:
 
 
 def offered_curves(curves: LearnedCurves, calibration: Calibration) -> list[Block]:
-    """The curves that can be added to a model, and what they are worth."""
+    """Blocks on curves that can be added to a model, with their evidence."""
     described = describe(curves.members[0])
     facts: list[tuple[str, object]] = [
         ("equation", described.equation),

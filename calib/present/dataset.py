@@ -1,4 +1,4 @@
-"""A dataset: the arm, its poses, what was measured under which conditions, and what is odd about it."""
+"""Presentation of a dataset: the arm, its poses, measurements, conditions, and warnings."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _dataset(dataset: Dataset) -> Presentation:
 
 
 def measured_blocks(calibration: Calibration, searches: Mapping[str, CornerSearch]) -> list[Block]:
-    """What a calibration was made from, the noise, and what it warns of; `searches` where points are from scans."""
+    """Blocks on a calibration's data: facts, noise and warnings; `searches` where points come from scans."""
     dataset = calibration.dataset
     description = [("description", dataset.description)] if dataset.description else []
     rows = [("dataset", dataset.name), *description, *facts(dataset, searches, calibration)]
@@ -52,7 +52,7 @@ def facts(
     searches: Mapping[str, CornerSearch] = NOT_SEARCHED,
     calibration: Calibration | None = None,
 ) -> list[tuple[str, object]]:
-    """The arm, the poses by role, what was measured, the noise, and the conditions; a name and a value each."""
+    """Facts (name and value) on the arm, the poses by role, the measurements, the noise and the conditions."""
     poses = dataset.poses
     counts = {role: int(np.count_nonzero(poses.role == role)) for role in ROLES}
     roles = numbers.listing([f"{count} {names.role(role)}" for role, count in counts.items() if count])
@@ -67,7 +67,7 @@ def facts(
 
 
 def instrument(dataset: Dataset) -> str:
-    """What measured: a scanner, or, where no jig with faces was measured, an instrument."""
+    """Noun for the measuring device: "scanner", or "instrument" where no jig with faces was measured."""
     return "scanner" if dataset.shows_faces else "instrument"
 
 
@@ -110,7 +110,7 @@ def _conditions(dataset: Dataset) -> list[str]:
 
 
 def joint_ranges(dataset: Dataset) -> Table:
-    """From where to where each joint moves over the poses."""
+    """Table of the range of each joint over the poses."""
     robot, q = dataset.robot, dataset.poses.q
     units = ["°" if turns else "mm" for turns in robot.is_revolute]
     shown = np.where(robot.is_revolute, np.degrees(q), q).T
@@ -122,7 +122,7 @@ def joint_ranges(dataset: Dataset) -> Table:
 
 
 def robot_table(dataset: Dataset) -> Table:
-    """The nominal five-parameter table: lengths in mm, angles in degrees."""
+    """Table of the nominal five parameters of each row: lengths in mm, angles in degrees."""
     robot = dataset.robot
     rows = [(names.joint_with_unit(k + 1), *_row(joint.row)) for k, joint in enumerate(robot.joints)]
     return Table(("", "a, mm", "α, °", "d, mm", "θ, °", "β, °"), [*rows, ("tool", *_row(robot.tool.row))])

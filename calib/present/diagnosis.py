@@ -1,4 +1,4 @@
-"""A diagnosis: the way of the error, the verdict, how it was reached, the ranking, the keys of `diagnose --json`."""
+"""Presentation of a diagnosis: error by stage, verdict, reasons, ranking, and the keys of `diagnose --json`."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _headline(diagnosis: Diagnosis) -> str:
 
 
 def diagnosis_presentation(diagnosis: Diagnosis, poses: NextPoses | None) -> Presentation:
-    """All that is told of a diagnosis, with poses to measure next that were chosen already (`next_poses`)."""
+    """Presentation of a diagnosis; `next_poses` are the next poses to measure, where they were chosen already."""
     name, last = diagnosis.calibration.dataset.name, diagnosis.calibration
     history = FigurePlace("error_history", (diagnosis,), "3D RMSE after each change of the model.", height_px=260)
     return Presentation(
@@ -130,18 +130,18 @@ def learned_section(calibration: Calibration) -> list[Section]:
 
 
 def diagnosis_head(diagnosis: Diagnosis) -> list[Block]:
-    """The way of the error and the verdict."""
+    """Blocks with the error at each stage and the verdict."""
     way = headline_of([step.calibration for step in diagnosis.steps])
     return [error_headline(way), verdict_block(diagnosis)]
 
 
 def verdict_block(diagnosis: Diagnosis) -> Verdict:
-    """The verdict in its colour."""
+    """The verdict as a block in its colour."""
     return Verdict(capitalised(verdict(diagnosis)), VERDICT_COLOURS[diagnosis.verdict], label="Verdict")
 
 
 def steps(diagnosis: Diagnosis) -> Table:
-    """Errors after each step, and the log Bayes factor of the effect that it added over the next."""
+    """Table of the errors after each step, and of the added effect's log Bayes factor over the next candidate."""
     columns = ("model", "training, mm", "test, mm", "residual sigma, mm", "log Bayes factor")
     rows = []
     for step in diagnosis.steps:
@@ -168,7 +168,7 @@ def explanation(diagnosis: Diagnosis, poses: NextPoses | None) -> str:
 
 
 def reasons(diagnosis: Diagnosis, poses: NextPoses | None) -> list[Paragraph]:
-    """What led to the verdict, a paragraph each: the first fit, each effect, what is open, the residual, the noise."""
+    """Paragraphs on the reasons for the verdict: first fit, each effect, open questions, residual, noise."""
     words: list[Words] = []
     if diagnosis.data_problem is not None:
         wrong = numbers.capitalised(diagnosis.data_problem.warning)
@@ -192,7 +192,7 @@ def reasons(diagnosis: Diagnosis, poses: NextPoses | None) -> list[Paragraph]:
 
 
 def _first_fit(calibration: Calibration) -> str:
-    """The model that the diagnosis began with, and how far it is off."""
+    """Sentence on the model that the diagnosis began with, and its error."""
     fit, dataset = calibration.fit, calibration.dataset
     train, test = calibration.after.train, calibration.after.test
     families = calibration.model.family_names
@@ -224,7 +224,7 @@ def _first_fit(calibration: Calibration) -> str:
 
 
 def effect_added(before: FitStep, after: FitStep, standing: str) -> Words:
-    """The effect that a step added: the evidence, how the errors changed, its values, and what makes it doubtful.
+    """Text on an effect that a step added: evidence, change of the errors, fitted values, and warnings.
 
     standing: "claimed", "suspected" or "open" (it is fitted on behalf of a set).
     """
@@ -245,7 +245,7 @@ def effect_added(before: FitStep, after: FitStep, standing: str) -> Words:
 
 
 def _lead(before: FitStep, after: FitStep, standing: str) -> Words:
-    """The log Bayes factor over the next candidate."""
+    """Phrase with the log Bayes factor over the next candidate."""
     lead: Words = ()
     factor = after.log_bayes_factor
     if after.runner_up and factor is not None:
@@ -268,7 +268,7 @@ def _lead(before: FitStep, after: FitStep, standing: str) -> Words:
 
 
 def error_change(before: Calibration, after: Calibration) -> str:
-    """How the error of the test poses changes between two fits; without test poses, that of the training poses."""
+    """Phrase on the change of the test poses' error (without test poses, the training poses') between two fits."""
     tests, trains = (before.after.test, after.after.test), (before.after.train, after.after.train)
     if tests[0] is not None and tests[1] is not None:
         old_mm, new_mm = tests[0].rmse_mm, tests[1].rmse_mm
@@ -297,7 +297,7 @@ def _value(value: FittedValue, calibration: Calibration) -> str:
 
 
 def _doubts(values: Sequence[FittedValue]) -> str:
-    """A further sentence on the value that is furthest beyond what such causes have; "" where none is."""
+    """Sentence on the value that exceeds its natural bound by most; "" where none does."""
     beyond = [(abs(v.value) / v.bound.size, v, v.bound) for v in values if v.bound is not None]
     if not beyond:
         return ""
@@ -309,7 +309,7 @@ def _doubts(values: Sequence[FittedValue]) -> str:
 
 
 def confounded(found: ConfoundedSet, confirm: dict[str, str]) -> Words:
-    """An effect in the model that is fitted on behalf of others, and what to measure to tell them apart.
+    """Text on an effect fitted on behalf of effects confounded with it, and the measurements that would discriminate.
 
     confirm: what to measure to see an effect alone, by its key.
     """
@@ -348,7 +348,7 @@ def _to_tell_apart(keys: Sequence[str], confirm: dict[str, str]) -> str:
 
 
 def _undecided(diagnosis: Diagnosis, poses: NextPoses | None) -> Words:
-    """Effects of which none leads the others, and what would decide between them."""
+    """Text on effects of which none has clearly most evidence, and on what would discriminate between them."""
     names, ranked = diagnosis.conclusion.undecided, diagnosis.screenings[-1].candidates
     best = ranked[0]
     confirm = {c.name: c.family.description.confirm for c in ranked}
@@ -372,7 +372,7 @@ def _undecided(diagnosis: Diagnosis, poses: NextPoses | None) -> Words:
 
 
 def poses_to_measure(poses: Sequence[DiscriminatingPose], is_revolute: BoolArray) -> str:
-    """Poses in degrees, mm for prismatic joints, each with the least difference of the hypotheses there.
+    """Text with poses to measure, degrees (mm for prismatic joints), and the hypotheses' least difference at each.
 
     is_revolute  # (n,)
     """
@@ -384,13 +384,13 @@ def poses_to_measure(poses: Sequence[DiscriminatingPose], is_revolute: BoolArray
 
 
 def refusal(refused: Refusal) -> Words:
-    """An effect that explains the training poses, and what speaks against it."""
+    """Text on an effect that explains the training poses but was refused, with the reason."""
     against = _REFUSALS[refused.why].format(refused.detail)
     return spans(capitalised(with_key(refused.effect)), f" explains the training poses well, but {against}")
 
 
 def residual_tests(tests: ResidualTests) -> Words:
-    """What a fit leaves, with the figures by which it was judged."""
+    """Text on the residual of a fit: its size, the noise, and the results of its tests."""
     words = spans(
         f"The residual is {numbers.length(tests.residual_mm)} per coordinate; the noise is "
         f"{numbers.length(tests.noise_mm)}, {_NOISE_SOURCES[tests.noise_from]}."
@@ -434,11 +434,12 @@ def _pattern(tests: ResidualTests) -> Words:
 
 
 def _learned(learned: LearnedModel) -> Words:
-    formula = f"; in short {learned.formula}" if learned.formula else ""
+    formula = f"; in short {learned.formula.replace(' +', ' + ').replace(' -', ' - ')}" if learned.formula else ""
     change = error_change(learned.before, learned.after)
+    subject = "They were" if len(learned.joints) > 1 else "It was"
     return spans(
         curves(learned.joints, learned.inputs, learned.log_evidence),
-        f" They were learned as {LEARNED}{formula}. {change}{' ' if change else ''}No cause is named by it.",
+        f" {subject} learned as {LEARNED}{formula}. {change}{' ' if change else ''}No cause is named by it.",
     )
 
 
@@ -451,7 +452,7 @@ def _document(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[str, Any]:
-    """The keys of `diagnose --json`, with poses to measure next that were chosen already (`next_poses`)."""
+    """Document of `diagnose --json`; `next_poses` are the next poses to measure, where they were chosen already."""
     tests, last, held_out, refused = (
         diagnosis.residual_tests, diagnosis.calibration, diagnosis.held_out, diagnosis.refused,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Effects of the catalogue as they are named in sentences, what their values mean on an arm, and those not testable."""
+"""Names of the catalogue's effects in sentences, meanings of their values on an arm, and untestable effects."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ def _titles() -> dict[str, str]:
 
 
 def title(key: str) -> str:
-    """Name of an effect for people: "joint compliance"; a user's own effect is called by its key."""
+    """Human-readable name of an effect: "joint compliance"; the key of a user's own effect."""
     return _titles().get(key, key)
 
 
 def with_key(key: str) -> tuple[Span, ...]:
-    """Name of an effect for people, and its key where that is another: "joint compliance (joint_compliance)"."""
+    """Human-readable name of an effect, and its key where that differs: "joint compliance (joint_compliance)"."""
     named = title(key)
     return (effect(key),) if named == key else spans(f"{named} (", effect(key), ")")
 
 
 def model_name(calibration: Calibration) -> str:
-    """What is in a model: "link errors + backlash"."""
+    """Name of a model by its content: "link errors + backlash"."""
     return " + ".join(["link errors", *calibration.model.family_names])
 
 
 def meaning(owner: Effect, parameter: Parameter, size: float, calibration: Calibration) -> str:
-    """Consequence of a parameter at a dataset's poses; "" where the value says it already.
+    """Consequence of a parameter at a dataset's poses; "" where it would repeat the value.
 
     Args:
         owner: the effect whose parameter it is.
@@ -78,7 +78,7 @@ def _over_the_run(size: float, unit: str, calibration: Calibration) -> str:
 
 
 def not_testable(untestable: Sequence[Untestable]) -> list[str]:
-    """A sentence for each reason why effects cannot be tested, with all the effects that it holds for."""
+    """Sentences with each reason why effects cannot be tested, and all effects to which the reason applies."""
     keys: dict[tuple[str, str], list[str]] = {}
     for family in untestable:
         keys.setdefault((family.why, family.would_help), []).append(family.name)
@@ -89,7 +89,7 @@ def not_testable(untestable: Sequence[Untestable]) -> list[str]:
 
 
 def effects_document() -> dict[str, Any]:
-    """The keys of `effects --json`: the catalogue."""
+    """Document of `effects --json`: the catalogue."""
     return {
         "effects": [
             {

@@ -1,4 +1,4 @@
-"""The headline of a calibration: how the error fell from the arm as delivered to the last model, and the noise."""
+"""Headline of a calibration: decrease of the error from the arm as delivered to the last model, and the noise."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ _FIGURES = (("mean", "mean_mm"), ("RMS", "rmse_mm"), ("maximum", "max_mm"))
 
 
 def error_headline(headline: Headline) -> blocks.Headline:
-    """The errors of all stages, the noise, and the note."""
+    """Headline block with the errors of all stages, the noise, and the note."""
     stages = [(stage_error(headline, stage), stage.name) for stage in headline.stages]
     return blocks.Headline(stages, noise(headline), note(headline), headline.reached_noise)
 
 
 def unit(headline: Headline) -> str:
-    """One unit, "mm" or "µm", for all lengths of a headline."""
+    """Unit, "mm" or "µm", for all lengths of one headline."""
     return "µm" if max(stage.error_mm for stage in headline.stages) < _MICROMETRES_BELOW_MM else "mm"
 
 
@@ -37,7 +37,7 @@ def stage_error(headline: Headline, stage: ErrorStage) -> str:
 
 
 def noise(headline: Headline) -> str:
-    """The noise of a headline: "noise 0.0062 mm", or "noise as the fit left it 0.21 mm: not declared"."""
+    """Phrase with the noise of a headline: "noise 0.0062 mm", or "noise as the fit left it 0.21 mm: not declared"."""
     if headline.noise_mm is None:
         return "noise not declared"
     if headline.noise.is_declared:
@@ -46,7 +46,7 @@ def noise(headline: Headline) -> str:
 
 
 def note(headline: Headline) -> str:
-    """Which poses the errors of a headline are of, and whether noise alone is left, in a sentence or two."""
+    """Sentence or two on the poses to which a headline's errors refer, and on whether noise alone is left."""
     of = (
         "3D error (RMS) at test poses, which no fit saw."
         if headline.of_test_poses

@@ -1,4 +1,4 @@
-"""A fleet: what its arms share, which of them changed, the worst, what failed, and every dataset in a line."""
+"""Presentation of a fleet: shared causes, arms that changed, worst datasets, failures, and a row per dataset."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def _fleet(fleet: Fleet) -> Presentation:
 
 
 def fleet_head(fleet: Fleet, more: Sequence[tuple[str, object]] = ()) -> list[Block]:
-    """The counts, what needs somebody, how the diagnoses end and the errors; `more` stands beside the counts."""
+    """Blocks with counts, the items that need attention, verdicts and errors; `more` is added to the counts."""
     passed = sum(row.passed for row in fleet.rows)
     robots = sorted({row.robot for row in fleet.rows})
     figures: list[tuple[str, object]] = [
@@ -72,7 +72,7 @@ def fleet_head(fleet: Fleet, more: Sequence[tuple[str, object]] = ()) -> list[Bl
 
 
 def _in_short(fleet: Fleet) -> Verdict:
-    """What needs somebody."""
+    """Verdict with the items of a fleet that need attention."""
     found = []
     if batches := [cause for cause in fleet.shared if cause.groups]:
         found.append(
@@ -90,7 +90,7 @@ def _in_short(fleet: Fleet) -> Verdict:
 
 
 def fleet_sections(fleet: Fleet, name: Naming = str, command: Callable[[str], str] | None = None) -> list[Section]:
-    """What arms share, which changed, the worst, what failed, and all datasets.
+    """Sections on shared causes, changed arms, the worst datasets, failures, and all datasets.
 
     name: what stands for a dataset's path.
     command: what to type to look at a dataset; without it that column is left out.
@@ -108,18 +108,18 @@ def fleet_sections(fleet: Fleet, name: Naming = str, command: Callable[[str], st
 
 
 def cause_name(cause: SharedCause) -> str:
-    """A shared cause: "joint_compliance of joint 2"."""
+    """Name of a shared cause: "joint_compliance of joint 2"."""
     return cause.effect if cause.joint is None else f"{cause.effect} of joint {cause.joint}"
 
 
 def group_phrase(group: Group) -> str:
-    """What arms with a cause have in common: "8 of 10 with gear lot 17, 1 of 50 others (p = 1e-07)"."""
+    """Phrase on what arms with a cause have in common: "8 of 10 with gear lot 17, 1 of 50 others (p = 1e-07)"."""
     (a, n), (b, m) = group.inside, group.outside
     return f"{a} of {n} with {group.what} {group.value}, {b} of {m} others (p = {numbers.probability(group.p_value)})"
 
 
 def cause_phrase(cause: SharedCause) -> str:
-    """A shared cause, how many arms have it, and what these have in common."""
+    """Phrase on a shared cause: the number of arms that have it, and what these have in common."""
     robot = f" {cause.robot}" if cause.robot else ""
     common = "; ".join(map(group_phrase, cause.groups)) or "no group of them stands out"
     return f"{cause_name(cause)} in {len(cause.arms)} of {cause.of} arms{robot}: {common}"
@@ -152,7 +152,7 @@ def _causes(fleet: Fleet) -> list[Block]:
 
 
 def drift_phrases(drift: Drift) -> str:
-    """What changed between two datasets of an arm, or why that is not known."""
+    """Phrases on what changed between two datasets of an arm, or the reason why that is unknown."""
     return drift.reason or "; ".join(map(change_phrase, drift.changes)) or drift.verdict
 
 

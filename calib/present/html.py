@@ -1,4 +1,4 @@
-"""Blocks as HTML: a view in a notebook's cell, a part of a page of its own, a part of a panel.
+"""Blocks rendered as HTML: a view in a notebook's cell, part of a page, part of a panel.
 
 Every value is escaped by jinja2. A view takes the colours of text and background from where it stands, so that it is
 light where that is light and dark where that is dark; it holds no script and asks no network, and its rules of style
@@ -38,7 +38,7 @@ Recognise = Callable[[str], Words]  # a text -> the same with the names in it as
 
 
 class _Html(str):
-    """Text that is markup already and whose parts are escaped."""
+    """Text that is HTML markup with its parts escaped already."""
 
     def __html__(self) -> str:
         return str(self)
@@ -48,7 +48,7 @@ IDS = "figures-of-this-view"  # begins the ids of drawings; each view has its ow
 
 
 def view(told: Presentation, draw: Draw | None = None) -> str:
-    """A result's presentation for a notebook: a `<div>` that can stand in any page.
+    """Presentation of a result as HTML for a notebook: a `<div>` that fits into any page.
 
     draw: what draws its figures; without it they are left out.
     """
@@ -58,7 +58,7 @@ def view(told: Presentation, draw: Draw | None = None) -> str:
 
 
 def panel(told: Sequence[Block | Section], recognise: Recognise | None = None) -> str:
-    """Blocks and sections for a panel of the page; figures are left out, since a panel has widgets for them.
+    """HTML of blocks and sections for a panel of the page, without figures, which are widgets of the panel.
 
     recognise: what finds the names of poses and joints in a text, so that they are links, too.
     """
@@ -73,7 +73,7 @@ def _headed(section: Section) -> list[Block]:
 
 
 def drawn(told: Presentation, draw: Draw | None, names: Iterator[str]) -> dict[str, object]:
-    """Head and sections of a presentation with every figure drawn, by the names of a template's variables.
+    """Head and sections of a presentation with every figure drawn, as variables of a template.
 
     names: a name a figure, which its ids begin with.
     """
@@ -82,7 +82,7 @@ def drawn(told: Presentation, draw: Draw | None, names: Iterator[str]) -> dict[s
 
 
 def with_figures(blocks: Sequence[Block], draw: Draw | None, names: Iterator[str]) -> list[Block]:
-    """The blocks with each figure's place taken by its drawing, or left out where nothing draws."""
+    """The blocks with each figure's placeholder replaced by its drawing, or dropped where it cannot be drawn."""
     return [
         Drawing(draw(block, next(names)), block.caption) if draw and isinstance(block, FigurePlace) else block
         for block in blocks
@@ -91,7 +91,7 @@ def with_figures(blocks: Sequence[Block], draw: Draw | None, names: Iterator[str
 
 
 def environment(*loaders: BaseLoader, links: bool = False) -> Environment:
-    """What renders templates that use the blocks' macros (`blocks.html`), from these loaders and from here.
+    """Jinja environment of templates that use the blocks' macros (`blocks.html`), from these loaders and this package.
 
     links: whether references are links that select what they name.
     """
@@ -115,7 +115,7 @@ def _templates(links: bool) -> Environment:
 
 
 def words_html(words: object, links: bool) -> str:
-    """A sentence or a cell, escaped; with `links` its references are links that select what they name."""
+    """HTML of a sentence or a cell, escaped; with `links` its references become links that select their objects."""
     match words:
         case Reference():
             return f'<a class="asks"{_asks(words)}>{escape(words.words)}</a>' if links else escape(words.words)
@@ -132,13 +132,13 @@ def words_html(words: object, links: bool) -> str:
 
 
 def _asks(reference: Reference) -> str:
-    """Attributes of an element that selects what a reference names when it is clicked, or chosen by key."""
+    """HTML attributes of an element whose click (or key press) selects the object of a reference."""
     asked = f'data-ask="{reference.kind}" data-value="{escape(reference.value)}"'
     return f' {asked} role="button" tabindex="0"'
 
 
 def _recognised(block: Block, recognise: Recognise) -> Block:
-    """A block whose sentences have the names in them as references."""
+    """A block with the names in its sentences replaced by references."""
 
     def spans(words: Words) -> Words:
         if isinstance(words, str):

@@ -1,4 +1,4 @@
-"""What things of a dataset are called in a sentence."""
+"""Names of a dataset's objects in sentences."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _OF_JOINT = re.compile(r"(?:a|alpha|d|theta|beta)(\d+)")  # a parameter of the a
 
 
 def role(name: str) -> str:
-    """The role of a pose: "training" of "train"."""
+    """Name of a pose's role: "training" for "train"."""
     return ROLES.get(name, name)
 
 
 def change(what: str, joint: int | None, parameter: str = "") -> str:
-    """A kind of change of a cell: "zero of joint 3", "length a2", "tool"."""
+    """Name of a kind of change of a cell: "zero of joint 3", "length a2", "tool"."""
     if parameter and what in ("length", "angle"):
         return f"{what} {parameter}"
     noun = "zero" if what == "joint_zero" else what
@@ -35,13 +35,13 @@ def change(what: str, joint: int | None, parameter: str = "") -> str:
 
 
 def parameter(name: str) -> Span:
-    """A parameter's short name; a parameter of a joint's row in the table refers to its joint."""
+    """Short name of a parameter; that of a parameter in a joint's row of the table refers to its joint."""
     of_joint = _OF_JOINT.fullmatch(name)
     return joint(int(of_joint[1]), parameter_label(name)) if of_joint else parameter_label(name)
 
 
 def parameters(found: Sequence[str], last: str = "") -> tuple[Span, ...]:
-    """Parameters' short names in a row: "a1, a2 and d3" with `last` "and", else "a1, a2, d3"."""
+    """List of parameters' short names: "a1, a2 and d3" with `last` "and", else "a1, a2, d3"."""
     spans: list[Span] = []
     for k, name in enumerate(found):
         between = f" {last} " if last and k == len(found) - 1 else ", "
@@ -50,12 +50,12 @@ def parameters(found: Sequence[str], last: str = "") -> tuple[Span, ...]:
 
 
 def joint_with_unit(number: int, unit: str = "") -> Span:
-    """A joint at the head of a row: "joint 3, °"."""
+    """Name of a joint with its unit, for the head of a row: "joint 3, °"."""
     return joint(number, f"joint {number}" + (f", {unit}" if unit else ""))
 
 
 def joints_by_parameter(robot: Robot, effects: Sequence[Effect] = ()) -> dict[str, int]:
-    """The joint, from 1, of each parameter that belongs to one: of the table's rows and of these effects."""
+    """Number, from 1, of the joint of each parameter that belongs to one, in the table's rows or these effects."""
     of_table = {f"{kind}{j + 1}": j + 1 for j in range(robot.n_joints) for kind in PARAMETER_KINDS}
     of_effects = {
         name: int(joint) + 1
@@ -66,7 +66,7 @@ def joints_by_parameter(robot: Robot, effects: Sequence[Effect] = ()) -> dict[st
 
 
 def input_name(name: str) -> Span:
-    """An input that a residual may depend on, in a sentence; a column of the user's own stays as it is."""
+    """Name of a residual test's input for a sentence; a user's own column keeps its name."""
     of_joint = joint_input(name)
     if of_joint is not None:
         quantity, index = of_joint

@@ -1,4 +1,4 @@
-"""How numbers are written, the same on terminal, page, report and notebook.
+"""Number formats, the same on terminal, page, report and notebook.
 
 In a sentence a length has the digits that a person reads (two significant ones, two decimals above one) and the unit
 that fits it; in a column, whose unit is in its heading, it has four decimals. A size with its sigma has the digits that
@@ -20,7 +20,7 @@ _UNSEEN = 1e6  # a sigma from which a size says nothing, in its unit
 
 
 def length(mm: float) -> str:
-    """A length in a sentence: "0.68 mm"; "12 µm" below a tenth of a millimetre."""
+    """Text of a length in a sentence: "0.68 mm"; "12 µm" below a tenth of a millimetre."""
     if not math.isfinite(mm):
         return MISSING
     if abs(mm) < _NOTHING_MM:
@@ -31,14 +31,14 @@ def length(mm: float) -> str:
 
 
 def length_change(before_mm: float, after_mm: float) -> str:
-    """How an error changed, in one unit: "from 0.68 to 0.041 mm"."""
+    """Text of the change of an error, in one unit: "from 0.68 to 0.041 mm"."""
     if max(abs(before_mm), abs(after_mm)) < _MICRO_BELOW_MM:
         return f"from {length(before_mm).removesuffix(' µm')} to {length(after_mm)}"
     return f"from {digits(before_mm)} to {digits(after_mm)} mm"
 
 
 def digits(value: float) -> str:
-    """A number with the digits that a person reads: two significant ones, two decimals above one."""
+    """Text of a number with readable digits: two significant ones, two decimals above one."""
     if not math.isfinite(value):
         return MISSING
     size = abs(value)
@@ -52,7 +52,7 @@ def digits(value: float) -> str:
 
 
 def column_mm(mm: float | None) -> str:
-    """A length in a column of millimetres; a power of ten where it is next to nothing."""
+    """Text of a length in a column of millimetres; a power of ten for very small values."""
     if mm is None or not math.isfinite(mm):
         return MISSING
     written = f"{mm:.1e}" if 0 < abs(mm) < 1e-4 else f"{mm:.4f}" if abs(mm) < 10 else f"{mm:.3f}"
@@ -60,29 +60,29 @@ def column_mm(mm: float | None) -> str:
 
 
 def signed(value: float, spec: str) -> str:
-    """A number by a format's specification, with the minus sign of this module before it."""
+    """Text of a number by a format specification, with a typographic minus sign."""
     written = f"{value:{spec}}"
     return MINUS + written[1:] if written.startswith("-") else written
 
 
 def coordinate(mm: float) -> str:
-    """A coordinate in millimetres, in a column or a sentence: three decimals, as many as a point is known to."""
+    """Text of a coordinate in millimetres with three decimals."""
     return signed(mm, "z.3f")
 
 
 def readable(value: float, unit: str) -> tuple[float, str]:
-    """A value and its unit as people read them: angles in degrees."""
+    """A value and its unit for readers: angles in degrees."""
     return (math.degrees(value), "°") if unit == "rad" else (value, unit)
 
 
 def size(value: float, unit: str) -> str:
-    """A size with its unit: "0.12°", "0.5 mm", "3 × 10⁻⁵ rad/Nm" as "3e-05 rad/Nm"."""
+    """Text of a size with its unit: "0.12°", "0.5 mm", "3 × 10⁻⁵ rad/Nm" as "3e-05 rad/Nm"."""
     shown, unit = readable(value, unit)
     return f"{shown:.3g}{_unit(unit)}".replace("-", MINUS, 1 if shown < 0 else 0)
 
 
 def with_sigma(value: float, sigma: float, unit: str = "", *, sign: bool = False) -> str:
-    """A value and its sigma to the second digit of the sigma: "0.120 ± 0.011°"; "not seen" where it says nothing."""
+    """Text of a value and its sigma to two digits of the sigma: "0.120 ± 0.011°"; "not seen" for an unbounded sigma."""
     shown, read_unit = readable(value, unit)
     spread, _ = readable(sigma, unit)
     if not math.isfinite(spread) or spread >= _UNSEEN:
@@ -105,19 +105,19 @@ def _unit(unit: str) -> str:
 
 
 def share(fraction: float) -> str:
-    """A part of a whole in percent: "12 %"."""
+    """Text of a share in percent: "12 %"."""
     return f"{100 * fraction:.0f} %"
 
 
 def reduction(before: float, after: float) -> str:
-    """By how much an error fell, in percent of what it was."""
+    """Text of the decrease of an error, in percent of its earlier value."""
     if not (math.isfinite(before) and math.isfinite(after)) or before <= 0:
         return MISSING
     return f"{100 * (1 - after / before):.2f} %".replace("-", MINUS)
 
 
 def relative_change(before: float, after: float) -> str:
-    """How an error changed, in percent of what it was: "−63 %"."""
+    """Text of the change of an error, in percent of its earlier value: "−63 %"."""
     if not (before > 0 and math.isfinite(after)):
         return MISSING
     percent = round(100 * (after / before - 1))
@@ -125,23 +125,23 @@ def relative_change(before: float, after: float) -> str:
 
 
 def probability(p: float) -> str:
-    """A probability or a p-value: "0.012"; a power of ten below 0.001: "5e-31"."""
+    """Text of a probability or a p-value: "0.012"; a power of ten below 0.001: "5e-31"."""
     return f"{p:.0e}" if p < 0.001 else f"{p:.2g}"
 
 
 def times(ratio: float) -> str:
-    """A ratio in a sentence: "6.4 times", "120 times"."""
+    """Text of a ratio in a sentence: "6.4 times", "120 times"."""
     written = f"{float(f'{ratio:.2g}'):.7g}"
     return f"{'1.0' if written == '1' else written} times"
 
 
 def count(number: int, one: str, several: str = "") -> str:
-    """A number with its noun: "1 scan", "2 scans"; `several` where that is not the noun and an s."""
+    """Text of a number with its noun: "1 scan", "2 scans"; `several` is an irregular plural of the noun."""
     return f"{number:,} {one if number == 1 else several or one + 's'}"
 
 
 def listing(names: Sequence[object], last: str = "and") -> str:
-    """Names in a sentence: "a, b and c"."""
+    """Names joined for a sentence: "a, b and c"."""
     said = [str(name) for name in names]
     return f"{', '.join(said[:-1])} {last} {said[-1]}" if len(said) > 1 else "".join(said)
 

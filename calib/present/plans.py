@@ -1,4 +1,4 @@
-"""A plan of poses: what they are for, what they achieve, each pose and why, and what was assumed."""
+"""Presentation of a plan of poses: purpose, predicted gain, each pose with its reason, and assumptions."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.calibration.noise_level import check_sigma
 from calib.dataset.files.poses_csv import joint_columns, poses_frame
+from calib.planning.criterion import WATCH, ForCalibration
 from calib.planning.outcome import (
     ChangeReason,
     CheckOutcome,
@@ -21,7 +22,6 @@ from calib.planning.outcome import (
 )
 from calib.planning.plan import Plan
 from calib.planning.prediction import PAYS, STEP, Prediction
-from calib.planning.purpose import WATCH, ForCalibration
 from calib.planning.start import FromFit, FromRobot
 from calib.present import names, numbers
 from calib.present.blocks import (
@@ -48,7 +48,7 @@ _CONDITIONS = {  # that poses are to be measured under
     "payload_kg": "mount each payload once, for all its poses",
     "temperature_c": "measure the cold poses first; write down the temperatures",
 }
-_RANKS = "Rank 1 tells most; the poses of the last ranks can be left out first."
+_RANKS = "Rank 1 is the most informative; leave out the poses of the last ranks first."
 
 
 @presentation.register
@@ -59,38 +59,38 @@ def _plan(plan: Plan) -> Presentation:
         plan_head(plan),
         [
             Section("The poses, in the order of measuring", pose_blocks(plan), brief=True),
-            *([] if plan.purpose.name == WATCH else [Section("More poses", [_error_by_count(plan)], brief=True)]),
+            *([] if plan.criterion.name == WATCH else [Section("More poses", [_error_by_count(plan)], brief=True)]),
             *([Section("What was assumed", [Bullets(assumed)], brief=True)] if assumed else []),
         ],
     )
 
 
 def plan_head(plan: Plan) -> list[Block]:
-    """What the poses are for and what they achieve."""
+    """Blocks with the purpose of the poses and their predicted gain."""
     unsure = plan.power is not None and plan.power < SURELY
     head: list[Block] = [Verdict(plan_headline(plan), DOUBT if unsure else GOOD)]
     achieved = outcome_sentences(plan)
     head += [Bullets(achieved)] if achieved else []
-    if plan.purpose.name == WATCH:
+    if plan.criterion.name == WATCH:
         return head
     caption = "The predicted error by the number of new poses."
     return [*head, Facts(_predicted(plan)), FigurePlace("plan_curve", (plan,), caption, height_px=260)]
 
 
 def plan_headline(plan: Plan) -> str:
-    """How many poses for what, and the predicted error or the power."""
-    purpose, planned = plan.purpose, numbers.count(len(plan.poses), "pose")
+    """Sentence with the number and purpose of the poses, and the predicted error or the power."""
+    criterion, planned = plan.criterion, numbers.count(len(plan.poses), "pose")
     error = f"the predicted error falls {numbers.length_change(plan.now.geometry_mm, plan.then.geometry_mm)}"
-    if purpose.name == WATCH:
+    if criterion.name == WATCH:
         aim, error = "to watch the cell", ""
-    elif isinstance(plan.outcome, DiscriminationOutcome) and plan.power is not None:
+    elif isinstance(plan.outcome, DiscriminationOutcome):
         aim = f"to discriminate between {numbers.listing(plan.outcome.hypotheses)}"
-        error = f"the probability that they do is {numbers.share(plan.power)}"
-    elif isinstance(purpose, ForCalibration):
+        error = f"the probability that they do is {numbers.share(plan.outcome.power)}"
+    elif isinstance(criterion, ForCalibration):
         at = f"to be right at {plan.region} (I-optimal)"
-        aim = at if purpose.criterion == "I" else "to know the parameters (D-optimal)"
+        aim = at if criterion.optimality == "I" else "to know the parameters (D-optimal)"
     else:
-        aim = f"for {numbers.listing(purpose.effects)}"
+        aim = f"for {numbers.listing(criterion.effects)}"
     return f"{planned} for {plan.start.dataset.name}, {aim}{f': {error}' if error else ''}."
 
 
@@ -115,7 +115,7 @@ def _error(predicted: Prediction) -> str:
 
 
 def _error_by_count(plan: Plan) -> Table:
-    """The predicted error by the number of new poses.
+    """Table of the predicted error by the number of new poses.
 
     Fewer poses than it takes to place the scanner, or to fit at all, have no error that means anything.
     """
@@ -128,7 +128,7 @@ def _error_by_count(plan: Plan) -> Table:
 
 
 def outcome_sentences(plan: Plan) -> list[str]:
-    """What the poses do for what they are planned for, a sentence each."""
+    """Sentences on what the poses achieve for the plan's purpose."""
     match plan.outcome:
         case EffectOutcome():
             return [*_conditions(plan.outcome), *_coefficients(plan.outcome)]
@@ -207,12 +207,12 @@ def _discriminated(outcome: DiscriminationOutcome) -> list[str]:
 
 
 def pose_blocks(plan: Plan) -> list[Block]:
-    """Each pose as commanded, in the order of measuring, and what the ranks mean."""
+    """Blocks with each pose as commanded, in the order of measuring, and the meaning of the ranks."""
     return [poses_table(plan), *([Paragraph(_RANKS, soft=True)] if len(plan.poses) > 1 else [])]
 
 
 def poses_table(plan: Plan, *, compact: bool = False, mark: int | None = None) -> Table:
-    """Each pose as commanded, with its conditions, in the order of measuring; a click on a row selects it.
+    """Table of the poses as commanded, with conditions, in the order of measuring; a click on a row selects the pose.
 
     compact: all joints in one column and no ranks, for a narrow panel.
     """
@@ -235,8 +235,8 @@ def poses_table(plan: Plan, *, compact: bool = False, mark: int | None = None) -
         signs = ["".join("+" if side > 0 else "\N{MINUS SIGN}" for side in row) for row in poses.approach]
         columns.append(("approach", signs))
     if not compact:
-        columns.append(("rank", list(map(str, plan.worth))))
-    columns.append(("tells most of", [reason_phrase(reason) for reason in plan.reasons]))
+        columns.append(("rank", list(map(str, plan.ranks))))
+    columns.append(("determines best", [reason_phrase(reason) for reason in plan.reasons]))
     last = len(columns) - 1
     return Table(
         [name for name, _ in columns],
@@ -248,7 +248,7 @@ def poses_table(plan: Plan, *, compact: bool = False, mark: int | None = None) -
 
 
 def reason_phrase(reason: PoseReason) -> str:
-    """Why a pose was chosen."""
+    """Phrase with the reason why a pose was chosen."""
     match reason:
         case ParameterReason():
             far = "" if reason.far_joint is None else f"joint {reason.far_joint} far from what was measured: "
@@ -263,12 +263,12 @@ def reason_phrase(reason: PoseReason) -> str:
 
 
 def assumptions(plan: Plan) -> list[str]:
-    """What was assumed, what the prediction cannot know, and what is to be minded."""
+    """Sentences on the plan's assumptions, on what the prediction cannot include, and on precautions."""
     start, lines = plan.start, []
-    if plan.least is not None:
+    if plan.fewest_for_fit is not None:
         lines.append(
             f"{numbers.count(len(plan.poses), 'pose is', 'poses are')} too few for a fit of the link errors, which "
-            f"takes {plan.least} and better three times as many"
+            f"takes {plan.fewest_for_fit} and better three times as many"
         )
     if plan.blocked:
         ways = ", ".join(f"{one} to {other}" for one, other in plan.blocked)
@@ -315,7 +315,7 @@ def _of_fit(start: FromFit) -> list[str]:
 def _plan_document(plan: Plan) -> dict[str, Any]:
     robot = plan.start.dataset.robot
     columns = joint_columns(robot)
-    each = zip(poses_frame(plan.poses, robot).to_dict("records"), plan.reasons, plan.worth, strict=True)
+    each = zip(poses_frame(plan.poses, robot).to_dict("records"), plan.reasons, plan.ranks, strict=True)
     return {
         "poses": [
             {
@@ -326,7 +326,7 @@ def _plan_document(plan: Plan) -> dict[str, Any]:
             for row, reason, worth in each
         ],
         "columns": columns,
-        "for": plan.purpose.name,
+        "for": plan.criterion.name,
         "region": plan.region,
         "predicted_test_rmse_mm": {"now": plan.now.geometry_mm, "then": plan.then.geometry_mm},
         "band_90_mm": {"now": _band(plan.now), "then": _band(plan.then)},

@@ -1,4 +1,4 @@
-"""Which parameters can be known: redundant groups, the rank, and what the measurements tell of the tool's row."""
+"""Presentation of identifiability: redundant groups, the rank, and the tool row."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def _redundancy(analysis: Redundancy) -> Presentation:
 
 
 def redundancy_section(analysis: Redundancy) -> Section:
-    """Words and figure under a heading."""
+    """Section with the sentences and the figure on redundancy."""
     return Section(HEADING, [*redundancy_blocks(analysis), heatmap(analysis)])
 
 
 def redundancy_blocks(analysis: Redundancy) -> list[Block]:
-    """The counts, and a sentence for each group of parameters that only act together."""
+    """Blocks with the counts, and a sentence for each group of parameters that only act together."""
     facts: list[tuple[str, object]] = [
         ("parameters", len(analysis.parameters)),
         ("without influence", len(analysis.no_influence)),
@@ -44,12 +44,12 @@ def redundancy_blocks(analysis: Redundancy) -> list[Block]:
 
 
 def heatmap(analysis: Redundancy) -> FigurePlace:
-    """The place of the redundancy matrix."""
+    """Placeholder of the figure of the redundancy matrix."""
     return FigurePlace("redundancy_heatmap", (analysis,), _CAPTION, height_px=620, width_px=660)
 
 
 def redundancy_sentences(analysis: Redundancy) -> list[Words]:
-    """A sentence for each redundant group, for what has no influence, and for sums of three and more that cancel."""
+    """Sentences on each redundant group, on parameters without influence, and on sums of three or more that cancel."""
     sentences: list[Words] = [_group(analysis, group) for group in (*analysis.groups, *analysis.mixed_groups)]
     if analysis.no_influence:
         sentences.append((f"No influence on {analysis.observed}: ", *names.parameters(analysis.no_influence), "."))
@@ -78,7 +78,7 @@ def _cancelling(relation: Mapping[str, float]) -> Words:
 
 
 def free_frame_sentence(unknown: FreeFrameRank) -> str:
-    """How many parameters can be known where the scanner's place is unknown, at these poses and at best."""
+    """Sentence on the number of identifiable parameters with an unknown scanner frame, at these poses and at best."""
     best, residual = unknown.best[unknown.residual], unknown.residual
     kinds = "full poses" if residual == "pose" else "positions"
     if unknown.on_flange:
@@ -101,7 +101,7 @@ def free_frame_sentence(unknown: FreeFrameRank) -> str:
 
 
 def tool_sentence(tool: ToolRows) -> Words:
-    """What the measurements tell of [tool], in a sentence."""
+    """Sentence on the identifiability of the tool row ([tool] of robot.toml)."""
     if tool.point:
         place, stay = names.parameters(tool.point), names.parameters(tool.unseen)
         return (
@@ -146,7 +146,7 @@ def _redundancy_document(analysis: Redundancy) -> dict[str, Any]:
 
 
 def redundancy_document(analysis: Redundancy, unknown: FreeFrameRank) -> dict[str, Any]:
-    """What `redundancy --json` prints; `unknown` is the rank where the scanner's place is unknown."""
+    """Document that `redundancy --json` prints; `unknown` is the rank with an unknown scanner frame."""
     return {
         "residual": unknown.residual,
         **document(analysis),

@@ -1,4 +1,4 @@
-"""Names of poses and joints within sentences: found in a text, they become references, which the page makes links."""
+"""Recognition of poses' and joints' names in sentences, as references that the page makes links."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _STOPS = ".!?"
 
 @dataclass(frozen=True)
 class Names:
-    """The poses and joints that a sentence about a dataset may name; called with a text, it finds them."""
+    """Names of a dataset's poses and joints; called with a text, it turns those found into references."""
 
     poses: frozenset[str] = frozenset()
     joints: int = 0
@@ -28,7 +28,7 @@ class Names:
 
     @staticmethod
     def of(dataset: Dataset) -> Names:
-        """The poses and the joints of a dataset."""
+        """Names of the poses and joints of a dataset."""
         others = set(dataset.robot.parameter_names)
         sure = {
             pose_id
@@ -46,13 +46,13 @@ class Names:
 
 
 def references_to(poses: Collection[str], inputs: Collection[str] = ()) -> dict[str, Reference]:
-    """What a sentence is known to name (`recognised`): poses by id, inputs ("q4") by their joint."""
+    """References by the name that a sentence may hold (`recognised`): pose ids, and inputs ("q4") by joint."""
     joints = {name: of_joint[1] + 1 for name in inputs if (of_joint := joint_input(name)) is not None}
     return {**{name: joint(number, name) for name, number in joints.items()}, **{p: pose(p) for p in poses}}
 
 
 def recognised(words: str, names: Names, known: Mapping[str, Reference] | None = None) -> tuple[Span, ...]:
-    """A text with the poses and joints in it as references.
+    """A text with the names of poses and joints replaced by references.
 
     `known` is taken wherever it stands as a word of its own. Beyond that "joint 4", "joints 1 and 2", "pose 7", and ids
     that can be nothing else are: numbers and common words alone are not.
@@ -71,7 +71,7 @@ def recognised(words: str, names: Names, known: Mapping[str, Reference] | None =
 
 
 def _joined(spans: list[Span]) -> list[Span]:
-    """The spans with neighbouring texts as one, and no empty ones."""
+    """The spans with neighbouring texts joined, and without empty ones."""
     out: list[Span] = []
     for span in spans:
         if isinstance(span, str) and out and isinstance(out[-1], str):

@@ -1,4 +1,4 @@
-"""The residual of a fit over the inputs that it may depend on: titles with units, values to plot, noise, tests."""
+"""Residual of a fit over the inputs that it may depend on: titles with units, values to plot, noise, tests."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def noise_and_size(noise: NoiseLevel, length_mm: float) -> str:
 
 
 def band_note(pose_errors: PoseErrors, band: tuple[float, float]) -> str:
-    """What the grey band is, and how many poses leave it where that is counted."""
+    """Sentences on the grey noise band of a plot, with the number of poses outside it where that can be counted."""
     noise = noise_and_size(pose_errors.noise, pose_errors.noise_mm)
     grey = f"Grey: where {noise} leaves 19 of 20 poses."
     if not np.isfinite(band).all():
@@ -56,7 +56,7 @@ def band_note(pose_errors: PoseErrors, band: tuple[float, float]) -> str:
 
 
 def input_title(name: str, robot: Robot) -> str:
-    """ "q3" -> "joint 3 angle, °": an input with its unit."""
+    """Title of an input with its unit: "q3" -> "joint 3 angle, °"."""
     of_joint = joint_input(name)
     if of_joint is not None:
         quantity, joint = of_joint
@@ -69,21 +69,21 @@ def input_title(name: str, robot: Robot) -> str:
 
 
 def turned(name: str, values: Array, robot: Robot) -> Array:
-    """Joint angles in degrees, everything else as it is."""
+    """Values with joint angles converted to degrees and all others unchanged."""
     quantity, joint = joint_input(name) or ("", 0)
     angle = quantity == "q" and robot.joints[joint].is_revolute
     return np.degrees(values) if angle else values
 
 
 def joint_title(joint: int, robot: Robot) -> str:
-    """What the apparent motion of a joint is called."""
+    """Axis title of a joint's apparent motion, with its unit."""
     return f"apparent motion of joint {joint + 1}, {'millidegrees' if robot.joints[joint].is_revolute else 'mm'}"
 
 
 def shown(
     pose_errors: PoseErrors, what: str, joint: int | None, robot: Robot
 ) -> tuple[Array, str, tuple[float, float]]:
-    """The values to plot, their name with the unit, and the band that noise alone fills."""
+    """Values to plot, their title with the unit, and the band of noise alone."""
     if joint is not None:
         scale = float(np.degrees(1.0)) * 1000.0 if robot.joints[joint].is_revolute else 1.0
         half = 2.0 * scale * pose_errors.joint_noise(joint)
@@ -95,7 +95,7 @@ def shown(
 
 
 def worst_poses(pose_errors: PoseErrors, count: int, marked: str = "") -> Table:
-    """The poses with the largest errors, mm in the scanner's frame, a row each; the row of one pose is marked."""
+    """Table of the poses with the largest errors, mm in the scanner's frame; the row of one pose is marked."""
     worst = pose_errors.worst(count)
     rows = []
     for name in worst:
@@ -135,7 +135,7 @@ def residuals_of(diagnosis: Diagnosis) -> list[ModelResidual]:
 
 
 def residual_blocks(residuals: Sequence[ModelResidual]) -> list[Block]:
-    """For each model the inputs that its residual depends on most, and figures of the residual over these."""
+    """Blocks on the inputs that each model's residual depends on most, with figures of the residual over these."""
     return [block for residual in residuals for block in _residual_blocks(residual)]
 
 
@@ -158,7 +158,7 @@ def _residual_blocks(residual: ModelResidual) -> list[Block]:
 
 
 def _channel_title(test: InputTest, robot: Robot) -> str:
-    """What `shown` calls the part of the residual in which a test found the strongest pattern."""
+    """Name, for `shown`, of the residual's component with the strongest pattern in a test."""
     if test.channel.joint is not None:
         return joint_title(test.channel.joint, robot)
     return next(title for title, axis in AXES.items() if "xyz"[axis] == test.channel.axis)

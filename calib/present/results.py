@@ -1,4 +1,4 @@
-"""What is told of each kind of result: its presentation and its document, by the class of the result."""
+"""Presentation and document of each kind of result, looked up by the result's class."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ FIGURES = "calib.figures"  # entry points of this group draw figures in notebook
 
 @singledispatch
 def presentation(result: object) -> Presentation:
-    """All that is told of a result, as blocks."""
+    """Presentation of a result as blocks."""
     raise TypeError(f"nothing is told of a {type(result).__name__}")
 
 
 @singledispatch
 def document(result: object) -> Mapping[str, Any]:
-    """The keys of a command's `--json` for a result; values are made plain by `to_dict`.
+    """Keys of a command's `--json` for a result; values are converted by `to_dict`.
 
     A dataclass is the document of its fields. A field's metadata may give its key (`key="name"`), or keep it out
     (`key=None`).
@@ -45,14 +45,14 @@ def _keys(made: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def to_dict(result: object) -> dict[str, Any]:
-    """A result as strings, numbers, lists, dicts and None."""
+    """A result converted to strings, numbers, lists, dicts and None."""
     plain_document = plain(nested(document(result)))
     assert isinstance(plain_document, dict)
     return plain_document
 
 
 def nested(value: object) -> object:
-    """A document's value with every dataclass and table in it as dicts and lists."""
+    """A document's value with every dataclass and table inside converted to dicts and lists."""
     if is_dataclass(value) and not isinstance(value, type):
         return nested(document(value))
     if isinstance(value, pd.DataFrame):
@@ -68,12 +68,12 @@ def nested(value: object) -> object:
 
 @singledispatch
 def headline(result: object) -> str:
-    """What matters most of a result, in a sentence or two: the first verdict in its presentation."""
+    """Most important statement on a result, in a sentence or two: the first verdict in its presentation."""
     return next(blocks.plain(block.words) for block in presentation(result).head if isinstance(block, blocks.Verdict))
 
 
 def summary(result: object) -> str:
-    """A result in a few lines of plain text."""
+    """Summary of a result in a few lines of plain text."""
     return blocks_text.text(presentation(result))
 
 
@@ -84,7 +84,7 @@ def notebook_html(result: object) -> str:
 
 @cache
 def _installed_draw() -> blocks_html.Draw | None:
-    """What draws figures here: `inspector` says so by an entry point, and needs plotly; None without it."""
+    """Function that draws figures, found by the entry point of `inspector`, which needs plotly; None without it."""
     for entry in metadata.entry_points(group=FIGURES):
         try:
             draw: blocks_html.Draw = entry.load()

@@ -1,4 +1,4 @@
-"""Blocks as plain text, as a terminal prints them: sentences as lines, tables in columns, no figures."""
+"""Blocks rendered as plain text for a terminal: sentences as lines, tables in columns, no figures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _INDENT = "  "
 
 
 def text(told: Presentation) -> str:
-    """What is seen first and the brief sections of a presentation, as lines."""
+    """Plain text of a presentation's first blocks and brief sections."""
     lines = list(_lines(told.head))
     for section in told.sections:
         if section.brief:
@@ -31,7 +31,7 @@ def text(told: Presentation) -> str:
 
 
 def block_text(*blocks: Block) -> str:
-    """Some blocks as lines."""
+    """Plain text of some blocks."""
     return "\n".join(line.rstrip() for line in _lines(blocks))
 
 
@@ -63,7 +63,7 @@ def _cell(value: object) -> str:
 
 
 def _columns(rows: Sequence[Sequence[Words]], left: Sequence[int]) -> list[str]:
-    """Rows with their cells below each other: those of the columns in `left` begin, the others end in one line."""
+    """Lines of a table with aligned cells: columns in `left` to the left, the others to the right."""
     cells = [[plain(cell) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)] if cells else []
     return [

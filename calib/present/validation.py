@@ -1,4 +1,4 @@
-"""How a model does at poses that it was not fitted to: cross-validation, learning curve, a saved model at a dataset."""
+"""Presentation of a model's errors at poses outside its fit: cross-validation, learning curve, saved model."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _cross_validation(folds: CrossValidation) -> Presentation:
 
 
 def cross_validation_blocks(folds: CrossValidation) -> list[Block]:
-    """The held-out errors, their spread over the folds, and what noise explains of their ratio to the training."""
+    """Blocks with the held-out errors, their spread over the folds, and how much of their excess noise explains."""
     train = folds.whole.after.train
     assert train is not None
     each = [fold.held_out.rmse_mm for fold in folds.folds]
@@ -55,7 +55,7 @@ def cross_validation_blocks(folds: CrossValidation) -> list[Block]:
 
 
 def cross_validation_verdict(folds: CrossValidation) -> Verdict:
-    """What the held-out errors mean."""
+    """Verdict on the held-out errors."""
     before = folds.before.test
     assert before is not None
     if not folds.held_out.rmse_mm < before.rmse_mm:
@@ -91,7 +91,7 @@ def _learning_curve(curve: LearningCurve) -> Presentation:
 
 
 def learning_curve_blocks(curve: LearningCurve) -> list[Block]:
-    """The errors by the number of training poses."""
+    """Blocks with the errors by the number of training poses."""
     rows = [
         (
             step.poses,
@@ -110,7 +110,7 @@ def learning_curve_blocks(curve: LearningCurve) -> list[Block]:
 
 
 def learning_curve_verdict(curve: LearningCurve) -> Verdict:
-    """Whether more poses would help, and what is left where they would not."""
+    """Verdict on whether more poses would help, and on the remaining error where more would not."""
     last = curve.steps[-1]
     words, colour = _more_poses(curve)
     ratio = last.held_out_rmse_mm / last.train_rmse_mm if last.train_rmse_mm > 0.0 else 1.0
@@ -157,7 +157,7 @@ def _fitted_model(fitted: FittedModel) -> Presentation:
 
 
 def model_blocks(fitted: FittedModel) -> list[Block]:
-    """What a saved model is, and its errors where it was fitted."""
+    """Blocks on a saved model, with the errors of its fit."""
     what = " + ".join(["link errors", *fitted.model.family_names])
     without = f" without {', '.join(fitted.source.left_out)}" if fitted.source.left_out else ""
     return [
@@ -167,7 +167,7 @@ def model_blocks(fitted: FittedModel) -> list[Block]:
 
 
 def saved_model_blocks(fitted: FittedModel, dataset: Dataset, before: Evaluation, after: Evaluation) -> list[Block]:
-    """A saved model, and its errors at the points of a dataset."""
+    """Blocks on a saved model, with its errors at the points of a dataset."""
     same = fitted.is_fitted_to(dataset)
     which = "the measurements that it was fitted to" if same else "not the files that it was fitted to"
     trained = fitted.trained
@@ -185,7 +185,7 @@ def saved_model_blocks(fitted: FittedModel, dataset: Dataset, before: Evaluation
 
 
 def validation_document(folds: CrossValidation, curve: LearningCurve) -> dict[str, Any]:
-    """What `validate --json` prints: held-out errors by fold and pose, the learning curve, and what they mean."""
+    """Document that `validate --json` prints: held-out errors by fold and pose, learning curve, and verdicts."""
     return {
         **document(folds),
         "learning_curve": document(curve),
@@ -239,7 +239,7 @@ def _model_document(fitted: FittedModel) -> dict[str, Any]:
 def saved_model_document(
     fitted: FittedModel, dataset: Dataset, before: Evaluation, after: Evaluation
 ) -> dict[str, Any]:
-    """What `validate --model --json` prints: a saved model's errors at a dataset's points, and those of its fit."""
+    """Document that `validate --model --json` prints: a saved model's errors at a dataset's points and at its fit."""
     return {
         "dataset": dataset.name,
         "model": {**document(fitted), "same_measurements": fitted.is_fitted_to(dataset)},

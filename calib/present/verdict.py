@@ -1,4 +1,4 @@
-"""The verdict of a diagnosis and the advice on a model, as sentences."""
+"""Sentences of a diagnosis' verdict and of the advice on a model."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _SHOWN_UNTESTABLE = 5
 
 
 def verdict(diagnosis: Diagnosis) -> Words:
-    """The verdict alone, a sentence or two; it begins with a small letter."""
+    """Sentence or two with the verdict alone, beginning with a small letter."""
     tell = {
         "adequate": _adequate,
         "named": _named,
@@ -93,10 +93,12 @@ def _ambiguous(diagnosis: Diagnosis) -> Words:
 def _outliers(diagnosis: Diagnosis) -> Words:
     poses = diagnosis.residual_tests.outlier_poses
     worst = worst_pose(diagnosis.calibration, poses)
+    others = [pose(name) for name in poses if worst is None or name != worst.pose]
+    stand = "stand" if len(others) > 1 else "stands"
     off: Words = ()
-    if worst is not None:
-        others = [pose(name) for name in poses if name != worst.pose]
-        stand = "stand" if len(others) > 1 else "stands"
+    if worst is None and others:  # they are left out of the fit, which has no errors there
+        off = spans(": ", listed(others), f" {stand} out")
+    elif worst is not None:
         more = spans(", and ", listed(others), f" {stand} out too") if others else ()
         off = spans(": pose ", pose(worst.pose), f" is off by {numbers.length(worst.size_mm)}", more)
     missing = spans(_missing(diagnosis), ". ") if diagnosis.missing else ()
@@ -130,7 +132,7 @@ def _unexplained(diagnosis: Diagnosis) -> Words:
 
 
 def _left_unexplained(diagnosis: Diagnosis) -> Words:
-    """What speaks against the model of an unexplained dataset, by `Conclusion.reason`."""
+    """Sentence on the reason why a dataset is unexplained, by `Conclusion.reason`."""
     tests, reason, refused = diagnosis.residual_tests, diagnosis.conclusion.reason, diagnosis.refused
     match reason:
         case "fault" if tests.fault is not None:
@@ -157,7 +159,7 @@ def _left_unexplained(diagnosis: Diagnosis) -> Words:
 
 
 def promise(test: HeldOutTest) -> str:
-    """A sentence on test poses that are off by more than was predicted, and what may be behind it."""
+    """Sentence on test poses whose error exceeds the predicted one, and possible reasons."""
     return (
         f"the test poses are off by {numbers.length(test.rmse_mm)}, where noise and the uncertainty of the fit predict "
         f"{numbers.length(test.promised_mm)}: they were measured in another way or on another day, or they show what "
@@ -175,7 +177,7 @@ def _missing(diagnosis: Diagnosis) -> Words:
 
 
 def _causes(diagnosis: Diagnosis, keys: Sequence[str]) -> list[Cause]:
-    """What some effects do on this arm, as the last fit has them."""
+    """Causes found for some effects on this arm, as in the last fit."""
     return [
         cause_of(after.effect, before.calibration, after.calibration)
         for before, after in pairwise(diagnosis.steps)
@@ -184,7 +186,7 @@ def _causes(diagnosis: Diagnosis, keys: Sequence[str]) -> list[Cause]:
 
 
 def cause(found: Cause, calibration: Calibration) -> Words:
-    """An effect by its noun and its joints, its size, and where it shows most."""
+    """Text on an effect: its noun and joints, its size, and the pose where it is largest."""
     noun = "" if found.leading is None else describe(found.leading).noun
     key: Words = spans(" (", effect(found.effect), ")")
     if not noun:
@@ -218,7 +220,7 @@ def _cause_size(found: Cause, calibration: Calibration) -> str:
 
 
 def _contradicting_points(diagnosis: Diagnosis) -> int | None:
-    """Number of test points where their error grew with what was named, within their scatter; else None."""
+    """Number of test points where their error did not fall by the added effects, within scatter; else None."""
     first, last = diagnosis.steps[0].calibration.after.test, diagnosis.calibration.after.test
     if first is None or last is None or last.rmse_mm < (1.0 + SMALL_CHANGE) * first.rmse_mm:
         return None
@@ -226,7 +228,7 @@ def _contradicting_points(diagnosis: Diagnosis) -> int | None:
 
 
 def _nothing_else(diagnosis: Diagnosis) -> str:
-    """Whether the test poses, too, are off by noise alone."""
+    """Clause whether the test poses, too, have errors of noise alone."""
     beyond = diagnosis.held_out_beyond_noise
     if beyond is None:
         return "nothing else shows"
@@ -241,7 +243,7 @@ def _times_noise(error: HeldOutError) -> str:
 
 
 def _suspicion(keys: Sequence[str]) -> Words:
-    """A further sentence on effects that were added and are not claimed."""
+    """Sentence on effects that were added and are not claimed."""
     if not keys:
         return ()
     are, their, them = ("are", "their", "them") if len(keys) > 1 else ("is", "its", "it")
@@ -267,7 +269,7 @@ def _inputs(keys: Sequence[str]) -> Words:
 
 
 def fault(found: JointFault) -> Words:
-    """Apparent motion of one joint that no effect describes, without a full stop."""
+    """Text on the apparent motion of one joint that no effect describes, without a full stop."""
     number = found.joint + 1
     return spans(
         joint(number, f"joint {number}"),
@@ -277,7 +279,7 @@ def fault(found: JointFault) -> Words:
 
 
 def curves(joints: Sequence[int], inputs: Sequence[str], log_evidence: float | None) -> Words:
-    """A sentence on curves of joints (counted from 1) over inputs, and their log evidence."""
+    """Sentence on curves of joints (counted from 1) over inputs, and their log evidence."""
     worth = "" if log_evidence is None else f" (log evidence {log_evidence:.0f} over noise)"
     several = len(joints) > 1
     return spans(
@@ -290,7 +292,7 @@ def curves(joints: Sequence[int], inputs: Sequence[str], log_evidence: float | N
 
 
 def residual(tests: ResidualTests, held_out: HeldOutError | None) -> Words:
-    """What a fit leaves, in a sentence: noise, a systematic dependence, or more than noise.
+    """Sentence on the residual of a fit: noise, a systematic dependence, or more than noise.
 
     held_out: of the test poses, where they are off by more than noise.
     """
@@ -298,7 +300,7 @@ def residual(tests: ResidualTests, held_out: HeldOutError | None) -> Words:
 
 
 def residual_of(diagnosis: Diagnosis) -> Words:
-    """What the last fit of a diagnosis leaves, in a sentence."""
+    """Sentence on the residual of the last fit of a diagnosis."""
     return residual(diagnosis.residual_tests, diagnosis.held_out_beyond_noise)
 
 
@@ -318,12 +320,12 @@ def _residual(tests: ResidualTests, held_out: HeldOutError | None) -> Words:
 
 
 def advice(given: Advice) -> Words:
-    """What the fit leaves, and what to do next."""
+    """Sentences on the residual of a fit and on the next move."""
     return spans(residual(given.residual_tests, given.held_out), " ", move(given.move))
 
 
 def move(made: Move) -> Words:
-    """What a move does and why, a sentence or two."""
+    """Sentence or two on a move and the reason for it."""
     match made:
         case AddEffect():
             factor = made.log_bayes_factor

@@ -17,7 +17,21 @@ from calib.robot_formats.robot_file import read_arm, source_links
 from calib.robot_formats.urdf.chain import chain_of_arm
 from calib.robot_formats.urdf.text import TOOL_POINT_LINK, with_origins
 
+URDF_SUFFIXES, YAML_SUFFIXES = (".urdf",), (".yaml", ".yml")
+TEMPLATE_SUFFIXES = (*URDF_SUFFIXES, *YAML_SUFFIXES)
+_KEPT = "robot_source"  # stem of the user's own robot file in an imported dataset
 _LOST_MM, _LOST_RAD = 1e-6, 1e-9
+
+
+def template_name(path: Path) -> str:
+    """Name under which a user's own robot file is kept in a dataset's folder."""
+    return f"{_KEPT}{path.suffix.lower()}"
+
+
+def kept_template(folder: Path | None, suffixes: Sequence[str] = TEMPLATE_SUFFIXES) -> Path | None:
+    """Robot file of the user that was kept when the dataset in this folder was imported; None where there is none."""
+    paths = [] if folder is None else [folder / f"{_KEPT}{suffix}" for suffix in suffixes]
+    return next((path for path in paths if path.is_file()), None)
 
 
 @dataclass(frozen=True)

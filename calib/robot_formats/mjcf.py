@@ -90,7 +90,7 @@ def chain_from_document(document: Mapping[str, Any]) -> SerialChain:
 
 @dataclass
 class _Model:
-    """A model and its includes, rewritten as the one text that MuJoCo is given."""
+    """A model and its includes, rewritten as a single text for MuJoCo."""
 
     file: XmlFile
     meshes: dict[str, Path] = field(default_factory=dict)  # by their names in the text
@@ -113,7 +113,7 @@ class _Model:
         return "".join(self._written(root))
 
     def _whole(self, file: XmlFile, element: Element, depth: int) -> Element:
-        """Element with its includes replaced by their content, each child with the file that it is from."""
+        """Element with its includes replaced by their content, each child with the file of its origin."""
         self._count += 1
         if self._count > _MOST_ELEMENTS or depth > _MOST_DEPTH:
             file.fail(element, "too many elements or levels", "a serial arm has a few hundred")
@@ -150,7 +150,7 @@ class _Model:
         return parse_xml(path, read_bytes(path))
 
     def _inside(self, file: XmlFile, element: Element, path: Path) -> Path:
-        """The path unchanged. Raises RobotFileError where it, links followed, is not below the model's folder."""
+        """The path unchanged. Raises RobotFileError where it leads, links followed, outside the model's folder."""
         if not path.resolve().is_relative_to(self._folder.resolve()):
             name = element.attributes.get("file", "")
             file.fail(element, f"names {name[:60]!r}, which is not below its folder", "put it there")

@@ -56,7 +56,7 @@ class YamlFile:
 
 
 def read_yaml(path: Path) -> YamlFile:
-    """Read a YAML file of this kind. Raises RobotFileError with the line of anything else."""
+    """Read a YAML file in the subset of makers' kinematics files. Raises RobotFileError with the line otherwise."""
     try:
         text = read_bytes(path, _MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -52,7 +52,7 @@ class RobotFile:
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """Options for what a robot's file leaves open: tip, base, convention, model, xacro arguments."""
+    """Options for what a robot's file does not define: tip, base, convention, model, xacro arguments."""
 
     tip: str | None = None  # link, body or site
     base: str | None = None

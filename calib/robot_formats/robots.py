@@ -1,4 +1,4 @@
-"""Robots as a user names them: read from a file of any form, from a dataset, or built in; and written as a file."""
+"""Robots given by a user: read from a file of any form or a dataset, or built in; and written as a file."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ class _Table:
         return all(column in self._columns for column in columns)
 
     def words(self, column: str, default: str) -> list[str]:
-        """Texts of a column; the default where the column is missing or a cell is empty."""
+        """Texts of a column; the default where the column is missing, or for empty cells."""
         if column not in self._columns:
             return [default] * len(self.table)
         return [cell or default for cell in self.table.text(self._columns[column][0])]

@@ -55,7 +55,7 @@ class Scan(Brief):
 
 @dataclass(frozen=True)
 class PointCount:
-    """Number of points in a scan's file, and of its rows without a value."""
+    """Number of points in a scan's file, and number of its rows without a value."""
 
     points: int  # with a value
     dropped: int  # rows without one, left out on loading
@@ -108,7 +108,7 @@ def scan_file(path: Path) -> Path:
 
 
 def _content(path: Path) -> bytes:
-    """Bytes of a scan's file. Raises ScanError where there are none, or more than a scan has; OSError."""
+    """Bytes of a scan's file. Raises ScanError for a missing, empty or too large file, and OSError."""
     if path.is_dir():
         raise ScanError(f"{path}: this is a folder, not a scan; check the scan's name in poses.csv")
     if not path.is_file():

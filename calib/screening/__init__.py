@@ -1,1 +1,1 @@
-"""The residual of a fit, tested against every candidate effect, smooth motions of a joint, and noise of any shape."""
+"""Tests of a fit's residual against every candidate effect, smooth motions of a joint, and noise of any shape."""

@@ -42,14 +42,14 @@ class Value:
 
 @dataclass(frozen=True)
 class Candidate(Brief):
-    """A family with the evidence for it."""
+    """A family of effects with the evidence for it in the residual of a fit."""
 
     family: Family
     p_value: float
     p_holm: float
     log_evidence: float
     explained_share: float  # of the residual's sum of squares
-    cv_rmse_mm: float  # RMS of a coordinate when each pose is predicted from the others, linearised
+    cv_rmse_mm: float  # RMS per coordinate when each pose is predicted from the others, linearised
     members: tuple[Effect, ...]  # that carry it
     values: tuple[Value, ...]
     prior_sigmas: dict[str, float]  # of highest evidence, by full name of those members' parameters
@@ -84,7 +84,7 @@ class Screening(Brief):
     cv_rmse_mm: float  # of the fit without any candidate
 
     def to_frame(self) -> pd.DataFrame:
-        """Table of the candidates, a row each."""
+        """Table of the candidates, one row each."""
         return pd.DataFrame(
             {
                 "effect": [c.name for c in self.candidates],
@@ -151,7 +151,7 @@ def screen(fitted: FittedResult | Dataset | str | Path, families: Sequence[Famil
 
 
 def _too_wide(projected: ProjectedResidual, family: Family, columns: int) -> Untestable:
-    """Entry of a family of which one member alone has more parameters than the equations bear."""
+    """Entry for a family with a single member that has more parameters than the number of equations allows."""
     poses = len(projected.residuals.observed.used_poses[0])
     more = int(np.ceil((2 * columns - projected.dof) / 3))
     return Untestable(
@@ -162,7 +162,7 @@ def _too_wide(projected: ProjectedResidual, family: Family, columns: int) -> Unt
 
 
 def _not_of_single_poses(candidate: Candidate, plain_rmse_mm: float) -> Candidate:
-    """A candidate, its evidence set to zero where its family is sparse and it predicts left-out poses no better.
+    """A candidate, with zero evidence if its family is sparse and does not improve the prediction of left-out poses.
 
     Single poses that are wrong have their places and times too, and no effect makes them.
     """
@@ -172,7 +172,7 @@ def _not_of_single_poses(candidate: Candidate, plain_rmse_mm: float) -> Candidat
 
 
 def _overlaps(tested: Sequence[VisibleColumns], evidence: Sequence[Evidence]) -> list[dict[str, float]]:
-    """For each family, by the others' names, the share of its explained part that they could explain, if above 0.2."""
+    """For each family, the shares of its explained part that other families could explain, by name, if above 0.2."""
     if not tested:
         return []
     explained = np.column_stack([e.explained for e in evidence])

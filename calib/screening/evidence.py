@@ -1,4 +1,4 @@
-"""F tests and evidence of blocks of columns that may explain a residual, of a cause whose size is unknown.
+"""F tests and Bayesian evidence of blocks of columns that may explain a residual with unknown size.
 
 All of it is linear and works on residual and columns from which the fitted directions were projected out. The sigma of
 the noise is never needed: it is estimated with each hypothesis, so that a wrongly declared one changes nothing.
@@ -22,7 +22,7 @@ _ROUNDING = 1e-14  # share of a square sum
 
 @dataclass(frozen=True)
 class FamilyColumns:
-    """Residual (R,), measured minus predicted, and the columns of a family, a group (R, K_g) a member; projected.
+    """Projected residual (R,), measured minus predicted, and the projected columns (R, K_g) of each member of a family.
 
     Columns are for coefficients of the parameters' usual scales. `positive`: for each group, whether its coefficients
     are physical with this sign only; empty: none is.
@@ -47,7 +47,7 @@ class Evidence:
 
 
 def evaluate_family(family: FamilyColumns) -> Evidence:
-    """F test and evidence of a family whose members are few.
+    """F test and evidence of a family with few members.
 
     Evidence: coefficients of member g are N(0, s_g^2), noise N(0, sigma^2) with sigma unknown,
 
@@ -88,7 +88,7 @@ def evaluate_family(family: FamilyColumns) -> Evidence:
 
 
 def most_columns(dof: int) -> int:
-    """Largest number of columns of an effect for so many degrees of freedom; more would leave little to judge it by."""
+    """Largest number of columns that an effect may have at these degrees of freedom and still be testable."""
     return dof // 2
 
 
@@ -186,7 +186,7 @@ def _best_scale(
 
 
 def _given(y: Array, columns: Array, triangle: Array, spread: Array) -> tuple[Array, Array, float]:
-    """y and columns whitened by noise and the columns (R, K) of this spread, and the log evidence of these."""
+    """y and columns whitened by noise and by columns (R, K) of given spread, and the log evidence of the latter."""
     others = spread > 0.0
     if not others.any():
         return y, columns, 0.0
@@ -196,7 +196,7 @@ def _given(y: Array, columns: Array, triangle: Array, spread: Array) -> tuple[Ar
 
 
 def _best_scales(y: Array, rest: float, triangle: Array, spread: Array, width: int, dof: int) -> tuple[Array, Array]:
-    """Log evidence (G,) at the best scale of each member, `width` columns wide, given those with one; the scales."""
+    """Log evidence (G,) at the best scale of each member, `width` columns wide, given the chosen ones; and scales."""
     z, columns, fixed = _given(y, triangle, triangle, spread)
     members = columns.T.reshape(-1, width, len(y))
     u, s, _ = np.linalg.svd(np.swapaxes(members, 1, 2), full_matrices=False)
@@ -207,7 +207,7 @@ def _best_scales(y: Array, rest: float, triangle: Array, spread: Array, width: i
 
 
 def evidence_by_scale(lam: Array, h2: Array, rest: float, total: float, dof: int) -> Array:
-    """Log evidence at each of `SCALES`; `rest` is the residual's square given the other members, `total` without."""
+    """Log evidence at each of `SCALES`; `rest`: squared residual given the other members, `total`: without them."""
     grow = 1.0 + SCALES[:, None] ** 2 * lam  # (..., scales, K)
     quadratic = rest - np.sum(h2 * (1.0 - 1.0 / grow), axis=-1)
     least = _ROUNDING * max(total, 1e-300)  # exact data: the rest is rounding, and has no logarithm
@@ -225,7 +225,7 @@ def _spectrum(columns: Array, z: Array) -> tuple[Array, Array]:
 
 
 def scale_penalty(scales: Array) -> Array:
-    """Log prior of scales above the usual one: ten times as large is one standard deviation off."""
+    """Log prior of scales above the usual one: a factor of ten is one standard deviation."""
     return np.asarray(-0.5 * np.maximum(np.log10(scales), 0.0) ** 2)
 
 
@@ -238,7 +238,7 @@ def _choose_members(
     scales, value = np.zeros(count), 0.0
 
     def best(member: int) -> tuple[float, float]:
-        """Log evidence with a member at its best scale given the others at theirs, and that scale."""
+        """Log evidence with a member at its best scale, given the others at theirs, and that scale."""
         alone = np.arange(count) == member
         spread = np.repeat(scales, [b - a for a, b in bounds])
         found, scale = _best_scale(y, rest, triangle, spread, alone, bounds, dof)
@@ -248,7 +248,7 @@ def _choose_members(
     widths = {b - a for a, b in bounds}
 
     def each() -> list[tuple[float, float, int]]:
-        """Log evidence, best scale and number of every member that is not chosen yet and that the equations bear."""
+        """Log evidence, best scale and number of every member not chosen yet that the number of equations allows."""
         room = most - sum(b - a for (a, b), scale in zip(bounds, scales, strict=True) if scale > 0.0)
         free = [g for g, (a, b) in enumerate(bounds) if scales[g] == 0.0 and b - a <= room]
         if len(widths) > 1 or not free:

@@ -16,7 +16,7 @@ from calib.screening.projected_residual import ProjectedResidual, project_residu
 def left_out_errors_mm(
     projected: ProjectedResidual, columns: Array | None = None, spread: Array | None = None
 ) -> Array:
-    """(R,) error, mm, of each coordinate when its pose is predicted from all others (leave one pose out, linearised).
+    """(R,) error, mm, of each coordinate when its pose is predicted from all others (linearised).
 
     e_i = (1 - H_ii)^-1 r_i for each pose's block of the hat matrix H of fitted directions and candidate; exact for a
     linear model with fixed sizes of the candidate's coefficients.
@@ -55,20 +55,20 @@ def left_out_errors_mm(
 def cross_validated_rmse_mm(
     projected: ProjectedResidual, columns: Array | None = None, spread: Array | None = None
 ) -> float:
-    """RMS error of a coordinate, mm, when each pose is predicted from all others (`left_out_errors_mm`)."""
+    """RMS error per coordinate, mm, when each pose is predicted from all others (`left_out_errors_mm`)."""
     return float(np.sqrt(np.mean(left_out_errors_mm(projected, columns, spread) ** 2)))
 
 
 @dataclass(frozen=True)
 class LeftOutGain:
-    """Gain by an effect at poses that neither fit used: the test poses, and training poses left out one by one."""
+    """Gain by an effect at poses unused by both fits: test poses, and training poses left out one by one."""
 
     share: float  # by which the RMS error of all of them falls
     standard_errors: float  # of the mean fall of the squared error; above 0 where it falls
 
 
 def left_out_gain(before: Calibration, after: Calibration) -> LeftOutGain | None:
-    """Gain of one fit over another at poses that were left out; None where too few equations are left."""
+    """Gain of one fit over another at left-out poses; None where too few equations are left."""
     try:
         squared = [_squared_errors(fit) for fit in (before, after)]
     except FitError:
@@ -93,6 +93,6 @@ def _squared_errors(calibration: Calibration) -> Array:
 
 
 def _pose_means(values: Array, pose: IndexArray) -> Array:
-    """Mean over the points of each pose that has any."""
+    """Mean over the points of each pose that has points."""
     poses, row = np.unique(pose, return_inverse=True)
     return mean_by_pose(values, row, len(poses))

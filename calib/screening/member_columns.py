@@ -1,4 +1,4 @@
-"""Columns of effects that are not in a model: the change of the residual by each parameter, and its visible part."""
+"""Columns of effects that are not in a model: the residual's change by each parameter, and its visible part."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _HIDDEN = 0.02  # share of a column that projection has to leave: below it, fitt
 
 @dataclass(frozen=True)
 class VisibleColumns:
-    """Visible columns of a family's members (R, K) each, for coefficients of usual size; zero where hidden."""
+    """Visible columns (R, K) of each member of a family, for coefficients of usual size; zero where not visible."""
 
     family: Family
     groups: tuple[Array, ...]
@@ -31,7 +31,7 @@ class VisibleColumns:
 
     @property
     def narrowest(self) -> int:
-        """Number of visible columns of the member with the fewest, of those with any; 0 where none has."""
+        """Least number of visible columns of a member that has any; 0 where none has."""
         if self.stacked is not None:
             counts = np.count_nonzero(self.stacked.any(axis=0), axis=1)
         else:
@@ -49,7 +49,7 @@ class VisibleColumns:
         return evaluate_family(FamilyColumns(residual, self.groups, dof, positive))
 
     def shares(self, signals: Array) -> Array:
-        """(F,) the share of each signal (R, F) that the family, of a sparse one a single member, could explain."""
+        """(F,) share of each signal (R, F) that the family, or a single member of a sparse one, could explain."""
         if self.stacked is not None:
             return SparseColumns(np.zeros(len(signals)), self.stacked, 0).shares(signals)
         u, s, _ = np.linalg.svd(np.concatenate(self.groups, axis=1), full_matrices=False)
@@ -58,7 +58,7 @@ class VisibleColumns:
 
 
 def visible_columns(projected: ProjectedResidual, family: Family) -> VisibleColumns:
-    """Columns of a family without what fitted parameters do as well."""
+    """Columns of a family after projecting out the fitted parameters."""
     members = family.members
     if not family.sparse:
         return VisibleColumns(family, tuple(_visible(projected, member) for member in members))
@@ -107,7 +107,7 @@ def _visible(projected: ProjectedResidual, member: Effect) -> Array:
 
 
 def _without_hidden(raw: Array, visible: Array) -> Array:
-    """Visible columns, set to zero where projection leaves next to nothing of the raw ones."""
+    """Projected columns, set to zero where almost nothing of the raw columns is left."""
     size = np.linalg.norm(raw, axis=0)
     hidden = np.linalg.norm(visible, axis=0) <= np.maximum(_HIDDEN * size, 1e-9)
     visible[:, hidden] = 0.0
@@ -116,7 +116,7 @@ def _without_hidden(raw: Array, visible: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Unit:
-    """A displacement that is the same at all poses."""
+    """A constant displacement of one unit at all poses."""
 
     displacement: Displacement
     name = "unit"
@@ -132,7 +132,7 @@ class _Unit:
 
 
 def _of_shapes(projected: ProjectedResidual, members: Sequence[ShapedEffect]) -> tuple[Array, Array, IndexArray]:
-    """(R, G, K) columns of members that are shapes of few displacements, as `member_columns` has each.
+    """(R, G, K) columns, as from `member_columns`, of members that are shapes of a few displacements.
 
     With the shapes (G, N), those of one member in a row, and the number of each one's displacement (G,).
     """

@@ -1,4 +1,4 @@
-"""Likelihood of a shape of the noise, by the residual of a fit or by the scatter of repeats.
+"""Likelihood of a noise shape, from the residual of a fit or from the scatter of repeats.
 
 Restricted likelihood (Patterson and Thompson 1971): with whitened residual y, fitted directions X, and noise of
 covariance s^2 C, s unknown,
@@ -30,7 +30,7 @@ ENOUGH_DIFFERENCES = 24  # of repeats: as many show the shape, and where they sh
 
 @dataclass(frozen=True)
 class LinearResidual:
-    """Residual of a linear fit at M points, and the F directions that the fit could absorb; whitened as declared."""
+    """Residual of a linear fit at M points, with the F directions that the fit could absorb; whitened as declared."""
 
     xyz_mm: Array  # (M, 3) scanner frame
     whiten: Array  # (M, 3, 3)
@@ -39,7 +39,7 @@ class LinearResidual:
 
     @classmethod
     def of(cls, projected: ProjectedResidual) -> LinearResidual:
-        """The residual of a fit whose noise has no shape yet."""
+        """The residual of a fit under the declared noise."""
         observed = projected.residuals.observed
         poses, row = observed.used_poses
         residual, fitted = projected.residual, projected.basis
@@ -65,7 +65,7 @@ class LinearResidual:
         return 3 * len(self.rows) - self.rows.shape[2] + 1
 
     def log_likelihood(self, shape: NoiseShape, weights: Array | None = None) -> float:
-        """l(C) up to a constant that depends on the weights (M,) alone."""
+        """Log likelihood l(C) of a noise shape, up to a constant that depends on the weights (M,) alone."""
         if shape.wander is not None:
             return self.log_likelihoods(shape, (shape.wander,), weights)[0]
         rows, log_det = self._in_units_of(shape, weights)
@@ -75,7 +75,7 @@ class LinearResidual:
     def log_likelihoods(
         self, shape: NoiseShape, drifts: Sequence[CorrelatedDrift], weights: Array | None = None
     ) -> list[float]:
-        """`log_likelihood` with each of several drifts in the place of the shape's own."""
+        """Log likelihoods (`log_likelihood`) with each of several drifts in place of the shape's own."""
         rows, log_det = self._in_units_of(shape, weights)
         return [
             _restricted(products, self.dof) - log_det - 1.5 * of_time
@@ -95,13 +95,13 @@ class LinearResidual:
         return np.asarray(np.einsum("mij,mj->mi", turn, along))
 
     def weights(self, shape: NoiseShape) -> Array | None:
-        """(M,) weights of the points under the tails of the shape; None where it has none."""
+        """(M,) weights of the points under the noise shape's heavy tails; None for a shape without."""
         if shape.tail is None:
             return None
         return student_weights(np.sum(self.standardised(shape) ** 2, axis=1), shape.tail)
 
     def normalised(self, shape: NoiseShape) -> NoiseShape:
-        """The shape scaled so that the mean variance of these points stays as declared."""
+        """The shape scaled so that the mean variance of these points equals the declared one."""
         plain = np.linalg.inv(self.whiten)
         shaped = noise_factors(shape, self.xyz_mm) @ plain
         return replace(shape, scale=shape.scale * float(np.sqrt(np.sum(plain**2) / np.sum(shaped**2))))

@@ -1,4 +1,4 @@
-"""Search for the shape of the noise: by repeats, else by the residual of the last fit of a search.
+"""Search for the noise shape: from repeats, else from the residual of the last fit of a search.
 
 The noise may be coarser along a direction, grow with distance, drift slowly or have heavy tails: one property is added
 after the other, while each gains enough in log likelihood. A correlated drift of the instrument (Ornstein-Uhlenbeck) is
@@ -48,7 +48,7 @@ _OUTLIER_RANGE = 30.0  # of the largest over the smallest distance of an outlier
 
 @dataclass(frozen=True)
 class ShownNoise:
-    """The shape of the noise that data show."""
+    """The noise shape estimated from the data."""
 
     shape: NoiseShape
     rival: str = ""  # an effect that was added first, and that a correlated drift explains as well
@@ -57,7 +57,7 @@ class ShownNoise:
 
 @dataclass(frozen=True)
 class AddedEffect:
-    """An effect that a search added, with its evidence and the residual before it."""
+    """An effect that a search added, with its evidence and the residual before the addition."""
 
     effect: str
     log_evidence: float
@@ -65,7 +65,7 @@ class AddedEffect:
 
 
 def noise_of_repeats(dataset: Dataset) -> ShownNoise | None:
-    """The shape that repeated measurements show, which are believed before any fit; None where they show none."""
+    """Noise shape estimated from repeated measurements, before any fit; None where it is the declared one."""
     scatter = scatter_of_repeats(dataset)
     if scatter is None:
         return None
@@ -74,7 +74,7 @@ def noise_of_repeats(dataset: Dataset) -> ShownNoise | None:
 
 
 def first_unproven(added: Sequence[AddedEffect], outliers: Collection[str]) -> AddedEffect | None:
-    """The first effect that does not lead a correlated drift of the instrument; None where each does.
+    """The first effect without clearly more evidence than a drift of the instrument; None where there is none.
 
     Args:
         added: by a search, one after the other.
@@ -84,7 +84,7 @@ def first_unproven(added: Sequence[AddedEffect], outliers: Collection[str]) -> A
 
 
 def _log_bayes_factor_over_drift(added: AddedEffect, outliers: Collection[str]) -> float:
-    """Log Bayes factor of an effect over a correlated drift; inf where a drift has next to no evidence."""
+    """Log Bayes factor of an effect over a correlated drift; inf where a drift has almost no evidence."""
     kept = np.flatnonzero(~_of_poses(added.before, outliers))
     drift = drift_property(LinearResidual.of(added.before).select(kept), DECLARED)
     return np.inf if drift is None or drift.gain < MIN_DRIFT_EVIDENCE else added.log_evidence - drift.gain
@@ -93,7 +93,7 @@ def _log_bayes_factor_over_drift(added: AddedEffect, outliers: Collection[str]) 
 def noise_of_residual(
     dataset: Dataset, unproven: AddedEffect | None, last: ProjectedResidual, outliers: Collection[str]
 ) -> ShownNoise | None:
-    """The shape that a residual asks for; None where the noise as it was taken does.
+    """Noise shape that a residual supports over the one used in the fit; None where there is none.
 
     Where repeated measurements show the shape, only its drift is searched for.
 
@@ -130,7 +130,7 @@ def _of_poses(projected: ProjectedResidual, pose_ids: Collection[str]) -> BoolAr
 
 @dataclass(frozen=True)
 class FoundShape:
-    """A shape, and its gain in log likelihood over the one before, in nats, less the cost of its parameters."""
+    """A noise shape, with its gain in log likelihood over the previous one, nats, less its parameters' cost."""
 
     shape: NoiseShape
     gain: float
@@ -144,7 +144,7 @@ def find_shape(
     drifts: bool = True,
     start: NoiseShape = DECLARED,
 ) -> FoundShape | None:
-    """The shape of the noise, where a residual shows another than the declared one; None where it does not.
+    """Noise shape of a residual, where it differs from the declared one; None where none is better.
 
     Args:
         residual: at M points.
@@ -162,7 +162,7 @@ def find_shape(
 
 
 def _greedy(residual: LinearResidual, left_out: BoolArray, points: bool, drifts: bool, start: NoiseShape) -> FoundShape:
-    """One property after the other, the one that gains most first; without the points (M,) that are left out."""
+    """Shape with properties added one by one, the largest gain first; points (M,) that are left out are ignored."""
     kept = residual.select(np.flatnonzero(~left_out))
     some = _spread(kept)
     shape, gain = start, 0.0
@@ -178,13 +178,13 @@ def _greedy(residual: LinearResidual, left_out: BoolArray, points: bool, drifts:
 
 
 def _spread(residual: LinearResidual) -> LinearResidual:
-    """The residual at `_MOST_POINTS` points at most: as many show the shape of a single one's noise."""
+    """The residual at `_MOST_POINTS` points at most, which are enough for the noise shape of single points."""
     count = len(residual.rows)
     return residual.select(np.unique(np.linspace(0, count - 1, min(count, _MOST_POINTS)).astype(int)))
 
 
 def point_properties(residual: LinearResidual, shape: NoiseShape) -> Iterator[FoundShape]:
-    """The shape with one more property of single points: growing with distance, coarser in depth or along axes."""
+    """The shape with one more property of single points: growth with distance, or another size along some axis."""
     weights = residual.weights(shape)
     before = residual.log_likelihood(shape, weights)
 
@@ -216,7 +216,7 @@ def point_properties(residual: LinearResidual, shape: NoiseShape) -> Iterator[Fo
 
 
 def drift_property(residual: LinearResidual, shape: NoiseShape) -> FoundShape | None:
-    """The shape with the likeliest correlated drift; its gain is the mean likelihood over shares and times, over none.
+    """The shape with the likeliest correlated drift; its gain is the mean likelihood relative to no drift.
 
     None with too few moments.
     """
@@ -240,7 +240,7 @@ def _deep(shape: NoiseShape, log_depth: float) -> NoiseShape:
 
 
 def _along_line(gain: Callable[[float], float], shape: Callable[[float], NoiseShape], most: float) -> FoundShape:
-    """The best shape of one number within +-most."""
+    """The best shape over one number within +-most."""
     found = minimize_scalar(
         lambda v: -gain(float(v)), bounds=(-most, most), method="bounded", options={"xatol": 0.005 * most}
     )
@@ -277,7 +277,7 @@ def _rows(matrix: Array) -> tuple[Row, Row, Row]:
 
 @dataclass(frozen=True)
 class TailTest:
-    """Log likelihoods of both explanations of far points, in nats over normal noise."""
+    """Log likelihoods of two explanations of far points, heavy tails or outliers, in nats over normal noise."""
 
     tail: float  # degrees of freedom
     of_tails: float
@@ -297,7 +297,7 @@ def judge_tails(standardised: Array) -> TailTest:
 
 
 def _with_tail(residual: LinearResidual, shape: NoiseShape) -> FoundShape | None:
-    """The shape with heavy tails, where they explain far points better than single wrong ones."""
+    """The shape with heavy tails, where these explain far points better than a few outliers do."""
     if shape.tail is not None:
         return None
     test = judge_tails(residual.standardised(shape))
@@ -307,7 +307,7 @@ def _with_tail(residual: LinearResidual, shape: NoiseShape) -> FoundShape | None
 
 
 def _normal(square: float, count: int) -> float:
-    """Log likelihood of `count` normal coordinates with this sum of squares."""
+    """Log likelihood of `count` normal coordinates with a given sum of squares."""
     return -0.5 * count * float(np.log(2.0 * np.pi * max(square / count, 1e-300)) + 1.0)
 
 
@@ -319,7 +319,7 @@ def _student(square: Array, size: int, tail: float) -> float:
 
 
 def _outliers(square: Array) -> float:
-    """The best log likelihood with some points anywhere, which of them counted as a choice among all."""
+    """Best log likelihood with some points as outliers at any place, less the log number of choices of these points."""
     count = len(square)
     from_far = np.sort(square)[::-1]
     out = []

@@ -1,4 +1,4 @@
-"""Uncertainty of the effects in a model beyond their parameters: masses and their centres.
+"""Uncertainty from quantities outside the parameters of a model's effects: masses and centres of mass.
 
 An effect of load that is in the model predicts by the masses of robot.toml. Where these are off, it leaves a pattern
 that other effects can follow. Each uncertain quantity is one column: the change of the prediction by one prior sigma of
@@ -23,14 +23,14 @@ from calib.kinematics.robot import Joint, Robot, Vector
 
 MASS_SHARE = 0.3  # prior sigma of a link's and of a payload's mass over itself
 UNLISTED_KG = 0.3  # prior sigma of a tool's mass that robot.toml does not list, such as cables
-CENTRE_MM = 30.0  # prior sigma of a coordinate of a centre of mass
+CENTRE_MM = 30.0  # prior sigma per coordinate of a centre of mass
 REPORTED_EVIDENCE = 3.0  # log evidence from which they are reported to explain a part of the residual
 _FEWEST_FREE = 10  # degrees of freedom outside the columns, from which these alone give the noise
 
 
 @dataclass(frozen=True)
 class Nuisance:
-    """Orthonormal directions of the residual that are uncertain, and by how much.
+    """Orthonormal directions of the residual that are uncertain, with their sizes.
 
     `log_evidence` compares a residual with these directions in its noise against one without.
     """
@@ -62,7 +62,7 @@ class Nuisance:
         return np.asarray(columns - self.directions @ _scaled(less, self.directions.T @ columns))
 
     def coloured(self, columns: Array) -> Array:
-        """Columns or residual before `whitened` scaled them."""
+        """Inverse of `whitened`, of columns or a residual."""
         more = np.sqrt(1.0 + self.sizes**2) - 1.0
         return np.asarray(columns + self.directions @ _scaled(more, self.directions.T @ columns))
 
@@ -113,7 +113,7 @@ def _moved(effects: Sequence[tuple[Effect, Array]], start: RobotState, loaded: R
 
 
 def _uncertain(robot: Robot, poses: Poses) -> Iterator[tuple[Robot, Poses]]:
-    """Robot and poses with one uncertain quantity off by its prior sigma, for each quantity."""
+    """Robot and poses with one uncertain quantity changed by its prior sigma, for each quantity."""
     for k, joint in enumerate(robot.joints):
         if joint.mass_kg:
             yield _with_joint(robot, k, _heavier(joint)), poses
@@ -143,6 +143,6 @@ def _with_joint(robot: Robot, k: int, joint: Joint) -> Robot:
 
 
 def _shifted(place_mm: Vector) -> Iterator[Vector]:
-    """A place moved by `CENTRE_MM` along x, y and z of its frame in turn."""
+    """Three places: one place shifted by `CENTRE_MM` along x, y and z of its frame in turn."""
     x, y, z = place_mm
     yield from ((x + CENTRE_MM, y, z), (x, y + CENTRE_MM, z), (x, y, z + CENTRE_MM))

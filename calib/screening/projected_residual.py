@@ -1,4 +1,4 @@
-"""The residual of a fit without what the fit could have absorbed, and the columns of joint motions in it."""
+"""The residual of a fit with the fit's own directions projected out, and the columns of joint motions in it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _KNOWN_OF_CURVES = 1.0  # with learned curves, which may have more parameters th
 
 @dataclass(frozen=True)
 class ProjectedResidual(Brief):
-    """Whitened residual of a fit, and the directions that were projected out of it.
+    """Whitened residual of a fit, with the directions that were projected out.
 
     N used poses, M measured points, R = 3 M rows, P parameters, S entries of the state.
     """
@@ -59,11 +59,11 @@ class ProjectedResidual(Brief):
         return float(np.sqrt(self.residual @ self.residual / self.dof))
 
     def project(self, columns: Array) -> Array:
-        """Columns (R, K) that are whitened already, without what the fit could have absorbed."""
+        """Columns (R, K), whitened already, with the directions that the fit could absorb projected out."""
         return np.asarray(columns - self.basis @ (self.basis.T @ columns))
 
     def visible(self, columns: Array) -> Array:
-        """Columns (R, K), whitened by point, without what the fit could have absorbed; scaled along the nuisance."""
+        """Columns (R, K), whitened by point, with the fit's directions projected out and the nuisance's scaled."""
         projected = self.project(columns if self.whitening is None else self.whitening.apply(columns))
         return projected if self.nuisance is None else self.nuisance.whitened(projected)
 

@@ -45,9 +45,9 @@ class ResidualTests(Brief):
     """Results of all tests of the residual of one fit."""
 
     lack_of_fit_p: float | None  # of the residual's size against the noise; None where no noise is known
-    noise_mm: float  # sigma of a coordinate that the residual was compared with
+    noise_mm: float  # sigma per coordinate with which the residual was compared
     noise_from: str  # "repeats", "dataset" or "fit"
-    residual_mm: float  # sigma of a coordinate of the residual
+    residual_mm: float  # sigma per coordinate of the residual
     inputs: tuple[InputTest, ...]  # the strongest pattern first
     outlier_poses: tuple[str, ...]
     fault: JointFault | None = None  # a motion of one joint that no effect of the catalogue describes
@@ -60,7 +60,7 @@ class ResidualTests(Brief):
 
     @property
     def strongest_joint(self) -> int | None:
-        """Joint, counted from 1, whose motion shows the residual the most; None where no joint does."""
+        """Joint, counted from 1, whose motion explains the residual best; None where no joint does."""
         joint = self.inputs[0].channel.joint if self.structured else None
         joint = joint if self.fault is None else self.fault.joint
         return None if joint is None else joint + 1
@@ -92,7 +92,7 @@ def run_residual_tests(dataset: Dataset, projected: ProjectedResidual, *, draws:
 
 
 def _noise(projected: ProjectedResidual, draws: int) -> Iterator[Array]:
-    """Simulated noise (R, D) that went through the same fit, as large as the residual; `draws` in all, in blocks.
+    """Simulated noise (R, D) after the same fit, as large as the residual; `draws` in total, in blocks.
 
     The same data give the same noise and so the same verdict.
     """
@@ -105,7 +105,7 @@ def _noise(projected: ProjectedResidual, draws: int) -> Iterator[Array]:
 
 
 def _noise_again(projected: ProjectedResidual, draws: int) -> Callable[[], Iterable[Array]]:
-    """Source of the same simulated noise, as often as it is asked for: kept if one block, else drawn again."""
+    """Source of the same simulated noise on every call: kept if one block, else drawn again."""
     if draws * len(projected.residual) > _BLOCK:
         return lambda: _noise(projected, draws)
     kept = list(_noise(projected, draws))
@@ -120,7 +120,7 @@ def _without(projected: ProjectedResidual, outlier: BoolArray) -> ProjectedResid
 
 
 def _outliers(projected: ProjectedResidual, noise: Callable[[], Iterable[Array]]) -> BoolArray:
-    """(N,) whether each pose has a larger residual than the largest of a whole dataset of noise should be."""
+    """(N,) whether each pose's residual exceeds the largest one expected in a whole dataset of noise."""
     of_pose, rng = sum_by_pose(projected), np.random.default_rng(1)
     numbers = 3.0 * np.asarray(of_pose.sum(axis=1))  # (N, 1) coordinates at each pose
 
@@ -139,7 +139,7 @@ def _outliers(projected: ProjectedResidual, noise: Callable[[], Iterable[Array]]
 
 
 def _median(values: Array) -> Array:
-    """Median along the first axis, kept above zero: of exact data more than half may be zero."""
+    """Median along the first axis, kept above zero, since in exact data more than half of the values may be zero."""
     return np.maximum(np.median(values, axis=0), np.maximum(1e-12 * np.max(values, axis=0), 1e-300))
 
 
@@ -170,7 +170,7 @@ def _structure(
 
 
 def _lack_of_fit(dataset: Dataset, projected: ProjectedResidual) -> tuple[float | None, float, str, float]:
-    """p-value of the residual's size, the noise that it was compared with, its source, and the residual's sigma; mm."""
+    """p-value of the residual's size, the noise compared with, its source, and the residual's sigma; mm."""
     observed = projected.residuals.observed
     declared_mm = float(np.sqrt(np.mean(np.trace(observed.covariance_mm2, axis1=1, axis2=2)) / 3.0))
     residual_mm = projected.sigma * declared_mm

@@ -45,7 +45,7 @@ class ScanStatistic:
 
     @classmethod
     def at(cls, projected: ProjectedResidual, outlier: BoolArray) -> ScanStatistic:
-        """Statistic for the residual of a fit, without the points (M,) that stand out."""
+        """Statistic for the residual of a fit, without the outlying points (M,)."""
         directions: dict[Channel, Array] = {}
         for axis, name in enumerate("xyz"):
             directions[Channel(axis=name)] = np.broadcast_to(np.eye(3)[axis], (len(outlier), 3))
@@ -98,7 +98,7 @@ def _squares(values: Array) -> Array:
 
 
 def _relevant(name: str, channels: Iterable[Channel]) -> list[Channel]:
-    """Channels of an input: the axes; a joint's motion for its own inputs, every joint's for time, load and so on."""
+    """Channels of an input: the axes, and the motion of the input's joint or, for time or load, of every joint."""
     of_joint = joint_input(name)
     if of_joint is not None:
         return [channel for channel in channels if channel.joint in (None, of_joint[1])]

@@ -1,4 +1,4 @@
-"""Smooth motions that no effect of the catalogue describes: reported or weighed against an effect, never named."""
+"""Smooth motions that no effect of the catalogue describes: reported, or compared with an effect, but never named."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _MOST_ANGLES, _MOST_MOMENTS = 200, 100  # poses that a smooth function is spanne
 
 @dataclass(frozen=True)
 class JointFault:
-    """A smooth motion of the likeliest joint. `log_evidence` is that of all joints and motions, equally likely."""
+    """A smooth motion of the likeliest joint; `log_evidence` is that of all joints and motions, equally likely."""
 
     kind: str  # "smooth"
     joint: int
@@ -39,7 +39,7 @@ class JointFault:
 
 
 def smooth_motion(projected: ProjectedResidual) -> JointFault | None:
-    """A joint that moves smoothly with its own angle or with the first three joints, in whatever way.
+    """Smooth motion of the likeliest joint over its own angle or the first three joints'; None without evidence.
 
     Gaussian processes of two correlation lengths over each; the evidence is of all together. None where no joint shows.
     """
@@ -83,12 +83,12 @@ def _over_angles(angles_rad: Array, length_rad: float) -> Array:
 
 
 def _spread(count: int, most: int) -> IndexArray:
-    """Indices of at most `most` of so many rows, evenly spread."""
+    """Indices of at most `most` of a number of rows, evenly spread."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
 
 
 def _whitening(kernel: Array) -> Array:
-    """(A, K) coefficients at A anchors that are white under a kernel (A, A), without directions of next to no size."""
+    """(A, K) coefficients at A anchors that are white under a kernel (A, A), without directions of negligible size."""
     values, vectors = np.linalg.eigh(kernel)
     kept = values > 1e-3 * values[-1]
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
@@ -98,7 +98,7 @@ def _whitening(kernel: Array) -> Array:
 
 
 def slow_course(projected: ProjectedResidual, step: Candidate) -> float:
-    """Log evidence that the part which a step displaces moved slowly instead: crept, settled or swayed.
+    """Log evidence that the displacement which a step explains was slow instead: creep, settling or oscillation.
 
     The best of an even course, settling with one of four time constants, and any smooth course of four correlation
     lengths, which are equally likely. 0 where the candidate is no step.
@@ -124,7 +124,7 @@ def _moments(projected: ProjectedResidual) -> Array:
 
 
 def _courses(moment: Array) -> Iterator[Array]:
-    """Each (N, L): functions of time, of which white coefficients of unit variance make the course."""
+    """(N, L) functions of time for each kind of course, whose white coefficients of unit variance make the course."""
     yield moment[:, None]
     for settling in _SETTLING:
         yield (1.0 - np.exp(-moment / settling))[:, None]

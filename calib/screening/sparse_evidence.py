@@ -1,4 +1,4 @@
-"""Evidence of a family whose members are the possible places of one cause, hundreds of them, of which few carry it.
+"""Evidence of a family whose members are the hundreds of possible places of one cause, few of which are active.
 
 The formulas are those of `calib.screening.evidence.evaluate_family`, for all members at once: a member's K columns
 enter by their Gram matrix and by the residual along them, so that no factorisation of all columns is needed. One scale
@@ -31,7 +31,7 @@ _VISIBLE = 1e-6  # of a member's directions, by length over its longest
 
 @dataclass(frozen=True)
 class SparseColumns:
-    """Residual (R,), measured minus predicted, and the columns (R, G, K) of G members; projected.
+    """Projected residual (R,), measured minus predicted, and projected columns (R, G, K) of G members.
 
     Columns are for coefficients of the parameters' usual scales.
     """
@@ -77,7 +77,7 @@ class SparseColumns:
 
 @dataclass(frozen=True)
 class _Chosen:
-    """Members that are chosen, and the scale of each."""
+    """Chosen members, with the scale of each."""
 
     members: tuple[int, ...] = ()
     scales: tuple[float, ...] = ()
@@ -91,7 +91,7 @@ class _Chosen:
 
 
 def evaluate_sparse(family: SparseColumns) -> Evidence:
-    """F test and evidence of a family whose members are many and of which few carry the cause.
+    """F test and evidence of a family with many members of which few are active.
 
     The likelihood of one member is averaged over all, as it could be any of them; each further one, added while the
     evidence grows, costs log G; and each costs `RARITY`: else a staircase of steps would follow every drift. The F test
@@ -184,7 +184,7 @@ def _each(family: SparseColumns, chosen: _Chosen) -> tuple[Array, Array]:
 
 
 def _polished(family: SparseColumns, chosen: _Chosen, raw: float) -> tuple[_Chosen, float]:
-    """Chosen members and their log evidence after each, the newest last, was chosen anew given the others.
+    """Chosen members and their log evidence after each is chosen anew, given the others, the newest last.
 
     An earlier one was chosen without those that came later.
     """
@@ -198,6 +198,6 @@ def _polished(family: SparseColumns, chosen: _Chosen, raw: float) -> tuple[_Chos
 
 
 def mean_likelihood(log_evidence: Array) -> float:
-    """Log evidence of one of several hypotheses (G,) that are equally likely before: log mean exp."""
+    """Log evidence that one of several hypotheses (G,), equally likely a priori, holds: log mean exp."""
     top = float(np.max(log_evidence))
     return top + float(np.log(np.mean(np.exp(log_evidence - top))))

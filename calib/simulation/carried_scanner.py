@@ -123,7 +123,7 @@ def poses_with_jig_in_view(
     rng: np.random.Generator,
     jig: Jig = CUBE_CORNER,
 ) -> Array:
-    """Random poses (count, n) with the jig in the scanner's field and all three faces turned at it.
+    """Random poses (count, n) with the jig in the scanner's field and all three faces turned towards the scanner.
 
     Raises:
         CalibError: too few such poses exist.
@@ -190,7 +190,7 @@ def _is_clear(chain: Chain, base_T_scanner: Array, apex_mm: Array) -> BoolArray:
 
 
 def _turn_with_z(z: Array, about_rad: float) -> Array:
-    """Rotation (3, 3) with a given z axis, turned about it."""
+    """Rotation (3, 3) with a given z axis and a given angle about that axis."""
     x = np.cross([0.0, 1.0, 0.0], z)
     x /= np.linalg.norm(x)
     return rotation_from_rotvec(about_rad * z) @ np.column_stack([x, np.cross(z, x), z])

@@ -32,7 +32,7 @@ _WINDOW_RASTER_MM = 30.0
 
 @dataclass(frozen=True)
 class Simulation(Brief):
-    """A dataset and the truth behind it. `scan` casts a scan on demand, each from its own seed."""
+    """A dataset with its known truth; `scan` casts a scan on demand, each from its own seed."""
 
     dataset: Dataset
     truth: Truth
@@ -62,7 +62,7 @@ class Simulation(Brief):
         )
 
     def document(self) -> dict[str, Any]:
-        """Content of truth.json."""
+        """Content of truth.json as a dict."""
         poses = self.dataset.poses
         cell = SimulatedCell(self.dataset.robot, self.truth.with_effects(), poses.q, Conditions.of(poses))
         visible = {effect.name: cell.visible_rms_mm(effect) for effect in self.truth.effects if not effect.is_absent}

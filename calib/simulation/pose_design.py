@@ -64,7 +64,7 @@ def draw_setups(base_T_scanner: Array, count: int, *, rng: np.random.Generator) 
 
 
 def facing_poses(robot: Robot, base_T_scanner: Array, count: int, *, rng: np.random.Generator) -> Array:
-    """Random poses (count, n) with the jig turned at the scanner: less than 75 deg from the line of sight.
+    """Random poses (count, n) with the jig turned towards the scanner: less than 75 deg from the line of sight.
 
     Raises:
         CalibError: too few poses have it so.
@@ -104,7 +104,7 @@ def scan_poses(
     jig: Jig = CUBE_CORNER,
     start_q: ArrayLike | None = None,
 ) -> Array:
-    """Random poses (count, n) that hold the jig in the scanner's field with all three faces turned at it.
+    """Random poses (count, n) that hold the jig in the scanner's field with all three faces turned towards the scanner.
 
     Apex and jig axis are drawn, the turn about the axis is free, and the joints follow by damped least squares from
     random starts: over the whole range, or some 0.4 rad around one of `start_q` (S, n), which keeps its configuration.

@@ -240,7 +240,7 @@ def _lit(view: _View, scene: _Scene, model: ScanModel) -> BoolArray:
 
 
 def _depth_edges(view: _View) -> tuple[BoolArray, Array]:
-    """Mask (H, W) of the pixels beside a jump in range, and the range on the other side of the jump.
+    """Mask (H, W) of the pixels next to a jump in range, and the range on the other side of the jump.
 
     A jump is more than 4 mm and more than a surface at 80 degrees would rise within a pixel.
     """

@@ -1,4 +1,4 @@
-"""Surfaces in the view of a simulated scanner: the jig on its flange, a piece of the arm behind, a wall and a table.
+"""Surfaces in the view of a simulated scanner: the jig on its flange, part of the arm behind, a wall and a table.
 
 The jig's frame has its origin in the apex and z along the jig's axis, away from the scanner: a convex jig lies at
 z > 0, and flange and arm lie behind it. Wall and table are fixed to the scanner. For a scanner on the arm the jig is on

@@ -87,7 +87,7 @@ def simulate_dataset(
     setups: int = 1,
     orientation_sigma_rad: float | None = None,
 ) -> Simulation:
-    """A simulated calibration of a robot, which stays the nominal arm of the dataset, and the truth behind it.
+    """A simulated dataset of an arm near the given nominal robot, with the known truth.
 
     Where the arm carries the scanner, the scanner is on the flange and the jig stands in front of the arm.
 

@@ -51,7 +51,7 @@ class Assignment:
 
 
 def assign_targets(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> Assignment:
-    """Places of every target by pose, as far as they can be named, from the searches of `find_targets`."""
+    """Identified places of every target by pose, from the searches of `find_targets`."""
     points: dict[str, dict[str, FoundPoint]] = {}
     refused: dict[str, dict[str, str]] = {}
     open_: dict[tuple[str, ...], dict[str, Sequence[FoundPoint]]] = {}
@@ -139,7 +139,7 @@ def _named(
 
 @dataclass(frozen=True)
 class _Seen:
-    """Places of equal targets at one pose, and the ways in which they may be named."""
+    """Places of equal targets at one pose, and the possible ways to name them."""
 
     pose_id: str
     xyz_mm: Array  # (S, 3) scanner frame
@@ -220,7 +220,7 @@ def _frame_of(pairs: Sequence[tuple[Array, Array]]) -> Array:
 def _refuse_moved(
     dataset: Dataset, points: dict[str, dict[str, FoundPoint]], refused: dict[str, dict[str, str]]
 ) -> None:
-    """Move places to `refused` whose distance from others is not that of the other poses: they are something else."""
+    """Move to `refused` the places whose distance from others differs from that at other poses: foreign objects."""
     joint = {"jig": None} | {target.name: target.joint for target in dataset.robot.targets}
     names = list(dict.fromkeys(n for of in points.values() for n in of))
     if not dataset.robot.carries_scanner:

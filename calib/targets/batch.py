@@ -31,7 +31,7 @@ def find_targets(
     in_flight: int = 64,
     intermediate: bool = True,
 ) -> CornerBatch:
-    """All targets of a dataset in every pose's scan, by pose id; for a dataset with one jig this is `find_corners`.
+    """All targets of a dataset in every pose's scan, by pose id; with a single jig the result of `find_corners`.
 
     `finder(scan, wanted)` is a function of the caller's, for targets of shape "own", or for all where there is none of
     that shape (`calib.targets.protocol`); with processes it has to be one that can be pickled. Where it is None, the

@@ -81,7 +81,7 @@ def find_targets_in(
     finder: UserFunction | UserFinder | None = None,
     declared: DeclaredNoise = NOTHING_DECLARED,
 ) -> CornerSearch:
-    """Find all targets in one scan; where the one target is a jig, this is `find_corner`.
+    """All targets found in one scan; where the only target is a jig, the result of `find_corner`.
 
     `finder` is called for targets of shape "own"; where there is none, in place of the built-in finders. Never raises
     on a scan: reasons are kept.

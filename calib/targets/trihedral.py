@@ -29,7 +29,7 @@ _BAND_SIGMA = 6.0
 
 
 def find_jigs(scan: Scan, wanted: Wanted, shapes: int) -> tuple[CornerSearch, list[FoundPoint]]:
-    """The first search, for its intermediate products, and the corners of at most as many jigs as are wanted.
+    """Corners of at most as many jigs as are wanted, after the first search with its intermediate products.
 
     `shapes` is the number of different jigs that may be in view. Raises TargetError where none is found.
     """
@@ -87,7 +87,7 @@ def _in_whole_scan(search: CornerSearch, remaining: IndexArray, count: int) -> C
 
 
 def _edges(corner: Corner) -> Array:
-    """Unit vectors (3, 3), one a row, along the edges from the apex; edge i is the one that does not lie in face i."""
+    """Unit vectors (3, 3), one per row, along the edges from the apex; edge i is the one that is not in face i."""
     normals = np.array([face.normal for face in corner.faces])
     edges = np.zeros((3, 3))
     for i, j in FACE_PAIRS:
@@ -106,7 +106,7 @@ def _of_jig(points: Array, corner: Corner, jig: Jig) -> BoolArray:
 
 
 def reach_mm(points: Array, corner: Corner, jig: Jig) -> float:
-    """Distance from the apex to which a corner's faces reach along the edges: the median of three faces.
+    """Distance from the apex to which a corner's faces extend along the edges: the median of three faces.
 
     On a face the points are p = apex + u e_1 + v e_2. On a triangle u + v ends at the edge's length, on a rectangle the
     larger of u and v does. The end is where the density falls below a third of that near the apex.

@@ -1,4 +1,4 @@
-"""CSV text, read within bounds and written so that a spreadsheet takes no cell for a formula.
+"""CSV text, read within size limits and written so that a spreadsheet takes no cell for a formula.
 
 A text that begins as a formula does (`=cmd|...`, `@SUM(...)`, `+1+2`) is written behind an apostrophe, as
 spreadsheets themselves do. Reading takes the apostrophe away, so a table comes back as it was. Numbers stay.
@@ -28,7 +28,7 @@ _GUARDED = re.compile(rf"'+{_FORMULA.pattern}")
 
 
 def as_number(cell: str) -> float | None:
-    """The finite number in a cell; None where it holds none. Neither 1_0 nor digits of other scripts are numbers."""
+    """Finite number in a cell; None for a cell without one. Neither 1_0 nor digits of other scripts are numbers."""
     try:
         value = float(cell) if cell.isascii() and "_" not in cell else math.nan
     except ValueError:
@@ -72,7 +72,7 @@ def _refuse_wide(path: Path, line: int, row: list[str]) -> None:
 
 
 def lines_of(text: str) -> Iterator[str]:
-    """Lines of a text with their line ends, without the copy of four bytes a character that a file object makes."""
+    """Lines of a text with their line ends, made with less memory than a file object needs."""
     return (found[0] for found in _LINE.finditer(text))
 
 
@@ -81,7 +81,7 @@ def _plain(cell: str) -> str:
 
 
 def _guarded(cell: object) -> object:
-    """A cell as it is written: a text that begins like a formula, or with an apostrophe, gets one in front.
+    """Cell text as written: one that begins like a formula, or with an apostrophe, gets an apostrophe in front.
 
     Control characters become escapes, except line ends and tabs, which a quoted cell may hold.
     """
@@ -112,6 +112,6 @@ def rows_csv(rows: Sequence[Sequence[str]]) -> str:
 
 
 def names_in_short(names: Sequence[str], most: int = 30) -> str:
-    """The first `most` names, each cut to a few characters, with commas between."""
+    """The first `most` names, each cut to a few characters, separated by commas."""
     listed = ", ".join(printable(name[:60]) for name in names[:most])
     return listed + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -1,4 +1,4 @@
-"""Tables as users have them: any usual separator, decimal commas, a header or none, units in the columns' names."""
+"""Tables as users have them: any usual separator, decimal commas, optional header, units in the columns' names."""
 
 from __future__ import annotations
 

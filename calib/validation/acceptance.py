@@ -52,7 +52,7 @@ MAX_SHARE_DROPPED = 0.5  # share of a scan's points without a value; more is a w
 
 @dataclass(frozen=True)
 class ThinScans(Brief):
-    """Scans that lose more than half of their points, which have no value."""
+    """Scans in which more than half of the points have no value."""
 
     count: int
     scans: int  # of so many
@@ -81,7 +81,7 @@ class FoundCorners(Brief):
 
 @dataclass(frozen=True)
 class RepeatScatter(Brief):
-    """Scatter of points that were measured again at the same poses."""
+    """Scatter of repeated measurements at the same poses."""
 
     places: int
     sigma_mm: float  # one coordinate
@@ -92,7 +92,7 @@ class RepeatScatter(Brief):
 
 @dataclass(frozen=True)
 class TooFewPoses(Brief):
-    """Fewer different training poses than a fit takes."""
+    """Number of different training poses that is too small for a fit."""
 
     poses: int
     needed: int
@@ -128,7 +128,7 @@ class ErrorRatio(Brief):
 
 @dataclass(frozen=True)
 class ResidualSigma(Brief):
-    """Residual sigma of one coordinate against the noise."""
+    """Residual sigma per coordinate, compared with the noise."""
 
     sigma_mm: float
     level: NoiseLevel
@@ -139,7 +139,7 @@ class ResidualSigma(Brief):
 
 @dataclass(frozen=True)
 class ResidualOfDiagnosis(Brief):
-    """Residual sigma of one coordinate that the model of the diagnosis leaves, many times the declared one."""
+    """Residual sigma per coordinate under the model of the diagnosis, many times the declared one."""
 
     sigma_mm: float
     ratio: float  # over the declared sigma
@@ -168,7 +168,7 @@ Evidence = (
 
 @dataclass(frozen=True)
 class CheckItem(Presented):
-    """Result of one step of a check, and the facts that it follows from."""
+    """Result of one step of a check, with the facts that decide it."""
 
     name: str
     passed: bool | None  # None: a note or a warning, which does not decide
@@ -177,7 +177,7 @@ class CheckItem(Presented):
 
     @property
     def status(self) -> Literal["ok", "FAIL", "WARN", "note"]:
-        """Whether the step passed, failed, or is a warning or a note, which do not decide."""
+        """Status of the step: passed, failed, or a warning or note, which do not decide the check."""
         if self.passed is None:
             return "WARN" if self.warning else "note"
         return "ok" if self.passed else "FAIL"
@@ -205,7 +205,7 @@ class Check(Presented):
 
     @property
     def warnings(self) -> tuple[CheckItem, ...]:
-        """Items that are warnings; they do not decide."""
+        """Items that are warnings, which do not decide the check."""
         return tuple(item for item in self.items if item.warning)
 
     def _brief(self) -> str:
@@ -225,7 +225,7 @@ def check(
     on_step: Callable[[str], None] | None = None,
     **keywords: Unpack[FitFields],
 ) -> Check:
-    """Acceptance of a dataset: every step from its corners to its held-out error, and a diagnosis, passed or failed.
+    """Acceptance check of a dataset: every step from its corners to its held-out error, and a diagnosis.
 
     Args:
         dataset: a dataset or its folder.
@@ -282,7 +282,7 @@ def check(
 
 
 def _of_repeat_groups(given: Dataset, fitted: Dataset) -> list[CheckItem]:
-    """Warnings and notes on repeats at one pose, of which the fit took the mean."""
+    """Warnings and notes on repeats at one pose, which the fit averages."""
     warnings, notes = fitted.warnings[len(given.warnings) :], fitted.notes[len(given.notes) :]
     return [
         *(CheckItem("dataset", None, warning, warning=True) for warning in warnings),
@@ -291,7 +291,7 @@ def _of_repeat_groups(given: Dataset, fitted: Dataset) -> list[CheckItem]:
 
 
 def thin_scans(counts: Mapping[str, PointCount]) -> list[CheckItem]:
-    """A warning where more than half of a scan's points have no value."""
+    """Warning where more than half of a scan's points have no value."""
     thin = {pose_id: count for pose_id, count in counts.items() if count.share_dropped > MAX_SHARE_DROPPED}
     if not thin:
         return []
@@ -330,7 +330,7 @@ def _repeats(dataset: Dataset, repeats: tuple[Repeats, ...]) -> CheckItem:
 
 
 def _against_training(calibration: Calibration, train: Figures, test: Figures) -> CheckItem:
-    """The test error over the training error, compared with the ratio that noise explains (`noise_ratio`).
+    """Item on the ratio of test to training error, compared with the ratio that noise explains (`noise_ratio`).
 
     It is a warning where the ratio is larger, unless the test error is no more than the noise, declared or by repeats:
     the training error is then not to be expected elsewhere.
@@ -352,7 +352,7 @@ def _against_training(calibration: Calibration, train: Figures, test: Figures) -
 
 
 def _floor_mm(level: NoiseLevel) -> float:
-    """Error that noise alone leaves, mm; nearly 0 where the noise is known from the fit's own residual only."""
+    """Error that noise alone causes, mm; nearly 0 where the noise is known from the fit's own residual only."""
     return level.floor_mm or _NO_NOISE_MM if level.source != FIT else _NO_NOISE_MM
 
 
@@ -382,7 +382,7 @@ def _test_poses(calibration: Calibration, max_test_rmse_mm: float | None) -> lis
 
 
 def _promise(diagnosis: Diagnosis) -> list[CheckItem]:
-    """Whether the test poses' error is no more than the model at the end of the diagnosis predicts."""
+    """Item on whether the test poses' error exceeds what the model at the end of the diagnosis predicts."""
     last, tests = diagnosis.calibration, diagnosis.residual_tests
     noise_mm, noise_from = tests.noise_mm, tests.noise_from
     if last.sigma_mm > noise_mm:  # an excess over the noise has an item of its own; the promise includes it
@@ -394,13 +394,13 @@ def _promise(diagnosis: Diagnosis) -> list[CheckItem]:
 
 
 def _too_good(name: str, calibration: Calibration) -> list[CheckItem]:
-    """A failure of a fit that leaves far less than the declared noise; a warning where no noise is declared."""
+    """Failure for a fit with a residual far below the declared noise; a warning where no noise is declared."""
     words, declared = too_good(calibration), is_declared(calibration.dataset)
     return [CheckItem(name, False if declared else None, words, warning=not declared)] if words else []
 
 
 def _left_by_diagnosis(diagnosis: Diagnosis) -> list[CheckItem]:
-    """A failure where the last model leaves many times the declared noise, or far too little, or is implausible."""
+    """Failure where the last model's residual is many times the declared noise, or far too small, or implausible."""
     last = diagnosis.calibration
     doubt = implausibility_reason(last) if last.model.added_effects else ""
     if doubt:

@@ -48,13 +48,13 @@ class ParameterDifference:
 
     @property
     def z(self) -> float:
-        """The difference over its sigma; 0 where nothing is known of it."""
+        """The difference over its sigma; 0 where the sigma is unknown."""
         return self.difference / self.sigma if self.sigma > 0.0 else 0.0
 
 
 @dataclass(frozen=True)
 class ParameterChange:
-    """Change of one parameter that explains the difference best, given the changes before it."""
+    """Change of one parameter that explains the difference best, given earlier changes."""
 
     name: str = field(metadata={"key": "parameter"})
     unit: str
@@ -66,7 +66,7 @@ class ParameterChange:
 
 @dataclass(frozen=True)
 class Comparison(Presented):
-    """What differs between two calibrations, the second minus the first."""
+    """Differences between two calibrations, the second minus the first."""
 
     names: tuple[str, str]
     errors: tuple[tuple[Evaluation, Evaluation], tuple[Evaluation, Evaluation]]  # before and after, of each
@@ -81,7 +81,7 @@ class Comparison(Presented):
 
     @property
     def differs(self) -> bool:
-        """Whether any change is beyond the noise."""
+        """Whether any change exceeds the noise."""
         return bool(self.changes) or any(self.only_in)
 
     def _brief(self) -> str:
@@ -193,7 +193,7 @@ def _changes(
     kernel: Array,
     scales: Array,
 ) -> tuple[tuple[ParameterChange, ...], float, float]:
-    """Fewest changes of single parameters that explain the difference, p-value without any, and that of the rest.
+    """Fewest changes of single parameters that explain the difference; p-value without changes, and with these.
 
     Generalised least squares along the directions that the data know, one more parameter at a time.
     """

@@ -1,4 +1,4 @@
-"""K-fold cross-validation over the training poses: each pose's error by a fit that was made without it.
+"""K-fold cross-validation over the training poses: each pose's error under a fit without that pose.
 
 Poses of the role test take no part. Whether more poses would help is the question of
 `calib.validation.learning_curve`, whether more than noise is left that of `calib.calibration.noise_level`.
@@ -36,7 +36,7 @@ SUSPICIOUS = 1.5  # held-out over training error, in multiples of its value by n
 
 @dataclass(frozen=True)
 class Fold(Brief):
-    """Errors of one fold of poses by the fit without them."""
+    """Errors at one fold of poses, by the fit to all other poses."""
 
     poses: tuple[str, ...]  # held out
     train: Figures
@@ -76,7 +76,7 @@ class CrossValidation(Presented):
 
     @property
     def expected_ratio(self) -> float:
-        """Value of `ratio` where only noise is left."""
+        """Value of `ratio` under noise alone."""
         return noise_ratio(self.whole.fit)
 
     @property
@@ -85,7 +85,7 @@ class CrossValidation(Presented):
         return check_sigma(self.whole)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row per held-out pose: setup, fold, points, RMS over its points before and after, distance error."""
+        """Table with one row per held-out pose: setup, fold, points, RMS before and after, distance error."""
         fold_of = {pose: k + 1 for k, fold in enumerate(self.folds) for pose in fold.poses}
         points = self.after.to_frame(self.dataset)
         points["nominal_mm"] = self.before.to_frame(self.dataset)["error_mm"]
@@ -108,7 +108,7 @@ class CrossValidation(Presented):
 
 
 def noise_ratio(fit: Fit) -> float:
-    """Error at other poses over that at the fitted poses, where only noise is left: sqrt((R + P) / (R - P)).
+    """Ratio of the error at other poses to that at the fitted poses under noise alone: sqrt((R + P) / (R - P)).
 
     R rows with P parameters fitted; inf where no degree of freedom is left.
     """
@@ -187,7 +187,7 @@ def cross_validate(
 
 
 def _held_out(evaluation: Evaluation, rows: IndexArray, poses: int) -> Evaluation:
-    """The test poses' part of a split's evaluation, with the pose numbers of the whole dataset; `rows` has them."""
+    """Evaluation of a split's test poses, with the pose numbers of the whole dataset from `rows`."""
     points = evaluation.is_test[evaluation.pose]
     distances = evaluation.is_test[evaluation.distance_pose]
     return Evaluation(
@@ -202,7 +202,7 @@ def _held_out(evaluation: Evaluation, rows: IndexArray, poses: int) -> Evaluatio
 
 
 def _pooled(parts: list[Evaluation]) -> Evaluation:
-    """The folds' evaluations as one: each held-out point is in it once."""
+    """One evaluation made of all folds', which contains each held-out point once."""
     return Evaluation(
         pose=np.concatenate([part.pose for part in parts]),
         error_mm=np.concatenate([part.error_mm for part in parts]),

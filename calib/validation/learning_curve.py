@@ -1,4 +1,4 @@
-"""The learning curve: held-out error against the number of training poses n, and whether more of them would help.
+"""The learning curve: held-out error against the number n of training poses, and whether more poses would help.
 
 With noise alone the held-out mean square falls as A + B / n towards A. A curve that still falls calls for more poses, a
 flat one above the noise for a better model.
@@ -56,7 +56,7 @@ class LearningStep:
 
 @dataclass(frozen=True)
 class LearningCurve(Presented):
-    """Error against the number of training poses, which rises from step to step."""
+    """Errors at increasing numbers of training poses."""
 
     dataset: Dataset
     residual: str
@@ -67,13 +67,13 @@ class LearningCurve(Presented):
 
     @property
     def doubled_rmse_mm(self) -> float:
-        """The held-out RMSE expected of twice the poses: A + B / n with both >= 0, fitted to the curve's upper part."""
+        """Held-out RMSE, mm, expected with twice the poses: A + B / n, both >= 0, fitted to the upper part."""
         floor, slope = self._floor_and_slope()
         return float(np.sqrt(floor + 0.5 * slope / self.steps[-1].poses))
 
     @property
     def gain(self) -> float:
-        """The share by which twice the poses would lower the held-out RMSE."""
+        """Relative decrease of the held-out RMSE expected with twice the poses."""
         floor, slope = self._floor_and_slope()
         now = float(np.sqrt(floor + slope / self.steps[-1].poses))
         return 1.0 - self.doubled_rmse_mm / now if now > 0.0 else 0.0
@@ -91,7 +91,7 @@ class LearningCurve(Presented):
 
     @property
     def flat_since(self) -> int | None:
-        """The count from which the held-out error stays within 5 % of its last value; None where it still falls."""
+        """Number of poses from which the held-out error stays within 5 % of its last value; None if still falling."""
         if self.gain > FLAT:
             return None
         limit = (1.0 + FLAT) * self.steps[-1].held_out_rmse_mm
@@ -99,7 +99,7 @@ class LearningCurve(Presented):
         return self.steps[above[-1] + 1 if above else 0].poses
 
     def to_frame(self) -> pd.DataFrame:
-        """One row per count: poses, fits, training and held-out RMSE, their spread, residual and declared sigma."""
+        """Table with one row per count: poses, fits, training and held-out RMSE, spread, residual and noise sigma."""
         frame = pd.DataFrame([vars(step) for step in self.steps])
         declared = self.sigma.declared_mm
         return frame.assign(declared_sigma_mm=float("nan") if declared is None else declared)

@@ -1,4 +1,4 @@
-"""Common error of all test points: the scanner, the arm's foot or the tool was remounted after the training poses.
+"""Test of a common displacement of all test points: scanner, base or tool remounted after the training poses.
 
 Test poses are placed by the scanner frame of the training poses. Where scanner or arm was moved, one rigid motion
 brings all test points back; where the tool was moved, one shift in the tool's frame does.
@@ -21,7 +21,7 @@ _BROUGHT_BACK = 0.5  # largest share of the test error that may remain
 
 @dataclass(frozen=True)
 class Remounting:
-    """One motion of all test points, and their error before and after it."""
+    """One motion of all test points, with their error before and after compensating for it."""
 
     what: str  # "scanner" or "tool"
     shift_mm: float
@@ -44,7 +44,7 @@ class Remounting:
 
 
 def remounting(calibration: Calibration) -> Remounting | None:
-    """The motion that explains the test poses' error; None where none explains most of it, or the poses are few.
+    """Motion that explains the test poses' error; None where none explains most of the error, or the poses are few.
 
     A motion has six unknowns, a tool's place three; the remaining error is by degrees of freedom.
     """

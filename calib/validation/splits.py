@@ -1,4 +1,4 @@
-"""Splitting a dataset's training poses: folds, growing subsets, and the dataset that a split makes.
+"""Splits of a dataset's training poses: folds, growing subsets, and the datasets made from them.
 
 Poses with the same joint vector form a group and stay together: repeats, several targets, the same joints under another
 name. Otherwise a pose would be tested by a fit to its own repeats. Every setup keeps training poses, because its
@@ -70,7 +70,7 @@ def deal_folds(groups: JointGroups, folds: int, rng: np.random.Generator) -> tup
 
 
 def growing_order(groups: JointGroups, among: IndexArray, rng: np.random.Generator) -> IndexArray:
-    """Some groups, ordered so that every beginning has all setups: three groups of each first, then in proportion."""
+    """Groups in an order in which every beginning has all setups: three groups of each first, then in proportion."""
     rank, share = {}, {}
     for setup in np.unique(groups.setup[among]):
         members = rng.permutation(among[groups.setup[among] == setup])
@@ -81,7 +81,7 @@ def growing_order(groups: JointGroups, among: IndexArray, rng: np.random.Generat
 
 
 def split_dataset(dataset: Dataset, train: IndexArray, held_out: IndexArray) -> tuple[Dataset, IndexArray]:
-    """A dataset of some poses only, `train` to fit and `held_out` in the role test; and their indices (N,).
+    """Dataset of some poses only, `train` to fit and `held_out` with the role test; and the poses' indices (N,).
 
     The reference pose keeps its role where it is in `train`; else the first training pose becomes the reference.
     """

@@ -1,1 +1,1 @@
-"""The cell around an arm: which poses can be measured, what is in the way, and an order in which to visit them."""
+"""The cell around an arm: which poses can be measured, which obstacles there are, and an order of poses."""

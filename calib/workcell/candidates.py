@@ -1,4 +1,4 @@
-"""Candidate poses that can be measured, spread over all that an arm can do."""
+"""Candidate poses that can be measured, spread over the whole work space of an arm."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def likely_poses(cell: Workcell, rng: np.random.Generator) -> Array:
 
 
 def _goals(cell: Workcell, rng: np.random.Generator) -> JigGoals:
-    """Apexes in the field and, for a jig, axes within a tilt from which its faces can be seen."""
+    """Goals for the jig: apexes in the field and axes within a tilt that keeps the jig's faces visible."""
     assert cell.field is not None
     assert cell.base_T_scanner is not None
     apex_mm = cell.field.draw(_BATCH, rng)

@@ -1,4 +1,4 @@
-"""The jig on its tool: its frame there, and the inverse problem of bringing its apex and axis to a goal."""
+"""The jig on its tool: its frame on the tool, and the inverse problem of bringing its apex and axis to a goal."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class JigGoals:
 
     @property
     def joint_units(self) -> Array:
-        """(n,) unit of each joint: 1 rad, or the length in mm that counts as much."""
+        """(n,) unit of each joint: 1 rad, or the equivalent length in mm."""
         return np.where(self.robot.is_revolute, 1.0, self.prismatic_unit_mm)
 
     def pointing(self, chain: Chain) -> Array:

@@ -105,7 +105,7 @@ def workcell_of_dataset(
     base_T_scanner: ArrayLike | None = None,
     setup: str | None = None,
 ) -> Workcell:
-    """Cell in which a dataset was measured; `notes` list what its points say of it and what is assumed.
+    """Cell in which a dataset was measured; `notes` list what its points imply and what is assumed.
 
     Measured poses can be measured: a rule that refuses more than a tenth of them (guessed bodies, an assumed floor, the
     jig's faces) is left out, and guessed bodies are made thinner until they hide none.
@@ -166,7 +166,7 @@ def workcell_of_dataset(
 
 @dataclass(frozen=True)
 class _Measured:
-    """Measurements of one setup: its points, measured and nominal, and its poses, once each."""
+    """Measurements of one setup: its measured and nominal points, and its poses, each once."""
 
     rows: IndexArray  # (N,) of the dataset's poses
     q: Array  # (N, n)
@@ -194,7 +194,7 @@ class _Measured:
 
 
 def _limits_note(robot: Robot) -> list[str]:
-    """Note on the joints without limits and what is assumed instead; none where all have limits."""
+    """Note on the joints without limits and the limits assumed; none where all have limits."""
     open_ended = [j for j in robot.joints if j.min is None or j.max is None]
     if not open_ended:
         return []
@@ -206,7 +206,7 @@ def _limits_note(robot: Robot) -> list[str]:
 
 
 def _bodies_note(bodies: ArmBodies) -> str:
-    """Note on the arm's bodies: meshes of robot.toml, or guessed radii."""
+    """Note on the arm's bodies: meshes of robot.toml, or estimated radii."""
     guessed = bodies.radius_mm[bodies.piece != FIXED]
     if not len(guessed):
         return f"the arm's bodies: {len(bodies.meshes)} meshes of robot.toml"
@@ -243,7 +243,7 @@ def _unseen(tool_T_jig: Array, normals: Array, chain: Chain, eye_mm: Array) -> f
 
 
 def _as_thick_as_measured(cell: Workcell, q: Array) -> Workcell:
-    """Cell with bodies that neither hide the jig nor meet at the measured poses, as far as the guess allows that."""
+    """Cell with bodies as thick as the measured poses allow: without collisions or occlusion of the jig there."""
     for share in _THINNER:
         thinner = replace(cell, bodies=cell.bodies.thinner(share))
         hidden, inside = _refused(thinner, q, (HIDDEN, SCANNER)), _refused(thinner, q, (SELF,))
@@ -252,11 +252,11 @@ def _as_thick_as_measured(cell: Workcell, q: Array) -> Workcell:
     bodies, notes = cell.bodies, [*cell.notes, _bodies_note(cell.bodies)]
     if inside > _MOST_REFUSED:
         bodies = replace(bodies, pairs=bodies.pairs[:0])
-        notes.append("whether they meet each other is not asked: measured poses would have been refused")
+        notes.append("collisions between them are not checked: the measured poses would have been refused")
     hidden = _refused(replace(cell, bodies=bodies), q, (HIDDEN, SCANNER))
     if hidden > _MOST_REFUSED:
         bodies = replace(bodies, hides=np.zeros_like(bodies.hides))
-        notes.append("whether they hide the target is not asked: at measured poses they would have")
+        notes.append("whether they hide the target is not checked: they would hide it at measured poses")
     return replace(cell, bodies=bodies, notes=tuple(notes))
 
 

@@ -1,4 +1,4 @@
-"""Whether joint vectors can be measured in a cell, and the first reason why not."""
+"""Check whether joint vectors can be measured in a cell, with the first reason against each."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def counted(reasons: Sequence[NDArray[np.str_]]) -> str:
 
 
 def measurable(cell: Workcell, q: ArrayLike) -> Measurable:
-    """Check joints (N, n), rad or mm, against all that the cell knows, the cheapest and most frequent reasons first."""
+    """Check of joints (N, n), rad or mm, against all known facts of the cell, cheap and frequent reasons first."""
     q = np.atleast_2d(np.asarray(q, dtype=float))
     reason = np.full(len(q), "", dtype=f"<U{max(map(len, REASONS))}")
     poses = _ArmPoses(cell, q, cell.chain(q))
@@ -106,14 +106,14 @@ def _beyond_limit(at: _ArmPoses) -> BoolArray:
 
 
 def _outside_field(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether the apex is outside the scanner's field; None where that is not known."""
+    """(N,) whether the apex is outside the scanner's field; None where the field is not known."""
     if at.cell.base_T_scanner is None or at.cell.field is None:
         return None
     return ~at.cell.field.contains(apply(invert(at.cell.base_T_scanner), at.chain.target_mm))
 
 
 def _too_steep(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether a face is seen at too large an incidence; None where that is not known."""
+    """(N,) whether a face is seen at too large an incidence; None where the scanner's place or the jig is not known."""
     if at.eye_mm is None or at.cell.jig is None or at.cell.field is None:
         return None
     cosine = incidence_cosines(at.base_T_jig, jig_geometry(at.cell.jig)[1], at.eye_mm)
@@ -128,7 +128,7 @@ def incidence_cosines(base_T_jig: Array, normals: Array, eye_mm: Array) -> Array
 
 
 def _near_singularity(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether the manipulability is below the cell's least; None where the cell has none."""
+    """(N,) whether the manipulability is below the cell's limit; None where the cell has no limit."""
     if at.cell.least_manipulability <= 0.0:
         return None
     return manipulability(at.cell, at.chain) < at.cell.least_manipulability
@@ -168,7 +168,7 @@ def _in_box(at: _ArmPoses) -> BoolArray | None:
 
 
 def _at_scanner(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether a moving body is within 100 mm of the scanner; None where its place is not known."""
+    """(N,) whether a moving body is within 100 mm of the scanner; None where the scanner's place is not known."""
     if at.eye_mm is None or at.cell.jig is None or not len(at.cell.bodies):
         return None
     start, end, radius = _moving(at)
@@ -183,7 +183,7 @@ def _moving(at: _ArmPoses) -> tuple[Array, Array, Array]:
 
 
 def _in_itself(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether two bodies of the arm meet; None where no pair of them can."""
+    """(N,) whether two bodies of the arm collide; None where no pair of bodies can."""
     bodies = at.cell.bodies
     if not len(bodies.pairs):
         return None
@@ -191,14 +191,14 @@ def _in_itself(at: _ArmPoses) -> BoolArray | None:
 
 
 def _arm_hides(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether the arm hides a face from the scanner; None where that is not known."""
+    """(N,) whether the arm hides a face from the scanner; None where the scanner's place is not known."""
     if at.eye_mm is None or not len(at.cell.bodies):
         return None
     return np.asarray(hidden_by_arm(at.cell.bodies, at.chain, at.eye_mm, at.jig_points_mm()).any(axis=1))
 
 
 def _box_hides(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether a box hides a face from the scanner; None where that is not known."""
+    """(N,) whether a box hides a face from the scanner; None where scanner or boxes are not known."""
     if at.eye_mm is None or not at.cell.boxes:
         return None
     points_mm = at.jig_points_mm()
@@ -209,7 +209,7 @@ def _box_hides(at: _ArmPoses) -> BoolArray | None:
 
 
 def collides(cell: Workcell, q: Array) -> BoolArray:
-    """(N,) whether the arm at joints (N, n) is in the floor, a box, the scanner or itself."""
+    """(N,) whether the arm at joints (N, n) collides with the floor, a box, the scanner or itself."""
     poses = _ArmPoses(cell, q, cell.chain(q))
     hits = np.zeros(len(q), dtype=bool)
     for _, refuses in _COLLISIONS:

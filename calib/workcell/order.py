@@ -19,7 +19,7 @@ _TRIED_PATHS = 6
 
 
 def order_poses(cell: Workcell, q: ArrayLike, start: ArrayLike | None = None) -> IndexArray:
-    """Order (N,) in which to visit joints (N, n): from the nearest to the nearest, then improved by exchanges (2-opt).
+    """Order (N,) in which to visit joints (N, n): nearest neighbour first, then improved by exchanges (2-opt).
 
     Joints move together, so a path takes as long as the joint that moves most. Paths that lead through the floor, a
     box, the scanner or the arm itself are avoided where that is possible; check the result with `clear_ways`.
@@ -80,13 +80,13 @@ def _short_path(apart: Array, *, from_first: bool) -> IndexArray:
 
 
 def _shortest(apart: Array, paths: list[IndexArray]) -> list[IndexArray]:
-    """The few shortest of some paths, the shortest first."""
+    """The few shortest of some paths, in ascending order of length."""
     lengths = [apart[path[:-1], path[1:]].sum() for path in paths]
     return [paths[k] for k in np.argsort(lengths, kind="stable")[:_TRIED_PATHS]]
 
 
 def _nearest_neighbours(apart: Array, first: int) -> IndexArray:
-    """Path from the node `first` on, always to the nearest node not visited yet."""
+    """Path that starts at the node `first` and goes to the nearest unvisited node each time."""
     remaining = apart.copy()
     path = [first]
     for _ in range(len(apart) - 1):
@@ -96,7 +96,7 @@ def _nearest_neighbours(apart: Array, first: int) -> IndexArray:
 
 
 def _exchanged(apart: Array, path: IndexArray, *, from_first: bool) -> IndexArray:
-    """Path with pieces reversed as long as one makes it shorter; a piece may end with the path."""
+    """Path with pieces reversed as long as a reversal makes it shorter; a piece may end with the path."""
     n = len(path)
     padded = np.pad(apart, ((0, 1), (0, 1)))  # a node beyond either end, at no distance
     for _ in range(50 * n):

@@ -62,7 +62,7 @@ def conditions_for(effects: Iterable[AsksForConditions], *, payload_kg: float = 
 
 
 def come_from(q: Array, approach: Array, is_revolute: BoolArray, low: Array, high: Array) -> Array:
-    """(M, n) joints to visit before q (M, n), 3 deg or 10 mm off, so that each joint then arrives from its side.
+    """(M, n) joint vectors to visit before q (M, n), 3 deg or 10 mm away, so that each joint arrives from one side.
 
     Joints that would leave their range (n,) go as far as it allows.
     """

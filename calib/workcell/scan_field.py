@@ -1,4 +1,4 @@
-"""The space in which a scanner measures, in its own frame: declared, or inferred from where it measured."""
+"""The space in which a scanner measures, in its own frame: declared, or inferred from earlier measurements."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class ScanField:
 
 @dataclass(frozen=True)
 class BoxField:
-    """Field of an instrument that looks all around: a box in its frame in which it measured."""
+    """Field of an instrument that measures in all directions: the box, in its frame, of its measured points."""
 
     low_mm: tuple[float, float, float]
     high_mm: tuple[float, float, float]
@@ -81,7 +81,7 @@ def tilted(sight: Array, most_deg: float, rng: np.random.Generator) -> Array:
 
 
 def evident_field(scanner: Scanner, apex_mm: Array) -> tuple[ScanField | BoxField, str]:
-    """Field declared in dataset.toml, else the one in which apexes (M, 3), scanner frame, were measured; and a note.
+    """Field declared in dataset.toml, else inferred from measured apexes (M, 3), scanner frame; and a note.
 
     Raises:
         CalibError: neither exists.

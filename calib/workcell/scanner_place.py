@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.array_types import Array
+from calib.errors import CalibError
 from calib.frames import apply, best_fit_transform, make_transform
 from calib.kinematics.chain import forward
 from calib.kinematics.joint_range import random_poses
@@ -18,7 +19,7 @@ _FEW = 8  # such poses
 
 
 def in_front(robot: Robot) -> tuple[Array, Array]:
-    """Middle of an arm's reach in front of it (3,), mm, and orientation (3, 3) of a scanner that looks back at it."""
+    """Middle (3,), mm, of an arm's reach in front of it, and orientation (3, 3) of a scanner facing the arm there."""
     q = random_poses(robot, 2000, rng=np.random.default_rng(0))
     reach_mm = float(
         np.linalg.norm(forward(robot.table, q, robot.is_revolute, robot.base_T_first).target_mm, axis=1).max()
@@ -28,7 +29,7 @@ def in_front(robot: Robot) -> tuple[Array, Array]:
 
 
 def likely_scanner_place(robot: Robot, tool_T_jig: Array, distance_mm: float) -> Array:
-    """base_T_scanner (4, 4) from which an arm's jig can be seen: in front of the arm, looking back at it.
+    """base_T_scanner (4, 4) from which an arm's jig can be seen: in front of the arm and facing it.
 
     An arm that hardly brings its jig there, facing the scanner (a SCARA, a gantry), is seen in the middle of its reach,
     along the axis of the base from which its jig is faced most often.
@@ -57,3 +58,19 @@ def fitted_scanner_place(base_mm: Array, scanner_mm: Array) -> Array:
     off_mm = np.linalg.norm(apply(base_T_scanner, scanner_mm) - base_mm, axis=1)
     keep = off_mm <= _TRIM * np.median(off_mm)
     return best_fit_transform(scanner_mm[keep], base_mm[keep]) if keep.sum() >= 3 else base_T_scanner
+
+
+def scanner_at(place_mm: Array, toward_mm: Array) -> Array:
+    """base_T_scanner (4, 4) of an upright scanner at a place (3,) that looks at a point (3,): z forward, y down.
+
+    Raises CalibError where both are the same point.
+    """
+    along = np.asarray(toward_mm, dtype=float) - place_mm
+    length = float(np.linalg.norm(along))
+    if length < 1.0:
+        raise CalibError("the scanner looks at where it stands; name a point in front of it")
+    z = along / length
+    up = np.array([0.0, 0.0, 1.0]) if abs(z[2]) < 0.999 else np.array([1.0, 0.0, 0.0])
+    x = np.cross(z, up)
+    x /= np.linalg.norm(x)
+    return make_transform(np.column_stack([x, np.cross(z, x), z]), place_mm)

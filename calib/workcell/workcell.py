@@ -1,4 +1,4 @@
-"""A cell as a value: the arm, the jig, the scanner's pose and field, and obstacles."""
+"""Cell of an arm as a value: the arm, the jig, the scanner's pose and field, and obstacles."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from calib.workcell.scan_field import BoxField, ScanField
 
 @dataclass(frozen=True, eq=False)
 class Workcell:
-    """Facts that decide whether a pose can be measured; None where a fact is not known, so that it is not checked."""
+    """Facts that decide whether a pose can be measured; an unknown fact is None and is not checked."""
 
     robot: Robot
     low: Array  # (n,) rad or mm: range of the joint commands

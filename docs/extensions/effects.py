@@ -66,11 +66,11 @@ def page(kind: type[CatalogueEffect], signature: Signature, standard: Standard) 
         _figure(curve_picture(signature, standard), _left_words(signature)),
         "## What it needs, and how to confirm it",
         f"- Needs: {kind.needs}.\n- To confirm it: {kind.confirm or 'nothing is known that shows it alone'}."
-        + ("" if kind.testable else "\n- Poses alone never test it; the output says so."),
+        + ("" if kind.testable else "\n- It cannot be tested by poses alone; the output says so."),
         "## What it is confused with",
         _alike(signature),
         "## Try it",
-        f"An arm with it, at a size that is drawn, and a look at what is found:\n\n```sh\n"
+        f"Simulate an arm that has this effect, of a random size, and diagnose it:\n\n```sh\n"
         f"inspector simulate try --robot rb5 --effect {kind.name} --seed 1\ninspector diagnose try\n```",
         "## In the code",
         _code(kind),
@@ -106,11 +106,12 @@ def index(signatures: Mapping[str, Signature], standard: Standard) -> str:
         tested = "yes" if signatures[kind.name].input.is_tested else "no"
         by_input.setdefault((words, tested), []).append(link)
     out += [
-        "## By what the residual has order against",
-        "`inspector diagnose` tells it, such as *order against torque3*. These are the inputs of the pictures. Where "
-        "its tests have no such input, an effect is found all the same, by its own columns.",
+        "## By the input that the residual depends on",
+        "`inspector diagnose` names it: *It depends systematically on gravity's torque on joint 3*. These are the "
+        "inputs of the pictures. Where an input is not among those tested, the effect is still found, by its own "
+        "columns.",
         "\n".join(
-            ["| order against | is tested | look at |", "|---|---|---|"]
+            ["| input | is tested | effects |", "|---|---|---|"]
             + [f"| {words} | {tested} | {', '.join(links)} |" for (words, tested), links in by_input.items()]
         ),
     ]
@@ -121,7 +122,8 @@ def index(signatures: Mapping[str, Signature], standard: Standard) -> str:
     ]
     out += [
         "## All of them",
-        "*Left* is the share of the effect's size that a fit of links and scanner's place leaves, on that arm.",
+        "*Left* is the share of the effect's size that remains, on that arm, after a fit of link errors and scanner "
+        "frame.",
         "\n".join(["| effect | law | needs | left |", "|---|---|---|---|", *rows]),
         "```{toctree}\n:hidden:\n\n" + "\n".join(f"{ROOM}/{kind.name}" for kind in CATALOGUE) + "\n```",
     ]
@@ -141,19 +143,19 @@ def _arm_words(signature: Signature) -> str:
     joint = getattr(signature.member, "joint", None)
     where = "" if joint is None else f" of joint {joint + 1}"
     return (
-        f"The built-in RB5 with this effect{where}, at sizes of its parameters that are usual: the target moves by "
-        f"{before:.2g} mm rms over {POSES} poses; {after:.2g} mm of that are left where links and the scanner's place "
-        "are fitted."
+        f"The built-in RB5 with this effect{where}, its parameters at their usual sizes: the target moves by "
+        f"{before:.2g} mm RMS over {POSES} poses; {after:.2g} mm of that remain after a fit of link errors and scanner "
+        "frame."
     )
 
 
 def _left_words(signature: Signature) -> str:
     shown = f"{signature.channel.label.split(',')[0]} over {signature.input.words}"
     if not np.any(signature.after_mm):
-        return f"{shown[0].upper() + shown[1:]}. Nothing is left: links and the scanner's place do the same."
+        return f"{shown[0].upper() + shown[1:]}. Nothing is left: link errors and the scanner frame do the same."
     return (
-        f"{shown[0].upper() + shown[1:]}: the effect alone, and what a fit of the links leaves of it, "
-        f"{100 * signature.left:.0f} % of its size. No noise is drawn."
+        f"{shown[0].upper() + shown[1:]}: the effect alone, and the part that remains after a fit of the link "
+        f"errors, {100 * signature.left:.0f} % of its size. Without noise."
     )
 
 
@@ -165,8 +167,8 @@ def _parameters(signature: Signature) -> str:
     ]
     return "\n".join(
         [
-            "Of the member in the pictures. The usual size is the one that the evidence expects; ten times as much "
-            "counts against the effect by half a nat, a hundred times by two.",
+            "The parameters of the member in the pictures. The usual size is the one that the evidence expects; ten "
+            "times that size costs half a nat of log evidence, a hundred times two nats.",
             "",
             "| parameter | usual size | is |",
             "|---|---|---|",
@@ -181,9 +183,9 @@ def _bounds(kind: type[CatalogueEffect]) -> str:
     rows = [f"| {_size(b.size, b.unit)} | {_cell(b.source)} |" for b in kind.bounds]
     return "\n".join(
         [
-            "A value that is beyond these bounds by more than two sigmas is told with a warning:",
+            "A value beyond these bounds by more than two sigmas is reported with a warning:",
             "",
-            "| the most that is natural | because |",
+            "| largest plausible value | source |",
             "|---|---|",
             *rows,
         ]
@@ -196,19 +198,20 @@ def _size(value: float, unit: str) -> str:
 
 def _alike(signature: Signature) -> str:
     if not np.any(signature.after_mm):
-        return "Of links and the scanner's place: nothing is left beside them."
+        return "Link errors and the scanner frame: nothing is left after they are fitted."
     if not signature.alike:
         return (
-            f"At these {POSES} poses no other effect of the catalogue could make {100 * CONFUSED:.0f} % of what is "
-            "left of it."
+            f"At these {POSES} poses no other effect of the catalogue explains {100 * CONFUSED:.0f} % of what is left "
+            "of it after that fit."
         )
     rows = [f"| {{doc}}`{name}` | {100 * share:.0f} % |" for name, share in signature.alike]
     return "\n".join(
         [
-            "Measured: the share of what is left (sum of squares, pictures' arm and poses) that another effect could "
-            "make with free sizes. From 50 % on it is a rival, and a name needs a lead of 3 nats over it.",
+            "The share of what is left (sum of squares, at the arm and poses of the pictures) that another effect "
+            "explains with free sizes. From 50 % on the two are confounded: an effect is named only if its log Bayes "
+            "factor over the other exceeds 3.",
             "",
-            "| effect | could make |",
+            "| effect | explains |",
             "|---|---|",
             *rows,
         ]
@@ -217,10 +220,7 @@ def _alike(signature: Signature) -> str:
 
 def _code(kind: type[CatalogueEffect]) -> str:
     module = kind.__module__.replace(".", "/") + ".py"
-    return (
-        f"`{kind.__name__}` in `{module}`. Its truth in simulations is written apart, `calib/simulation/truth`, and "
-        "shares no code with it."
-    )
+    return f"`{kind.__name__}` in `{module}`. Its simulated truth, in `calib/simulation/truth`, shares no code with it."
 
 
 def _cell(words: str) -> str:

@@ -201,10 +201,10 @@ def full_error(name: str) -> str:
     return f"~calib.errors.{name}" if hasattr(errors, name) else name
 
 
-class Room(SphinxDirective):
-    """`.. room:: calib.frames`: what a module's docstring says, and its public classes and functions.
+class ModuleMembers(SphinxDirective):
+    """Directive `.. module-members:: calib.frames`: the docstring of a module with its public classes and functions.
 
-    With words behind the module, those names alone. Functions that `calib` offers have their place on the page.
+    Names after the module choose those alone. What `calib` itself offers has a place of its own.
     """
 
     required_arguments = 1
@@ -253,7 +253,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     for kind in (PyAttribute, PyMethod, PyProperty):
         in_contents(kind)
     app.add_role("named", named)
-    app.add_directive("room", Room)
+    app.add_directive("module-members", ModuleMembers)
     app.connect("autodoc-process-signature", written_signature)
     app.connect("autodoc-process-docstring", as_restructured)
     app.connect("autodoc-skip-member", skipped)

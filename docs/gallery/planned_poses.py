@@ -5,8 +5,8 @@ error of the fit that will have them.
 """
 
 import calib
-from calib.planning.fitted_start import start_of_dataset
 from calib.planning.plan import plan_poses
+from calib.planning.start import start_of_dataset
 from inspector import figures
 
 dataset = calib.load_dataset("sample_data/hidden_effect_b")

@@ -1,1 +1,1 @@
-"""What a request of the page does: stage, controllers, camera, downloads."""
+"""Handling of the page's requests: stage, controllers, camera, downloads."""

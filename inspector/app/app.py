@@ -1,4 +1,4 @@
-"""The web app: one page on a dataset, or on a folder of datasets.
+"""The web app: a page on a dataset, or on a folder of datasets.
 
 Widgets ask (`App`'s methods, on any of viser's threads); the controllers and the stage do it, on the worker's one
 thread. A request names what it is about, so of twenty slider messages the last one counts and a button never runs
@@ -43,7 +43,7 @@ log = logging.getLogger(__name__)
 
 
 class App:
-    """The page and its worker thread; made by `serving`."""
+    """The page and its worker thread; instances are made by `serving`."""
 
     def __init__(
         self,
@@ -54,7 +54,7 @@ class App:
         root: Path = Path(),
         data: Path | None = None,
     ) -> None:
-        """data: where datasets that pages import are written; None: pages import none."""
+        """`data`: folder for datasets that pages import; None where pages cannot import."""
         self._asking = threading.Lock()
         self._moves = 0  # changes of the model to go back (below 0) or forward
         self.server = server
@@ -107,13 +107,14 @@ class App:
         self.open(start)
 
     def _count_pages(self, _: viser.ClientHandle) -> None:
-        """Tell the user where several pages are open: one server shows the same in all of them."""
+        """Tell the user when several pages are open, since one server shows the same in all pages."""
         self.worker.submit("pages", lambda: self.panels.review.show_pages(len(self.server.get_clients())))
 
     def close(self) -> None:
         """End the work, the threads and the server."""
         self._watch.stop()
         self._playback.stop()
+        self.stage.comparison.residuals.stop()
         self.imports.close()
         self.worker.stop()
         self.downloads.close()
@@ -172,13 +173,13 @@ class App:
             self.dark(shown.dark)
 
     def _recount(self, changed: frozenset[str]) -> None:
-        """Redraw which poses are left out, and analyse redundancy at the others."""
+        """Redraw the marks of left-out poses, and analyse redundancy at the other poses."""
         self.stage.draw_left_out(changed)
         if self.state.session.redundancy is None:
             self.dataset.analyse_as_chosen()
 
     def take(self, what: str, client: viser.ClientHandle) -> None:
-        """Make a file and send it to the page that asked for it."""
+        """Make a file and send it to the page of the request."""
         self.downloads.take(what, client)
 
     def select(self, pose: int) -> None:
@@ -201,11 +202,11 @@ class App:
             self.worker.submit("version", lambda: self.selection.step(number))
 
     def step(self, by: int) -> None:
-        """Select a later pose, or an earlier one (below 0); presses add up."""
+        """Select a later pose, or an earlier one for a negative number; repeated presses add up."""
         self._want(lambda current: current + by)
 
     def at_time(self, seconds: float) -> None:
-        """Select the pose that was measured nearest to this time."""
+        """Select the pose that was measured nearest to a time."""
         self._playback.at_time(seconds)
 
     def play(self, start: bool) -> None:
@@ -228,7 +229,7 @@ class App:
         self.worker.submit("select", lambda: self.dataset.select(self._wanted))
 
     def show_view(self, name: str) -> None:
-        """Show the layers of a view and move the camera to it."""
+        """Show the layers of a view and move the camera to its position."""
         if name in VIEWS:
             self.worker.submit("view", lambda: self.stage.choose_view(name))
 
@@ -239,11 +240,11 @@ class App:
             self.worker.submit("view", lambda: self.stage.follow(name))
 
     def keep_view(self, keep: bool) -> None:
-        """Choose whether the 3D view stays as it is when another tab is opened."""
+        """Choose whether the 3D view stays unchanged when another tab is opened."""
         self.worker.submit("keep view", lambda: self.stage.keep_view(keep))
 
     def look_from(self, side: str) -> None:
-        """Move the camera to the front, the side, the top, or back to where it was at first."""
+        """Move the camera to the front, the side, the top, or back to its first position."""
         if side in SIDES:
             self.worker.submit("look", lambda: self.stage.look_from(side))
 
@@ -259,11 +260,11 @@ class App:
         self.show_plan()
 
     def factor(self, factor: float) -> None:
-        """Set how many times enlarged uncertainty ellipsoids are drawn."""
+        """Set the enlargement of drawn uncertainty ellipsoids."""
         self.worker.submit("factor", lambda: self.stage.change(factor=factor))
 
     def arrows(self, factor: float | None) -> None:
-        """Set how many times enlarged residuals are drawn; None chooses the factor by their size."""
+        """Set the enlargement of drawn residuals; None chooses the factor by their size."""
         self.worker.submit("arrows", lambda: self.stage.change_arrows(factor))
 
     def version(self, name: str) -> None:
@@ -300,15 +301,13 @@ class App:
         self.worker.submit("failure", lambda: self.panels.residuals.update(self.state.now))
 
     def beside(self) -> None:
-        """Show the chosen dataset or version beside the calibration on show, and the chosen later measurements."""
+        """Compare the calibration on show with the chosen dataset or version, and update the later measurements."""
         if self.state.view is not None:
             self.worker.submit("beside", self.side_by_side.show)
             self.watch()
 
     def watch(self, forget: bool = False) -> None:
-        """Show what changed between the calibration on show and the chosen later datasets; `forget` clears the
-        choice.
-        """
+        """Show the changes from the calibration on show to the chosen later datasets; `forget` clears the choice."""
         if self.state.view is not None:
             self.worker.submit("watch", lambda: self.watching.show(forget))
 
@@ -318,7 +317,7 @@ class App:
             self.worker.submit("plan", self.planning.make)
 
     def settle(self) -> None:
-        """Plan the poses that discriminate between the effects that the diagnosis left open."""
+        """Plan poses that discriminate between the effects that the diagnosis left open."""
         if self.state.view is not None:
             self.worker.submit("plan", self.planning.settle)
 
@@ -332,7 +331,7 @@ class App:
         self.worker.submit("planned", lambda: self.planning.select(pose))
 
     def take_plan(self, what: str, client: viser.ClientHandle) -> None:
-        """Send a file of the plan to the page that asked for it."""
+        """Send a file of the plan to the page of the request."""
         self.worker.submit(("take plan", what, client.client_id), lambda: self.planning.take(what, client))
 
     def redundancy(self, residual: str) -> None:
@@ -357,7 +356,7 @@ class App:
             self.worker.cancel("find")
 
     def effects(self) -> None:
-        """Rank the effects again, with the user's own effects as their file has them now."""
+        """Rank the effects again, with the user's own effects read anew from their file."""
         if self.state.view is not None:
             self.worker.submit("effects", lambda: self.model.rank())
 
@@ -366,7 +365,7 @@ class App:
         self.worker.submit("candidate", lambda: self.model.compare())
 
     def select_effect(self, name: str) -> None:
-        """Choose an effect that a sentence names."""
+        """Select an effect named in a sentence."""
         if self.state.view is not None:
             self.worker.submit("candidate", lambda: self.model.choose(name))
 
@@ -375,7 +374,7 @@ class App:
         self.worker.submit("follow", lambda: self.model.follow())
 
     def add_effect(self, name: str) -> None:
-        """Add an effect to the model; once it is in the model nothing happens."""
+        """Add an effect to the model; one that is in the model already is ignored."""
         self.worker.submit(("add", name), lambda: self.model.add(name))
 
     def remove_effect(self, name: str) -> None:
@@ -389,7 +388,7 @@ class App:
             self.worker.submit(("leave out", pose_id), lambda: self.model.leave_out(pose_id, out))
 
     def move(self, by: int) -> None:
-        """Undo (below 0) or redo changes of the model; presses add up."""
+        """Undo (for a negative number) or redo changes of the model; repeated presses add up."""
         with self._asking:
             self._moves += by
         self.worker.submit("move", self._move)

@@ -1,4 +1,4 @@
-"""Serves the app on a dataset folder or a folder of datasets."""
+"""Server of the app on a dataset folder or a folder of datasets."""
 
 from __future__ import annotations
 

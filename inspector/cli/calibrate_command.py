@@ -1,4 +1,4 @@
-"""The command `calibrate`: the fit and all files made from it, and fitting as other commands need it."""
+"""The command `calibrate`: the fit, the files made from it, and fits for other commands."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ from calib.present.calibration import (
     table_document,
 )
 from calib.present.text import block_text
+from calib.robot_formats.calibrated_file import TEMPLATE_SUFFIXES, URDF_SUFFIXES, YAML_SUFFIXES, kept_template
 from calib.screening.curves.fitted_curves import effect_file_text
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options import CalibrateOptions, CompareOptions, CorrectOptions, WatchOptions
@@ -50,7 +51,7 @@ def loaded_effects(effects_file: Path | None, dataset: Dataset) -> tuple[Family,
 def fitted(
     options: CalibrateOptions | CorrectOptions | CompareOptions | WatchOptions, dataset: Dataset
 ) -> tuple[FitStep, ...]:
-    """Fits that the options ask for: one, then another for each --add."""
+    """Fits as the options require: a first one, then another for each --add."""
     user_effects = loaded_effects(options.effects_file, dataset)
     effects = effects_named(dataset, options.effect, user_effects)
     return add_in_turn(dataset, options.add, options.fit_options(), effects=effects, user_effects=user_effects)
@@ -112,17 +113,16 @@ def run_calibrate(options: CalibrateOptions) -> int:
 
 
 def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
-    """Template of each robot file that is to be written.
+    """Template of each robot file that is to be written: the one given, else the one kept at the dataset's import.
 
     Raises CalibError where a file has no template, a template no file, or a template is of another arm.
     """
     wanted = (
-        (options.urdf_out, "--urdf-out", (".urdf",)),
-        (options.kinematics_out, "--kinematics-out", (".yaml", ".yml")),
+        (options.urdf_out, "--urdf-out", URDF_SUFFIXES),
+        (options.kinematics_out, "--kinematics-out", YAML_SUFFIXES),
     )
-    known = [suffix for _, _, suffixes in wanted for suffix in suffixes]
     for path in options.template:
-        if path.suffix.lower() not in known:
+        if path.suffix.lower() not in TEMPLATE_SUFFIXES:
             raise CalibError(
                 f"--template {path}: a template is a .urdf or .yaml; the origins of a .xacro are computed: give "
                 "--kinematics-out with the YAML of joint origins that it reads, or expand it first"
@@ -130,6 +130,9 @@ def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
     found: dict[Path, Path] = {}
     for out, option, suffixes in wanted:
         fitting = [path for path in options.template if path.suffix.lower() in suffixes]
+        kept = kept_template(dataset.folder, suffixes)
+        if out is not None and not fitting and kept is not None:
+            fitting = [kept]
         if (out is not None) != (len(fitting) == 1):
             raise CalibError(f"{option} FILE and one --template ROBOT{suffixes[0]}, your own of this arm, go together")
         if out is not None:
@@ -148,7 +151,7 @@ def _calibration_text(steps: Sequence[FitStep], table: ExportedTable) -> str:
 
 
 def require_plausible(result: Calibration, force: bool) -> None:
-    """Raise CalibError for a fit that is no improvement or implausible, unless `force`: nothing is written then."""
+    """Raise CalibError, before anything is written, for a fit without improvement or implausible, unless `force`."""
     result.require_improvement(force=force)
     doubt = "" if force else implausibility_reason(result)
     if doubt:

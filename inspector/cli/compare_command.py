@@ -1,4 +1,4 @@
-"""The commands `compare` (two calibrations) and `watch` (check poses measured later)."""
+"""The commands `compare` (two calibrations) and `watch` (later measurements of the same cell)."""
 
 from __future__ import annotations
 
@@ -33,9 +33,7 @@ def run_compare(options: CompareOptions) -> int:
 
 
 def run_watch(options: WatchOptions) -> int:
-    """Report changes since a calibration; exit code 1 where anything changed, so that a scheduled run can raise an
-    alarm.
-    """
+    """Report changes since a calibration; exit code 1 where there are any, as an alarm for scheduled runs."""
     for out in options.out:
         if out.suffix.lower() not in WATCH_FILES:
             raise CalibError(f"{out}: found the suffix {out.suffix!r}; a watch is written as {' '.join(WATCH_FILES)}")

@@ -1,4 +1,4 @@
-"""Commands on datasets: a few lines over `calib`, text or one JSON object on stdout, an exit code.
+"""Commands on datasets: each calls `calib`, prints text or one JSON object, and returns an exit code.
 
 Those that fit a model are in `inspector.cli.fit_commands`.
 """
@@ -124,11 +124,11 @@ def load(path: Path, leave_out: Sequence[str] = (), finder: Path | None = None) 
 
 def without(dataset: Dataset) -> list[str]:
     """Line that lists the poses left out; none where all are in use."""
-    return [f"without what was measured at: {', '.join(dataset.left_out)}"] if dataset.left_out else []
+    return [f"left out: {', '.join(dataset.left_out)}"] if dataset.left_out else []
 
 
 def measured(dataset: Dataset, *, orientation: bool = False) -> Dataset:
-    """Dataset with points, found in its scans where it has none; with the jig's orientation on request."""
+    """Dataset with points (found in its scans if it has none), and with the jig's orientation on request."""
     if dataset.points is not None:
         return dataset
     return with_corners(dataset, searched(dataset), orientation=orientation)
@@ -146,7 +146,7 @@ def searched(dataset: Dataset) -> dict[str, CornerSearch]:
 
 
 def found_corners(dataset: Dataset, wanted: int | None = None) -> dict[str, CornerSearch]:
-    """Corner searches on a number of processes; None takes one for each core."""
+    """Corner searches on a number of processes; None for one process per core."""
     scans = 0 if dataset.scan_folder is None else len(dataset.poses)
     with progress("corners") as on_progress, processes(scans, wanted) as executor:
         return find_targets(dataset, on_progress=on_progress, executor=executor, intermediate=False)

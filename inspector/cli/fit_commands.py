@@ -68,7 +68,7 @@ def run_validate(options: ValidateOptions) -> int:
 
 
 def run_correct(options: CorrectOptions) -> int:
-    """Print joint targets that bring the real arm where the nominal arm was meant to be."""
+    """Print joint targets that bring the real arm to the positions intended for the nominal arm."""
     if options.model is not None:
         return correct_by_model(options, options.model)
     dataset = load(options.path, options.leave_out, options.finder)
@@ -151,7 +151,7 @@ def run_diagnose(options: DiagnoseOptions) -> int:
 
 
 def planned_next(result: Diagnosis, poses: NextPoses | None, path: Path) -> list[str]:
-    """The poses to plan next: those that tell confounded effects apart, or that tell more of the link errors."""
+    """Line with the command that plans the next poses to measure; [] where no further poses are advised."""
     if poses is not None:
         return [f"next: inspector plan {path} --for split plans the poses that settle it"]
     if result.verdict in ("adequate", "named") and result.held_out_beyond_noise is not None:
@@ -160,7 +160,7 @@ def planned_next(result: Diagnosis, poses: NextPoses | None, path: Path) -> list
 
 
 def diagnosis_text(result: Diagnosis, poses: NextPoses | None) -> str:
-    """A diagnosis with poses to measure next, as the terminal has it."""
+    """Terminal text of a diagnosis with poses to measure next."""
     return plain_text(diagnosis_presentation(result, poses))
 
 

@@ -1,4 +1,4 @@
-"""The command `fleet`: many datasets judged, as a table and a page."""
+"""The command `fleet`: many datasets diagnosed, as a table and a page."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ RESULTS, PAGE = ".results", ".html"  # suffixes beside the table
 
 
 def run_fleet_command(options: FleetOptions) -> int:
-    """Judge every dataset; exit code 1 where one has no result or does not pass."""
+    """Diagnose every dataset; exit code 1 where one has no result or does not pass."""
     out, page = options.out, options.out.with_suffix(PAGE)
     results = out.with_suffix(RESULTS)
     require_table_kind(out.suffix)

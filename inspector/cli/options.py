@@ -12,7 +12,7 @@ from calib.options import FitOptions
 
 @dataclass(frozen=True, kw_only=True)
 class Output:
-    """Common options: how a command answers."""
+    """Options common to all commands: the form of the output."""
 
     json: bool  # one JSON object in place of text
     stdout: TextIO  # with --json, `sys.stdout` leads to stderr while a command runs
@@ -67,7 +67,7 @@ class _FittingOptions(Output):
     finder: Path | None  # of targets in the scans, a file of the user's own
 
     def fit_options(self) -> FitOptions:
-        """Fit options that --residual, --hold, --no-prior, --tolerance and --robust ask for."""
+        """Fit options given by --residual, --hold, --no-prior, --tolerance and --robust."""
         return FitOptions(
             residual=self.residual,
             prior=not self.no_prior,
@@ -136,7 +136,7 @@ class CompareOptions(Output):
     add: Sequence[str]
 
     def fit_options(self) -> FitOptions:
-        """Fit options of both calibrations that --residual asks for."""
+        """Fit options of both calibrations, given by --residual."""
         return FitOptions(residual=self.residual)
 
 
@@ -212,7 +212,7 @@ class FleetOptions(Output):
 
 @dataclass(frozen=True, kw_only=True)
 class RobotFileOptions(Output):
-    """Options that say what a robot's file leaves open."""
+    """Options for what a robot's file does not define."""
 
     tip: str | None
     base: str | None

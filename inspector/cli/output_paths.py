@@ -1,4 +1,4 @@
-"""Checks that a command does not write to a file that it reads, or twice to the same place."""
+"""Checks that a command neither overwrites its inputs nor writes to the same place twice."""
 
 from __future__ import annotations
 

@@ -86,7 +86,7 @@ def _run(subcommand: Subcommand, options: object) -> int:
 
 
 class _Version(argparse.Action):
-    """Action that prints the version, which is looked up only when it is asked for because that takes long."""
+    """Action that prints the version, which takes long to look up and is therefore read on request only."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         from importlib.metadata import version

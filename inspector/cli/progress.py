@@ -1,4 +1,4 @@
-"""Progress of long work on stderr, and processes for it."""
+"""Progress of long work on stderr, and the process pool for the work."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def cores() -> int:
 
 @contextmanager
 def processes(scans: int, wanted: int | None = None) -> Iterator[Executor | None]:
-    """Executor with the requested number of processes; by default one a core, from MIN_SCANS_FOR_PROCESSES scans on."""
+    """Executor with the requested number of processes, by default one per core for MIN_SCANS_FOR_PROCESSES or more."""
     count = min(scans, cores() if wanted is None else wanted)
     if count < 2 or (wanted is None and scans < MIN_SCANS_FOR_PROCESSES):
         yield None

@@ -1,4 +1,4 @@
-"""Subcommands with their arguments. Nothing slow is imported: `--help` and a wrong word are answered at once."""
+"""Subcommands with their arguments. Nothing slow is imported, so that `--help` and wrong words are answered at once."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ SUBCOMMANDS = (
         "dataset_commands.run_redundancy",
         options.RedundancyOptions,
         _redundancy,
-        "which parameters say the same thing (Pearson), and the true rank",
+        "which parameters cannot be told apart (Pearson's r), and the rank of the model",
     ),
     Subcommand(
         "calibrate",

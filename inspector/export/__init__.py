@@ -1,1 +1,1 @@
-"""JSON documents, CSV, PNG and GLB."""
+"""Exports of results: JSON documents, CSV, PNG and GLB."""

@@ -1,4 +1,4 @@
-"""Results as CSV tables and pictures as PNG: the content of files, which the callers write."""
+"""Contents of CSV files of results and of PNG files of pictures; callers write the files."""
 
 from __future__ import annotations
 
@@ -50,9 +50,7 @@ def png(image: NDArray[np.uint8]) -> bytes:
 
 
 def over(image: NDArray[np.uint8], background: tuple[int, int, int]) -> NDArray[np.uint8]:
-    """Image (H, W, 3) of an image (H, W, 4) with transparency over a colour; an image (H, W, 3) is returned
-    unchanged.
-    """
+    """RGB image (H, W, 3) made of an RGBA image (H, W, 4) over a background colour; RGB images are unchanged."""
     if image.shape[2] == 3:
         return image
     share = image[..., 3:].astype(float) / 255.0

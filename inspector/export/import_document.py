@@ -10,7 +10,7 @@ from calib.dataset_import.user_files import UserFile
 
 
 def plan_document(plan: ImportPlan, files: Sequence[UserFile] = ()) -> dict[str, Any]:
-    """Planned import as a document: what was recognised, doubts and faults."""
+    """JSON document of a planned import: recognised columns, doubts and faults."""
     return {
         "robot": None if plan.robot is None else plan.robot.robot.name,
         "poses": plan.poses,
@@ -38,7 +38,7 @@ def _column(column: PlannedColumn) -> dict[str, Any]:
 
 
 def plan_lines(plan: ImportPlan) -> list[str]:
-    """Planned import as lines for a terminal: columns, what was recognised, doubts."""
+    """Lines for a terminal on a planned import: columns, recognised facts, doubts."""
     rows = [("table", "column", "first value", "taken for", "why")]
     rows += [
         (

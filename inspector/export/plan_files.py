@@ -21,7 +21,7 @@ CSV, ROS = ".csv", (".yaml", ".yml")
 
 
 def check_plan_file(path: Path) -> None:
-    """Raise CalibError for a file name of no form that plans are written in."""
+    """Raise CalibError for a file name whose format is none of those for plans."""
     suffix = path.suffix.lower()
     if suffix != CSV and suffix not in ROS and not is_point_list(path):
         raise CalibError(
@@ -31,7 +31,7 @@ def check_plan_file(path: Path) -> None:
 
 
 def planned_file(path: Path, plan: Plan) -> str:
-    """Content of a plan's file with this name.
+    """Content of a plan's file, in the format given by the file's name.
 
     Raises CalibError for a name of no such form, and for an arm that its form cannot hold.
     """
@@ -40,7 +40,7 @@ def planned_file(path: Path, plan: Plan) -> str:
         return frame_csv(poses_frame(plan.poses, plan.start.dataset.robot))
     robot = plan.start.dataset.robot
     heading = (
-        f"{len(plan.poses)} poses of {robot.name} to measure, for {plan.purpose.name}, in this order.",
+        f"{len(plan.poses)} poses of {robot.name} to measure, for {plan.criterion.name}, in this order.",
         "Ways were looked at with the arm at rest; the plan names those that are blocked. Run them slowly first.",
     )
     if path.suffix.lower() in ROS:
@@ -50,7 +50,7 @@ def planned_file(path: Path, plan: Plan) -> str:
 
 
 def _targets(plan: Plan) -> list[JointTarget]:
-    """Commanded poses; a pose that is to be approached from given sides is preceded by the place to come from."""
+    """Commanded poses; before a pose to be approached from given sides comes its starting point."""
     robot, poses, cell = plan.start.dataset.robot, plan.poses, plan.start.cell
     start = None
     if poses.approach is not None:

@@ -1,4 +1,4 @@
-"""Figures. Those offered here are of results: each takes what `calib` returned, and gives a plotly figure.
+"""Figures of results: each function takes a result of `calib` and returns a plotly figure.
 
     import calib
     from inspector import figures
@@ -49,9 +49,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """Figure function of this name, loaded when first used (PEP 562). Raises CalibError where plotly is not
-    installed.
-    """
+    """Figure function by its name, loaded on first use (PEP 562). Raises CalibError where plotly is not installed."""
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     try:

@@ -1,4 +1,4 @@
-"""Figure of learned curves: a small panel for each, with the band of the fit's uncertainty and the measured inputs.
+"""Figure of learned curves: a panel for each, with the band of the fit's uncertainty and the measured inputs.
 
 Fitted curves in, a plotly figure out; style and labels are in `inspector.figures.style`.
 """
@@ -43,7 +43,7 @@ def joint_curves(
     selected: int | None = None,
     dark: bool = False,
 ) -> go.Figure:
-    """Each curve's error over its input, one panel each, in `columns` columns.
+    """Figure of each curve's error over its input, one panel each, in `columns` columns.
 
     selected: the joint, from 0, whose panels have an outline.
     """
@@ -96,7 +96,7 @@ def joint_curves(
 
 
 def _range(curve: FittedCurve) -> tuple[float, float]:
-    """Range of the axis of errors: all of the measured range, and of the rest as much as stays readable."""
+    """Range of the error axis: the whole measured range, and as much of the rest as stays readable."""
     value, half = curve.scale * curve.value, 2.0 * curve.scale * curve.sigma
     inside = curve.inside
     low, high = float((value - half)[inside].min()), float((value + half)[inside].max())
@@ -108,7 +108,7 @@ def _range(curve: FittedCurve) -> tuple[float, float]:
 
 
 def _traces(curve: FittedCurve, xaxis: str, yaxis: str, rug: float, dark: bool, *, first: bool) -> list[dict[str, Any]]:
-    """Traces of one curve. rug: the error at which the measured inputs are marked."""
+    """Traces of one curve; `rug` is the error at which the measured inputs are marked."""
     colour = "#56B4E9" if dark else "#0072B2"
     band = "rgba(86,180,233,0.30)" if dark else "rgba(0,114,178,0.22)"
     x, y = curve.input_scale * curve.u, curve.scale * curve.value
@@ -174,7 +174,7 @@ def _outline(xaxis: str, yaxis: str, dark: bool) -> dict[str, Any]:
 
 
 def _closed(outside: BoolArray) -> BoolArray:
-    """Mask of places outside, each extended by one, so that two parts of a line meet."""
+    """Mask of places outside the measured range, each part extended by one, so that adjacent parts of a line meet."""
     return np.asarray(outside | np.append(outside[1:], False) | np.insert(outside[:-1], 0, False))
 
 

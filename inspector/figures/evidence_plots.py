@@ -23,7 +23,7 @@ def evidence_bars(
     *,
     dark: bool = False,
 ) -> go.Figure:
-    """Bars of the log evidence of the best `_MOST` effects in the given order; a line at the `least` that convinces."""
+    """Bars of the log evidence of the best `_MOST` effects in the given order; a line at the `least` for adding one."""
     labels = [shortened(name, 26) for name in names[:_MOST]]
     traces: list[dict[str, Any]] = []
     for trace, colour, of in ((NAMED, PROPOSAL, True), (NOT_NAMED, UNKNOWN, False)):
@@ -65,7 +65,7 @@ def errors_by_poses(
     *,
     dark: bool = False,
 ) -> go.Figure:
-    """Training and held-out error against the number of fitted poses; bars show the spread of the held-out error."""
+    """Figure of training and held-out error against the number of fitted poses; bars: spread of the held-out error."""
     traces = [
         {
             "type": "scatter", "mode": "lines+markers", "name": name, "x": list(poses), "y": list(values),

@@ -1,4 +1,4 @@
-"""The errors of a whole fleet in one figure."""
+"""Figure of the errors of a whole fleet."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def fleet_errors(
     *,
     dark: bool = False,
 ) -> go.Figure:
-    """The 3D RMSE of each dataset at the stages of STAGES, in the order given; None leaves a gap."""
+    """Figure of each dataset's 3D RMSE at the stages of STAGES, in the order given; None leaves a gap."""
     traces = [
         {
             "type": "scatter", "mode": "markers", "name": stage, "x": list(range(1, len(names) + 1)),

@@ -1,4 +1,4 @@
-"""The error that a plan leaves, against the number of poses that are measured."""
+"""Figure of the predicted error of a plan against the number of measured poses."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from inspector.markup.parts.palette import NEUTRAL, PROPOSAL
 
 
 def error_by_count(curve_mm: Array, planned: int, enough: int | None, *, dark: bool) -> go.Figure:
-    """The predicted error with none, one, two ... new poses; those that are planned, and from where more hardly pay.
+    """Figure of the predicted error by number of new poses, with the planned number and the end of useful gains.
 
     curve_mm  # (n + 1,); values that are not finite are left out
     """

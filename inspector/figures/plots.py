@@ -40,7 +40,7 @@ def correlation_heatmap(
     no_influence: Sequence[str] = (),
     joints: Mapping[str, int] | None = None,
 ) -> go.Figure:
-    """Heatmap of Pearson's r of all pairs. pearson  # (P, P), NaN where a parameter has no influence: grey cells.
+    """Heatmap of Pearson's r (P, P) of all pairs of parameters; NaN, of parameters without influence, is grey.
 
     joints: the joint, from 1, of each parameter that belongs to one; a click on its row picks it.
     """
@@ -89,7 +89,7 @@ def correlation_heatmap(
 
 
 def _why_missing(names: Sequence[str], no_influence: Sequence[str]) -> list[list[str]]:
-    """Hover texts that tell which parameter of each pair has no influence."""
+    """Hover texts that name the parameter without influence in each pair."""
     without = set(no_influence)
     return [
         [
@@ -107,7 +107,7 @@ def convergence(
     what: str = "3D",
     dark: bool = False,
 ) -> go.Figure:
-    """Error per iteration, logarithmic; iteration 0 is the nominal robot."""
+    """Figure of the error per iteration, logarithmic; iteration 0 is the nominal robot."""
     traces = []
     shown: list[float] = []
     longest = 1
@@ -159,7 +159,7 @@ def pose_residuals(
     what: str = "residual",
     dark: bool = False,
 ) -> go.Figure:
-    """Bar for each pose, coloured by role, the selected pose outlined. residual_mm  # (N,); NaN leaves a gap."""
+    """Bars of each pose's residual (N,), mm, coloured by role, the selected pose outlined; NaN leaves a gap."""
     values = np.asarray(residual_mm, dtype=float)
     names = [escape(name) for name in ids]  # plotly reads a little markup in labels
     traces = []
@@ -198,7 +198,7 @@ def pose_residuals(
 
 
 def outline(fig: go.Figure, selected: str | None) -> go.Figure:
-    """The bars with another pose outlined."""
+    """Bars of `pose_residuals` with another pose outlined."""
     name = None if selected is None else escape(selected)
     for bars in (trace for trace in fig.data if trace.type == "bar"):
         bars.marker.line.width = [2 if x == name else 0 for x in bars.x]
@@ -214,7 +214,7 @@ def error_history(
     noise: str = "noise alone",
     dark: bool = False,
 ) -> go.Figure:
-    """3D RMSE after each change of the model, on a logarithmic axis, with a line at the noise. NaN leaves a gap."""
+    """Figure of 3D RMSE after each change of the model, logarithmic, with a line at the noise; NaN leaves a gap."""
     traces = []
     steps = list(range(len(labels)))
     names = [escape(label) for label in labels]

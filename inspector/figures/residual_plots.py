@@ -1,4 +1,4 @@
-"""Figures of residuals: against an input, over the work space, and against what an effect would explain.
+"""Figures of residuals: against an input, over the work space, and against the part that an effect would explain.
 
 Numbers in, plotly figures out; style and labels are in `inspector.figures.style`. The selected pose is a trace of its
 own, so that going from pose to pose changes that one (`select`) and draws nothing anew.
@@ -42,7 +42,7 @@ def residual_against(
     selected: str | None = None,
     dark: bool = False,
 ) -> go.Figure:
-    """Residual of each pose against one input, over the band of the noise. x, y, is_test  # (N,)
+    """Figure of each pose's residual against one input, with the noise band; x, y, is_test (N,).
 
     `smooth` may have rows of nan: the line stops there. Single values between two (levels of an input) are dashes.
     """
@@ -117,7 +117,7 @@ def place_views(
     selected: str | None = None,
     dark: bool = False,
 ) -> go.Figure:
-    """Work space from above and from the side, each pose coloured. place_mm  # (N, 3) base frame; values  # (N,)
+    """Work space from above and from the side, each pose coloured by `values` (N,); `place_mm` (N, 3), base frame.
 
     `title` names the values with their unit. Signed values are coloured symmetrically about zero.
     """
@@ -160,7 +160,7 @@ def place_views(
 
 
 def places_by_role(place_mm: ArrayLike, ids: Sequence[str], roles: Sequence[str], *, dark: bool = False) -> go.Figure:
-    """Measured places from above and from the side, coloured by role. place_mm  # (N, 3) base frame"""
+    """Measured places from above and from the side, coloured by role; `place_mm` (N, 3), base frame."""
     place = np.asarray(place_mm, dtype=float)
     traces = [
         {
@@ -192,7 +192,7 @@ def _two_views(traces: Sequence[dict[str, Any]], dark: bool) -> go.Figure:
 
 
 def select(fig: go.Figure, pose_id: str | None) -> go.Figure:
-    """The figure with the ring around another pose; without it where the pose is not among the points."""
+    """Figure with the selection ring at another pose; without a ring where the pose is not among the points."""
     name = None if pose_id is None else escape(pose_id)
     points = [trace for trace in fig.data if trace.customdata is not None]
     for ring in fig.data:
@@ -209,7 +209,7 @@ def select(fig: go.Figure, pose_id: str | None) -> go.Figure:
 def added_variable(
     explained: ArrayLike, residual: ArrayLike, name: str, ids: Sequence[str] = (), *, dark: bool = False
 ) -> go.Figure:
-    """Added-variable plot of an effect: residual against what the effect explains, with the line of agreement.
+    """Added-variable plot of an effect: residual against the part that the effect explains, with the line of agreement.
 
     explained, residual  # (R,) in sigmas of the noise; ids: the pose of each of them
     """

@@ -1,4 +1,4 @@
-"""Axis ranges that leave outlying values out, and marks that say how many there are.
+"""Axis ranges without outlying values, and marks with the number of values beyond the range.
 
 A value is wild where it lies more than `FAR` times as far from the middle as nine in ten of all values do. Where more
 than one in twenty (and more than two) would be, they are no exceptions and all is shown. A triangle at the edge stands
@@ -26,7 +26,7 @@ PAD = 0.08  # of the range, on either side
 
 @dataclass(frozen=True)
 class RobustRange:
-    """Range of an axis from `low` to `high`, which holds all but the outlying values."""
+    """Range of an axis from `low` to `high`, which contains all but the outlying values."""
 
     low: float
     high: float
@@ -35,7 +35,7 @@ class RobustRange:
 
 
 def robust_range(values: ArrayLike, *, from_zero: bool = False) -> RobustRange | None:
-    """Range of values (N,), which may hold NaN, without outlying ones; None where the usual range does.
+    """Range of values (N,), which may hold NaN, without outlying ones; None where plotly's usual range is good enough.
 
     from_zero: the axis begins there.
     """

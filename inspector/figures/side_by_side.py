@@ -1,4 +1,4 @@
-"""The errors of two calibrations in one plot."""
+"""Figure of the errors of two calibrations in one plot."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def errors_beside(
     same_poses: bool,
     dark: bool,
 ) -> go.Figure:
-    """3D errors (N,) and (M,) against an input of either, on one axis; a click selects a pose of the first.
+    """Figure of 3D errors (N,) and (M,) of two calibrations against an input; a click selects a pose of the first.
 
     same_poses: both are of the same measurements, so that a click on either selects.
     """

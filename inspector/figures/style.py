@@ -31,12 +31,12 @@ SHOWS_STEP = {"ask": "step"}  # the same of points whose `ids` are steps of the 
 
 
 def selects_joint(joint: int) -> dict[str, object]:
-    """Trace meta by which a click on any of its points selects a joint, counted from 1."""
+    """Trace meta with which a click on any point of the trace selects a joint, counted from 1."""
     return {"ask": "joint", "value": joint}
 
 
 def selects_joint_of_row(joints: Mapping[str, int]) -> dict[str, object]:
-    """Heatmap meta by which a click on a cell selects the joint, counted from 1, of its row's label."""
+    """Heatmap meta with which a click on a cell selects the joint, counted from 1, of the row's label."""
     return {"ask": "joint", "rows": dict(joints)}
 
 
@@ -86,7 +86,7 @@ def log_axis(low: float, high: float) -> dict[str, object]:
 
 
 def _key(traces: Sequence[dict[str, Any]], *axes: dict[str, Any]) -> str:
-    """Key that differs between figures of other numbers, so that a zoom stays with its own figure.
+    """Key that differs between figures of different data, so that a zoom stays with its own figure.
 
     Viser keeps a zoom whatever is plotted next, unless an axis says that it is another.
     """
@@ -104,7 +104,7 @@ def figure(
     dark: bool,
     layout: Mapping[str, Any] | None = None,
 ) -> go.Figure:
-    """Figure of traces in the common style. margin: left, right, top, bottom, pixels; layout: further keys.
+    """Figure of traces in the common style; `margin`: left, right, top, bottom, px; `layout`: further keys.
 
     Plotly's templates and its check of every value take fifty milliseconds a figure, which would be felt at each turn
     of a page; so there is no template, and the tests check the values.

@@ -1,4 +1,4 @@
-"""The control chart of a watched cell: the error at check poses of each measurement, against its limit."""
+"""Control chart of a watched cell: the error at check poses of each measurement, with its limit."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MANY_TIMES = 8.0  # the limit: from there on the axis is logarithmic
 
 
 def control_chart(seen: Sequence[ChangeReport], *, dark: bool = False) -> go.Figure:
-    """3D RMSE of each measurement in the order of time, with its likely size and its limit where nothing changed."""
+    """Figure of each measurement's 3D RMSE in time order, with its expected value and limit for an unchanged cell."""
     shown = in_time(seen)
     x = list(range(1, len(shown) + 1))
     limits = [w.errors.limit_mm for w in shown]

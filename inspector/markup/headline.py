@@ -1,4 +1,4 @@
-"""HTML of the bar over the 3D view: errors stage by stage, the four steps of the work, and directions of view.
+"""HTML of the bar above the 3D view: errors by stage, the four steps of the work, and viewing directions.
 
 Its classes are styled in `server/client/page.css`; the page's script shows it over the 3D view.
 """
@@ -30,7 +30,7 @@ NO_DATASET = "No dataset is open."
 
 
 def headline_html(view: View | None, doing: Doing) -> str:
-    """HTML of the whole bar; while there is no model, what is being done and what comes next."""
+    """HTML of the whole bar; before there is a model, with the current and the next task instead of errors."""
     if view is None:
         return f'<div class="headline"><div class="headline-now">{elements.text(NO_DATASET)}</div></div>'
     session = view.session
@@ -42,12 +42,12 @@ def headline_html(view: View | None, doing: Doing) -> str:
 
 
 def looks_html() -> str:
-    """Buttons for the directions from which the 3D view can be seen."""
+    """HTML of the buttons for the viewing directions of the 3D view."""
     return "".join(f'<span class="look"{asking("look", side)} title="key {side[0]}">{side}</span>' for side in SIDES)
 
 
 def _way(told: Headline, view: View) -> str:
-    """Stages of the error as buttons, with the noise."""
+    """HTML of the error stages as buttons, with the noise."""
     arrow = '<span class="headline-arrow" aria-hidden="true">→</span>'
     stages = arrow.join(_stage(told, stage, view) for stage in told.stages)
     noise = f'<span class="headline-noise">({elements.text(headlines.noise(told))})</span>'
@@ -71,7 +71,7 @@ def _stage(told: Headline, stage: ErrorStage, view: View) -> str:
 
 
 def _steps(progress: Progress, doing: Doing) -> str:
-    """The four steps, done, next or later; a click opens a step's tab."""
+    """HTML of the four steps of the work, marked as done, next or later; a click opens a step's tab."""
     return f'<div class="headline-steps">{"".join(_step(name, progress, doing) for name in STEPS)}</div>'
 
 
@@ -86,14 +86,14 @@ def _step(name: str, progress: Progress, doing: Doing) -> str:
 
 
 def _does(name: str, progress: Progress, doing: Doing) -> Html:
-    """Attributes for a click on a step: it opens the step's tab, and starts the search where that comes next."""
+    """HTML attributes for a click on a step: it opens the step's tab, and starts the search where that comes next."""
     if name == FIND and progress.next == FIND and not doing.finding:
         return asking("find", "start", tab=TABS[FIND])
     return opening(TABS[name])
 
 
 def _now(session: Session, progress: Progress, doing: Doing) -> str:
-    """Sentence on what is being done, or on what comes next."""
+    """Sentence on the current task, or on the next one."""
     searched, scans = session.scans - len(session.waiting), session.scans
     if progress.next == MEASURE:
         if doing.searching:

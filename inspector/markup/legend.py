@@ -12,6 +12,7 @@ from inspector.markup.parts.palette import (
     FILTER_COLOURS,
     HIGHLIGHT,
     MEASURE,
+    MODEL_BEFORE,
     MODEL_COLOURS,
     REJECTED,
 )
@@ -26,7 +27,7 @@ ON_FLANGE = (
 
 
 def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> str:
-    """Legend of the visible layers that show something. distances_mm  # (N,) of the scan to the jig"""
+    """HTML legend of the visible, non-empty layers; `distances_mm` (N,) from the scan to the jig."""
     if not visible:
         return elements.note(EMPTY)
     search, corner = view.search, view.search.corner if view.search is not None else None
@@ -53,6 +54,9 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> st
     if compared and visible & {"residuals", "predicted"}:
         models = ((MODEL_COLOURS[name], name) for name in compared)
         parts.append(elements.legend(models, before=f"residuals × {view.arrows:g} to"))
+        before = view.version_before if "before" in visible and view.compared == {view.chosen} else None
+        if before is not None:
+            parts.append(elements.legend([(MODEL_BEFORE, "the model a step before")]))
     if view.version is not None and visible & {"arm", "floor"}:
         parts.append(_of_the_base(visible))
     if view.session.dataset.robot.carries_scanner and visible & {"corners", "arm", "overview"}:
@@ -62,7 +66,7 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> st
 
 
 def _of_the_base(visible: set[str]) -> str:
-    """Legend of the base's axes and of the floor's grid."""
+    """HTML legend of the base's axes and of the floor's grid."""
     axes = (("#CC0000", "x"), ("#00CC00", "y"), ("#0000CC", "z")) if "arm" in visible else ()
     grid = ((MEASURE, "floor, 100 mm a square"),) if "floor" in visible else ()
     return elements.legend([*axes, *grid], before="base" if axes else "")

@@ -1,1 +1,1 @@
-"""The panels of the page, one module each: widgets that ask the app for something, and an `update` that shows it."""
+"""The panels of the page, one module each: widgets that send requests to the app, and an `update` to show results."""

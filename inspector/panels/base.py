@@ -11,7 +11,7 @@ from inspector.session.view import View
 
 
 class Actions(Protocol):
-    """Requests that a widget may make. Each call returns at once; the work is done in order on the app's one thread."""
+    """Requests that a widget may send. Each call returns at once; the work is done in order on the app's one thread."""
 
     def open(self, name: str) -> None: ...
     def select(self, pose: int) -> None: ...
@@ -65,12 +65,12 @@ def by_page(event: Any) -> bool:
 
 
 def put(handle: Any, value: Any) -> None:
-    """Set a widget's value (viser's own annotation takes `value` for read-only)."""
+    """Set a widget's value, which viser's annotations declare read-only."""
     handle.value = value
 
 
 class ChangedValues:
-    """Sets a widget's value only where it differs from the one set last.
+    """Setter of a widget's value that sends only values different from the last one.
 
     A page may just have chosen something else whose turn is still to come: that must not be taken back.
     """
@@ -79,14 +79,14 @@ class ChangedValues:
         self._last: dict[int, Any] = {}  # by widget
 
     def put(self, handle: Any, value: Any) -> None:
-        """Set a value, unless it is the one that was set last."""
+        """Set a value, unless it equals the last one."""
         if self._last.get(id(handle)) != value:
             self._last[id(handle)] = value
             put(handle, value)
 
 
 class ChosenByDataset:
-    """A widget's choice for each dataset, so that the choice for one is not taken over for the next."""
+    """A widget's choice for each dataset, so that it does not carry over to another dataset."""
 
     def __init__(self, handle: Any, default: Any) -> None:
         self._handle, self._default = handle, default
@@ -94,16 +94,14 @@ class ChosenByDataset:
         self._chosen: dict[str, Any] = {}
 
     def open(self, dataset: str) -> Any:
-        """Choice made when this dataset was on show last, else the default; the current choice is kept for its
-        dataset.
-        """
+        """Choice made when this dataset was last on show, else the default; the current choice is stored."""
         self._chosen[self._dataset] = self._handle.value
         self._dataset = dataset
         return self._chosen.get(dataset, self._default)
 
 
 def offer(handle: Any, options: tuple[str, ...]) -> None:
-    """Set the options of a list; the choice stays where it is still offered."""
+    """Set the options of a list; the current choice is kept if it is still among them."""
     if options == tuple(handle.options):
         return
     before = str(handle.value)
@@ -112,7 +110,7 @@ def offer(handle: Any, options: tuple[str, ...]) -> None:
 
 
 def hidden_plot(gui: viser.GuiApi, aspect: float, name: str) -> viser.GuiPlotlyHandle:
-    """Plot widget that stays hidden until it has a figure. aspect: height over width; name: of its image file.
+    """Plot widget that stays hidden until it has a figure; `aspect`: height over width; `name`: of its image file.
 
     The wheel zooms with Ctrl alone, or in the enlarged figure: server/client/plots.js sees to it.
     """

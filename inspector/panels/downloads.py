@@ -1,4 +1,4 @@
-"""Tab Take away: files that can be downloaded, each for the browser that asks."""
+"""Tab Take away: files that can be downloaded, each for the browser that requests it."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class DownloadsPanel:
             gui.add_html(elements.note(holds))
 
     def say(self, words: str) -> None:
-        """Show what is being made; "" clears it."""
+        """Show which file is being made; "" clears the line."""
         self._doing.content = elements.alert(words, colour="#56B4E9") if words else ""
 
 

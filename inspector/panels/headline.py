@@ -1,4 +1,4 @@
-"""The headline over the 3D view: how far the arm is off, what has been done and what comes next."""
+"""The headline above the 3D view: the arm's error, completed steps and the next one."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from inspector.session.view import View
 
 
 class HeadlinePanel:
-    """The headline as one piece of HTML, sent only when it has changed."""
+    """The headline as one piece of HTML, sent only after a change."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._html = gui.add_html("")
@@ -29,7 +29,7 @@ class HeadlinePanel:
             self._show()
 
     def doing(self, **what: bool | str) -> None:
-        """Set what the program is working on (fields of `Doing`)."""
+        """Set the task that the program is working on (fields of `Doing`)."""
         doing = replace(self._doing, **what)  # type: ignore[arg-type]
         if doing != self._doing:
             self._doing = doing

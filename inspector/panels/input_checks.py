@@ -1,4 +1,4 @@
-"""Checks of values that a page sends, so that they stay within what its widgets offer."""
+"""Checks of values sent by a page, which limit them to what the page's widgets offer."""
 
 from __future__ import annotations
 

@@ -34,6 +34,7 @@ LAYER_WORDS = {
         "corners": "All corners",
         "predicted": "Predicted",
         "residuals": "Residuals",
+        "before": "Model before",
         "arm": "Arm",
         "scanner": "Scanner",
         "plan": "Planned poses",
@@ -157,7 +158,7 @@ class ReviewPanel:
             self.pose.options = options
 
     def update(self, view: View) -> None:
-        """Refresh what depends on the selected pose or on what has been found."""
+        """Refresh everything that depends on the selected pose or on search results."""
         dataset = view.session.dataset
         poses = dataset.poses
         roles = [str(r) for r in poses.role]
@@ -220,7 +221,7 @@ class ReviewPanel:
         self.dataset.options, self.dataset.disabled = names, len(names) < 2
 
     def show_nothing(self) -> None:
-        """Show that no dataset could be opened; the reason stands above."""
+        """Show that no dataset could be opened, with the reason above."""
         self.progress_text.content = elements.note(NOTHING_OPEN)
         self.progress.visible = self.search.visible = False
 
@@ -235,9 +236,7 @@ class ReviewPanel:
         seconds: float | None = None,
         why: str = "",
     ) -> None:
-        """Show the search's progress, the poses whose corner is missing or doubtful, and why all failed where they
-        did.
-        """
+        """Show the search's progress, the poses with a missing or doubtful corner, and why all failed if they did."""
         if total == 0:
             self.progress_text.content = elements.note("Nothing to search: the points were measured (points.csv).")
             self.progress.visible = self.search.visible = False
@@ -277,7 +276,7 @@ class ReviewPanel:
         self._pages.content = elements.note(PAGES.format(pages)) if pages > 1 else ""
 
     def show_problem(self, text: str) -> None:
-        """Show the last error, which stays after its notification has gone."""
+        """Show the last error, which stays after its notification has disappeared."""
         self._problem.content = elements.alert(linked(text, self._names)) if text else ""
 
 

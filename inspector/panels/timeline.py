@@ -1,4 +1,4 @@
-"""Slider and playback over the poses in the order of their time, where poses.csv has one."""
+"""Slider and playback over the poses in time order, where poses.csv has times."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LONG_S = 600.0  # from this long on the slider is in minutes
 
 
 class TimelinePanel:
-    """Slider over the time of the measurement, and a button that plays it."""
+    """Slider over the time of the measurement, and a playback button."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         self._gui, self._actions = gui, actions
@@ -40,7 +40,7 @@ class TimelinePanel:
         self._actions.at_time(clamped(value, low, high, low) * self._unit_s)
 
     def playing(self, running: bool) -> None:
-        """Label the button to stop playback while it runs."""
+        """Label the button to stop playback while playback runs."""
         self.play.label = PAUSE if running else PLAY
         self.play.icon = viser.Icon.PLAYER_PAUSE if running else viser.Icon.PLAYER_PLAY
 
@@ -71,7 +71,7 @@ class TimelinePanel:
 
 
 def in_time(time_s: Array | None) -> IndexArray:
-    """Indices of the poses in the order of their time; none without times."""
+    """Indices of the poses in time order; none without times."""
     return np.argsort(np.zeros(0) if time_s is None else time_s, kind="stable")
 
 

@@ -1,4 +1,4 @@
-"""Window of an import: what was recognised, to be corrected, named and opened. Each page has its own."""
+"""Window of an import: what was recognised, for correction, naming and opening. Each page has its own window."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _OTHERS = ("pose", "role", "target", "setup", "payload_kg", "temperature_c", "ti
 
 
 class OwnDataButton:
-    """Upload button at the top of the left panel; where the server takes no data it tells how it would."""
+    """Upload button at the top of the left panel; where the server accepts no data, it explains how to enable that."""
 
     def __init__(self, gui: viser.GuiApi, *, takes_data: bool) -> None:
         self.upload: viser.GuiUploadButtonHandle | None = None
@@ -51,7 +51,7 @@ class OwnDataButton:
 
 
 class ImportActions(Protocol):
-    """Requests that the window may make; each call returns at once."""
+    """Requests that the window may send; each call returns at once."""
 
     def choose(self, client: int) -> None: ...
     def column(self, client: int, column: str, words: str) -> None: ...
@@ -61,7 +61,7 @@ class ImportActions(Protocol):
 
 @dataclass(frozen=True)
 class Offer:
-    """What the window offers to choose from, and what is chosen."""
+    """Options and current choices in the window."""
 
     files: UserFiles
     plan: ImportPlan | None  # None: a ready dataset, which needs no plan
@@ -173,7 +173,7 @@ class YourDataWindow:
         return ask
 
     def say(self, words: str) -> None:
-        """Show a message on what went wrong or is going on; the user may try again."""
+        """Show a message on an error or on the current task; the user may try again."""
         self._said.content = elements.alert(words)
 
     def busy(self) -> None:
@@ -193,7 +193,7 @@ def _is_open(offer: Offer) -> bool:
 
 
 def explain(gui: viser.GuiApi) -> None:
-    """Open a window that says how to start a server that takes data."""
+    """Open a window that explains how to start a server that accepts data."""
     modal = gui.add_modal("Your own data")
     with modal:
         gui.add_html(elements.note(HOW) + elements.code(COMMANDS))
@@ -202,7 +202,7 @@ def explain(gui: viser.GuiApi) -> None:
 
 
 def all_meanings(joints: int, column: PlannedColumn | None = None) -> dict[str, Meaning]:
-    """Meanings that a column may be given, by their label; its present meaning is among them."""
+    """Meanings that can be assigned to a column, by their label; its present meaning is among them."""
     meanings = [Meaning("ignore")]
     for k in range(1, joints + 1):
         meanings += [Meaning(f"q{k}", unit, sign) for unit in ("deg", "rad") for sign in (1.0, -1.0)]

@@ -32,7 +32,7 @@ _TOOL = "#9AA3AF"
 
 @dataclass(frozen=True)
 class _View:
-    """A projection along a direction: three unit vectors of the base frame as rows, right, up, towards the reader."""
+    """A projection along a direction: rows are three unit vectors of the base frame, right, up, towards the reader."""
 
     axes: Array  # (3, 3)
     middle_mm: Array  # (2,) of what is shown
@@ -40,7 +40,7 @@ class _View:
     left: float  # px of the panel
 
     def px(self, points_mm: Array) -> Array:
-        """Places on the picture (N, 2), px, of points (N, 3) in the base frame."""
+        """Positions in the picture (N, 2), px, of points (N, 3) in the base frame."""
         flat = (points_mm @ self.axes[:2].T - self.middle_mm) * self.px_per_mm
         height = HEIGHT - _HEAD - _FOOT
         return np.stack([self.left + 0.5 * _PANEL + flat[:, 0], _HEAD + 0.5 * height - flat[:, 1]], axis=1)
@@ -87,7 +87,7 @@ def arm_drawing(before: Version, after: Version, words: tuple[str, str], pose: i
 
 
 def stride(points: int) -> int:
-    """Step between shown points, chosen so that arrows do not hide one another."""
+    """Step between drawn points, chosen so that arrows do not hide one another."""
     return max(1, -(-points // _MOST_ARROWS))
 
 
@@ -109,7 +109,7 @@ def _extent_mm(picture: _Shown) -> Array:
 
 
 def _axes(picture: _Shown) -> Array:
-    """View in which the arm and the points spread most to the side."""
+    """View in which the arm and the points extend most horizontally."""
     all_mm = _extent_mm(picture)
 
     def axes(azimuth: float) -> Array:
@@ -123,7 +123,7 @@ def _axes(picture: _Shown) -> Array:
 
 
 def _round_factor(errors_mm: Array, longest_mm: float) -> float:
-    """Enlargement of 1, 2 or 5 times a power of ten, at least 1, that makes the larger errors about this long."""
+    """Enlargement of 1, 2 or 5 times a power of ten, at least 1, that draws the larger errors at a given length."""
     large_mm = float(np.percentile(np.linalg.norm(errors_mm, axis=1), 90.0)) if len(errors_mm) else 0.0
     if not large_mm > 0.0:
         return 1.0
@@ -136,7 +136,7 @@ def _round_factor(errors_mm: Array, longest_mm: float) -> float:
 
 
 def _solids(arm: ArmShape, view: _View) -> str:
-    """Faces of cylinders and balls, the farthest first."""
+    """SVG faces of cylinders and balls, the farthest first."""
     colours = {"revolute": JOINT, "prismatic": SLIDE, "link": ARM, "tool": _TOOL}
     faces: list[tuple[float, str]] = []
     for start, end, radius, part in zip(arm.start_mm, arm.end_mm, arm.radius_mm, arm.part, strict=True):

@@ -1,4 +1,4 @@
-"""All that a report shows, gathered from a session: fit, ranking of effects, residuals, identifiability."""
+"""Content of a report, gathered from a session: fit, ranking of effects, residuals, identifiability."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from inspector.session.session import Session
 
 @dataclass(frozen=True)
 class Report:
-    """All that the page shows; `report_of` gathers it."""
+    """All content of a report, gathered by `report_of`."""
 
     session: Session
     calibration: Calibration
@@ -43,7 +43,7 @@ class Report:
 
 
 def report_of(session: Session) -> Report:
-    """The content of the report of a session that is calibrated and whose candidates are ranked."""
+    """Content of the report on a session that is calibrated and whose candidates are ranked."""
     calibration, ranking, diagnosis = session.calibration, session.screening, session.diagnosis
     assert calibration is not None
     assert ranking is not None

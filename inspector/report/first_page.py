@@ -1,4 +1,4 @@
-"""The first page of a report, for whoever owns the arm: how good it is now, what is wrong with it, what to do."""
+"""The first page of a report, for the arm's owner: its present accuracy, the causes found, what to do."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A fleet as one page: what arms share, which changed, the worst, what failed, and every dataset in a line."""
+"""HTML page on a fleet: shared causes, changed arms, worst datasets, failures, and a row per dataset."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from inspector.report.report import versions
 
 
 def fleet_html(fleet: Fleet, page: Path, *, now: datetime) -> str:
-    """The page, to be written at `page`: links to the datasets lead from there. `now` is the date that it carries."""
+    """HTML of the page, to be written at `page`, from which links to the datasets start; `now` is its date."""
     made = now.astimezone().strftime("%Y-%m-%d %H:%M %Z").strip()
     page_folder = page.resolve().parent
 

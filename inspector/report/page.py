@@ -1,4 +1,4 @@
-"""One HTML page that stands alone: text, tables, and figures as SVG. It holds no script and asks no network.
+"""Self-contained HTML page: text, tables, and figures as SVG, without scripts or network access.
 
 It is light or dark as the reader's system is, and prints light, the first page for the customer. What it looks like is
 in `templates/`, where jinja2 escapes every value.
@@ -20,7 +20,7 @@ MARK = '<meta name="generator" content="robot-calibration-inspector">'
 
 
 def render(told: Presentation) -> str:
-    """The page of a presentation with its figures: the head, which is the first page on paper, then the sections."""
+    """HTML page of a presentation with its figures: the head, which is the first page on paper, then the sections."""
     names = (f"figure{number}" for number in count(1))
     return _templates().get_template("page.html").render(mark=MARK, title=told.title, **drawn(told, draw, names))
 

@@ -1,4 +1,4 @@
-"""A calibration as a report: what was measured, what was found, how sure it is, and by which method and versions.
+"""Report on a calibration: measurements, findings, their certainty, the method and program versions.
 
 `content.report_of` gathers the results, `calib.present` makes blocks of them, `page` renders these by the templates.
 """
@@ -55,14 +55,14 @@ PACKAGES = ("robot-calibration-inspector", "numpy", "scipy", "pandas", "open3d-c
 
 
 def is_report(path: Path) -> bool:
-    """Whether a file is a report of ours, or empty: one that may be replaced."""
+    """Whether a file is a report of this program, or empty, so that it may be replaced."""
     with path.open("rb") as file:
         start = file.read(2000)
     return not start or MARK.encode() in start
 
 
 def report_html(report: Report, *, now: datetime) -> str:
-    """The page; `now` is the date that it carries."""
+    """HTML of a report; `now` is its date."""
     made = now.astimezone().strftime("%Y-%m-%d %H:%M %Z").strip()
     sections = [
         Section(HOW, _reasons(report)),
@@ -81,7 +81,7 @@ def report_html(report: Report, *, now: datetime) -> str:
 
 
 def versions() -> list[tuple[str, str]]:
-    """What the figures were computed with."""
+    """Versions of the program and libraries that computed the figures."""
     out = [("Python", f"{platform.python_version()}, {platform.system()} {platform.machine()}")]
     for package in PACKAGES:
         try:
@@ -111,7 +111,7 @@ def _history(report: Report) -> list[Block]:
 
 
 def _ranking(report: Report) -> list[Block]:
-    """Every effect that could be missing, with its evidence, the values of the best, and what cannot be tested."""
+    """Blocks on the evidence of every candidate, the values of the best, and effects that cannot be tested."""
     tested = f"Each effect tested on the residual of the model of {report.ranking_of}."
     best = next((c for c in report.ranking.candidates if c.values), None)
     values: list[Block] = []

@@ -1,4 +1,4 @@
-"""A watched cell as one page: what changed, the control chart, what could not be seen, repeats by ISO 9283."""
+"""HTML page on a watched cell: changes, the control chart, undetectable changes, repeats by ISO 9283."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from inspector.report.report import versions
 
 
 def watch_html(base: str, reports: Sequence[ChangeReport], repeats: Sequence[PoseFigures], *, now: datetime) -> str:
-    """The page of a cell whose earlier calibration is `base`."""
+    """HTML of the page on a cell whose earlier calibration is `base`."""
     made = now.astimezone().strftime("%Y-%m-%d %H:%M %Z").strip()
     in_order = in_time(reports)
     head: list[Block] = [
@@ -34,5 +34,5 @@ def watch_html(base: str, reports: Sequence[ChangeReport], repeats: Sequence[Pos
 
 
 def watch_svg(reports: Sequence[ChangeReport]) -> str:
-    """The control chart as a file of its own."""
+    """SVG file of the control chart."""
     return svg_file(watch_plots.control_chart(reports), 850, 360, title="control chart")

@@ -1,1 +1,1 @@
-"""The 3D view: arrays in, viser nodes out."""
+"""The 3D view: conversion of arrays to viser nodes."""

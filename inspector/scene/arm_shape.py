@@ -108,7 +108,7 @@ def _base_motion(state: RobotState, pose: int) -> Array:
 
 
 class _Solids:
-    """Collects the cylinders and balls of an arm."""
+    """Collector of the cylinders and balls of an arm."""
 
     def __init__(self, robot: Robot, shortest_mm: float) -> None:
         self._robot, self._shortest_mm = robot, shortest_mm
@@ -118,9 +118,7 @@ class _Solids:
         self._balls: list[tuple[Array, float, int]] = []
 
     def add_link(self, i: int, previous: Array, current: Array, turned_x: Array) -> None:
-        """Add joint i and its link, or the tool, between two frames (4, 4); x_axis (3,) is that after the joint's
-        rotation.
-        """
+        """Add joint i and its link, or the tool, between two frames (4, 4); x_axis (3,): x after the joint's turn."""
         start, axis, end = previous[:3, 3], previous[:3, 2], current[:3, 3]
         if i < self._robot.n_joints:
             radius = float(self._joint_radius[i])

@@ -20,7 +20,7 @@ HALO = 0.9  # radius of the selected corner's halo over the diameter of a dot
 
 
 def dot_mm(xyz_mm: Array) -> float:
-    """Diameter, mm, at which the dots of points (N, 3) can be told apart near and far."""
+    """Diameter, mm, at which the dots of points (N, 3) can be distinguished near and far."""
     return max(DOT_MM, DOT_SHARE * float(np.linalg.norm(np.ptp(xyz_mm, axis=0)))) if len(xyz_mm) else DOT_MM
 
 
@@ -33,7 +33,7 @@ def corner(
     edges_mm: Array | None,
     text: str,
 ) -> list[viser.SceneNodeHandle]:
-    """The selected corner: its 1-sigma ellipsoid enlarged by `factor`, the jig's three edges, a label."""
+    """Nodes of the selected corner: its 1-sigma ellipsoid enlarged by `factor`, the jig's three edges, a label."""
     nodes: list[viser.SceneNodeHandle] = []
     if edges_mm is not None:
         nodes.append(
@@ -50,7 +50,7 @@ def corner(
 
 
 def targets(api: viser.SceneApi, name: str, places: Sequence[FoundPoint]) -> list[viser.SceneNodeHandle]:
-    """Other targets found in a scan: a fitted sphere, or a small ball at a point target."""
+    """Nodes of other targets found in a scan: a fitted sphere, or a small ball at a point target."""
     return [
         api.add_icosphere(
             f"{name}/target{k}", radius=(place.radius_mm or DOT_MM / 2) * M_PER_MM, color=rgb(HIGHLIGHT),
@@ -70,9 +70,7 @@ def corners(
     factor: float,
     on_click: Callable[[int], None],
 ) -> list[viser.SceneNodeHandle]:
-    """All corners as dots with enlarged ellipsoids; a click tells which. (N, 3) places, (N, 3, 3) covariances, (N, 3)
-    colours.
-    """
+    """Nodes of all N corners: dots with enlarged ellipsoids, selectable by click."""
     if not len(xyz_mm):
         return []
     at, diameter = to_scene(xyz_mm), dot_mm(xyz_mm)
@@ -96,7 +94,7 @@ def corners(
 
 
 def halo(api: viser.SceneApi, name: str, at_mm: Array, diameter_mm: float) -> list[viser.SceneNodeHandle]:
-    """Ring around the dot of the selected corner at (3,)."""
+    """Node of the ring around the dot of the selected corner at (3,)."""
     return [
         api.add_icosphere(
             name, radius=HALO * diameter_mm * M_PER_MM, color=rgb(HIGHLIGHT), opacity=0.35,

@@ -1,20 +1,17 @@
-"""Drawing of the model: the arm, what its versions predict, and the jig's model over the scan."""
+"""Drawing of the model: the arm, its versions' predictions, and the jig's model over the scan."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 import viser
 
-from calib.array_types import Array, BoolArray, ByteArray, IndexArray
-from calib.calibration.model_versions import Version
+from calib.array_types import Array, ByteArray
 from calib.corners.jig_distance import face_distances, jig_outline
 from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
-from calib.fitting.observations import Observations
-from calib.present import numbers
 from calib.scans.scan import Scan
 from calib.workcell.bodies.link_mesh import load_link_mesh
 from inspector.markup.model.comparison import distance_limit_mm, error_limit_mm
@@ -28,16 +25,10 @@ from inspector.markup.parts.palette import (
     rgb,
     role_colour,
 )
-from inspector.scene import corner_nodes, model_nodes
+from inspector.scene import model_nodes
 from inspector.scene.arm_shape import arm_of
-from inspector.scene.arrow_lengths import drawn_as, field_mm
 from inspector.scene.scene_view import ROOT, SceneView
 from inspector.session.view import BY_ERROR, View
-
-ARROW_SHARE = 0.0014  # of the field: radius of a residual's arrow
-TIP_SHARE = 0.8  # of a measured point: diameter of a predicted one
-TOLD_CUT = 3  # of the arrows that are cut, their lengths are told
-ABOVE_MM = 20.0  # how far over the points their text stands
 
 
 def pose_colours(view: View) -> ByteArray:
@@ -56,105 +47,11 @@ def pose_colour(view: View, pose: int) -> str:
     return LEFT_OUT if poses.ids[pose] in view.session.uncounted else role_colour(str(poses.role[pose]))
 
 
-Predictions = tuple[Array, Array, IndexArray]  # measured points (K, 3), errors there (K, 3), their poses (K,)
-
-
-# ---- predictions ----------------------------------------------------------------------------------------------------
-
-
-def draw_residuals(scene: SceneView, view: View, on_click: Callable[[int], None]) -> None:
-    """Draw an arrow from each measured point to where each compared version predicts it, enlarged by `view.arrows`.
-
-    A click on an arrow or on a predicted point tells the index of its pose.
-    """
-    shown = [version for version in view.versions if version.name in view.compared]
-    drawn = {version.name: _predictions(version, view) for version in shown}
-    everything = [start for start, _, _ in drawn.values()]
-    start = np.concatenate(everything) if everything else np.zeros((0, 3))
-    if not len(start):
-        for layer in ("residuals", "predicted"):
-            scene.draw(layer, lambda api, name: [])
-        return
-    field = field_mm(start)
-    long = {name: drawn_as(error, view, field) for name, (_, error, _) in drawn.items()}
-    tips = {name: at + long[name][0] for name, (at, _, _) in drawn.items()}
-    arrows, colours, pose = _arrows(drawn, tips)
-    of_tip = np.concatenate([pose for _, _, pose in drawn.values()])
-    longest = {name: float(np.linalg.norm(e, axis=1).max(initial=0.0)) for name, (_, e, _) in drawn.items()}
-    text = residual_words(view.arrows, longest, sum(int(cut.sum()) for _, cut in long.values()))
-    lengths = _lengths_of_cut(drawn, tips, {name: cut for name, (_, cut) in long.items()})
-    top = np.array([start[:, 0].mean(), start[:, 1].min() - ABOVE_MM, start[:, 2].mean()])
-    scene.draw(
-        "residuals",
-        lambda api, name: model_nodes.residuals(
-            api,
-            name,
-            arrows,
-            colours,
-            ARROW_SHARE * (field + 50.0),
-            text,
-            top,
-            lambda k: on_click(int(pose[k])),
-            lengths,
-        ),
-    )
-    size_mm = TIP_SHARE * corner_nodes.dot_mm(start)
-    scene.draw(
-        "predicted",
-        lambda api, name: model_nodes.predicted(
-            api, name, tips, MODEL_COLOURS, size_mm, lambda k: on_click(int(of_tip[k]))
-        ),
-    )
-
-
-def _predictions(version: Version, view: View) -> Predictions:
-    """Measured points and errors in the frame of the selected pose's scanner placement."""
-    dataset = version.calibration.dataset
-    poses = dataset.poses
-    measured = Observations.of(dataset, np.ones(len(poses), dtype=bool)).points
-    here = poses.setup[measured.pose] == poses.setup[view.pose]
-    return measured.xyz_mm[here], version.evaluation.error_mm[here], measured.pose[here]
-
-
-def _arrows(drawn: Mapping[str, Predictions], tips: Mapping[str, Array]) -> tuple[Array, ByteArray, IndexArray]:
-    """Arrows (K, 2, 3) of non-zero length, with colours (K, 3) and poses (K,)."""
-    arrows, colours, poses = [], [], []
-    for name, (start, error, pose) in drawn.items():
-        seen = np.linalg.norm(error, axis=1) > 0
-        arrows.append(np.stack([start, tips[name]], axis=1)[seen])
-        colours.append(np.tile(np.array(rgb(MODEL_COLOURS[name]), dtype=np.uint8), (int(seen.sum()), 1)))
-        poses.append(pose[seen])
-    return np.concatenate(arrows), np.concatenate(colours), np.concatenate(poses)
-
-
-def _lengths_of_cut(
-    drawn: Mapping[str, Predictions], tips: Mapping[str, Array], cut: Mapping[str, BoolArray]
-) -> list[tuple[Array, str]]:
-    """End points (3,) of the longest shortened arrows, with the true lengths of their errors."""
-    all_cut = [
-        (float(np.linalg.norm(error[i])), tips[name][i])
-        for name, (_, error, _) in drawn.items()
-        for i in np.flatnonzero(cut[name])
-    ]
-    told = sorted(all_cut, key=lambda each: -each[0])[:TOLD_CUT]
-    return [(tip, f"{numbers.length(length)}, cut") for length, tip in told]
-
-
-def residual_words(factor: float, longest_mm: Mapping[str, float], cut: int = 0) -> str:
-    """Legend of the arrows: their enlargement, the longest error of each version, the number of shortened arrows."""
-    lengths = [numbers.length(mm) for mm in longest_mm.values()]
-    shorter = f"; {cut} cut" if cut else ""
-    if len(lengths) == 1:
-        return f"residuals × {factor:g}, longest {lengths[0]}{shorter}"
-    named = "; ".join(f"{name} {length}" for name, length in zip(longest_mm, lengths, strict=True))
-    return f"residuals × {factor:g}, longest: {named}{shorter}"
-
-
 # ---- the arm --------------------------------------------------------------------------------------------------------
 
 
 class ArmDrawing:
-    """Draws the arm at the selected pose. Meshes are sent once a dataset; another pose only moves them.
+    """Drawing of the arm at the selected pose; meshes are sent once per dataset and then only moved.
 
     on_joint: told of a click on a joint or its link, counted from 1.
     """
@@ -215,9 +112,7 @@ class ArmDrawing:
 
 
 def jig_distances(view: View, scan: Scan | None) -> Array | None:
-    """Signed distance (N,) of a scan's points to the jig's faces, mm, NaN off the jig; None where no corner was
-    found.
-    """
+    """Signed distance (N,), mm, of a scan's points to the jig's faces, NaN off the jig; None without a corner."""
     corner = None if view.search is None else view.search.corner
     if scan is None or corner is None:
         return None

@@ -1,6 +1,4 @@
-"""Drawing of a plan: where the jig is to be held, lines of sight, the scanner's field, and the arm at one planned
-pose.
-"""
+"""Drawing of a plan: planned places of the jig, lines of sight, the scanner's field, the arm at one planned pose."""
 
 from __future__ import annotations
 
@@ -24,14 +22,14 @@ _POINT_MM = 14.0
 
 
 class PlanDrawing:
-    """Draws planned poses in the frame of the scanner that is to measure them."""
+    """Drawing of planned poses in the frame of the scanner that is to measure them."""
 
     def __init__(self, scene: SceneView) -> None:
         self._scene = scene
         self._solids = model_nodes.Solids(lambda joint: None)
 
     def draw(self, view: View, planned: Planned | None) -> None:
-        """Draw a plan; nothing for None, or where the scanner stands elsewhere at the pose on show."""
+        """Draw a plan; nothing for None, or where the scanner has another place at the pose on show."""
         version = view.version
         setup = str(view.session.dataset.poses.setup[view.pose])
         if planned is None or version is None or setup != planned.plan.start.setup:
@@ -88,7 +86,7 @@ def _colours(count: int, selected: int | None) -> ByteArray:
 
 
 def field_edges(field: ScanField | BoxField | None) -> Array:
-    """Edges (K, 2, 3) of the space that the scanner sees, in its own frame; for a camera with its lines of sight."""
+    """Edges (K, 2, 3) of the scanner's field, in the scanner's frame; for a camera with its lines of sight."""
     if field is None:
         return np.zeros((0, 2, 3))
     sides = np.array(list(product((0, 1), repeat=3)))  # (8, 3)

@@ -146,7 +146,7 @@ def draw_corners(scene: SceneView, view: View, on_click: Callable[[int], None]) 
 
 
 def fitting_ellipsoids(view: View) -> float:
-    """Enlargement at which the first known corner's uncertainty is drawn about a centimetre large."""
+    """Enlargement at which the first known corner's ellipsoid is about a centimetre large."""
     known = (corner_of(view, i) for i in range(len(view.session.dataset.poses)))
     covariance = next((found[1] for found in known if found is not None), None)
     if covariance is None:
@@ -156,7 +156,7 @@ def fitting_ellipsoids(view: View) -> float:
 
 
 def middle_of(view: View, medians: Mapping[int, Array]) -> tuple[Array, float]:
-    """Middle (3,) of all corners, or of the scans' `medians`, and a radius that holds nearly all of them, mm."""
+    """Middle (3,) of all corners, or of the scans' `medians`, and the radius that contains nearly all of them, mm."""
     setups = view.session.dataset.poses.setup
     here = [i for i in range(len(setups)) if setups[i] == setups[view.pose]]
     corners = [corner[0] for i in here if (corner := corner_of(view, i)) is not None]

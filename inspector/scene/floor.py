@@ -17,7 +17,7 @@ TICK_SHARE = 0.08  # of the bar
 
 
 def draw_floor(scene: SceneView, scanner_T_base: Array | None, reach_mm: float) -> None:
-    """Draw the x-y plane of the base as far as the arm reaches; nothing before the base's place is known."""
+    """Draw the x-y plane of the base up to the arm's reach; nothing before the base's place is known."""
     half_mm = SECTION_MM * max(1.0, float(np.ceil(reach_mm / SECTION_MM)))
 
     def make(api: viser.SceneApi, name: str) -> list[viser.SceneNodeHandle]:
@@ -38,7 +38,7 @@ def draw_floor(scene: SceneView, scanner_T_base: Array | None, reach_mm: float) 
 
 
 def draw_scale(scene: SceneView, middle_mm: Array, along: Array, up: Array, field_mm: float) -> None:
-    """Draw a bar of known length around a middle (3,), along and with ticks along unit vectors (3,)."""
+    """Draw a bar of known length about a middle (3,); `along` and `ticks` are unit vectors (3,)."""
     length_mm = scale_length_mm(field_mm)
     ends = middle_mm + 0.5 * length_mm * np.outer([-1.0, 1.0], along)
     ticks = [np.stack([end, end + TICK_SHARE * length_mm * up]) for end in ends]

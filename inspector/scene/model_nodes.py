@@ -25,7 +25,7 @@ PARTS = {"revolute": JOINT, "prismatic": SLIDE, "link": ARM}
 
 @dataclass
 class Solids:
-    """Nodes of an arm's cylinders and balls, which are moved from pose to pose instead of being sent again.
+    """Nodes of an arm's cylinders and balls, moved from pose to pose instead of being sent again.
 
     Adding a batch again under its name makes pages build it anew, and now and then they then draw nothing of it.
 
@@ -48,9 +48,7 @@ class Solids:
         colours: ByteArray,
         links: Sequence[int],
     ) -> list[viser.SceneNodeHandle]:
-        """Show K copies of a shape (vertices, faces) at wxyz (K, 4), places (K, 3), scales (K, 3), colours (K, 3),
-        links (K,).
-        """
+        """Show K copies of a mesh at wxyz (K, 4), places (K, 3), scales (K, 3), colours (K, 3), links (K,)."""
         self.links[name] = links
         node = self.nodes.get(name)
         if node is not None and len(np.reshape(node.batched_positions, (-1, 3))) == len(at_mm):
@@ -84,7 +82,7 @@ def arm(
     selected: int | None = None,
     all_in: str = "",
 ) -> list[viser.SceneNodeHandle]:
-    """Solids of an arm in the scanner's frame, except links that are drawn as meshes, with a label at the tip.
+    """Nodes of an arm's solids in the scanner's frame, except links drawn as meshes, with a label at the tip.
 
     selected: the joint, from 0, that stands out. all_in: one colour for all of it.
 
@@ -121,7 +119,7 @@ def arm(
 
 
 def joint_axis(api: viser.SceneApi, name: str, shape: ArmShape, joint: int | None) -> list[viser.SceneNodeHandle]:
-    """Axis and name of the selected joint, counted from 0; nothing where none is selected."""
+    """Nodes of the selected joint's axis and name, joints counted from 0; nothing where none is selected."""
     at = np.flatnonzero((shape.link == joint) & np.isin(shape.part, ("revolute", "prismatic")))
     if joint is None or not len(at):
         return []
@@ -140,7 +138,7 @@ def joint_axis(api: viser.SceneApi, name: str, shape: ArmShape, joint: int | Non
 
 
 def base(api: viser.SceneApi, name: str, scanner_T_base: Array) -> list[viser.SceneNodeHandle]:
-    """Axes of the robot's base: x red, y green, z blue."""
+    """Nodes of the axes of the robot's base: x red, y green, z blue."""
     wxyz, position = pose_of(scanner_T_base)
     return [
         api.add_frame(
@@ -159,7 +157,7 @@ def pose_of(transform: Array) -> tuple[Array, Array]:
 
 
 def link_mesh(api: viser.SceneApi, name: str, mesh: LinkMesh, on_click: Callable[[], None]) -> viser.MeshHandle:
-    """Mesh of a link in its own frame."""
+    """Node of a link's mesh in the link's own frame."""
     handle = api.add_mesh_simple(
         name, to_scene(mesh.vertices_mm), mesh.triangles.astype(np.uint32), color=rgb(ARM), side="double",
         cast_shadow=False, receive_shadow=False,
@@ -176,7 +174,7 @@ def predicted(
     size_mm: float,
     on_click: Callable[[int], None],
 ) -> list[viser.SceneNodeHandle]:
-    """Predicted points (M, 3) of each model in its colour; a click tells which."""
+    """Nodes of the predicted points (M, 3) of each model in its colour, selectable by click."""
     everything = np.concatenate(list(points_mm.values()))
     size = np.full((len(everything), 3), TOUCH / 2 * size_mm)
     upright = np.tile([1.0, 0, 0, 0], (len(everything), 1))
@@ -199,7 +197,7 @@ def _touched(
     size_mm: Array,
     on_click: Callable[[int], None],
 ) -> viser.SceneNodeHandle:
-    """K invisible solids that take the clicks on points and arrows, which cannot take them; a click tells which."""
+    """K invisible solids that receive clicks in place of points and arrows, which cannot receive them."""
     node = api.add_batched_meshes_simple(
         name, *shape, wxyz, to_scene(at_mm), batched_scales=to_scene(size_mm), opacity=UNSEEN, lod="off",
         cast_shadow=False, receive_shadow=False,
@@ -224,7 +222,7 @@ def residuals(
     on_click: Callable[[int], None],
     lengths: Sequence[tuple[Array, str]] = (),
 ) -> list[viser.SceneNodeHandle]:
-    """Arrows (K, 2, 3) from measured to predicted points, in colours (K, 3), with their legend; a click tells which.
+    """Nodes of arrows (K, 2, 3) from measured to predicted points, in colours (K, 3), clickable, with a legend.
 
     lengths: places (3,) of arrows whose true lengths stand beside them.
     """
@@ -258,7 +256,7 @@ def residuals(
 
 
 def jig(api: viser.SceneApi, name: str, triangles_mm: Array, colours: Sequence[str]) -> list[viser.SceneNodeHandle]:
-    """The jig's model: a translucent triangle (3, 3) for each face, in the face's colour, with its outline."""
+    """Nodes of the jig's model: a translucent triangle (3, 3) for each face, in the face's colour, with its outline."""
     nodes: list[viser.SceneNodeHandle] = [
         api.add_mesh_simple(
             f"{name}/face{number}", to_scene(triangle), np.array([[0, 1, 2]], dtype=np.uint32), color=rgb(colour),

@@ -23,7 +23,7 @@ REJECTED_MM = 1.0  # diameter of a rejected set's point
 def sets(
     api: viser.SceneApi, name: str, points_mm: Array, normals: Array, colours: Sequence[str | None]
 ) -> list[viser.SceneNodeHandle]:
-    """Accepted sample sets as quadrilaterals with a normal, in their group's colour.
+    """Nodes of accepted sample sets: quadrilaterals with a normal, in their group's colour.
 
     points_mm  # (K, 4, 3); normals (K, 3); colours (K,), None: in no group.
     """
@@ -46,7 +46,7 @@ def sets(
 
 
 def rejected(api: viser.SceneApi, name: str, centroids_mm: Array, filters: ByteArray) -> list[viser.SceneNodeHandle]:
-    """Rejected sample sets as points in the colour of their filter; centroids_mm (R, 3), filters (R,) 1, 2 or 3."""
+    """Nodes of rejected sample sets: points in the colour of their filter; centroids_mm (R, 3), filters (R,) 1 to 3."""
     every = max(1, -(-len(centroids_mm) // DRAWN_REJECTED))
     kept, by = centroids_mm[::every], filters[::every]
     if not len(kept):
@@ -64,7 +64,7 @@ def groups(
     colours: Sequence[str],
     chosen: Sequence[bool],
 ) -> list[viser.SceneNodeHandle]:
-    """Plane groups as numbered discs, the chosen ones stronger. Centres (G, 3), normals (G, 3), radii (G,)."""
+    """Nodes of plane groups: numbered discs, the chosen ones stronger; centres (G, 3), normals (G, 3), radii (G,)."""
     centres, normals, radii = centres_mm[:DRAWN_GROUPS], normals[:DRAWN_GROUPS], radii_mm[:DRAWN_GROUPS]
     if not len(centres):
         return []

@@ -38,6 +38,7 @@ LAYERS = (
     "corner",
     "corners",
     "predicted",
+    "before",
     "residuals",
     "arm",
     "scanner",
@@ -51,14 +52,14 @@ BESIDE = (0.35, -0.30, 0.0)  # of the scanner, and a little above: where looks c
 
 
 def to_scene(points_mm: ArrayLike) -> NDArray[np.float32]:
-    """Points in metres, single precision: 0.06 um at 1 m. points_mm  # (..., 3)"""
+    """Points (..., 3), mm, converted to metres in single precision (0.06 um at 1 m)."""
     return (np.asarray(points_mm, dtype=np.float64) * M_PER_MM).astype(np.float32)
 
 
 def cloud(
     api: viser.SceneApi, name: str, points_mm: Array, colours: ArrayLike, size_mm: float
 ) -> viser.PointCloudHandle:
-    """Node of round points (N, 3) in the scanner's frame; colours (3,) or (N, 3)."""
+    """Node of round points (N, 3) in the scanner's frame, with colours (3,) or (N, 3)."""
     return api.add_point_cloud(
         name, to_scene(points_mm), np.asarray(colours, dtype=np.uint8), point_size=size_mm * M_PER_MM,
         precision="float32", point_shape="circle", point_shading="flat",
@@ -102,7 +103,7 @@ class SceneView:
         *,
         key: object = None,
     ) -> None:
-        """Fill a layer with the nodes that `make` adds below the name it is given.
+        """Fill a layer with nodes added by `make` below the name passed to it.
 
         Nothing is drawn again for the same `key`: it spares the wire, and pages now and then show nothing of a batch
         of meshes that is added anew.
@@ -114,7 +115,7 @@ class SceneView:
             self._replace(layer, make(self._scene, f"{ROOT}/{layer}"))
 
     def draw_halo(self, make: Callable[[viser.SceneApi, str], Sequence[viser.SceneNodeHandle]]) -> None:
-        """Draw the mark of the selected corner, apart from the corners because it moves."""
+        """Draw the mark of the selected corner, separately from the corners because it moves."""
         with self._server.atomic():
             self._replace(HALO, make(self._scene, f"{ROOT}/corners/halo"))
 
@@ -129,7 +130,7 @@ class SceneView:
         self._root.position = tuple(-to_scene(point_mm).astype(float))
 
     def aim_camera(self, distance_mm: float, towards: ArrayLike, *, up: ArrayLike) -> None:
-        """Look at the middle of the view from this side of it (3,), in all open and later pages."""
+        """Direct the camera at the middle of the view from a direction (3,), in all open and later pages."""
         direction, up = np.asarray(towards, dtype=float), np.asarray(up, dtype=float)
         eye = direction / np.linalg.norm(direction) * distance_mm * M_PER_MM
         start = self._server.initial_camera
@@ -186,7 +187,7 @@ class SceneView:
                 other.visible = visible
 
     def clear_overview(self) -> None:
-        """Remove the scans of the dataset before."""
+        """Remove the scans of the previous dataset."""
         for other in self._overview.values():
             other.remove()
         self._overview.clear()

@@ -27,7 +27,7 @@ def thin(points_mm: Array, limit: int) -> IndexArray:
 
 
 def shaded(colour: ByteArray, normals: Array) -> ByteArray:
-    """Colours (N, 3) of a colour (3,) on surfaces with these normals, lit from above beside the scanner."""
+    """Colours (N, 3) of a colour (3,) on surfaces with these normals, lit from above the scanner."""
     light = np.array([-0.55, -0.70, -0.45])
     lit = np.clip(normals @ (light / np.linalg.norm(light)), 0, 1)
     return np.asarray(np.clip(colour * (0.45 + 0.65 * lit)[:, None], 0, 255), dtype=np.uint8)
@@ -67,7 +67,7 @@ def jig_edges(xyz_mm: Array, normals: Array, centres_mm: Array, edges_mm: Sequen
 
 
 def disc() -> tuple[Array, IndexArray]:
-    """Vertices (V, 3) and faces (F, 3) of a unit disc across z."""
+    """Vertices (V, 3) and faces (F, 3) of a unit disc perpendicular to z."""
     sides = 32
     angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)
     vertices = np.c_[np.cos(angle), np.sin(angle), np.zeros(sides)]

@@ -1,6 +1,4 @@
-"""Files that a page has uploaded: storing them below a folder, and the robots and datasets that can be chosen from
-them.
-"""
+"""Files uploaded by a page: storing below a folder, and the robots and datasets available in them."""
 
 from __future__ import annotations
 
@@ -19,13 +17,13 @@ _BUILT_IN = {f"{name} (built in)": name for name in BUILTIN_ROBOTS}
 
 
 def robots_of(files: UserFiles) -> dict[str, str]:
-    """Robot files that can be chosen, by the label that the page shows for each."""
+    """Robot files that can be chosen, by their label on the page."""
     own = {str(path.relative_to(files.folder)): str(path) for path in files.robots}
     return own | _BUILT_IN
 
 
 def tips_or_none(robot: str | None) -> tuple[str, ...]:
-    """Links of a URDF at which the arm may end; () where the file leaves no choice."""
+    """Possible end links of the arm in a URDF; () where there is no choice."""
     try:
         return () if robot is None or robot in BUILTIN_ROBOTS else tips_of(Path(robot))
     except CalibError:  # it is told as a fault of the plan
@@ -44,9 +42,7 @@ def dataset_faults(files: UserFiles) -> tuple[str, ...]:
 
 
 def add_file(path: Path, name: str, folder: Path, room_bytes: int) -> None:
-    """Store an uploaded file below the folder, unpacking a zip as far as there is room; a file of the same name is
-    replaced.
-    """
+    """Store an uploaded file below the folder, replacing one of the same name; a zip is unpacked as space allows."""
     folder.mkdir(exist_ok=True)
     if not name.lower().endswith(".zip"):
         os.replace(path, folder / name)

@@ -17,7 +17,7 @@ class Background:
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix=f"inspector-{name}")
 
     def close(self) -> None:
-        """Drop the work that has not begun, without waiting for the rest."""
+        """Drop the work that has not begun, without waiting for running work."""
         self._pool.shutdown(wait=False, cancel_futures=True)
 
     def submit(self, compute: Callable[[], T]) -> Future[T]:

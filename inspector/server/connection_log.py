@@ -35,7 +35,7 @@ class _InOneLine(logging.Filter):
 
 
 class _Bounded(logging.Filter):
-    """Log filter that passes a limited number of lines a minute, then one line that counts the suppressed ones."""
+    """Log filter that passes a limited number of lines a minute, then one line with the number of suppressed ones."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -80,7 +80,7 @@ def connection_logger() -> logging.Logger:
 
 
 class CrowdTold:
-    """Exception handler of an event loop that logs "too many open connections" once a minute.
+    """Exception handler of an event loop that logs "too many open connections" once a minute at most.
 
     asyncio tells of each that it cannot accept, with a traceback, a hundred at a time: megabytes in seconds. It tries
     again after a second by itself, and whoever is connected is served on.

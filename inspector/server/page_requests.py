@@ -1,4 +1,4 @@
-"""Requests of the page's own script, beside viser's widgets: clicks on plots, table rows and words of sentences.
+"""Requests of the page's own script, in addition to viser's: clicks on plots, table rows and words of sentences.
 
 Viser's plots and HTML send nothing to Python. The page is therefore served with a script of ours (`client/*.js`), and
 what it asks (`GET inspector/ask?name=pose&value=p37`) is answered here. Only this server's own page can ask: a request
@@ -38,13 +38,13 @@ Ask = Callable[[str], None]
 
 
 class PageRequests:
-    """Registry of the requests that the page's script may make, by name; a handler returns at once."""
+    """Registry of handlers by name for the requests of the page's script; a handler returns at once."""
 
     def __init__(self) -> None:
         self._asks: dict[str, Ask] = {}
 
     def on(self, name: str, ask: Ask) -> None:
-        """Register the handler of all requests with this name; it is called with the request's value."""
+        """Register the handler of all requests with a name; the handler is called with the request's value."""
         self._asks[name] = ask
 
     def respond(self, target: str, headers: Headers, *, own_host: bool) -> Response | None:

@@ -80,9 +80,9 @@ class Uploads:
         refused: Callable[[int, str], None],
         limits: UploadLimits | None = None,
     ) -> None:
-        """
-        folder: below which files arrive, in a hidden folder that is removed at the end; made where it is not there.
-        done, answer, refused: called with the file, with viser's acknowledgement, with the reason, and the page.
+        """Uploads into a hidden folder below `folder`, which is made where it is missing and removed at the end.
+
+        `done`, `answer`, `refused`: called with the file, with viser's acknowledgement, with the reason, and the page.
         """
         self.folder, self.limits = folder, limits or UploadLimits()
         self.button = ""  # uuid of the one widget that files may come from
@@ -203,7 +203,7 @@ class Uploads:
             self._held[client] -= transfer.size
 
     def room_bytes(self, client: int) -> int:
-        """Bytes that may still be written for a page, at least 0. It walks the folder: not for the event loop."""
+        """Bytes that may still be written for a page, at least 0; slow, so not for the event loop."""
         limits, held = self.limits, sum(self._held.values())
         return max(
             0,
@@ -217,9 +217,7 @@ class Uploads:
 
     @contextmanager
     def writing(self, client: int) -> Iterator[int]:
-        """Context in which a page's files are unpacked; it yields their size limit in bytes and counts what is there
-        afterwards.
-        """
+        """Context for unpacking a page's files: yields their size limit, bytes, and counts their size at the end."""
         try:
             yield self.room_bytes(client)
         finally:
@@ -231,7 +229,7 @@ class Uploads:
                 self.release(client)
 
     def refuse_copy(self, client: int) -> None:
-        """Raise CalibError where there is no room for a dataset beside the page's files and its draft."""
+        """Raise CalibError where the disk has no room for a dataset in addition to the page's files and draft."""
         needed = 2 * self._held.get(client, 0)
         free = shutil.disk_usage(self._place()).free - self.limits.free_bytes
         if needed > min(free, self.limits.folder_bytes - size_bytes(self.folder)):
@@ -288,9 +286,7 @@ def clear_leftovers(folder: Path) -> None:
 
 
 def _locked(folder: Path) -> int | None:
-    """Handle that locks a folder until it is closed; None where another program holds the lock or locks do not
-    exist.
-    """
+    """Handle that locks a folder until closed; None where another program holds the lock or locks do not exist."""
     try:
         import fcntl
     except ImportError:
@@ -339,9 +335,7 @@ def answer(server: viser.ViserServer, client_id: int, message: _messages.Message
 
 
 def plain_name(name: str) -> str:
-    """File name without folders and without characters that file names should not have; "file" where nothing is
-    left.
-    """
+    """File name without folders and without unusual characters; "file" where nothing is left."""
     last = PurePosixPath(name.replace("\\", "/")).name
     kept = "".join(c if c.isprintable() and c not in ':*?"<>|' else "_" for c in last).strip(" .")
     stem, suffix = Path(kept).stem, Path(kept).suffix

@@ -43,7 +43,7 @@ TEXT_LIMIT = 1000  # characters that a text field may hold
 
 
 class ServerError(CalibError):
-    """Raised where an address cannot be served on."""
+    """Error: the server cannot listen on an address."""
 
 
 def bind(host: str, port: int) -> socket.socket:
@@ -137,7 +137,7 @@ def _value_fits(props: Any, current: object, value: object, is_button: bool) -> 
 
 
 def guard_gui(gui: viser.GuiApi) -> None:
-    """Reject widget messages except changes of `value` that the widget on the page could have made."""
+    """Reject widget messages except changes of `value` that the page's widget could have made."""
     handlers = gui._websock_interface._incoming_handlers
     apply = gui._handle_gui_updates
 
@@ -291,6 +291,6 @@ def url_of(server: viser.ViserServer) -> str:
 
 
 def tell(server: viser.ViserServer, title: str, body: str) -> None:
-    """Show a notification in every open page, as plain text."""
+    """Show a plain-text notification in every open page."""
     for client in server.get_clients().values():
         client.add_notification(title, body, color="red", auto_close_seconds=15.0)

@@ -24,14 +24,14 @@ T = TypeVar("T")
 
 
 class WorkEnded(Exception):
-    """Raised where work tried to end its thread, as by sys.exit()."""
+    """Error: work tried to end its thread, as by sys.exit()."""
 
     def __init__(self, cause: BaseException) -> None:
         super().__init__(f"the work ended with {type(cause).__name__}: {cause}".rstrip(": "))
 
 
 class Worker:
-    """Runs jobs on one thread; `on_error(key, exception)` is called on that thread for every job that fails."""
+    """Runner of jobs on one thread; `on_error(key, exception)` is called on that thread for every job that fails."""
 
     def __init__(self, on_error: Callable[[Hashable, Exception], None]) -> None:
         self._on_error = on_error

@@ -1,4 +1,4 @@
-"""The four steps of the work (measure, fit, find, take away), and how far a session has come in them."""
+"""The four steps of the work (measure, fit, find, take away), and a session's progress through them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ STEPS = (MEASURE, FIT, FIND, TAKE)
 
 @dataclass(frozen=True)
 class Doing:
-    """What the program is working on, as far as the session itself does not tell."""
+    """The program's current task, as far as it does not follow from the session."""
 
     searching: bool = False  # scan after scan
     finding: bool = False  # the whole diagnosis

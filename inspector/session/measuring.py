@@ -1,4 +1,4 @@
-"""Changes of a session while it is measured: search a scan, label the jig's faces, analyse redundancy."""
+"""Changes of a session during measurement: search a scan, label the jig's faces, analyse redundancy."""
 
 from __future__ import annotations
 
@@ -51,14 +51,12 @@ def with_face_labels(session: Session) -> Session:
 
 
 def find_face_labels(session: Session) -> FaceLabels:
-    """Labels that tell which face of the jig is which in the corners found so far. Raises as `with_face_labels`."""
+    """Labels of the jig's faces in the corners found so far. Raises as `with_face_labels`."""
     return label_faces(session.dataset, session.searches)
 
 
 def no_full_poses(session: Session) -> str:
-    """Why full poses cannot be fitted to the session's data, in a sentence that says what would help; "" where they
-    can.
-    """
+    """Sentence on why full poses cannot be fitted to the session's data, with a remedy; "" where they can."""
     measured = session.measured_for("pose")
     try:
         require_orientations(measured, Observations.of(measured))
@@ -68,9 +66,7 @@ def no_full_poses(session: Session) -> str:
 
 
 def measured_kinds(session: Session) -> tuple[str, ...]:
-    """Residuals that the session's data allow: full poses need a scanned jig with faces, or orientations in
-    points.csv.
-    """
+    """Residuals that the session's data allow; full poses need a scanned jig, or orientations in points.csv."""
     points = session.dataset.points
     scanned = points is None and session.dataset.shows_faces
     full = scanned or (points is not None and points.orientations is not None and bool(points.orientations.known.any()))

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 from calib.array_types import Array
 from calib.errors import CalibError
-from calib.planning.plan import Plan, plan_poses
-from calib.planning.purpose import CALIBRATION, WATCH
-from calib.planning.purposes.by_name import purpose_of
-from calib.planning.purposes.confounded_effects import SPLIT, for_confounded
+from calib.planning.criterion import CALIBRATION, WATCH
+from calib.planning.discrimination_criterion import SPLIT, for_confounded
+from calib.planning.plan import Plan, criterion_of, plan_poses
 from calib.planning.start import FromFit
 from inspector.session.session import Session
 
@@ -18,7 +17,7 @@ _LIKELIEST = 5  # effects that may be planned for
 
 @dataclass(frozen=True)
 class Planned:
-    """A plan, the session that it was made for, and which of its poses is selected."""
+    """A plan, with the session that it was made for and the index of its selected pose."""
 
     plan: Plan
     session: Session
@@ -30,9 +29,7 @@ class Planned:
 
     @property
     def scanner_T_base(self) -> Array:
-        """Pose (4, 4) of the base in the scanner's frame, of the setup in which the planned poses are to be
-        measured.
-        """
+        """Pose (4, 4) of the base in the scanner's frame, of the setup in which the planned poses will be measured."""
         calibration = self.session.calibration
         assert calibration is not None
         return calibration.after.scanner_T_base[self.plan.start.setup]
@@ -56,8 +53,8 @@ def planned_for(session: Session, aim: str, count: int, payload_kg: float | None
     if aim == SPLIT:
         if session.diagnosis is None:
             raise CalibError(f"dataset {session.dataset.name}: find what is missing first; nothing is open yet")
-        open_set = for_confounded(session.diagnosis, payload_kg)
-        return Planned(plan_poses(open_set.start, count, purpose=open_set), session)
-    purpose = purpose_of(aim, payload_kg=None if aim in (CALIBRATION, WATCH) else payload_kg)
+        discrimination = for_confounded(session.diagnosis, payload_kg)
+        return Planned(plan_poses(discrimination.start, count, criterion=discrimination), session)
+    criterion = criterion_of(aim, payload_kg=None if aim in (CALIBRATION, WATCH) else payload_kg)
     start = FromFit(session.calibration)
-    return Planned(plan_poses(start, count, purpose=purpose, user_effects=session.user_effects), session)
+    return Planned(plan_poses(start, count, criterion=criterion, user_effects=session.user_effects), session)

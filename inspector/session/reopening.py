@@ -1,4 +1,4 @@
-"""Reopening of a saved session: find its dataset, repeat its fits, and report what differs from the saved figures."""
+"""Reopening of a saved session: find its dataset, repeat its fits, report differences from the saved figures."""
 
 from __future__ import annotations
 
@@ -28,8 +28,7 @@ SAME = 1e-6  # share by which a figure may differ and still be the same
 
 
 def dataset_of(saved: Saved, root: Path) -> Path:
-    """Folder of a saved session's dataset, at or below `root`: where the file says, else the one with the same
-    dataset.toml.
+    """Folder of a saved session's dataset, at or below `root`: the recorded one, else that with the same dataset.toml.
 
     Raises SessionFileError where there is none. Nothing outside `root` is looked at.
     """
@@ -84,8 +83,7 @@ def _changed_files(saved: Saved, dataset: Dataset) -> tuple[str, ...]:
 
 
 def reopened(session: Session, saved: Saved) -> tuple[Session, tuple[str, ...]]:
-    """Session with the saved fits repeated on the present measurements, and a line for each difference to the saved
-    figures.
+    """Session with the saved fits repeated on the present measurements, and a line per difference to saved figures.
 
     Raises SessionFileError where an effect or a pose of it is unknown here.
     """
@@ -127,7 +125,7 @@ def replayed(session: Session, history: Sequence[SavedStep]) -> Session:
 
 
 def _in_common(session: Session, history: Sequence[SavedStep]) -> Iterator[FitStep]:
-    """Steps of the session that a saved model shares with it."""
+    """Steps of the session that a saved model also has."""
     for step, ours, saved in zip(session.steps, saved_history(session)[1:], history[1:], strict=False):
         if ours != msgspec.structs.replace(saved, **dict(zip(FIGURES, ours.figures, strict=True))):
             return

@@ -1,4 +1,4 @@
-"""Cache of the scans of the dataset on show: one scan in full, of the others only their position."""
+"""Cache of the scans of the dataset on show: one scan in full, for the others only their position."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from calib.scans.scan import Scan, load_scan
 
 
 class ScanCache:
-    """Loads scans; the selected one is kept in memory."""
+    """Loader of scans that keeps the selected one in memory."""
 
     def __init__(self) -> None:
         self._dataset: Dataset | None = None
@@ -19,7 +19,7 @@ class ScanCache:
         self.medians: dict[int, Array] = {}
 
     def open(self, dataset: Dataset) -> None:
-        """Forget the scans of the dataset before."""
+        """Forget the scans of the previous dataset."""
         self._dataset, self._kept, self.medians = dataset, None, {}
 
     def load(self, pose: int, *, keep: bool) -> Scan | None:
@@ -35,12 +35,12 @@ class ScanCache:
         return scan
 
     def worked_on(self, pose: int, scan: Scan | None) -> None:
-        """Remember a scan's position, or that the scan cannot be read."""
+        """Store a scan's position, or that the scan cannot be read."""
         empty = scan is None or not len(scan.points_mm)
         self.medians[pose] = np.full(3, np.nan) if empty else np.median(scan.points_mm, axis=0)  # type: ignore[union-attr]
 
     def next(self, first: int, tried: set[int]) -> int | None:
-        """Next scan to search: that of pose `first` or the first one after it."""
+        """Next scan to search, from that of pose `first` on."""
         if self._dataset is None:
             return None
         for k in range(len(self._dataset.poses)):

@@ -47,7 +47,7 @@ class StepErrors:
 
 @dataclass(frozen=True)
 class Separation:
-    """Poses at which a candidate effect and the one most like it predict most different points."""
+    """Poses at which the predictions of a candidate effect and of the most similar effect differ most."""
 
     rival: str
     poses: tuple[DiscriminatingPose, ...]
@@ -55,7 +55,7 @@ class Separation:
 
 @dataclass(frozen=True)
 class Session:
-    """All results known for one dataset. A new corner drops the calibration, which is then out of date."""
+    """All results known for one dataset; a new corner drops the calibration, which is then out of date."""
 
     dataset: Dataset
     searches: Mapping[str, CornerSearch] = field(default_factory=dict)  # by pose id
@@ -118,11 +118,11 @@ class Session:
 
     @property
     def measured(self) -> Dataset:
-        """Dataset with the points that a fit takes: those of points.csv, else the corners found so far."""
+        """Dataset with the points available for a fit: those of points.csv, else the corners found so far."""
         return self.measured_for(self.calibration.residual if self.calibration is not None else "position")
 
     def measured_for(self, residual: str) -> Dataset:
-        """Dataset with points as a fit of this residual needs them; orientations only for full poses."""
+        """Dataset with points as a fit of this residual requires; orientations only for full poses."""
         counted = self.counted
         if counted.points is not None:
             return counted
@@ -169,7 +169,7 @@ def _errors_after(step: FitStep) -> StepErrors:
 
 
 def _errors(result: Calibration, *, before: bool = False) -> tuple[float, float]:
-    """3D RMSE of training and test poses, mm."""
+    """3D RMSE of training poses and of test poses, mm."""
     evaluation = result.before if before else result.after
     train, test = evaluation.train, evaluation.test
     return train.rmse_mm if train else float("nan"), test.rmse_mm if test else float("nan")

@@ -1,4 +1,4 @@
-"""Session files: the dataset, the model's steps with their figures, undo, and what was on show. JSON, version 1.
+"""Session files: the dataset, the model's steps with their figures, undo, and the page's selections. JSON, version 1.
 
 No figure in it is believed: the fits are done again from the dataset, and where its files or the figures are not those
 of before, that is said. It names a dataset by folder and content; only one at or below the folder that the user serves
@@ -46,11 +46,11 @@ Places = Annotated[tuple[int, ...], Meta(max_length=LIST_LIMIT)]  # of steps in 
 
 
 class SessionFileError(CalibError):
-    """Raised where a session file cannot be used."""
+    """Error: a session file cannot be used."""
 
 
 class Shown(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Selections on the page when the session was saved; None where one is not known."""
+    """Selections on the page when the session was saved; None for those not known."""
 
     pose: Text | None = None  # id
     view: Text | None = msgspec.field(default=None, name="look")  # its name
@@ -70,7 +70,7 @@ class SavedEffect(msgspec.Struct, frozen=True):
 
 
 class SavedStep(msgspec.Struct, frozen=True):
-    """One step of a saved model: what was fitted, and its errors."""
+    """One step of a saved model: what was fitted, with its errors."""
 
     label: Text
     residual: Text  # of RESIDUAL_KINDS
@@ -111,7 +111,7 @@ class SavedDataset(msgspec.Struct, frozen=True):
 
 
 class _Document(msgspec.Struct, frozen=True):
-    """All keys of the file but its format and version."""
+    """All keys of a session file except its format and version."""
 
     dataset: SavedDataset
     history: Annotated[tuple[SavedStep, ...], Meta(max_length=LIST_LIMIT)]
@@ -198,13 +198,13 @@ def saved_history(session: Session) -> tuple[SavedStep, ...]:
 
 
 def _plain(step: SavedStep) -> dict[str, Any]:
-    """Saved step as plain values, without keys that have their default."""
+    """Saved step as plain values, without keys at their default."""
     values: dict[str, Any] = msgspec.to_builtins(step)
     return {key: v for key, v in values.items() if v or key not in ("noise", "asked_out")}
 
 
 def saved_step(step: FitStep, after: StepErrors) -> SavedStep:
-    """Saved form of a step and of the errors after it."""
+    """Saved form of a step, with the errors after the step."""
     saved = SavedStep(
         label=step.label,
         residual=step.calibration.residual,

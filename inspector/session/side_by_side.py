@@ -1,4 +1,4 @@
-"""Results shown beside the calibration on show: another dataset's, an earlier version, or later measurements."""
+"""Results compared with the calibration on show: another dataset's, an earlier version, or later measurements."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from inspector.session.session import Session
 
 @dataclass(frozen=True)
 class Beside:
-    """Errors of N poses of one calibration, and the inputs that they are plotted against."""
+    """Errors of N poses of one calibration, with the inputs against which they are plotted."""
 
     name: str
     calibration: Calibration | None  # None for a version of the same measurements
@@ -77,7 +77,7 @@ def beside_of_version(session: Session, name: str) -> Beside | None:
 
 
 def compared(shown: Beside, beside: Beside) -> Comparison | None:
-    """Comparison of the calibration on show with the one beside it; None for two models of the same measurements.
+    """Comparison of the calibration on show with another; None for two models of the same measurements.
 
     Raises FitError as `compare`.
     """
@@ -88,7 +88,7 @@ def compared(shown: Beside, beside: Beside) -> Comparison | None:
 
 @dataclass(frozen=True)
 class WatchedCell:
-    """Change reports of later measurements in the order of time, and figures of poses that were visited again."""
+    """Change reports of later measurements in time order, with figures of revisited poses."""
 
     seen: tuple[ChangeReport, ...]
     repeats: tuple[PoseFigures, ...]

@@ -39,7 +39,7 @@ RANKED_STEPS = 8  # the last ones, which keep their rankings; a search has five 
 
 
 def seen_since(session: Session, now: Session) -> Session:
-    """Session with the searches, face labels and redundancy that a later state of the same dataset has."""
+    """Session with the searches, face labels and redundancy of a later state of the same dataset."""
     seen = replace(session, searches=now.searches, face_labels=now.face_labels)
     return replace(seen, redundancy=now.redundancy if session.left_out == now.left_out else None)
 
@@ -93,7 +93,7 @@ def with_residual_tests(session: Session) -> Session:
 
 
 def _with_next_move(session: Session, model: Model) -> Session:
-    """The session with the advice that leads on from its model, or the diagnosis where none does."""
+    """Session with advice on its model's next move, or with the diagnosis where there is no move."""
     assert session.residual_tests is not None
     move = next_move(search_space(session), model)
     if isinstance(move, Diagnosis):
@@ -109,7 +109,7 @@ def search_space(session: Session) -> SearchSpace:
 
 
 def separation(session: Session, name: str) -> Separation | None:
-    """Poses at which a candidate and its nearest rival differ most; None where it is no candidate or has no rival.
+    """Poses at which a candidate and its nearest rival differ most; None without candidate or rival.
 
     Raises CalibError where there are too few poses to fit either one whole.
     """
@@ -136,7 +136,7 @@ def with_versions(session: Session, before: Session) -> Session:
 
 
 def with_user_effects(session: Session, effects: tuple[Family, ...]) -> Session:
-    """Session with the user's effects as given; those in the model are fitted again, or removed where they are gone."""
+    """Session with these user effects; those in the model are fitted again, or removed where no longer defined."""
     ours = {family.name for family in (*session.user_effects, *effects)}
     session = replace(session, user_effects=effects, screening=None, separations={}, diagnosis=None, next_poses=None)
     if session.calibration is None or not any(added.name in ours for added in session.effects):
@@ -152,7 +152,7 @@ def with_user_effects(session: Session, effects: tuple[Family, ...]) -> Session:
 
 
 def with_effect(session: Session, name: str) -> Session:
-    """Session with an effect added as the screening proposes it, or with learned curves, and all fitted again.
+    """Session with an effect as proposed by the screening, or learned curves, added and all fitted again.
 
     Members of the effects inside are chosen anew beside it, as the automatic search does.
     """
@@ -175,7 +175,7 @@ def with_effect(session: Session, name: str) -> Session:
 
 
 def _advised(session: Session, name: str) -> Move | None:
-    """The advised move, where it adds this effect; else None."""
+    """The advised move, if it adds this effect; else None."""
     advice = session.advice if session.screening is not None else None
     return advice.move if advice is not None and advice.effect == name else None
 
@@ -222,7 +222,7 @@ def with_found(session: Session, found: Diagnosis) -> Session:
 
 
 def _judged(session: Session, found: Diagnosis) -> Session:
-    """Diagnosis of the model on show, without a search."""
+    """Diagnosis of the model on show, without a further search."""
     return replace(
         session,
         screening=found.screenings[-1],
@@ -243,7 +243,7 @@ def with_steps(session: Session, steps: Sequence[FitStep]) -> Session:
 
 
 def without_ranking(step: FitStep) -> FitStep:
-    """Step without its ranking of effects, which takes most of its memory and can be made again."""
+    """Step without its ranking of effects, which takes most of its memory and can be computed again."""
     return step if step.screening is None else replace(step, screening=None)
 
 

@@ -16,7 +16,7 @@ WHOLE = 8  # the last of them, which come back with their ranking; older ones ar
 
 @dataclass
 class Undo:
-    """Models of one dataset before and after the one on show; the last of each list comes next.
+    """Models of one dataset before and after the one on show; the last of each list is the next.
 
     Those of a session file are fitted again when they are gone to.
     """
@@ -26,14 +26,14 @@ class Undo:
 
     @classmethod
     def of(cls, saved: Saved) -> Undo:
-        """Undo and redo of a session file; a file without them lets the user go back along its history."""
+        """Undo and redo of a session file; without them, undo follows the file's history."""
         past = saved.past
         if not past and not saved.future:
             past = tuple(SavedModel(saved.history[:count]) for count in range(2, len(saved.history)))
         return cls(list(past[-UNDO_STEPS:]), list(saved.future[-UNDO_STEPS:]))
 
     def changed(self, before: Session) -> None:
-        """Remember the model before a change, and clear redo."""
+        """Store the model before a change for undo, and clear redo."""
         if before.calibration is not None:
             self.past.append(before)
             del self.past[:-UNDO_STEPS]
@@ -42,7 +42,7 @@ class Undo:
         self.future.clear()
 
     def move(self, now: Session, by: int) -> Session:
-        """Session so many changes back (below 0) or forward, as far as there are any.
+        """Session after a number of undo (negative) or redo steps, as far as there are any.
 
         Raises CalibError where a saved model does not fit the dataset any more; it is forgotten then.
         """
@@ -64,7 +64,7 @@ class Undo:
 
 
 def _lean(entry: Session | SavedModel) -> Session | SavedModel:
-    """Session without rankings, tests and versions, which can be worked out again."""
+    """Session without rankings, tests and versions, which can be computed again."""
     if isinstance(entry, SavedModel) or entry.diagnosis is not None:
         return entry
     return untested(replace(entry, steps=tuple(map(without_ranking, entry.steps))))

@@ -1,4 +1,4 @@
-"""What is on show: one session, one pose, and how they are drawn."""
+"""View on a session: the selected pose, joint and version, and the drawing settings."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ VIEW_LAYERS = {
     "Scan": {"scan", "faces", "corner", "scale"},
     "Planes": {"faces", "sets", "rejected", "groups", "scale"},
     "Corner": {"faces", "corner", "scale"},
-    "All corners": {"corner", "corners", "residuals", "predicted", "scanner", "floor", "scale"},
+    "All corners": {"corner", "corners", "before", "residuals", "predicted", "scanner", "floor", "scale"},
     "Distance": {"distance", "jig", "scale"},
-    "Arm": {"corners", "residuals", "predicted", "arm", "scanner", "plan", "floor", "scale"},
+    "Arm": {"corners", "before", "residuals", "predicted", "arm", "scanner", "plan", "floor", "scale"},
 }
 POINT_VIEWS = ("Arm", "All corners", "Corner")  # where there are no scans
 WIDE_VIEWS = ("All scans", "All corners", "Arm")  # of the whole dataset, not of one pose
@@ -36,7 +36,7 @@ FACTORS = (1, 3, 10, 30, 100, 300, 1000, 3000, 10000)  # enlargements of the unc
 
 @dataclass(frozen=True)
 class View:
-    """What is on show: a session, the selected pose and joint, and how the model is drawn."""
+    """What the page displays: a session, the selected pose and joint, and drawing settings."""
 
     session: Session
     pose: int = 0
@@ -77,6 +77,12 @@ class View:
         return next((v for v in self.versions if v.name == self.chosen), self.versions[-1] if self.versions else None)
 
     @property
+    def version_before(self) -> Version | None:
+        """Version of the model a step before the one on show; None where the nominal robot is shown."""
+        step = self.shown_step
+        return self.at_step(step - 1).version if step else None
+
+    @property
     def calibration(self) -> Calibration | None:
         """Fit of the version on show; the model's fit where the nominal robot is shown."""
         version = self.version
@@ -94,9 +100,7 @@ class View:
 
     @property
     def shown_step(self) -> int | None:
-        """Index of the shown model: 0 is the nominal robot, k the model after `session.steps[k - 1]`; None before a
-        fit.
-        """
+        """Index of the shown model: 0 for the nominal robot, k after `session.steps[k - 1]`; None before a fit."""
         version = self.version
         if version is None or version.name == NOMINAL:
             return None if version is None else 0
@@ -106,14 +110,14 @@ class View:
         return next(known, next(links, None) if version.name == LINKS else None)
 
     def version_of_step(self, number: int) -> str:
-        """Name of the version that the model after a step belongs to; steps counted as in `shown_step`."""
+        """Name of the version of the model after a step; steps counted as in `shown_step`."""
         steps = self.session.steps
         if number == 0:
             return NOMINAL
         return EFFECTS if steps[number - 1].selected else LINKS
 
     def at_step(self, number: int) -> View:
-        """View of the model after a step, with its arrows: 0 is the nominal robot, k `session.steps[k - 1]`.
+        """View of the model after a step, with arrows: 0 is the nominal robot, k `session.steps[k - 1]`.
 
         Nothing changes where there is no such step.
         """
@@ -125,7 +129,7 @@ class View:
         return replace(self, step=step, chosen=chosen, compared=frozenset({chosen}))
 
     def with_session(self, session: Session) -> View:
-        """View of another session; a view of the latest version stays one of the latest version."""
+        """View of another session; a view of the latest version shows the latest version there, too."""
         newest = session.versions[-1].name if session.versions else ""
         before = self.session.versions[-1].name if self.session.versions else ""
         chosen, compared = self.chosen, self.compared

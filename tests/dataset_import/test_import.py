@@ -15,7 +15,9 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.dataset_import.columns import parsed_mapping, recognise
 from calib.dataset_import.import_dataset import Imported, import_dataset
 from calib.errors import DatasetError
+from calib.robot_formats.robots import load_robot, save_robot
 from calib.simulation.simulate import simulate_dataset
+from inspector.cli.parser import main
 
 ROBOT = builtin_robot("rb5")
 Q = [f"q{k}" for k in range(1, 7)]
@@ -293,3 +295,19 @@ def test_scans_of_any_suffix_find_their_poses(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="no such scan"):
         import_dataset(tmp_path / "b", ROBOT, tmp_path / "joints.csv", scans=tmp_path / "scans")
     assert not (tmp_path / "b").exists()
+
+
+def test_the_robots_own_file_is_kept_and_comes_back_calibrated(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    urdf, log, out = tmp_path / "my_arm.urdf", tmp_path / "log.csv", tmp_path / "calibrated.urdf"
+    save_robot(ROBOT, urdf)
+    made = simulate_dataset(load_robot(urdf), rng=np.random.default_rng(1), poses=40, noise_mm=0.02).dataset
+    write(log, [*Q, "x", "y", "z"], both(made, RAD, 1e-3))
+    cell = tmp_path / "cell"
+    assert main(["import", str(cell), "--robot", str(urdf), "--joints", str(log)]) == 0
+    assert main(["calibrate", str(cell), "--urdf-out", str(out)]) == 0
+    assert "origins changed: J2" in capsys.readouterr().out
+    calibrated, before = load_robot(out), load_robot(urdf)
+    assert calibrated.n_joints == before.n_joints
+    assert main(["calibrate", str(cell), "--kinematics-out", str(tmp_path / "calibrated.yaml")]) == 2

@@ -41,7 +41,7 @@ print("copied")
 ```
 
 ```{eval-rst}
-.. room:: calib.jig Jig
+.. module-members:: calib.jig Jig
 ```
 """,
 }

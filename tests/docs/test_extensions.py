@@ -74,11 +74,12 @@ def test_every_name_of_the_public_face_is_in_the_reference():
     import calib
 
     text = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "api").glob("*.md"))
-    rooms = {module: names.split() for module, names in re.findall(r"^\.\. room:: (\S+)(.*)$", text, re.MULTILINE)}
+    directives = re.findall(r"^\.\. module-members:: (\S+)(.*)$", text, re.MULTILINE)
+    modules = {module: names.split() for module, names in directives}
 
     def is_there(name: str, module: str) -> bool:
-        in_world = module in rooms and isinstance(getattr(calib, name), type) and name in (rooms[module] or [name])
-        return in_world or any(f".. auto{kind}:: {name}\n" in text for kind in KINDS)
+        in_module = module in modules and isinstance(getattr(calib, name), type) and name in (modules[module] or [name])
+        return in_module or any(f".. auto{kind}:: {name}\n" in text for kind in KINDS)
 
     assert [name for name, module in calib._HOME.items() if not is_there(name, module)] == []
 

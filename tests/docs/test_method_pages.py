@@ -15,7 +15,7 @@ from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD
 from calib.fitting import robust, trust_region
 from calib.fleet import shared_causes
 from calib.identifiability import redundancy
-from calib.monitoring import alarm, change_tests
+from calib.monitoring import change_tests
 from calib.planes import clustering, robust_fit
 from calib.planning import discrimination, prediction
 from calib.screening import (
@@ -100,11 +100,11 @@ SAID = [
     ("planning", f"the band of {percent(prediction.SHARE)} of arms"),
     ("planning", f"{discrimination._DRAWS} draws for each hypothesis"),
     ("watching", f"$g - {change_tests._EACH:g} K + 2 \\log w$"),
-    ("watching", f"{alarm.UNUSUAL_WEIGHT:g} for lengths, angles and compliances"),
-    ("watching", f"{alarm.DRAWS:,} draws of an unchanged cell"),
+    ("watching", f"{change_tests.UNUSUAL_WEIGHT:g} for lengths, angles and compliances"),
+    ("watching", f"{change_tests.DRAWS:,} draws of an unchanged cell"),
     ("watching", f"An alarm is below {change_tests.ALARM:g};"),
     ("watching", f"a change of the arm is named below {change_tests.NAMED:g} where"),
-    ("watching", f"else below {change_tests.NAMED_BESIDE:g}"),
+    ("watching", f"else below {change_tests.NAMED_GIVEN_OTHERS:g}"),
     ("watching", f"If {shared_causes.FEWEST} arms or more"),
     ("watching", f"({shared_causes.PERMUTATIONS} permutations"),
     ("watching", f"below {shared_causes.LEVEL:g} a group is reported"),

@@ -10,12 +10,11 @@ from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Box, Poses
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
+from calib.planning.criterion import ForCalibration
+from calib.planning.effect_criterion import ForEffects
 from calib.planning.outcome import EffectOutcome, ParameterReason
-from calib.planning.plan import Plan, plan_poses
+from calib.planning.plan import Plan, criterion_of, plan_poses
 from calib.planning.prediction import enough_poses
-from calib.planning.purpose import ForCalibration
-from calib.planning.purposes.by_name import purpose_of
-from calib.planning.purposes.effect_sizes import ForEffects
 from calib.planning.start import FromFit, FromRobot
 from calib.present.plans import assumptions, outcome_sentences
 from calib.simulation.measured_dataset import measure
@@ -69,7 +68,7 @@ def test_the_next_poses_of_a_dataset(start: FromFit, plan: Plan) -> None:
         np.hypot(plan.then.geometry_mm, np.sqrt(3.0) * start.calibration.sigma_mm), rel=1e-6
     )
     assert all(isinstance(reason, ParameterReason) for reason in plan.reasons)
-    assert sorted(plan.worth) == [1, 2, 3, 4, 5]
+    assert sorted(plan.ranks) == [1, 2, 3, 4, 5]
     assert plan.power is None
     assert not any("missing" in note for note in assumptions(plan))
 
@@ -107,24 +106,24 @@ def test_arms_that_are_measured_as_planned_have_the_predicted_error(first_set: P
 
 @pytest.mark.slow
 def test_a_suspected_effect_is_known_better_by_poses_planned_for_it(start: FromFit) -> None:
-    for_it = plan_poses(start, 5, candidates=100, purpose=ForEffects(("joint_compliance",)), region="measurable")
+    for_it = plan_poses(start, 5, candidates=100, criterion=ForEffects(("joint_compliance",)), region="measurable")
     assert for_it.region == "the poses that can be measured"
     assert for_it.poses.payload_kg is None
     assert isinstance(for_it.outcome, EffectOutcome)
     assert all(c.after < c.before for c in for_it.outcome.coefficients if ".J2." in c.name)
     assert outcome_sentences(for_it)[0].startswith("sigma of joint_compliance.J")
     with pytest.raises(CalibError, match="joint_dent"):
-        plan_poses(start, 5, candidates=100, purpose=ForEffects(("joint_dent",)))
+        plan_poses(start, 5, candidates=100, criterion=ForEffects(("joint_dent",)))
 
 
 @pytest.mark.slow
 def test_an_effect_is_planned_under_the_conditions_that_it_shows_under(start: FromFit) -> None:
-    both = plan_poses(start, 6, candidates=80, purpose=purpose_of("backlash"))
+    both = plan_poses(start, 6, candidates=80, criterion=criterion_of("backlash"))
     assert both.poses.approach is not None
     assert set(np.unique(both.poses.approach)) == {-1.0, 1.0}
     assert isinstance(both.outcome, EffectOutcome)
     assert both.outcome.conditions == both.outcome.unrecorded == ("approach",)
-    loads = plan_poses(start, 6, candidates=80, purpose=purpose_of("joint_compliance", payload_kg=2.0))
+    loads = plan_poses(start, 6, candidates=80, criterion=criterion_of("joint_compliance", payload_kg=2.0))
     assert loads.poses.payload_kg is not None
     assert loads.poses.payload_kg.tolist() == sorted(loads.poses.payload_kg)  # mounted once
     assert set(loads.poses.payload_kg) <= {0.0, 2.0}
@@ -139,7 +138,7 @@ def test_a_fit_that_leaves_more_than_noise_is_told(start: FromFit) -> None:
 
 
 def test_a_further_place_of_the_scanner_is_a_setup_of_its_own(start: FromFit) -> None:
-    moved = FromFit(start.calibration, scanner_place=SCANNER)
+    moved = FromFit(start.calibration, base_T_scanner=SCANNER)
     plan = plan_poses(moved, 2, candidates=60)
     assert set(plan.poses.setup) == {"new"}
     assert plan.now.geometry_mm < 1.0  # of the arm, wherever the scanner will stand
@@ -168,6 +167,6 @@ def test_what_cannot_be_planned(start: FromFit) -> None:
     with pytest.raises(CalibError, match="no region 'here'"):
         plan_poses(start, 3, region="here")
     with pytest.raises(CalibError, match="no criterion 'E'"):
-        purpose_of("calibration", "E")
-    assert purpose_of("calibration", "D") == ForCalibration("D")
-    assert purpose_of("backlash, joint_compliance") == ForEffects(("backlash", "joint_compliance"))
+        criterion_of("calibration", "E")
+    assert criterion_of("calibration", "D") == ForCalibration("D")
+    assert criterion_of("backlash, joint_compliance") == ForEffects(("backlash", "joint_compliance"))

@@ -22,7 +22,7 @@ def dataset():
 def test_before_a_plan_the_unknowns_are_known_as_the_fit_says(dataset) -> None:
     calibration = calibrate(dataset)
     unknowns = unknowns_of_fit(calibration)
-    covariance, p = inverse(unknowns.known), len(calibration.fit.x)
+    covariance, p = inverse(unknowns.prior_information), len(calibration.fit.x)
     fitted = covariance[:p, :p] * np.outer(unknowns.scales, unknowns.scales)
     size = np.sqrt(np.diag(calibration.fit.covariance))
     assert np.abs((fitted - calibration.fit.covariance) / np.outer(size, size)).max() < 1e-4
@@ -38,7 +38,7 @@ def test_predicted_points_have_the_covariance_that_the_fit_gives_them(dataset) -
     rows = np.flatnonzero(dataset.poses.is_test & (dataset.poses.setup == "A"))
     poses = dataset.poses.select(rows)
     columns = unknowns.columns_mm(poses)
-    mine = columns @ inverse(unknowns.known) @ np.swapaxes(columns, 1, 2)
+    mine = columns @ inverse(unknowns.prior_information) @ np.swapaxes(columns, 1, 2)
     np.testing.assert_allclose(mine, prediction_covariance(calibration, poses.q, "A"), rtol=1e-3, atol=1e-7)
 
 
@@ -51,9 +51,9 @@ def test_how_the_scanner_stands_changes_nothing_that_is_told(dataset) -> None:
     told = []
     for base_T_scanner in (random_transform(rng), random_transform(rng)):
         unknowns = unknowns_of_robot(robot, base_T_scanner)
-        rows = unknowns.rows(poses).reshape(-1, len(unknowns.known))
+        rows = unknowns.rows(poses).reshape(-1, len(unknowns.prior_information))
         parameters = unknowns.of_parameters()
-        told.append(parameters.T @ inverse(unknowns.known + rows.T @ rows) @ parameters)
+        told.append(parameters.T @ inverse(unknowns.prior_information + rows.T @ rows) @ parameters)
     np.testing.assert_allclose(told[0], told[1], atol=1e-5)
 
 
@@ -61,7 +61,7 @@ def test_a_further_placement_starts_with_nothing_known(dataset) -> None:
     calibration = calibrate(dataset)
     place = calibration.after.scanner_T_base["A"]
     unknowns = unknowns_of_fit(calibration, scanner_T_base={"new": place})
-    covariance = inverse(unknowns.known)
+    covariance = inverse(unknowns.prior_information)
     assert list(unknowns.scanner_T_base) == ["A", "B", "new"]
     assert covariance[-6, -6] == pytest.approx(1e8)
 

@@ -20,8 +20,8 @@ from calib.dataset.dataset import Dataset
 from calib.diagnosis.result import Diagnosis
 from calib.identifiability.structural import redundancy
 from calib.options import FitOptions
-from calib.planning.fitted_start import start_of_dataset
 from calib.planning.plan import Plan, plan_poses
+from calib.planning.start import start_of_dataset
 from calib.present.numbers import parameter_label
 from calib.present.results import document, presentation
 from calib.presented import Presented

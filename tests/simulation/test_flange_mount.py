@@ -19,7 +19,7 @@ from calib.models.fitted_model import FittedModel
 from calib.models.model_file import load_model, save_model
 from calib.monitoring.watch import watch
 from calib.options import FitOptions
-from calib.planning.fitted_start import start_of_dataset
+from calib.planning.start import start_of_dataset
 from calib.simulation.measured_dataset import measure
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.equilibrium import Truth, base_T_target

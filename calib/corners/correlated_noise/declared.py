@@ -1,4 +1,4 @@
-"""Correlated error of a scanner as dataset.toml declares it, where a scan does not show it."""
+"""Correlated error of a scanner as declared in dataset.toml, where the scan itself does not show it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MESH_NOTE = (
 
 
 def apex_variance_mm2(planes: Sequence[PlaneFit], covariance: Array) -> Array:
-    """Trace (...) of the covariance of the point where three planes meet. covariance  # (..., 9, 9) of the planes"""
+    """Trace (...), mm^2, of the covariance of three planes' intersection, from the planes' covariance (..., 9, 9)."""
     normals = np.array([plane.normal for plane in planes])
     apex = np.linalg.solve(normals, np.array([plane.offset_mm for plane in planes]))
     moved = np.linalg.solve(normals, height_lever(planes, apex))
@@ -36,7 +36,7 @@ def apex_variance_mm2(planes: Sequence[PlaneFit], covariance: Array) -> Array:
 
 
 def at_least_declared(planes: Sequence[PlaneFit], shown: Array, declared: Array) -> Array:
-    """Covariance (9, 9) of three planes by a correlated error: as a scan shows it, at least as large as declared.
+    """Covariance (9, 9) of three planes by a correlated error: as seen in a scan, but no less than declared.
 
     `shown` grows by a share of `declared` where it makes the apex more certain than `declared` alone would.
     """
@@ -47,7 +47,7 @@ def at_least_declared(planes: Sequence[PlaneFit], shown: Array, declared: Array)
 
 
 def registration_covariance(planes: Sequence[PlaneFit], sigma_mm: float) -> Array:
-    """(9, 9) covariance of three planes that an error of sigma_mm in each axis shifts together; no scan shows it."""
+    """(9, 9) covariance of three planes by a common shift of sigma_mm per axis, which no single scan reveals."""
     normals = np.array([plane.normal for plane in planes])
     covariance = np.zeros((9, 9))
     covariance[::3, ::3] = sigma_mm**2 * normals @ normals.T

@@ -1,4 +1,4 @@
-"""Patches of a plane's points: their mean heights over it, and the coordinates that the kernels need.
+"""Patches of a plane's points: mean heights over the plane, and coordinates for the covariance kernels.
 
 A covariance of some hundred means shows as much of a correlated error as one of a hundred thousand points.
 """
@@ -25,7 +25,7 @@ class ScannerView:
 
     @staticmethod
     def of(origin_mm: Array, edge_mm: float) -> ScannerView:
-        """View of an origin (3,) in the scanner's frame, from at least five edges away."""
+        """View of an origin (3,) in the scanner's frame; its distance is taken as at least five edge lengths."""
         distance_mm = float(np.linalg.norm(origin_mm))
         sight = origin_mm / distance_mm if distance_mm > 1e-9 * edge_mm else np.array([0.0, 0.0, 1.0])
         return ScannerView(sight, max(distance_mm, _FARTHEST_EYE * edge_mm))

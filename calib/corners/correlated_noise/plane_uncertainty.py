@@ -217,7 +217,7 @@ def _patches_of_faces(planes: Sequence[PlaneFit], view: ScannerView, edge_mm: fl
 def _evidence_of_faces(
     faces: _Faces, planes: Sequence[PlaneFit], jig: Jig, kernels: Array, sizes_mm: Array
 ) -> CorrelationEvidence:
-    """Evidence for correlated errors from the faces' residuals and the angles between them. kernels  # (L, B, B)
+    """Evidence for correlated errors from the faces' residuals and the angles between the faces; `kernels` (L, B, B).
 
     The angles between the faces are three more measurements of the planes, as exact as the jig was made; not so for a
     certified jig, against which the planes are still to be tested.
@@ -239,7 +239,7 @@ def _evidence_of_faces(
 
 
 def _evidence_of_surroundings(patches: Patches, edge_mm: float, sizes_mm: Array) -> tuple[Array, float, Array]:
-    """Log likelihood (S, W) of a surface near the jig under errors along the sight, under none, and the expected loss.
+    """Log likelihood (S, W) of a nearby surface under errors along the sight, that under none, and the expected loss.
 
     Walls and tables are bowed, so a quadratic part of their shape is left free. Apart from that the surface is flat and
     shows the scanner's error alone, which grows with no, the first or the second power of the depth, or it is uneven by

@@ -83,7 +83,7 @@ def turned_normals(planes: Sequence[PlaneFit], moves: Array) -> Array:
 
 
 def _angles(angles_deg: tuple[float, float, float], order: tuple[int, ...]) -> tuple[float, float, float]:
-    """Certified angles between 1-2, 2-3 and 3-1 of the fitted faces, where these are the certified faces `order`."""
+    """Certified angles between fitted faces 1-2, 2-3 and 3-1, which are the certificate's faces `order`."""
     between = {frozenset(pair): angle for pair, angle in zip(FACE_PAIRS, angles_deg, strict=True)}
     first, second, third = (between[frozenset((order[i], order[j]))] for i, j in FACE_PAIRS)
     return first, second, third

@@ -1,4 +1,4 @@
-"""Outline of a face, the triangle or rectangle of its two edges from the apex, and the points that lie in it.
+"""Outline of a face (triangle or rectangle of its two edges from the apex), and the points inside the outline.
 
 A point's coordinates along the two edges, from the apex, are its heights over the two other faces. They tell how much
 of a face is seen, and which points of the scan belong to it.
@@ -32,7 +32,7 @@ _PEELINGS = 4
 
 @dataclass(frozen=True)
 class FaceOutline:
-    """Outline of one face: the lengths of its two edges, and whether it is their rectangle or their triangle."""
+    """Outline of one face: the lengths of its two edges, and whether these span a rectangle or a triangle."""
 
     legs_mm: tuple[float, float]
     rectangular: bool = False
@@ -71,7 +71,7 @@ def face_points(heights: Array, face: int, band_mm: float, jig: Jig, outline: Ou
 
 
 def without_far_points(along_mm: Array) -> BoolArray:
-    """Mask of a face's points that are not far from the others. along_mm  # (K, 2), from the apex along its edges
+    """Mask of a face's points not far from the others; `along_mm` (K, 2) are coordinates from the apex along the edges.
 
     Where only a part of a face is seen, a stray point far from it would tilt the plane by its lever alone. Measured by
     the covariance of the points, no point of an evenly covered triangle is farther than sqrt(8) from their middle.
@@ -114,7 +114,7 @@ def flat_margins_mm(heights: Sequence[Array], planes: Sequence[PlaneFit], jig: J
 
 
 def flat_margin_mm(heights: Array, face: int, plane: PlaneFit, jig: Jig, outline: Outline) -> float:
-    """Least margin along the edges beyond which one face is flat. heights  # (K, 3) of its points over all faces"""
+    """Least margin along the edges beyond which one face is flat; `heights` (K, 3) of its points over all faces."""
     return float(_RINGS[_innermost_off(*_rings(heights, face, plane, jig, outline))] * jig.shortest_mm)
 
 
@@ -180,7 +180,7 @@ def outline_shares(
 
 
 def _goes_on(a: Array, b: Array) -> float:
-    """Larger share of a rectangle's two far borders that its plane goes on beyond, 0 where less than half.
+    """Largest extent to which a rectangle's plane continues beyond one of its two far borders; 0 where below a half.
 
     a, b  # (K,) of the plane's points, in shares of the legs. Strips on both sides of a border are compared by their
     points, so that no density matters. A longer box has the corner of a shorter one, and one end where it ends too.
@@ -189,7 +189,7 @@ def _goes_on(a: Array, b: Array) -> float:
 
 
 def share_beyond(along: Array, across: Array) -> float:
-    """Points beyond the border along = 1 over points inside it, in strips of equal width; 0 below a half, at most 1."""
+    """Ratio of points beyond the border along = 1 to points inside, in equal strips; 0 below 0.5, at most 1."""
     along_border = (across > _BORDER) & (across < 1 - _BORDER)
     within = int(np.count_nonzero(along_border & (along > 1 - _COLLAR) & (along < 1 - _BORDER)))
     beyond = int(np.count_nonzero(along_border & (along > 1 + _BORDER) & (along < 1 + _COLLAR)))
@@ -204,7 +204,7 @@ def _inside(rectangular: bool) -> BoolArray:
 
 
 def _in_cells(a: Array, b: Array, count: int) -> IndexArray:
-    """Number of points, at shares a and b of the legs, in each of (count, count) cells of a twelfth from 0 on."""
+    """Number of points, at shares a and b of the legs, in each of (count, count) cells, a twelfth of a leg wide."""
     row, column = a * _CELLS, b * _CELLS
     within = (row >= 0) & (column >= 0) & (row < count) & (column < count)
     cell = row[within].astype(np.int64) * count + column[within].astype(np.int64)

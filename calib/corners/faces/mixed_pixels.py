@@ -1,4 +1,4 @@
-"""Correction of pixels that see across an edge of the jig, in scans so coarse that they are much of a narrow face.
+"""Correction of pixels that see across an edge of the jig, for coarse scans where these are a large share of a face.
 
 A pixel reports a mean over what it sees, and a scanner smooths over neighbouring pixels. Near an edge that rounds the
 corner off. Where a face is many pixels wide its margins leave such points out; on a face seen at a flat angle, a few
@@ -201,7 +201,7 @@ def find_mixed_pixels(
 def moved_back(
     local: Array, planes: Sequence[PlaneFit], face: int, origin: Array, jig: Jig, mixed: MixedPixels
 ) -> Array:
-    """Points (N, 3) moved back along their rays by what mixing across the edges of this face did to their ranges."""
+    """Points (N, 3) of a face moved along their rays to undo the change of range by mixing across the face's edges."""
     sight = _sight(local, origin)
     pulls = _range_moves(sight, planes, face, origin, mixed.grid, jig) @ mixed.shares
     return np.asarray(local - pulls[:, None] * sight.ways)
@@ -275,7 +275,7 @@ def _inverse_ranges(planes: Sequence[PlaneFit], origin: Array) -> Array:
 def _range_moves(
     sight: _Sight, planes: Sequence[PlaneFit], face: int, origin: Array, grid: PixelGrid, jig: Jig
 ) -> Array:
-    """(N, 3) mm by which neighbours of each kind with a share of 1 move points along their rays, away where convex."""
+    """Moves (N, 3), mm, of points along their rays by full mixing (share 1) with each of three kinds of neighbours."""
     inverse = _inverse_ranges(planes, origin)
     others = inverse - inverse[face]
     here, steps = others @ sight.ways.T, others @ grid.steps.T  # (3, N), (3, 2): of q_j - q_i
@@ -343,7 +343,7 @@ def _robust_solution(rows: Array, values: Array) -> tuple[Array, Array, Array]:
 
 
 def _gain(rows: Array, values: Array, shares: Array, face: int) -> float:
-    """Decrease of a face's bounded squared residuals when its points are moved back; its plane is fitted each time."""
+    """Decrease of a face's bounded squared residuals when its points are moved back and its plane is fitted anew."""
     design = rows[:, 3 * face : 3 * face + 3]
 
     def loss(z: Array) -> float:

@@ -12,12 +12,12 @@ _NAME = 100  # characters of a file's name in that of the temporary one, which h
 
 
 def write_text_atomically(path: Path, text: str) -> None:
-    """Write UTF-8 text through a temporary file beside it, so that a reader finds the old text or the new."""
+    """Write UTF-8 text through a temporary file in the same folder, so that no reader finds a partial text."""
     write_bytes_atomically(path, text.encode("utf-8"))
 
 
 def write_bytes_atomically(path: Path, content: bytes) -> None:
-    """Write bytes through a temporary file beside it; a terminal or a pipe is written to directly.
+    """Write bytes through a temporary file in the same folder; a terminal or a pipe is written to directly.
 
     Raises DatasetError where the path is a folder or cannot be written.
     """

@@ -61,7 +61,7 @@ def load_scanner(table: TomlTable) -> Scanner:
 
 
 def load_mount(table: TomlTable) -> bool:
-    """Whether [scanner] declares that the arm carries the scanner; by default it stands in the room."""
+    """Whether [scanner] declares that the arm carries the scanner; by default the scanner is fixed in the world."""
     return table.text("mount", "room", choices=MOUNTS) == "flange"
 
 

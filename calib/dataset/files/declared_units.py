@@ -44,7 +44,7 @@ def load_units(table: TomlTable) -> DeclaredUnits:
 
 
 def unit_of(file: TableFile, columns: Mapping[str, Sequence[str]], declared: str) -> str:
-    """The unit of a table: the declared one, else that of its columns' names.
+    """The unit of a table: the declared one, else the unit in its columns' names.
 
     `columns` has the names by unit, the usual unit first; it is taken where columns of both are complete.
 

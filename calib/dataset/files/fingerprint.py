@@ -1,4 +1,4 @@
-"""Hashes of a dataset's files, to tell whether one of them has changed since it was read."""
+"""Hashes of a dataset's files, to detect changes since the dataset was read."""
 
 from __future__ import annotations
 

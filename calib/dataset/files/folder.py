@@ -39,7 +39,7 @@ ABOUT = ("serial", "operator", "site", "date")
 
 
 def find_datasets(folder: Path) -> list[Path]:
-    """The folder itself where it holds a dataset.toml, else the datasets right below it, by name."""
+    """The folder itself where it holds a dataset.toml, else its subfolders that are datasets, by name."""
     if folder.is_file():
         raise DatasetError(f"{folder}: is a file; give a dataset folder or one that holds datasets")
     if not folder.is_dir():

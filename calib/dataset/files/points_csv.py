@@ -246,7 +246,7 @@ def _by_order(file: TableFile) -> dict[str, Array]:
 
 
 def points_frame(poses: Poses, points: Points) -> pd.DataFrame:
-    """The columns of points.csv for some measured points."""
+    """Table of measured points with the columns of points.csv."""
     columns: dict[str, Any] = {"pose": [poses.ids[i] for i in points.pose]}
     if np.any(points.target != "jig"):
         columns["target"] = points.target

@@ -81,7 +81,7 @@ EffectChoice = str | type[CatalogueEffect] | Family | Effect
 def effects_named(
     dataset: Dataset, effects: EffectChoice | Sequence[EffectChoice], user_effects: Sequence[Family] = ()
 ) -> tuple[Effect, ...]:
-    """The members of the effects that were chosen, for `calibrate`: all of a family's where that is given.
+    """Members of the chosen effects, for `calibrate`; all members where a family is chosen.
 
     Raises CalibError for unknown and untestable families, and for sparse ones, of which a fit has to choose members.
     """
@@ -101,7 +101,7 @@ def effects_named(
 
 
 def _family(dataset: Dataset, choice: EffectChoice, user_effects: Sequence[Family]) -> Family | None:
-    """The family that is meant, None for a single member. Raises CalibError where it cannot be tested."""
+    """Family of a chosen effect; None for a single member. Raises CalibError where the family cannot be tested."""
     if isinstance(choice, type):
         choice = choice.name
     if isinstance(choice, str):

@@ -68,7 +68,7 @@ class TransmissionError(CatalogueEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Amplitudes of sine and cosine."""
+        """Amplitudes of the error's sine and cosine."""
         return harmonic(self.order, 3e-4)
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
@@ -144,7 +144,7 @@ class HighHarmonic(ShapedEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Amplitudes of sine and cosine."""
+        """Amplitudes of the error's sine and cosine."""
         return harmonic(self.order, 1e-4)
 
     def shapes(self, state: RobotState) -> Array:
@@ -266,7 +266,7 @@ class JointCoupling(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The last two joints, each driven by its neighbour before it, and the last by the one before that."""
+        """The family with up to three members: the last two joints by the previous one, the last by the one before."""
         n = dataset.robot.n_joints
         pairs = [(j, j - 1) for j in range(max(n - 2, 1), n)] + ([(n - 1, n - 3)] if n >= 3 else [])
         if n < 2:
@@ -276,7 +276,7 @@ class JointCoupling(CatalogueEffect):
 
 @dataclass(frozen=True)
 class CableDrag(ShapedEffect):
-    """A cable over two neighbouring joints that pulls one of them: harmonics of their sum, or of their difference."""
+    """A cable over two neighbouring joints that pulls one of them: harmonics of the angles' sum or difference."""
 
     joint: int  # that is pulled
     other: int
@@ -304,7 +304,7 @@ class CableDrag(ShapedEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Amplitudes of sine and cosine; the other joint is in their names."""
+        """Amplitudes of the error's sine and cosine; the other joint is in their names."""
         way = "with" if self.sign > 0 else "against"
         return tuple(
             Parameter(f"{part}{self.order}_{way}_J{self.other + 1}_rad", "rad", 3e-4, f"{part} amplitude")
@@ -379,7 +379,7 @@ class Backlash(CatalogueEffect):
 
 @dataclass(frozen=True)
 class FollowingError(CatalogueEffect):
-    """A joint that is read before it has settled: a share of the way from the pose before is still to go.
+    """A joint that is read before it has settled: a share of the motion from the previous pose is still missing.
 
     Poses after all measured ones, such as the targets of a correction, are taken as settled.
     """
@@ -460,7 +460,7 @@ class JointDent(ShapedEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each revolute joint, width and place that enough poses show."""
+        """The family with one member for each revolute joint, width and place for which there are enough poses."""
         poses = dataset.poses
         q_deg = np.degrees(poses.q[is_measured_for_training(dataset)])
         members = []
@@ -479,7 +479,7 @@ class JointDent(ShapedEffect):
 
 @dataclass(frozen=True)
 class AxisWobble(CatalogueEffect):
-    """A joint's axis that tilts as it turns, about its own origin, by cosine and sine of n q, n = 1 or 2.
+    """A joint's axis that tilts, about its own origin, by cosine and sine of n q as the joint turns, n = 1 or 2.
 
     The part of n = 1 that turns with the link is a constant link error and is left out. The rest tilts the axis in the
     link before, about that link's x and y: alpha and beta of the row before, or the base for the first joint.

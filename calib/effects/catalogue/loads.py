@@ -127,7 +127,7 @@ class JointCompliance(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each joint; without masses, one whose unknowns include them."""
+        """The family with one member for each joint; where masses are not known, they are among the unknowns."""
         robot = dataset.robot
         if has_masses(robot):
             return Family(cls.name, tuple(cls(j) for j in range(robot.n_joints)))
@@ -141,7 +141,7 @@ class JointCompliance(CatalogueEffect):
 
 @dataclass(frozen=True)
 class JointComplianceUnknownMasses(JointCompliance):
-    """Compliance of a joint under unknown masses: theta += sum over frames beyond of (c m) x torque of 1 kg there."""
+    """Compliance of a joint under unknown masses: theta += sum over later frames of (c m) x torque of 1 kg there."""
 
     places: int  # frames beyond the joint, the tool point included
     payload: bool  # whether it varies over the training poses
@@ -174,7 +174,7 @@ class JointComplianceUnknownMasses(JointCompliance):
 
 @dataclass(frozen=True)
 class LinkBending(CatalogueEffect):
-    """A link that bends under its own weight and all beyond it: a cantilever, c = L / EI (`GravityLoads.bending`).
+    """A link that bends under its own weight and later ones: a cantilever, c = L / EI (`GravityLoads.bending`).
 
     The part that turns about the next joint's axis is close to what compliance of that joint does; only the shift tells
     them apart.
@@ -226,7 +226,7 @@ class LinkBending(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each joint's link; without masses, one whose unknowns include them."""
+        """The family with one member for each joint's link; where masses are not known, they are among the unknowns."""
         robot, n_joints = dataset.robot, dataset.robot.n_joints
         if has_masses(robot):
             return Family(cls.name, tuple(map(cls, range(n_joints))))
@@ -237,7 +237,7 @@ class LinkBending(CatalogueEffect):
 
 @dataclass(frozen=True)
 class LinkBendingUnknownMasses(LinkBending):
-    """Bending of a link under unknown masses: its end moves by the sum over frames beyond of (c m) x that of 1 kg."""
+    """Bending of a link under unknown masses: its end moves by the sum over later frames of (c m) x bending by 1 kg."""
 
     places: int  # frames from the link's end on, the tool point included
     payload: bool  # whether it varies over the training poses
@@ -306,7 +306,7 @@ class BaseCompliance(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member, for the whole arm; without masses, one whose unknowns include them."""
+        """The family with one member, for the whole arm; where masses are not known, they are among the unknowns."""
         if has_masses(dataset.robot):
             return Family(cls.name, (cls(),))
         member = BaseComplianceUnknownMasses(dataset.robot.n_joints + 1, _payload_varies(dataset))
@@ -425,7 +425,7 @@ class NonlinearStiffness(CatalogueEffect):
 
 @dataclass(frozen=True)
 class LinkTorsion(CatalogueEffect):
-    """A link that twists about its own axis: its end turns by c times the moment along it of all that hangs beyond."""
+    """A link that twists about its own axis: its end turns by c times the moment about the axis of later weights."""
 
     joint: int  # the joint that moves the link
     name = "link_torsion"
@@ -465,7 +465,7 @@ class LinkTorsion(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each link off its joint's axis; the others' torsion is joint compliance."""
+        """The family with one member for each link off its joint's axis; torsion of other links is joint compliance."""
         rows = dataset.robot.table[:-1]
         out = np.abs(rows[:, 0]) > np.maximum(_SHORT_MM, 0.1 * np.abs(rows[:, 2]))
         members = tuple(cls(int(j)) for j in np.flatnonzero(out))
@@ -477,7 +477,7 @@ class LinkTorsion(CatalogueEffect):
 
 @dataclass(frozen=True)
 class BearingClearance(CatalogueEffect):
-    """A bearing with clearance: the joint's axis leans by a fixed angle to the side that the moment pushes it to."""
+    """A bearing with clearance: the joint's axis leans by a fixed angle towards the side of the moment's push."""
 
     joint: int
     name = "bearing_clearance"

@@ -1,4 +1,4 @@
-"""Changes at one pose: a slip, a knock, a bolt that works loose, which stay from then on in the order of measuring.
+"""Changes at one pose: a slip, a knock, a bolt that works loose, which persist from then on in the order of measuring.
 
 Poses that come after all that were measured, such as the targets of a correction, are as after the last pose.
 """
@@ -45,12 +45,12 @@ class ChangePoint:
         return re.sub(r"\W", "_", self.pose)
 
     def after(self, state: RobotState) -> Array:
-        """Indicator of the poses after the change: (N, 1), 1 from it on, 0 before."""
+        """Indicator (N, 1) of the poses after the change: 0 before, 1 from the first pose after it."""
         return (state.poses.order >= self.first).astype(float)[:, None]
 
 
 def is_measured_for_training(dataset: Dataset) -> BoolArray:
-    """Mask (N,) of training poses with a measured point, one per repeat group; all of them while no point is known."""
+    """Mask (N,) of training poses with a measured point, one per repeat group; of all where none has a point yet."""
     training = ~dataset.poses.is_test
     if dataset.points is None:
         return training
@@ -58,7 +58,7 @@ def is_measured_for_training(dataset: Dataset) -> BoolArray:
 
 
 def change_points(dataset: Dataset) -> list[ChangePoint]:
-    """Change points before training poses, with enough of these before and after to determine a step there.
+    """Change points before training poses, each with enough training poses on both sides to determine a step.
 
     None near a change of setup, where the scanner's frame changes too.
     """
@@ -80,7 +80,7 @@ def change_points(dataset: Dataset) -> list[ChangePoint]:
 
 
 def _family(dataset: Dataset, name: str, members: Callable[[ChangePoint], list[ShapedEffect]]) -> Family:
-    """The family with members for each change point; with too few poses, why not."""
+    """The family with members for each change point; with too few poses, one marked as not testable with the reason."""
     points = change_points(dataset)
     if not points:
         few = f"fewer than {2 * AT_ENDS} training poses show no step"
@@ -95,7 +95,7 @@ class Step(ShapedEffect):
     start: ChangePoint
 
     def shapes(self, state: RobotState) -> Array:
-        """Indicator of the poses after the step: (N, 1), 0 before, 1 from it on."""
+        """Indicator (N, 1) of the poses after the step: 0 before, 1 from the first pose after it."""
         return self.start.after(state)
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
@@ -224,7 +224,7 @@ class ScannerStep(Step):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Shift, and turn about the middle of the field; usual sizes move a point by 0.1 mm."""
+        """Shift of the reported points, and turn about the field's middle; usual sizes move a point by 0.1 mm."""
         turn = 0.1 / self.half_mm
         return (
             *(Parameter(f"v{a}_from_{self.start.word}_mm", "mm", 0.1, f"shift along {a}") for a in "xyz"),

@@ -1,4 +1,4 @@
-"""The scanner: errors of the points that it reports, by where they are and where it is (`RobotState.seen`)."""
+"""The scanner: errors of the points that it reports, by their place and the scanner's own (`RobotState.seen`)."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ class ScannerDrift(CatalogueEffect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Velocity and turning rate; usual sizes make 0.1 mm over the session."""
+        """Velocity and turning rate; the usual size of each moves a point by 0.1 mm over the session."""
         move, turn = 0.1 / self.duration_s, 0.1 / self.half_mm / self.duration_s
         return (
             *(Parameter(f"v{a}_mm_per_s", "mm/s", move, f"drift along {a}") for a in "xyz"),
@@ -143,7 +143,7 @@ class ScannerDrift(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member, about the middle of the training points, over the time that all poses took."""
+        """The family with one member, about the middle of the training points, over the duration of all poses."""
         time_s = dataset.poses.time_s
         if time_s is None:
             return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")
@@ -230,7 +230,7 @@ class ScannerScale(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member, which no dataset can test: only the arm's lengths over the scale are known."""
+        """The family with one member, which no dataset can test: only arm lengths relative to the scale are known."""
         return Family(
             cls.name,
             (cls(),),

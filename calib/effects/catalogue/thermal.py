@@ -1,4 +1,4 @@
-"""Temperature: measured, or of an arm that warms up by itself."""
+"""Temperature: effects of a measured temperature, or of an arm that warms up at work."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class ThermalGrowth(CatalogueEffect):
         poses = dataset.poses
         temperature = poses.temperature_c
         if temperature is None:
-            return Family(cls.name, (), "poses.csv has no temperature_c", "write the arm's temperature a pose")
+            return Family(cls.name, (), "poses.csv has no temperature_c", "add the arm's temperature at each pose")
         if float(np.ptp(temperature[~poses.is_test])) < 1e-6:
             return Family(
                 cls.name,
@@ -82,7 +82,7 @@ class WarmUp(ShapedEffect):
     changes_arm = True
     equation = "a, d times 1 + g (1 - exp(-t / T))"
     symbols = (("g", "1"),)
-    needs = "time_s in poses.csv, and no temperature_c, which says more"
+    needs = "time_s in poses.csv, and no temperature_c (thermal_growth takes that)"
     confirm = "a sensor on the arm (temperature_c), or the first poses again at the end"
     bounds = (NaturalBound(2e-3, "1", "aluminium grows by 1.4e-3 for 60 K"),)
     notes = r"""
@@ -99,7 +99,7 @@ class WarmUp(ShapedEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The growth of the warm arm; T is in its name."""
+        """The growth of the warm arm; the time constant T is in its name."""
         return (Parameter(f"growth_in_{self.minutes}min", "1", 1e-4, "growth of all lengths in the end"),)
 
     def shapes(self, state: RobotState) -> Array:
@@ -114,13 +114,19 @@ class WarmUp(ShapedEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each T of a small grid, up to three times as long as the measurement took."""
+        """The family with one member per time constant T of a small grid, up to thrice the measurement's time."""
         poses = dataset.poses
         if poses.time_s is None:
             return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")
         if poses.temperature_c is not None:
             known = "poses.csv has temperature_c, by which thermal_growth tests it"
-            return Family(cls.name, (), known, "nothing: thermal_growth says more", covered=True)
+            return Family(
+                cls.name,
+                (),
+                known,
+                "not needed: thermal_growth tests the same cause with the measured temperature",
+                covered=True,
+            )
         start_s, last_s = float(poses.time_s.min()), float(poses.time_s.max())
         if last_s <= start_s:
             return Family(cls.name, (), "time_s is the same at every pose", "write down when each pose was measured")

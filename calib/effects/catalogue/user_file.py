@@ -37,7 +37,7 @@ from calib.strict_json import MOST_SIZE
 
 
 def load_effects(path: Path, state: RobotState) -> tuple[Family, ...]:
-    """Families of an effects file, made for the robot of a state and tried on it. Raises CalibError in one line.
+    """Families of an effects file, made for the robot of a state and tested on it. Raises CalibError in one line.
 
     `calib.fitting.observations.nominal_state` makes the state of a dataset.
     """
@@ -67,7 +67,7 @@ def check_effects(effects: Iterable[Effect], state: RobotState, where: str = "ef
 
 
 def _load(path: Path) -> ModuleType:
-    """The module that an effects file is. Raises CalibError with the line where it cannot be imported."""
+    """Module imported from an effects file. Raises CalibError with the line where it cannot be imported."""
     if not path.is_file():
         raise CalibError(f"{path}: no such effects file")
     spec = importlib.util.spec_from_file_location(f"_effects_{path.stem}", path)
@@ -92,7 +92,7 @@ def _load(path: Path) -> ModuleType:
 
 @contextmanager
 def _siblings(folder: Path) -> Iterator[None]:
-    """Context in which a file may import others from its folder; the next time they are read anew, none is cached."""
+    """Context in which a file may import others from its folder; none stays cached, so that all are read anew."""
     before, wrote = set(sys.modules), sys.dont_write_bytecode
     sys.path.append(str(folder))  # last: a neighbour of any name hides nothing that is installed
     sys.dont_write_bytecode = True
@@ -151,7 +151,7 @@ def _instances(path: Path, module: ModuleType, joints: int) -> Iterable[Effect]:
 
 
 def _is_sound(name: object, unit: object, doc: object, scale: object) -> bool:
-    """Whether a parameter's fields are of their declared types, which nothing else checks in a user's file."""
+    """Whether the fields of a parameter from a user's file are of their declared types."""
     return (
         isinstance(name, str)
         and name.isidentifier()
@@ -163,7 +163,7 @@ def _is_sound(name: object, unit: object, doc: object, scale: object) -> bool:
 
 
 def _check(effect: Any, state: RobotState, where: str) -> None:
-    """Raise CalibError where a user's effect has unsound parameters or bounds, fails, or is present at zero."""
+    """Raise CalibError where a user's effect has unsound parameters or bounds, fails, or is not zero at zero values."""
     label = f"{where}: effect {type(effect).__name__}"
     parameters = getattr(effect, "parameters", None)
     if not isinstance(parameters, tuple | list) or not parameters:
@@ -208,6 +208,6 @@ def _errors_from(where: str) -> Iterator[None]:
 
 
 def _line(error: BaseException, path: Path) -> int | str:
-    """Line of a file at which an error was raised last; "?" where none of its lines was."""
+    """Line of the file in which an error was raised, the innermost one; "?" where the error came from elsewhere."""
     frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) == path]
     return frames[-1].lineno or "?" if frames else "?"

@@ -114,7 +114,7 @@ def _by_lines(chain: SerialChain, base_T_chain: Array, lines: Array) -> list[Arr
 
 
 def _about_axis(turn_rad: float, slide_mm: float = 0.0) -> Array:
-    """Transform (4, 4) of a turn about z and a slide along it."""
+    """Transform (4, 4) of a turn about z and a slide along z."""
     return make_transform(rotation_from_rpy([0.0, 0.0, turn_rad]), [0.0, 0.0, slide_mm])
 
 
@@ -155,7 +155,7 @@ def _azimuth(axis_T_line: Array, nominal: Array, *, both_turn: bool) -> float:
 
 
 def _last_motion(axis_T_tip: Array, nominal: Array) -> tuple[float, float]:
-    """Turn, rad, about the last axis and slide, mm, along it that bring the tip to its nominal place on it."""
+    """Turn, rad, about the last axis and slide, mm, along it that bring the tip to its nominal place on the axis."""
     turned = axis_T_tip[:3, :3] @ nominal[:3, :3].T
     turn_rad = float(np.arctan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]))
     return turn_rad, float(axis_T_tip[2, 3] - nominal[2, 3])
@@ -197,7 +197,7 @@ def _across(frames: Array) -> Array:
 
 
 def _same_axes(axes: Array, frames: Array, turns: BoolArray) -> bool:
-    """Whether the z axes of frames (n, 4, 4) are equal lines, or for sliding joints equal directions."""
+    """Whether the z axes of two sets of frames (n, 4, 4) are equal lines, or for sliding joints equal directions."""
     gap_mm = np.einsum("nij,nj->ni", _across(frames), axes[:, :3, 3] - frames[:, :3, 3])[turns]
     lean = np.abs(axes[:, :3, 2] - frames[:, :3, 2]).max()
     return bool(lean < _SAME_RAD and np.abs(gap_mm).max(initial=0.0) < _SAME_MM)

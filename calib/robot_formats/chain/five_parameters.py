@@ -163,7 +163,7 @@ def _last_rows(frame_T_tip: Array) -> tuple[Row, Row]:
 
 
 def _plain(row: Row) -> Row:
-    """The row with values below rounding set to zero; the next row starts from where it ends."""
+    """The row with values below rounding set to zero; the next row starts from its end."""
     a, alpha, d, theta, beta = row
     turns = [0.0 if abs(angle) < _ROUNDING_RAD else angle for angle in (alpha, theta, beta)]
     lengths = [0.0 if abs(length) < _ROUNDING_MM else length for length in (a, d)]

@@ -23,7 +23,7 @@ _LEAST_MULTIPLIER, _LARGEST_MULTIPLIER = 1e-3, 1e3  # of a multiplier; robot.tom
 
 @dataclass(frozen=True)
 class Following:
-    """Dependence of a joint's value on the commanded ones, in the units of the file."""
+    """Dependence of a mimic joint's value on the commanded ones, in the units of the file."""
 
     row: tuple[float, ...]  # (n,)
     offset: float
@@ -32,7 +32,7 @@ class Following:
 
 
 def followings(file: XmlFile, moving: Sequence[UrdfJoint]) -> tuple[Following, ...]:
-    """Dependence of each joint on others. Raises RobotFileError: a master outside the arm, a circle, unlike types."""
+    """Dependence of each mimic joint on others. Raises RobotFileError for masters off the arm, circles, mixed types."""
     by_name = {joint.name: i for i, joint in enumerate(moving)}
     return tuple(_following(file, moving, by_name, i) for i in range(len(moving)))
 
@@ -253,7 +253,7 @@ def _carried(arm: ArmPath, link: str) -> Iterator[tuple[str, Array, UrdfJoint | 
 
 
 def _lump(arm: ArmPath, link: str) -> tuple[float, Vector]:
-    """Mass and centre of mass, in the link's frame, of a link and all that it carries up to the arm's next joint."""
+    """Mass and centre of mass, in the link's frame, of a link and all parts carried up to the arm's next joint."""
     mass_kg, moment = 0.0, np.zeros(3)
     for name, place, _ in _carried(arm, link):
         inertial = arm.tree.links[name]
@@ -265,7 +265,7 @@ def _lump(arm: ArmPath, link: str) -> tuple[float, Vector]:
 
 
 def _beside(arm: ArmPath) -> Iterator[UrdfJoint]:
-    """Moving joints carried by the arm that are not part of it, such as a gripper's."""
+    """Moving joints carried by the arm that are not part of the arm, such as a gripper's."""
     for joint in arm.moving:
         yield from (by for _, _, by in _carried(arm, joint.child) if by is not None and by.moves)
 

@@ -32,7 +32,7 @@ class Element:
 
     @property
     def place(self) -> str:
-        """Line of the element, with its file where that is not the one that was opened, for messages."""
+        """Text with the element's line, and its file where that is an included one, for messages."""
         return str(self.line) if self.file is None else f"{self.line} of {self.file}"
 
     def all(self, tag: str) -> Iterator[Element]:

@@ -76,7 +76,7 @@ def _with_places(root: Element, places: Any, path: Path) -> Element:
 
 
 def _as_named(file: str | None, path: Path) -> Path:
-    """Path of a file as the user would write it, relative to the folder from which the xacro was named."""
+    """Path of a file as in the user's command, relative to the folder from which the xacro was named."""
     if file is None or Path(file).resolve() == path.resolve():
         return path
     whole = Path(file).resolve()

@@ -117,7 +117,7 @@ class _Expansion:
         self._eval_all = xacro.eval_all
 
     def take_over(self) -> None:
-        """Replace the library's functions by those of this object."""
+        """Replace the evaluation functions of the xacro library by this object's."""
         xacro, arguments = self._xacro, self._xacro.substitution_args
         xacro.eval = arguments.eval = self._refuse_eval  # before Python's own, for what a later version evaluates
         xacro.safe_eval = lambda text, names, local=None: self._value(text, names)

@@ -22,7 +22,7 @@ _TRIANGLE = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("attri
 
 
 def read_stl(path: Path, content: bytes) -> PointsAndNormals:
-    """Vertices of an .stl file, each once, without normals, which belong to triangles there. Raises ScanError."""
+    """Vertices of an .stl file, each once, without the triangles' normals. Raises ScanError."""
     promised = int.from_bytes(content[80:_STL_START], "little")
     held = (len(content) - _STL_START) // _TRIANGLE.itemsize
     # Some programs begin a binary file with the text's "solid": the file length decides.
@@ -48,7 +48,7 @@ def _read_text_stl(path: Path, content: bytes) -> Array:
 
 
 def read_obj(path: Path, content: bytes) -> PointsAndNormals:
-    """Vertices of an .obj file, without normals, which belong to corners of faces there. Raises ScanError."""
+    """Vertices of an .obj file, without the normals of faces' corners. Raises ScanError."""
     lines = [line.strip() for line in text_lines(path, content)]
     vertices = [line[1:] for line in lines if line[0] == "v" and line[1:2] in (" ", "\t")]
     if not vertices:

@@ -28,7 +28,7 @@ _NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 
 
 def require_bounded(path: Path, points: int) -> None:
-    """Raise ScanError for more points than a scan has, before an array is made: a small file may promise them."""
+    """Raise ScanError for more points than any scan has, before memory is allocated for a number from a header."""
     if points > MOST_POINTS:
         raise ScanError(
             f"{path}: the scan has {points / 1e6:.4g} million points, which would take {24e-9 * points:.2g} GB as "
@@ -89,7 +89,7 @@ def doubles(values: np.ndarray) -> Array:
 
 
 def split(rows: Array, has_normals: bool) -> PointsAndNormals:
-    """Points and normals from rows of three or six columns."""
+    """Points and normals, or None, from rows of three or six columns."""
     return rows[:, :3], rows[:, 3:6] if has_normals else None
 
 
@@ -101,7 +101,7 @@ def count(path: Path, word: str) -> int:
 
 
 def truncated(path: Path, promised: int, held: int) -> ScanError:
-    """Error for a file that ends too early: promised and held numbers of points."""
+    """Error for a file that ends too early, with the numbers of points announced and present."""
     return ScanError(
         f"{path}: the file is truncated: its header promises {promised} points, it holds {held}; "
         "copy or export the scan again"

@@ -33,7 +33,7 @@ _MOST_VALUES = 65535  # of one field; a histogram has hundreds
 
 @dataclass(frozen=True)
 class _Header:
-    """The header of a .pcd. A field is a column, or `counts` columns side by side."""
+    """The header of a .pcd file; a field is one column or `counts` adjacent columns."""
 
     names: list[str]
     types: list[str]  # numpy's, without byte order

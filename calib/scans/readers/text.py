@@ -1,4 +1,4 @@
-"""Points as text (.xyz, .asc, .pts, .csv, .txt): one a line, any usual delimiter, header lines, comments, a count."""
+"""Points as text (.xyz, .asc, .pts, .csv, .txt): one per line, any usual delimiter, header lines, comments, a count."""
 
 from __future__ import annotations
 
@@ -69,14 +69,14 @@ def read_text(path: Path, content: bytes) -> PointsAndNormals:
 
 
 def _none(path: Path, promised: int | None) -> PointsAndNormals:
-    """Empty points for a file without rows. Raises ScanError where its header promises some."""
+    """Empty points for a file without rows. Raises ScanError where its header announces some."""
     if promised:
         raise truncated(path, promised, 0)
     return np.zeros((0, 3)), None
 
 
 def _counted(rows: list[str]) -> tuple[int | None, list[str]]:
-    """Number of points where the first line is nothing else, else None; and the rows below it."""
+    """Number of points where the first line is only a number, else None; and the rows below."""
     first, second = ([line.strip() for line in rows[:2]] + ["", ""])[:2]
     if not _WHOLE_NUMBER.fullmatch(first) or _WHOLE_NUMBER.fullmatch(second):
         return None, rows

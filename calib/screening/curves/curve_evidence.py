@@ -60,7 +60,7 @@ class CurveColumns:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Sizes of the members, bandwidth and slope, by their logarithms; the evidence chooses them."""
+    """Sizes of the members, bandwidth and slope, by their logarithms, chosen by evidence."""
 
     logs: Array  # (M + 2,)
 
@@ -69,7 +69,7 @@ class CurveEvidence:
     """Log evidence of curves in a residual, at any sizes and spectrum."""
 
     def __init__(self, curve: CurveColumns, residual: Array, dof: int) -> None:
-        """residual  # (R,) measured minus predicted, whitened, projected, with `dof` degrees of freedom left"""
+        """`residual` (R,): measured minus predicted, whitened and projected, with `dof` degrees of freedom."""
         self.curve, self.residual, self.dof = curve, residual, dof
         self.total = float(residual @ residual)
         self.members = int(curve.member.max()) + 1 if len(curve.member) else 0
@@ -129,7 +129,7 @@ class CurveEvidence:
         return CurvePosterior(value, sigma, mean, quadratic), share
 
     def best(self, starts: tuple[Spectrum, ...] = ()) -> tuple[float, Spectrum]:
-        """Largest log evidence that is found, and its spectrum."""
+        """Largest log evidence found, and its spectrum."""
         usual = np.log(self.usual_size)
         bounds = [(usual + _LEAST_LOG_SIZE, usual + _MOST_LOG_SIZE)] * self.members
         bounds += [(np.log(low), np.log(high)) for low, high in (_BANDWIDTHS, _SLOPES)]
@@ -155,7 +155,7 @@ class CurveEvidence:
         return value, Spectrum(logs)
 
     def _falling(self, logs: Array) -> tuple[float, Array]:
-        """Negative log evidence and its gradient by the logarithms."""
+        """Negative log evidence and its gradient by the logarithms of the spectrum, for a minimiser."""
         spectrum = Spectrum(logs)
         now, taken = self._at_with_share(spectrum, wanted=True)
         by_sigma = self.dof * now.mean**2 / now.quadratic - taken
@@ -207,7 +207,7 @@ class CurveEvidence:
 
 @dataclass(frozen=True)
 class CurvePosterior:
-    """Posterior of curves given a residual and a spectrum, in units of the noise that is left."""
+    """Posterior of curves given a residual and a spectrum, in units of the remaining noise."""
 
     log_evidence: float
     prior_sigma: Array  # (K,) s, over the noise

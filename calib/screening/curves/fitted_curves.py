@@ -48,7 +48,7 @@ class FittedCurve:
 
     @property
     def unit(self) -> str:
-        """Unit of the curve as people read it."""
+        """Unit of the curve for readers."""
         return "mrad" if self.is_revolute else "mm"
 
     @property

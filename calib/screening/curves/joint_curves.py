@@ -1,4 +1,4 @@
-"""Curves of the joints learned from a fit: columns of harmonics, evidence, and the modes or formulas worth fitting."""
+"""Curves of the joints learned from a fit: columns of harmonics, evidence, and the modes or formulas to be fitted."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _MIN_VISIBLE = 0.3  # sigmas: a mode whose usual size moves the whole residual b
 
 @dataclass(frozen=True)
 class LearnedCurves:
-    """Curves that the data ask for, as effects, with their evidence together."""
+    """Curves that the data support, as effects, with their joint evidence."""
 
     members: tuple[SmoothJointError, ...]
     log_evidence: float  # over no curve, less the cost of choosing their inputs
@@ -69,7 +69,7 @@ class _Candidate:
 
 @one_blas_thread()
 def learn_joint_curves(calibration: Calibration) -> LearnedCurves | None:
-    """Curves of the joints over their angles and, where the data ask for it, over other inputs; None for noise alone.
+    """Curves of the joints over their angles and other inputs that the data support; None where noise alone is left.
 
     Raises FitError where no degree of freedom is left.
     """
@@ -101,7 +101,7 @@ def learn_joint_curves(calibration: Calibration) -> LearnedCurves | None:
 
 
 def _predict_left_out_poses(projected: ProjectedResidual, members: list[SmoothJointError], noise: float) -> bool:
-    """Whether each pose is predicted better from the others with the curves than without (leave one pose out)."""
+    """Whether the curves improve the prediction of each pose from the others (leave one pose out), in total."""
     directions = joint_directions(projected)
     columns = [
         projected.motion_columns(directions[m.joint], m.modes.at(input_values(projected.state, m.modes.input)))
@@ -154,7 +154,7 @@ def _evidence_of(chosen: list[_Candidate], projected: ProjectedResidual) -> Curv
 
 
 def _over_angles(projected: ProjectedResidual) -> Iterator[_Candidate]:
-    """Candidate curve of every revolute joint over its own angle, unless geometry could do the same."""
+    """Candidate curve of every revolute joint over its own angle, unless geometry could have the same effect."""
     directions = joint_directions(projected)
     for j, joint in enumerate(projected.residuals.model.robot.joints):
         if joint.is_revolute:
@@ -194,7 +194,7 @@ def _over_other_inputs(projected: ProjectedResidual) -> Iterator[_Candidate]:
 def _candidate(
     projected: ProjectedResidual, direction: Array, joint: int, modes: CurveModes, shares: bool
 ) -> Iterator[_Candidate]:
-    """Candidate curve, unless geometry could do the same."""
+    """Candidate curve; None where geometry could produce the same displacements."""
     columns = projected.motion_columns(direction, modes.at(input_values(projected.state, modes.input)))
     if float(np.linalg.norm(columns)) <= 1e-6 * float(np.linalg.norm(direction)):
         return
@@ -204,7 +204,7 @@ def _candidate(
 
 
 def _without(evidence: CurveEvidence, spectrum: Spectrum, member: int) -> float:
-    """Log evidence when one member's curve is flat."""
+    """Log evidence with one member's curve removed."""
     return evidence.at(_flat(spectrum, member)).log_evidence
 
 
@@ -222,7 +222,7 @@ def _formula(
     k: int,
     worth: float,
 ) -> FoundFormula | None:
-    """Short formula in place of a curve, where it explains as much."""
+    """Short formula in place of a curve; None where the formula explains less."""
     name = candidate.modes.input
     direction = joint_directions(projected)[candidate.joint]
     return find_formula(
@@ -238,7 +238,7 @@ def _formula(
 def _curve_member(
     projected: ProjectedResidual, candidate: _Candidate, evidence: CurveEvidence, found: CurvePosterior, k: int
 ) -> SmoothJointError | None:
-    """Curve in the visible modes of its prior over the measured inputs (Karhunen-Loeve); None where none is visible."""
+    """Curve in the visible modes of its prior over the measured inputs (Karhunen-Loeve); None without visible modes."""
     of_member = evidence.curve.member == k
     noise = float(np.sqrt(found.quadratic / evidence.dof))
     spread = found.prior_sigma[of_member] * noise
@@ -263,7 +263,7 @@ def _is_number(column: object) -> bool:
 
 @dataclass(frozen=True)
 class FoundFormula:
-    """Formula, and the logs of its terms' prior sigmas over the noise."""
+    """A formula, with the logs of its terms' prior sigmas over the noise."""
 
     modes: FormulaModes
     log_sizes: tuple[float, ...]  # one a term
@@ -272,7 +272,7 @@ class FoundFormula:
 
 
 def candidate_terms(input_name: str, u: Array) -> list[FormulaTerm]:
-    """Terms that are tried over an input (N,)."""
+    """Candidate terms of a short formula over an input (N,)."""
     low, high = float(np.min(u)), float(np.max(u))
     places = np.linspace(low, high, _PLACES + 2)[1:-1].tolist()
     terms = [FormulaTerm("kink", place=p) for p in places] + [FormulaTerm("step", place=p) for p in places]

@@ -20,7 +20,7 @@ LEARNED = "smooth_joint_error"
 
 @dataclass(frozen=True, eq=False)
 class CurveModes:
-    """K curves over an input u, each a sum of harmonics, of unit size over the poses that they were learned from.
+    """K curves over an input u, each a sum of harmonics, scaled to unit size over the poses used for learning.
 
     f_k(u) = sum over n of W[2 i, k] sin(n phase) + W[2 i + 1, k] cos(n phase), phase = rate (u - start), u kept within
     [low, high]: a curve is bounded where nothing was measured.
@@ -108,7 +108,7 @@ def harmonics(phase: Array, orders: IndexArray) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class SmoothJointError:
-    """Smooth error theta_j += f(u) of one joint, f a sum of modes that show in the data.
+    """Smooth error theta_j += f(u) of one joint, where f is a sum of modes supported by the data.
 
     The modes and their prior sigmas were chosen by evidence. It is added where no named effect explains as much, and it
     names no cause.
@@ -127,7 +127,7 @@ class SmoothJointError:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Parameters, one a mode: its rms over the training poses, rad (mm for a prismatic joint)."""
+        """Parameters, one per mode: its rms over the training poses, rad (mm for a prismatic joint)."""
         own = self.modes.input == f"q{self.joint + 1}"
         prefix = "" if own else f"{_identifier(self.modes.input)}_"
         return tuple(
@@ -140,7 +140,7 @@ class SmoothJointError:
         return state.add_joint_error(self.joint, self.joint_motions(state) @ np.array(list(values.values())))
 
     def joint_motions(self, state: RobotState) -> Array:
-        """(N, K) error of the joint by each parameter, at once instead of by hundreds of applications."""
+        """(N, K) error of the joint by a unit of each parameter."""
         return self.modes.at(input_values(state, self.modes.input))
 
 

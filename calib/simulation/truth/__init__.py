@@ -1,1 +1,1 @@
-"""The true arm and the effects on it, without any code of the kinematics, effects and fits tested against them."""
+"""True arm of a simulation and the effects on it, without any code of the tested kinematics, effects and fits."""

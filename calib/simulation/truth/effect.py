@@ -14,7 +14,7 @@ from calib.simulation.truth.mechanism import Arm, Conditions
 
 @dataclass(frozen=True, eq=False)
 class TrueEffect:
-    """A physical effect on the arm, or on the points that the scanner reports. At magnitude zero it changes neither.
+    """A physical effect on the arm, or on the points that the scanner reports; no change at magnitude zero.
 
     `magnitude_fields` names the fields that are proportional to the effect; all others describe where or how it acts.
     """
@@ -28,7 +28,7 @@ class TrueEffect:
         return arm
 
     def change_measurement(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
-        """The tool frame (N, 4, 4) as the scanner reports it; the jig's apex points along `sign` times its z axis."""
+        """Tool frame (N, 4, 4) as the scanner reports it; the jig's apex points along `sign` times the z axis."""
         return scanner_T_target
 
     def scaled(self, factor: float) -> TrueEffect:
@@ -37,7 +37,7 @@ class TrueEffect:
 
     @property
     def is_absent(self) -> bool:
-        """Whether its magnitude is zero."""
+        """Whether the effect's magnitude is zero."""
         return not any(np.any(getattr(self, name)) for name in self.magnitude_fields)
 
     def parameters(self) -> dict[str, Any]:

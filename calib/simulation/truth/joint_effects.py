@@ -32,7 +32,7 @@ class TransmissionError(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """One dominant harmonic n = 1, 2, 3 per joint: eccentric ring, oval generator, three screws."""
+        """Effect with one dominant harmonic n = 1, 2, 3 per joint: eccentric ring, oval generator, three screws."""
         n = cell.nominal.n_joints
         share = 0.15 + 0.85 * np.eye(3)[rng.integers(3, size=n)]
         wave = 1e-4 * share * np.exp(2j * np.pi * rng.random((n, 3)))
@@ -62,7 +62,7 @@ class HighHarmonic(TransmissionError):
 
 @dataclass(frozen=True, eq=False)
 class FineRipple(TransmissionError):
-    """A transmission error of 23 periods per turn, which the catalogue does not have."""
+    """A transmission error of 23 periods per turn, which is not in the catalogue."""
 
     name = "fine_ripple"
     in_catalogue = False
@@ -75,7 +75,7 @@ class FineRipple(TransmissionError):
 
 @dataclass(frozen=True, eq=False)
 class RoughGear(TransmissionError):
-    """A joint that runs unevenly all along its range: waves without the period of a turn. Not in the catalogue."""
+    """A joint with an irregular error over its whole range: waves not periodic in a turn. Not in the catalogue."""
 
     name = "rough_gear"
     in_catalogue = False
@@ -159,7 +159,7 @@ class JointCoupling(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """The last two joints, each dragged by the one before: in the wrist shafts run through the next joint."""
+        """Coupling of the last two joints to the one before each, as wrist shafts run through the next joint."""
         n = cell.nominal.n_joints
 
         def make(size: Array) -> SampledEffect:
@@ -205,7 +205,7 @@ class JointDent(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """A bump of 0.2 to 0.35 rad (standard deviation), at an angle where the poses are."""
+        """Dent with a bump of 0.2 to 0.35 rad (standard deviation), at an angle where the poses are."""
         place_rad = cell.q[rng.integers(len(cell.q))].copy()
         width_rad = rng.uniform(0.2, 0.35)
 
@@ -228,7 +228,7 @@ class AsymmetricScale(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """One joint whose poses lie on both sides of its zero."""
+        """Effect on one joint whose poses lie on both sides of its zero."""
         share = np.mean(cell.q > 0.0, axis=0)
         both = (share > 0.15) & (share < 0.85)
         if not both.any():
@@ -254,7 +254,7 @@ class CableDrag(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """A cable over two neighbouring revolute joints."""
+        """Effect with a cable over two neighbouring revolute joints."""
         phase_rad, sign = rng.uniform(0.0, 2.0 * np.pi), float(rng.choice([-1.0, 1.0]))
         order, turns = int(rng.integers(1, 3)), cell.nominal.is_revolute
         pair = np.append(turns[:-1] & turns[1:], False)

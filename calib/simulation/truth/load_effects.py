@@ -19,7 +19,7 @@ from calib.simulation.truth.visibility import SimulatedCell, gravity_torques
 
 @dataclass(frozen=True, eq=False)
 class JointCompliance(SampledEffect):
-    """Joints that yield: dq_j = c_j tau_j, the gravity torque at the pose that results."""
+    """Joints that yield under load: dq_j = c_j tau_j, the gravity torque at the resulting pose."""
 
     name = "joint_compliance"
     magnitude_fields = ("c_rad_per_nm",)
@@ -31,7 +31,7 @@ class JointCompliance(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """Joints of one make, 35 % apart; the wrist is about four times softer."""
+        """Compliances of joints of one make, which vary by 35 %; the wrist is about four times softer."""
         n = cell.nominal.n_joints
         size = 1e-5 * np.where(np.arange(n) < n - 3, 1.0, 4.0) * np.exp(0.35 * rng.standard_normal(n))
         return cls(carriers(cell, rng, cls, size * cell.nominal.is_revolute))
@@ -56,7 +56,7 @@ class GravityBacklash(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """Play in joints that gravity loads clearly: a median torque above 0.3 Nm."""
+        """Play in joints with a clear gravity load: a median torque above 0.3 Nm."""
         loaded = np.median(np.abs(gravity_torques(cell)), axis=0) > 0.3
         return cls(carriers(cell, rng, cls, 2e-4 * magnitudes(cell, rng) * loaded))
 
@@ -102,7 +102,7 @@ class LinkBending(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """Links from 50 mm on; c = L / EI grows towards the thin end of the arm."""
+        """Bending of links from 50 mm length on; c = L / EI grows towards the thin end of the arm."""
         ends = Arm.commanded_to(cell.nominal, cell.q)
         spans = [
             after[0, :3, 3] - before[0, :3, 3]
@@ -136,7 +136,7 @@ class NonlinearStiffness(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class LinkTorsion(SampledEffect):
-    """Torsion of each link, a tube from its joint's origin to the next one's, by the moment along it of all beyond."""
+    """Torsion of each link, a tube from its joint's origin to the next, by the moment along it of all later weights."""
 
     name = "link_torsion"
     magnitude_fields = ("c_rad_per_nm",)
@@ -169,7 +169,7 @@ class LinkTorsion(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class BearingClearance(SampledEffect):
-    """Axes that lean by a fixed angle about the moment across them, by all beyond."""
+    """Axes that lean by a fixed angle about the moment, across the axis, of all weights beyond."""
 
     name = "bearing_clearance"
     magnitude_fields = ("lean_rad",)
@@ -196,7 +196,7 @@ class BearingClearance(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class BaseCompliance(SampledEffect):
-    """The floor yields: the arm turns about its base's origin by c M, the overturning moment of all weights."""
+    """A floor that yields: the arm turns about its base's origin by c M, the overturning moment of all weights."""
 
     name = "base_compliance"
     magnitude_fields = ("c_rad_per_nm",)
@@ -214,7 +214,7 @@ class BaseCompliance(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class ToolSag(SampledEffect):
-    """The target hangs on three springs along the tool frame's axes: shift = R diag(c) R^T g / |g|."""
+    """A target on three springs along the tool frame's axes: shift = R diag(c) R^T g / |g|."""
 
     name = "tool_sag"
     magnitude_fields = ("c_mm",)

@@ -1,4 +1,4 @@
-"""Mechanism of a simulated arm: frames of all parts, weights that they carry, moments of those weights.
+"""Mechanism of a simulated arm: frames of all parts, the weights carried, and their moments.
 
 The chain is a product of elementary turns and shifts, written out one by one; a moment comes from each weight and its
 lever. No code is shared with `calib.kinematics.chain` or the effects that a fit uses, so that each checks the other.
@@ -21,7 +21,7 @@ from calib.kinematics.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """Conditions at N poses, in the order in which they are measured. None: not recorded, no payload."""
+    """Conditions at N poses, in the order of measuring; None for those not recorded, or no payload."""
 
     payload_kg: Array | None = None  # (N,)
     temperature_c: Array | None = None  # (N,)
@@ -31,7 +31,7 @@ class Conditions:
 
     @classmethod
     def of(cls, poses: Poses) -> Conditions:
-        """Conditions that are recorded with poses."""
+        """Conditions recorded with poses."""
         return cls(**{field.name: getattr(poses, field.name) for field in fields(cls)})
 
 
@@ -90,7 +90,7 @@ class Arm:
 
     @cached_property
     def base_T_straight(self) -> tuple[Array, ...]:
-        """Frames, n times (N, 4, 4), at the end of link j before it bends."""
+        """Frames, n times (N, 4, 4), at the end of each link before bending."""
         return self._chain[2]
 
     @cached_property

@@ -18,7 +18,7 @@ from calib.simulation.truth.visibility import SimulatedCell
 
 
 def _after(count: int, first: int) -> BoolArray:
-    """Mask (N,) of the poses from the first after a change on."""
+    """Mask (N,) of the poses from the first pose after a change on."""
     return np.arange(count) >= first
 
 
@@ -67,7 +67,7 @@ class TargetStep(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class ScannerStep(SampledEffect):
-    """The scanner is knocked: p becomes c + exp(w) (p - c) + v from a pose on, c the middle of what it sees."""
+    """A scanner that is knocked: p becomes c + exp(w) (p - c) + v from a pose on, c the middle of its field."""
 
     name = "scanner_step"
     magnitude_fields = ("shift_mm", "turn_rad")
@@ -85,7 +85,7 @@ class ScannerStep(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """A knock whose shift and turn move a point at the field's edge alike."""
+        """Knock with a shift and a turn that move a point at the field's edge equally far."""
         middle_mm = cell.plain_mm.mean(axis=0)
         reach_mm = float(np.sqrt(np.mean(np.sum((cell.plain_mm - middle_mm) ** 2, axis=1))))
         turn_rad = 0.2 / reach_mm * rng.standard_normal(3)
@@ -136,7 +136,7 @@ class WarmUp(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class FollowingError(SampledEffect):
-    """Joints that are read while they still move: dq_j = k_j times the way from the pose before, 0 at the first."""
+    """Joints read while still moving: dq_j = k_j times the motion from the previous pose, 0 at the first."""
 
     name = "following_error"
     magnitude_fields = ("k",)
@@ -148,5 +148,5 @@ class FollowingError(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """An error by which every joint stops short."""
+        """Following error by which every joint stops short of its target."""
         return cls(carriers(cell, rng, cls, -1e-4 * magnitudes(cell, rng)))

@@ -21,7 +21,7 @@ PerJoint = Callable[[Array], TrueEffect]
 
 
 class SampledEffect(TrueEffect):
-    """An effect that can be simulated by its name: it draws which joints carry it, and in which proportion.
+    """An effect that can be simulated by its name: `draw` chooses the joints that carry it, and in which proportion.
 
     A subclass with a `name` in a module of `calib.simulation.truth` is registered when it is defined. The name is that
     of the catalogue's class (`calib.effects.catalogue`); the code is independent of it, and no law is linearised.

@@ -44,7 +44,7 @@ class ScannerDistortion(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """Distortion with one dominant term of three, in sizes that move a point at the field's edge alike."""
+        """Distortion with one dominant term of three; each could move a point at the field's edge equally far."""
         middle_mm = cell.plain_mm.mean(axis=0)
         reach_mm = float(np.sqrt(np.mean(np.sum((cell.plain_mm - middle_mm) ** 2, axis=1))))
         k = 0.2 * rng.choice([-1.0, 1.0], 3) * (0.2 + 0.8 * np.eye(3)[rng.integers(3)])
@@ -53,7 +53,7 @@ class ScannerDistortion(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class ScannerDrift(SampledEffect):
-    """A creeping scanner stand: p becomes exp(w t) p + v t, t from the first pose."""
+    """A scanner that creeps: a point p becomes exp(w t) p + v t, t from the first pose."""
 
     name = "scanner_drift"
     needs_conditions = True
@@ -114,7 +114,7 @@ class ScannerScale(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class FieldBump(SampledEffect):
-    """A local fault of the field: a shift times exp(-d^2 / 2 w^2), d from its place. Not in the catalogue."""
+    """A local fault of the scanner's field: a shift times exp(-d^2 / 2 w^2), d from its place. Not in the catalogue."""
 
     name = "field_bump"
     in_catalogue = False
@@ -130,7 +130,7 @@ class FieldBump(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """A bump at one of the points, 0.25 to 0.4 as wide as their cloud."""
+        """Bump at one of the points, with a width of 0.25 to 0.4 of the cloud of points."""
         middle_mm = cell.plain_mm.mean(axis=0)
         reach_mm = float(np.sqrt(np.mean(np.sum((cell.plain_mm - middle_mm) ** 2, axis=1))))
         direction = rng.standard_normal(3) * np.array([0.3, 0.3, 1.0])

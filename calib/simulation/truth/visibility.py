@@ -25,7 +25,7 @@ _ABSORBED = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class SimulatedCell:
-    """A true arm without effects at the poses where it will be measured."""
+    """A true arm without effects, at the poses of its simulated measurement."""
 
     nominal: Robot
     truth: Truth
@@ -60,7 +60,7 @@ class SimulatedCell:
         return float(np.sqrt(np.mean(self.visible_mm(effect) ** 2)))
 
     def scaled_to_visible(self, effect: TrueEffect, rms_mm: float) -> TrueEffect:
-        """The effect at the magnitude that leaves `rms_mm` per coordinate after a geometric fit.
+        """The effect at the magnitude with a residual of `rms_mm` per coordinate after a geometric fit.
 
         Raises:
             CalibError: link parameters absorb all of it, at any magnitude.
@@ -77,7 +77,7 @@ class SimulatedCell:
         return self._scaled(effect, rms_mm, self.moved_rms_mm)
 
     def _scaled(self, effect: TrueEffect, goal_mm: float, size_mm: Callable[[TrueEffect], float]) -> TrueEffect:
-        """The effect at the magnitude at which a measure of its size is `goal_mm`."""
+        """The effect scaled to the magnitude at which a given measure of its size equals `goal_mm`."""
         if goal_mm <= 0:
             return effect.scaled(0.0)
         for _ in range(20):  # displacements are nearly proportional to the magnitude

@@ -63,7 +63,7 @@ def flat_patches(points: Array, size_mm: float) -> list[PlaneFit]:
 
 
 def _patch(points: Array, on: IndexArray, thinned: Array, normals: Array, noise_mm: float) -> PlaneFit | None:
-    """Robust plane through one patch's points `on`; None where too few lie near it. thinned, normals  # (K, 3)"""
+    """Robust plane through one patch's points `on`; None where few points are near it; `thinned`, `normals` (K, 3)."""
     normal = np.median(normals, axis=0)
     normal /= np.linalg.norm(normal)
     offset = float(np.median(thinned @ normal))

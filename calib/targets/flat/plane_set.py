@@ -35,7 +35,7 @@ _SINGULAR = 0.05
 
 @dataclass(frozen=True)
 class _Named:
-    """Patches, and the plane of the set that each is."""
+    """Patches, each identified as a plane of the set."""
 
     patches: tuple[PlaneFit, ...]
     planes: tuple[int, ...]

@@ -199,7 +199,7 @@ def _score(edge: _Edge, shape: Plate) -> float:
 
 
 def _corner(one: _Edge, other: _Edge, flat: _Flat, shape: Plate) -> Array | None:
-    """Intersection (2,) of two edges at the plate's angle and at their ends; None where they do not meet so."""
+    """Intersection (2,) of two edges at the plate's angle and at their ends; None where there is none."""
     angle_deg = 180 - np.degrees(np.arccos(np.clip(one.outward @ other.outward, -1, 1)))
     if abs(angle_deg - shape.angle_deg) > _SAME_ANGLE_DEG:
         return None

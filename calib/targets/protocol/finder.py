@@ -1,4 +1,4 @@
-"""Protocol of every finder of targets, a user's own too: what it is asked for and what it returns.
+"""Protocol of every finder of targets, including a user's own: its request and its answer.
 
 A finder is a function from a scan and what is wanted in it to the places where such targets are. It does not know which
 of several equal targets a place belongs to: `calib.targets.assignment` decides that from all poses together.
@@ -49,7 +49,7 @@ class FoundPoint:
 
     @property
     def inliers(self) -> IndexArray:
-        """Indices (points,) of the scan's points that the place was made from."""
+        """Indices (points,) of the scan's points from which the place was computed."""
         return np.flatnonzero(np.unpackbits(self.inlier_bits))
 
     def sigma_mm(self) -> float:
@@ -58,7 +58,7 @@ class FoundPoint:
 
 
 class TargetFinder(Protocol):
-    """Function that finds at most `wanted.most` places where a target of that shape is, the surest first.
+    """Function that finds at most `wanted.most` places of targets of one shape in a scan, the surest first.
 
     Raises TargetError with the reason, in one line that says what would help, where there is none.
     """

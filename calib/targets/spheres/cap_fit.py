@@ -57,7 +57,7 @@ class CapFit:
 
     @property
     def cap_deg(self) -> float:
-        """Half the angle of the cap that is seen: the incidence that nine in ten of the points stay below."""
+        """Half angle, deg, of the visible cap: the incidence below which nine in ten of the points lie."""
         return float(np.degrees(np.arcsin(min(float(np.quantile(self.sine, 0.9)), 1.0))))
 
 
@@ -74,7 +74,7 @@ def ray_sines(points: Array, centre: Array, radius: float) -> tuple[Array, Array
 
 
 def fit_cap(points: Array, centre: Array, radius: float, band_mm: float, *, fixed: bool) -> CapFit | None:
-    """Fit of centre and radius to the cap's points, from a start that is good to `band_mm`; None where it fails.
+    """Fit of centre and radius to the cap's points, from a start accurate to `band_mm`; None where the fit fails.
 
     points  # (N, 3) scanner frame, the scanner at the origin. The radius stays as given where it is `fixed`. None where
     fewer than 12 points are on the sphere, or where they do not define it.
@@ -154,7 +154,7 @@ def _bend(sine: Array, radius: float) -> Array:
 
 
 def _shows_blur(rows: Array, over: Array, weight: Array) -> bool:
-    """Whether the last column of the design (K, p), divided by sigma, has a coefficient well above 0."""
+    """Whether the blur's coefficient, the last of the design (K, p) weighted by sigma, is significantly above 0."""
     step, inverse = _step(rows.T @ (rows * weight[:, None]), rows.T @ (weight * over))
     return step is not None and bool(step[-1] > _BLUR_SIGMAS * np.sqrt(inverse[-1, -1]))
 
@@ -185,7 +185,7 @@ def _spacing(points: Array, centre: Array, radius: float) -> float:
 def _met_by_rays(
     points: Array, centre: Array, radius: float, sine: Array, over: Array, normals: Array
 ) -> tuple[Array, Array]:
-    """Distances (N,) over the surface and normals (N, 3) where each point's ray meets it; as given where it misses."""
+    """Distances (N,) over the surface, and normals (N, 3) where each point's ray meets the surface, else as given."""
     meets = sine < 1
     length = np.sqrt(np.einsum("ni,ni->n", points, points))
     ways = points[meets] / length[meets, None]
@@ -207,7 +207,7 @@ def _is_lifted(over_sigmas: Array, ring: BoolArray) -> bool:
 
 
 def _clear_of_others(direction: Array, over: Array, sigma: Array) -> BoolArray:
-    """(K,) whether most points about the same place of the surface lie on it. direction  # (K, 3) unit, outward"""
+    """(K,) whether most points about the same place of the surface lie on it; `direction` (K, 3) unit, outward."""
     off = np.abs(over) > TUKEY * sigma
     if not off.any():
         return np.ones(len(over), dtype=bool)

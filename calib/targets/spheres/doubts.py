@@ -1,4 +1,4 @@
-"""Reasons against a fitted sphere, and warnings about one: its surface, points seen behind it, a cap too small."""
+"""Reasons against a fitted sphere, and warnings about one: its surface, points seen behind, a cap too small."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def _cells(points: Array, fit: CapFit, half: int) -> IndexArray:
 
 
 def _seen_through(points: Array, on: BoolArray, behind: BoolArray, fit: CapFit) -> float:
-    """Cells of the silhouette with points behind the surface and none on it, over those with some on it.
+    """Number of the silhouette's cells with points only behind the surface, over that with points on the surface.
 
     Stray points lie behind a true sphere too, but hardly anywhere without points of the sphere.
     """
@@ -133,7 +133,7 @@ def _spread_deg(outward: Array) -> float:
 
 
 def doubts_of(fit: CapFit, *, fixed: bool) -> tuple[str, ...]:
-    """Warnings about a sphere that was found, each with what would help."""
+    """Warnings about a sphere that was found, each with a remedy."""
     warnings = []
     if fit.cap_deg < _SMALL_CAP_DEG and not fixed:
         warnings.append(

@@ -29,7 +29,7 @@ _MOST_OVER_DECLARED = 1.5  # times the declared noise, that a scan may have
 
 @dataclass(frozen=True)
 class _FittedSphere:
-    """Fit of a candidate, the reason against it or "", and its score."""
+    """Fit of a candidate, with the reason against it or "", and its score."""
 
     fit: CapFit
     refusal: str
@@ -133,7 +133,7 @@ def _fitted(points: Array, guess: SphereCandidate, known_mm: float | None, noise
 
 
 def _apart(tried: Sequence[_FittedSphere]) -> list[_FittedSphere]:
-    """Best fits first, without those at the place of a better one."""
+    """Fits ordered from the best, without those at the place of a better one."""
     best: list[_FittedSphere] = []
     for one in sorted(tried, key=lambda t: -t.score):
         if all(

@@ -65,7 +65,7 @@ def growth_of(over: Array, sine: Array, least_sigma_mm: float) -> NoiseGrowth:
 
 
 def patch_factor(rows: Array, psi: Array, inverse: Array) -> float:
-    """Ratio of the parameters' sigma to that under white noise, from sums over patches; 1 where both agree.
+    """Ratio of the parameters' sigma to that under white noise, from sums over patches; 1 where the two are equal.
 
     rows # (K, p) of the design over sigma, psi (K,) weighted residuals over sigma, inverse (p, p). Correlated errors of
     neighbours make the sums of a patch larger than those of independent points (the cluster-robust covariance, Liang

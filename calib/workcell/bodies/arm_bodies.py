@@ -1,4 +1,4 @@
-"""Solids of an arm: a capsule along each straight piece of its chain, of a thickness guessed from its lengths.
+"""Solids of an arm: a capsule along each straight piece of its chain, with a radius estimated from its lengths.
 
 A row of the table leads from one frame to the next in two straight pieces, d along the joint's axis and a across it.
 The jig's holder is a straight rod from the flange to the jig's back. A link whose mesh is known is a capsule around
@@ -31,7 +31,7 @@ _ALWAYS = 0.3  # of random poses: pairs that meet at more of them do so by the g
 
 
 def reach_mm(robot: Robot) -> float:
-    """Reach of the arm with all its lengths in one line; prismatic joints as far as their limits say."""
+    """Reach of the arm, mm: all its lengths in one line, prismatic joints extended to their limits."""
     lengths = float(np.abs(robot.table[:-1, [0, 2]]).sum())
     strokes = sum(max(abs(j.min or 0.0), abs(j.max or 0.0)) for j in robot.joints if not j.is_revolute)
     return lengths + strokes or USUAL_REACH_MM
@@ -74,7 +74,7 @@ class ArmBodies:
         return first, first + kept * along
 
     def thinner(self, share: float) -> ArmBodies:
-        """Bodies with guessed radii times `share`; bodies with a mesh, and the jig, stay."""
+        """Bodies with estimated radii multiplied by `share`; bodies with a mesh, and the jig, stay."""
         guessed = self.piece != FIXED
         return replace(
             self,
@@ -100,7 +100,7 @@ class _Body:
 def arm_bodies(
     robot: Robot, jig: Jig | None, tool_T_jig: Array, meshes: Mapping[int, LinkMesh] | None = None
 ) -> ArmBodies:
-    """Bodies of the arm, guessed where no mesh is known.
+    """Bodies of the arm, with estimated radii where no mesh is known.
 
     Args:
         jig: None: a mirror or a ball, without a body.
@@ -149,14 +149,14 @@ def arm_bodies(
 
 
 def jig_size(jig: Jig) -> tuple[float, float]:
-    """Depth of the edges' ends behind the jig's apex (below 0: before it) and their distance from its axis, mm."""
+    """Depth of the edges' ends behind the jig's apex (negative: before) and their distance from the jig's axis, mm."""
     edges, _ = jig_geometry(jig)
     back_mm = float(edges[:, 2].mean())
     return back_mm, float(np.linalg.norm(edges - [0.0, 0.0, back_mm], axis=1).max())
 
 
 def _pairs(robot: Robot, bodies: ArmBodies) -> IndexArray:
-    """(M, 2) pairs of bodies that may collide: on links that are no neighbours, and not touching by their guess."""
+    """(M, 2) pairs of bodies that may collide: on links that are not adjacent, and apart by their estimated size."""
     first, second = np.triu_indices(len(bodies), 1)
     apart = np.abs(bodies.link[first] - bodies.link[second]) > 1
     pairs = np.column_stack([first[apart], second[apart]])

@@ -1,4 +1,4 @@
-"""Meshes of links that robot.toml names: each in its link's own frame, in mm."""
+"""Meshes of links named in robot.toml, each in its link's own frame, in mm."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class LinkMesh:
 
 
 def load_link_mesh(dataset: Dataset, joint: int) -> LinkMesh | None:
-    """Mesh of the link that this joint moves; None where robot.toml names none.
+    """Mesh of the link that a joint moves; None where robot.toml names none.
 
     Raises:
         DatasetError: a file outside the dataset's folder, missing, of an unknown kind, unreadable or too large.

@@ -1,4 +1,4 @@
-"""Lines of sight from a scanner to points on the jig, hidden or not by the arm's bodies and meshes."""
+"""Lines of sight from a scanner to points on the jig, and their occlusion by the arm's bodies and meshes."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What changes the page's state: datasets, models, comparisons."""
+"""Controllers, which change the page's state: datasets, models, comparisons."""

@@ -9,15 +9,15 @@ from calib.calibration.model_versions import VERSIONS
 from calib.scans.scan import Scan
 from inspector.app.page.page_state import PageState
 from inspector.panels.model.compare import ComparePanel
-from inspector.scene.arrow_lengths import fitting_arrows
-from inspector.scene.draw_model import ArmDrawing, draw_distance, draw_jig, draw_residuals, jig_distances
+from inspector.scene.draw_model import ArmDrawing, draw_distance, draw_jig, jig_distances
 from inspector.scene.draw_scan import draw_corners
+from inspector.scene.residual_arrows import ResidualArrows, fitting_arrows
 from inspector.scene.scene_view import SceneView
 from inspector.session.view import COLOURINGS
 
 
 class ComparisonController:
-    """Draws the arm, the predicted points and the tab Compare for the view on show."""
+    """Controller that draws the arm, the predicted points and the tab Compare for the view on show."""
 
     def __init__(
         self,
@@ -32,6 +32,7 @@ class ComparisonController:
         self._state, self._scene, self._panel = state, scene, panel
         self._on_click, self._show_legend = on_click, show_legend
         self._arm = ArmDrawing(scene, on_joint)
+        self.residuals = ResidualArrows(scene, on_click)
         self._scan: Scan | None = None  # the selected pose's
         self._distances_mm: Array | None = None  # of its points to the jig
         self._drawn = False  # whether they are in the scene
@@ -45,7 +46,7 @@ class ComparisonController:
             view = self._state.now
         with self._scene.atomic():
             draw_corners(self._scene, view, self._on_click)
-            draw_residuals(self._scene, view, self._on_click)
+            self.residuals.draw(view)
             self._arm.draw(view)
         self._panel.update(view, self._arm.problems)
         self._show_legend()
@@ -68,9 +69,7 @@ class ComparisonController:
 
     @property
     def distances_mm(self) -> Array | None:
-        """Distances (N,) of the selected scan's points to the jig, mm, NaN off the jig; None where no corner was
-        found.
-        """
+        """Distances (N,), mm, of the selected scan's points to the jig, NaN off the jig; None without a corner."""
         return self._distances_mm
 
     def change(self, **what: float | str | frozenset[str] | None) -> None:
@@ -79,7 +78,7 @@ class ComparisonController:
         self.draw()
 
     def choose(self, name: str) -> None:
-        """Show the arm, errors and arrows of the version with this name, where there is one.
+        """Show the arm, errors and arrows of a version by its name, if there is one.
 
         Of the arrows only those to others that the user has ticked stay.
         """

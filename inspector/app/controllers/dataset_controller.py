@@ -1,4 +1,4 @@
-"""Opens a dataset, searches its scans and selects its poses. Runs on the worker's thread only.
+"""Controller for opening a dataset, searching its scans and selecting poses. Runs on the worker's thread only.
 
 Scans are searched one by one (`open` and `process` are long work), so that what is ready can be looked at meanwhile.
 """
@@ -25,7 +25,7 @@ WAITING = "The fit starts when all scans have been searched. Calibrate takes the
 
 
 class DatasetController:
-    """Opens datasets, works through their scans, and selects poses."""
+    """Controller that opens datasets, works through their scans, and selects poses."""
 
     def __init__(
         self,
@@ -84,9 +84,7 @@ class DatasetController:
         self._model.show()
 
     def process(self) -> LongWork:
-        """Long work that fills what the dataset on show lacks: redundancy, overview and corners of all scans, the
-        fit.
-        """
+        """Long work that computes what the dataset on show lacks: redundancy, scan overview, corners, the fit."""
         fit = self._panels.fit
         if self._state.session.redundancy is None:
             self.analyse_as_chosen()
@@ -119,7 +117,7 @@ class DatasetController:
         self._panels.redundancy.update(self._state.now)
 
     def analyse_as_chosen(self) -> None:
-        """Analyse redundancy for the residual chosen in its tab; none where too few poses are in use."""
+        """Analyse redundancy for the residual chosen in the tab Redundancy; skipped where too few poses are in use."""
         try:
             self.analyse(str(self._panels.redundancy.residual.value))
         except CalibError:
@@ -128,7 +126,7 @@ class DatasetController:
     # ---- scans ------------------------------------------------------------------------------------------------------
 
     def _work_on(self, pose: int) -> None:
-        """Load one scan, search it where its corner is not measured, and draw it in the overview."""
+        """Load one scan, search it where its corner is not measured yet, and draw the scan in the overview."""
         scan = self._stage.load(pose)
         if pose in self._state.session.needed:
             self._state.keep(measuring.with_search(self._state.session, pose))

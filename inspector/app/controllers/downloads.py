@@ -1,4 +1,4 @@
-"""Makes the files that a page asks for, in the background, and sends them to that page alone."""
+"""Downloads: files made in the background and sent only to the page of the request."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ DAY, NIGHT = (255, 255, 255), (24, 26, 30)  # behind the 3D view
 
 @dataclass(frozen=True)
 class Asked:
-    """The session, view and options that a file is made from, as they were when the button was pressed."""
+    """Request for a file: the session, view and options at the time of the button's press."""
 
     view: View
     view_name: str
@@ -51,7 +51,7 @@ class Asked:
 
 
 class Downloads:
-    """Makes the files of the session on show."""
+    """Controller that makes the files of the session on show."""
 
     def __init__(
         self,
@@ -74,7 +74,7 @@ class Downloads:
         self._pictures.close()
 
     def take(self, what: str, client: viser.ClientHandle) -> None:
-        """Make one of `panels.downloads.ITEMS` for a page; of several presses the last counts."""
+        """Make one of `panels.downloads.ITEMS` for a page; only the last of several presses counts."""
         if what in ITEMS:
             self._worker.submit(("take", what, client.client_id), lambda: self._take(what, client))
 

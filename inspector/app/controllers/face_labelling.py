@@ -16,7 +16,7 @@ from inspector.session.session import Session
 
 
 class FaceLabelling:
-    """Labels faces on a thread of its own, so that a fit of full poses waits for no ranking or diagnosis."""
+    """Controller that labels faces on its own thread, so that a fit of full poses need not wait for other work."""
 
     def __init__(self, state: PageState, panel: FitPanel) -> None:
         self._state, self._panel = state, panel
@@ -28,7 +28,7 @@ class FaceLabelling:
         self._background.close()
 
     def require(self) -> LongWork:
-        """Long work that adds face labels to the session, once for all who need them. Raises CalibError."""
+        """Long work that adds face labels to the session, once for all requests. Raises CalibError."""
         session = self._state.session
         if not (session.unlabelled and session.searches):
             return
@@ -41,7 +41,7 @@ class FaceLabelling:
             self._last = None
 
     def try_it(self) -> LongWork:
-        """Long work that labels the faces; where that fails, the tab Fit tells why full poses cannot be fitted."""
+        """Long work that labels the faces; on failure the tab Fit shows why full poses cannot be fitted."""
         try:
             yield from self.require()
         except CalibError as error:  # nothing that the user asked for: no notification

@@ -1,6 +1,4 @@
-"""Imports of uploaded files: recognise, plan, show, correct, write, open. Runs on the worker's thread, except
-requests.
-"""
+"""Imports of uploaded files: recognition, plan, correction, writing. Runs on the worker's thread, except requests."""
 
 from __future__ import annotations
 
@@ -60,7 +58,7 @@ class Imports:
         *,
         on_made: Callable[[Path], None],
     ) -> None:
-        """folder: where datasets are written, None: nowhere; on_made: called with each."""
+        """`folder`: where datasets are written, None for nowhere; `on_made`: called with each new dataset."""
         self._server, self._worker, self._on_made = server, worker, on_made
         self._folder = folder or Path()
         self._open: dict[int, _Import] = {}
@@ -77,7 +75,7 @@ class Imports:
             button.how.on_click(self._explain)
 
     def close(self) -> None:
-        """End the thread; remove what was not imported."""
+        """End the thread and remove files that were not imported."""
         self._background.close()
         self._uploads.close()
 
@@ -90,7 +88,7 @@ class Imports:
         self._tell(client, "That file was not taken", why)
 
     def _explain(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-        """Show how the server has to be started so that pages may import."""
+        """Show how to start the server so that pages can import data."""
         if event.client is None:
             return
         guard_gui(event.client.gui)
@@ -101,7 +99,7 @@ class Imports:
         self._worker.submit(("import", client), lambda: self._chosen(client))
 
     def column(self, client: int, column: str, words: str) -> None:
-        """Read a column as something else."""
+        """Assign another meaning to a column."""
         self._worker.submit(("import column", client, column), lambda: self._corrected(client, column, words))
 
     def finish(self, client: int) -> None:

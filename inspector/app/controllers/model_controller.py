@@ -30,11 +30,11 @@ POSITION = "position"  # what any measured points can be fitted by
 
 
 class Stopped(Exception):
-    """Raised inside background work whose result is no longer needed."""
+    """Exception inside background work whose result is no longer needed."""
 
 
 class ModelController:
-    """Changes the calibration of the session on show, and shows it in the model's tabs.
+    """Controller that changes the calibration of the session on show, and updates the model's tabs.
 
     redraw: draws the model in the 3D view and in the tab Compare; told whether it is the dataset's first.
     recount: shows which poses are left out; told of which that has changed.
@@ -73,11 +73,11 @@ class ModelController:
         return self._state.session
 
     def show(self) -> None:
-        """Redraw the tabs about missing effects and about where the model fails."""
+        """Redraw the tabs "What is missing" and "Where it fails"."""
         self._shown.show()
 
     def rank(self) -> LongWork:
-        """Long work that ranks the effects and tests the residual, where that is not done yet."""
+        """Long work that ranks the effects and tests the residual, unless both are done."""
         return self._ranking.rank()
 
     def compare(self) -> LongWork:
@@ -92,7 +92,7 @@ class ModelController:
     # ---- the first fit ---------------------------------------------------------------------------------------------
 
     def start(self, residual: str) -> LongWork:
-        """Long work that makes a dataset's first fits: those of a saved session, else the link errors.
+        """Long work that makes a dataset's first fits: those of a saved session, else that of the link errors.
 
         What can wait, names of the jig's faces that no fit has asked for yet, comes last.
         """
@@ -105,9 +105,7 @@ class ModelController:
         yield from self._labelling.try_it()
 
     def _first_fit(self, residual: str) -> LongWork:
-        """Long work that fits the link errors, by positions where the residual chosen before does not fit these
-        data.
-        """
+        """Long work that fits the link errors, to positions if these data do not allow the chosen residual."""
         try:
             yield from self.calibrate(residual)
         except CalibError:
@@ -165,7 +163,7 @@ class ModelController:
     # ---- poses ------------------------------------------------------------------------------------------------------
 
     def leave_out(self, pose_id: str, out: bool) -> LongWork:
-        """Long work that leaves a pose out, or uses it again; nothing happens where that is so already."""
+        """Long work that leaves a pose out, or uses it again; skipped where nothing would change."""
         session = self._session
         if (pose_id in session.uncounted) != out:
             changed = (with_pose_left_out if out else with_pose_taken_in)(session, pose_id)
@@ -179,7 +177,7 @@ class ModelController:
     # ---- effects ----------------------------------------------------------------------------------------------------
 
     def add(self, name: str) -> LongWork:
-        """Long work that adds an effect to the model, unless it is in it."""
+        """Long work that adds an effect to the model, unless the model has it already."""
         if any(added.name == name for added in self._session.effects):
             yield from self.rank()
             return
@@ -198,13 +196,13 @@ class ModelController:
         yield from self.rank()
 
     def _choose_last(self) -> None:
-        """Select the effect that was added last in the tables."""
+        """Select the effect added last, in the tables of the tab."""
         if self._session.effects:
             self._panels.missing_effects.choose(self._session.effects[-1].name)
             self.show()
 
     def remove(self, name: str) -> LongWork:
-        """Long work that removes an effect from the model, where it is in it."""
+        """Long work that removes an effect from the model, if the model has it."""
         if all(added.name != name for added in self._session.effects):
             yield from self.rank()
             return
@@ -213,7 +211,7 @@ class ModelController:
         yield from self.rank()
 
     def move(self, by: int) -> LongWork:
-        """Long work that goes back by so many changes of the model (below 0), or forward."""
+        """Long work that undoes (for a negative number) or redoes a number of changes of the model."""
         session = self._shown.steps.move(self._session, by)
         if session is not self._session:
             self._shown.replace(sessions.seen_since(session, self._session))

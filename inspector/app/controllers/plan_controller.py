@@ -1,4 +1,4 @@
-"""Plans of poses, made in the background and shown. Runs on the worker's thread only."""
+"""Plans of poses, made in the background and displayed. Runs on the worker's thread only."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import viser
 
 from calib.errors import CalibError
-from calib.planning.purposes.confounded_effects import SPLIT
+from calib.planning.discrimination_criterion import SPLIT
 from inspector.app.page.page_state import PageState
 from inspector.export.plan_files import planned_file
 from inspector.panels.learn.plan import FILES, NOT_YET, STALE, PlanPanel
@@ -20,7 +20,7 @@ from inspector.session.planned import Planned, aims_of, planned_for
 
 
 class PlanController:
-    """Keeps the last plan of each dataset, and shows it."""
+    """Holder of the last plan of each dataset, which it displays."""
 
     def __init__(self, state: PageState, scene: SceneView, panel: PlanPanel) -> None:
         self._state, self._panel = state, panel
@@ -83,9 +83,7 @@ class PlanController:
             self.show()
 
     def take(self, what: str, client: viser.ClientHandle) -> None:
-        """Send a file of the plan to the page that asked. Raises CalibError for an arm that the file's form cannot
-        describe.
-        """
+        """Send a file of the plan to the page. Raises CalibError where the file's format cannot describe the arm."""
         planned, name = self._planned, FILES.get(what)
         if planned is not None and name is not None:
             content = planned_file(Path(name), planned.plan).encode()

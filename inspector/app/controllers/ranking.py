@@ -13,14 +13,14 @@ from inspector.session.session import Session
 
 
 class Ranking:
-    """Ranks effects by what they explain of the residual, tests the residual, and compares candidates."""
+    """Controller that ranks effects by the residual they explain, tests the residual, and compares candidates."""
 
     def __init__(self, shown: ShownModel) -> None:
         self._shown = shown
         self._state, self._panel = shown.state, shown.panels.missing_effects
 
     def rank(self) -> LongWork:
-        """Long work that ranks the effects and tests the residual, where that is not done yet."""
+        """Long work that ranks the effects and tests the residual, unless both are done."""
         session = self._shown.session
         stale = self._shown.user_effects.stale(self._state.name, session.user_effects)
         if session.calibration is None or (session.screening is not None and not stale):
@@ -47,7 +47,7 @@ class Ranking:
         yield from self.compare()
 
     def _test_residual(self) -> LongWork:
-        """Long work that tests the residual, where that is not done yet; the ranking is on show meanwhile."""
+        """Long work that tests the residual, unless done; the ranking is displayed meanwhile."""
         session = self._shown.session
         if session.screening is None or session.residual_tests is not None:
             return
@@ -65,7 +65,7 @@ class Ranking:
         return session if session.screening is not None else sessions.with_ranking(session)
 
     def with_user_effects(self, session: Session) -> Session:
-        """Session with the user's own effects as their file has them now."""
+        """Session with the user's own effects read anew from their file."""
         effects = self._shown.user_effects.families(self._state.name, session.measured)
         return session if effects is session.user_effects else sessions.with_user_effects(session, effects)
 

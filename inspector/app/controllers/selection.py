@@ -10,7 +10,7 @@ MODEL_VIEWS = (ARM, "All corners")  # where the model's errors are seen
 
 
 class Selection:
-    """Selects a joint everywhere on the page, and shows the model as it was after a step."""
+    """Controller that selects a joint everywhere on the page, and shows the model as it was after a step."""
 
     def __init__(self, state: PageState, panels: Panels, stage: Stage) -> None:
         self._state, self._panels, self._stage = state, panels, stage

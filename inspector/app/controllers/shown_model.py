@@ -1,4 +1,4 @@
-"""The model on show: its session, undo, and the tabs and the scene that show it.
+"""The model on show: its session, undo, and the tabs and the 3D scene that display it.
 
 Runs on the worker's thread only.
 """
@@ -64,7 +64,7 @@ class ShownModel:
         self._undo[self.state.name] = steps
 
     def show(self) -> None:
-        """Redraw the tabs about missing effects and about where the model fails."""
+        """Redraw the tabs "What is missing" and "Where it fails"."""
         steps = self.steps
         self.panels.missing_effects.update(
             self.state.now, undo=len(steps.past), redo=len(steps.future), own=self.user_effects.problem
@@ -74,7 +74,7 @@ class ShownModel:
         self.panels.headline.doing(words="")
 
     def change(self, session: Session) -> None:
-        """Show a changed model, and remember the one before for undo."""
+        """Show a changed model, and keep the one before the change for undo."""
         self.steps.changed(self.session)
         self.replace(session)
 
@@ -89,7 +89,7 @@ class ShownModel:
         self.show()
 
     def beside(self, compute: Callable[[], T], started: Session) -> Generator[None, None, T | None]:
-        """Long work that ends with the result of `compute`; None where the model has been changed meanwhile."""
+        """Long work that ends with the result of `compute`; None where the model was changed in the meantime."""
 
         def wanted() -> bool:
             now = self.session

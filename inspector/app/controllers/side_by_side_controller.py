@@ -1,4 +1,4 @@
-"""Another dataset or version beside the calibration on show. Runs on the worker's thread only."""
+"""Comparison of another dataset or version with the calibration on show. Runs on the worker's thread only."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CHOOSE = "Choose what to see beside this calibration."
 
 
 class SideBySideController:
-    """Fits the chosen dataset in the background where it is not open, and shows both calibrations."""
+    """Controller that fits the chosen dataset in the background, unless it is open, and shows both calibrations."""
 
     def __init__(self, folders: Mapping[str, Path], state: PageState, panel: SideBySidePanel) -> None:
         self._folders, self._state, self._panel = folders, state, panel
@@ -29,7 +29,7 @@ class SideBySideController:
         self._background.close()
 
     def show(self) -> LongWork:
-        """Long work that shows the chosen dataset or version beside the model on show."""
+        """Long work that compares the chosen dataset or version with the model on show."""
         view = self._state.now
         names = [version.name for version in view.versions if version is not view.session.versions[-1]]
         self._panel.offer(tuple(n for n in self._folders if n != self._state.name), tuple(names))

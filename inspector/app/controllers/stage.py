@@ -32,7 +32,7 @@ ALL_SCANS, ARM = "All scans", "Arm"
 
 
 class Stage:
-    """Draws the 3D view, moves the camera, and fills the panels of the selected pose."""
+    """Controller that draws the 3D view, moves the camera, and fills the panels of the selected pose."""
 
     def __init__(
         self,
@@ -62,7 +62,7 @@ class Stage:
     # ---- what is drawn ----------------------------------------------------------------------------------------------
 
     def load(self, pose: int) -> Scan | None:
-        """Scan of a pose; None where it has none or it cannot be read (`View.failures` tells why)."""
+        """Scan of a pose; None where the pose has none or the scan cannot be read (`View.failures` has the reason)."""
         view = self._state.now
         pose_id = view.session.dataset.poses.ids[pose]
         try:
@@ -103,7 +103,7 @@ class Stage:
         self._camera.measure(self._state.now, self._scans.medians)
 
     def draw_left_out(self, changed: Collection[str]) -> None:
-        """Redraw which poses are left out, in lists, legend and the overview of scans, where that has changed."""
+        """Redraw the marks of left-out poses in lists, legend and the overview of scans, where these changed."""
         view = self._state.now
         self._panels.review.list_poses(view)
         self._panels.review.update(view)
@@ -116,7 +116,7 @@ class Stage:
         self.show_legend()
 
     def choose_factor(self) -> None:
-        """Choose the enlargement of ellipsoids at which the first corner's is about a centimetre large."""
+        """Choose an enlargement that draws the first corner's ellipsoid about a centimetre large."""
         factor = fitting_ellipsoids(self._state.now)
         put(self._panels.review.factor, f"{factor:g}")
         self._state.change(factor=factor)
@@ -150,7 +150,7 @@ class Stage:
             self.comparison.change(arrows=factor, arrows_chosen=True)
 
     def dark(self, dark: bool) -> None:
-        """Draw everything dark or light, with new figures, which do not follow the page by themselves."""
+        """Draw everything dark or light, with new figures, as existing ones do not change with the page."""
         self.theme(dark=dark)
         self.scene.dark(dark)
         panels = self._panels
@@ -174,7 +174,7 @@ class Stage:
         self.show_legend()
 
     def show_view(self, name: str) -> None:
-        """Show the layers of a view and move the camera to where they are seen well."""
+        """Show the layers of a view and move the camera to a position suited to them."""
         self._camera.choose(name)
         view = self._state.view
         if view is not None:
@@ -192,7 +192,7 @@ class Stage:
             self.show_view(ALL_SCANS if scans_first else ARM)
 
     def aim_again(self) -> None:
-        """Move the camera again now that more of the dataset is known."""
+        """Move the camera again after more of the dataset has become known."""
         if not self._camera.kept:
             self.show_view(self._camera.name)
 
@@ -230,7 +230,7 @@ class Stage:
 
 
 def _require_as_searched(scan: Scan | None, search: CornerSearch | None) -> None:
-    """Raise ScanError where a scan's file has changed since it was searched, since its faces are of other points."""
+    """Raise ScanError where a scan's file has changed since its search, as the found faces index other points then."""
     if scan is None or search is None or search.count is None or search.count.points == len(scan.points_mm):
         return
     raise ScanError(

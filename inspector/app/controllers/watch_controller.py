@@ -19,7 +19,7 @@ CHOOSE = "Choose what was measured later: three poses or more of the same cell."
 
 
 class WatchController:
-    """Reads later measurements in the background, and shows what changed in the cell."""
+    """Controller that reads later measurements in the background and shows the changes of the cell."""
 
     def __init__(self, folders: Mapping[str, Path], state: PageState, panel: WatchPanel) -> None:
         self._folders, self._state, self._panel = folders, state, panel
@@ -32,7 +32,7 @@ class WatchController:
         self._background.close()
 
     def show(self, forget: bool = False) -> LongWork:
-        """Long work that shows what changed until the chosen later datasets; `forget` clears the choice."""
+        """Long work that shows the changes of the cell at the chosen later datasets; `forget` clears the choice."""
         base, name = self._state.session.calibration, self._state.name
         self._panel.offer(name, tuple(n for n in self._folders if n != name), forget=forget)
         chosen, moved = self._panel.chosen, self._panel.scanner_moved

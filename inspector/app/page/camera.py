@@ -47,7 +47,7 @@ class Field:
 
 
 class Camera:
-    """Chooses the layers and the camera's position for the view on show."""
+    """Controller of the layers and the camera's position for the view on show."""
 
     def __init__(self, scene: SceneView, review: ReviewPanel) -> None:
         self._scene, self._review = scene, review
@@ -75,7 +75,7 @@ class Camera:
             self._scene.show(name, name in self.visible)
 
     def at(self, view: View, medians: Mapping[int, Array], side: str = RESET) -> None:
-        """Move the camera to where a view is seen well. medians: centre (3,) of each loaded scan, by pose, mm."""
+        """Move the camera to a position suited to a view. `medians`: centre (3,) of each loaded scan, by pose, mm."""
         field = self._field(view, medians)
         self._scene.focus(self._middle(view, medians, field))
         self._scene.aim_camera(field.distance_mm, field.towards(side), up=field.up)
@@ -144,12 +144,12 @@ def unit(vector: Array) -> Array:
 
 
 def arm_beside(middle_mm: Array, up: Array) -> Array:
-    """Direction (3,) from which the arm is looked at, beside the scanner."""
+    """Direction (3,) from which the arm is viewed, close to the scanner's direction."""
     return np.asarray(ARM_BESIDE * unit(np.cross(-middle_mm, up)) + ARM_ABOVE * up)
 
 
 def close_beside(view: View) -> Array:
-    """Direction (3,) from which all three faces of the jig in one scan can be seen, beside the scanner."""
+    """Direction (3,) close to the scanner's, from which all three faces of the jig in one scan can be seen."""
     corner = None if view.search is None else view.search.corner
     if corner is None:
         return CLOSE_BESIDE

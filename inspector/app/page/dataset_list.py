@@ -10,7 +10,7 @@ from calib.errors import CalibError, printable
 
 
 def has_scans(folder: Path) -> bool:
-    """Whether a dataset has scans; False for a folder that cannot be read, which tells why when it is opened."""
+    """Whether a dataset has scans; False for a folder that cannot be read, whose error appears when it is opened."""
     try:
         return load_dataset(folder).scan_folder is not None
     except CalibError:
@@ -18,7 +18,7 @@ def has_scans(folder: Path) -> bool:
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
-    """A distinct name for each dataset folder, its own where that is enough."""
+    """Distinct name for each dataset folder: the folder's own where that is unique."""
     names = [printable(folder.resolve().name) for folder in folders]
     return [
         printable(str(folder)) if names.count(name) > 1 else name for folder, name in zip(folders, names, strict=True)

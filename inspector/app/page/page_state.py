@@ -11,7 +11,7 @@ from inspector.session.view import View
 
 
 class PageState:
-    """State shared by the controllers and the stage; whoever changes it redraws what depends on it."""
+    """State shared by the controllers and the stage; code that changes it also redraws what depends on it."""
 
     def __init__(self, on_change: Callable[[View], None]) -> None:
         self._on_change = on_change  # told of every new view
@@ -33,11 +33,11 @@ class PageState:
         return self.now.session
 
     def known(self, name: str) -> Session | None:
-        """The session of a dataset that was opened before; None of any other."""
+        """Session of a dataset that was opened before; None for any other."""
         return self._sessions.get(name)
 
     def open(self, name: str, session: Session) -> None:
-        """Show a dataset at its first pose, drawn as it was left; settings of the page itself stay."""
+        """Show a dataset at its first pose, with the drawing settings of its last visit; page settings stay."""
         view = View(Session(session.dataset))
         if self.view is not None:
             self._views[self.name] = self.view

@@ -1,4 +1,4 @@
-"""Playback of the poses in the order of their time."""
+"""Playback of the poses in time order."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ INTERVAL_S = 0.5
 
 
 class Playback:
-    """Selects poses in the order of their time; it draws nothing itself.
+    """Playback that selects poses in time order, without drawing anything itself.
 
     times: of the dataset's poses, s; None where it has none or none is open. wanted: the index of the pose asked for
     last. select: asks for a pose. drawing: whether the one asked for last is not drawn yet.

@@ -1,4 +1,4 @@
-"""The panels of the page: the left one, and the tabs of the right one, which are the steps of the work.
+"""The panels of the page: the left one, and the tabs of the right one, in the order of the work.
 
 Each step has its own tabs, so that two short rows hold them all.
 """
@@ -40,7 +40,7 @@ LEFT_WIDTH, RIGHT_WIDTH = 290, 440  # pixels
 
 @dataclass(frozen=True)
 class Tab:
-    """The tab that a panel of its own stands in."""
+    """The tab that contains a panel."""
 
     step: str  # of the work, to which the tab belongs
     name: str  # that of the step where the step is a single tab
@@ -49,7 +49,7 @@ class Tab:
 
 @dataclass(frozen=True)
 class Panels:
-    """All panels of the page: those in tabs in the order in which the tabs are read, then those beside them."""
+    """All panels of the page: those in tabs, in the tabs' order, then the others."""
 
     scans: Annotated[ScansPanel, Tab("Measure", "Scans", view="Scan")]
     planes: Annotated[PlanesPanel, Tab("Measure", "Planes", view="Planes")]
@@ -75,7 +75,7 @@ class Panels:
                 panel.update(view)
 
     def say(self, words: str) -> None:
-        """Show what is being done with the model, or why it cannot be done."""
+        """Show what the program is doing with the model, or why that is impossible."""
         self.missing_effects.say(words)
         self.headline.doing(words=words)
 
@@ -119,7 +119,7 @@ def add_panels(
 
 
 def add_tabs(gui: viser.GuiApi, *, scans_first: bool) -> dict[str, viser.GuiTabHandle]:
-    """Create a tab for each name in STEPS, still empty.
+    """Create an empty tab for each name in STEPS.
 
     Tabs cannot be moved or hidden later: where there is no scan to look at first, the model's steps come first.
     """

@@ -34,7 +34,7 @@ def calibrate_arguments(sub: ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="your own .urdf or .yaml of this arm",
+        help="your own .urdf or .yaml of this arm; default: the file that `import` took the robot from",
     )
     sub.add_argument("--force", action="store_true", help="write although the fit is no improvement")
     sub.add_argument(

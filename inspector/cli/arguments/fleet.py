@@ -10,7 +10,7 @@ from inspector.cli.arguments.shared import add_json
 
 
 def fleet_arguments(sub: ArgumentParser) -> None:
-    """Add the arguments of `fleet`: where the work runs, and where its results go."""
+    """Add the arguments of `fleet`: where the work runs, and where the results are written."""
     sub.add_argument(
         "--out",
         type=Path,

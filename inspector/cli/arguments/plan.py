@@ -11,7 +11,7 @@ from inspector.cli.arguments.shared import add_fit, add_json, links_arguments
 
 
 def plan_arguments(sub: ArgumentParser) -> None:
-    """Add the arguments of `plan`: what the poses are for, how many, and from where they are seen."""
+    """Add the arguments of `plan`: purpose and number of the poses, and the scanner's place."""
     sub.add_argument(
         "--poses",
         type=values.pose_count,

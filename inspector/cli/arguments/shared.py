@@ -1,4 +1,4 @@
-"""Arguments that several commands share, and those of the commands about robots. Nothing slow is imported."""
+"""Arguments common to several commands, and those of the commands on robots. Nothing slow is imported."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def add_residual(sub: ArgumentParser) -> None:
 
 
 def convert_arguments(sub: ArgumentParser) -> None:
-    """Add the arguments of `convert`: IN, OUT, and what chooses the arm in them."""
+    """Add the arguments of `convert`: IN, OUT, and options that select the arm in the files."""
     sub.add_argument("source", type=Path, metavar="IN", help="a robot: .urdf .xacro .toml .yaml .conf .csv .xml")
     sub.add_argument("out", type=Path, metavar="OUT", help="the form follows the suffix: .toml .urdf .yaml")
     links_arguments(sub)
@@ -131,7 +131,7 @@ def convert_arguments(sub: ArgumentParser) -> None:
 
 
 def import_arguments(sub: ArgumentParser) -> None:
-    """Add the arguments of `import`: robot, tables, and what their columns mean."""
+    """Add the arguments of `import`: robot, tables, and the meaning of their columns."""
     sub.add_argument(
         "--from",
         dest="source",
@@ -157,7 +157,7 @@ def import_arguments(sub: ArgumentParser) -> None:
 
 
 def links_arguments(sub: ArgumentParser) -> None:
-    """Add the options that choose the arm's end links in a URDF."""
+    """Add the options that select the arm's end links in a URDF."""
     sub.add_argument("--tip", metavar="LINK", help="the last link (default: the only one that is a tip)")
     sub.add_argument("--base", metavar="LINK", help="the first link (default: the root)")
     sub.add_argument(

@@ -41,12 +41,12 @@ def process_count(text: str) -> int:
 
 
 def port(text: str) -> int:
-    """A TCP port; 0 takes a free one."""
+    """TCP port from an option's text; 0 selects a free one."""
     return _whole(text, 0, 65535, "port")
 
 
 def pose_count(text: str) -> int:
-    """A number of poses to plan."""
+    """Number of poses to plan, from an option's text."""
     return _whole(text, 1, 200, "number of poses")
 
 
@@ -88,7 +88,7 @@ def seconds(text: str) -> float:
 
 
 def _number(text: str) -> float:
-    """Number of a text; NaN where it is none, which no range holds."""
+    """Number that a text holds; NaN, which is outside any range, where it holds none."""
     try:
         return float(text)
     except ValueError:

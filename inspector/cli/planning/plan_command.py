@@ -1,4 +1,4 @@
-"""The command `plan`: which poses to measure, for a robot or for a dataset."""
+"""The command `plan`: poses to measure, for a robot or for a dataset."""
 
 from __future__ import annotations
 
@@ -14,19 +14,16 @@ from calib.effects.effect import Family
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
-from calib.planning.fitted_start import start_of_dataset
-from calib.planning.plan import plan_poses
-from calib.planning.purpose import WATCH, Purpose
-from calib.planning.purposes.by_name import purpose_of
-from calib.planning.purposes.confounded_effects import SPLIT, ForDiscrimination, for_confounded
-from calib.planning.purposes.planned import FIRST_SET, FURTHER
-from calib.planning.purposes.watching import CHECK_POSES
-from calib.planning.scanner_place import scanner_at
-from calib.planning.start import FromFit, FromRobot
+from calib.planning.criterion import WATCH, DesignCriterion
+from calib.planning.discrimination_criterion import SPLIT, ForDiscrimination, for_confounded
+from calib.planning.plan import FIRST_SET, FURTHER, criterion_of, plan_poses
+from calib.planning.start import FromFit, FromRobot, start_of_dataset
 from calib.planning.unknowns import DEFAULT_NOISE_MM
+from calib.planning.watch_criterion import CHECK_POSES
 from calib.robot_formats.robot_file import named_robot
 from calib.workcell.known_cell import workcell_of_dataset, workcell_of_robot
 from calib.workcell.scan_field import JANG_FIELD
+from calib.workcell.scanner_place import scanner_at
 from calib.workcell.workcell import Workcell
 from inspector.cli.calibrate_command import loaded_effects
 from inspector.cli.dataset_commands import load, measured, show
@@ -38,18 +35,18 @@ from inspector.export.plan_files import check_plan_file, planned_file
 
 
 def run_plan(options: PlanOptions) -> int:
-    """Choose poses, and print why and what they are expected to achieve."""
+    """Choose poses, and print the reasons and the expected result."""
     if options.out is not None:
         check_plan_file(options.out)
     start: FromFit | FromRobot
     user_effects: Sequence[Family] = ()
-    purpose: Purpose
+    criterion: DesignCriterion
     watched = options.purpose == WATCH
     if options.path.is_dir() and options.purpose == SPLIT:
-        purpose = _open_set(options)
-        start, count = purpose.start, options.add or FURTHER
+        criterion = _confounded_effects(options)
+        start, count = criterion.start, options.add or FURTHER
     elif options.path.is_dir() and options.poses is None:
-        purpose = purpose_of(options.purpose, options.criterion, payload_kg=options.payload_kg)
+        criterion = criterion_of(options.purpose, options.criterion, payload_kg=options.payload_kg)
         start, user_effects = _dataset_start(options)
         count = options.add or (CHECK_POSES if watched else FURTHER)
     else:
@@ -57,11 +54,11 @@ def run_plan(options: PlanOptions) -> int:
             raise CalibError(
                 f"{options.path}: --for {SPLIT} settles what a dataset's diagnosis left open; give its folder"
             )
-        purpose = purpose_of(options.purpose, options.criterion, payload_kg=options.payload_kg)
+        criterion = criterion_of(options.purpose, options.criterion, payload_kg=options.payload_kg)
         start = _first_start(options)
         count = options.poses or FIRST_SET
     plan = plan_poses(
-        start, count, purpose=purpose, region=options.region, user_effects=user_effects, seed=options.seed
+        start, count, criterion=criterion, region=options.region, user_effects=user_effects, seed=options.seed
     )
     if options.out is not None:
         write_text_atomically(options.out, planned_file(options.out, plan))
@@ -81,8 +78,8 @@ def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
     return dataset, loaded_effects(options.effects_file, dataset)
 
 
-def _open_set(options: PlanOptions) -> ForDiscrimination:
-    """The set that a diagnosis leaves open."""
+def _confounded_effects(options: PlanOptions) -> ForDiscrimination:
+    """Criterion that discriminates between the effects that a dataset's diagnosis leaves confounded."""
     if options.scanner is not None:
         raise CalibError(
             f"{options.path}: a set is settled from where the scanner stood; leave out --scanner with --for {SPLIT}"
@@ -97,23 +94,23 @@ def _open_set(options: PlanOptions) -> ForDiscrimination:
 
 def _dataset_start(options: PlanOptions) -> tuple[FromFit, Sequence[Family]]:
     dataset, user_effects = _dataset_of(options)
-    place = None
+    base_T_scanner = None
     if options.scanner is not None:
-        place = _placed(options.scanner, workcell_of_robot(dataset.robot))
+        base_T_scanner = _placed(options.scanner, workcell_of_robot(dataset.robot))
     with stages() as on_step:
         start = start_of_dataset(
             dataset,
             options.fit_options(),
             effects=options.effect,
             user_effects=user_effects,
-            scanner_place=place,
+            base_T_scanner=base_T_scanner,
             on_step=on_step,
         )
     return start, user_effects
 
 
 def _first_start(options: PlanOptions) -> FromRobot:
-    """Start of a plan for a robot, or for a dataset's arm in its cell without its measurements."""
+    """Start of a plan from a robot, or from a dataset's arm and cell without its measurements."""
     if options.add is not None:
         raise CalibError(f"{options.path}: --add is more of a dataset, --poses a first set: give the one that you want")
     if options.effects_file is not None or options.effect:
@@ -133,7 +130,7 @@ def _first_start(options: PlanOptions) -> FromRobot:
 
 
 def _robot(options: PlanOptions) -> Robot:
-    """Robot of a built-in name or of a file."""
+    """Robot given by a built-in name or a file."""
     name = str(options.path)
     builtin = name.lower() in BUILTIN_ROBOTS and not options.path.exists()
     if not builtin and not options.path.exists():

@@ -1,4 +1,4 @@
-"""The command `convert`: a robot from one file form into another."""
+"""The command `convert`: a robot from one file format into another."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from inspector.cli.robots.reading import reading_of
 
 
 def run_convert(options: ConvertOptions) -> int:
-    """Read a robot and write it in another form."""
+    """Read a robot and write it in another file format."""
     _check_out(options)
     found = read_robot(options.source, reading_of(options))
     content, said = robot_content(found.robot, options.out, options.template)
@@ -27,7 +27,7 @@ def run_convert(options: ConvertOptions) -> int:
 
 
 def _check_out(options: ConvertOptions) -> None:
-    """Raise CalibError for an output place or form that cannot be written, before anything is read."""
+    """Raise CalibError, before anything is read, for an output path or format that cannot be written."""
     out: Path = options.out
     if out.suffix.lower() not in WRITTEN_SUFFIXES:
         raise CalibError(f"{out}: expected a name that ends in {' or '.join(WRITTEN_SUFFIXES)}")

@@ -1,4 +1,4 @@
-"""The command `import`: a dataset folder from a robot and tables, or from a zip or folder that holds them."""
+"""The command `import`: a dataset folder from a robot and tables, or from a zip or folder with these."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _choice(options: ImportOptions) -> ImportChoice:
 
 
 def _told(options: ImportOptions, files: UserFiles, plan: ImportPlan) -> int:
-    """Print the plan alone; returns exit code 1 where it has faults."""
+    """Print the plan alone; returns exit code 1 where the plan has faults."""
     kinds = [f"{file.path.name}: {file.kind}, {file.why}" for file in files.files]
     faults = [f"fault: {fault}" for fault in plan.faults]
     lines = [*kinds, *plan_lines(plan), *faults]
@@ -72,7 +72,7 @@ def _told(options: ImportOptions, files: UserFiles, plan: ImportPlan) -> int:
 
 
 def _ready(options: ImportOptions, files: UserFiles) -> int:
-    """Import a zip or folder that holds a dataset's folder already."""
+    """Import a zip or folder that already contains a dataset's folder."""
     if len(files.datasets) > 1:
         named = ", ".join(str(folder.relative_to(files.folder)) for folder in files.datasets)
         raise CalibError(f"{options.source}: holds {len(files.datasets)} datasets ({named}); give one of them")
@@ -86,7 +86,7 @@ def _ready(options: ImportOptions, files: UserFiles) -> int:
 
 
 def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any], lines: list[str]) -> int:
-    """Report what was written, and with --diagnose the verdict on it."""
+    """Report the written dataset, and with --diagnose its verdict."""
     warnings = [*dataset.warnings, *dataset.notes]
     for warning in warnings:
         print(visible(f"inspector: warning: {warning}"), file=sys.stderr)

@@ -1,4 +1,4 @@
-"""How a command's options say that a robot file is to be read."""
+"""Conversion of a command's options to those for reading a robot's file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command `sample`: a dataset to try things on, also for those who have no checkout of the project."""
+"""The command `sample`: sample datasets, available also without a checkout of the project."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def sample_folders() -> dict[str, Path]:
 
 
 def _installed() -> list[Path]:
-    """dataset.toml of each sample that was installed beside the package, below share/."""
+    """dataset.toml of each sample installed with the package, below share/."""
     try:
         files = metadata.files(DISTRIBUTION) or []
     except metadata.PackageNotFoundError:  # run from its source

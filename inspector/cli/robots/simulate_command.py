@@ -67,7 +67,7 @@ def run_simulate(options: SimulateOptions) -> int:
 
 
 def _scan_model(options: SimulateOptions) -> ScanModel:
-    """Errors of the simulated scanner as the options ask. Raises DatasetError."""
+    """Errors of the simulated scanner as given by the options. Raises DatasetError."""
     given = [options.smooth_noise_mm is not None, options.correlation_mm is not None, options.white]
     if any(given) and not options.scans:
         name = ("--smooth-noise-mm", "--correlation-mm", "--white")[given.index(True)]
@@ -90,7 +90,7 @@ def _scan_model(options: SimulateOptions) -> ScanModel:
 
 @contextmanager
 def _whole_or_nothing(folder: Path) -> Iterator[None]:
-    """Context that restores an empty or missing folder where what fills it fails or is stopped."""
+    """Context that restores an empty or missing folder where the work that fills it fails or is stopped."""
     was_there = folder.exists()
     try:
         yield

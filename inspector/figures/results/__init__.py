@@ -1,1 +1,1 @@
-"""Figures of results, which `inspector.figures` offers by name."""
+"""Figures of results, available by name in `inspector.figures`."""

@@ -1,4 +1,4 @@
-"""A figure that stands alone: with a title, on a background of its own, and as a still picture where no script runs."""
+"""Self-contained figures: with a title and a background, and as a static picture where no script runs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SVG = "image/svg+xml"
 
 
 class ResultFigure(go.Figure):  # type: ignore[misc]
-    """A plotly figure that a notebook can show without a script too.
+    """A plotly figure that a notebook can show without a script.
 
     Beside what plotly's renderer makes of it a cell gets the still picture: an export to HTML or PDF, a code host or an
     untrusted notebook shows that. Nothing is asked of the network.

@@ -1,4 +1,4 @@
-"""Figures of results: each takes what `calib` returned, and gives a plotly figure with a title."""
+"""Figures of results: each function takes a result of `calib` and returns a plotly figure with a title."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _TALL_PX = 620  # of figures of one scale both ways
 
 
 def error_bars(calibration: Calibration, *, before: bool = False, dark: bool = False) -> go.Figure:
-    """3D error of each pose, mm, training and test poses in their colours.
+    """Bars of the 3D error of each pose, mm, training and test poses in their colours.
 
     Args:
         calibration: a fit, of `calib.calibrate` or the `.calibration` of a diagnosis.
@@ -64,7 +64,7 @@ def error_bars(calibration: Calibration, *, before: bool = False, dark: bool = F
 def residuals_over(
     of: Calibration | Diagnosis, over: str = "q1", show: str | int = "length", *, dark: bool = False
 ) -> go.Figure:
-    """Residual of each pose against an input that it may depend on, with the band of the noise.
+    """Figure of each pose's residual against an input, with the noise band.
 
     Args:
         of: a fit, or a diagnosis, whose last fit is shown.
@@ -90,7 +90,7 @@ def residuals_over(
 
 
 def work_space(of: Calibration | Diagnosis, *, show: str | int = "length", dark: bool = False) -> go.Figure:
-    """Each pose's point from above and from the side, mm in the base frame, coloured by its error.
+    """Figure of each pose's point from above and from the side, mm in the base frame, coloured by error.
 
     `of` and `show` as of `residuals_over`.
     """
@@ -122,7 +122,7 @@ def _shown(errors: PoseErrors, show: str | int, robot: Robot) -> tuple[np.ndarra
 
 
 def where_measured(dataset: Dataset, *, dark: bool = False) -> go.Figure:
-    """Tool point of the nominal arm at each pose, from above and from the side, mm in the base frame.
+    """Figure of the nominal arm's tool point at each pose, from above and from the side, mm in the base frame.
 
     Needs no measured points, so it may be drawn of a dataset of scans or of poses that are planned.
     """
@@ -133,7 +133,7 @@ def where_measured(dataset: Dataset, *, dark: bool = False) -> go.Figure:
 
 
 def convergence(calibration: Calibration, *, what: str = "3D", dark: bool = False) -> go.Figure:
-    """RMS error at each iteration of the fit, mm, on a logarithmic axis; iteration 0 is the nominal robot.
+    """Figure of the RMS error at each iteration of the fit, mm, logarithmic; iteration 0 is the nominal robot.
 
     Args:
         what: "3D" error, or "distance", the error of distances to the reference pose.
@@ -150,7 +150,7 @@ def convergence(calibration: Calibration, *, what: str = "3D", dark: bool = Fals
 
 
 def redundancy_heatmap(of: Redundancy | Dataset | Calibration, *, dark: bool = False) -> go.Figure:
-    """Pearson's r between the columns of the Jacobian for each pair of parameters (Park 2022).
+    """Heatmap of Pearson's r between the Jacobian's columns of each pair of parameters (Park 2022).
 
     Dark red or dark blue off the diagonal (r = 1, r = -1): only one of the two can be known. Grey: no influence.
 
@@ -174,7 +174,7 @@ def redundancy_heatmap(of: Redundancy | Dataset | Calibration, *, dark: bool = F
 
 
 def error_history(of: Diagnosis | Sequence[FitStep], *, dark: bool = False) -> go.Figure:
-    """How the 3D error (RMS, mm, logarithmic) of training and test poses fell with each effect that was added.
+    """Figure of the 3D error (RMS, mm, logarithmic) of training and test poses after each added effect.
 
     Dashed: what noise alone leaves, as the dataset declares it, as repeats show it, or as the fit left it.
 
@@ -193,7 +193,7 @@ def error_history(of: Diagnosis | Sequence[FitStep], *, dark: bool = False) -> g
 
 
 def ranking(diagnosis: Diagnosis, *, step: int = 0, dark: bool = False) -> go.Figure:
-    """Log evidence of each effect that could be missing, before the first one was added; above 3 it convinces.
+    """Bars of the log evidence of each candidate effect before the first addition; 3 is the least for adding one.
 
     Args:
         step: after how many effects were added; 0 is the ranking that the first decision was taken by.
@@ -209,7 +209,7 @@ def ranking(diagnosis: Diagnosis, *, step: int = 0, dark: bool = False) -> go.Fi
 
 
 def added_variable(diagnosis: Diagnosis, effect: str, *, dark: bool = False) -> go.Figure:
-    """Residual against what an effect would explain of it, in sigmas of the noise; points on the line are explained.
+    """Figure of the residual against the part that an effect would explain, in sigmas, with the line of agreement.
 
     Both are of the link errors alone, without what geometry could have absorbed (an added-variable plot). Raises
     CalibError on an effect that is no candidate.
@@ -223,7 +223,7 @@ def added_variable(diagnosis: Diagnosis, effect: str, *, dark: bool = False) -> 
 
 
 def learned_curves(of: Calibration | Diagnosis, *, dark: bool = False) -> go.Figure:
-    """Learned curves of the joints (`smooth_joint_error`): error over input with a band of two sigmas.
+    """Figure of the learned curves of the joints (`smooth_joint_error`): error over input with a band of two sigmas.
 
     mrad over degrees, or the units of the input; grey where nothing was measured. Raises CalibError where the model has
     none.
@@ -242,7 +242,7 @@ def learned_curves(of: Calibration | Diagnosis, *, dark: bool = False) -> go.Fig
 
 
 def learning_curve(curve: LearningCurve, *, dark: bool = False) -> go.Figure:
-    """RMS error of the poses that were fitted and of those held out, mm, against the number of poses fitted.
+    """Figure of the RMS error of fitted and held-out poses, mm, against the number of fitted poses.
 
     Bars: the spread over draws of the poses. Where the two lines meet, more poses help no more.
     """
@@ -254,7 +254,7 @@ def learning_curve(curve: LearningCurve, *, dark: bool = False) -> go.Figure:
 
 
 def control_chart(seen: ChangeReport | Sequence[ChangeReport], *, dark: bool = False) -> go.Figure:
-    """RMS error at the check poses of each later measurement, mm, against the limit of an unchanged cell."""
+    """Figure of the RMS error at check poses of each later measurement, mm, with the limit of an unchanged cell."""
     shown_of = (seen,) if isinstance(seen, ChangeReport) else tuple(seen)
     if not shown_of:
         raise CalibError("no measurement to draw; give what calib.monitoring.watch.watch returned, one or several")
@@ -262,13 +262,13 @@ def control_chart(seen: ChangeReport | Sequence[ChangeReport], *, dark: bool = F
 
 
 def plan_curve(plan: Plan, *, dark: bool = False) -> go.Figure:
-    """Predicted error, mm, against the number of further poses, and the number from which more hardly help."""
+    """Figure of the predicted error, mm, by number of further poses, with the number from which gains are small."""
     drawn = plan_plots.error_by_count(plan.curve_mm, len(plan.poses), plan.enough, dark=dark)
     return titled(drawn, f"What further poses promise: {plan.start.dataset.name}", dark=dark)
 
 
 def fleet_errors(fleet: Fleet, *, dark: bool = False) -> go.Figure:
-    """RMS error of every dataset of a fleet, mm: as delivered, with calibrated links, with all effects found."""
+    """Figure of the RMS error of every dataset of a fleet, mm: as delivered, links calibrated, all effects found."""
     rows = sorted((row for row in fleet.rows if row.error_mm is not None), key=lambda row: (row.error_mm, row.path))
     stages = [row.train if row.test.final_mm is None else row.test for row in rows]
     errors = [(stage.nominal_mm, stage.links_mm, stage.final_mm) for stage in stages]

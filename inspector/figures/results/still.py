@@ -1,4 +1,4 @@
-"""Figures as pictures without a script."""
+"""Figures as static pictures without a script."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Figures as still SVG: for paper, and for readers without scripts."""
+"""Figures as static SVG, for print and for readers without scripts."""

@@ -1,4 +1,4 @@
-"""One axis of an SVG figure: its range, its ticks, and the place of a value."""
+"""Axis of an SVG figure: its range, its ticks, and the position of a value."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SMALLEST = 1e-290  # beyond which no tick can be told from the next
 
 @dataclass(frozen=True)
 class Axis:
-    """Axis between two places of the picture, px; values of a category axis are its names."""
+    """Axis between two positions in the picture, px; values of a category axis are its names."""
 
     title: str
     kind: str  # "linear", "log" or "category"
@@ -30,7 +30,7 @@ class Axis:
     shows_zero: bool
 
     def scaled(self, value: object) -> float:
-        """Value on the axis' scale; NaN where it has no place there."""
+        """Value on the axis' scale; NaN where the scale has no position for it."""
         if self.kind == "category":
             return float(self.categories.index(str(value))) if str(value) in self.categories else math.nan
         if not isinstance(value, int | float):
@@ -48,7 +48,7 @@ class Axis:
 
 
 def axis_of(given: Mapping[str, Any], values: Sequence[object], length_px: float, *, marks: bool) -> Axis:
-    """Axis of a layout for these values. marks: whether points, which need room, lie on it."""
+    """Axis of a layout for these values; `marks`: whether points, which need a margin, lie on it."""
     categories = tuple(dict.fromkeys(str(v) for v in given.get("categoryarray", ()) or values if isinstance(v, str)))
     kind = "category" if categories else str(given.get("type", "linear"))
     numbers = [float(v) for v in values if isinstance(v, int | float) and math.isfinite(v)]

@@ -1,4 +1,4 @@
-"""A plotly figure as a still SVG: the same traces, axes, legend and hover texts, without a script.
+"""Static SVG of a plotly figure: the same traces, axes, legend and hover texts, without a script.
 
 It takes what the figures of this package use: scatter, bar and heatmap, rectangles, annotations. Text and thin lines
 have the colours of the page it stands in (`--ink`, `--soft`, `--line`): one picture serves light, dark and paper.
@@ -32,7 +32,7 @@ _BAR_PX = 58.0  # what a colour bar takes at the right
 
 
 def svg_of(figure: go.Figure, width: int, height: int, *, name: str, title: str) -> str:
-    """The figure as an `<svg>` of this size. `name` begins its ids; `title` is read aloud."""
+    """`<svg>` element of a figure in this size; `name` is the prefix of its ids; `title` is for screen readers."""
     given = figure.to_dict()
     traces: list[Trace] = [trace for trace in given["data"] if trace.get("visible") is not False]
     layout: Mapping[str, Any] = given["layout"]
@@ -104,19 +104,19 @@ def _axes(
 
 
 def _room(y: Axis) -> float:
-    """Width that title and numbers take left of an axis, px."""
+    """Width of title and numbers to the left of an axis, px."""
     return _TITLE_PX + _GAP_PX + max((width_px(text) for _, text in y.ticks), default=0.0) + 4.0
 
 
 def _room_of_first(x: Axis) -> float:
-    """Width that a slanted label under the left end of an axis takes left of it, px."""
+    """Width of a slanted label under the left end of an axis to the left of that axis, px."""
     if not x.ticks or not 1.0 < abs(x.tick_angle_deg) < 80.0:
         return 0.0
     return math.cos(math.radians(x.tick_angle_deg)) * width_px(x.ticks[0][1])
 
 
 def _room_below(x: Axis) -> float:
-    """Height that title and numbers take below an axis, px."""
+    """Height of title and numbers below an axis, px."""
     longest = max((width_px(text) for _, text in x.ticks), default=0.0)
     angle = abs(x.tick_angle_deg)
     slanted = math.sin(math.radians(angle)) * longest + (8.0 if angle < 80.0 else 4.0)
@@ -133,7 +133,7 @@ def _clips(panels: Mapping[tuple[str, str], Panel], name: str) -> str:
 
 
 def _grid(panel: Panel, *, heat: bool) -> str:
-    """Grid lines, the line at zero, numbers and titles."""
+    """SVG of grid lines, zero line, numbers and titles."""
     x, y = panel.x, panel.y
     right, below = panel.left + panel.width, panel.top + panel.height
     out = []

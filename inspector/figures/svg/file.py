@@ -1,4 +1,4 @@
-"""A figure as an SVG file of its own."""
+"""SVG file of a figure."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _IDS = "ids-of-this-picture"
 
 
 def svg_file(figure: go.Figure, width: int, height: int, *, title: str, heading: str = "") -> str:
-    """SVG file of a figure, on a light ground, or a dark one where the figure has one.
+    """SVG file of a figure, on a light background, or a dark one where the figure has one.
 
     `title` is read aloud, `heading` stands over it. Raises CalibError on one that cannot be drawn so.
     """

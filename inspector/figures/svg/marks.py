@@ -29,12 +29,12 @@ class Panel:
     height: float
 
     def at(self, x: object, y: object) -> tuple[float, float]:
-        """Place of a pair of values, px; NaN where one has none."""
+        """Position of a pair of values, px; NaN where one value has none."""
         return self.left + self.width * self.x.share(x), self.top + self.height * (1.0 - self.y.share(y))
 
 
 def drawn(trace: Trace, before: Trace | None, panel: Panel) -> str:
-    """SVG of a trace; `before` is the trace that a band reaches to."""
+    """SVG of a trace; `before` is the preceding trace, up to which a band is filled."""
     kinds: dict[str, Callable[[], str]] = {
         "bar": lambda: _bars(trace, panel),
         "heatmap": lambda: _cells(trace, panel),
@@ -79,7 +79,7 @@ def line_colour(trace: Trace) -> str:
 
 
 def marker_of(trace: Trace) -> tuple[str | Sequence[str], str]:
-    """Symbol (one, or one a point) and colour of a trace's points."""
+    """Symbol (one, or one per point) and colour of a trace's points."""
     marker = trace.get("marker") or {}
     colour = marker.get("color") or (marker.get("line") or {}).get("color") or line_colour(trace)
     return marker.get("symbol", "circle"), str(colour)
@@ -90,7 +90,7 @@ def _places(trace: Trace, panel: Panel) -> list[tuple[float, float]]:
 
 
 def _path(places: Sequence[tuple[float, float]]) -> str:
-    """SVG path through places, interrupted where one is NaN."""
+    """SVG path through positions, interrupted where one is NaN."""
     out, pen = [], False
     for x, y in places:
         if math.isnan(x) or math.isnan(y):
@@ -123,7 +123,7 @@ def _band(trace: Trace, before: Trace | None, panel: Panel) -> str:
 
 
 def _spread(trace: Trace, panel: Panel) -> str:
-    """Error bar of each point, as long as its `error_y` says."""
+    """SVG of the error bar of each point, with the length from `error_y`."""
     lengths = (trace.get("error_y") or {}).get("array")
     if lengths is None:
         return ""

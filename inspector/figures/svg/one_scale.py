@@ -1,4 +1,4 @@
-"""Equal scales for panels: as many millimetres per pixel across as along, in each of them."""
+"""Equal scales for panels: the same millimetres per pixel horizontally and vertically in each panel."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Key = tuple[str, str]  # the names of a panel's axes
 
 
 def to_one_scale(panels: Mapping[Key, Panel], layout: Mapping[str, Any]) -> dict[Key, Panel]:
-    """Panels with ranges widened to equal scales where the layout asks for it; else unchanged.
+    """Panels with ranges widened to equal scales where the layout requires that; else unchanged.
 
     Of panels above each other the lowest alone has numbers and a title below.
     """

@@ -16,12 +16,12 @@ _PLACE = re.compile(r"%\{(\w+)(?::([^}]*))?\}")
 
 
 def plain(text: object) -> str:
-    """Text of a plotly label, whose markup is removed and whose escapes are undone."""
+    """Text of a plotly label without markup and escapes."""
     return html.unescape(_TAG.sub("", str(text)))
 
 
 def escaped(text: object) -> str:
-    """Text that cannot become markup."""
+    """Text escaped so that it cannot become markup."""
     return escape(text)
 
 
@@ -39,7 +39,7 @@ def label(
     words: str, x: float, y: float, *, size_px: float = SMALL_PX, anchor: str = "middle", turn_deg: float = 0.0,
     css: str = "",
 ) -> str:  # fmt: skip
-    """SVG of a line of text whose middle (or start, or end) is at a place, centred vertically."""
+    """SVG of a line of text whose middle (or start, or end) is at a position, centred vertically."""
     turned = f' transform="rotate({number(turn_deg)} {number(x)} {number(y)})"' if turn_deg else ""
     style = f' class="{css}"' if css else ""
     return (
@@ -49,7 +49,7 @@ def label(
 
 
 def hover(template: str | None, values: Mapping[str, object]) -> str:
-    """Text shown under the pointer for a mark, from plotly's hovertemplate; "" where it has none."""
+    """Hover text of a mark, from plotly's hovertemplate; "" where the trace has none."""
     if not template:
         return ""
 

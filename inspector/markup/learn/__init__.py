@@ -1,1 +1,1 @@
-"""Markup of the step Learn."""
+"""HTML for the tabs of the step Learn."""

@@ -47,12 +47,12 @@ MORE = "Plan poses that tell more of the link errors"
 
 
 def named(screening: Screening, name: str) -> Candidate | None:
-    """A candidate by its name; None where it is none (it may be in the model already)."""
+    """Candidate by its name; None where no candidate has it (the effect may be in the model already)."""
     return next((c for c in screening.candidates if c.name == name), None)
 
 
 def state_html(session: Session, undo: int, redo: int) -> str:
-    """What is in the model, its figures, and whether the last change helped."""
+    """HTML on the model: its effects, its errors, and whether the last change helped."""
     if session.calibration is None or not session.history:
         return elements.note(NOT_YET)
     state = state_of_model(session.history, session.effects, session.calibration)
@@ -62,7 +62,7 @@ def state_html(session: Session, undo: int, redo: int) -> str:
 
 
 def verdict_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None) -> str:
-    """The verdict of a diagnosis, in a line or two, and what to plan next."""
+    """HTML of a diagnosis' verdict in a line or two, and of the next plan."""
     if diagnosis is None:
         return ""
     more = LOOK_CLOSER if diagnosis.verdict == "unexplained" and diagnosis.learned is None else ""
@@ -76,17 +76,17 @@ def verdict_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None) -> s
 
 
 def reasons_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None) -> str:
-    """All that led to the verdict, a paragraph each."""
+    """HTML of the reasons for the verdict, a paragraph each."""
     return "" if diagnosis is None else html.panel([Section(HOW, reasons(diagnosis, next_poses))])
 
 
 def advice_html(advice: Advice) -> str:
-    """What is left, and what to do next."""
+    """HTML on the residual and on the next move."""
     return html.panel([Verdict(advice_sentence(advice), PROPOSAL)])
 
 
 def follow_label(advice: Advice) -> str:
-    """What the button beside an advice does."""
+    """Label of the button that makes the advised move."""
     match advice.move:
         case AddEffect():
             return f"Add {plain(with_joints(SelectedEffect.of(advice.move.candidate)))}"
@@ -101,14 +101,14 @@ def follow_label(advice: Advice) -> str:
 
 
 def ranking_html(screening: Screening, chosen: str, own: Collection[str]) -> str:
-    """The candidates of which something shows, the best first, convincing ones ticked; the others by name."""
+    """HTML of the candidates with visible columns, best first, convincing ones ticked; the others by name only."""
     table = ranking(screening, PANEL_RANKING, mark=(chosen,), own=own, ticked=True)
     notes = f"{ticks_sentence()} {held_out_sentence(screening)} {nothing_shows(screening)}"
     return html.panel([Section("What could be missing from this model", [table, Paragraph(notes, soft=True)])])
 
 
 def chosen_html(name: str, session: Session, calibration: Calibration, screening: Screening, *, own: bool) -> str:
-    """The chosen effect: what it is, its estimated values, and its fitted ones where it is in the model."""
+    """HTML on the chosen effect: description, estimated values, and fitted ones where it is in the model."""
     if name == LEARNED and session.curves is not None:
         return html.panel(offered_curves(session.curves, calibration))
     candidate = named(screening, name)
@@ -121,5 +121,5 @@ def chosen_html(name: str, session: Session, calibration: Calibration, screening
 
 
 def untestable_html(untestable: tuple[Untestable, ...]) -> str:
-    """What these data cannot test, why, and what would help."""
+    """HTML on effects that these data cannot test, with reasons and remedies."""
     return html.panel([Section(CANNOT_BE_TESTED, [Bullets(not_testable(untestable))])]) if untestable else ""

@@ -1,1 +1,1 @@
-"""Markup of the step Measure."""
+"""HTML for the tabs of the step Measure."""

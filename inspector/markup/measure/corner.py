@@ -1,4 +1,4 @@
-"""What the tab Corner says of one corner, as HTML: position, covariance, faces and angles."""
+"""HTML of the tab Corner on one corner: position, covariance, faces and angles."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from inspector.session.view import View, corner_of
 
 
 def ellipsoid_words(factor: float) -> str:
-    """What the drawn ellipsoid is."""
+    """Explanation of the drawn ellipsoid."""
     return f"ellipsoid: 1σ × {factor:g}"
 
 
 def corner_html(view: View) -> str:
-    """The whole tab for one pose."""
+    """HTML of the whole tab Corner for one pose."""
     return html.panel([Paragraph(f"Pose {view.pose_id}", heading=True), *_corner_blocks(view)])
 
 
@@ -53,7 +53,7 @@ def _note(words: str) -> Paragraph:
 
 
 def _targets(search: ScanSearch, view: View) -> list[Block]:
-    """All targets of a scan: where they are, what was found of them besides, or why they were not found."""
+    """HTML on all targets of a scan: places, findings, or reasons why they were not found."""
     rows: list[tuple[object, ...]] = []
     sizes: list[str] = []
     alerts: list[Block] = []
@@ -82,7 +82,7 @@ def _targets(search: ScanSearch, view: View) -> list[Block]:
 
 
 def _names_by_all_poses(view: View) -> dict[tuple[float, ...], str]:
-    """The names of the selected pose's points by their places: equal targets are told apart by all poses together."""
+    """Names of the selected pose's points by place; equal targets are identified from all poses together."""
     points = view.session.measured.points
     if points is None:
         return {}

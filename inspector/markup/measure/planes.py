@@ -1,4 +1,4 @@
-"""What the tab Planes says of one scan, as HTML: sample sets, plane groups, faces."""
+"""HTML of the tab Planes on one scan: sample sets, plane groups, faces."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _USUAL_PASSES = 2  # a coarse one, a fine one
 
 
 def planes_html(view: View) -> str:
-    """The whole tab for one pose."""
+    """HTML of the whole tab Planes for one pose."""
     search = view.search
     title = elements.heading(f"Pose {view.pose_id}")
     if search is None:
@@ -37,7 +37,7 @@ def planes_html(view: View) -> str:
 
 
 def filter_table(search: CornerSearch) -> str:
-    """How many sets each filter took away."""
+    """HTML table of the number of sample sets that each filter rejected."""
     counts = search.filter_counts()
     drawn = max(counts["drawn"], 1)
     names: tuple[tuple[str, object], ...] = (
@@ -56,7 +56,7 @@ def _rejected(number: int, why: str) -> elements.Html:
 
 
 def passes_note(search: CornerSearch) -> str:
-    """A note where a scan was looked at more often than usual: it is at the edge of what can be searched."""
+    """HTML note where a scan needed more search passes than usual, as its quality is at the limit."""
     if search.search_passes <= _USUAL_PASSES:
         return ""
     if search.corner is None:
@@ -69,7 +69,7 @@ def passes_note(search: CornerSearch) -> str:
 
 
 def face_table(search: CornerSearch) -> str:
-    """The three faces after refinement on all their points."""
+    """HTML table of the three faces after refinement on all their points."""
     if search.corner is None:
         return ""
     rows = []
@@ -90,7 +90,7 @@ def face_table(search: CornerSearch) -> str:
 
 
 def group_state(search: CornerSearch, group: int) -> str:
-    """What became of a group."""
+    """State of a plane group: the face that it became, "chosen", or "not chosen"."""
     if search.corner is not None:
         for number, face in enumerate(search.corner.faces):
             if face.group == group:
@@ -101,7 +101,7 @@ def group_state(search: CornerSearch, group: int) -> str:
 
 
 def group_colours(search: CornerSearch, grey: bool) -> list[str]:
-    """A colour for each group: that of its face, else its own or grey."""
+    """Colours of the plane groups: that of the group's face, else its own or grey."""
     colours = [REJECTED if grey else group_colour(i) for i in range(len(search.groups))]
     for i in search.chosen:
         colours[i] = group_colour(i)
@@ -113,7 +113,7 @@ def group_colours(search: CornerSearch, grey: bool) -> list[str]:
 
 
 def group_table(search: CornerSearch, grey: bool) -> str:
-    """The plane groups, those with most sets first."""
+    """HTML table of the plane groups, those with most sets first."""
     colours = group_colours(search, grey)
     rows = []
     for i, group in enumerate(search.groups[:SHOWN_GROUPS]):

@@ -1,4 +1,4 @@
-"""HTML of an import: what each file is, what each column is taken for and why, what is doubtful and what is wrong."""
+"""HTML of an import: kinds of the files, meanings of the columns with reasons, doubts and faults."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CORRECT_IT = f"to change it, open “{CORRECT}”"
 
 
 def files_html(files: Sequence[UserFile], folder: Path) -> str:
-    """What each file was taken for; those of no use last and in one line."""
+    """HTML on the kind recognised for each file; unusable files last, in one line."""
     used = [file for file in files if file.kind not in (UNUSED, "scan")]
     scans = [file for file in files if file.kind == "scan"]
     unused = [file for file in files if file.kind == UNUSED]
@@ -51,7 +51,7 @@ def _name(file: UserFile, folder: Path) -> str:
 
 
 def meaning_words(meaning: Meaning | None) -> str:
-    """A meaning in words, such as "joint 3, deg, other way round"."""
+    """Phrase for a meaning, such as "joint 3, deg, other way round"."""
     if meaning is None or meaning.name == "ignore":
         return "–"
     if quantity_of(meaning.name) != "q":
@@ -64,7 +64,7 @@ def meaning_words(meaning: Meaning | None) -> str:
 
 
 def columns_html(columns: Sequence[PlannedColumn]) -> str:
-    """A row a column: its first value, what it is taken for, and why."""
+    """HTML table of the columns: first value, meaning, and reason."""
     several = len({column.table for column in columns}) > 1
     rows = [
         (
@@ -81,7 +81,7 @@ def columns_html(columns: Sequence[PlannedColumn]) -> str:
 
 
 def plan_html(plan: ImportPlan) -> str:
-    """What was found out beyond the columns: faults first, then doubts, then what was chosen."""
+    """HTML on the plan beyond the columns: faults first, then doubts, then notes."""
     html = ""
     if plan.faults:
         count = "This keeps it" if len(plan.faults) == 1 else f"These {len(plan.faults)} faults keep it"
@@ -98,5 +98,5 @@ def plan_html(plan: ImportPlan) -> str:
 
 
 def _here(line: str) -> str:
-    """A line that names an option of the command, for the page, which has lists instead."""
+    """Line on an option of the command, reworded for the page, which has lists instead of options."""
     return line.replace("--map says it otherwise", CORRECT_IT).replace("tell with --map", CORRECT_IT)

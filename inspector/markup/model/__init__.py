@@ -1,1 +1,1 @@
-"""Markup of the step Model."""
+"""HTML for the tabs of the step Model."""

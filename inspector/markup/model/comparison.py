@@ -1,4 +1,4 @@
-"""What the tab Compare says of the model's versions and of the jig over the scan, as HTML."""
+"""HTML of the tab Compare on the model's versions and on the jig's model over the scan."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ ERROR_OF_NONE = "This pose is left out of fits and tests, so it has no error."
 
 
 def figures_html(view: View) -> str:
-    """The key figures of each version, and what noise alone would leave."""
+    """HTML of each version's key figures, with the error by noise alone."""
     table = errors_by_version(view.versions, MODEL_COLOURS)
     note = Paragraph("Training poses are fitted; test poses are only predicted.", soft=True)
     return html.panel([Section("3D errors, mm: RMSE and largest", [table, note])])
 
 
 def exaggeration(view: View) -> str:
-    """How many times longer than they are residuals are drawn; "" where none are."""
+    """Phrase on the enlargement of drawn residuals; "" where none are drawn."""
     if not any(version.name in view.compared for version in view.versions):
         return ""
     return elements.note(
@@ -35,7 +35,7 @@ def exaggeration(view: View) -> str:
 
 
 def points_legend(view: View) -> str:
-    """What the colours of the measured points mean."""
+    """HTML legend of the measured points' colours."""
     if view.colouring != BY_ERROR or view.version is None:
         return roles_legend(view)
     level = noise_level(view.version.calibration)
@@ -48,7 +48,7 @@ def points_legend(view: View) -> str:
 
 
 def distance_bar(distances_mm: Array) -> str:
-    """The scale of the colours of a scan's points (N,) on the jig."""
+    """HTML colour scale of a scan's distances (N,) to the jig."""
     limit = distance_limit_mm(distances_mm)
     return colour_scale.bar("Distance to the nearest chosen face", -limit, limit, colour_scale.SIGNED)
 
@@ -64,7 +64,7 @@ def pose_html(view: View) -> str:
 
 
 def distance_html(view: View, distances_mm: Array | None) -> str:
-    """How far the scan lies from the three faces that were chosen in it, with the scale of its colours."""
+    """HTML on the scan's distances to the three faces found in it, with their colour scale."""
     if view.session.dataset.scan_folder is None:
         return ""
     title = elements.heading(f"Jig over scan {view.pose_id}")
@@ -90,20 +90,20 @@ def distance_html(view: View, distances_mm: Array | None) -> str:
 
 
 def roles_legend(view: View) -> str:
-    """Which colour is which role that these poses have, and which are left out, where some are."""
+    """HTML legend of the roles' colours, with that of left-out poses where there are any."""
     present = set(map(str, view.session.dataset.poses.role))
     out = [(LEFT_OUT, "left out")] if view.session.uncounted else []
     return elements.legend([*((ROLE_COLOURS[r], w) for r, w in ROLES.items() if r in present), *out])
 
 
 def error_limit_mm(view: View) -> float:
-    """The end of the scale of errors: of the chosen version's pose that is off the most."""
+    """Upper end of the error colour scale, mm: the largest pose error of the chosen version."""
     if view.version is None:
         return 1.0
     return colour_scale.round_limit(float(np.nanmax(view.version.pose_errors_mm(), initial=0.0)))
 
 
 def distance_limit_mm(distances_mm: Array) -> float:
-    """The end of the scale of distances: 98 in 100 of them lie within."""
+    """Upper end of the distance colour scale, mm: the 98th percentile."""
     known = np.abs(distances_mm[np.isfinite(distances_mm)])
     return colour_scale.round_limit(float(np.percentile(known, 98))) if len(known) else 1.0

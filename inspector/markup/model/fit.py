@@ -1,4 +1,4 @@
-"""What the tab Fit says of a calibration, as HTML: errors before and after, parameters."""
+"""HTML of the tab Fit on a calibration: errors before and after, parameters."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NO_POSES = "pose cannot be fitted: "
 
 
 def faces_words(session: Session) -> str:
-    """What a fit of full poses has to go by, or what it lacks, in a sentence."""
+    """Sentence on the orientations available for a fit of full poses, or on what such a fit lacks."""
     if session.unlabelled:
         return "pose needs the jig's faces named in the scans, which is done once their corners are found."
     if "pose" not in measured_kinds(session):
@@ -34,7 +34,7 @@ def faces_words(session: Session) -> str:
 
 
 def what_is_fitted(result: Calibration) -> str:
-    """The error that the figures show."""
+    """Name of the error that the figures show."""
     return "distance" if result.residual == "distance" else "3D"
 
 
@@ -45,7 +45,7 @@ def fit_html(result: Calibration) -> str:
 
 
 def errors_html(session: Session, result: Calibration) -> str:
-    """Errors before and after, and what robot.toml is worth without the model's effects."""
+    """HTML of the errors before and after, and of those with robot.toml's table alone."""
     alone: list[Block] = []
     if session.calibration is not None and session.links_alone is not None:
         alone = table_alone(exported_table(session.calibration, session.links_alone))
@@ -53,5 +53,5 @@ def errors_html(session: Session, result: Calibration) -> str:
 
 
 def parameters_html(result: Calibration) -> str:
-    """The parameters as tables of which a row picks its joint."""
+    """HTML tables of the parameters, in which a click on a row selects its joint."""
     return html.panel(parameter_tables(result, height="420px"))

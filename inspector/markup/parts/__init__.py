@@ -1,1 +1,1 @@
-"""What all markup is made of: elements, numbers, colours."""
+"""Common parts of all HTML: elements, numbers, colours."""

@@ -1,4 +1,4 @@
-"""Colours for numbers: perceptually even maps that colour-blind eyes read too, and the bar that explains them.
+"""Colours for numbers: perceptually uniform maps, legible for colour-blind readers, and their scale bars.
 
 `ERROR_ON_LIGHT` and `ERROR_ON_DARK` are the parts of viridis (Smith and van der Walt 2015) that stand out from a light
 page and from a dark one, the largest error the most; `SIGNED` goes from blue over grey, which is zero, to orange.
@@ -18,12 +18,12 @@ SIGNED = ("#2166AC", "#67A9CF", "#B9BDC4", "#E8A04C", "#B35806")
 
 
 def error_colours(dark: bool) -> tuple[str, ...]:
-    """The map for errors, from none to the largest."""
+    """Colour map for errors, from zero to the largest."""
     return ERROR_ON_DARK if dark else ERROR_ON_LIGHT
 
 
 def coloured(values: ArrayLike, low: float, high: float, colours: tuple[str, ...]) -> NDArray[np.uint8]:
-    """(N, 3) 0-255 of values (N,) on a map from `low` to `high`; what lies outside has the colour of the end."""
+    """Colours (N, 3), 0-255, of values (N,) on a map from `low` to `high`; values outside get the end's colour."""
     values = np.asarray(values, dtype=float)
     known = np.isfinite(values)
     place = np.clip((np.where(known, values, low) - low) / max(high - low, 1e-12), 0.0, 1.0)
@@ -35,7 +35,7 @@ def coloured(values: ArrayLike, low: float, high: float, colours: tuple[str, ...
 
 
 def round_limit(value: float) -> float:
-    """The next of 1, 2, 3, 5 times a power of ten that is not below `value`: an end for a scale."""
+    """Least 1, 2, 3 or 5 times a power of ten that is not below `value`, as the end of a scale."""
     if not np.isfinite(value) or value <= 0.0:
         return 1.0
     power = 10.0 ** np.floor(np.log10(value))
@@ -50,7 +50,7 @@ def bar(
     *,
     mark: tuple[float, str] | None = None,
 ) -> str:
-    """The scale of a map as HTML: ends and middle in mm, and where a number of interest lies on it."""
+    """HTML scale bar of a colour map: ends and middle in mm, and a mark at a value of interest."""
     gradient = ",".join(colours)
     sides = zip(("left", "center", "right"), (low, (low + high) / 2, high), strict=True)
     ends = "".join(

@@ -1,4 +1,4 @@
-"""HTML for the panels: tables, facts, notes. Everything that comes from outside is escaped here, once.
+"""HTML elements for the panels: tables, facts, notes. All external text is escaped in this module.
 
 Colours are left to the page (which is light or dark); the tables only use its own text colour, thinned.
 """
@@ -28,7 +28,7 @@ STYLE = (
 
 
 def joint_style(joint: int | None) -> str:
-    """The page's style that marks every row and link of the selected joint, counted from 0."""
+    """CSS that marks every row and link of the selected joint, counted from 0."""
     if joint is None:
         return ""
     mine = f'[data-ask="joint"][data-value="{joint + 1}"]'
@@ -36,7 +36,7 @@ def joint_style(joint: int | None) -> str:
 
 
 class Html(str):
-    """Text that is markup already and whose parts were escaped by the one who made it."""
+    """Text that is HTML markup with its parts escaped already."""
 
 
 def _markup(value: object) -> str:
@@ -44,7 +44,7 @@ def _markup(value: object) -> str:
 
 
 def text(value: object) -> str:
-    """`value` as text that cannot become markup."""
+    """Text of `value`, escaped so that it cannot become markup."""
     return escape(str(value), quote=True)
 
 
@@ -57,7 +57,7 @@ def table(
     height: str = "",
     asks: Sequence[Html] | None = None,
 ) -> str:
-    """A compact table: the first `left` columns to the left, numbers to the right; row `mark` is emphasised.
+    """HTML of a compact table: the first `left` columns aligned left, numbers right; row `mark` is emphasised.
 
     asks: what a click on each row asks for (`asking`), "" where nothing.
 
@@ -86,7 +86,7 @@ def table(
 
 
 def asking(name: str, value: object, *, tab: str = "") -> Html:
-    """Attributes of an element that asks for something when it is clicked, or chosen by key.
+    """HTML attributes of an element that sends a request when clicked, or chosen by key.
 
     `name` is one of the requests that the app answers (`server/page_requests.py`); `tab` ("Learn/Where it fails") is
     opened, too.
@@ -96,37 +96,37 @@ def asking(name: str, value: object, *, tab: str = "") -> Html:
 
 
 def opening(tab: str) -> Html:
-    """Attributes of an element that opens a tab ("Learn/Where it fails") when it is clicked, or chosen by key."""
+    """HTML attributes of an element that opens a tab ("Learn/Where it fails") when clicked, or chosen by key."""
     return Html(f' data-tab="{text(tab)}" role="button" tabindex="0"')
 
 
 def pose_link(pose_id: object, words: object = "") -> Html:
-    """The name of a pose within a sentence or a cell, as `words` where they are given: a click selects it."""
+    """HTML of a pose's name (or of `words`) within a sentence or a cell; a click selects the pose."""
     return Html(f'<a class="asks"{asking("pose", pose_id)}>{text(words or pose_id)}</a>')
 
 
 def asking_link(name: str, value: object, words: object, *, tab: str = "") -> Html:
-    """Words of a sentence that ask for something when they are clicked, see `asking`."""
+    """HTML of words in a sentence that send a request when clicked (`asking`)."""
     return Html(f'<a class="asks"{asking(name, value, tab=tab)}>{text(words)}</a>')
 
 
 def tab_link(tab: str, words: object) -> Html:
-    """Words of a sentence that open a tab ("Learn/Plan") when they are clicked."""
+    """HTML of words in a sentence that open a tab ("Learn/Plan") when clicked."""
     return Html(f'<a class="asks"{opening(tab)}>{text(words)}</a>')
 
 
 def joint_link(number: int, words: object = "") -> Html:
-    """A joint, counted from 1, within a sentence or a cell, as `words` where they are given: a click selects it."""
+    """HTML of a joint's name (or of `words`), counted from 1, in a sentence or a cell; a click selects the joint."""
     return Html(f'<a class="asks"{asking("joint", number)}>{text(words or number)}</a>')
 
 
 def wrapping(value: object) -> Html:
-    """A cell that may take several lines."""
+    """HTML of a table cell that may take several lines."""
     return Html(f'<span style="white-space:normal">{_markup(value)}</span>')
 
 
 def _name(value: object) -> str:
-    """A name; one with a long word takes several lines and leaves the columns beside it their place."""
+    """HTML of a name; one with a long word may take several lines, so that the other columns keep their width."""
     if max(map(len, str(value).split()), default=0) <= LONG_NAME:
         return text(value)
     # At least 7.5em wide, more where the other columns leave it.
@@ -135,7 +135,7 @@ def _name(value: object) -> str:
 
 
 def swatch(colour: str) -> Html:
-    """A small square in a colour of the palette (never one from outside)."""
+    """HTML of a small square in a colour of the palette (never one from outside)."""
     return Html(
         f'<span style="display:inline-block;width:10px;height:10px;border-radius:2px;background:{colour};'
         'vertical-align:baseline"></span>'
@@ -143,12 +143,12 @@ def swatch(colour: str) -> Html:
 
 
 def named_swatch(colour: str, name: object) -> Html:
-    """A square in a colour with its meaning behind it."""
+    """HTML of a coloured square followed by its meaning."""
     return Html(f"{swatch(colour)}&nbsp;{_name(name)}")
 
 
 def legend(entries: Iterable[tuple[str, object]], *, before: str = "") -> str:
-    """Colour and meaning, side by side; `before` is what they have in common."""
+    """HTML legend of colours and meanings, in one line; `before` is a common prefix."""
     items = "".join(
         f'<span style="margin-right:12px;white-space:nowrap">{named_swatch(colour, name)}</span>'
         for colour, name in entries
@@ -158,25 +158,25 @@ def legend(entries: Iterable[tuple[str, object]], *, before: str = "") -> str:
 
 
 def note(sentence: object) -> str:
-    """The plain-words line of a tab: what one sees and what to look for."""
+    """HTML of a tab's explanatory line: what it shows and what to look for."""
     style = f"margin:4px 16px 8px 16px;font-size:12px;line-height:1.4;opacity:0.78;{_BREAK}"
     return f'<div style="{style}">{_markup(sentence)}</div>'
 
 
 def code(lines: object) -> str:
-    """Lines to be typed as they are."""
+    """HTML of lines to be typed literally."""
     style = "margin:4px 16px 8px 16px;padding:6px 10px;font-size:12px;white-space:pre-wrap;"
     style += "background:rgba(128,128,128,0.14);"
     return f'<pre style="{style}{_BREAK}">{text(lines)}</pre>'
 
 
 def heading(title: object) -> str:
-    """A small heading inside a tab."""
+    """HTML of a small heading inside a tab."""
     return f'<div style="margin:10px 16px 2px 16px;font-size:13px;font-weight:600;{_BREAK}">{text(title)}</div>'
 
 
 def alert(sentence: object, *, colour: str = "#B3261E") -> str:
-    """A line that has to be seen: a failure with its reason."""
+    """HTML of an emphasised line: a failure with its reason."""
     return (
         f'<div style="margin:4px 14px 8px 14px;padding:6px 10px;border-left:4px solid {colour};font-size:12px;'
         f'line-height:1.4;background:rgba(128,128,128,0.14);{_BREAK}">{_markup(sentence)}</div>'
@@ -184,7 +184,7 @@ def alert(sentence: object, *, colour: str = "#B3261E") -> str:
 
 
 def facts(pairs: Iterable[tuple[str, object]]) -> str:
-    """Name and value, a row each."""
+    """HTML table of names and values, one row each."""
     rows = "".join(
         f'<tr><td style="{_CELL}opacity:0.75">{text(name)}</td>'
         f'<td style="{_CELL}white-space:normal;text-align:right;{_BREAK}">{_markup(value)}</td></tr>'
@@ -197,7 +197,7 @@ def facts(pairs: Iterable[tuple[str, object]]) -> str:
 
 
 def bullets(sentences: Iterable[object]) -> str:
-    """A plain list, a sentence each."""
+    """HTML list of sentences."""
     items = "".join(f'<li style="margin:1px 0">{_markup(sentence)}</li>' for sentence in sentences)
     style = f"margin:2px 16px 6px 16px;padding-left:16px;font-size:12px;line-height:1.4;{_BREAK}"
     return f'<ul style="{style}">{items}</ul>'

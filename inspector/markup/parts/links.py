@@ -11,5 +11,5 @@ from inspector.markup.parts.elements import Html
 
 
 def linked(sentence: object, names: Names, known: Mapping[str, Reference] | None = None) -> Html:
-    """A sentence, escaped, in which the poses and joints that it names can be clicked."""
+    """HTML of a sentence in which the names of poses and joints can be clicked."""
     return Html(words_html(recognised(str(sentence), names, known), links=True))

@@ -1,4 +1,4 @@
-"""The colours of the app, one meaning a colour, told apart also by colour-blind eyes.
+"""Colours of the app, one meaning each, distinguishable for colour-blind readers.
 
 Roles and models are near Okabe and Ito's set, each as light as stands out from a light page and from a dark one.
 """
@@ -24,6 +24,7 @@ GROUP_COLOURS = (
     "#6699CC",
 )
 MODEL_COLOURS = {"nominal": "#D97700", "link errors": "#0072DC", "with effects": "#8A5A86"}
+MODEL_BEFORE = "#A9B0BA"  # thin lines of the model before the one on show
 BESIDE_COLOURS = ("#0072B2", "#D55E00")  # the calibration on show, and the one beside it
 ARM, JOINT, SLIDE = "#C3C9D1", "#6B7787", "#8C7340"  # links; joints that turn; joints that slide
 MEASURE = "#7F868F"  # the floor's grid and the bar of known length
@@ -40,15 +41,15 @@ BRAND_ON_LIGHT, BRAND_ON_DARK = "#003654", "#40A1DF"
 
 
 def rgb(colour: str) -> tuple[int, int, int]:
-    """(0-255, 0-255, 0-255) of "#RRGGBB"."""
+    """Colour (red, green, blue), 0-255 each, of "#RRGGBB"."""
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
 
 
 def group_colour(group: int) -> str:
-    """A colour for the plane group with this index; they come again after nine."""
+    """Colour of the plane group with this index; the colours repeat after nine."""
     return GROUP_COLOURS[group % len(GROUP_COLOURS)]
 
 
 def role_colour(role: str) -> str:
-    """The colour of a pose with this role."""
+    """Colour of a pose by its role."""
     return ROLE_COLOURS.get(role, UNKNOWN)

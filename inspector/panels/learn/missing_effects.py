@@ -1,4 +1,4 @@
-"""Tab What is missing: effects ranked, added and removed, and how the error follows."""
+"""Tab What is missing: ranking, addition and removal of effects, and the history of the error."""
 
 from __future__ import annotations
 
@@ -92,23 +92,23 @@ class MissingEffectsPanel:
             self._actions.move(-1 if button == UNDO else 1)
 
     def open(self, dataset: str, _: View) -> None:
-        """Restore the choice of another dataset."""
+        """Restore the choice made earlier for a dataset."""
         self._before = str(self._chosen_for.open(dataset))
         self.choice.options = (NONE,)
         put(self.choice, NONE)
 
     def choose(self, name: str) -> None:
-        """Choose an effect in the list, where it is offered."""
+        """Choose an effect in the list, if it is listed."""
         if name in self.choice.options:
             put(self.choice, name)
 
     def finding(self, running: bool) -> None:
-        """Label the button to stop the diagnosis while it runs."""
+        """Label the button to stop the diagnosis while the diagnosis runs."""
         self.find.label = STOP if running else FIND
         self.find.disabled = False
 
     def say(self, words_now: str) -> None:
-        """Show what is being done, or why it cannot be done."""
+        """Show the current task, or why it is impossible."""
         self._doing.content = elements.alert(words_now, colour="#56B4E9") if words_now else ""
 
     @property
@@ -117,7 +117,7 @@ class MissingEffectsPanel:
         return str(self.choice.value)
 
     def update(self, view: View, *, undo: int, redo: int, own: str = "") -> None:
-        """Show the session's model and what could be missing from it. own: fault of the user's effects file."""
+        """Show the session's model and candidates for missing effects; `own`: fault of the user's effects file."""
         session = view.session
         self._moves = (undo, redo)
         self._undo.disabled, self._redo.disabled = not undo, not redo
@@ -131,7 +131,7 @@ class MissingEffectsPanel:
         self._untestable.content = html.untestable_html(screening.untestable) if screening else ""
 
     def judge(self, session: Session) -> None:
-        """Show the next move with its button, or the verdict and how it was reached."""
+        """Show the next move with its button, or the verdict with its reasons."""
         self._offer(session)
         done = session.searched and session.diagnosis is not None
         self.find.disabled = self.find.label == FIND and (session.calibration is None or done)
@@ -161,7 +161,7 @@ class MissingEffectsPanel:
         )
 
     def update_curves(self, view: View) -> None:
-        """Draw the learned curves of the model on show, where it has some."""
+        """Draw the learned curves of the model on show, if any."""
         calibration = view.session.calibration
         drawn = () if calibration is None else fitted_curves(calibration)
         self._curves.visible = bool(drawn)
@@ -225,9 +225,7 @@ class MissingEffectsPanel:
         )
 
     def _offer(self, session: Session) -> None:
-        """Update the lists of effects that can be added or removed; the choice stays, so that a second press adds
-        nothing.
-        """
+        """Update the lists of effects that can be added or removed, without changing the choice."""
         inside = [added.name for added in session.effects]
         ranked = [c.name for c in session.screening.candidates] if session.screening else []
         waits = session.residual_tests is None and LEARNED in self.choice.options  # whether it is still offered

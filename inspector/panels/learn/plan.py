@@ -1,4 +1,4 @@
-"""Tab Plan: which poses to measure next, what they promise, and files of them."""
+"""Tab Plan: poses to measure next, their predicted gain, and their files."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from functools import partial
 
 import viser
 
-from calib.planning.purpose import CALIBRATION, WATCH
-from calib.planning.purposes.confounded_effects import SPLIT
+from calib.planning.criterion import CALIBRATION, WATCH
+from calib.planning.discrimination_criterion import SPLIT
 from calib.present import html
 from calib.present.blocks import Bullets, Section
 from calib.present.plans import assumptions, plan_head, poses_table
@@ -69,19 +69,19 @@ class PlanPanel:
         return aim, int(clamped(self.count.value, 1, MOST, 5)), payload_kg or None
 
     def offer(self, aims: tuple[str, ...]) -> None:
-        """Update the purposes that can be planned for; the choice stays where it is still offered."""
+        """Update the purposes that can be planned for; the choice is kept if it is still listed."""
         self._words = {WORDS.get(aim, f"the size of {aim}"): aim for aim in aims}
         offer(self.aim, tuple(self._words) or (NONE,))
         self.make.disabled = not aims
 
     def choose(self, aim: str) -> None:
-        """Choose a purpose, where it is offered."""
+        """Choose a purpose, if it is listed."""
         words = next((words for words, name in self._words.items() if name == aim), None)
         if words is not None:
             put(self.aim, words)
 
     def say(self, words: str, *, bad: bool = False) -> None:
-        """Show what is being done, or why it cannot be done; "" clears it."""
+        """Show the current task, or why it is impossible; "" clears the line."""
         colour = {} if bad else {"colour": "#56B4E9"}
         self._doing.content = elements.alert(words, **colour) if words else ""
 

@@ -1,4 +1,4 @@
-"""Tab Where it fails: the residual against anything it may depend on, over the work space, and the worst poses."""
+"""Tab Where it fails: the residual against any input, over the work space, and the worst poses."""
 
 from __future__ import annotations
 

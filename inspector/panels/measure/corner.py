@@ -1,4 +1,4 @@
-"""Tab Corner: where the three faces meet, and how well that is known."""
+"""Tab Corner: the intersection of the three faces, and its uncertainty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tab Planes: sample sets, what the filters made of them, plane groups, and which three became the faces."""
+"""Tab Planes: sample sets, results of the filters, plane groups, and the three chosen as faces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tab Compare: the versions of the model side by side, and how the jig's model lies over the scan."""
+"""Tab Compare: the versions of the model side by side, and the jig's model over the scan."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NOT_YET = "Nothing to compare yet: the model is fitted when the search has ended
 
 
 class ComparePanel:
-    """Choice of versions shown, their key figures, and the legends of what is drawn."""
+    """Choice of displayed versions, their key figures, and the legends of the drawing."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
@@ -58,7 +58,7 @@ class ComparePanel:
         self.arrows.on_update(lambda e: a.arrows(_factor(e.target.value)) if by_page(e) else None)
 
     def update(self, view: View, problems: tuple[str, ...] = ()) -> None:
-        """Show everything except distances, which come with the scan; `problems` tells what cannot be drawn."""
+        """Show everything except distances, which come with the scan; `problems` lists what cannot be drawn."""
         names = [version.name for version in view.versions]
         for name, box in self.shown.items():
             box.disabled = name not in names

@@ -62,14 +62,14 @@ class FitPanel(FollowsModel):
         self.calibrate.label = "Calibrating …" if busy else "Calibrate"
 
     def open(self, dataset: str, view: View) -> None:
-        """Forget the choice made for the dataset before."""
+        """Forget the choice made for the previous dataset."""
         result = view.session.calibration
         self._unlabelled = None
         offer(self.residual, measured_kinds(view.session))
         put(self.residual, RESIDUALS[0] if result is None else result.residual)
 
     def offer(self, view: View) -> None:
-        """Update the residuals that the data allow, and enable the button where it would change something."""
+        """Update the residuals that the data allow, and enable the button where a press would change something."""
         session, kinds = view.session, measured_kinds(view.session)
         if self._unlabelled is not None or not (session.unlabelled or not no_full_poses(session)):
             kinds = tuple(kind for kind in kinds if kind != "pose")
@@ -81,11 +81,11 @@ class FitPanel(FollowsModel):
         self._enable()
 
     def _enable(self) -> None:
-        """Enable the button where it would change something."""
+        """Enable the button where a press would change something."""
         self.calibrate.disabled = self._busy or str(self.residual.value) == self._fresh
 
     def update(self, view: View, *, waiting: str = "") -> None:
-        """Show the session's calibration; `waiting` tells why there is none yet."""
+        """Show the session's calibration; `waiting` is the reason where there is none yet."""
         result = view.session.calibration
         self._convergence.visible = self._residuals.visible = result is not None
         if result is None:
@@ -108,7 +108,7 @@ class FitPanel(FollowsModel):
         self.update_residuals(view)
 
     def update_faces(self, view: View, problem: str = "") -> None:
-        """Show whether full poses can be fitted and how faces were labelled; `problem` tells why labelling failed."""
+        """Show whether full poses can be fitted and how faces were labelled; `problem`: why labelling failed."""
         searches = view.session.searches
         if problem or self._unlabelled is None or self._unlabelled[0] is not searches:
             self._unlabelled = (searches, problem) if problem else None

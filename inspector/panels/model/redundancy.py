@@ -50,7 +50,7 @@ class RedundancyPanel:
         self.choice.on_update(lambda e: actions.correlation() if by_page(e) else None)
 
     def open(self, dataset: str, view: View) -> None:
-        """Restore the choice of another dataset."""
+        """Restore the choice made earlier for a dataset."""
         kind = self._kinds.open(dataset)
         offer(self.residual, measured_kinds(view.session))
         put(self.residual, kind)

@@ -1,4 +1,4 @@
-"""Tab Beside: a second dataset, or an earlier version of the model, beside the one on show."""
+"""Tab Beside: a second dataset, or an earlier version of the model, compared with the calibration on show."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NONE, VERSION = "–", "this arm: "
 
 
 class SideBySidePanel:
-    """The calibration beside the one on show, what differs, and the errors of both in one plot."""
+    """Comparison with the calibration on show: differences, and the errors of both in one plot."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
@@ -41,11 +41,11 @@ class SideBySidePanel:
 
     @property
     def chosen(self) -> str:
-        """Choice of what is beside: a dataset's name, VERSION and a version's name, or NONE."""
+        """Choice to compare with: a dataset's name, VERSION and a version's name, or NONE."""
         return str(self.other.value)
 
     def offer(self, datasets: tuple[str, ...], versions: tuple[str, ...]) -> None:
-        """Update what can be chosen; a choice that is no longer offered becomes NONE."""
+        """Update the choices; one that is no longer available becomes NONE."""
         options = (NONE, *datasets, *(f"{VERSION}{name}" for name in versions))
         if options != tuple(self.other.options):
             before = self.chosen

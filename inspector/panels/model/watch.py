@@ -1,4 +1,4 @@
-"""Tab Watch: later measurements of the same cell against the calibration on show."""
+"""Tab Watch: later measurements of the same cell, compared with the calibration on show."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NONE, ALL = "–", "all other datasets"
 
 
 class WatchPanel:
-    """Choice of later measurements, what changed, and the control chart."""
+    """Choice of later measurements, the changes found, and the control chart."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
@@ -48,11 +48,11 @@ class WatchPanel:
 
     @property
     def scanner_moved(self) -> bool:
-        """Whether the user says that the instrument was set up again."""
+        """Whether the user states that the instrument was set up again."""
         return bool(self.moved.value)
 
     def offer(self, name: str, others: tuple[str, ...], *, forget: bool) -> None:
-        """Update the datasets that can be chosen; the one just picked joins the chosen ones."""
+        """Update the datasets that can be chosen; one just picked is added to those chosen."""
         picked = str(self.later.value) if name == self._name else NONE
         self._name = name
         chosen = () if forget else tuple(n for n in self.chosen if n in others)
@@ -67,13 +67,13 @@ class WatchPanel:
         self._clear.visible = bool(chosen)
 
     def say(self, words: str, *, bad: bool = False) -> None:
-        """Show why there is nothing to see yet."""
+        """Show why there is no result yet."""
         self._plot.visible = False
         self._found.content, self._drawn = "", None
         self._state.content = elements.alert(words) if bad else elements.note(words)
 
     def update(self, view: View, cell: WatchedCell) -> None:
-        """Show what the later measurements tell of the cell."""
+        """Show the changes of the cell found by the later measurements."""
         if self._drawn is not None and self._drawn[0] is cell and self._drawn[1] == view.dark:
             return
         self._state.content = html.panel(change_verdict(cell.seen))

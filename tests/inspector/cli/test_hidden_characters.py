@@ -10,8 +10,8 @@ import pytest
 from calib.dataset.files.folder import load_dataset
 from calib.errors import visible
 from calib.options import FitOptions
-from calib.planning.fitted_start import start_of_dataset
 from calib.planning.plan import plan_poses
+from calib.planning.start import start_of_dataset
 from inspector.cli.parser import main
 from inspector.export.plan_files import planned_file
 from tests.support.fleet import ENOUGH, write_cell

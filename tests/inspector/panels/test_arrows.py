@@ -11,8 +11,7 @@ from calib.calibration.model_versions import LINKS, NOMINAL
 from inspector.app.app import App
 from inspector.markup.parts.palette import MODEL_COLOURS, rgb
 from inspector.panels.model.compare import AUTOMATIC
-from inspector.scene.arrow_lengths import LONGEST_SHARE, drawn_as, field_mm
-from inspector.scene.draw_model import residual_words
+from inspector.scene.residual_arrows import FALL_S, LONGEST_SHARE, drawn_as, field_mm, residual_words
 from inspector.scene.scene_view import ROOT
 from tests.support.app import IDLE_S
 from tests.support.wire_client import WireClient
@@ -88,3 +87,24 @@ def test_a_wild_arrow_is_cut_and_its_length_told(app: App) -> None:
     chosen, _ = drawn_as(error, replace(view, arrows_chosen=True), 1000.0)
     np.testing.assert_allclose(chosen[1], [0, 600, 0])
     assert residual_words(100.0, {LINKS: 9.0}, 1) == "residuals × 100, longest 9.00 mm; 1 cut"
+
+
+def test_arrows_have_one_scale_and_fall_from_the_model_before(app: App, page: WireClient) -> None:
+    app.show_step(0)
+    assert app.worker.wait_idle(IDLE_S)
+    page.wait(lambda p: f"{ROOT}/before/lines" not in p.scene)
+    scale, nominal_mm = app.state.now.arrows, arrow_lengths_mm(page)
+    app.show_step(1)
+    assert app.worker.wait_idle(IDLE_S)
+    assert app.state.now.arrows == scale
+    version = app.state.now.version
+    assert version is not None
+    expected_mm = np.linalg.norm(drawn_as(version.evaluation.error_mm, app.state.now, 1e6)[0], axis=1)
+    page.wait(lambda _: np.allclose(arrow_lengths_mm(page), expected_mm, rtol=1e-3), FALL_S + 30.0)
+    assert np.median(expected_mm) < np.median(nominal_mm)
+    lines = 1000 * np.asarray(page.scene[f"{ROOT}/before/lines"]["props"]["points"]).reshape(-1, 2, 3)
+    np.testing.assert_allclose(np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1), nominal_mm, rtol=1e-3)
+    app.stage.comparison.residuals.between(0.0)
+    page.wait(lambda _: np.allclose(arrow_lengths_mm(page), nominal_mm, rtol=1e-3))
+    app.stage.comparison.residuals.between(1.0)
+    page.wait(lambda _: np.allclose(arrow_lengths_mm(page), expected_mm, rtol=1e-3))

@@ -194,7 +194,7 @@ def test_the_report_tells_which_scans_have_no_corner_and_which_corners_have_doub
     corner = search(app, NOISY).corner
     assert corner is not None
     assert f"is left out: {search(app, FEW).failure}" in page
-    assert f"{ids[NOISY]} deserves a look: {corner.quality.doubts()[0]}" in page
+    assert f"{ids[NOISY]} is doubtful: {corner.quality.doubts()[0]}" in page
     assert "Ringed" not in page  # no pose is selected on paper
     assert "Seen by" in page
 

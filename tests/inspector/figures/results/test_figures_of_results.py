@@ -24,8 +24,8 @@ from calib.fleet.row import Rmse
 from calib.identifiability.structural import redundancy
 from calib.monitoring.watch import watch
 from calib.options import FitOptions
-from calib.planning.fitted_start import start_of_dataset
 from calib.planning.plan import plan_poses
+from calib.planning.start import start_of_dataset
 from calib.screening.curves.fitted_curves import fitted_curves
 from calib.validation.learning_curve import learning_curve
 from inspector import figures

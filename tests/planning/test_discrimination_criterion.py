@@ -12,10 +12,10 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_for
 from calib.errors import CalibError
+from calib.planning.discrimination_criterion import ForDiscrimination, for_confounded
 from calib.planning.effect_hypotheses import EffectHypothesis, HypothesisSet
 from calib.planning.outcome import DiscriminationOutcome, SeparationReason
 from calib.planning.plan import Plan, plan_poses
-from calib.planning.purposes.confounded_effects import ForDiscrimination, for_confounded
 from calib.screening.candidates import screen
 from calib.simulation.simulate import simulate_dataset
 from calib.workcell.measurable import measurable
@@ -38,21 +38,21 @@ def outcome_of(plan: Plan) -> DiscriminationOutcome:
 
 
 def test_a_plan_has_its_power_and_can_be_measured(confounded: HypothesisSet) -> None:
-    purpose = ForDiscrimination(confounded)
-    plan = plan_poses(purpose.start, 5, purpose=purpose, candidates=150)
+    criterion = ForDiscrimination(confounded)
+    plan = plan_poses(criterion.start, 5, criterion=criterion, candidates=150)
     assert plan.power is not None
     assert 0.0 < plan.power < 0.9
     assert len(plan.poses) == 5
     assert outcome_of(plan).payload_kg is not None
     assert all(isinstance(reason, SeparationReason) for reason in plan.reasons)
-    assert measurable(purpose.start.cell, plan.poses.q).ok.all()
+    assert measurable(criterion.start.cell, plan.poses.q).ok.all()
     assert plan.poses.payload_kg is None
 
 
 def test_a_payload_tells_more_and_is_mounted_once(confounded: HypothesisSet) -> None:
-    bare = plan_poses(ForDiscrimination(confounded).start, 5, purpose=ForDiscrimination(confounded), candidates=150)
+    bare = plan_poses(ForDiscrimination(confounded).start, 5, criterion=ForDiscrimination(confounded), candidates=150)
     loaded = ForDiscrimination(confounded, payload_kg=5.0)
-    plan = plan_poses(loaded.start, 5, purpose=loaded, candidates=150)
+    plan = plan_poses(loaded.start, 5, criterion=loaded, candidates=150)
     assert plan.power is not None
     assert bare.power is not None
     assert plan.power > bare.power + 0.1
@@ -65,8 +65,8 @@ def test_a_payload_tells_more_and_is_mounted_once(confounded: HypothesisSet) -> 
 def test_equivalent_effects_are_said_to_be_told_apart_by_no_pose(confounded: HypothesisSet) -> None:
     first, other = confounded.hypotheses
     equivalent = replace(confounded, hypotheses=(first, replace(first, name="its twin"), other))
-    purpose = ForDiscrimination(equivalent)
-    plan = plan_poses(purpose.start, 3, purpose=purpose, candidates=100)
+    criterion = ForDiscrimination(equivalent)
+    plan = plan_poses(criterion.start, 3, criterion=criterion, candidates=100)
     assert plan.power is not None
     assert plan.power < 0.5
     assert (first.name, "its twin") in outcome_of(plan).equivalent
@@ -78,8 +78,8 @@ def test_a_hypothesis_in_the_model_is_taken_out_of_it(confounded: HypothesisSet)
     first = confounded.hypotheses[0]
     inside = calibrate(confounded.calibration.dataset, effects=first.members, prior_sigmas=first.prior_sigmas)
     outside, standing = (
-        plan_poses(purpose.start, 3, purpose=purpose, candidates=100).power
-        for purpose in (ForDiscrimination(confounded), ForDiscrimination(replace(confounded, calibration=inside)))
+        plan_poses(criterion.start, 3, criterion=criterion, candidates=100).power
+        for criterion in (ForDiscrimination(confounded), ForDiscrimination(replace(confounded, calibration=inside)))
     )
     assert outside is not None
     assert standing == pytest.approx(outside, abs=0.15)
@@ -88,5 +88,5 @@ def test_a_hypothesis_in_the_model_is_taken_out_of_it(confounded: HypothesisSet)
 @pytest.mark.slow
 def test_where_nothing_is_open_there_is_nothing_to_plan() -> None:
     clean = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(8), poses=30).dataset
-    with pytest.raises(CalibError, match="left no set of causes open"):
+    with pytest.raises(CalibError, match="left no effects confounded"):
         for_confounded(diagnose(clean))

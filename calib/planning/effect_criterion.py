@@ -1,4 +1,4 @@
-"""Poses at which suspected effects show most (`--for EFFECT,...`)."""
+"""Criterion: least variance of the coefficients of suspected effects (`--for EFFECT,...`)."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from calib.dataset.dataset import Poses
 from calib.effects.catalogue import descriptions
 from calib.effects.effect import Description
 from calib.errors import CalibError
+from calib.planning.criterion import BaseCriterion, DesignProblem, with_varied_conditions
 from calib.planning.exchange import best_poses
 from calib.planning.outcome import CoefficientSigma, EffectOutcome
-from calib.planning.purpose import PlainPurpose, Situation, with_varied_conditions
 from calib.planning.question import Question, inverse
 from calib.planning.start import Start
 from calib.planning.unknowns import Unknowns
@@ -21,29 +21,31 @@ from calib.workcell.pose_conditions import PAYLOAD_KG, WantedConditions, conditi
 
 
 @dataclass(frozen=True)
-class ForEffects(PlainPurpose):
-    """The coefficients of suspected effects known: the sum of their variances, each in units of its usual size."""
+class ForEffects(BaseCriterion):
+    """Criterion of the sum of variances of suspected effects' coefficients, each in units of its usual size."""
 
     effects: tuple[str, ...]
-    payload_kg: float | None = None  # that the arm may carry at some poses
+    payload_kg: float | None = None  # payload that the arm may carry at some poses
 
     @property
     def name(self) -> str:
+        """Names of the effects, with commas between."""
         return ",".join(self.effects)
 
     @property
     def _described(self) -> list[Description]:
+        """Descriptions of those effects that are in the catalogue."""
         return [described for described in descriptions() if described.name in self.effects]
 
     @property
     def _wanted(self) -> WantedConditions:
-        """The conditions that these effects show under; user's own ask for none."""
+        """Conditions under which these effects show; none for effects of the user's own."""
         wanted = conditions_for(self._described, payload_kg=self.payload_kg or PAYLOAD_KG)
         without = "payload_kg" in wanted.helpful and self.payload_kg is None
         return replace(wanted, payloads_kg=()) if without else wanted
 
     def prepared(self, start: Start, offered: Poses) -> Poses:
-        """The poses under conditions that vary as the measured ones do, and as these effects need it."""
+        """Candidates under conditions that vary as the measured ones do, and as these effects need it."""
         poses = with_varied_conditions(start, offered, self._described)
         wanted, rng = self._wanted, np.random.default_rng(0)
         if wanted.both_sides and poses.approach is None:
@@ -54,40 +56,43 @@ class ForEffects(PlainPurpose):
             poses = replace(poses, temperature_c=rng.choice(wanted.temperatures_c, len(poses)))
         return poses
 
-    def choose(self, situation: Situation, count: int) -> IndexArray:
-        wanted = situation.unknowns.of_parameters()[:, self._mine(situation.unknowns)]
-        if not np.any(situation.rows @ wanted):
+    def choose(self, problem: DesignProblem, count: int) -> IndexArray:
+        """Indices (count,) of the A-optimal candidates. Raises CalibError where no candidate shows the effects."""
+        targets = problem.unknowns.of_parameters()[:, self._coefficients(problem.unknowns)]
+        if not np.any(problem.rows @ targets):
             raise CalibError(f"{self.name} shows at no pose that can be measured, so none can be planned for it")
-        return best_poses([Question(situation.rows, situation.unknowns.known, wanted)], count).rows
+        return best_poses([Question(problem.rows, problem.unknowns.prior_information, targets)], count).rows
 
-    def outcome(self, situation: Situation, chosen: IndexArray) -> EffectOutcome:
-        unknowns, measured, wanted = situation.unknowns, situation.start.measured, self._wanted
+    def outcome(self, problem: DesignProblem, chosen: IndexArray) -> EffectOutcome:
+        """Sigmas of the coefficients before and after, and the conditions of the poses."""
+        unknowns, measured, wanted = problem.unknowns, problem.start.measured, self._wanted
         none = np.zeros(0, dtype=np.int64)
         before, after = (
-            np.sqrt(np.diag(inverse(situation.information(rows))))[: len(unknowns.scales)] * unknowns.scales
+            np.sqrt(np.diag(inverse(problem.information(rows))))[: len(unknowns.scales)] * unknowns.scales
             for rows in (none, chosen)
         )
         parameters = unknowns.model.parameters
-        asked = {
+        varied = {
             "approach": wanted.both_sides,
             "payload_kg": wanted.payloads_kg,
             "temperature_c": wanted.temperatures_c,
         }
-        conditions = tuple(name for name, values in asked.items() if values)
+        conditions = tuple(name for name, values in varied.items() if values)
         return EffectOutcome(
             tuple(
                 CoefficientSigma(parameters[k].name, parameters[k].unit, float(before[k]), float(after[k]))
-                for k in self._mine(unknowns)
+                for k in self._coefficients(unknowns)
             ),
             conditions,
             tuple(name for name in conditions if measured is not None and getattr(measured, name) is None),
         )
 
-    def _mine(self, unknowns: Unknowns) -> list[int]:
-        """Which unknowns are coefficients of these effects."""
+    def _coefficients(self, unknowns: Unknowns) -> list[int]:
+        """Indices of the unknowns that are coefficients of these effects."""
         families = tuple(f"{name}." for name in self.effects)
         return [k for k, name in enumerate(unknowns.parameter_names) if name.startswith(families)]
 
 
 def _varies(values: Array | None) -> bool:
+    """Whether a condition is recorded and varies."""
     return values is not None and bool(np.ptp(values) > 0.0)

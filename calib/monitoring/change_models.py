@@ -1,0 +1,96 @@
+"""Models of the changes that a cell may have gone through, each with the motion of the measured points by its size."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.effects.gravity import has_masses
+from calib.effects.link_errors import LinkErrors
+from calib.fitting.model import Model
+from calib.fitting.observations import Observations
+from calib.kinematics.robot import Robot
+
+JOINT_ZERO, TOOL, SCANNER, BASE = "joint_zero", "tool", "scanner", "base"
+JIG = "jig"  # fixed in the world where the arm carries the scanner; takes the tool's place
+LENGTH, ANGLE, COMPLIANCE, NOISE = "length", "angle", "compliance", "noise"
+
+
+@dataclass(frozen=True)
+class ChangeModel:
+    """Linear model of one possible change of a cell: how K numbers move the measured points."""
+
+    what: str  # JOINT_ZERO, TOOL, ...
+    joint: int | None  # from 1
+    parameter: str  # of the robot's table; "" for other changes
+    unit: str
+    columns: Array  # (M, 3, K) motion of each measured point by one unit, mm in the base frame
+
+    @property
+    def count(self) -> int:
+        """Number K of the model's parameters."""
+        return int(self.columns.shape[-1])
+
+    @property
+    def key(self) -> tuple[str, int | None, str]:
+        """Identity of the change: what, joint, parameter."""
+        return self.what, self.joint, self.parameter
+
+
+def change_models_of_arm(model: Model, x: Array, observed: Observations) -> tuple[ChangeModel, ...]:
+    """Models of changes of the arm: each joint's zero, lengths, link angles and compliance; the tool.
+
+    The tool is one change of three lengths, and so is the jig in the world where the arm carries the scanner. A joint's
+    compliance needs masses in robot.toml.
+
+    Args:
+        model: model of the earlier fit.
+        x: (P,) its parameters.
+        observed: points at which the motion is computed.
+    """
+    table = Model(model.calibrated_robot(x), (LinkErrors(model.robot),))
+    poses, row = observed.used_poses
+    zeros = np.zeros(len(table.parameters))
+    by_table = np.empty((len(row), 3, len(zeros)))
+    for target, of_target in observed.targets.items():
+        by_table[of_target] = table.linearise(zeros, poses, target)[1][row[of_target]]
+    state = table.state(zeros, poses)
+    torques_nm = state.gravity_torques_nm[row] if has_masses(model.robot) else np.zeros((len(row), 0))
+    columns = {p.name: by_table[..., k] for k, p in enumerate(table.parameters)}
+    return tuple(_change_models(model.robot, columns, torques_nm, state.attitude[row]))
+
+
+def _change_models(
+    robot: Robot, columns: dict[str, Array], torques_nm: Array, base_R_tool: Array
+) -> Iterator[ChangeModel]:
+    """Models of changes of the arm, from the motion of the points by each parameter of its table.
+
+    Args:
+        robot: nominal robot.
+        columns: (M, 3) motion of each point by one unit of a parameter of the table, mm in the base frame.
+        torques_nm: (M, n) joint torques by gravity, (M, 0) where the masses are unknown.
+        base_R_tool: (M, 3, 3) orientation of the tool.
+    """
+    for joint, is_revolute in enumerate(robot.is_revolute, 1):
+        zero = f"theta{joint}" if is_revolute else f"d{joint}"
+        yield ChangeModel(JOINT_ZERO, joint, zero, "rad" if is_revolute else "mm", columns[zero][..., None])
+        for name in (f"a{joint}", f"d{joint}", f"alpha{joint}", f"theta{joint}", f"beta{joint}"):
+            # What lies behind the last joint is fixed to the flange: a change of it is one of the tool.
+            if name != zero and joint < robot.n_joints:
+                length = name[0] in "ad" and not name.startswith("alpha")
+                what, unit = (LENGTH, "mm") if length else (ANGLE, "rad")
+                yield ChangeModel(what, joint, name, unit, columns[name][..., None])
+        if torques_nm.shape[1]:
+            unit = "rad/Nm" if is_revolute else "mm/N"
+            by_torque = columns[zero] * torques_nm[:, joint - 1, None]
+            yield ChangeModel(COMPLIANCE, joint, "", unit, by_torque[..., None])
+    yield ChangeModel(JIG if robot.carries_scanner else TOOL, None, "", "mm", base_R_tool)
+
+
+def change_label(what: str, joint: int | None, parameter: str = "") -> str:
+    """Label of a change: "joint_zero 3", "tool", "length a2"."""
+    name = parameter if what in (LENGTH, ANGLE) else "" if joint is None else str(joint)
+    return f"{what} {name}".strip()

@@ -1,1 +1,0 @@
-"""What poses may be planned for beside a calibration and an effect's size."""

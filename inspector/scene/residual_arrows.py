@@ -1,0 +1,245 @@
+"""Residuals as arrows from measured to predicted points, at one scale for all versions of a dataset's model."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import viser
+
+from calib.array_types import Array, BoolArray, ByteArray, IndexArray
+from calib.calibration.model_versions import Version
+from calib.fitting.observations import Observations
+from calib.present import numbers
+from inspector.markup.parts.palette import MODEL_BEFORE, MODEL_COLOURS, rgb
+from inspector.scene import corner_nodes, model_nodes
+from inspector.scene.scene_view import SceneView, to_scene
+from inspector.session.view import FACTORS, View
+
+USUAL_SHARE = 1 / 12  # of the field: most arrows are at most so long
+SEEN_SHARE = 0.02  # of the field: where the link errors' long ones are shorter, a larger factor is taken
+LONGEST_SHARE = 0.15  # of the field: the longest that an arrow is drawn by itself
+LONGEST_CHOSEN_SHARE = 0.6  # and by a factor that the user has chosen
+MOST = 90.0  # in 100 arrows count for the factor: a wild one does not
+ARROW_SHARE = 0.0014  # of the field: radius of a residual's arrow
+TIP_SHARE = 0.8  # of a measured point: diameter of a predicted one
+CUT_LABELS = 3  # arrows that are cut and carry a label with their length
+ABOVE_MM = 20.0  # height of the legend over the points
+FALL_S, FRAMES = 0.7, 14  # of the move from the model before to the one on show
+
+
+# ---- lengths --------------------------------------------------------------------------------------------------------
+
+
+def field_mm(points_mm: Array) -> float:
+    """Diagonal of the bounding box of the measured points (K, 3), mm."""
+    return float(np.linalg.norm(np.ptp(points_mm, axis=0))) if len(points_mm) else 0.0
+
+
+def fitting_arrows(view: View) -> float:
+    """Default enlargement of the residuals, one for all versions of a dataset's model: arrows shrink as it improves.
+
+    The nominal robot's errors choose it. Where those that the link errors leave would then hardly be seen, these choose
+    it, and the nominal robot's longest arrows are cut.
+    """
+    versions = view.session.versions
+    if not versions or versions[0].calibration.dataset.points is None:
+        return view.arrows
+    field = field_mm(versions[0].calibration.dataset.points.xyz_mm)
+    nominal, links = _long_mm(versions[0]), _long_mm(versions[min(1, len(versions) - 1)])
+    factor = _fitting(nominal, field)
+    return factor if factor * links >= SEEN_SHARE * field else max(factor, _fitting(links, field))
+
+
+def _long_mm(version: Version) -> float:
+    lengths = np.linalg.norm(version.evaluation.error_mm, axis=1)
+    return float(np.percentile(lengths, MOST)) if len(lengths) else 0.0
+
+
+def _fitting(error_mm: float, field: float) -> float:
+    return float(max((f for f in FACTORS if f * error_mm <= USUAL_SHARE * field), default=FACTORS[0]))
+
+
+def drawn_as(error_mm: Array, view: View, field: float) -> tuple[Array, BoolArray]:
+    """Arrows (K, 3) for errors (K, 3), enlarged by `view.arrows`, and a mask (K,) of those that were shortened."""
+    arrows = view.arrows * error_mm
+    most = (LONGEST_CHOSEN_SHARE if view.arrows_chosen else LONGEST_SHARE) * field
+    lengths = np.linalg.norm(arrows, axis=1)
+    cut = lengths > most * (1 + 1e-9)
+    return np.where(cut[:, None], arrows * (most / np.maximum(lengths, 1e-12))[:, None], arrows), cut
+
+
+def residual_words(factor: float, longest_mm: Mapping[str, float], cut: int = 0) -> str:
+    """Legend of the arrows: their enlargement, the longest error of each version, the number of shortened arrows."""
+    lengths = [numbers.length(mm) for mm in longest_mm.values()]
+    shorter = f"; {cut} cut" if cut else ""
+    if len(lengths) == 1:
+        return f"residuals × {factor:g}, longest {lengths[0]}{shorter}"
+    named = "; ".join(f"{name} {length}" for name, length in zip(longest_mm, lengths, strict=True))
+    return f"residuals × {factor:g}, longest: {named}{shorter}"
+
+
+# ---- arrows ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Arrows:
+    """Arrows of one version, in the frame of the selected pose's scanner placement."""
+
+    start_mm: Array  # (K, 3) measured points
+    error_mm: Array  # (K, 3) predicted minus measured, true to scale
+    tip_mm: Array  # (K, 3) ends of the enlarged arrows
+    cut: BoolArray  # (K,) whether the arrow was shortened
+    pose: IndexArray  # (K,) pose of each point
+
+
+def _arrows_of(version: Version, view: View) -> _Arrows:
+    dataset = version.calibration.dataset
+    measured = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool)).points
+    here = dataset.poses.setup[measured.pose] == dataset.poses.setup[view.pose]
+    start, error = measured.xyz_mm[here], version.evaluation.error_mm[here]
+    arrows, cut = drawn_as(error, view, field_mm(start))
+    return _Arrows(start, error, start + arrows, cut, measured.pose[here])
+
+
+class ResidualArrows:
+    """Drawing of arrows from measured points to each compared version's predictions, enlarged by `View.arrows`.
+
+    One version alone is drawn over thin lines of the model before it. Where that model was on show until now, the
+    arrows move from it to the one on show within FALL_S: the error is seen to fall.
+
+    on_click: called with the index of the pose whose arrow or predicted point was clicked.
+    """
+
+    def __init__(self, scene: SceneView, on_click: Callable[[int], None]) -> None:
+        self._scene, self._on_click = scene, on_click
+        self._lock = threading.Lock()  # over the nodes: the worker draws them, a thread of its own moves them
+        self._moving: object = None  # the move under way
+        self._last: _Arrows | None = None  # those of the only version drawn last
+        self._before: _Arrows | None = None  # those of the version before the one on show
+        self._nodes: tuple[viser.SceneNodeHandle, ...] = ()  # arrows and predicted points that can move
+
+    def draw(self, view: View) -> None:
+        """Draw the compared versions, with an animation from the previous version's arrows if that was on show."""
+        drawn = {v.name: _arrows_of(v, view) for v in view.versions if v.name in view.compared}
+        before = view.version_before if view.version is not None and set(drawn) == {view.version.name} else None
+        with self._lock:
+            self._moving = None
+            last, self._last = self._last, next(iter(drawn.values())) if len(drawn) == 1 else None
+            self._before = None if before is None else _arrows_of(before, view)
+            falls = last is not None and self._before is not None and _same(last, self._before)
+            self._draw(view, drawn)
+            if falls:
+                self._place(0.0)
+        if falls:
+            self._moving = token = object()
+            threading.Thread(target=self._fall, args=(token,), name="inspector-fall", daemon=True).start()
+
+    def between(self, share: float) -> None:
+        """Draw arrows interpolated between those of the model before (share 0) and of the model on show (share 1)."""
+        with self._lock:
+            self._moving = None
+            self._place(share)
+
+    def stop(self) -> None:
+        """End a running animation."""
+        with self._lock:
+            self._moving = None
+
+    def _fall(self, token: object) -> None:
+        for frame in range(1, FRAMES + 1):
+            time.sleep(FALL_S / FRAMES)
+            with self._lock:
+                if self._moving is not token:
+                    return
+                self._place(frame / FRAMES)
+
+    def _place(self, share: float) -> None:
+        now, before = self._last, self._before
+        if now is None or before is None or now.tip_mm.shape != before.tip_mm.shape:
+            return
+        tips = before.tip_mm + share * (now.tip_mm - before.tip_mm)
+        shown = np.linalg.norm(now.error_mm, axis=1) > 0
+        for node in self._nodes:
+            if isinstance(node, viser.ArrowsHandle):
+                node.points = to_scene(np.stack([now.start_mm, tips], axis=1)[shown])
+            elif isinstance(node, viser.PointCloudHandle):
+                node.points = to_scene(tips)
+
+    def _draw(self, view: View, drawn: Mapping[str, _Arrows]) -> None:
+        self._nodes = ()
+        start = np.concatenate([a.start_mm for a in drawn.values()]) if drawn else np.zeros((0, 3))
+        if not len(start):
+            for layer in ("residuals", "predicted", "before"):
+                self._scene.draw(layer, lambda api, name: [])
+            return
+        field = field_mm(start)
+        arrows, colours, pose = _joined(drawn)
+        of_tip = np.concatenate([a.pose for a in drawn.values()])
+        longest = {name: float(np.linalg.norm(a.error_mm, axis=1).max(initial=0.0)) for name, a in drawn.items()}
+        text = residual_words(view.arrows, longest, sum(int(a.cut.sum()) for a in drawn.values()))
+        top = np.array([start[:, 0].mean(), start[:, 1].min() - ABOVE_MM, start[:, 2].mean()])
+        made: list[viser.SceneNodeHandle] = []  # arrows and predicted points, the first of each layer
+
+        def kept(nodes: list[viser.SceneNodeHandle]) -> list[viser.SceneNodeHandle]:
+            made.extend(nodes[:1])
+            return nodes
+
+        self._scene.draw(
+            "residuals",
+            lambda api, name: kept(
+                model_nodes.residuals(
+                    api, name, arrows, colours, ARROW_SHARE * (field + 50.0), text, top,
+                    lambda k: self._on_click(int(pose[k])), _lengths_of_cut(drawn),
+                ),
+            ),
+        )  # fmt: skip
+        tips = {name: a.tip_mm for name, a in drawn.items()}
+        size_mm = TIP_SHARE * corner_nodes.dot_mm(start)
+        self._scene.draw(
+            "predicted",
+            lambda api, name: kept(
+                model_nodes.predicted(api, name, tips, MODEL_COLOURS, size_mm, lambda k: self._on_click(int(of_tip[k])))
+            ),
+        )
+        before = self._before
+        self._scene.draw("before", lambda api, name: [] if before is None else [_thin_lines(api, name, before)])
+        if len(drawn) == 1:
+            self._nodes = tuple(made)
+
+
+def _same(one: _Arrows, other: _Arrows) -> bool:
+    """Whether two versions have the same errors at the same points."""
+    return one.error_mm.shape == other.error_mm.shape and bool(
+        np.array_equal(one.start_mm, other.start_mm) and np.array_equal(one.error_mm, other.error_mm)
+    )
+
+
+def _thin_lines(api: viser.SceneApi, name: str, arrows: _Arrows) -> viser.SceneNodeHandle:
+    """Node of thin lines, one for each arrow of the model before."""
+    return api.add_line_segments(
+        f"{name}/lines", to_scene(np.stack([arrows.start_mm, arrows.tip_mm], axis=1)), rgb(MODEL_BEFORE),
+        thickness=1.0, thickness_units="screen",
+    )  # fmt: skip
+
+
+def _joined(drawn: Mapping[str, _Arrows]) -> tuple[Array, ByteArray, IndexArray]:
+    """Arrows (K, 2, 3) of non-zero length, with colours (K, 3) and poses (K,)."""
+    arrows, colours, poses = [], [], []
+    for name, each in drawn.items():
+        shown = np.linalg.norm(each.error_mm, axis=1) > 0
+        arrows.append(np.stack([each.start_mm, each.tip_mm], axis=1)[shown])
+        colours.append(np.tile(np.array(rgb(MODEL_COLOURS[name]), dtype=np.uint8), (int(shown.sum()), 1)))
+        poses.append(each.pose[shown])
+    return np.concatenate(arrows), np.concatenate(colours), np.concatenate(poses)
+
+
+def _lengths_of_cut(drawn: Mapping[str, _Arrows]) -> list[tuple[Array, str]]:
+    """End points (3,) of the longest shortened arrows, with the true lengths of their errors."""
+    all_cut = [
+        (float(np.linalg.norm(a.error_mm[i])), a.tip_mm[i]) for a in drawn.values() for i in np.flatnonzero(a.cut)
+    ]
+    return [(tip, f"{numbers.length(mm)}, cut") for mm, tip in sorted(all_cut, key=lambda each: -each[0])[:CUT_LABELS]]
