@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import simulated  # noqa: F401  (sets the paths)
 
-from calib.dataset.files.robot_toml import load_robot, robot_to_toml
+from calib.dataset.files.robot_toml import load_robot_toml, robot_to_toml
 from calib.effects.gravity import GravityLoads
 from calib.errors import CalibError
 from calib.frames import invert, make_transform
@@ -131,7 +131,7 @@ def compare(path: Path, tip: str | None, oracle: str, vectors: int, worst: Worst
     reading = ReadOptions(tip=tip)
     found, arm = read_robot(path, reading), read_arm(path, tip=tip)
     (folder / "robot.toml").write_text(robot_to_toml(found.robot))
-    robot = load_robot(folder / "robot.toml")
+    robot = load_robot_toml(folder / "robot.toml")
     worst.arms += 1
     worst.changed += calibrated_urdf(path, robot).content != path.read_bytes()
     answer = ORACLES[oracle](arm, robot)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
@@ -23,6 +24,18 @@ DEFAULT_FOLDS = 5  # of a cross-validation
 BUILTIN_ROBOTS = ("rb5", "panda")
 """Robots that come with the library, read by `calib.dataset.files.robot_toml`."""
 MAX_TOLERANCE = 1e6  # mm or rad; `prior=False` is the way to have none
+GREEK_LETTERS = {"alpha": "α", "beta": "β", "theta": "θ"}
+"""Letters by which tables and figures show the parameters whose names begin with these words."""
+_SHOWN_NAME = re.compile(rf"([{''.join(GREEK_LETTERS.values())}])(\d+|TCP)")
+
+
+def parameter_name(typed: str) -> str:
+    """Name of a parameter that was typed by that name or as tables show it: "theta1" for "θ1"."""
+    shown = _SHOWN_NAME.fullmatch(typed)
+    if shown is None:
+        return typed
+    letter, row = shown.groups()
+    return next(word for word, symbol in GREEK_LETTERS.items() if symbol == letter) + row
 
 
 @dataclass(frozen=True)
@@ -44,7 +57,7 @@ class FitOptions:
     prior: bool = True
     """Whether parameters have a Gaussian prior, with their tolerance as its standard deviation."""
     fixed: tuple[str, ...] = ()
-    """Names of parameters that stay at their nominal value."""
+    """Names of parameters that stay at their nominal value; "θ1", as tables show it, is "theta1"."""
     tolerances: Mapping[str, float] = field(default_factory=dict)
     """Tolerances of single link parameters by name, mm or rad, in place of the default of 1 mm and 0.5 deg."""
     robust: bool = False
@@ -63,7 +76,7 @@ class FitOptions:
         fixed: object = self.fixed
         if not isinstance(fixed, Collection) or isinstance(fixed, str) or not all(isinstance(f, str) for f in fixed):
             _refuse("fixed", fixed, "a list of parameters' names, such as ['d5']")
-        object.__setattr__(self, "fixed", tuple(fixed))
+        object.__setattr__(self, "fixed", tuple(map(parameter_name, fixed)))
         tolerances: object = self.tolerances
         if not isinstance(tolerances, Mapping):
             _refuse("tolerances", tolerances, "sizes by parameters' names, such as {'a2': 0.1}")
@@ -71,6 +84,8 @@ class FitOptions:
             if not isinstance(size, Real) or not 0.0 < float(size) <= MAX_TOLERANCE:
                 needed = f"a size above 0 and up to {MAX_TOLERANCE:g} is needed, in mm or rad"
                 raise FitError(f"tolerance of {name}: found {size!r:.80}; {needed}")
+        named = {parameter_name(name) if isinstance(name, str) else name: size for name, size in tolerances.items()}
+        object.__setattr__(self, "tolerances", named)
         if self.noise is not None and not isinstance(self.noise, NoiseShape):
             _refuse("noise", self.noise, "a NoiseShape")
 

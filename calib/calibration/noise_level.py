@@ -40,10 +40,6 @@ class NoiseLevel:
         """Name of the noise by its source, such as "noise alone" or "noise as repeats show it"."""
         return _ORIGINS.get(self.source, "noise alone")
 
-    def words(self, length: str, of: str = "") -> str:
-        """Name of the noise with a length in brackets, such as "noise alone (0.05 mm per coordinate)"."""
-        return f"{self.name} ({length}{of}{'' if self.is_declared else ': not declared'})"
-
 
 def noise_level(calibration: Calibration) -> NoiseLevel:
     """Noise as declared by the dataset, else estimated from repeats, else from the residual of the fit.

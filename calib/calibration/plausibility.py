@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from calib.calibration.calibrate import calibrate
-from calib.calibration.result import Calibration, is_declared, outlier_words
+from calib.calibration.result import Calibration, is_declared
 from calib.distributions import chi2_ppf
 from calib.effects.effect import exceeded_bound, full_name
 from calib.errors import FitError
@@ -51,7 +51,7 @@ def implausibility_reason(calibration: Calibration) -> str:
     residual_mm, span_mm = _measured_sigma_mm(calibration), _span_mm(calibration)
     if residual_mm > MAX_SHARE_OF_SPAN * span_mm:
         return (
-            f"the model does not describe these data: {residual_mm:.3g} mm a coordinate are left of points "
+            f"the model does not describe these data: {residual_mm:.3g} mm per coordinate are left of points "
             f"that spread over {span_mm:.3g} mm; {remedy}"
         )
     return ""
@@ -94,7 +94,7 @@ def too_good(calibration: Calibration) -> str:
         return ""
     of = "the declared sigma" if declared else f"the {BEST_SIGMA_MM:g} mm of the best instruments for arms"
     return (
-        f"{calibration.sigma_mm:.2g} mm a coordinate are left, {fit.reduced_chi / floor:.2g} times {of}: no "
+        f"{calibration.sigma_mm:.2g} mm per coordinate are left, {fit.reduced_chi / floor:.2g} times {of}: no "
         "measurement is that good, so the model was fitted to itself, the points were computed, or sigma was declared "
         "far too large: declare what repeats of one pose show"
     )
@@ -116,11 +116,11 @@ def _span_mm(calibration: Calibration) -> float:
     return max(spread_mm, LEAST_SPAN_OF_REACH * float(np.abs(dataset.robot.table[:, lengths]).sum()))
 
 
-def outlier_hint(calibration: Calibration) -> str:
-    """Sentence that names the outlying poses of a plain fit and the error without them; "" where there are none."""
+def fit_without_outliers(calibration: Calibration) -> Calibration | None:
+    """Robust fit of the data of a plain fit; None where no pose stands out, or the fit was robust already."""
     options, model = calibration.options, calibration.model
     if options.robust or calibration.residual == "distance":
-        return ""
+        return None
     try:
         robust = calibrate(
             calibration.dataset,
@@ -130,15 +130,5 @@ def outlier_hint(calibration: Calibration) -> str:
             start=calibration,
         )
     except FitError:
-        return ""
-    if not robust.outliers:
-        return ""
-    change = f"a coordinate's sigma is {robust.sigma_mm:.3g} mm without, {calibration.sigma_mm:.3g} mm with"
-    before, after = calibration.after.test, robust.after.test
-    if before is not None and after is not None:
-        change = f"the test poses are off by {after.rmse_mm:.3g} mm without, {before.rmse_mm:.3g} mm with"
-    it = "it" if len(robust.outliers) == 1 else "them"
-    return (
-        f"{outlier_words(robust)}: {change} {it} in the fit. Look at {it}; --robust leaves {it} out, --leave-out any "
-        "pose"
-    )
+        return None
+    return robust if robust.outliers else None

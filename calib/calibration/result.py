@@ -13,10 +13,10 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array
-from calib.brief import errors_in_short
+from calib.brief import Brief, errors_in_short
 from calib.calibration.evaluation import Evaluation, evaluate_all
 from calib.calibration.orientation_errors import OrientationErrors, evaluate_orientations
-from calib.dataset.dataset import Dataset, Poses
+from calib.dataset.dataset import Dataset, FaceLabelling, Poses
 from calib.dataset.repeats import RepeatCount, without_poses
 from calib.dataset.trained_range import TrainedRange
 from calib.errors import FitError
@@ -31,8 +31,6 @@ from calib.presented import Presented
 if TYPE_CHECKING:
     from calib.compensation.target_correction import Correction
     from calib.models.fitted_model import FittedModel
-
-_MOST_NAMED = 8  # outlying poses that are named
 
 
 @dataclass(frozen=True)
@@ -127,6 +125,15 @@ class FittedResult:
 
 
 @dataclass(frozen=True)
+class Worsening(Brief):
+    """Rise of the 3D RMSE by a fit, from the arm as delivered to the calibrated one."""
+
+    role: str  # of the poses: "test" or "train"
+    before_mm: float
+    after_mm: float
+
+
+@dataclass(frozen=True)
 class Calibration(FittedResult, Presented):
     """A fitted model with its dataset, options, fit, and errors at the measurements before and after."""
 
@@ -186,11 +193,11 @@ class Calibration(FittedResult, Presented):
         return before, after
 
     @property
-    def faces_named(self) -> str:
-        """Sentence on how the jig's faces were labelled; "" unless full poses from scans were fitted."""
+    def face_labelling(self) -> FaceLabelling | None:
+        """How the jig's faces were labelled; None unless full poses from scans were fitted."""
         points = self.dataset.points
         orientations = None if points is None else points.orientations
-        return orientations.labelled_by if self.residual == "pose" and orientations is not None else ""
+        return orientations.labelling if self.residual == "pose" and orientations is not None else None
 
     @cached_property
     def trained(self) -> TrainedRange:
@@ -223,39 +230,26 @@ class Calibration(FittedResult, Presented):
         return self.fit.reduced_chi * declared_sigma_mm(self.fitted_dataset)
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        out = [*self.fitted_dataset.warnings, *self.fitted_dataset.notes, *self.after.notes]
-        if self.tool_shift is not None:
-            out.append(self.tool_shift.words)
-        if self.hand_eye_ambiguity:
-            out.append(self.hand_eye_ambiguity)
-        if not self.fit.converged:
-            out.append(f"the fit did not converge: {self.fit.reason}")
-        if self.worse_than_nominal:
-            out.append(self.worse_than_nominal)
-        if self.outliers:
-            out.append(f"{outlier_words(self)}, and did not count in the fit; outliers are often physics, look at them")
-        return tuple(out)
-
-    @property
-    def worse_than_nominal(self) -> str:
-        """Sentence on a rise of the test poses' error (without test poses, the training poses'); "" without a rise.
+    def worsening(self) -> Worsening | None:
+        """Rise of the test poses' error (without test poses, the training poses'); None without a rise.
 
         The training error can rise in a fit of distances, or without a prior.
         """
         for role, before, after in (
             ("test", self.before.test, self.after.test),
-            ("training", self.before.train, self.after.train),
+            ("train", self.before.train, self.after.train),
         ):
             if before is not None and after is not None:
-                if not after.rmse_mm > before.rmse_mm:
-                    return ""
-                return (
-                    f"the fit is worse than robot.toml on the {role} poses: RMSE from {before.rmse_mm:.4g} to "
-                    f"{after.rmse_mm:.4g} mm; do not put it on the robot, find out why first (too few or too similar "
-                    "poses for what is fitted, another residual, no prior)"
-                )
-        return ""
+                rises = after.rmse_mm > before.rmse_mm
+                return Worsening(role, before.rmse_mm, after.rmse_mm) if rises else None
+        return None
+
+    @property
+    def outlier_errors_mm(self) -> dict[str, float]:
+        """Largest 3D error at each pose that a robust fit left out, mm, by the pose's id."""
+        after, poses = self.after, self.dataset.poses
+        length_mm = np.linalg.norm(after.error_mm, axis=1)
+        return {name: float(np.max(length_mm[after.pose == poses.index(name)])) for name in self.outliers}
 
     def require_improvement(self, *, force: bool = False) -> None:
         """Raise FitError where the result should not be put on a robot: not converged, or worse on test poses."""
@@ -294,18 +288,6 @@ class Calibration(FittedResult, Presented):
         effects = ", ".join(self.model.family_names) or "none"
         errors = errors_in_short(self.before, self.after)
         return f"{self.dataset.name}: {len(self.dataset.poses)} poses, {errors}, effects: {effects}"
-
-
-def outlier_words(robust: Calibration) -> str:
-    """Clause that names the poses left out by a robust fit, with their errors."""
-    after, named = robust.after, []
-    for pose_id in robust.outliers[:_MOST_NAMED]:
-        rows = after.pose == robust.dataset.poses.index(pose_id)
-        off_mm = float(np.max(np.linalg.norm(after.error_mm[rows], axis=1)))
-        named.append(f"{pose_id} ({off_mm:.3g} mm off)")
-    more = f" and {len(robust.outliers) - _MOST_NAMED} more" if len(robust.outliers) > _MOST_NAMED else ""
-    poses = "1 pose stands" if len(robust.outliers) == 1 else f"{len(robust.outliers)} poses stand"
-    return f"{poses} out of all others, {', '.join(named)}{more}"
 
 
 def is_declared(dataset: Dataset) -> bool:

@@ -98,9 +98,12 @@ class DataProblem:
         return f"{self.hypothesis.mistake}{others}{': these poses do not tell which' if self.rivals else ''}"
 
     @property
-    def words(self) -> str:
-        """Sentence with the mistake, the errors before and after its correction, and the remedy."""
-        effects = f" beside {' and '.join(self.effects)}" if self.effects else ""
+    def warning(self) -> str:
+        """Warning with the mistake, the errors before and after its correction, and the remedy.
+
+        A text of the data, like those of `Dataset.warnings`: an import says it before there is any result.
+        """
+        effects = f" with {' and '.join(self.effects)} in the model" if self.effects else ""
         instead = f" (as the data stand, only {self.instead_of} brings that)" if self.instead_of else ""
         return (
             f"{self.mistake}: {self.hypothesis.change} the error falls from {self.now_mm:.3g} to {self.then_mm:.3g} mm"

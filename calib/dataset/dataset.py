@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -49,6 +49,8 @@ class Surroundings:
 
 
 ROLES = ("reference", "train", "test")
+PoseCondition = Literal["approach", "payload_kg", "temperature_c"]
+"""Conditions of a pose, besides its joints, that whoever measures may choose: columns of poses.csv."""
 
 
 @dataclass(frozen=True)
@@ -168,6 +170,20 @@ class Poses(Brief):
 
 
 @dataclass(frozen=True)
+class FaceLabelling(Brief):
+    """How the jig's faces were labelled in scans, which look alike, and how surely."""
+
+    by: str  # "robot", "angles" or "continuity", see `calib.measurement.face_labels`
+    poses: int  # with labels
+    least_margin: float | None  # by which the next labelling of a pose is worse; None without any pose
+    needed_margin: float
+    unit: str  # of both: "deg", or "squared sigmas"
+    refused: int  # poses whose faces cannot be labelled
+    first_refused: tuple[str, str] | None  # the first of them, and why
+    found_angles_deg: tuple[float, float, float] | None  # used instead of the jig's, where those do not fit
+
+
+@dataclass(frozen=True)
 class Orientations(Brief):
     """Orientation of the jig at M measured points, in the scanner's frame; NaN where it is not known.
 
@@ -177,7 +193,7 @@ class Orientations(Brief):
     scanner_R_jig: Array  # (M, 3, 3)
     covariance_rad2: Array | None = None  # (M, 3, 3)
     cross_mm_rad: Array | None = None  # (M, 3, 3) of the point's error (rows) with the turn (columns)
-    labelled_by: str = ""  # how the jig's faces were labelled, as a phrase; "" where points.csv has orientations
+    labelling: FaceLabelling | None = None  # of the jig's faces; None where points.csv has orientations
     unlabelled_reason: str = ""  # why the faces have no labels at some poses, and what would help
 
     @property
@@ -193,7 +209,7 @@ class Orientations(Brief):
             self.scanner_R_jig[keep],
             None if covariance is None else covariance[keep],
             None if cross is None else cross[keep],
-            self.labelled_by,
+            self.labelling,
             self.unlabelled_reason,
         )
 

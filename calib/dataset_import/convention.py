@@ -122,7 +122,7 @@ def settled(
     if problem is None:
         if found.likeliest is not None:
             report.doubts.append(
-                f"{table}: {found.likeliest.words}, or an effect of the arm looks so: inspector diagnose weighs them"
+                f"{table}: {found.likeliest.warning}, or an effect of the arm looks so: inspector diagnose weighs them"
             )
         if misfits[0] > AGREES * sample.spread_mm:
             report.doubts.append(
@@ -135,7 +135,7 @@ def settled(
     reading = problem.hypothesis.reading
     if reading is None or problem.rivals or told:
         by_map = "; tell with --map" if reading is not None else ""
-        report.doubts.append(f"{table}: {problem.words}{by_map}")
+        report.doubts.append(f"{table}: {problem.warning}{by_map}")
         return as_it_is
     fall = f"the error falls from {problem.now_mm:.3g} to {problem.then_mm:.3g} mm"
     report.notes.append(

@@ -19,7 +19,8 @@ A user's own effect needs no more than this::
             q_rad = state.q_rad[:, self.joint]
             return state.add_joint_error(self.joint, cos_rad * np.cos(q_rad) + sin_rad * np.sin(q_rad))
 
-It may carry what `CatalogueEffect` has besides: `noun`, `equation`, `needs`, `confirm`, `bounds`, `meaning`.
+It may carry what `CatalogueEffect` has besides: `noun`, `equation`, `needs`, `needed_conditions`,
+`helpful_conditions`, `confirm`, `bounds`, `meaning`.
 """
 
 from __future__ import annotations
@@ -28,13 +29,13 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, TypeGuard, runtime_checkable
+from typing import Any, ClassVar, Protocol, TypeGuard, get_args, runtime_checkable
 
 import numpy as np
 
 from calib.array_types import Array
 from calib.brief import Brief
-from calib.dataset.dataset import Dataset
+from calib.dataset.dataset import Dataset, PoseCondition
 from calib.effects.checked_apply import checked_apply, checked_meaning, is_user_defined
 from calib.effects.state import RobotState
 from calib.kinematics.robot import Robot
@@ -138,10 +139,11 @@ class CatalogueEffect(ABC):
     an arm whose masses are not known. The exact law for simulations, which shares no code with it, is registered by the
     same name (`calib.simulation.truth.sampling.SampledEffect`).
 
-    A user's own effect needs none of this. It may carry `title`, `noun`, `equation`, `needs`, `confirm` and `bounds`
-    too, and so may either have a method `meaning(parameter, value, state)`: what a value, in the parameter's unit,
-    means on the arm at the poses of a state, such as degrees at the largest torque. Without it the unit alone decides:
-    degrees, stiffness, per cent (`calib.diagnosis.parameter_meaning`).
+    A user's own effect needs none of this. It may carry `title`, `noun`, `equation`, `needs`, `needed_conditions`,
+    `helpful_conditions`, `confirm` and `bounds` too, and so may either have a method
+    `meaning(parameter, value, state)`: what a value, in the parameter's unit, means on the arm at the poses of a state,
+    such as degrees at the largest torque. Without it the unit alone decides: degrees, stiffness, per cent
+    (`calib.present.effects.meaning`).
     """
 
     name: ClassVar[str]  # the key in commands and files
@@ -149,7 +151,9 @@ class CatalogueEffect(ABC):
     noun: ClassVar[str]  # in a sentence, "the compliance of joint"; one that ends so is followed by the joint's number
     equation: ClassVar[str]
     symbols: ClassVar[tuple[tuple[str, str], ...]]  # the equation's unknowns: name, unit
-    needs: ClassVar[str]  # what a dataset must hold
+    needs: ClassVar[str]  # what a dataset must hold, in words
+    needed_conditions: ClassVar[tuple[PoseCondition, ...]] = ()  # that must vary over the poses for it to show
+    helpful_conditions: ClassVar[tuple[PoseCondition, ...]] = ()  # that make it show better where they vary
     confirm: ClassVar[str] = ""  # a controlled change that shows this cause and leaves the others as they are
     bounds: ClassVar[tuple[NaturalBound, ...]]  # one for each unit of its parameters; () where none is known
     notes: ClassVar[str] = ""  # MyST for its page in the documentation: the law in LaTeX, what is known on real arms
@@ -196,7 +200,7 @@ def registered_member_kinds() -> tuple[type[CatalogueEffect], ...]:
 
 @dataclass(frozen=True)
 class Description:
-    """The texts on an effect's class, "" where it has none."""
+    """The texts on an effect's class, "" where it has none, and the conditions of poses that it asks for."""
 
     name: str
     title: str = ""
@@ -205,6 +209,8 @@ class Description:
     symbols: tuple[tuple[str, str], ...] = ()  # name, unit
     needs: str = ""
     confirm: str = ""
+    needed_conditions: tuple[PoseCondition, ...] = ()
+    helpful_conditions: tuple[PoseCondition, ...] = ()
 
 
 def family_name(effect: Effect) -> str:
@@ -226,12 +232,24 @@ def full_name(effect: Effect, parameter: Parameter) -> str:
 
 
 def describe(effect: Effect | type[CatalogueEffect]) -> Description:
-    """The texts on an effect's class; an attribute that is no text, as in a user's effect, counts as missing."""
+    """Description on an effect's class; an attribute of another type, as in a user's effect, counts as missing."""
     name = effect.name if isinstance(effect, type) else family_name(effect)
     values = {text: getattr(effect, text, "") for text in ("title", "noun", "equation", "needs", "confirm")}
     texts = {text: value for text, value in values.items() if isinstance(value, str)}
     texts["title"] = texts.get("title") or name.replace("_", " ")
-    return Description(name, symbols=getattr(effect, "symbols", ()), **texts)
+    return Description(
+        name,
+        symbols=getattr(effect, "symbols", ()),
+        needed_conditions=_conditions(effect, "needed_conditions"),
+        helpful_conditions=_conditions(effect, "helpful_conditions"),
+        **texts,
+    )
+
+
+def _conditions(effect: Effect | type[CatalogueEffect], attribute: str) -> tuple[PoseCondition, ...]:
+    """The conditions of poses that an attribute of an effect names."""
+    named = getattr(effect, attribute, ())
+    return tuple(one for one in get_args(PoseCondition) if isinstance(named, Sequence) and one in named)
 
 
 def parameters_by_name(effects: Sequence[Effect]) -> dict[str, tuple[Effect, Parameter]]:

@@ -41,12 +41,3 @@ class Fit(Brief):
     def sigma(self) -> Array:
         """Standard deviation (P,) of each parameter, in its unit; inf where neither data nor prior bound it."""
         return np.where(self.undetermined, np.inf, np.sqrt(np.diag(self.covariance)))
-
-    def summary(self, *, declared: bool = True) -> str:
-        """Line with convergence, size and rank of the fit, and the residual over the sigma where that is `declared`."""
-        against = f", residual {self.reduced_chi:.3g} times the points' sigma" if declared else ""
-        state = "converged" if self.converged else "not converged"
-        return (
-            f"{state} after {len(self.iterations) - 1} iterations ({self.reason}); {self.rows} rows, "
-            f"{len(self.x)} parameters, rank {self.rank}{against}"
-        )

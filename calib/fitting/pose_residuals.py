@@ -49,7 +49,7 @@ def require_orientations(dataset: Dataset, observed: Observations) -> None:
     """
     orientations, count = observed.points.orientations, len(observed.points)
     known = 0 if orientations is None else int(orientations.known.sum())
-    if orientations is not None and orientations.labelled_by and known < max(2, _MIN_SHARE_LABELLED * count):
+    if orientations is not None and orientations.labelling is not None and known < max(2, _MIN_SHARE_LABELLED * count):
         raise FitError(
             f"dataset {dataset.name}: the jig's faces can be told apart at {known} of {count} training poses, and full "
             f"poses need half of them: {orientations.unlabelled_reason or 'measure more poses'}, or fit positions"

@@ -43,16 +43,6 @@ class ToolShift:
     off_mm: float  # from where robot.toml has it
     in_tip_mm: tuple[float, float, float]  # where it is, in the frame of the tip
 
-    @property
-    def words(self) -> str:
-        x, y, z = self.point_mm
-        from_tip = ", ".join(f"{value:.1f}" for value in self.in_tip_mm)
-        return (
-            f"the tool point is {self.off_mm:.1f} mm from where robot.toml has it (in the last joint's frame: "
-            f"x {x:.1f}, y {y:.1f}, z {z:.1f} mm; from the tip: {from_tip} mm); it is a point of its own, and the tip "
-            "stays where robot.toml has it: the measured points tell neither its place nor its attitude"
-        )
-
 
 def tool_shift(nominal: Robot, calibrated: Robot) -> ToolShift:
     """Shift from the nominal arm's tool point to the calibrated arm's."""

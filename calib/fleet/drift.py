@@ -108,7 +108,7 @@ def _compared(task: DriftTask) -> Drift:
         report.rmse_mm,
         report.expected_mm,
         report.poses,
-        "" if problem is None else one_line(problem.words),
+        "" if problem is None else one_line(problem.warning),
     )
 
 

@@ -26,7 +26,7 @@ from calib import frames
 from calib.array_types import Array, IndexArray
 from calib.corners.intersection import Corner
 from calib.corners.orientation import Orientation, candidates, oriented
-from calib.dataset.dataset import Dataset, points_from_corners
+from calib.dataset.dataset import Dataset, FaceLabelling, points_from_corners
 from calib.effects.link_errors import LinkErrors
 from calib.errors import FitError
 from calib.fitting.model import geometric_model
@@ -39,11 +39,6 @@ LEAST_MARGIN_DEG = 60.0
 """How much nearer the best of three labellings has to be than the next; they lie 120 degrees apart."""
 LEAST_MISFIT_MARGIN = 12.0
 """How much less, in squared sigmas, the angles' misfit of one labelling has to be than that of the others."""
-_LABELLED_BY = {
-    "robot": "the nominal robot",
-    "angles": "the jig's unequal angles",
-    "continuity": "small turns from pose to pose",
-}
 _MEASURE_MORE = "measure three poses or more there that lie apart, and not on one line"
 _MARK_IT = "or mark the jig (unequal face_angles_deg in dataset.toml)"
 _MOST_LOOSE_RAD = 0.2  # rms misfit over rms spread of a setup's corners, beyond which no attitude is predicted
@@ -68,19 +63,19 @@ class FaceLabels:
     found_angles_deg: tuple[float, float, float] | None = None  # used instead of the jig's, where those do not fit
     lack: str = ""  # of the first refused pose: why it has no labels, and what would help
 
-    def summary(self) -> str:
-        """One line: basis of the labels, least margin, and the number of refused poses with the first reason."""
-        unit, needed = f" {self.unit}", f"{LEAST_MISFIT_MARGIN:g}"
-        if self.unit == "deg":
-            unit, needed = "°", f"{LEAST_MARGIN_DEG:g}°"
-        least = f", margin {min(self.margin.values()):.4g}{unit} or more (needed: {needed})" if self.margin else ""
-        first = next(iter(self.refused.items()), None)
-        refused = f"; {len(self.refused)} refused, {first[0]}: {first[1]}" if first else ""
-        meet = ", ".join(f"{angle:.4f}°" for angle in self.found_angles_deg or ())
-        angles = f"; they meet at {meet}, which differs from dataset.toml" if meet else ""
-        count = len(self.orientations)
-        poses = f"{count} pose{'' if count == 1 else 's'}"
-        return f"faces named by {_LABELLED_BY[self.by]} at {poses}{least}{angles}{refused}"
+    @property
+    def labelling(self) -> FaceLabelling:
+        """Basis of the labels, least margin, and the poses without labels."""
+        return FaceLabelling(
+            self.by,
+            len(self.orientations),
+            min(self.margin.values(), default=None),
+            LEAST_MARGIN_DEG if self.unit == "deg" else LEAST_MISFIT_MARGIN,
+            self.unit,
+            len(self.refused),
+            next(iter(self.refused.items()), None),
+            self.found_angles_deg,
+        )
 
 
 def label_corners(dataset: Dataset, corners: Mapping[str, Corner]) -> FaceLabels:

@@ -75,7 +75,7 @@ def _orientations(labels: FaceLabels, ids: Sequence[str]) -> Orientations:
         np.array([unknown if o is None else o.scanner_R_jig for o in known]).reshape(-1, 3, 3),
         np.array([np.eye(3) if o is None else o.covariance_rad2 for o in known]).reshape(-1, 3, 3),
         np.array([np.zeros((3, 3)) if o is None else o.cross_mm_rad for o in known]).reshape(-1, 3, 3),
-        labels.summary(),
+        labels.labelling,
         labels.lack,
     )
 

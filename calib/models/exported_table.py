@@ -47,13 +47,8 @@ class ExportedTable(Brief):
         return tuple(" ".join(name.split()) for name in self.full.model.family_names)
 
     @property
-    def error_words(self) -> str:
-        """Errors of the table alone, as text."""
-        return _errors(self.errors)
-
-    @property
-    def words(self) -> str:
-        """Errors of the table alone and of the full model, in one line; "" where the two are the same."""
+    def comment(self) -> str:
+        """Errors of the table alone and of the full model, a comment of a file; "" where the two are the same."""
         if not self.left_out:
             return ""
         names = ", ".join(self.left_out)
@@ -64,8 +59,8 @@ class ExportedTable(Brief):
 
     def to_toml(self) -> str:
         """The text of robot.toml; its first line gives the errors where the model has more than the table."""
-        comment = f"# {self.words}\n" if self.words else ""
-        return comment + robot_to_toml(self.robot)
+        first_line = f"# {self.comment}\n" if self.comment else ""
+        return first_line + robot_to_toml(self.robot)
 
     def in_template(self, template: Path) -> CalibratedFile:
         """Calibrated URDF or YAML: the template with calibrated origins; a URDF's comment has dataset and errors.
@@ -74,10 +69,11 @@ class ExportedTable(Brief):
         """
         dataset = self.full.dataset
         names = ", ".join(self.left_out)
-        comment = f"origins calibrated by {PROGRAM} {program_version()} with dataset {dataset.name}: {self.error_words}"
+        by = f"{PROGRAM} {program_version()}"
+        comment = f"origins calibrated by {by} with dataset {dataset.name}: {_errors(self.errors)}"
         notes = []
         if names:
-            notes.append(f"no origin holds {names}; these are the origins that are best without: {self.words}")
+            notes.append(f"no origin holds {names}; these are the origins that are best without: {self.comment}")
             comment += f"; without {names}, which no origin holds"
         return _in_template(template, self.robot, dataset.robot, comment).with_notes(notes)
 
@@ -98,7 +94,7 @@ class ExportedTable(Brief):
             self.links.require_improvement(force=force)
 
     def _brief(self) -> str:
-        return f"{self.robot.name}: {self.error_words}"
+        return f"{self.robot.name}: {_errors(self.errors)}"
 
 
 def exported_table(calibration: Calibration, links: Calibration | None = None) -> ExportedTable:

@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Poses
+from calib.effects.effect import Description, describe
 from calib.planning.exchange import best_poses
 from calib.planning.offered_poses import under_conditions
 from calib.planning.outcome import Outcome, ParameterReason, PoseReason
@@ -142,15 +143,15 @@ class ForCalibration(BaseCriterion):
         return best_poses([problem.region_question], count).rows
 
 
-def with_varied_conditions(start: Start, offered: Poses, needs: Sequence[str] = ()) -> Poses:
-    """Candidates under conditions that vary as the measured ones do, where the fit's effects or `needs` name them.
+def with_varied_conditions(start: Start, offered: Poses, effects: Sequence[Description] = ()) -> Poses:
+    """Candidates under conditions that vary as the measured ones do, where the fit's or these effects need it.
 
     The others stay as they are: a pose need not be measured warm for a model that temperature does not touch.
     """
     if start.measured is None:
         return offered
-    fitted_needs = [str(getattr(effect, "needs", "")) for effect in start.unknowns().model.added_effects]
-    wanted, varied = conditions_for([*fitted_needs, *needs]), under_conditions(offered, start.measured)
+    of_fit = [describe(effect) for effect in start.unknowns().model.added_effects]
+    wanted, varied = conditions_for([*of_fit, *effects]), under_conditions(offered, start.measured)
     return replace(
         offered,
         payload_kg=varied.payload_kg if wanted.payloads_kg else offered.payload_kg,

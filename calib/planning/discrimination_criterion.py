@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from calib.array_types import IndexArray
 from calib.dataset.dataset import Poses
 from calib.diagnosis.result import Diagnosis
+from calib.effects.effect import describe
 from calib.errors import CalibError
 from calib.planning.criterion import DesignProblem
 from calib.planning.discrimination import ENOUGH_POWER, Discrimination, choose, evaluated
@@ -38,7 +39,7 @@ class ForDiscrimination:
     def _helped_by_payload(self) -> bool:
         """Whether a payload makes the hypotheses differ more, and the data have none that varies."""
         members = [hypothesis.members[0] for hypothesis in self.hypothesis_set.hypotheses]
-        wanted = conditions_for([str(getattr(member, "needs", "")) for member in members])
+        wanted = conditions_for(describe(member) for member in members)
         payload_kg = self.hypothesis_set.calibration.dataset.poses.payload_kg
         varies = payload_kg is not None and bool(payload_kg.min() < payload_kg.max())
         return bool(wanted.payloads_kg) and not varies

@@ -9,6 +9,7 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Poses
 from calib.effects.catalogue import descriptions
+from calib.effects.effect import Description
 from calib.errors import CalibError
 from calib.planning.criterion import BaseCriterion, DesignProblem, with_varied_conditions
 from calib.planning.exchange import best_poses
@@ -32,20 +33,20 @@ class ForEffects(BaseCriterion):
         return ",".join(self.effects)
 
     @property
-    def _needs(self) -> list[str]:
-        """Needs of those effects that are in the catalogue."""
-        return [effect.needs for effect in descriptions() if effect.name in self.effects]
+    def _described(self) -> list[Description]:
+        """Descriptions of those effects that are in the catalogue."""
+        return [described for described in descriptions() if described.name in self.effects]
 
     @property
     def _wanted(self) -> WantedConditions:
         """Conditions under which these effects show; none for effects of the user's own."""
-        wanted = conditions_for(self._needs, payload_kg=self.payload_kg or PAYLOAD_KG)
-        without = wanted.helpful and self.payload_kg is None
+        wanted = conditions_for(self._described, payload_kg=self.payload_kg or PAYLOAD_KG)
+        without = "payload_kg" in wanted.helpful and self.payload_kg is None
         return replace(wanted, payloads_kg=()) if without else wanted
 
     def prepared(self, start: Start, offered: Poses) -> Poses:
         """Candidates under conditions that vary as the measured ones do, and as these effects need it."""
-        poses = with_varied_conditions(start, offered, self._needs)
+        poses = with_varied_conditions(start, offered, self._described)
         wanted, rng = self._wanted, np.random.default_rng(0)
         if wanted.both_sides and poses.approach is None:
             poses = replace(poses, approach=rng.choice([-1.0, 1.0], poses.q.shape))

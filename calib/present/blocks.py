@@ -197,6 +197,7 @@ class FigurePlace(Block):
     """Placeholder of a figure, drawn where a plotting library is available; omitted in plain text.
 
     figure: what draws it, a function's name in `inspector.figures`; it is called with `of`.
+    height_px: 0 for the height that the figure itself has.
     """
 
     kind: ClassVar[str] = "figure"

@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from calib.calibration.evaluation import Evaluation
-from calib.calibration.noise_level import SigmaCheck
+from calib.calibration.evaluation import Evaluation, Figures
+from calib.calibration.model_versions import Version
+from calib.calibration.noise_level import SigmaCheck, noise_level
 from calib.calibration.result import Calibration, is_declared
 from calib.calibration.uncertainty import Combination, correlated_pairs, identifiable_combinations
 from calib.consistency.data_problem import DataProblem
-from calib.diagnosis.effect_selection import FitStep
+from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.headline import headline_of
+from calib.fitting.tool_point import ToolShift
 from calib.identifiability.structural import redundancy
 from calib.identifiability.tool_rows import tool_rows
 from calib.models.exported_table import ExportedTable
@@ -35,9 +37,13 @@ from calib.present.blocks import (
     Table,
     Verdict,
     Words,
+    spans,
 )
-from calib.present.colours import BAD
+from calib.present.candidates import with_joints
+from calib.present.colours import BAD, GOOD, NEUTRAL
+from calib.present.corners import face_labelling
 from calib.present.curves import curve_table, formulas
+from calib.present.effects import model_name
 from calib.present.error_headline import error_headline
 from calib.present.redundancy import redundancy_section, tool_sentence
 from calib.present.results import document, presentation
@@ -55,6 +61,8 @@ _NOT_KNOWN = (
 )
 _CHANGES = ("before", "after", "reduction")
 _UNCHANGED = 1e-6  # sigmas: a change below this is rounding
+_MOST_OUTLIERS = 8  # outlying poses that are named
+_SMALL_CHANGE = 0.01  # share of an error below which a change of it counts as none
 
 
 @presentation.register
@@ -75,14 +83,14 @@ def _calibration(calibration: Calibration) -> Presentation:
 
 def calibration_head(calibration: Calibration, way: Sequence[Calibration] = ()) -> list[Block]:
     """Blocks with the errors at each stage (`way`) of a calibration, all errors, convergence, and warnings."""
-    worse = calibration.worse_than_nominal
-    warnings = [words for words in calibration.warnings if words != worse]
+    worse = worsening_sentence(calibration)
+    remarks = [remark for remark in calibration_warnings(calibration) if remark != worse]
     return [
         error_way(*(way or (calibration,))),
         *([Verdict(numbers.capitalised(worse), BAD)] if worse else []),
         *error_tables(calibration),
         Facts(fit_facts(calibration)),
-        *([Bullets(warnings)] if warnings else []),
+        *([Bullets(remarks)] if remarks else []),
     ]
 
 
@@ -95,7 +103,7 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
     """Facts on the fit: parameters, equations, convergence, and the residual noise."""
     fit = calibration.fit
     facts: list[tuple[str, object]] = [
-        ("model", " + ".join(["link errors", *calibration.model.family_names])),
+        ("model", model_name(calibration)),
         ("residual", f"{calibration.residual}, {numbers.count(fit.rows, 'equation')}"),
         ("parameters", f"{len(fit.parameters)}, of which {fit.rank} can be known (rank)"),
         ("fit", f"{'converged' if fit.converged else 'not converged'} after {_iterations(calibration)}: {fit.reason}"),
@@ -103,13 +111,88 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
     if np.isfinite(calibration.sigma_mm):
         times = f", {numbers.times(fit.reduced_chi)} the declared" if is_declared(calibration.dataset) else ""
         facts.append(("residual sigma", f"{numbers.length(calibration.sigma_mm)} per coordinate{times}"))
-    if calibration.faces_named:
-        facts.append(("faces of the jig", calibration.faces_named))
+    if calibration.face_labelling is not None:
+        facts.append(("faces of the jig", face_labelling(calibration.face_labelling)))
     return facts
 
 
 def _iterations(calibration: Calibration) -> str:
     return numbers.count(len(calibration.fit.iterations) - 1, "iteration")
+
+
+def fit_sentence(calibration: Calibration) -> str:
+    """Sentence on convergence, size and rank of the fit, and on the residual over the declared sigma."""
+    fit = calibration.fit
+    state = "converged" if fit.converged else "not converged"
+    declared = is_declared(calibration.dataset)
+    residual = f", residual {numbers.times(fit.reduced_chi)} the points' sigma" if declared else ""
+    return (
+        f"{state} after {_iterations(calibration)} ({fit.reason}); {numbers.count(fit.rows, 'equation')}, "
+        f"{numbers.count(len(fit.x), 'parameter')}, rank {fit.rank}{residual}"
+    )
+
+
+# ---- warnings -------------------------------------------------------------------------------------------------------
+
+
+def calibration_warnings(calibration: Calibration) -> tuple[str, ...]:
+    """Warnings on the data, the tool, the fit and single poses, to be read before a calibration is used."""
+    sentences = [*calibration.fitted_dataset.warnings, *calibration.fitted_dataset.notes, *calibration.after.notes]
+    if calibration.tool_shift is not None:
+        sentences.append(tool_shift_sentence(calibration.tool_shift))
+    sentences.append(calibration.hand_eye_ambiguity)
+    if not calibration.fit.converged:
+        sentences.append(f"the fit did not converge: {calibration.fit.reason}")
+    sentences.append(worsening_sentence(calibration))
+    if calibration.outliers:
+        out = f"{_outlying(calibration)}, and did not count in the fit; outliers are often physics, look at them"
+        sentences.append(out)
+    return tuple(filter(None, sentences))
+
+
+def tool_shift_sentence(shift: ToolShift) -> str:
+    """Sentence on a tool point that was found far from robot.toml's, without capital and full stop."""
+    from_tip = ", ".join(numbers.signed(value, "z.1f") for value in shift.in_tip_mm)
+    x, y, z = (numbers.signed(value, "z.1f") for value in shift.point_mm)
+    return (
+        f"the tool point is {shift.off_mm:.1f} mm from where robot.toml has it (in the last joint's frame: "
+        f"x {x}, y {y}, z {z} mm; from the tip: {from_tip} mm); it is a point of its own, and the tip stays where "
+        "robot.toml has it: the measured points tell neither its place nor its attitude"
+    )
+
+
+def worsening_sentence(calibration: Calibration) -> str:
+    """Sentence on a fit that is worse than the arm as delivered, with the errors; "" for any other fit."""
+    worse = calibration.worsening
+    if worse is None:
+        return ""
+    return (
+        f"the fit is worse than robot.toml on the {names.role(worse.role)} poses: RMSE from "
+        f"{numbers.column_mm(worse.before_mm)} to {numbers.column_mm(worse.after_mm)} mm; do not put it on the robot, "
+        "find out why first (too few or too similar poses for what is fitted, another residual, no prior)"
+    )
+
+
+def outlier_hint(plain: Calibration, robust: Calibration) -> str:
+    """Sentence on the outlying poses of a plain fit and the error without them (`fit_without_outliers`)."""
+    it = "it" if len(robust.outliers) == 1 else "them"
+    error, without_mm, with_mm = "the sigma per coordinate is", robust.sigma_mm, plain.sigma_mm
+    before, after = plain.after.test, robust.after.test
+    if before is not None and after is not None:
+        error, without_mm, with_mm = "the test poses are off by", after.rmse_mm, before.rmse_mm
+    return (
+        f"{_outlying(robust)}: {error} {numbers.length(without_mm)} without, {numbers.length(with_mm)} with {it} in "
+        f"the fit. Look at {it}; --robust leaves {it} out, --leave-out any pose"
+    )
+
+
+def _outlying(robust: Calibration) -> str:
+    """Clause that names the poses left out by a robust fit, with their errors."""
+    errors_mm = robust.outlier_errors_mm
+    named = [f"{name} ({numbers.length(off_mm)} off)" for name, off_mm in errors_mm.items()]
+    more = f" and {len(named) - _MOST_OUTLIERS} more" if len(named) > _MOST_OUTLIERS else ""
+    poses = "1 pose stands" if len(named) == 1 else f"{len(named)} poses stand"
+    return f"{poses} out of all others, {', '.join(named[:_MOST_OUTLIERS])}{more}"
 
 
 # ---- errors ---------------------------------------------------------------------------------------------------------
@@ -192,6 +275,101 @@ def fit_steps(steps: Sequence[FitStep]) -> list[tuple[str, float, float, float]]
         )
         for step in steps
     ]
+
+
+class ModelErrors(Protocol):
+    """Errors of one model of several that were fitted one after the other."""
+
+    @property
+    def label(self) -> str:
+        """Change of the model: "link errors", "+ backlash", "− backlash"."""
+
+    @property
+    def train_rmse_mm(self) -> float:
+        """3D RMSE of the training poses."""
+
+    @property
+    def test_rmse_mm(self) -> float:
+        """3D RMSE of the test poses; nan without any."""
+
+    @property
+    def other_poses(self) -> bool:
+        """Whether other poses count than for the model before, so that its errors are neither better nor worse."""
+
+
+def last_change(models: Sequence[ModelErrors]) -> Verdict | None:
+    """Judgement of the last change of the model by the errors; None without a change or without an error."""
+    if len(models) < 2:
+        return None
+    old, new = models[-2:]
+    tested = math.isfinite(old.test_rmse_mm) and math.isfinite(new.test_rmse_mm)
+    before, after = (old.test_rmse_mm, new.test_rmse_mm) if tested else (old.train_rmse_mm, new.train_rmse_mm)
+    if not (before > 0 and math.isfinite(after)):
+        return None
+    of = "test error" if tested else "training error (there are no test poses)"
+    figures = f"{numbers.column_mm(before)} → {numbers.column_mm(after)} mm"
+    share = after / before - 1
+    if new.other_poses:
+        return Verdict(f"{new.label}: the {of} is {figures}, of the poses that count now.", NEUTRAL)
+    adds = not new.label.startswith("−")
+    if abs(share) < _SMALL_CHANGE:
+        more = "It does not help; Undo takes it out again." if adds else "It was not needed."
+        return Verdict(f"{new.label}: the {of} hardly changed, {figures}. {more}", NEUTRAL)
+    if share < 0:
+        return Verdict(f"{new.label}: the {of} fell by {numbers.share(-share)}, {figures}.", GOOD)
+    more = "It does not help; Undo takes it out again." if adds else "It was needed; Undo brings it back."
+    return Verdict(f"{new.label}: the {of} rose by {numbers.share(share)}, {figures}. {more}", BAD)
+
+
+def state_of_model(models: Sequence[ModelErrors], effects: Sequence[SelectedEffect], calibration: Calibration) -> Facts:
+    """Facts on a model: its effects, its errors, and the noise."""
+    last, level = models[-1], noise_level(calibration)
+    test = last.test_rmse_mm
+    floor = "not declared"
+    if level.floor_mm is not None:
+        floor = f"{numbers.column_mm(level.floor_mm)} mm{'' if level.is_declared else ', not declared'}"
+    added = [part for one in effects for part in (" + ", with_joints(one))]
+    return Facts(
+        [
+            ("model", spans("link errors", *added)),
+            ("training 3D RMSE", f"{numbers.column_mm(last.train_rmse_mm)} mm"),
+            ("test 3D RMSE", f"{numbers.column_mm(test)} mm" if math.isfinite(test) else "no test poses"),
+            (f"{level.name}, 3D", floor),
+        ]
+    )
+
+
+def errors_by_version(versions: Sequence[Version], colours: Mapping[str, str]) -> Table:
+    """Table of RMSE and largest 3D error of each version of a model, mm, and of noise alone; `colours` by version."""
+    rows = [
+        (Coloured(version.name, colours[version.name]), *_largest(version.evaluation.train, version.evaluation.test))
+        for version in versions
+    ]
+    level = noise_level(versions[-1].calibration)
+    noise = "not declared" if level.floor_mm is None else numbers.column_mm(level.floor_mm)
+    of_test = noise if level.floor_mm is not None and versions[-1].evaluation.test is not None else numbers.MISSING
+    noise_row = (level.name, noise, numbers.MISSING, of_test, numbers.MISSING)
+    return Table(("model", "training", "max", "test", "max"), [*rows, noise_row])
+
+
+def _largest(*figures: Figures | None) -> tuple[str, ...]:
+    cells = ((None, None) if f is None else (f.rmse_mm, f.max_mm) for f in figures)
+    return tuple(numbers.column_mm(mm) for pair in cells for mm in pair)
+
+
+def pose_error_by_version(versions: Sequence[Version], pose: int, colours: Mapping[str, str]) -> Table:
+    """Table of predicted minus measured at one pose by each version of a model, mm, where it has an error there."""
+    errors = [(version.name, version.pose_error_vectors_mm()[pose]) for version in versions]
+    rows = [
+        (
+            Coloured(name, colours[name]),
+            *(numbers.signed(float(e), "+.4f") for e in error),
+            numbers.column_mm(float(np.linalg.norm(error))),
+        )
+        for name, error in errors
+        if np.isfinite(error).all()
+    ]
+    return Table(("model", "x", "y", "z", "length"), rows)
 
 
 def evaluation_sentence(evaluation: Evaluation) -> str:
@@ -315,8 +493,8 @@ def _sum(known: Combination) -> Words:
 
 @document.register
 def calibration_document(calibration: Calibration) -> dict[str, Any]:
-    """Document that `calibrate --json` prints."""
-    fit, attitudes = calibration.fit, calibration.orientation_errors
+    """What `calibrate --json` prints."""
+    fit, attitudes, labelling = calibration.fit, calibration.orientation_errors, calibration.face_labelling
     return {
         "dataset": calibration.dataset.name,
         "residual": calibration.residual,
@@ -331,14 +509,14 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
             for step in calibration.iteration_errors
         ],
         "converged": fit.converged,
-        "worse_than_nominal": calibration.worse_than_nominal or None,
+        "worse_than_nominal": worsening_sentence(calibration) or None,
         "reason": fit.reason,
         "rank": fit.rank,
         **document(calibration.after),
         "before": calibration.before,
         **found_tool_document(calibration),
         "attitudes": attitudes and dict(zip(("before", "after"), attitudes, strict=True)),
-        "faces_named": calibration.faces_named or None,
+        "faces_named": None if labelling is None else face_labelling(labelling),
         "sigma_mm": calibration.sigma_mm,
         "degrees_of_freedom": fit.degrees_of_freedom,
         "parameters": calibration.to_frame(),
@@ -351,7 +529,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "stands": stands_document(calibration),
         "outliers": calibration.outliers,
         "left_out": calibration.fitted_dataset.left_out,
-        "warnings": calibration.warnings,
+        "warnings": calibration_warnings(calibration),
     }
 
 
@@ -403,5 +581,5 @@ def _data_problem_document(problem: DataProblem) -> dict[str, Any]:
         "joints": problem.joints,
         "mend": problem.remedy,
         "rmse_mm": {"now": problem.now_mm, "then": problem.then_mm},
-        "words": problem.words,
+        "words": problem.warning,
     }

@@ -177,7 +177,7 @@ def change_sentence(name: str, verdict: str, phrases: str, poses: int, rmse_mm: 
 def change_phrases(report: ChangeReport) -> tuple[str, ...]:
     """Phrases on what changed, one per change."""
     if report.data_problem is not None:
-        return (report.data_problem.words,)
+        return (report.data_problem.warning,)
     return tuple(change_phrase(change) for change in report.changes)
 
 

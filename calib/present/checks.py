@@ -7,13 +7,14 @@ from typing import Any
 
 from calib.calibration.held_out import HeldOutTest
 from calib.calibration.noise_level import FIT
-from calib.calibration.result import Calibration, is_declared
+from calib.calibration.result import Calibration
 from calib.consistency.data_problem import DataProblem
 from calib.dataset.repeats import repeats_frame
 from calib.diagnosis.result import Diagnosis
 from calib.fitting.tool_point import ToolShift
 from calib.present import numbers
 from calib.present.blocks import Block, Presentation, Section, Table, Verdict, plain
+from calib.present.calibration import fit_sentence, outlier_hint, tool_shift_sentence
 from calib.present.colours import BAD, DOUBT, GOOD
 from calib.present.results import document, presentation
 from calib.present.verdict import promise, verdict
@@ -24,6 +25,7 @@ from calib.validation.acceptance import (
     ErrorsOfTestPoses,
     FoundCorners,
     MissingCorners,
+    OutlyingPoses,
     RepeatScatter,
     ResidualOfDiagnosis,
     ResidualSigma,
@@ -116,12 +118,17 @@ def _(few: TooFewPoses) -> str:
 
 @_sentence.register
 def _(calibration: Calibration) -> str:
-    return calibration.fit.summary(declared=is_declared(calibration.dataset))
+    return fit_sentence(calibration)
 
 
 @_sentence.register
 def _(shift: ToolShift) -> str:
-    return shift.words
+    return tool_shift_sentence(shift)
+
+
+@_sentence.register
+def _(outlying: OutlyingPoses) -> str:
+    return outlier_hint(outlying.plain, outlying.robust)
 
 
 @_sentence.register
@@ -181,7 +188,7 @@ def _(left: ResidualOfDiagnosis) -> str:
 
 @_sentence.register
 def _(problem: DataProblem) -> str:
-    return problem.words
+    return problem.warning
 
 
 @_sentence.register

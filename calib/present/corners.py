@@ -13,7 +13,7 @@ from calib.corners.batch import CornerBatch
 from calib.corners.intersection import Corner
 from calib.corners.quality import CornerQuality
 from calib.corners.search import CornerSearch
-from calib.dataset.dataset import Dataset
+from calib.dataset.dataset import Dataset, FaceLabelling
 from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import counted_reasons, failed_searches, label_faces
 from calib.present import numbers
@@ -42,6 +42,12 @@ _SEEN_AT = (
 )
 _NO_DOUBT = "Nothing about this corner deserves a second look."
 _PLAIN = 1.05  # a smooth error that makes the sigma larger by less than this factor is not worth a word
+_LABELLED_BY = {
+    "robot": "the nominal robot",
+    "angles": "the jig's unequal angles",
+    "continuity": "small turns from pose to pose",
+}
+
 
 # ---- many scans -----------------------------------------------------------------------------------------------------
 
@@ -68,8 +74,23 @@ def batch_blocks(
         *failures(searches, named),
         *counted,
         *batch_head(dataset, searches, named),
-        *([] if labels is None else [Paragraph(f"{numbers.capitalised(labels.summary())}.")]),
+        *([] if labels is None else [Paragraph(f"{numbers.capitalised(face_labelling(labels.labelling))}.")]),
     ]
+
+
+def face_labelling(found: FaceLabelling) -> str:
+    """Clause on how the jig's faces were labelled, with the least margin and the poses without labels."""
+    unit = "°" if found.unit == "deg" else f" {found.unit}"
+    needed = f"{found.needed_margin:g}{unit if found.unit == 'deg' else ''}"
+    margin = "" if found.least_margin is None else f", margin {found.least_margin:.4g}{unit} or more (needed: {needed})"
+    refused = ""
+    if found.first_refused is not None:
+        pose_id, reason = found.first_refused
+        refused = f"; {found.refused} refused, {pose_id}: {reason}"
+    meet = ", ".join(f"{angle:.4f}°" for angle in found.found_angles_deg or ())
+    angles = f"; they meet at {meet}, which differs from dataset.toml" if meet else ""
+    poses = numbers.count(found.poses, "pose")
+    return f"faces named by {_LABELLED_BY[found.by]} at {poses}{margin}{angles}{refused}"
 
 
 def batch_head(dataset: Dataset, searches: Mapping[str, CornerSearch], named: Assignment) -> list[Block]:

@@ -15,6 +15,7 @@ from calib.dataset.dataset import ROLES, Dataset
 from calib.measurement.measured_points import failed_searches
 from calib.present import names, numbers
 from calib.present.blocks import Block, Bullets, Facts, KeyFigures, Presentation, Section, Table
+from calib.present.calibration import calibration_warnings
 from calib.present.corners import scan_sentences
 from calib.present.results import document, presentation
 
@@ -42,7 +43,7 @@ def measured_blocks(calibration: Calibration, searches: Mapping[str, CornerSearc
     dataset = calibration.dataset
     description = [("description", dataset.description)] if dataset.description else []
     rows = [("dataset", dataset.name), *description, *facts(dataset, searches, calibration)]
-    remarks = [*calibration.warnings, *scan_sentences(searches)]
+    remarks = [*calibration_warnings(calibration), *scan_sentences(searches)]
     return [Facts(rows), *([Bullets(remarks)] if remarks else [])]
 
 

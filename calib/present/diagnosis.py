@@ -16,11 +16,11 @@ from calib.diagnosis.effect_selection import GEOMETRY, FitStep
 from calib.diagnosis.headline import headline_of
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.verdict import ConfoundedSet, LearnedModel, Refusal
+from calib.identifiability.structural import redundancy
 from calib.planning.discrimination import DiscriminatingPose, NextPoses, next_poses
 from calib.present import numbers
 from calib.present.blocks import (
     Block,
-    Bullets,
     FigurePlace,
     Paragraph,
     Presentation,
@@ -35,12 +35,24 @@ from calib.present.blocks import (
     pose,
     spans,
 )
-from calib.present.calibration import found_tool_document, parameters, stands_document
+from calib.present.calibration import (
+    found_tool_document,
+    parameters,
+    pose_errors,
+    stands_document,
+    tool_shift_sentence,
+    worsening_sentence,
+)
+from calib.present.candidates import ranking, untestable_blocks
 from calib.present.colours import VERDICT_COLOURS
-from calib.present.effects import meaning, not_testable, with_key
+from calib.present.curves import BAND_NOTE, curve_blocks
+from calib.present.dataset import NOT_SEARCHED, measured_blocks
+from calib.present.effects import meaning, with_key
 from calib.present.error_headline import error_headline
 from calib.present.names import input_name
 from calib.present.noise import noise_document, noise_sentences
+from calib.present.redundancy import redundancy_section
+from calib.present.residuals import residual_blocks, residuals_of
 from calib.present.results import document, headline, presentation, to_dict
 from calib.present.verdict import SMALL_CHANGE, curves, fault, verdict
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate
@@ -50,7 +62,9 @@ from calib.screening.nuisance import REPORTED_EVIDENCE
 from calib.screening.residual_tests import InputTest, ResidualTests
 from calib.screening.smooth_motions import JointFault
 
-HOW = "How the verdict was reached"
+HOW, HISTORY, DATASET = "How the verdict was reached", "Error history", "Dataset and how it was measured"
+MISSING, RESIDUAL = "What could be missing", "Where the model is off"
+BY_POSE, PARAMETERS = "Residual by pose", "Parameters"
 RANKED = 12  # candidates that are listed
 _SHOWN_VALUES = 4  # fitted parameters of an effect that are listed; the others are counted
 _SHOWN_POSES = 3
@@ -90,27 +104,29 @@ def diagnosis_presentation(diagnosis: Diagnosis, poses: NextPoses | None) -> Pre
     """Presentation of a diagnosis; `next_poses` are the next poses to measure, where they were chosen already."""
     name, last = diagnosis.calibration.dataset.name, diagnosis.calibration
     history = FigurePlace("error_history", (diagnosis,), "3D RMSE after each change of the model.", height_px=260)
-    learned = (
-        [Section("Learned curves of the joints", [_figure("learned_curves", last, "Learned curves.", 420)])]
-        if learned_members(last)
-        else []
-    )
     return Presentation(
         f"Diagnosis of {name}",
         [*diagnosis_head(diagnosis), history],
         [
             Section(HOW, reasons(diagnosis, poses), brief=True),
-            Section("Error history", [steps(diagnosis)], brief=True),
-            Section("What could be missing", ranking(diagnosis), brief=True),
-            *learned,
-            Section("Residual by pose", [_figure("error_bars", last, "3D error of each pose.", 260)]),
-            Section("Parameters", parameters(last)),
+            Section(HISTORY, [steps(diagnosis)], brief=True),
+            Section(DATASET, measured_blocks(last, NOT_SEARCHED)),
+            Section(MISSING, ranked_effects(diagnosis), brief=True),
+            Section(RESIDUAL, residual_blocks(residuals_of(diagnosis))),
+            *learned_section(last),
+            Section(BY_POSE, [pose_errors(last)]),
+            redundancy_section(redundancy(last.dataset, residual=last.residual)),
+            Section(PARAMETERS, parameters(last)),
         ],
     )
 
 
-def _figure(figure: str, calibration: Calibration, caption: str, height_px: int) -> FigurePlace:
-    return FigurePlace(figure, (calibration,), caption, height_px=height_px)
+def learned_section(calibration: Calibration) -> list[Section]:
+    """The learned curves in a model: their sizes, formulas and figure; [] where there are none."""
+    if not learned_members(calibration):
+        return []
+    curves = FigurePlace("learned_curves", (calibration,), BAND_NOTE, height_px=0)
+    return [Section("Learned curves of the joints", [*curve_blocks(calibration), curves])]
 
 
 def diagnosis_head(diagnosis: Diagnosis) -> list[Block]:
@@ -137,18 +153,9 @@ def steps(diagnosis: Diagnosis) -> Table:
     return Table(columns, rows, caption="3D RMSE; the sigma is per coordinate, by degrees of freedom")
 
 
-def ranking(diagnosis: Diagnosis) -> list[Block]:
-    """Blocks with the evidence of each candidate at the first decision, and the effects that cannot be tested."""
-    rows = [
-        (c.name, f"{c.log_evidence:.1f}", numbers.probability(c.p_holm), f"{100 * c.explained_share:.0f}")
-        for c in diagnosis.candidates[:RANKED]
-    ]
-    ranked: list[Block] = [Paragraph("No effect can be ranked: none is testable with these data.")]
-    if rows:
-        ranked = [Table(("effect", "log evidence", "p (Holm)", "explains, %"), rows)]
-    if diagnosis.untestable:
-        ranked += [Paragraph("Cannot be tested with these data:"), Bullets(not_testable(diagnosis.untestable))]
-    return ranked
+def ranked_effects(diagnosis: Diagnosis) -> list[Block]:
+    """The evidence of each candidate by which the first decision was taken, and what cannot be tested."""
+    return [ranking(diagnosis.screenings[0], most=RANKED), *untestable_blocks(diagnosis.untestable)]
 
 
 def explanation(diagnosis: Diagnosis, poses: NextPoses | None) -> str:
@@ -164,7 +171,7 @@ def reasons(diagnosis: Diagnosis, poses: NextPoses | None) -> list[Paragraph]:
     """Paragraphs on the reasons for the verdict: first fit, each effect, open questions, residual, noise."""
     words: list[Words] = []
     if diagnosis.data_problem is not None:
-        wrong = numbers.capitalised(diagnosis.data_problem.words)
+        wrong = numbers.capitalised(diagnosis.data_problem.warning)
         words.append(f"{wrong}. Signs, order, units, rows and tables come before any effect: none is named.")
     words.append(_first_fit(diagnosis.steps[0].calibration))
     for before, after in zip(diagnosis.steps, diagnosis.steps[1:], strict=False):
@@ -206,7 +213,8 @@ def _first_fit(calibration: Calibration) -> str:
         else f" The dataset's {repeats.repeats} points form {repeats.groups} repeat groups of equal joints and "
         "conditions, and each group counts once, by the mean of its repeats."
     )
-    tool = "" if calibration.tool_shift is None else f" {numbers.capitalised(calibration.tool_shift.words)}."
+    shift = calibration.tool_shift
+    tool = "" if shift is None else f" {numbers.capitalised(tool_shift_sentence(shift))}."
     return (
         f"The five-parameter model{' with ' + numbers.listing(families) if families else ''} was fitted to "
         f"{numbers.count(train.points if train else 0, 'measured point')} of {dataset.robot.name}, the {instrument}'s "
@@ -453,7 +461,7 @@ def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[st
         "stands": stands_document(last),
         "left_out": last.fitted_dataset.left_out,
         **found_tool_document(last),
-        "worse_than_nominal": last.worse_than_nominal or None,
+        "worse_than_nominal": worsening_sentence(last) or None,
         "verdict": diagnosis.verdict,
         "missing": diagnosis.missing,
         "suspected": diagnosis.suspected,

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from calib.calibration.evaluation import Figures
 from calib.calibration.noise_level import FIT
+from calib.calibration.result import Calibration
 from calib.diagnosis.headline import ErrorStage, Headline
 from calib.present import blocks, numbers
 
 _MICROMETRES_BELOW_MM = 0.1
+_FIGURES = (("mean", "mean_mm"), ("RMS", "rmse_mm"), ("maximum", "max_mm"))
 
 
 def error_headline(headline: Headline) -> blocks.Headline:
@@ -65,3 +70,22 @@ def note(headline: Headline) -> str:
     if headline.reached_noise:
         return f"{of} What is left is no more than noise."
     return f"{of} What is left is {numbers.times(ratio)} what noise alone would leave."
+
+
+def errors_by_stage(headline: Headline, fits: Sequence[Calibration]) -> blocks.Table:
+    """Mean, RMS and maximum of the 3D error at each stage of a headline, in one unit; `fits` as of `headline_of`."""
+    columns: list[Figures] = []
+    for stage in headline.stages:
+        evaluation = fits[-1].before if stage.step is None else fits[stage.step].after
+        figures = evaluation.test if headline.of_test_poses else evaluation.train
+        assert figures is not None
+        columns.append(figures)
+    in_unit, factor = unit(headline), 1e3 if unit(headline) == "µm" else 1.0
+    rows = [(name, *(numbers.digits(factor * getattr(f, key)) for f in columns)) for name, key in _FIGURES]
+    if headline.noise_mm is not None:
+        before_last = [""] * (len(columns) - 1)
+        rows.append((f"{headline.noise.name}, RMS", *before_last, numbers.digits(factor * headline.noise_mm)))
+    points = numbers.count(columns[0].points, "point")
+    of = f"test poses ({points} that no fit saw)" if headline.of_test_poses else f"the fitted poses ({points})"
+    headers = (f"3D error, {in_unit}", *(stage.name for stage in headline.stages))
+    return blocks.Table(headers, rows, caption=f"Errors at {of}, all in {in_unit}")

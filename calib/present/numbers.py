@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from calib.options import GREEK_LETTERS
+
 MISSING = "–"
 MINUS = "\N{MINUS SIGN}"
-_GREEK = {"alpha": "α", "beta": "β", "theta": "θ"}
 _MICRO_BELOW_MM = 0.0995  # what is nearer to a tenth of a millimetre is written as that
 _NOTHING_MM = 1e-6  # a nanometre: less is rounding
 _UNSEEN = 1e6  # a sigma from which a size says nothing, in its unit
@@ -151,8 +152,8 @@ def capitalised(words: str) -> str:
 
 
 def parameter_label(name: str) -> str:
-    """A parameter's short name as tables and axes have it: "alpha3" is "α3"."""
-    for word, letter in _GREEK.items():
+    """A parameter's short name as tables and axes have it: "alpha3" is "α3" (`calib.options.parameter_name`: back)."""
+    for word, letter in GREEK_LETTERS.items():
         if name.startswith(word):
             return letter + name[len(word) :]
     return name

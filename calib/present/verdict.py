@@ -110,7 +110,7 @@ def _outliers(diagnosis: Diagnosis) -> Words:
 
 def _unexplained(diagnosis: Diagnosis) -> Words:
     if diagnosis.data_problem is not None:
-        wrong = numbers.capitalised(diagnosis.data_problem.words)
+        wrong = numbers.capitalised(diagnosis.data_problem.warning)
         return f"unexplained: the data or the table are wrong, not the arm. {wrong}."
     tests, last = diagnosis.residual_tests, diagnosis.calibration
     left = worst_pose(last if diagnosis.learned is None else diagnosis.learned.before)

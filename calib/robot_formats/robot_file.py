@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.dataset.files.robot_toml import builtin_robot, load_robot, refuse_beyond
+from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, refuse_beyond
 from calib.errors import is_one_line
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
@@ -73,7 +73,7 @@ def read_robot(path: str | Path, reading: ReadOptions = ReadOptions()) -> RobotF
         raise RobotFileError(f"{path}: {found} is no form of a robot; expected {', '.join(SUFFIXES)}")
     _refuse_unused(path, suffix, reading)
     if suffix == ".toml":
-        robot = load_robot(path)
+        robot = load_robot_toml(path)
         refuse_beyond(robot, path)
         return RobotFile(robot, None)
     if suffix == ".conf":

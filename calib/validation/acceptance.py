@@ -14,7 +14,7 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Figures
 from calib.calibration.held_out import HeldOutTest, held_out_test
 from calib.calibration.noise_level import FIT, NoiseLevel, check_sigma, noise_level
-from calib.calibration.plausibility import implausibility_reason, outlier_hint, too_good
+from calib.calibration.plausibility import fit_without_outliers, implausibility_reason, too_good
 from calib.calibration.result import Calibration, declared_sigma_mm, is_declared
 from calib.consistency.data_problem import DataProblem
 from calib.corners.search import CornerSearch
@@ -99,6 +99,14 @@ class TooFewPoses(Brief):
 
 
 @dataclass(frozen=True)
+class OutlyingPoses(Brief):
+    """Poses that stand out of all others, by a plain fit and a robust one, which leaves them out."""
+
+    plain: Calibration
+    robust: Calibration
+
+
+@dataclass(frozen=True)
 class ErrorsOfTestPoses(Brief):
     """Errors of the test poses before and after the fit, both None where no pose has the role test."""
 
@@ -147,6 +155,7 @@ Evidence = (
     | TooFewPoses
     | Calibration
     | ToolShift
+    | OutlyingPoses
     | ErrorsOfTestPoses
     | ErrorRatio
     | ResidualSigma
@@ -348,11 +357,11 @@ def _floor_mm(level: NoiseLevel) -> float:
 
 
 def _fit(calibration: Calibration, max_test_rmse_mm: float | None) -> list[CheckItem]:
-    fit, shift, hint = calibration.fit, calibration.tool_shift, outlier_hint(calibration)
+    fit, shift, robust = calibration.fit, calibration.tool_shift, fit_without_outliers(calibration)
     return [
         CheckItem("fit", fit.converged, calibration),
         *([] if shift is None else [CheckItem("tool point", None, shift, warning=True)]),
-        *([CheckItem("outliers", None, hint, warning=True)] if hint else []),
+        *([] if robust is None else [CheckItem("outliers", None, OutlyingPoses(calibration, robust), warning=True)]),
         *(CheckItem("fit", None, note) for note in calibration.after.notes),
         *_test_poses(calibration, max_test_rmse_mm),
         *_residual(calibration),

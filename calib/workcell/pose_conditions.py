@@ -1,21 +1,22 @@
 """Conditions of poses other than the joints that effects need: side of approach, payload, temperature.
 
-An effect says what a dataset must hold for it (`needs`), by the names of the columns of poses.csv.
+An effect names the conditions that it needs, and those that help it, on its class (`needed_conditions`,
+`helpful_conditions`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from calib.array_types import Array, BoolArray
+from calib.dataset.dataset import PoseCondition
 
-APPROACH, PAYLOAD, TEMPERATURE = "approach", "payload_kg", "temperature_c"
 PAYLOAD_KG = 1.0  # unless the user has another
 COLD_C, WARM_C = 20.0, 30.0  # written down before, and replaced by what is measured
-_WHERE_IT_VARIES, _WITHOUT_IT = "payload_kg where it varies", "no temperature_c"
 _COME_FROM_RAD, _COME_FROM_MM = np.radians(3.0), 10.0
 
 
@@ -26,23 +27,37 @@ class WantedConditions:
     both_sides: bool = False
     payloads_kg: tuple[float, ...] = ()
     temperatures_c: tuple[float, ...] = ()
-    helpful: tuple[str, ...] = ()
+    helpful: tuple[PoseCondition, ...] = ()
 
 
-def conditions_for(needs: Iterable[str], *, payload_kg: float = PAYLOAD_KG) -> WantedConditions:
-    """Conditions that effects need, from their `needs`: texts that name columns of poses.csv.
+class AsksForConditions(Protocol):
+    """Description of an effect by the conditions of poses under which it shows."""
+
+    @property
+    def needed_conditions(self) -> tuple[PoseCondition, ...]:
+        """Conditions that must vary over the poses for the effect to show."""
+
+    @property
+    def helpful_conditions(self) -> tuple[PoseCondition, ...]:
+        """Conditions that make the effect show better where they vary."""
+
+
+def conditions_for(effects: Iterable[AsksForConditions], *, payload_kg: float = PAYLOAD_KG) -> WantedConditions:
+    """Conditions of poses under which effects show.
 
     Args:
+        effects: descriptions (`calib.effects.effect.describe`).
         payload_kg: payload in part of the poses; the others have none.
     """
-    texts = list(needs)
-    payload = any(PAYLOAD in text for text in texts)
-    must = any(PAYLOAD in text.replace(_WHERE_IT_VARIES, "") for text in texts)
+    described = list(effects)
+    needed = {condition for one in described for condition in one.needed_conditions}
+    helpful = {condition for one in described for condition in one.helpful_conditions} - needed
+    wanted = needed | helpful
     return WantedConditions(
-        both_sides=any(APPROACH in text for text in texts),
-        payloads_kg=(0.0, payload_kg) if payload else (),
-        temperatures_c=(COLD_C, WARM_C) if any(TEMPERATURE in text.replace(_WITHOUT_IT, "") for text in texts) else (),
-        helpful=(PAYLOAD,) if payload and not must else (),
+        both_sides="approach" in wanted,
+        payloads_kg=(0.0, payload_kg) if "payload_kg" in wanted else (),
+        temperatures_c=(COLD_C, WARM_C) if "temperature_c" in wanted else (),
+        helpful=tuple(sorted(helpful)),
     )
 
 

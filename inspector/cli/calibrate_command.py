@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from calib.calibration.plausibility import implausibility_reason, outlier_hint
+from calib.calibration.plausibility import fit_without_outliers, implausibility_reason
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
@@ -21,6 +21,7 @@ from calib.present.calibration import (
     calibration_document,
     calibration_head,
     fit_steps,
+    outlier_hint,
     parameters,
     step_table,
     steps_document,
@@ -74,7 +75,8 @@ def run_calibrate(options: CalibrateOptions) -> int:
     if options.out is not None or templates:
         table.require_improvement(force=options.force)
     robot_files = {out: table.in_template(template) for out, template in templates.items()}
-    hint = outlier_hint(result)
+    robust = fit_without_outliers(result)
+    hint = "" if robust is None else outlier_hint(result, robust)
     said = "\n".join(f"{path}: {robot_file.summary}" for path, robot_file in robot_files.items())
     document = calibration_document(result) | {
         "steps": steps_document(steps),

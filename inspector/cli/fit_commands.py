@@ -16,6 +16,7 @@ from calib.errors import CalibError, DatasetError, visible
 from calib.measurement.measured_points import require_corners, with_corners
 from calib.models.model_file import save_model
 from calib.planning.discrimination import NextPoses, next_poses
+from calib.present.calibration import tool_shift_sentence
 from calib.present.correction import correction_blocks, correction_document
 from calib.present.diagnosis import diagnosis_document, diagnosis_presentation
 from calib.present.text import block_text
@@ -79,7 +80,7 @@ def run_correct(options: CorrectOptions) -> int:
     result = fitted(options, dataset)[-1].calibration
     require_plausible(result, options.force)
     if result.tool_shift is not None:
-        print(visible(f"inspector: warning: {result.tool_shift.words}"), file=sys.stderr)
+        print(visible(f"inspector: warning: {tool_shift_sentence(result.tool_shift)}"), file=sys.stderr)
     model, ids = result.fitted_model, targets.poses.ids
     require_conditions(targets, model.needs, result.model.family_names)
     correction = model.correct(targets.poses.q, targets.poses, options.what, dataset.robot, ids)

@@ -218,11 +218,11 @@ def added_variable(
     names = list(map(escape, ids))
     traces = [
         {
-            "type": "scatter", "mode": "markers", "name": "a coordinate of a training point", "x": x.tolist(),
+            "type": "scatter", "mode": "markers", "name": "training points, per coordinate", "x": x.tolist(),
             "y": y.tolist(), "marker": {"size": 5, "color": ROLE_COLOURS["train"], "opacity": 0.8},
             "meta": {**SELECTS_POSE, "values": names}, "customdata": names,
             "hovertemplate": f"pose %{{customdata}}<br>{escape(name)} makes %{{x:.2f}} σ<br>"
-            "left over %{y:.2f} σ<extra></extra>",
+            "residual %{y:.2f} σ<extra></extra>",
         },
         {
             "type": "scatter", "mode": "lines", "name": "agreement", "x": ends, "y": ends, "hoverinfo": "skip",
@@ -232,7 +232,7 @@ def added_variable(
     return figure(
         traces,
         xaxis={"title": f"what {shortened(name, 30)} would make, σ of the noise", "automargin": True},
-        yaxis={"title": "left over, σ of the noise", "automargin": True},
+        yaxis={"title": "residual, σ of the noise", "automargin": True},
         margin=(56, 12, 30, 42),
         dark=dark,
     )

@@ -1,35 +1,37 @@
 """Report on a calibration: measurements, findings, their certainty, the method and program versions.
 
-`content.report_of` gathers what it tells, `sections` has a function a section, `page` renders them by the templates.
+`content.report_of` gathers the results, `calib.present` makes blocks of them, `page` renders these by the templates.
 """
 
 from __future__ import annotations
 
 import platform
+from dataclasses import replace
 from datetime import datetime
 from importlib import metadata
 from pathlib import Path
 
 from calib.calibration.noise_level import check_sigma, noise_level
-from calib.present.blocks import (
-    Block,
-    Bullets,
-    Facts,
-    Paragraph,
-    Section,
-    Verdict,
-)
-from calib.present.calibration import error_tables, parameters, pose_errors, sigma_sentence, step_table
+from calib.present.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section
+from calib.present.calibration import error_tables, last_change, parameters, pose_errors, sigma_sentence, step_table
+from calib.present.candidates import FULL_RANKING, estimated_values, held_out_sentence, ranking, untestable_blocks
 from calib.present.dataset import measured_blocks
-from calib.present.diagnosis import HOW, reasons
+from calib.present.diagnosis import (
+    BY_POSE,
+    DATASET,
+    HISTORY,
+    HOW,
+    MISSING,
+    PARAMETERS,
+    RESIDUAL,
+    learned_section,
+    reasons,
+)
 from calib.present.redundancy import redundancy_section
-from inspector.figures.plots import error_history
-from inspector.markup.learn.effects import last_change
-from inspector.report import sections
+from calib.present.residuals import residual_blocks
 from inspector.report.content import Report
-from inspector.report.figure_block import Figure
 from inspector.report.first_page import first_page
-from inspector.report.page import MARK, render_page
+from inspector.report.page import MARK, render
 
 METHOD = (
     "Frame i of the arm is Rz(theta_i + q_i) Trans(a_i, 0, d_i) Rx(alpha_i) Ry(beta_i); a tool row of the same form "
@@ -49,7 +51,6 @@ REFERENCES = (
     "Park et al. 2022, Kinematic Calibration Based on Position of Robot Manipulator Eliminating Redundancy of "
     "Parameters, JKSPE 39(7) 517-528, doi 10.7736/JKSPE.022.023 (redundancy).",
 )
-HISTORY = "Error history"
 PACKAGES = ("robot-calibration-inspector", "numpy", "scipy", "pandas", "open3d-cpu", "open3d", "plotly")
 
 
@@ -63,32 +64,20 @@ def is_report(path: Path) -> bool:
 def report_html(report: Report, *, now: datetime) -> str:
     """HTML of a report; `now` is its date."""
     made = now.astimezone().strftime("%Y-%m-%d %H:%M %Z").strip()
-    return render_page(
-        f"Calibration report: {report.dataset.name}",
-        first_page(report, made),
-        (
-            *finding_sections(report),
-            Section("Method", (Bullets(METHOD), Bullets(REFERENCES))),
-            Section("Made with", (Facts(versions()), Paragraph(f"Made {made}.", soft=True))),
-        ),
-    )
-
-
-def finding_sections(report: Report) -> tuple[Section, ...]:
-    """Sections on all findings after the first page, used by the report and by a notebook's view of a diagnosis."""
-    residuals = [block for model in report.residuals for block in sections.model_residual(report, model)]
-    curves = sections.learned_curves(report)
-    return (
+    sections = [
         Section(HOW, _reasons(report)),
         Section(HISTORY, _history(report)),
-        Section("Dataset and how it was measured", measured_blocks(report.calibration, report.session.searches)),
-        Section("What could be missing", sections.ranking(report)),
-        Section("Where the model is off", residuals),
-        *([Section("Learned curves of the joints", curves)] if curves else []),
-        Section("Residual by pose", [pose_errors(report.calibration)]),
+        Section(DATASET, measured_blocks(report.calibration, report.session.searches)),
+        Section(MISSING, _ranking(report)),
+        Section(RESIDUAL, residual_blocks(report.residuals)),
+        *learned_section(report.calibration),
+        Section(BY_POSE, [pose_errors(report.calibration)]),
         redundancy_section(report.redundancy),
-        Section("Parameters", parameters(report.calibration, report.table)),
-    )
+        Section(PARAMETERS, parameters(report.calibration, report.table)),
+        Section("Method", (Bullets(METHOD), Bullets(REFERENCES))),
+        Section("Made with", (Facts(versions()), Paragraph(f"Made {made}.", soft=True))),
+    ]
+    return render(Presentation(f"Calibration report: {report.dataset.name}", first_page(report, made), sections))
 
 
 def versions() -> list[tuple[str, str]]:
@@ -105,19 +94,34 @@ def versions() -> list[tuple[str, str]]:
 def _reasons(report: Report) -> list[Block]:
     if report.diagnosis is not None:
         return list(reasons(report.diagnosis, report.session.next_poses))
-    sentence, colour = last_change(report.session.history)
+    change = last_change(report.session.history)
     return [
-        *([Verdict(sentence, colour)] if sentence else []),
+        *([] if change is None else [change]),
         Paragraph(sigma_sentence(check_sigma(report.calibration))),
     ]
 
 
 def _history(report: Report) -> list[Block]:
-    steps = report.session.history
-    level = noise_level(report.calibration)
-    labels = [step.label for step in steps]
-    train, test = [s.train_rmse_mm for s in steps], [s.test_rmse_mm for s in steps]
-    drawn = error_history(labels, train, test, level.floor_mm, noise=level.name)
+    steps, level = report.session.history, noise_level(report.calibration)
     caption = f"3D RMSE of training and test poses after each change of the model; dashed: what {level.name} leaves."
-    table = step_table([(s.label, s.train_rmse_mm, s.test_rmse_mm, s.sigma_mm) for s in steps])
-    return [Figure(drawn, caption), table, *error_tables(report.calibration)]
+    labels = ["as delivered", *(step.label for step in steps[1:])]
+    figures = [(s.train_rmse_mm, s.test_rmse_mm, s.sigma_mm) for s in steps]
+    table = step_table([(label, *of_step) for label, of_step in zip(labels, figures, strict=True)])
+    return [FigurePlace("error_history", (report.session.steps,), caption), table, *error_tables(report.calibration)]
+
+
+def _ranking(report: Report) -> list[Block]:
+    """Blocks on the evidence of every candidate, the values of the best, and effects that cannot be tested."""
+    tested = f"Each effect tested on the residual of the model of {report.ranking_of}."
+    best = next((c for c in report.ranking.candidates if c.values), None)
+    values: list[Block] = []
+    if best is not None:
+        caption = f"{best.name}: its coefficients as that ranking estimates them"
+        values = [replace(estimated_values(best, report.calibration), caption=caption)]
+    untestable = report.diagnosis.untestable if report.diagnosis else report.ranking.untestable
+    return [
+        Paragraph(f"{tested} {held_out_sentence(report.ranking)}"),
+        ranking(report.ranking, FULL_RANKING, mark=report.calibration.model.family_names),
+        *values,
+        *untestable_blocks(untestable),
+    ]

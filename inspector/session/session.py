@@ -27,6 +27,8 @@ from calib.screening.candidates import Screening
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.residual_tests import ResidualTests
 
+LEFT_OUT, TAKEN_IN = "− pose ", "+ pose "  # labels of steps, before the pose's id
+
 
 @dataclass(frozen=True)
 class StepErrors:
@@ -36,6 +38,11 @@ class StepErrors:
     train_rmse_mm: float  # 3D
     test_rmse_mm: float  # 3D; nan without test poses
     sigma_mm: float  # of a residual's coordinate; nan without a degree of freedom left, and for the nominal robot
+
+    @property
+    def other_poses(self) -> bool:
+        """Whether other poses count than before this step."""
+        return self.label.startswith((LEFT_OUT, TAKEN_IN))
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from calib.planning.discrimination import discriminating_poses, nearest_alternat
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.residual_tests import run_residual_tests
 from inspector.session.measuring import with_face_labels
-from inspector.session.session import Separation, Session, untested
+from inspector.session.session import LEFT_OUT, TAKEN_IN, Separation, Session, untested
 
 SEPARATING_POSES = 3  # at which two causes are compared
 HISTORY_STEPS = 50  # that a session keeps: the first, and the last ones
@@ -268,8 +268,6 @@ def start_of(last: FitStep, effects: Sequence[SelectedEffect]) -> Calibration | 
 
 
 # ---- a pose left out, and taken in again ------------------------------------------------------------
-
-LEFT_OUT, TAKEN_IN = "− pose ", "+ pose "  # labels of the steps, before the pose's id
 
 
 def with_pose_left_out(session: Session, pose_id: str) -> Session:

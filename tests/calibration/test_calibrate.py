@@ -22,6 +22,7 @@ from calib.fitting.scanner_frame import fit_scanner_frame
 from calib.identifiability.structural import redundancy
 from calib.kinematics.robot import Target
 from calib.options import FitOptions
+from calib.present.calibration import calibration_warnings
 from calib.present.checks import item_sentence
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import ErrorsOfTestPoses, check
@@ -120,7 +121,7 @@ def test_setups_have_frames_of_their_own_and_one_without_training_says_so() -> N
         assert result.after.test is not None
         assert result.after.train.rmse_mm < 0.1
         assert result.after.test.rmse_mm < 0.2
-        assert any("'far'" in note for note in result.warnings)
+        assert any("'far'" in note for note in calibration_warnings(result))
 
 
 def test_several_targets_on_the_tool_are_one_fit() -> None:

@@ -16,9 +16,10 @@ from calib.diagnosis.effect_selection import FitStep
 from calib.effects.catalogue import effects_for
 from calib.errors import FitError
 from calib.fitting.observations import conditions_at
-from calib.options import FitOptions
+from calib.options import FitOptions, parameter_name
 from calib.planning.effect_hypotheses import EffectHypothesis, predict
 from calib.planning.offered_poses import offered_poses
+from calib.present.numbers import parameter_label
 from calib.screening.candidates import Candidate, screen
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.cross_validation import cross_validate
@@ -130,3 +131,11 @@ def test_every_fold_and_every_draw_is_fitted_as_was_asked(dataset: Dataset) -> N
     assert whole.fit.x.size == calibrate(dataset).fit.x.size - 2
     with pytest.raises(FitError, match="nix"):
         learning_curve(dataset, FitOptions(fixed=("nix",)))
+
+
+def test_parameters_may_be_named_as_tables_show_them() -> None:
+    asked = FitOptions(fixed=("θ1", "βTCP", "a2", "α1.x", "alpha3"), tolerances={"α3": 0.01})
+    assert asked.fixed == ("theta1", "betaTCP", "a2", "α1.x", "alpha3")  # α1.x: of a target that is called α1
+    assert asked.tolerances == {"alpha3": 0.01}
+    names = builtin_robot("rb5").parameter_names
+    assert tuple(parameter_name(parameter_label(name)) for name in names) == names

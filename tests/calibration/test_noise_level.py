@@ -15,7 +15,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.headline import headline_of
 from calib.present import error_headline as headlines
 from calib.present.checks import item_sentence
-from calib.present.residuals import LENGTH, band_note, shown
+from calib.present.residuals import LENGTH, band_note, noise_and_size, shown
 from calib.validation.acceptance import check
 from inspector.figures import error_history
 from tests.support.hidden_dataset import arm
@@ -44,7 +44,7 @@ def test_what_is_declared_stands() -> None:
     level = noise_level(calibrate(arm(3)))
     assert (level.source, level.ratio) == ("dataset", 1.0)
     assert level.sigma_mm == pytest.approx(NOISE_MM)
-    assert level.words("0.05 mm") == "noise alone (0.05 mm)"
+    assert noise_and_size(level, 0.05) == "noise alone (50 µm per coordinate)"
 
 
 def test_repeats_tell_it_where_none_is_declared() -> None:

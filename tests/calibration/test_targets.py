@@ -13,7 +13,7 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.pose_errors import pose_errors_of
 from calib.dataset.dataset import Dataset, Points
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.dataset.files.robot_toml import builtin_robot, load_robot, robot_to_toml
+from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, robot_to_toml
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_for
 from calib.errors import DatasetError, FitError
@@ -173,10 +173,10 @@ def test_a_target_sits_on_a_joint_that_there_is(tmp_path: Path, joint: str) -> N
     path = tmp_path / "robot.toml"
     robot = replace(builtin_robot("rb5"), targets=(Target("elbow", (60.0, -30.0, 80.0), joint=4),))
     path.write_text(robot_to_toml(robot))
-    assert load_robot(path).targets == robot.targets
+    assert load_robot_toml(path).targets == robot.targets
     path.write_text(robot_to_toml(robot).replace("joint = 4", f"joint = {joint}"))
     with pytest.raises(DatasetError, match=rf"joint: found {joint}; .* 1 to 6"):
-        load_robot(path)
+        load_robot_toml(path)
 
 
 @pytest.mark.parametrize("kind", ["position", "pairs"])
@@ -227,10 +227,10 @@ def test_tolerance_of_a_target(tmp_path: Path) -> None:
     robot = replace(builtin_robot("rb5"), targets=(replace(MIRRORS[0], tolerance_mm=2.0), MIRRORS[1]))
     path.write_text(robot_to_toml(robot))
     assert path.read_text().count("tolerance_mm") == 1
-    assert load_robot(path).targets == robot.targets
+    assert load_robot_toml(path).targets == robot.targets
     path.write_text(path.read_text().replace("tolerance_mm = 2.0", "tolerance_mm = -2.0"))
     with pytest.raises(DatasetError, match="tolerance_mm"):
-        load_robot(path)
+        load_robot_toml(path)
 
 
 def test_a_wide_tolerance_lets_a_target_be_far_off() -> None:

@@ -15,7 +15,8 @@ from calib.dataset.files.folder import write_dataset
 from calib.diagnosis.headline import headline_of
 from calib.options import FitOptions
 from calib.present import error_headline as headlines
-from calib.present.calibration import calibration_document
+from calib.present.calibration import calibration_document, calibration_warnings
+from calib.present.numbers import column_mm
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
 
@@ -48,8 +49,8 @@ def test_a_fit_that_is_worse_says_so(dataset: Dataset, options: FitOptions) -> N
     assert before is not None
     assert after is not None
     assert after.rmse_mm > before.rmse_mm
-    (said,) = [w for w in fit.warnings if "worse than robot.toml" in w]
-    assert f"RMSE from {before.rmse_mm:.4g} to {after.rmse_mm:.4g} mm" in said
+    (said,) = [w for w in calibration_warnings(fit) if "worse than robot.toml" in w]
+    assert f"RMSE from {column_mm(before.rmse_mm)} to {column_mm(after.rmse_mm)} mm" in said
     assert calibration_document(fit)["worse_than_nominal"] == said
     assert said[1:] in fit.summary()  # with a capital letter
     assert "worse than robot.toml" in headlines.note(headline_of([fit]))
@@ -59,7 +60,7 @@ def test_a_fit_that_is_better_does_not() -> None:
     rng = np.random.default_rng(0)
     dataset = dataset_of(jang_arm(), perturbed(jang_arm(), rng), rng, poses=48, test=12, noise_mm=0.05)
     fit = calibrate(dataset)
-    assert fit.worse_than_nominal == ""
+    assert fit.worsening is None
     assert calibration_document(fit)["worse_than_nominal"] is None
     assert "rose" not in headlines.note(headline_of([fit]))
 
@@ -72,7 +73,8 @@ def test_without_test_poses_the_training_poses_tell() -> None:
     before, after = fit.before.train, fit.after.train
     assert before is not None
     assert after is not None
-    assert ("on the training poses" in fit.worse_than_nominal) == (after.rmse_mm > before.rmse_mm)
+    assert (fit.worsening is not None) == (after.rmse_mm > before.rmse_mm)
+    assert fit.worsening is None or fit.worsening.role == "train"
 
 
 @pytest.mark.slow

@@ -128,7 +128,7 @@ def test_rows_and_units_are_told_with_their_mend(arm: str, sheet: str) -> None:
     given = simulated(arm, effect=("joint_scale", 5.0))
     found = problem_of(change(given))
     assert found.kind == kind
-    assert mend in found.words
+    assert mend in found.warning
     assert found.then_mm < 0.1 * found.now_mm
     again = calibrate(found.mended)
     assert again.sigma_mm == pytest.approx(calibrate(given).sigma_mm, rel=0.3)
@@ -169,14 +169,14 @@ def test_columns_that_changed_places_are_told(arm: str, columns: tuple[int, int]
     order[a], order[b] = b, a
     found = problem_of(with_joints(given, given.poses.q[:, order]))
     assert (found.kind, found.joints) == ("joint_order", columns)
-    assert "have changed places" in found.words
+    assert "have changed places" in found.warning
 
 
 @pytest.mark.slow
 def test_angles_in_another_unit_are_told() -> None:
     given = simulated("rb5")
     found = problem_of(with_joints(given, np.radians(given.poses.q)))
-    assert (found.kind, "in radians" in found.words) == ("units", True)
+    assert (found.kind, "in radians" in found.warning) == ("units", True)
 
 
 @pytest.mark.slow
@@ -191,7 +191,7 @@ def test_a_sister_types_table_is_told_by_its_name(true: str, given: str) -> None
     data = simulate_dataset(TABLES[true], rng=np.random.default_rng(2), poses=40).dataset
     found = problem_of(replace(data, robot=TABLES[given]))
     assert found.kind == "robot_table"
-    assert f"the links are those of a {true}, not those of robot.toml" in found.words
+    assert f"the links are those of a {true}, not those of robot.toml" in found.warning
     assert found.then_mm < 0.5 * found.now_mm
 
 
@@ -207,7 +207,7 @@ def test_a_turned_joint_is_told_of_few_poses_in_a_narrow_range(joint: int) -> No
     given = simulate_dataset(replace(arm, joints=tuple(joints)), rng=np.random.default_rng(3), poses=22).dataset
     found = problem_of(turned(given, joint))
     shown = {hypothesis.joints for hypothesis in (found.hypothesis, *found.rivals)}
-    assert (joint,) in shown, found.words
+    assert (joint,) in shown, found.warning
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ import pytest
 from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.dataset.files.robot_toml import load_robot, robot_to_toml
+from calib.dataset.files.robot_toml import load_robot_toml, robot_to_toml
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
 from tests.support.app import command
@@ -81,7 +81,7 @@ def test_limits_are_the_joints_own(dataset: Dataset, tmp_path: Path) -> None:
 def test_the_matrix_survives_writing(tmp_path: Path) -> None:
     path = tmp_path / "robot.toml"
     path.write_text(robot_to_toml(coupled(jang_arm())))
-    assert load_robot(path).coupling == coupled(jang_arm()).coupling
+    assert load_robot_toml(path).coupling == coupled(jang_arm()).coupling
 
 
 @pytest.mark.parametrize(
@@ -99,6 +99,6 @@ def test_a_matrix_that_is_none_is_refused(tmp_path: Path, matrix: object, says: 
     text = robot_to_toml(random_arm(np.random.default_rng(1), 3, prismatic=2))
     path.write_text(f"coupling = {json.dumps(matrix)}\n{text}")
     with pytest.raises(DatasetError) as caught:
-        load_robot(path)
+        load_robot_toml(path)
     assert "coupling: " in str(caught.value)
     assert says in str(caught.value)

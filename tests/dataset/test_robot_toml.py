@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.dataset.files.robot_toml import builtin_robot, load_robot, refuse_beyond, robot_to_toml
+from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, refuse_beyond, robot_to_toml
 from calib.errors import DatasetError
 from calib.frames import apply
 from calib.kinematics.chain import forward, target_points
@@ -52,7 +52,7 @@ xyz_mm = [1.0, 2.0, 3.0]
 
 def written(robot: Robot, path: Path) -> Robot:
     path.write_text(robot_to_toml(robot), encoding="utf-8")
-    return load_robot(path)
+    return load_robot_toml(path)
 
 
 def test_a_size_that_is_no_number_is_beyond_every_bound(tmp_path: Path) -> None:
@@ -67,7 +67,7 @@ def test_a_size_that_is_no_number_is_beyond_every_bound(tmp_path: Path) -> None:
 def test_round_trip_loses_nothing_not_even_keys_it_does_not_know(tmp_path: Path) -> None:
     path = tmp_path / "robot.toml"
     path.write_text(GOOD)
-    robot = load_robot(path)
+    robot = load_robot_toml(path)
     assert robot.joints[1].max == 50.0
     assert robot.extra == {"serial": "X-17"}
     assert robot.joints[0].extra == {"colour": "red"}
@@ -100,7 +100,7 @@ def test_a_calibrated_table_comes_back_to_the_last_digits(seed: int) -> None:
 def test_degrees_as_typed_stay_as_typed(tmp_path: Path) -> None:
     path = tmp_path / "robot.toml"
     path.write_text(GOOD.replace("alpha_deg = 90.0", "alpha_deg = -90.012"))
-    assert "alpha_deg = -90.012\n" in robot_to_toml(load_robot(path))
+    assert "alpha_deg = -90.012\n" in robot_to_toml(load_robot_toml(path))
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_mistakes_are_named(tmp_path: Path, old: str, new: str, says: str) -> No
     assert old in GOOD
     path.write_text(GOOD.replace(old, new))
     with pytest.raises(DatasetError) as caught:
-        load_robot(path)
+        load_robot_toml(path)
     assert says in str(caught.value)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -145,9 +145,9 @@ ROW = "[tool]\na_mm = 0.0\nalpha_deg = 0.0\nd_mm = 50.0\ntheta_deg = 0.0\n"
 def test_a_tool_given_as_a_point_is_there_at_every_pose(tmp_path: Path, xyz_mm: tuple[float, float, float]) -> None:
     path = tmp_path / "robot.toml"
     path.write_text(GOOD)
-    plain = load_robot(path)
+    plain = load_robot_toml(path)
     path.write_text(GOOD.replace(ROW, f"[tool]\nxyz_mm = {list(xyz_mm)}\n"))
-    robot = load_robot(path)
+    robot = load_robot_toml(path)
     q = np.random.default_rng(1).uniform(-2.0, 2.0, (20, 2))
     flange = forward(plain.table, q, plain.is_revolute).base_T_flange
     np.testing.assert_allclose(target_points(robot, q), apply(flange, np.array(xyz_mm)), atol=1e-12)
@@ -162,7 +162,7 @@ def test_a_tool_is_a_point_or_a_row(tmp_path: Path) -> None:
     path = tmp_path / "robot.toml"
     path.write_text(GOOD.replace("[tool]\n", "[tool]\nxyz_mm = [1.0, 2.0, 3.0]\n"))
     with pytest.raises(DatasetError, match=r"\[tool\]\.a_mm: found beside xyz_mm; give the point or the row"):
-        load_robot(path)
+        load_robot_toml(path)
 
 
 def test_metres_are_refused(tmp_path: Path) -> None:
@@ -170,7 +170,7 @@ def test_metres_are_refused(tmp_path: Path) -> None:
     path.write_text(GOOD.replace("100.0", "0.1").replace("200.0", "0.2").replace("d_mm = 10.0", "d_mm = 0.01")
                     .replace("d_mm = 50.0", "d_mm = 0.05"))  # fmt: skip
     with pytest.raises(DatasetError, match="looks like metres"):
-        load_robot(path)
+        load_robot_toml(path)
 
 
 def test_an_unknown_built_in_name_lists_what_there_is() -> None:
@@ -180,7 +180,7 @@ def test_an_unknown_built_in_name_lists_what_there_is() -> None:
 
 def test_no_joint_and_no_file(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="no such file"):
-        load_robot(tmp_path / "robot.toml")
+        load_robot_toml(tmp_path / "robot.toml")
     (tmp_path / "robot.toml").write_text("name = 'x'\n")
     with pytest.raises(DatasetError, match=r"found no \[\[joints\]\]"):
-        load_robot(tmp_path / "robot.toml")
+        load_robot_toml(tmp_path / "robot.toml")

@@ -15,6 +15,7 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.errors import DatasetError
 from calib.options import FitOptions
+from calib.present.calibration import calibration_warnings
 from calib.present.checks import item_sentence
 from calib.validation.acceptance import check
 from inspector.cli.parser import main
@@ -57,7 +58,7 @@ def test_they_are_a_note_with_their_number_and_names(folder: Path, empty: bool) 
 def test_every_fit_goes_on_without_them(folder: Path, residual: str) -> None:
     whole = calibrate(load_dataset(folder), FitOptions(residual)).after.test  # type: ignore[arg-type]
     result = calibrate(hide(folder, [0, 5, 39]), FitOptions(residual))  # type: ignore[arg-type]
-    assert any("no point for 3 of 40" in words for words in result.warnings)
+    assert any("no point for 3 of 40" in words for words in calibration_warnings(result))
     assert whole is not None
     assert result.after.test is not None
     assert result.after.test.points == whole.points - 1

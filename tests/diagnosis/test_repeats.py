@@ -15,6 +15,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import effects_for
 from calib.options import FitOptions
+from calib.present.calibration import calibration_warnings
 from calib.screening.candidates import screen
 from calib.validation.cross_validation import cross_validate
 from tests.support.arms import dataset_of, elementary_points, perturbed
@@ -89,7 +90,7 @@ def test_rows_of_one_pose_count_once() -> None:
     ours, theirs = calibrate(rows), calibrate(means)
     np.testing.assert_allclose(ours.fit.sigma, theirs.fit.sigma, rtol=1e-6)
     assert ours.fit.rows == theirs.fit.rows == 60
-    assert "130 points were measured in 26 repeat groups" in " ".join(ours.warnings)
+    assert "130 points were measured in 26 repeat groups" in " ".join(calibration_warnings(ours))
 
 
 @pytest.mark.slow

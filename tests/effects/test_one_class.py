@@ -25,11 +25,12 @@ from calib.effects.state import RobotState
 from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
 from calib.kinematics.chain import target_jacobian
+from calib.present.candidates import candidate_blocks, fitted_effect
+from calib.present.text import block_text
 from calib.screening.candidates import screen
 from calib.screening.projected_residual import project_residual
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
-from inspector.markup.learn.candidate import chosen_html, fitted_html
 from tests.support import ROOT
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -108,13 +109,14 @@ def test_a_class_in_the_catalogue_is_ranked_named_explained_and_on_the_page(hidd
     first = found.steps[0].calibration
     ranking = screen(first, catalogue.effects_for(hidden))
     assert ranking.candidates[0].name == "twenty_third_harmonic"
-    page = chosen_html("twenty_third_harmonic", ranking.candidates[0], first, ranking.cv_rmse_mm, own=False)
-    inside = chosen_html("twenty_third_harmonic", None, found.calibration, ranking.cv_rmse_mm, own=False)
-    for text in (TwentyThirdHarmonic.equation, TwentyThirdHarmonic.needs, TwentyThirdHarmonic.confirm):
-        assert text in page
-        assert text in inside
+    name = "twenty_third_harmonic"
+    page = block_text(*candidate_blocks(name, ranking.candidates[0], first, ranking.cv_rmse_mm))
+    inside = block_text(*candidate_blocks(name, None, found.calibration, ranking.cv_rmse_mm))
+    for said in (TwentyThirdHarmonic.equation, TwentyThirdHarmonic.needs, TwentyThirdHarmonic.confirm):
+        assert said in page
+        assert said in inside
     assert "amplitude: 23 waves of" in page
-    assert "amplitude: 23 waves of" in fitted_html(found.calibration, "twenty_third_harmonic")
+    assert "amplitude: 23 waves of" in block_text(*fitted_effect(name, found.calibration))
     with pytest.raises(CalibError, match=r"bearing_clearance, .*twenty_third_harmonic$"):
         catalogue.family_of(hidden, "magic")
 
@@ -297,7 +299,7 @@ def test_a_users_class_may_carry_the_same_texts(hidden: Dataset) -> None:
     assert (said.equation, said.needs) == ("x += c q_1", "")
     assert exceeded_bound(Lean(), Lean.parameters[0], 3.0, 0.1) == Lean.bounds[0]
     ranking = screen(calibrate(hidden), (family,))
-    page = chosen_html("lean", ranking.candidates[0], calibrate(hidden), ranking.cv_rmse_mm, own=True)
+    page = block_text(*candidate_blocks("lean", ranking.candidates[0], calibrate(hidden), ranking.cv_rmse_mm, own=True))
     assert "x += c q_1" in page
     assert "the first joint alone" in page
     assert "needs" not in page

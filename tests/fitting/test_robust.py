@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calib.calibration.calibrate import calibrate
-from calib.calibration.plausibility import outlier_hint
+from calib.calibration.plausibility import fit_without_outliers
 from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
@@ -26,6 +26,7 @@ from calib.fitting.observations import Observations, weighted
 from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.robust import point_norms, rows_of_points
 from calib.options import FitOptions
+from calib.present.calibration import calibration_warnings, outlier_hint
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
 from tests.support import ROOT
@@ -240,7 +241,7 @@ def test_wrong_points_leave_no_trace(
     assert found.after.test == good.after.test
     assert found.after.train == good.after.train
     assert found.sigma_mm == good.sigma_mm
-    (warning,) = (w for w in found.warnings if "out of all others" in w)
+    (warning,) = (w for w in calibration_warnings(found) if "out of all others" in w)
     assert all(pose_id in warning for pose_id in ids(dataset, wrong))
 
 
@@ -326,7 +327,10 @@ def test_a_diagnosis_by_robust_fits_tells_the_poses_that_they_left_out() -> None
 @pytest.mark.slow
 def test_a_plain_fit_is_told_which_pose_bends_it() -> None:
     dataset = moved(measured_arm(3, 25), [6], 50.0)
-    assert outlier_hint(calibrate(measured_arm(3, 25))) == ""
-    hint = outlier_hint(calibrate(dataset))
+    assert fit_without_outliers(calibrate(measured_arm(3, 25))) is None
+    plain = calibrate(dataset)
+    robust = fit_without_outliers(plain)
+    assert robust is not None
+    hint = outlier_hint(plain, robust)
     assert f"{dataset.poses.ids[6]} (50" in hint
     assert " 0.1" in hint

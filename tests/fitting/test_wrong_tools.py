@@ -16,7 +16,7 @@ from calib.calibration.plausibility import implausibility_reason
 from calib.compensation.target_correction import corrected_joints
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import write_dataset
-from calib.dataset.files.robot_toml import builtin_robot, load_robot, robot_to_toml
+from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, robot_to_toml
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_named
 from calib.effects.link_errors import TOLERANCE_RAD
@@ -25,6 +25,7 @@ from calib.kinematics.robot import Robot, Target
 from calib.kinematics.tool_point import tool_point, with_tool_point
 from calib.models.model_file import load_model, save_model
 from calib.options import FitOptions
+from calib.present.calibration import calibration_warnings
 from calib.present.checks import item_sentence
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import check
@@ -116,7 +117,7 @@ def test_the_tool_is_told_with_where_it_is(tmp_path: Path, capsys: pytest.Captur
     np.testing.assert_allclose(shift.point_mm, tool_point(dataset.robot.table), atol=2.0)
     assert shift.off_mm == pytest.approx(np.sqrt(50.0**2 + 60.0**2 + 30.0**2), abs=2.0)
     words = f"the tool point is {shift.off_mm:.1f} mm from where robot.toml has it"
-    assert sum(words in warning for warning in result.warnings) == 1
+    assert sum(words in warning for warning in calibration_warnings(result)) == 1
     assert words[4:] in result.summary()
     assert words in fit_html(result)  # on the page
     assert any("tool point is" in item_sentence(item) for item in check(wrong).warnings)
@@ -222,7 +223,7 @@ def test_a_calibrated_robot_with_a_tool_point_of_its_own_is_read_back_and_fitted
     dataset = replace(simulated(beside), robot=robot)
     result = calibrate(dataset)
     (tmp_path / "robot.toml").write_text(robot_to_toml(result.robot))
-    again = load_robot(tmp_path / "robot.toml")
+    again = load_robot_toml(tmp_path / "robot.toml")
     assert again.targets == result.robot.targets
     for residual in ("position", "distance"):
         anew = calibrate(replace(dataset, robot=again), FitOptions(residual))

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calib.calibration.calibrate import calibrate
-from calib.dataset.files.robot_toml import builtin_robot, load_robot, robot_to_toml
+from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, robot_to_toml
 from calib.effects.gravity import GravityLoads
 from calib.errors import DatasetError
 from calib.frames import rotation_from_rpy, rpy_from_rotation
@@ -89,7 +89,7 @@ def test_gravity_is_given_in_the_base_frame() -> None:
 def test_the_file_keeps_it_and_is_as_before_without(tmp_path: Path) -> None:
     path = tmp_path / "robot.toml"
     path.write_text(robot_to_toml(on_base()))
-    again = load_robot(path)
+    again = load_robot_toml(path)
     assert again.base.xyz_mm == BASE.xyz_mm
     assert again.base.rpy_rad == pytest.approx(BASE.rpy_rad, abs=1e-14)
     assert "base" not in robot_to_toml(builtin_robot("rb5"))
@@ -99,7 +99,7 @@ def test_an_unknown_key_of_the_base_is_named(tmp_path: Path) -> None:
     path = tmp_path / "robot.toml"
     path.write_text(robot_to_toml(on_base()).replace("rpy_deg", "rpy_rad"))
     with pytest.raises(DatasetError, match=r"robot\.toml: \[base\]\.rpy_rad: no such key"):
-        load_robot(path)
+        load_robot_toml(path)
 
 
 def test_a_fit_does_not_depend_on_where_the_base_frame_is() -> None:

@@ -20,6 +20,7 @@ from calib.kinematics.tool_point import tool_point, with_tool_point
 from calib.measurement.face_labels import FaceLabels, label_corners
 from calib.measurement.measured_points import with_corners
 from calib.present import to_dict
+from calib.present.corners import face_labelling
 from calib.simulation.measured_dataset import Simulation
 from calib.simulation.simulate import simulate_dataset
 from tests.support.jig_corners import UNEVEN, corner_of, error_rad
@@ -60,7 +61,7 @@ def test_the_nominal_robot_names_the_faces_alike_at_every_pose(simulation, jig):
     np.testing.assert_allclose(turns, turns[:1].repeat(30, axis=0), atol=3e-3)
     if jig is UNEVEN:  # the angles tell which faces they are, not a convention
         np.testing.assert_allclose(turns[0], np.eye(3), atol=3e-3)
-    assert "robot" in result.summary()
+    assert result.labelling.by == "robot"
     assert len(to_dict(result)["poses"]) == 30
 
 
@@ -84,7 +85,7 @@ def test_a_jig_that_is_not_as_declared_is_measured_over_all_poses(simulation):
     np.testing.assert_allclose(
         sorted(angles), sorted(real.face_angles_deg), atol=0.003
     )  # the mean of 30 has a sigma of 0.0009
-    assert "meet at" in told.summary()
+    assert "meet at" in face_labelling(told.labelling)
     assert max(o.misfit for o in told.orientations.values()) < 21.1
     assert squared(told) < 5.0  # chi-squared of three has its median at 2.4
     right = label_corners(dataset, corners)
@@ -148,7 +149,7 @@ def test_without_a_placed_scanner_each_pose_is_named_as_the_one_before(simulatio
     assert followed.by == "continuity"
     first, second = (o.scanner_R_jig for o in followed.orientations.values())
     np.testing.assert_allclose(second @ first.T, small, atol=2e-3)
-    assert "small turns from pose to pose" in followed.summary()
+    assert "small turns from pose to pose" in face_labelling(followed.labelling)
 
 
 def test_continuity_refuses_what_it_cannot_know_and_says_what_would_help(simulation):

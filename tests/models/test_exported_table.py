@@ -12,7 +12,7 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import evaluate
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.robot_toml import builtin_robot, load_robot, robot_to_toml
+from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, robot_to_toml
 from calib.effects.catalogue import effects_named
 from calib.errors import FitError
 from calib.fitting.model import geometric_model
@@ -37,7 +37,7 @@ def full(dataset: Dataset) -> Calibration:
 
 def held_out_mm(path: Path, dataset: Dataset) -> float:
     """Held-out RMSE, mm, of the table in a file."""
-    model = geometric_model(load_robot(path))
+    model = geometric_model(load_robot_toml(path))
     found = evaluate(model, np.zeros(len(model.parameters)), dataset).test
     assert found is not None
     return found.rmse_mm
@@ -66,7 +66,7 @@ def test_the_file_holds_the_table_that_is_best_alone_and_says_its_error(
 def test_without_effects_the_file_is_the_fitted_table_and_no_more(dataset: Dataset) -> None:
     plain = calibrate(dataset)
     assert exported_table(plain).to_toml() == robot_to_toml(plain.robot)
-    assert exported_table(plain).words == ""
+    assert exported_table(plain).comment == ""
 
 
 @pytest.mark.slow

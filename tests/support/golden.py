@@ -25,6 +25,7 @@ from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.result import Diagnosis
 from calib.identifiability.structural import free_frame_rank, redundancy
 from calib.measurement.measured_points import with_corners
+from calib.present.calibration import calibration_warnings
 from calib.validation.acceptance import check
 from tests.support import ROOT
 
@@ -99,7 +100,7 @@ def calibration(at: str, result: Calibration) -> Entries:
             continue
         sigma = float(row["sigma"])
         out[f"{at}.parameters.{row['name']}"] = near(float(row["value"]), OF_A_SIGMA * sigma)
-    out[f"{at}.warnings"] = len(result.warnings)
+    out[f"{at}.warnings"] = len(calibration_warnings(result))
     return out
 
 

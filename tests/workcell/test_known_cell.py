@@ -11,7 +11,7 @@ import pytest
 from calib import frames
 from calib.dataset.dataset import Box, Dataset, Points, Poses, Scanner, Surroundings
 from calib.dataset.files.folder import load_dataset
-from calib.dataset.files.robot_toml import load_robot
+from calib.dataset.files.robot_toml import load_robot_toml
 from calib.errors import CalibError
 from calib.kinematics.robot import Target
 from calib.workcell.bodies.link_mesh import load_link_mesh
@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[2]
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["rb5", "panda"])
 def test_a_robot_alone_has_poses_that_can_be_measured(name: str) -> None:
-    cell = workcell_of_robot(load_robot(ROOT / "calib" / "robots" / f"{name}.toml"))
+    cell = workcell_of_robot(load_robot_toml(ROOT / "calib" / "robots" / f"{name}.toml"))
     q = candidate_poses(cell, 50, rng=np.random.default_rng(1))
     assert q.shape == (50, len(cell.low))
     assert measurable(cell, q).ok.all()
@@ -44,7 +44,7 @@ def test_measured_poses_can_be_measured() -> None:
 
 @pytest.mark.slow
 def test_what_is_in_the_way_is_told_in_counts() -> None:
-    robot = load_robot(ROOT / "calib" / "robots" / "rb5.toml")
+    robot = load_robot_toml(ROOT / "calib" / "robots" / "rb5.toml")
     everywhere = Box("wall", (-3000.0, -3000.0, -100.0), (3000.0, 3000.0, 3000.0))
     cell = workcell_of_robot(robot, surroundings=Surroundings(0.0, (everywhere,)))
     with pytest.raises(CalibError, match=r"found 0 of 5 .* tries .*\d+ the arm in a box"):
@@ -58,7 +58,7 @@ def test_what_is_in_the_way_is_told_in_counts() -> None:
 
 def simulated(noise_mm: float = 0.02) -> Dataset:
     """RB5 dataset of points whose jig a scanner saw in its field."""
-    robot = load_robot(ROOT / "calib" / "robots" / "rb5.toml")
+    robot = load_robot_toml(ROOT / "calib" / "robots" / "rb5.toml")
     rng = np.random.default_rng(4)
     cell = workcell_of_robot(robot)
     assert cell.base_T_scanner is not None
@@ -174,7 +174,7 @@ def test_a_link_s_mesh_hides_as_it_is_and_not_as_its_capsule(tmp_path: Path) -> 
 
 
 def test_what_is_assumed_for_joints_without_limits_is_told_of_their_kinds_only() -> None:
-    robot = load_robot(ROOT / "calib" / "robots" / "rb5.toml")
+    robot = load_robot_toml(ROOT / "calib" / "robots" / "rb5.toml")
     free = tuple(replace(joint, min=None, max=None) for joint in robot.joints)
     slide = replace(free[0], type="prismatic")
     turning = workcell_of_robot(replace(robot, joints=free)).notes

@@ -4,20 +4,31 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.effects.catalogue import CATALOGUE
+from calib.effects.catalogue import descriptions
+from calib.effects.effect import Description
 from calib.workcell.pose_conditions import come_from, conditions_for
-
-NEEDS = {kind.__name__: kind.needs for kind in CATALOGUE}
 
 
 def test_each_effect_of_the_catalogue_gets_what_it_needs_and_no_more() -> None:
-    wanted = {name: conditions_for([needs]) for name, needs in NEEDS.items()}
-    assert [name for name, w in wanted.items() if w.both_sides] == ["Backlash"]
-    assert [name for name, w in wanted.items() if w.temperatures_c] == ["ThermalGrowth"]
-    with_payload = {name for name, w in wanted.items() if w.payloads_kg}
-    assert with_payload == {name for name, needs in NEEDS.items() if "payload_kg" in needs}
-    assert wanted["JointCompliance"].helpful == ("payload_kg",)
-    assert conditions_for(["payload_kg in poses.csv"], payload_kg=3.0).helpful == ()
+    wanted = {described.name: conditions_for([described]) for described in descriptions()}
+    assert [name for name, w in wanted.items() if w.both_sides] == ["backlash"]
+    assert [name for name, w in wanted.items() if w.temperatures_c] == ["thermal_growth"]
+    assert {name for name, w in wanted.items() if w.payloads_kg} == {"joint_compliance", "nonlinear_stiffness"}
+    assert wanted["joint_compliance"].helpful == ("payload_kg",)
+
+
+def test_what_one_effect_needs_is_no_mere_help_for_another() -> None:
+    needing = Description("mine", needed_conditions=("payload_kg",))
+    compliance = next(described for described in descriptions() if described.name == "joint_compliance")
+    wanted = conditions_for([compliance, needing], payload_kg=3.0)
+    assert (wanted.helpful, wanted.payloads_kg) == ((), (0.0, 3.0))
+
+
+def test_the_text_of_needs_names_the_conditions() -> None:
+    """The sentence that a reader sees and the conditions that a plan varies name the same columns."""
+    for described in descriptions():
+        for condition in (*described.needed_conditions, *described.helpful_conditions):
+            assert condition in described.needs
 
 
 def test_the_place_to_come_from_is_on_the_right_side_and_within_the_range() -> None:

@@ -12,6 +12,7 @@ from calib.calibration.result import Calibration
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.errors import CalibError
+from calib.present.calibration import calibration_warnings
 from soaking.cells.drawn_arms import DrawnArm, draw
 from soaking.record import Result
 
@@ -53,15 +54,20 @@ def judged(arm: DrawnArm, found: Diagnosis) -> tuple[str, str]:
         numbers = [_test_mm(result), result.before.test.rmse_mm, *result.fit.x]
         if not np.all(np.isfinite(numbers)):
             return "not finite", told
-        if not result.fit.converged and not result.warnings:
+        if not result.fit.converged and not calibration_warnings(result):
             return "no convergence told", told
-        if _test_mm(result) > result.before.test.rmse_mm and not result.worse_than_nominal:
+        if _test_mm(result) > result.before.test.rmse_mm and result.worsening is None:
             return "worse than nominal, not told", told
     wrong = set(found.missing) - set(arm.effects)
     if wrong:
         return "wrong name", told
     far = _test_mm(found.calibration) > NEAR * arm.bound_mm
-    if found.verdict in SATISFIED and far and not found.calibration.warnings and TOLD not in found.summary():
+    if (
+        found.verdict in SATISFIED
+        and far
+        and not calibration_warnings(found.calibration)
+        and TOLD not in found.summary()
+    ):
         if set(found.missing) < set(arm.effects):
             return "falsely satisfied", told
         return "far from the bound, nothing told", told

@@ -26,7 +26,7 @@ from calib.dataset.files.fingerprint import table_hashes
 from calib.dataset.files.points_checks import unmeasured_note
 from calib.dataset.files.points_csv import load_points, points_frame
 from calib.dataset.files.poses_csv import load_poses, poses_frame
-from calib.dataset.files.robot_toml import load_robot, refuse_beyond, robot_to_toml
+from calib.dataset.files.robot_toml import load_robot_toml, refuse_beyond, robot_to_toml
 from calib.dataset.files.target_tables import load_targets, target_document
 from calib.errors import DatasetError, is_one_line
 from calib.jig import Jig
@@ -73,7 +73,7 @@ def load_dataset(folder: str | Path) -> Dataset:
     description = top.text("description", "", lines=True) or ""
     robot_path = _inside(folder, top.text("robot", "robot.toml") or "", top, "robot")
     scanner_table = top.table("scanner")
-    robot = replace(load_robot(robot_path), carries_scanner=load_mount(scanner_table))
+    robot = replace(load_robot_toml(robot_path), carries_scanner=load_mount(scanner_table))
     refuse_beyond(robot, robot_path)
     poses_path = _inside(folder, top.text("poses", "poses.csv") or "", top, "poses")
     units = load_units(top.table("units"))

@@ -26,10 +26,10 @@ def builtin_robot(name: str) -> Robot:
     if name not in BUILTIN_ROBOTS:
         raise DatasetError(f"no built-in robot {name!r}; there are {', '.join(BUILTIN_ROBOTS)}, or give a robot.toml")
     with resources.as_file(resources.files("calib") / "robots" / f"{name}.toml") as path:
-        return load_robot(path)
+        return load_robot_toml(path)
 
 
-def load_robot(path: Path) -> Robot:
+def load_robot_toml(path: Path) -> Robot:
     """Read a robot.toml. Raises DatasetError that names the key and a remedy."""
     top = TomlTable.load(path)
     joints = tuple(_joint(table, number + 1) for number, table in enumerate(top.tables("joints")))
@@ -183,7 +183,7 @@ def degrees(angle_rad: float) -> float:
 
 
 def robot_to_toml(robot: Robot) -> str:
-    """The robot as the text of a robot.toml; `load_robot` gives the same robot back."""
+    """The robot as the text of a robot.toml; `load_robot_toml` gives the same robot back."""
     document: dict[str, Any] = {"name": robot.name, "gravity_m_s2": list(robot.gravity_m_s2), **robot.extra}
     if robot.coupling:
         document["coupling"] = [list(row) for row in robot.coupling]

@@ -336,6 +336,7 @@ class Backlash(CatalogueEffect):
     equation = "theta_j += b_j / 2 sign(approach_j)"
     symbols = (("b_j", "rad"),)
     needs = "approach1 ... in poses.csv, from both sides"
+    needed_conditions = ("approach",)
     confirm = "each pose twice, coming from the one side and from the other"
     bounds = (NaturalBound(9e-3, "rad", PLAY),)
     notes = r"""

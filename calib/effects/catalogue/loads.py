@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
 from calib.array_types import Array
-from calib.dataset.dataset import Dataset
+from calib.dataset.dataset import Dataset, PoseCondition
 from calib.effects.effect import CatalogueEffect, Effect, Family, NaturalBound, Parameter, registered_effects
 from calib.effects.gravity import has_masses
 from calib.effects.state import RobotState
@@ -91,6 +92,7 @@ class JointCompliance(CatalogueEffect):
     equation = "theta_j += c_j tau_j(q, payload)"
     symbols = (("c_j", "rad/Nm"),)
     needs = "masses in robot.toml, or many poses; payload_kg where it varies"
+    helpful_conditions: ClassVar[tuple[PoseCondition, ...]] = ("payload_kg",)
     confirm = "the same poses with and without a payload: compliance grows with the load, nothing else does"
     bounds = (
         NaturalBound(1e-3, "rad/Nm", "the smallest strain wave gears turn by 1e-3 rad/Nm (makers' tables: 1 kNm/rad)"),
@@ -146,6 +148,7 @@ class JointComplianceUnknownMasses(JointCompliance):
     equation = "theta_j += sum (c_j m_k) torque of 1 kg at frame k"
     symbols = (("c_j m_k", "rad kg/Nm"),)
     needs = "many poses"
+    helpful_conditions = ()
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -388,6 +391,7 @@ class NonlinearStiffness(CatalogueEffect):
     equation = "theta_j += c2_j tau_j abs(tau_j)"
     symbols = (("c2_j", "rad/Nm^2"),)
     needs = "masses in robot.toml; payload_kg where it varies"
+    helpful_conditions = ("payload_kg",)
     confirm = "the same poses under three payloads: the way from the first to the second is not that to the third"
     bounds = (NaturalBound(1e-4, "rad/Nm^2", "the smallest gears lose a tenth of their stiffness for each Nm"),)
     notes = r"""

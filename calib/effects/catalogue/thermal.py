@@ -26,6 +26,7 @@ class ThermalGrowth(CatalogueEffect):
     equation = "a, d times 1 + kappa (T - 20 C)"
     symbols = (("kappa", "1/K"),)
     needs = "temperature_c in poses.csv, varying"
+    needed_conditions = ("temperature_c",)
     confirm = "the same poses cold and warmed up"
     bounds = (NaturalBound(3e-5, "1/K", "of an arm's metals aluminium grows most, by 23e-6/K"),)
     notes = r"""

@@ -27,7 +27,9 @@ def add_fit(sub: ArgumentParser) -> None:
         metavar="NAME=VALUE",
         help="tolerance of one parameter, mm or rad (default 1 mm, 0.0087 rad); may be given several times",
     )
-    sub.add_argument("--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal")
+    sub.add_argument(
+        "--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal: d5, theta1 or θ1"
+    )
     add_leave_out(sub)
     add_finder(sub)
     sub.add_argument("--robust", action="store_true", help="leave poses out that stand out of all others")

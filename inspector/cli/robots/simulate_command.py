@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.dataset.files.points_csv import LEAST_SIGMA_MM, MOST_SIGMA_MM
-from calib.dataset.files.robot_toml import builtin_robot, load_robot, refuse_beyond
+from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, refuse_beyond
 from calib.errors import DatasetError
 from calib.options import BUILTIN_ROBOTS
 from calib.simulation.measured_dataset import write_simulation
@@ -40,7 +40,7 @@ def run_simulate(options: SimulateOptions) -> int:
     if options.robot in BUILTIN_ROBOTS:
         robot = builtin_robot(options.robot)
     else:
-        robot = load_robot(Path(options.robot))
+        robot = load_robot_toml(Path(options.robot))
         refuse_beyond(robot, Path(options.robot))
     simulation = simulate_dataset(
         replace(robot, carries_scanner=options.mount == "flange"),

@@ -62,7 +62,7 @@ def error_bars(calibration: Calibration, *, before: bool = False, dark: bool = F
 
 
 def residuals_over(
-    of: Calibration | Diagnosis, over: str = "q1", *, show: str | int = "length", dark: bool = False
+    of: Calibration | Diagnosis, over: str = "q1", show: str | int = "length", *, dark: bool = False
 ) -> go.Figure:
     """Figure of each pose's residual against an input, with the noise band.
 

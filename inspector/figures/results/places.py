@@ -10,4 +10,5 @@ from inspector.figures.svg.figure import svg_of
 def draw(place: FigurePlace, name: str) -> str:
     """SVG of the figure for a placeholder; `name` is the prefix of its ids."""
     drawn = getattr(figures, place.figure)(*place.of)
-    return svg_of(drawn, place.width_px, place.height_px, name=name, title=place.caption)
+    height_px = place.height_px or int(drawn.layout.height)
+    return svg_of(drawn, place.width_px, height_px, name=name, title=place.caption)

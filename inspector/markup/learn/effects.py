@@ -1,35 +1,49 @@
-"""HTML of the tab Learn: the model's state, the ranking, the chosen effect, the verdict."""
+"""HTML of the tab What is missing: the model's state, the ranking, the chosen effect, the verdict."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Collection
 
-from calib.calibration.noise_level import noise_level
+from calib.calibration.result import Calibration
 from calib.diagnosis.advice import Advice
-from calib.diagnosis.decision_rules import is_convincing
 from calib.diagnosis.effect_selection import SelectedEffect
 from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPoses, ShapeNoise
 from calib.diagnosis.result import Diagnosis
 from calib.planning.discrimination import NextPoses
-from calib.present import html, numbers
-from calib.present.blocks import Section, Verdict, spans
+from calib.present import html
+from calib.present.blocks import Block, Bullets, Facts, Paragraph, Section, Verdict, plain, spans
+from calib.present.calibration import last_change, state_of_model
+from calib.present.candidates import (
+    CANNOT_BE_TESTED,
+    PANEL_RANKING,
+    candidate_blocks,
+    fitted_effect,
+    held_out_sentence,
+    nothing_shows,
+    ranking,
+    ticks_sentence,
+    with_joints,
+)
 from calib.present.colours import VERDICT_COLOURS
+from calib.present.curves import offered_curves
 from calib.present.diagnosis import HOW, reasons
 from calib.present.effects import not_testable
-from calib.present.references import Names
-from calib.present.verdict import advice as advice_words
+from calib.present.verdict import advice as advice_sentence
 from calib.present.verdict import residual_of, verdict
 from calib.screening.candidates import Candidate, Screening, Untestable
+from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.markup.parts import elements
-from inspector.markup.parts.links import linked
-from inspector.markup.parts.palette import BAD, GOOD, NEUTRAL, PROPOSAL
-from inspector.session.session import Session, StepErrors
-from inspector.session.transitions import LEFT_OUT, TAKEN_IN
+from inspector.markup.parts.palette import PROPOSAL
+from inspector.session.session import Session
 
 NOT_YET = "Not calibrated yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
-SMALL = 0.01  # share of an error below which a change of it counts as none
 LOOK_CLOSER = " Look at it in the tab Where it fails; an effect of your own can be tested with --effects-file."
+BELOW = (
+    "Below: the residual of each training point, per coordinate, over what the effect would make of it. Points along "
+    "the line speak for it."
+)
+SETTLE = "Plan the poses that settle it"
+MORE = "Plan poses that tell more of the link errors"
 
 
 def named(screening: Screening, name: str) -> Candidate | None:
@@ -41,53 +55,10 @@ def state_html(session: Session, undo: int, redo: int) -> str:
     """HTML on the model: its effects, its errors, and whether the last change helped."""
     if session.calibration is None or not session.history:
         return elements.note(NOT_YET)
-    last = session.history[-1]
-    test = last.test_rmse_mm
-    level = noise_level(session.calibration)
-    floor, undeclared = level.floor_mm, "" if level.is_declared else ", not declared"
-    rows: list[tuple[str, object]] = [
-        (
-            "model",
-            linked(" + ".join(["link errors", *map(effect_label, session.effects)]), Names.of(session.dataset)),
-        ),
-        ("training 3D RMSE", f"{numbers.column_mm(last.train_rmse_mm)} mm"),
-        ("test 3D RMSE", f"{numbers.column_mm(test)} mm" if math.isfinite(test) else "no test poses"),
-        (
-            f"{level.name}, 3D",
-            "not declared" if floor is None else f"{numbers.column_mm(floor)} mm{undeclared}",
-        ),
-        ("changes to undo · redo", f"{undo} · {redo}"),
-    ]
-    sentence, colour = last_change(session.history)
-    return elements.facts(rows) + (elements.alert(sentence, colour=colour) if sentence else "")
-
-
-def last_change(history: Sequence[StepErrors]) -> tuple[str, str]:
-    """Phrase on whether the last change of the model helped, with a colour."""
-    if len(history) < 2:
-        return "", NEUTRAL
-    old, new = history[-2:]
-    tested = math.isfinite(old.test_rmse_mm) and math.isfinite(new.test_rmse_mm)
-    before, after = (old.test_rmse_mm, new.test_rmse_mm) if tested else (old.train_rmse_mm, new.train_rmse_mm)
-    of = "test error" if tested else "training error (there are no test poses)"
-    figures = f"{numbers.column_mm(before)} → {numbers.column_mm(after)} mm"
-    if not (before > 0 and math.isfinite(after)):
-        return "", NEUTRAL
-    share = after / before - 1
-    if new.label.startswith((LEFT_OUT, TAKEN_IN)):  # of other poses than before, so neither better nor worse
-        return f"{new.label}: the {of} is {figures}, of the poses that count now.", NEUTRAL
-    adds = not new.label.startswith("−")
-    if abs(share) < SMALL:
-        more = "It does not help; Undo takes it out again." if adds else "It was not needed."
-        return f"{new.label}: the {of} hardly changed, {figures}. {more}", NEUTRAL
-    if share < 0:
-        return f"{new.label}: the {of} fell by {-100 * share:.0f} %, {figures}.", GOOD
-    more = "It does not help; Undo takes it out again." if adds else "It was needed; Undo brings it back."
-    return f"{new.label}: the {of} rose by {100 * share:.0f} %, {figures}. {more}", BAD
-
-
-SETTLE = "Plan the poses that settle it"
-MORE = "Plan poses that tell more of the link errors"
+    state = state_of_model(session.history, session.effects, session.calibration)
+    change = last_change(session.history)
+    steps = ("changes to undo · redo", f"{undo} · {redo}")
+    return html.panel([Facts([*state.pairs, steps]), *([] if change is None else [change])])
 
 
 def verdict_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None) -> str:
@@ -111,16 +82,16 @@ def reasons_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None) -> s
 
 def advice_html(advice: Advice) -> str:
     """HTML on the residual and on the next move."""
-    return html.panel([Verdict(advice_words(advice), PROPOSAL)])
+    return html.panel([Verdict(advice_sentence(advice), PROPOSAL)])
 
 
 def follow_label(advice: Advice) -> str:
     """Label of the button that makes the advised move."""
     match advice.move:
         case AddEffect():
-            return f"Add {effect_label(SelectedEffect.of(advice.move.candidate))}"
+            return f"Add {plain(with_joints(SelectedEffect.of(advice.move.candidate)))}"
         case AddCurves():
-            return f"Add {effect_label(advice.move.diagnosis.steps[-1].selected[-1])}"
+            return f"Add {plain(with_joints(advice.move.diagnosis.steps[-1].selected[-1]))}"
         case DropEffect():
             return f"Remove {advice.effect}"
         case LeaveOutPoses():
@@ -129,51 +100,26 @@ def follow_label(advice: Advice) -> str:
             return "Weigh the points by their noise"
 
 
-def effect_label(effect: SelectedEffect) -> str:
-    """Name of an effect with the joints that carry it."""
-    joints = sorted({joint + 1 for m in effect.members if (joint := getattr(m, "joint", None)) is not None})
-    if not joints:
-        return effect.name
-    return f"{effect.name} (joint{'s' if len(joints) > 1 else ''} {', '.join(map(str, joints))})"
-
-
-def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:
+def ranking_html(screening: Screening, chosen: str, own: Collection[str]) -> str:
     """HTML of the candidates with visible columns, best first, convincing ones ticked; the others by name only."""
-    showing = [c for c in screening.candidates if c.members]
-    names = [c.name for c in showing]
-    silent = [c.name for c in screening.candidates if not c.members]
-    before = screening.cv_rmse_mm
-    rows = [
-        (
-            ("✓ " if is_convincing(c) else "") + c.name + (" (own)" if c.name in own else ""),
-            f"{c.log_evidence:.1f}",
-            numbers.relative_change(before, c.cv_rmse_mm),
-            numbers.probability(c.p_holm),
-        )
-        for c in showing
-    ]
-    nothing = f"Nothing shows of {numbers.listing(silent)}." if silent else ""
-    if not showing:
-        none = "No effect of the catalogue can be tested with these data; the reasons are below."
-        return elements.heading("What could be missing from this model") + elements.note(nothing or none)
-    return (
-        elements.heading("What could be missing from this model")
-        + elements.table(
-            ("effect", "evidence", "held-out error", "p"),
-            rows,
-            mark=names.index(chosen) if chosen in names else None,
-        )
-        + elements.note(
-            "✓ The data speak for it: log evidence above 3 and p below 0.01 (Holm-corrected for the number of "
-            "effects). A log Bayes factor below 3 over the next leaves it open. Held-out error: by how much the error "
-            "falls where each pose is predicted from the others; it is "
-            f"{numbers.column_mm(before)} mm per coordinate now. {nothing}"
-        )
-    )
+    table = ranking(screening, PANEL_RANKING, mark=(chosen,), own=own, ticked=True)
+    notes = f"{ticks_sentence()} {held_out_sentence(screening)} {nothing_shows(screening)}"
+    return html.panel([Section("What could be missing from this model", [table, Paragraph(notes, soft=True)])])
+
+
+def chosen_html(name: str, session: Session, calibration: Calibration, screening: Screening, *, own: bool) -> str:
+    """HTML on the chosen effect: description, estimated values, and fitted ones where it is in the model."""
+    if name == LEARNED and session.curves is not None:
+        return html.panel(offered_curves(session.curves, calibration))
+    candidate = named(screening, name)
+    blocks: list[Block] = candidate_blocks(name, candidate, calibration, screening.cv_rmse_mm, own=own)
+    if candidate is not None and candidate.members:
+        blocks.append(Paragraph(BELOW, soft=True))
+    if name != LEARNED and any(added.name == name for added in session.effects):
+        blocks += fitted_effect(name, calibration)
+    return html.panel(blocks)
 
 
 def untestable_html(untestable: tuple[Untestable, ...]) -> str:
     """HTML on effects that these data cannot test, with reasons and remedies."""
-    if not untestable:
-        return ""
-    return elements.heading("Cannot be tested with these data") + elements.bullets(not_testable(untestable))
+    return html.panel([Section(CANNOT_BE_TESTED, [Bullets(not_testable(untestable))])]) if untestable else ""

@@ -5,46 +5,23 @@ from __future__ import annotations
 import numpy as np
 
 from calib.array_types import Array
-from calib.calibration.evaluation import Figures
-from calib.calibration.model_versions import Version
 from calib.calibration.noise_level import noise_level
-from calib.present import numbers
+from calib.present import html, numbers
+from calib.present.blocks import Paragraph, Section
+from calib.present.calibration import errors_by_version, pose_error_by_version
 from calib.present.names import ROLES
 from inspector.markup.parts import colour_scale, elements
 from inspector.markup.parts.palette import FACE_COLOURS, LEFT_OUT, MODEL_COLOURS, ROLE_COLOURS
 from inspector.session.view import BY_ERROR, View
 
 ERROR_OF_NONE = "This pose is left out of fits and tests, so it has no error."
-COLUMNS = ("model", "training", "max", "test", "max")
 
 
 def figures_html(view: View) -> str:
     """HTML of each version's key figures, with the error by noise alone."""
-    rows = [
-        (
-            elements.named_swatch(MODEL_COLOURS[version.name], version.name),
-            *_of(version.evaluation.train),
-            *_of(version.evaluation.test),
-        )
-        for version in view.versions
-    ]
-    level = noise_level(view.versions[-1].calibration)
-    floor = level.floor_mm
-    noise = "not declared" if floor is None else numbers.column_mm(floor)
-    tested = view.versions[-1].evaluation.test is not None
-    return (
-        elements.heading("3D errors, mm: RMSE and largest")
-        + elements.table(
-            COLUMNS, [*rows, (level.name, noise, "–", noise if floor is not None and tested else "–", "–")]
-        )
-        + elements.note("Training poses are fitted; test poses are only predicted.")
-    )
-
-
-def _of(figures: Figures | None) -> tuple[str, str]:
-    if figures is None:
-        return "–", "–"
-    return numbers.column_mm(figures.rmse_mm), numbers.column_mm(figures.max_mm)
+    table = errors_by_version(view.versions, MODEL_COLOURS)
+    note = Paragraph("Training poses are fitted; test poses are only predicted.", soft=True)
+    return html.panel([Section("3D errors, mm: RMSE and largest", [table, note])])
 
 
 def exaggeration(view: View) -> str:
@@ -77,28 +54,13 @@ def distance_bar(distances_mm: Array) -> str:
 
 
 def pose_html(view: View) -> str:
-    """HTML of the selected pose's error in each version."""
-    rows = [row for version in view.versions if (row := _pose_row(view, version)) is not None]
-    if not rows:
+    """The selected pose's error in each version."""
+    table = pose_error_by_version(view.versions, view.pose, MODEL_COLOURS)
+    if not table.rows:
         why = ERROR_OF_NONE if view.pose_id in view.session.uncounted else "No measured point to compare with."
-        return elements.heading(f"Pose {view.pose_id}") + elements.note(why)
-    title = elements.heading(f"Pose {view.pose_id}: predicted − measured, mm")
-    return (
-        title
-        + elements.table(("model", "x", "y", "z", "length"), rows)
-        + elements.note("In the scanner's frame, mean over the pose's points.")
-    )
-
-
-def _pose_row(view: View, version: Version) -> tuple[object, ...] | None:
-    error = version.pose_error_vectors_mm()[view.pose]
-    if not np.isfinite(error).all():
-        return None
-    return (
-        elements.named_swatch(MODEL_COLOURS[version.name], version.name),
-        *(f"{e:+.4f}" for e in error),
-        numbers.column_mm(float(np.linalg.norm(error))),
-    )
+        return html.panel([Section(f"Pose {view.pose_id}", [Paragraph(why, soft=True)])])
+    note = Paragraph("In the scanner's frame, mean over the pose's points.", soft=True)
+    return html.panel([Section(f"Pose {view.pose_id}: predicted − measured, mm", [table, note])])
 
 
 def distance_html(view: View, distances_mm: Array | None) -> str:

@@ -6,22 +6,14 @@ from calib.calibration.result import Calibration
 from calib.models.exported_table import exported_table
 from calib.present import html
 from calib.present.blocks import Block, Facts, Verdict
-from calib.present.calibration import error_tables, fit_facts, parameter_tables, table_alone
+from calib.present.calibration import calibration_warnings, error_tables, fit_facts, parameter_tables, table_alone
 from calib.present.colours import DOUBT
+from calib.present.corners import face_labelling
 from calib.present.references import Names
 from inspector.markup.parts.palette import ROLE_COLOURS
 from inspector.session.measuring import measured_kinds, no_full_poses
 from inspector.session.session import Session
 
-PARAMETER_COLUMNS = ("name", "nominal", "fitted", "change", "sigma", "unit")
-EFFECT_COLUMNS = ("name", "fitted", "sigma", "unit")  # without an effect its sizes are zero
-FIGURES = (
-    ("rmse_mm", "3D RMSE"),
-    ("mean_mm", "3D mean"),
-    ("max_mm", "3D max"),
-    ("distance_mean_mm", "distance mean"),
-    ("distance_max_mm", "distance max"),
-)
 NO_POSES = "pose cannot be fitted: "
 
 
@@ -37,7 +29,7 @@ def faces_words(session: Session) -> str:
     if problem:
         return NO_POSES + problem.removeprefix(f"dataset {session.dataset.name}: ")
     if session.face_labels is not None:
-        return f"pose can be fitted: {session.face_labels.summary()}."
+        return f"pose can be fitted: {face_labelling(session.face_labels.labelling)}."
     return "pose can be fitted: points.csv has orientations."
 
 
@@ -47,9 +39,9 @@ def what_is_fitted(result: Calibration) -> str:
 
 
 def fit_html(result: Calibration) -> str:
-    """HTML on the kind of fit, its convergence, and warnings."""
-    warnings = [Verdict(words, DOUBT) for words in result.warnings]
-    return html.panel([Facts(fit_facts(result)), *warnings], Names.of(result.dataset))
+    """What kind of fit it was, how it ended, and what to be warned of."""
+    alerts = [Verdict(words, DOUBT) for words in calibration_warnings(result)]
+    return html.panel([Facts(fit_facts(result)), *alerts], Names.of(result.dataset))
 
 
 def errors_html(session: Session, result: Calibration) -> str:

@@ -6,7 +6,8 @@ import viser
 
 from calib.calibration.noise_level import noise_level
 from calib.present.blocks import Paragraph
-from calib.present.curves import BAND_NOTE, curve_blocks, offered_curves
+from calib.present.candidates import discriminating_section
+from calib.present.curves import BAND_NOTE, curve_blocks
 from calib.present.html import panel
 from calib.screening.curves.fitted_curves import fitted_curves
 from calib.screening.curves.smooth_joint_error import LEARNED
@@ -14,7 +15,6 @@ from inspector.figures.curve_plots import height_px, joint_curves
 from inspector.figures.plots import error_history
 from inspector.figures.residual_plots import added_variable
 from inspector.markup.learn import effects as html
-from inspector.markup.learn.candidate import chosen_html, fitted_html, next_html
 from inspector.markup.parts import elements
 from inspector.markup.parts.palette import BAD
 from inspector.panels.base import Actions, ChosenByDataset, by_page, hidden_plot, put
@@ -201,13 +201,7 @@ class MissingEffectsPanel:
         self._ranking.content = html.ranking_html(screening, name, own)
         self._chosen.content = ""
         if name != NONE and session.calibration is not None:
-            self._chosen.content = (
-                chosen_html(name, candidate, session.calibration, screening.cv_rmse_mm, own=name in own)
-                if name != LEARNED or session.curves is None
-                else panel(offered_curves(session.curves, session.calibration))
-            )
-            if name in inside and name != LEARNED:
-                self._chosen.content += fitted_html(session.calibration, name)
+            self._chosen.content = html.chosen_html(name, session, session.calibration, screening, own=name in own)
         if candidate is not None and candidate.members:
             self._variable.figure = added_variable(
                 candidate.explained,
@@ -221,12 +215,14 @@ class MissingEffectsPanel:
         """Show the poses that discriminate between the chosen candidate and its nearest rival, once they are known."""
         session = view.session
         separation = session.separations.get(self.chosen)
-        if session.screening is None or separation is None:
+        if session.screening is None or separation is None or not separation.poses:
             self._next.content = ""
             return
         noise_mm = session.pose_errors.noise_mm if session.pose_errors is not None else float("nan")
         robot = session.dataset.robot
-        self._next.content = next_html(self.chosen, separation.rival, separation.poses, robot, noise_mm)
+        self._next.content = panel(
+            [discriminating_section(self.chosen, separation.rival, separation.poses, robot, noise_mm)]
+        )
 
     def _offer(self, session: Session) -> None:
         """Update the lists of effects that can be added or removed, without changing the choice."""

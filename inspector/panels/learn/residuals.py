@@ -6,7 +6,18 @@ import viser
 
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.pose_errors import PoseErrors, pose_errors_at, running_median
-from calib.present.residuals import AXES, LENGTH, band_note, input_title, joint_title, shown, turned
+from calib.present import html
+from calib.present.blocks import Section
+from calib.present.residuals import (
+    AXES,
+    LENGTH,
+    band_note,
+    input_title,
+    joint_title,
+    shown,
+    turned,
+    worst_poses,
+)
 from calib.screening.scan_statistic import Channel
 from inspector.figures.residual_plots import place_views, residual_against, select
 from inspector.markup.parts import elements
@@ -162,12 +173,5 @@ class ResidualsPanel(FollowsModel):
         if options != tuple(self.worst.options):
             self.worst.options = options
         put(self.worst, labels.get(view.pose_id, NONE))
-        error = dict(zip(pose_errors.pose_ids, pose_errors.error_mm, strict=True))
-        rows = [(i, role[i], f"{length[i]:.4f}", *(f"{e:+.4f}" for e in error[i])) for i in worst]
-        self._table.content = elements.heading("Worst poses, mm in the scanner's frame") + elements.table(
-            ("pose", "role", "length", "x", "y", "z"),
-            rows,
-            left=2,
-            mark=worst.index(view.pose_id) if view.pose_id in worst else None,
-            asks=[elements.asking("pose", i) for i in worst],
-        )
+        table = worst_poses(pose_errors, WORST, view.pose_id)
+        self._table.content = html.panel([Section("Worst poses, mm in the scanner's frame", [table])])

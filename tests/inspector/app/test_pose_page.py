@@ -24,6 +24,7 @@ from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import with_corners
 from calib.options import FitOptions
 from calib.present import numbers
+from calib.present.corners import face_labelling
 from calib.simulation.measured_dataset import write_simulation
 from calib.simulation.simulate import simulate_dataset
 from inspector.app.app import App
@@ -111,7 +112,8 @@ def test_scans_are_fitted_as_full_poses_as_the_command_fits_them(
     assert ours is not None
     assert main(["calibrate", str(folder / "cell"), "--residual", "pose", "--json"]) == 0
     theirs = json.loads(capsys.readouterr().out)
-    assert theirs["faces_named"] == ours.faces_named != ""
+    assert ours.face_labelling is not None
+    assert theirs["faces_named"] == face_labelling(ours.face_labelling)
     np.testing.assert_allclose(ours.to_frame()["value"], [p["value"] for p in theirs["parameters"]], atol=1e-9)
     for role in ("train", "test"):
         before, after = (theirs["attitudes"][when][role]["rmse_rad"] for when in ("before", "after"))
@@ -258,7 +260,7 @@ def test_points_with_orientations_need_no_names(folder: Path, tmp_path: Path) ->
         page.wait(lambda p: (c := session(app).calibration) is not None and c.residual == "pose", 30.0)
         assert app.worker.wait_idle(IDLE_S)
         assert session(app).face_labels is None
-        assert session(app).calibration.faces_named == ""  # type: ignore[union-attr]
+        assert session(app).calibration.face_labelling is None  # type: ignore[union-attr]
 
 
 # ---- sessions -------------------------------------------------------------------------------------------------------

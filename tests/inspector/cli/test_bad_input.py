@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.dataset.files.robot_toml import load_robot
+from calib.dataset.files.robot_toml import load_robot_toml
 from calib.simulation import measured_dataset
 from inspector.cli import dataset_commands as commands
 from inspector.cli.parser import main
@@ -179,7 +179,7 @@ def test_a_size_that_no_arm_has_is_told_by_its_key(
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new, 1))
-    load_robot(path)  # well-formed as far as the file goes
+    load_robot_toml(path)  # well-formed as far as the file goes
     assert f"robot.toml: {says}" in refused(capsys, "calibrate", cell)
     assert f"robot.toml: {says}" in refused(capsys, "simulate", tmp_path / "new", "--robot", path)
     assert not (tmp_path / "new").exists()

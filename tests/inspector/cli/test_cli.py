@@ -19,7 +19,7 @@ import pandas as pd
 import pytest
 
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.dataset.files.robot_toml import load_robot
+from calib.dataset.files.robot_toml import load_robot_toml
 from calib.measurement.measured_points import failed_searches
 from calib.models.model_file import load_model
 from inspector.cli.parser import _parser, main
@@ -114,7 +114,7 @@ def test_calibrate_writes_the_robot_that_it_found(
 ) -> None:
     out = tmp_path / "new" / "robot.toml"
     document = run_json(capsys, "calibrate", points_folder, "--out", out)
-    table = load_robot(out).table.ravel()
+    table = load_robot_toml(out).table.ravel()
     np.testing.assert_allclose(table, [p["value"] for p in document["parameters"]], rtol=1e-12, atol=1e-15)
 
 
@@ -135,12 +135,16 @@ def test_tolerances_holds_and_robust_fits_by_command(capsys: pytest.CaptureFixtu
         "a2=1e-9",
         "--hold",
         "d5",
+        "--hold",
+        "θ4",  # as tables show it
         "--robust",
         "--residual",
         "pairs",
     )
     parameters = {p["name"]: p for p in document["parameters"]}
     assert "d5" not in parameters
+    assert "theta4" not in parameters
+    assert "theta5" in parameters
     assert abs(parameters["a2"]["change"]) < 1e-6
     assert document["outliers"] == []
     assert "no parameter named 'b7'" in refused(capsys, "calibrate", points_folder, "--tolerance", "b7=1")
@@ -256,7 +260,7 @@ def test_what_is_no_file_is_not_replaced_by_one(
     link.symlink_to(kept)
     assert main(["calibrate", str(points_folder), "--out", str(link)]) == 0
     assert link.is_symlink()
-    assert load_robot(kept).n_joints == 6
+    assert load_robot_toml(kept).n_joints == 6
     os.mkfifo(pipe)
     with subprocess.Popen(["cat", str(pipe)], stdout=subprocess.PIPE) as reader:
         assert main(["calibrate", str(points_folder), "--out", str(pipe)]) == 0

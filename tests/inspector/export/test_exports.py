@@ -21,7 +21,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.points_csv import load_points
-from calib.dataset.files.robot_toml import load_robot
+from calib.dataset.files.robot_toml import load_robot_toml
 from calib.diagnosis.search_space import add_in_turn
 from calib.frames import apply
 from calib.models.exported_table import exported_table
@@ -202,7 +202,7 @@ def test_one_command_writes_them_all_and_another_opens_the_session(
     assert main(["calibrate", str(folder), "--add", HIDDEN, "--json", *given]) == 0
     document = json.loads(capsys.readouterr().out)
     table = exported_table(fitted)  # best without the effect, which no table can hold
-    assert load_robot(files["robot.toml"]).table == pytest.approx(table.robot.table, rel=1e-12)
+    assert load_robot_toml(files["robot.toml"]).table == pytest.approx(table.robot.table, rel=1e-12)
     assert files["robot.toml"].read_text() == table.to_toml()
     alone = document["table_alone"]
     assert alone["without_effects"] == [HIDDEN]
@@ -276,9 +276,9 @@ def test_the_page_gives_what_the_commands_give(app: App, fitted: Calibration, da
         path = tmp_path / "robot.toml"
         path.write_bytes(taken(page, "Calibrated robot (TOML)"))
         alone = exported_table(fitted)
-        assert load_robot(path).table == pytest.approx(alone.robot.table, rel=1e-12)
+        assert load_robot_toml(path).table == pytest.approx(alone.robot.table, rel=1e-12)
         words = "What robot.toml can hold, the table alone, fitted without "
-        assert alone.words in path.read_text()
+        assert alone.comment in path.read_text()
         assert words in html.unescape(page.text())
         (tmp_path / "model.json").write_bytes(taken(page, "Full model (JSON)"))
         np.testing.assert_array_equal(load_model(tmp_path / "model.json").x, fitted.fit.x)

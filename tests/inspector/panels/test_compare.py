@@ -102,7 +102,7 @@ def test_key_figures_are_those_of_each_version_with_the_noise(app: App, page: Wi
             row = f"{numbers.column_mm(figures.rmse_mm)} {numbers.column_mm(figures.max_mm)}"
             assert row in " ".join(plain(page).split())
         error = version(app, name).pose_error_vectors_mm()[0]
-        assert " ".join(f"{e:+.4f}" for e in error) in " ".join(plain(page).split())
+        assert " ".join(numbers.signed(float(e), "+.4f") for e in error) in " ".join(plain(page).split())
     assert "noise alone" in plain(page)
     assert page.value("Model shown") == EFFECTS
     assert page.value(EFFECTS) is True  # the newest version took the place of the one before

@@ -68,7 +68,7 @@ def test_add_undo_redo_and_remove(app: App, page: WireClient) -> None:
     assert result is not None
     fitted = [row for row in result.to_frame().to_dict("records") if row["name"].startswith(HIDDEN)]
     assert fitted
-    assert all(f"{row['value']:.3g}" in plain(page) for row in fitted)
+    assert all(numbers.with_sigma(row["value"], row["sigma"], row["unit"]) in plain(page) for row in fitted)
     page.press("Model", UNDO)
     page.wait(lambda p: history(p) == start)
     page.press("Model", REDO)
@@ -287,10 +287,9 @@ def test_the_ranking_names_gains_parameters_and_what_tells_it_from_the_nearest(a
     poses = discriminating_poses(result, (best, rival), count=3)
     text = plain(page)
     for pose in poses:
-        assert ", ".join(f"{v:.0f}" for v in np.degrees(pose.q)) in text
+        assert ", ".join(numbers.signed(v, "z.0f") for v in np.degrees(pose.q)) in text
     for value in best.values:
-        assert f"{value.value:.3g} ± {value.sigma:.1g}" in text
-        assert f"{np.degrees(value.value):.2g}°" in text
+        assert numbers.with_sigma(value.value, value.sigma, value.unit) in text
     other = next(c.name for c in screening.candidates[1:] if c.members)
     page.set("Effect", other)
     shows(page, f"Effect {other}", f"To tell {other} from {HIDDEN}, measure here")

@@ -11,7 +11,8 @@ from calib.calibration.calibrate import calibrate
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.errors import CalibError
-from inspector.markup.learn.effects import last_change
+from calib.present.blocks import plain
+from calib.present.calibration import last_change
 from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session, StepErrors
@@ -160,7 +161,9 @@ def test_what_a_listener_raises_ends_the_diagnosis(ranked: Session) -> None:
 )
 def test_whether_a_change_helped_is_said(before: float, after: float, label: str, words: str) -> None:
     history = (StepErrors("link errors", 0.1, before, 0.1), StepErrors(label, 0.05, after, 0.1))
-    sentence, _ = last_change(history)
+    change = last_change(history)
+    assert change is not None
+    sentence = plain(change.words)
     assert words in sentence
     assert sentence.startswith(label)
     assert "test error" in sentence
@@ -169,7 +172,9 @@ def test_whether_a_change_helped_is_said(before: float, after: float, label: str
 def test_without_test_poses_the_training_error_speaks() -> None:
     nan = math.nan
     history = (StepErrors("link errors", 0.4, nan, 0.1), StepErrors("+ backlash", 0.2, nan, 0.1))
-    assert "fell by 50 %" in last_change(history)[0]
+    change = last_change(history)
+    assert change is not None
+    assert "fell by 50 %" in plain(change.words)
 
 
 def test_points_have_no_scans_to_search(added: Session) -> None:

@@ -123,7 +123,7 @@ def test_own_effects_are_ranked_added_and_removed_like_any_other(served: tuple[A
         shows(page, "Effect ripple", "your effects file")
         before = session(app).history[-1].train_rmse_mm
         page.click("Add to the model")
-        shows(page, "link errors + ripple", "Fitted together", "cosine amplitude:")
+        shows(page, "link errors + ripple", "Fitted together", "cosine amplitude")
         assert session(app).history[-1].train_rmse_mm < before
         page.set("Effect", "ripple")
         page.press("Model", REMOVE)

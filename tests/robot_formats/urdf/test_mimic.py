@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.dataset.files.robot_toml import load_robot, robot_to_toml
+from calib.dataset.files.robot_toml import load_robot_toml, robot_to_toml
 from calib.kinematics.chain import forward
 from calib.robot_formats.calibrated_file import calibrated_urdf
 from calib.robot_formats.chain.serial_chain import RobotFileError
@@ -59,7 +59,7 @@ def test_followers_are_coupled_and_their_offsets_go_into_the_table(tmp_path: Pat
     (tmp_path / "arm.urdf").write_text(ARM)
     found = read_robot(tmp_path / "arm.urdf")
     (tmp_path / "robot.toml").write_text(robot_to_toml(found.robot))
-    robot = load_robot(tmp_path / "robot.toml")
+    robot = load_robot_toml(tmp_path / "robot.toml")
     q = np.random.default_rng(0).uniform(-1, 1, (100, 2))
     commanded = np.zeros((100, 5))
     commanded[:, 0], commanded[:, 2] = 1e3 * q[:, 0], q[:, 1]

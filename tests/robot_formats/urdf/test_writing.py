@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.dataset.files.robot_toml import builtin_robot, load_robot, robot_to_toml
+from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, robot_to_toml
 from calib.effects.gravity import GravityLoads
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
@@ -38,7 +38,7 @@ def template(tmp_path: Path) -> Path:
 def through_toml(robot: Robot, tmp_path: Path) -> Robot:
     path = tmp_path / "robot.toml"
     path.write_text(robot_to_toml(robot))
-    return load_robot(path)
+    return load_robot_toml(path)
 
 
 def test_nothing_calibrated_is_a_text_diff_of_nothing(template: Path, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.dataset.files.robot_toml import load_robot
+from calib.dataset.files.robot_toml import load_robot_toml
 from calib.kinematics.chain import forward
 from inspector.cli.parser import main
 from tests.support.chains import shoulder_arm
@@ -41,7 +41,7 @@ def test_a_plain_urdf_is_the_same_arm(urdf: Path, tmp_path: Path, capsys: pytest
     assert main(["convert", str(out), str(again), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["largest_difference_mm"] < 1e-9
-    one, other = load_robot(toml), load_robot(again)
+    one, other = load_robot_toml(toml), load_robot_toml(again)
     q = np.random.default_rng(0).uniform(-1, 1, (5, 5))
     places = [forward(r.table, q, r.is_revolute, r.base_T_first).base_T_frame[:, -1] for r in (one, other)]
     assert np.abs(places[0] - places[1]).max() < 1e-9

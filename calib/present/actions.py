@@ -1,0 +1,118 @@
+"""Recommended actions for an arm's owner: table, compensation, confirmation, poses to measure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.calibration.result import Calibration
+from calib.compensation.target_correction import Correction
+from calib.diagnosis.headline import Headline
+from calib.diagnosis.result import Diagnosis
+from calib.effects.catalogue import descriptions
+from calib.models.exported_table import ExportedTable
+from calib.planning.discrimination import NextPoses
+from calib.present import error_headline as headlines
+from calib.present import numbers
+from calib.present.diagnosis import poses_to_measure
+from calib.screening.curves.smooth_joint_error import LEARNED
+
+_AGAIN = 3  # poses to measure once more
+_ADVISED = 0.95  # of the measured poses have to be reached, or correcting targets is no advice
+
+
+def what_to_do(
+    headline: Headline,
+    table: ExportedTable,
+    correction: Correction | None,
+    diagnosis: Diagnosis | None,
+    next_poses: NextPoses | None,
+    outlier_poses: Sequence[str],
+) -> list[str]:
+    """List of recommended actions in plain words, the most useful first.
+
+    Args:
+        headline: the errors of the arm, stage by stage.
+        table: of the model.
+        correction: of the measured poses, where the model has effects, which no table can hold.
+        diagnosis: None for a model that was put together by hand.
+        next_poses: that discriminate between the effects that a diagnosis leaves open.
+        outlier_poses: poses that stand out of all others.
+    """
+    calibration = table.full
+    actions = [_table_to_load(table, headline)]
+    if calibration.model.family_names:
+        actions.append(_compensation(calibration, correction, headline))
+    actions += _confirmations(diagnosis)
+    actions += _to_measure(calibration, diagnosis, next_poses, outlier_poses)
+    return actions
+
+
+def _table_to_load(table: ExportedTable, headline: Headline) -> str:
+    figures = table.errors.test if headline.of_test_poses else table.errors.train
+    before = headline.stages[0].error_mm
+    if figures is None or not figures.rmse_mm < before:
+        return "Load no new table: by itself it would not make the arm better than it was delivered."
+    return (
+        "Load the calibrated table into the controller (robot.toml of inspector calibrate --out, or of the page's tab "
+        f"Take away). By itself it takes the error from {headlines.length(headline, before)} to "
+        f"{headlines.length(headline, figures.rmse_mm)}."
+    )
+
+
+def _compensation(calibration: Calibration, correction: Correction | None, headline: Headline) -> str:
+    families = calibration.model.family_names
+    names = numbers.listing(["the learned curves" if name == LEARNED else name for name in families])
+    if correction is not None and correction.reached.mean() < _ADVISED:
+        reached, count = int(correction.reached.sum()), len(correction.reached)
+        return (
+            f"No table can hold {names}, and corrected joint targets would not bring the arm there: only {reached} of "
+            f"the {count} measured poses are reached by motions that a correction can be. Mend the cause on the arm, "
+            "and calibrate again."
+        )
+    return (
+        f"Compensate {names}, which no table can hold: correct the joint targets of your programs (inspector correct), "
+        f"and the error goes down to {headlines.length(headline, headline.stages[-1].error_mm)}. Or mend the cause on "
+        "the arm, and calibrate again."
+    )
+
+
+def _confirmations(diagnosis: Diagnosis | None) -> list[str]:
+    """Sentences on the measurements that confirm each cause alone, before a gear is opened."""
+    if diagnosis is None:
+        return []
+    confirm = {described.name: described.confirm for described in descriptions()}
+    names = dict.fromkeys((*diagnosis.missing, *diagnosis.suspected, *diagnosis.ambiguous_set))
+    return [f"To be sure of {name}, measure: {confirm[name]}." for name in names if confirm.get(name)]
+
+
+def _to_measure(
+    calibration: Calibration,
+    diagnosis: Diagnosis | None,
+    next_poses: NextPoses | None,
+    outlier_poses: Sequence[str],
+) -> list[str]:
+    actions = []
+    dataset, after = calibration.dataset, calibration.after
+    if diagnosis is not None and next_poses is not None:
+        poses = poses_to_measure(next_poses.poses[:_AGAIN], dataset.robot.is_revolute)
+        actions.append(
+            f"To tell {numbers.listing(diagnosis.undecided, 'from')} apart, measure at these joints, in degrees: "
+            f"{poses} (inspector plan --for split plans them)."
+        )
+    if outlier_poses:
+        actions.append(f"Measure {numbers.listing(outlier_poses)} again: they stand out from all others.")
+    if after.test is None:
+        actions.append(
+            "Measure some poses more and give them the role test in poses.csv: nothing confirms these figures yet."
+        )
+    unexplained = diagnosis is not None and diagnosis.verdict == "unexplained" and diagnosis.data_problem is None
+    number = diagnosis.residual_tests.strongest_joint if diagnosis is not None and unexplained else None
+    if number is not None:
+        actions.append(f"Look at joint {number}: what has no known cause shows most in its motion.")
+    if not actions:
+        order = np.argsort(-np.linalg.norm(after.error_mm, axis=1))
+        worst = list(dict.fromkeys(dataset.poses.ids[i] for i in after.pose[order]))[:_AGAIN]
+        actions.append(f"To check the arm later, measure {numbers.listing(worst)} again: they are off the most today.")
+    return actions

@@ -1,0 +1,275 @@
+"""Candidate effects: their ranking, the facts and values of one, and the poses that discriminate it from another."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from calib.calibration.result import Calibration
+from calib.diagnosis.decision_rules import is_convincing
+from calib.diagnosis.effect_selection import SelectedEffect
+from calib.effects.effect import (
+    Description,
+    Effect,
+    describe,
+    family_name,
+    full_name,
+    has_meaning,
+    parameters_by_name,
+)
+from calib.kinematics.robot import Robot
+from calib.planning.discrimination import DiscriminatingPose
+from calib.present import numbers
+from calib.present.blocks import (
+    Block,
+    Bullets,
+    Facts,
+    Paragraph,
+    Reference,
+    Section,
+    Span,
+    Table,
+    effect,
+    joint,
+    listed,
+    spans,
+)
+from calib.present.effects import meaning, not_testable
+from calib.present.names import joints_by_parameter
+from calib.screening.candidates import Candidate, Screening, Untestable
+
+CANNOT_BE_TESTED = "Cannot be tested with these data"
+_NO_BREAK = "\N{NO-BREAK SPACE}"
+_MOST_ALIKE = 3  # effects that could make the same, named in a cell or a fact
+_CLEARLY_APART = 4.0  # sigmas of one coordinate by which two hypotheses differ where one measurement discriminates them
+
+
+# ---- the ranking ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A column of the ranking: its cell of a candidate, given the held-out error without any candidate, mm."""
+
+    cell: Callable[[Candidate, float], Sequence[Span] | str]
+    is_words: bool = False
+
+
+_COLUMNS: Mapping[str, _Column] = MappingProxyType(
+    {
+        "log evidence": _Column(lambda c, _: numbers.signed(c.log_evidence, ".1f")),
+        "p (Holm)": _Column(lambda c, _: numbers.probability(c.p_holm)),
+        "explains, %": _Column(lambda c, _: f"{100 * c.explained_share:.0f}"),
+        "held-out error": _Column(lambda c, before_mm: numbers.relative_change(before_mm, c.cv_rmse_mm)),
+        "held-out error, mm": _Column(lambda c, _: numbers.column_mm(c.cv_rmse_mm)),
+        "could also be made by": _Column(lambda c, _: alike(c) or numbers.MISSING, is_words=True),
+    }
+)
+BRIEF_RANKING = ("log evidence", "p (Holm)", "explains, %")
+FULL_RANKING = (*BRIEF_RANKING, "held-out error, mm", "could also be made by")
+PANEL_RANKING = ("log evidence", "held-out error", "p (Holm)")  # as narrow as a panel
+
+
+def ranking(
+    screening: Screening,
+    columns: Sequence[str] = BRIEF_RANKING,
+    *,
+    most: int | None = None,
+    mark: Collection[str] = (),
+    own: Collection[str] = (),
+    ticked: bool = False,
+) -> Table | Paragraph:
+    """Table of the evidence of each candidate, the best first; a sentence without candidates.
+
+    Args:
+        columns: beside the effect's name, of `_COLUMNS`.
+        most: candidates at most; None: all of them.
+        mark: names of effects of which the first row is emphasised.
+        own: names of effects from the user's file, marked as such.
+        ticked: whether candidates that convince are ticked, and those of which nothing shows left out.
+    """
+    candidates = [c for c in screening.candidates if c.members or not ticked][:most]
+    if not candidates:
+        return Paragraph("No effect can be ranked: none is testable with these data.")
+    rows = [
+        (
+            ("✓ " if ticked and is_convincing(c) else "") + c.name + (" (own)" if c.name in own else ""),
+            *(_COLUMNS[name].cell(c, screening.cv_rmse_mm) for name in columns),
+        )
+        for c in candidates
+    ]
+    return Table(
+        ("effect", *columns),
+        rows,
+        left=(0, *(k for k, name in enumerate(columns, 1) if _COLUMNS[name].is_words)),
+        mark=next((k for k, c in enumerate(candidates) if c.name in mark), None),
+        rows_select=[effect(c.name) for c in candidates],
+    )
+
+
+def held_out_sentence(screening: Screening) -> str:
+    """The meaning of the ranking's held-out error, and its size without any candidate."""
+    without = f"{numbers.column_mm(screening.cv_rmse_mm)} mm without any of them"
+    return f"Held-out error: per coordinate, when each pose is predicted from the others; it is {without}."
+
+
+def ticks_sentence() -> str:
+    """The meaning of the ticks in a ranking."""
+    return (
+        "✓ The data speak for it: log evidence above 3 and p below 0.01 (Holm-corrected for the number of effects). A "
+        "log Bayes factor below 3 over the next leaves it open."
+    )
+
+
+def nothing_shows(screening: Screening) -> str:
+    """A sentence on the candidates of which nothing shows; "" where there are none."""
+    silent = [c.name for c in screening.candidates if not c.members]
+    return f"Nothing shows of {numbers.listing(silent)}." if silent else ""
+
+
+def untestable_blocks(untestable: Sequence[Untestable]) -> list[Block]:
+    """Blocks on effects that these data cannot test, with reasons and remedies; [] where they test all."""
+    if not untestable:
+        return []
+    return [Paragraph(f"{CANNOT_BE_TESTED}:"), Bullets(not_testable(untestable))]
+
+
+def alike(candidate: Candidate) -> tuple[Span, ...]:
+    """The effects that could make most of what a candidate explains, with the shares; () where none could."""
+    most = sorted(candidate.overlaps.items(), key=lambda item: -item[1])[:_MOST_ALIKE]
+    named = [spans(effect(name), f" {numbers.share(share)}".replace(" %", f"{_NO_BREAK}%")) for name, share in most]
+    return spans(*(part for k, name in enumerate(named) for part in (", " if k else "", name)))
+
+
+# ---- one effect -----------------------------------------------------------------------------------------------------
+
+
+def candidate_blocks(
+    name: str, candidate: Candidate | None, calibration: Calibration, held_out_mm: float, *, own: bool = False
+) -> list[Block]:
+    """Blocks on an effect: description, estimated values, confounded effects, confirming experiment.
+
+    Args:
+        candidate: None for an effect that is no candidate, such as one in the model.
+        held_out_mm: held-out error without the effect.
+        own: whether it is from the user's file.
+    """
+    described = _description(name, candidate, calibration)
+    facts: list[tuple[str, object]] = [("equation", described.equation), ("needs", described.needs)]
+    facts += [("from", "your effects file" if own else "")]
+    if candidate is not None:
+        facts.append(("explains, of the residual", numbers.share(candidate.explained_share)))
+        if candidate.members:
+            now, then = numbers.column_mm(held_out_mm), numbers.column_mm(candidate.cv_rmse_mm)
+            by = numbers.relative_change(held_out_mm, candidate.cv_rmse_mm)
+            facts.append(("held-out error", f"{now} → {then} mm per coordinate ({by})"))
+        facts += [("could also be made by", alike(candidate) or "nothing else here")]
+        facts += [("assumed", candidate.family.note)]
+    facts.append(("to be sure, measure", described.confirm))
+    head: list[Block] = [Paragraph(f"Effect {name}", heading=True), Facts([fact for fact in facts if fact[1]])]
+    if candidate is None:
+        return head
+    if not candidate.values:
+        return [*head, Paragraph("Nothing of it shows in the residual.", soft=True)]
+    linear = "Linear estimates from the residual; a fit with the effect in the model settles them."
+    return [*head, estimated_values(candidate, calibration, height="260px"), Paragraph(linear, soft=True)]
+
+
+def estimated_values(candidate: Candidate, calibration: Calibration, *, height: str = "") -> Table:
+    """Table of a candidate's coefficients as the ranking estimates them, with their meaning; `height` as in `Table`."""
+    values = [(value.name, value.value, value.sigma) for value in candidate.values]
+    return _values("estimated", candidate.members, values, calibration, height)
+
+
+def fitted_effect(name: str, calibration: Calibration) -> list[Block]:
+    """Blocks with the fitted parameters of an effect in the model."""
+    members = [e for e in calibration.model.effects if family_name(e) == name]
+    mine = {full_name(member, parameter) for member in members for parameter in member.parameters}
+    rows = calibration.to_frame().to_dict("records")
+    values = [(row["name"], row["value"], row["sigma"]) for row in rows if row["name"] in mine]
+    return [
+        Paragraph("It is in the model. Fitted together with everything else:", soft=True),
+        _values("fitted", members, values, calibration, "260px"),
+    ]
+
+
+def _values(
+    heading: str,
+    members: Sequence[Effect],
+    values: Sequence[tuple[str, float, float]],
+    calibration: Calibration,
+    height: str,
+) -> Table:
+    """Table of parameters (full name, value, sigma) with description and meaning on the arm."""
+    known, joints = parameters_by_name(members), joints_by_parameter(calibration.model.robot, members)
+    rows: list[tuple[str, str, str]] = []
+    selects: list[Reference | None] = []
+    for name, value, sigma in values:
+        owner, parameter = known[name]
+        is_read_already = parameter.unit == "rad" and not has_meaning(owner)  # in degrees
+        on_arm = "" if is_read_already else meaning(owner, parameter, value, calibration)
+        means = ": ".join(filter(None, (parameter.doc, on_arm)))
+        rows.append(
+            (
+                name.partition(".")[2] or name,
+                numbers.with_sigma(value, sigma, parameter.unit),
+                means or numbers.MISSING,
+            )
+        )
+        selects.append(joint(joints[name]) if name in joints else None)
+    headers = (heading, "value ± sigma", "that is")
+    return Table(headers, rows, left=(0, 2), rows_select=selects, height=height)
+
+
+def _description(name: str, candidate: Candidate | None, calibration: Calibration) -> Description:
+    """The texts on the class of a candidate, or of an effect in the model."""
+    if candidate is not None:
+        return candidate.family.description
+    inside = next((effect for effect in calibration.model.effects if family_name(effect) == name), None)
+    return describe(inside) if inside is not None else Description(name)
+
+
+def with_joints(selected: SelectedEffect) -> tuple[Span, ...]:
+    """An effect with the joints that carry it: "backlash (joints 1 and 3)"."""
+    joints = sorted({index + 1 for m in selected.members if (index := getattr(m, "joint", None)) is not None})
+    if not joints:
+        return (selected.name,)
+    of = listed([joint(number) for number in joints])
+    return spans(f"{selected.name} (joint{'s' if len(joints) > 1 else ''} ", of, ")")
+
+
+def discriminating_section(
+    name: str, rival: str, poses: Sequence[DiscriminatingPose], robot: Robot, noise_mm: float
+) -> Section:
+    """The poses at which an effect and its nearest rival differ most, and how often to measure there.
+
+    Args:
+        poses: one or more.
+        noise_mm: sigma per coordinate; nan where it is not known.
+    """
+    rows = [
+        (
+            ", ".join(numbers.signed(v, "z.0f") for v in np.where(robot.is_revolute, np.degrees(pose.q), pose.q)),
+            numbers.length(pose.separation_mm),
+        )
+        for pose in poses
+    ]
+    best_mm = max(pose.separation_mm for pose in poses)
+    enough = ""
+    if best_mm > _CLEARLY_APART * noise_mm:
+        enough = " One measurement there tells them apart."
+    elif math.isfinite(noise_mm):
+        enough = f" The noise is {numbers.length(noise_mm)} per coordinate: measure there several times."
+    units = "°" if robot.is_revolute.all() else "° (mm for prismatic joints)"
+    note = (
+        "Fitted each by itself, the two put the tool farthest apart at these poses, of those within the range "
+        f"measured.{enough}"
+    )
+    return Section(
+        f"To tell {name} from {rival}, measure here",
+        [Table((f"joints, {units}", "they differ by"), rows), Paragraph(note, soft=True)],
+    )
