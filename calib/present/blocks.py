@@ -48,7 +48,28 @@ class Coloured:
         return self.words
 
 
-Span = str | Reference | Link | Coloured
+@dataclass(frozen=True)
+class Bar:
+    """A number with a bar behind it whose length is its share of the largest in the column."""
+
+    words: str
+    share: float  # 0 to 1
+
+    def __str__(self) -> str:
+        return self.words
+
+
+@dataclass(frozen=True)
+class Small:
+    """A less important name beside another, smaller and grey on a page."""
+
+    words: str
+
+    def __str__(self) -> str:
+        return self.words
+
+
+Span = str | Reference | Link | Coloured | Bar | Small
 Words = Span | Sequence[Span]  # a sentence, or a cell of a table
 
 
@@ -144,6 +165,15 @@ class Table(Block):
         if "-" in words and " " not in words and len(words) <= _SHORT_NAME:
             return "wide short"  # a date, a serial number: not to be broken at its hyphens
         return "wide long" if max(map(len, words.split()), default=0) > LONG_NAME else "wide"
+
+
+@dataclass(frozen=True)
+class Folded(Block):
+    """Blocks that open with a click on their title; omitted in plain text."""
+
+    kind: ClassVar[str] = "folded"
+    title: str
+    blocks: Sequence[Block]
 
 
 @dataclass(frozen=True)

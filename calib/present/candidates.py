@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from calib.calibration.result import Calibration
-from calib.diagnosis.decision_rules import is_convincing
+from calib.diagnosis.decision_rules import is_convincing, ranking_given_curves
 from calib.diagnosis.effect_selection import SelectedEffect
 from calib.effects.effect import (
     Description,
@@ -25,23 +25,30 @@ from calib.kinematics.robot import Robot
 from calib.planning.discrimination import DiscriminatingPose
 from calib.present import numbers
 from calib.present.blocks import (
+    Bar,
     Block,
     Bullets,
     Facts,
+    Folded,
     Paragraph,
     Reference,
     Section,
+    Small,
     Span,
     Table,
+    Words,
     effect,
     joint,
     listed,
     spans,
 )
-from calib.present.effects import meaning, not_testable
+from calib.present.effects import meaning, not_testable, title
 from calib.present.names import joints_by_parameter
 from calib.screening.candidates import Candidate, Screening, Untestable
+from calib.screening.curves.joint_curves import LearnedCurves
 
+FOLDED_BELOW = 1.0  # log evidence: less counts for nothing
+_NONE_RANKED = "No effect can be ranked: none is testable with these data."
 CANNOT_BE_TESTED = "Cannot be tested with these data"
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 _MOST_ALIKE = 3  # effects that could make the same, named in a cell or a fact
@@ -53,25 +60,26 @@ _CLEARLY_APART = 4.0  # sigmas of one coordinate by which two hypotheses differ 
 
 @dataclass(frozen=True)
 class _Column:
-    """A column of the ranking: its cell of a candidate, given the held-out error without any candidate, mm."""
+    """A column of the ranking: its cell of a candidate, given all of its screening."""
 
-    cell: Callable[[Candidate, float], Sequence[Span] | str]
+    cell: Callable[[Candidate, Screening], Words]
     is_words: bool = False
 
 
 _COLUMNS: Mapping[str, _Column] = MappingProxyType(
     {
         "log evidence": _Column(lambda c, _: numbers.signed(c.log_evidence, ".1f")),
+        "evidence": _Column(lambda c, s: _evidence_bar(c, s)),
         "p (Holm)": _Column(lambda c, _: numbers.probability(c.p_holm)),
         "explains, %": _Column(lambda c, _: f"{100 * c.explained_share:.0f}"),
-        "held-out error": _Column(lambda c, before_mm: numbers.relative_change(before_mm, c.cv_rmse_mm)),
+        "held-out error": _Column(lambda c, s: numbers.relative_change(s.cv_rmse_mm, c.cv_rmse_mm)),
         "held-out error, mm": _Column(lambda c, _: numbers.column_mm(c.cv_rmse_mm)),
         "could also be made by": _Column(lambda c, _: alike(c) or numbers.MISSING, is_words=True),
     }
 )
 BRIEF_RANKING = ("log evidence", "p (Holm)", "explains, %")
 FULL_RANKING = (*BRIEF_RANKING, "held-out error, mm", "could also be made by")
-PANEL_RANKING = ("log evidence", "held-out error", "p (Holm)")  # as narrow as a panel
+PANEL_RANKING = ("evidence", "held-out error")  # as narrow as a panel
 
 
 def ranking(
@@ -80,8 +88,6 @@ def ranking(
     *,
     most: int | None = None,
     mark: Collection[str] = (),
-    own: Collection[str] = (),
-    ticked: bool = False,
 ) -> Table | Paragraph:
     """Table of the evidence of each candidate, the best first; a sentence without candidates.
 
@@ -89,26 +95,79 @@ def ranking(
         columns: beside the effect's name, of `_COLUMNS`.
         most: candidates at most; None: all of them.
         mark: names of effects of which the first row is emphasised.
-        own: names of effects from the user's file, marked as such.
-        ticked: whether candidates that convince are ticked, and those of which nothing shows left out.
     """
-    candidates = [c for c in screening.candidates if c.members or not ticked][:most]
+    candidates = screening.candidates[:most]
+    names = {c.name: c.name for c in candidates}
+    return _ranking(screening, candidates, names, columns, mark) if candidates else Paragraph(_NONE_RANKED)
+
+
+def ranking_to_choose_from(
+    screening: Screening,
+    curves: LearnedCurves | None = None,
+    *,
+    chosen: Collection[str] = (),
+    own: Collection[str] = (),
+) -> list[Block]:
+    """Ranking whose rows choose an effect: names with their keys, evidence as bars, convincing effects ticked.
+
+    Folded are candidates with a log evidence below FOLDED_BELOW, and those of one place or pose for which learned
+    curves have clearly more evidence: the search passes over them.
+
+    Args:
+        curves: learned for the same model, where they were.
+        chosen: names of effects of which the first row is emphasised.
+        own: names of effects from the user's file, marked as such.
+    """
+    candidates = [c for c in screening.candidates if c.members]
     if not candidates:
-        return Paragraph("No effect can be ranked: none is testable with these data.")
-    rows = [
-        (
-            ("✓ " if ticked and is_convincing(c) else "") + c.name + (" (own)" if c.name in own else ""),
-            *(_COLUMNS[name].cell(c, screening.cv_rmse_mm) for name in columns),
-        )
-        for c in candidates
-    ]
+        return [Paragraph(_NONE_RANKED)]
+    kept = {c.name for c in ranking_given_curves(screening, curves).candidates}
+    first = [c for c in candidates if c.name in kept and (c.log_evidence >= FOLDED_BELOW or c.name in chosen)]
+    passed_over = [c for c in candidates if c.name not in kept]
+    rest = [c for c in candidates if c not in first and c not in passed_over]
+    names = {c.name: _named(c, own) for c in candidates}
+
+    def table(of: Sequence[Candidate]) -> Block:
+        return _ranking(screening, of, names, PANEL_RANKING, chosen)
+
+    blocks: list[Block] = [table(first) if first else Paragraph("No effect has evidence that counts.")]
+    if passed_over:
+        title = f"{numbers.count(len(passed_over), 'effect')} of single places: learned curves explain more"
+        blocks.append(Folded(title, [table(passed_over)]))
+    if rest:
+        title = f"{numbers.count(len(rest), 'further effect')} with a log evidence below {FOLDED_BELOW:g}"
+        blocks.append(Folded(title, [table(rest)]))
+    return blocks
+
+
+def _ranking(
+    screening: Screening,
+    candidates: Sequence[Candidate],
+    names: Mapping[str, Words],
+    columns: Sequence[str],
+    mark: Collection[str],
+) -> Table:
     return Table(
         ("effect", *columns),
-        rows,
+        [(names[c.name], *(_COLUMNS[name].cell(c, screening) for name in columns)) for c in candidates],
         left=(0, *(k for k, name in enumerate(columns, 1) if _COLUMNS[name].is_words)),
         mark=next((k for k, c in enumerate(candidates) if c.name in mark), None),
         rows_select=[effect(c.name) for c in candidates],
     )
+
+
+def _named(candidate: Candidate, own: Collection[str]) -> Words:
+    """Tick of a convincing effect, its name in words, and its key."""
+    named = title(candidate.name)
+    tick = f"✓{_NO_BREAK}" if is_convincing(candidate) else ""
+    key = "" if named == candidate.name else candidate.name
+    mine = " (own)" if candidate.name in own else ""
+    return spans(f"{tick}{named}{mine}", " " if key else "", Small(key) if key else "")
+
+
+def _evidence_bar(candidate: Candidate, screening: Screening) -> Words:
+    largest = max(1.0, *(c.log_evidence for c in screening.candidates))
+    return Bar(numbers.signed(candidate.log_evidence, ".1f"), min(max(candidate.log_evidence / largest, 0.0), 1.0))
 
 
 def held_out_sentence(screening: Screening) -> str:

@@ -18,6 +18,7 @@ from jinja2 import BaseLoader, ChoiceLoader, Environment, PackageLoader, StrictU
 
 from calib.html_text import escape, visible_value
 from calib.present.blocks import (
+    Bar,
     Block,
     Bullets,
     Coloured,
@@ -28,6 +29,7 @@ from calib.present.blocks import (
     Presentation,
     Reference,
     Section,
+    Small,
     Span,
     Verdict,
     Words,
@@ -123,6 +125,10 @@ def words_html(words: object, links: bool) -> str:
             return f'<a href="{escape(words.address)}">{escape(words.words)}</a>'
         case Coloured():
             return f'<i class="swatch" style="background:{escape(words.colour)}"></i>&nbsp;{escape(words.words)}'
+        case Bar():
+            return f'<span class="bar" style="--share:{100 * words.share:.0f}%">{escape(words.words)}</span>'
+        case Small():
+            return f'<small class="key-of">{escape(words.words)}</small>'
         case list() | tuple():
             return "".join(words_html(span, links) for span in words)
         case _ if hasattr(words, "__html__"):
@@ -143,7 +149,7 @@ def _recognised(block: Block, recognise: Recognise) -> Block:
     def spans(words: Words) -> Words:
         if isinstance(words, str):
             return recognise(words)
-        if isinstance(words, Reference | Link | Coloured):
+        if isinstance(words, Reference | Link | Coloured | Bar | Small):
             return words
         out: list[Span] = []
         for span in words:

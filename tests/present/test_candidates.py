@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -11,17 +13,20 @@ import calib
 from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.present import numbers
-from calib.present.blocks import Facts, Table, plain
+from calib.present.blocks import Bar, Facts, Folded, Table, effect, plain
 from calib.present.candidates import (
     BRIEF_RANKING,
+    FOLDED_BELOW,
     FULL_RANKING,
     PANEL_RANKING,
     alike,
     candidate_blocks,
     estimated_values,
     ranking,
+    ranking_to_choose_from,
     untestable_blocks,
 )
+from calib.present.effects import title
 from calib.screening.candidates import Screening, screen
 
 SAMPLE = Path(__file__).parents[2] / "sample_data" / "hidden_effect_a"
@@ -54,11 +59,34 @@ def test_a_column_says_the_same_wherever_the_ranking_stands(screening: Screening
 
 def test_the_page_ticks_what_convinces_and_leaves_out_what_does_not_show(screening: Screening) -> None:
     best = screening.candidates[0].name
-    table = table_of(screening, PANEL_RANKING, mark=(best,), own=(best,), ticked=True)
-    assert table.rows[0][0] == f"✓ {best} (own)"
-    assert table.mark == 0
-    assert len(table.rows) == sum(bool(c.members) for c in screening.candidates)
+    first, *folded = ranking_to_choose_from(screening, chosen=(best,), own=(best,))
+    assert isinstance(first, Table)
+    name, bar = first.rows[0][:2]
+    assert plain(name) == f"✓\N{NO-BREAK SPACE}{title(best)} (own) {best}"  # type: ignore[arg-type]
+    assert isinstance(bar, Bar)
+    assert bar.share == 1.0
+    assert first.mark == 0
+    assert {row.value for row in first.rows_select if row} == {
+        c.name for c in screening.candidates if c.members and c.log_evidence >= FOLDED_BELOW
+    }
+    tables = [block for fold in folded if isinstance(fold, Folded) for block in fold.blocks]
+    rows = sum(len(table.rows) for table in [first, *tables] if isinstance(table, Table))
+    assert rows == sum(bool(c.members) for c in screening.candidates)
     assert len(table_of(screening, BRIEF_RANKING, most=3).rows) == 3
+
+
+def test_effects_of_single_places_stand_behind_curves_that_explain_more(screening: Screening) -> None:
+    best = screening.candidates[0]
+    sparse = replace(best, family=replace(best.family, sparse=True))
+    ranked = replace(screening, candidates=(sparse, *screening.candidates[1:]))
+    curves = SimpleNamespace(log_evidence=10.0 * best.log_evidence)
+    first, passed_over, *_ = ranking_to_choose_from(ranked, curves)  # type: ignore[arg-type]
+    assert isinstance(first, Table)
+    assert best.name not in {row.value for row in first.rows_select if row}
+    assert isinstance(passed_over, Folded)
+    (table,) = passed_over.blocks
+    assert isinstance(table, Table)
+    assert table.rows_select == [effect(best.name)]
 
 
 def test_what_is_told_of_a_candidate_is_what_was_found(fitted: Calibration, screening: Screening) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-
 from calib.calibration.result import Calibration
 from calib.diagnosis.advice import Advice
 from calib.diagnosis.effect_selection import SelectedEffect
@@ -11,16 +9,15 @@ from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPose
 from calib.diagnosis.result import Diagnosis
 from calib.planning.discrimination import NextPoses
 from calib.present import html
-from calib.present.blocks import Block, Bullets, Facts, Paragraph, Section, Verdict, plain, spans
+from calib.present.blocks import Block, Bullets, Facts, Folded, Paragraph, Section, Verdict, plain, spans
 from calib.present.calibration import last_change, state_of_model
 from calib.present.candidates import (
     CANNOT_BE_TESTED,
-    PANEL_RANKING,
     candidate_blocks,
     fitted_effect,
     held_out_sentence,
     nothing_shows,
-    ranking,
+    ranking_to_choose_from,
     ticks_sentence,
     with_joints,
 )
@@ -100,11 +97,20 @@ def follow_label(advice: Advice) -> str:
             return "Weigh the points by their noise"
 
 
-def ranking_html(screening: Screening, chosen: str, own: Collection[str]) -> str:
-    """HTML of the candidates with visible columns, best first, convincing ones ticked; the others by name only."""
-    table = ranking(screening, PANEL_RANKING, mark=(chosen,), own=own, ticked=True)
+def ranking_html(session: Session, chosen: str) -> str:
+    """HTML of the candidates of which something shows, each a row that chooses it, and of the others' names."""
+    screening = session.screening
+    if screening is None:
+        return ""
+    own = {family.name for family in session.user_effects}
+    blocks = ranking_to_choose_from(screening, session.curves, chosen=(chosen,), own=own)
     notes = f"{ticks_sentence()} {held_out_sentence(screening)} {nothing_shows(screening)}"
-    return html.panel([Section("What could be missing from this model", [table, Paragraph(notes, soft=True)])])
+    return html.panel(
+        [
+            Section("What could be missing: click an effect to choose it", blocks),
+            Folded("What the columns mean", [Paragraph(notes)]),
+        ]
+    )
 
 
 def chosen_html(name: str, session: Session, calibration: Calibration, screening: Screening, *, own: bool) -> str:

@@ -198,7 +198,7 @@ class MissingEffectsPanel:
             self._ranking.content = self._chosen.content = ""
             return
         own = {family.name for family in session.user_effects}
-        self._ranking.content = html.ranking_html(screening, name, own)
+        self._ranking.content = html.ranking_html(session, name)
         self._chosen.content = ""
         if name != NONE and session.calibration is not None:
             self._chosen.content = html.chosen_html(name, session, session.calibration, screening, own=name in own)
