@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from calib.calibration.result import Calibration
-from calib.diagnosis.decision_rules import is_convincing, ranking_given_curves
+from calib.diagnosis.decision_rules import is_convincing
 from calib.diagnosis.effect_selection import SelectedEffect
 from calib.effects.effect import (
     Description,
@@ -45,7 +45,6 @@ from calib.present.blocks import (
 from calib.present.effects import meaning, not_testable, title
 from calib.present.names import joints_by_parameter
 from calib.screening.candidates import Candidate, Screening, Untestable
-from calib.screening.curves.joint_curves import LearnedCurves
 
 FOLDED_BELOW = 1.0  # log evidence: less counts for nothing
 _NONE_RANKED = "No effect can be ranked: none is testable with these data."
@@ -103,40 +102,39 @@ def ranking(
 
 def ranking_to_choose_from(
     screening: Screening,
-    curves: LearnedCurves | None = None,
     *,
+    passed_over: Collection[str] = (),
     chosen: Collection[str] = (),
     own: Collection[str] = (),
 ) -> list[Block]:
     """Ranking whose rows choose an effect: names with their keys, evidence as bars, convincing effects ticked.
 
-    Folded are candidates with a log evidence below FOLDED_BELOW, and those of one place or pose for which learned
-    curves have clearly more evidence: the search passes over them.
+    Candidates with a log evidence below FOLDED_BELOW are folded, and so are those that the search passes over.
 
     Args:
-        curves: learned for the same model, where they were.
+        passed_over: names of effects of single places for which learned curves have clearly more evidence.
         chosen: names of effects of which the first row is emphasised.
         own: names of effects from the user's file, marked as such.
     """
     candidates = [c for c in screening.candidates if c.members]
     if not candidates:
         return [Paragraph(_NONE_RANKED)]
-    kept = {c.name for c in ranking_given_curves(screening, curves).candidates}
-    first = [c for c in candidates if c.name in kept and (c.log_evidence >= FOLDED_BELOW or c.name in chosen)]
-    passed_over = [c for c in candidates if c.name not in kept]
-    rest = [c for c in candidates if c not in first and c not in passed_over]
+    over = [c for c in candidates if c.name in passed_over]
+    counts = [c.log_evidence >= FOLDED_BELOW or c.name in chosen for c in candidates]
+    first = [c for c, shown in zip(candidates, counts, strict=True) if shown and c not in over]
+    rest = [c for c, shown in zip(candidates, counts, strict=True) if not shown and c not in over]
     names = {c.name: _named(c, own) for c in candidates}
 
     def table(of: Sequence[Candidate]) -> Block:
         return _ranking(screening, of, names, PANEL_RANKING, chosen)
 
     blocks: list[Block] = [table(first) if first else Paragraph("No effect has evidence that counts.")]
-    if passed_over:
-        title = f"{numbers.count(len(passed_over), 'effect')} of single places: learned curves explain more"
-        blocks.append(Folded(title, [table(passed_over)]))
+    if over:
+        heading = f"{numbers.count(len(over), 'effect')} of single places: learned curves explain clearly more"
+        blocks.append(Folded(heading, [table(over)]))
     if rest:
-        title = f"{numbers.count(len(rest), 'further effect')} with a log evidence below {FOLDED_BELOW:g}"
-        blocks.append(Folded(title, [table(rest)]))
+        heading = f"{numbers.count(len(rest), 'further effect')} with a log evidence below {FOLDED_BELOW:g}"
+        blocks.append(Folded(heading, [table(rest)]))
     return blocks
 
 

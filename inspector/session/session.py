@@ -14,6 +14,7 @@ from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import in_repeat_groups_of
 from calib.diagnosis.advice import Advice
+from calib.diagnosis.decision_rules import ranking_given_curves
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.headline import Headline, headline_of
 from calib.diagnosis.moves import AddCurves
@@ -108,6 +109,20 @@ class Session:
         """Learned curves of joints that may be added where no effect of the catalogue explains the residual."""
         move = self.advice.move if self.advice is not None else None
         return move.curves if isinstance(move, AddCurves) else None
+
+    @property
+    def left_to_curves(self) -> tuple[str, ...]:
+        """Names of effects of single places for which learned curves have clearly more evidence; known with the advice.
+
+        The search passes over these, however high they rank.
+        """
+        judged = self.advice is not None or self.diagnosis is not None
+        screening = self.screening
+        ranked = screening.candidates if screening is not None and judged else ()
+        if screening is None or not ranked or not ranked[0].family.sparse:
+            return ()
+        kept = ranking_given_curves(screening, self.steps[-1].curves).candidates
+        return tuple(c.name for c in ranked if c not in kept)
 
     @property
     def links_alone(self) -> Calibration | None:

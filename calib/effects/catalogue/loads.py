@@ -63,8 +63,10 @@ def _turn_and_stiffness(c_rad_per_nm: float, torque_nm: Array) -> str:
 
 
 def stiffness(c_rad_per_nm: float) -> str:
-    """Inverse of a compliance as text, three figures with a prefix: "stiffness 250 kNm/rad"."""
-    value = 1.0 / abs(c_rad_per_nm)
+    """Inverse of a compliance as text, three figures with a prefix: "stiffness 250 kNm/rad"; no number below zero."""
+    if c_rad_per_nm < 0.0:
+        return "against the torque, as no spring turns"
+    value = 1.0 / c_rad_per_nm
     for factor, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
         if value >= factor:
             return f"stiffness {value / factor:.3g} {prefix}Nm/rad"

@@ -57,6 +57,7 @@ class Ranking:
             known = replace(self._shown.session, residual_tests=tested.residual_tests, advice=tested.advice)
             self._state.keep(replace(known, diagnosis=tested.diagnosis, next_poses=tested.next_poses))
             self._panel.judge(self._shown.session)
+            self._panel.update_choice(self._state.now)
             self._shown.panels.plan.offer(aims_of(self._shown.session))
             self._shown.panels.residuals.update(self._state.now)
 

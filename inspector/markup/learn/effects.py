@@ -103,7 +103,7 @@ def ranking_html(session: Session, chosen: str) -> str:
     if screening is None:
         return ""
     own = {family.name for family in session.user_effects}
-    blocks = ranking_to_choose_from(screening, session.curves, chosen=(chosen,), own=own)
+    blocks = ranking_to_choose_from(screening, passed_over=session.left_to_curves, chosen=(chosen,), own=own)
     notes = f"{ticks_sentence()} {held_out_sentence(screening)} {nothing_shows(screening)}"
     return html.panel(
         [

@@ -17,15 +17,11 @@ from inspector.figures.residual_plots import added_variable
 from inspector.markup.learn import effects as html
 from inspector.markup.parts import elements
 from inspector.markup.parts.palette import BAD
-from inspector.panels.base import Actions, ChosenByDataset, by_page, hidden_plot, put
+from inspector.panels.base import SECONDARY, Actions, ChosenByDataset, by_page, hidden_plot, put
 from inspector.session.session import Session
 from inspector.session.undo import UNDO_STEPS
 from inspector.session.view import View
 
-NOTE = (
-    "What physical effect does the model lack? Let the program find it, or choose one from the ranking, add it and "
-    "see whether the error falls towards the noise, above all that of the test poses, which no fit sees."
-)
 FIND, STOP = "Find what is missing", "Stop looking"
 REMOVE, UNDO, REDO = "Remove", "Undo", "Redo"
 UNDO_MODEL, REDO_MODEL = "Undo the last change of the model", "Redo a change of the model"
@@ -38,41 +34,43 @@ class MissingEffectsPanel:
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         self._actions = actions
-        gui.add_html(elements.note(NOTE))
         self._own = gui.add_html("")
         self.find = gui.add_button(
             FIND,
             icon=viser.Icon.SEARCH,
             hint="starts from the link errors alone; Undo brings your model back",
         )
-        self.choice = gui.add_dropdown("Effect", (NONE,), hint="the best first; the tables below describe it")
-        self.add = gui.add_button("Add to the model", icon=viser.Icon.PLUS)
-        self.change = gui.add_button_group(
-            "Model", (UNDO,), visible=False, hint=f"up to {UNDO_STEPS} changes back; keys: Ctrl+Z, Ctrl+Y"
-        )
-        self._chosen_for = ChosenByDataset(self.choice, NONE)
-        self._before = NONE  # what was chosen when this dataset was on show last
-        self._moves = (0, 0)  # changes of the model to undo and to redo
-        self._state = gui.add_html("")
         self._doing = gui.add_html("")
         self._advice = gui.add_html("")
         self.follow = gui.add_button(
             "Follow",
             icon=viser.Icon.ARROW_RIGHT,
             visible=False,
+            color=SECONDARY,
             hint="what the automatic search would do next",
         )
-        self._history = hidden_plot(gui, 0.6, "error history")
-        self._reasons = gui.add_html("")
+        self._history = hidden_plot(gui, 0.85, "error history")
+        self.change = gui.add_button_group(
+            "Model", (UNDO,), visible=False, hint=f"up to {UNDO_STEPS} changes back; keys: Ctrl+Z, Ctrl+Y"
+        )
         self._ranking = gui.add_html("")
+        self.choice = gui.add_dropdown("Effect", (NONE,), hint="chosen in the table above, described below")
+        self.add = gui.add_button("Add to the model", icon=viser.Icon.PLUS, color=SECONDARY)
+        self._chosen_for = ChosenByDataset(self.choice, NONE)
+        self._before = NONE  # what was chosen when this dataset was on show last
+        self._fit: object = None  # the fit on show
+        self._by_hand: object = None  # the fit for which the user has chosen an effect
+        self._moves = (0, 0)  # changes of the model to undo and to redo
         self._chosen = gui.add_html("")
         self._variable = hidden_plot(gui, 0.7, "effect against residual")
         self._next = gui.add_html("")
         self._learned = gui.add_html("")
         self._curves = hidden_plot(gui, 1.0, "joint curves")
+        self._reasons = gui.add_html("")
+        self._state = gui.add_html("")
         self._untestable = gui.add_html("")
         self.find.on_click(lambda _: actions.find(self.find.label == FIND))
-        self.choice.on_update(lambda e: actions.candidate() if by_page(e) else None)
+        self.choice.on_update(lambda e: self._chosen_by_hand() if by_page(e) else None)
         self.follow.on_click(lambda _: actions.follow())
         self.add.on_click(lambda _: actions.add_effect(str(self.choice.value)))
         self.change.on_click(lambda e: self._pressed(str(e.target.value)))
@@ -91,6 +89,10 @@ class MissingEffectsPanel:
         else:
             self._actions.move(-1 if button == UNDO else 1)
 
+    def _chosen_by_hand(self) -> None:
+        self._by_hand = self._fit
+        self._actions.candidate()
+
     def open(self, dataset: str, _: View) -> None:
         """Restore the choice made earlier for a dataset."""
         self._before = str(self._chosen_for.open(dataset))
@@ -100,6 +102,7 @@ class MissingEffectsPanel:
     def choose(self, name: str) -> None:
         """Choose an effect in the list, if it is listed."""
         if name in self.choice.options:
+            self._by_hand = self._fit
             put(self.choice, name)
 
     def finding(self, running: bool) -> None:
@@ -119,6 +122,7 @@ class MissingEffectsPanel:
     def update(self, view: View, *, undo: int, redo: int, own: str = "") -> None:
         """Show the session's model and candidates for missing effects; `own`: fault of the user's effects file."""
         session = view.session
+        self._fit = session.calibration
         self._moves = (undo, redo)
         self._undo.disabled, self._redo.disabled = not undo, not redo
         self.say("")
@@ -134,6 +138,7 @@ class MissingEffectsPanel:
         """Show the next move with its button, or the verdict with its reasons."""
         self._offer(session)
         done = session.searched and session.diagnosis is not None
+        self.find.color = SECONDARY if session.diagnosis is not None else None
         self.find.disabled = self.find.label == FIND and (session.calibration is None or done)
         self._reasons.content = html.reasons_html(session.diagnosis, session.next_poses)
         self._advice.content = html.verdict_html(session.diagnosis, session.next_poses)
@@ -238,4 +243,9 @@ class MissingEffectsPanel:
         before = self._before if before == NONE else before
         if options != tuple(self.choice.options):
             self.choice.options = options
-        put(self.choice, before if before in options and before != NONE else options[0])
+        advised = session.advice.effect if session.advice is not None else ""
+        free = self._by_hand is not self._fit and before not in inside
+        if advised in options and free:
+            put(self.choice, advised)
+        else:
+            put(self.choice, before if before in options and before != NONE else options[0])
