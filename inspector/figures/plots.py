@@ -18,7 +18,7 @@ from calib.present.names import ROLES
 from calib.present.numbers import parameter_label
 from inspector.figures.robust_axis import beyond, robust_range
 from inspector.figures.style import (
-    SELECTED_COLOUR,
+    INK,
     SELECTS_POSE,
     SHOWS_STEP,
     SIGNED_SCALE,
@@ -165,7 +165,7 @@ def pose_residuals(
             {
                 "type": "bar", "x": [names[i] for i in at], "y": values[at].tolist(), "name": word,
                 "ids": [escape(ids[i]) for i in at], "meta": SELECTS_POSE,
-                "marker": {"color": role_colour(role), "line": {"color": SELECTED_COLOUR}},
+                "marker": {"color": role_colour(role), "line": {"color": INK}},
                 "hovertemplate": f"pose %{{x}} ({word})<br>{what} %{{y:.4f}} mm<extra></extra>",
             }
         )  # fmt: skip

@@ -46,7 +46,7 @@ def selects_joint_of_row(joints: Mapping[str, int]) -> dict[str, object]:
 INK = "#24292F"  # text on paper; saved figures keep it
 VEIL = "rgba(255,255,255,0.75)"  # behind text that may lie over marks, on paper
 EDGE = MEASURE  # outlines of points, marks of inputs
-SELECTED_COLOUR = HIGHLIGHT  # rings and outlines of the selected pose and joint
+SELECTED_COLOUR = HIGHLIGHT  # ring of the selected pose, outline of the selected joint
 _GRID, _ZERO = "rgba(128,128,128,0.25)", "rgba(128,128,128,0.7)"
 
 

@@ -44,11 +44,18 @@
   preferred.addEventListener("change", apply);
   apply();
 
-  document.addEventListener("keydown", (event) => {
-    const { key, ctrlKey, metaKey, altKey, shiftKey, repeat, target } = event;
-    const typing = target instanceof Element && target.closest("input, textarea, select, [contenteditable]");
-    if (key.toLowerCase() === "d" && !(ctrlKey || metaKey || altKey || shiftKey || repeat || typing)) turn();
-  });
+  // Before viser, whose camera D would move to the right.
+  window.addEventListener(
+    "keydown",
+    (event) => {
+      const { key, ctrlKey, metaKey, altKey, shiftKey, repeat, target } = event;
+      const typing = target instanceof Element && target.closest("input, textarea, select, [contenteditable]");
+      if (key.toLowerCase() !== "d" || ctrlKey || metaKey || altKey || shiftKey || typing) return;
+      event.stopImmediatePropagation();
+      if (!repeat) turn();
+    },
+    { capture: true },
+  );
   document.addEventListener("click", (event) => {
     const button = event.target instanceof Element && event.target.closest("button");
     if (button && button.textContent.trim().startsWith(LABEL)) turn();
