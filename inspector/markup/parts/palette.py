@@ -25,7 +25,7 @@ GROUP_COLOURS = (
 )
 MODEL_COLOURS = {"nominal": "#D97700", "link errors": "#0072DC", "with effects": "#8A5A86"}
 MODEL_BEFORE = "#A9B0BA"  # thin lines of the model before the one on show
-BESIDE_COLOURS = ("#0072B2", "#D55E00")  # the calibration on show, and the one beside it
+BESIDE_COLOURS = ("#0074B5", "#D55E00")  # the calibration on show, and the one beside it
 ARM, JOINT, SLIDE = "#C3C9D1", "#6B7787", "#8C7340"  # links; joints that turn; joints that slide
 MEASURE = "#7F868F"  # the floor's grid and the bar of known length
 HIGHLIGHT = "#E63C3C"  # the selected corner, pose and joint
@@ -35,7 +35,7 @@ SCAN = "#6F7B8A"  # points of the selected scan that are on no face
 UNKNOWN = "#8A8F98"  # of which nothing is known: a role, a pose; what noise alone leaves
 FAILED = "#B3261E"
 LEFT_OUT = UNKNOWN  # a pose that counts for nothing
-PROPOSAL = "#0072B2"  # what to do next
+PROPOSAL = "#0074B5"  # what to do next
 # Viser makes lighter shades of this and gives a light page #0072B2; a dark page has its own (server/client/page.css).
 BRAND = "#003654"
 
