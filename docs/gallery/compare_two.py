@@ -58,7 +58,6 @@ figure = figure_of(
     },
     yaxis={"title": "difference, sigmas"},
     margin=(50, 12, 44, 70),
-    dark=False,
 )  # fmt: skip
 figure.update_layout(title_text="Difference of each link parameter over its sigma")
 figure.show()

@@ -51,7 +51,6 @@ figure = figure_of(
     xaxis={"title": "x from the corner, mm", "range": [-115, 115]},
     yaxis={"title": "y from the corner, mm", "range": [-80, 80], "automargin": True},
     margin=(50, 12, 44, 42),
-    dark=False,
 )
 figure.update_layout(title_text="The points of a scan by the face that they belong to, and the jig's edges", height=520)
 figure.show()

@@ -42,7 +42,6 @@ figure = figure_of(
     xaxis={"type": "category", "title": "place and axis", "tickvals": labels, "ticktext": labels},
     yaxis={"title": "standard deviation, mm", "rangemode": "tozero", "automargin": True},
     margin=(50, 12, 44, 42),
-    dark=False,
 )
 figure.update_layout(title_text="Scatter of repeated corners and what their covariances say, by place and axis")
 figure.show()

@@ -46,7 +46,6 @@ figure = figure_of(
     xaxis={"title": "error of a parameter over its standard deviation"},
     yaxis={"title": "density", "rangemode": "tozero"},
     margin=(50, 12, 44, 42),
-    dark=False,
 )  # fmt: skip
 figure.update_layout(title_text="Errors of fitted parameters over their standard deviations, against a standard normal")
 figure.show()

@@ -169,8 +169,6 @@ class App:
             self.select_id(shown.pose)
         if shown.view is not None:
             self.show_view(shown.view)
-        if shown.dark is not None:
-            self.dark(shown.dark)
 
     def _recount(self, changed: frozenset[str]) -> None:
         """Redraw the marks of left-out poses, and analyse redundancy at the other poses."""
@@ -252,12 +250,6 @@ class App:
         """Show or hide one layer of the 3D view."""
         if name in LAYERS:
             self.worker.submit(("layer", name), lambda: self.stage.layer(name, visible))
-
-    def dark(self, dark: bool) -> None:
-        """Draw page and figures dark or light."""
-        self.worker.submit("dark", lambda: self.stage.dark(dark))
-        self.beside()
-        self.show_plan()
 
     def factor(self, factor: float) -> None:
         """Set the enlargement of drawn uncertainty ellipsoids."""

@@ -16,7 +16,7 @@ from calib.html_text import escape
 from calib.kinematics.robot import Robot
 from calib.present.curves import input_label, read_unit
 from calib.screening.curves.fitted_curves import FittedCurve
-from inspector.figures.style import figure, ink, selects_joint, strong_ink
+from inspector.figures.style import EDGE, SELECTED_COLOUR, figure, selects_joint
 
 CURVE, BAND, OUTSIDE, MEASURED = "fitted curve", "± 2 sigma", "not measured", "training poses"
 _TOP_PX, _PLOT_PX, _GAP_PX, _BOTTOM_PX = (
@@ -26,6 +26,7 @@ _TOP_PX, _PLOT_PX, _GAP_PX, _BOTTOM_PX = (
     44,
 )  # legend and first title; a panel; between two; last axis
 _GREY = "rgba(138,143,152,0.22)"
+_CURVE_COLOUR, _BAND_COLOUR = "#1F86C9", "rgba(31,134,201,0.28)"
 _BEYOND = 0.5  # of the inside's height that the outside may add to the axis on either side
 
 
@@ -41,7 +42,6 @@ def joint_curves(
     *,
     columns: int = 1,
     selected: int | None = None,
-    dark: bool = False,
 ) -> go.Figure:
     """Figure of each curve's error over its input, one panel each, in `columns` columns.
 
@@ -61,16 +61,16 @@ def joint_curves(
         width = (1.0 - 0.12 * (columns - 1)) / columns
         left = column * (width + 0.12)
         x, low, high = curve.input_scale * curve.u, *_range(curve)
-        traces += _traces(curve, f"x{name}", f"y{name}", low + 0.05 * (high - low), dark, first=k == 0)
+        traces += _traces(curve, f"x{name}", f"y{name}", low + 0.05 * (high - low), first=k == 0)
         shapes += _unmeasured(curve, f"x{name}", f"y{name}")
         if curve.joint == selected:
-            shapes.append(_outline(f"x{name}", f"y{name}", dark))
+            shapes.append(_outline(f"x{name}", f"y{name}"))
         titles.append(
             {
                 "text": f"<b>Joint {curve.joint + 1}</b>", "name": str(curve.joint + 1), "captureevents": True,
                 "xref": f"x{name} domain", "yref": f"y{name} domain",
                 "x": 0.0, "y": 1.0, "xanchor": "left", "yanchor": "bottom", "showarrow": False, "yshift": 1,
-                "font": {"size": 12, "color": ink(dark)},
+                "font": {"size": 12},
             }
         )  # fmt: skip
         layout[f"xaxis{name}"] = {
@@ -90,7 +90,6 @@ def joint_curves(
         xaxis=layout.pop("xaxis"),
         yaxis=layout.pop("yaxis"),
         margin=(54, 10, _TOP_PX, _BOTTOM_PX),
-        dark=dark,
         layout={**layout, "shapes": shapes, "annotations": titles, "legend": legend},
     )
 
@@ -107,10 +106,8 @@ def _range(curve: FittedCurve) -> tuple[float, float]:
     return min(low, 0.0) - 1.8 * pad, max(high, 0.0) + pad  # the inputs are marked at the bottom
 
 
-def _traces(curve: FittedCurve, xaxis: str, yaxis: str, rug: float, dark: bool, *, first: bool) -> list[dict[str, Any]]:
+def _traces(curve: FittedCurve, xaxis: str, yaxis: str, rug: float, *, first: bool) -> list[dict[str, Any]]:
     """Traces of one curve; `rug` is the error at which the measured inputs are marked."""
-    colour = "#56B4E9" if dark else "#0072B2"
-    band = "rgba(86,180,233,0.30)" if dark else "rgba(0,114,178,0.22)"
     x, y = curve.input_scale * curve.u, curve.scale * curve.value
     half = 2.0 * curve.scale * curve.sigma
     inside = curve.inside
@@ -128,7 +125,7 @@ def _traces(curve: FittedCurve, xaxis: str, yaxis: str, rug: float, dark: bool, 
         },
         {
             **line, "name": BAND, "legendgroup": BAND, "y": _short(y - half), "line": no_line, "fill": "tonexty",
-            "fillcolor": band, "hoverinfo": "skip",
+            "fillcolor": _BAND_COLOUR, "hoverinfo": "skip",
         },
         {
             **line, "name": "outside", "showlegend": False, "y": _short(np.where(_closed(~inside), y, np.nan)),
@@ -137,14 +134,14 @@ def _traces(curve: FittedCurve, xaxis: str, yaxis: str, rug: float, dark: bool, 
         },
         {
             **line, "name": CURVE, "legendgroup": CURVE, "y": _short(np.where(inside, y, np.nan)),
-            "line": {"color": colour, "width": 2}, "connectgaps": False, "customdata": _short(half),
+            "line": {"color": _CURVE_COLOUR, "width": 2}, "connectgaps": False, "customdata": _short(half),
             "hovertemplate": hover,
         },
         {
             "type": "scatter", "mode": "markers", **axes, "name": MEASURED, "legendgroup": MEASURED,
             "x": _short(curve.input_scale * curve.measured),
             "y": [rug] * len(curve.measured), "hoverinfo": "skip",
-            "marker": {"symbol": "line-ns", "size": 7, "line": {"color": ink(dark), "width": 1}},
+            "marker": {"symbol": "line-ns", "size": 7, "line": {"color": EDGE, "width": 1}},
         },
         {
             "type": "scatter", "mode": "markers", **axes, "name": OUTSIDE, "x": [None], "y": [None],
@@ -165,11 +162,11 @@ def _unmeasured(curve: FittedCurve, xaxis: str, yaxis: str) -> list[dict[str, An
     ]  # fmt: skip
 
 
-def _outline(xaxis: str, yaxis: str, dark: bool) -> dict[str, Any]:
+def _outline(xaxis: str, yaxis: str) -> dict[str, Any]:
     """Rectangle around a panel."""
     return {
         "type": "rect", "xref": f"{xaxis} domain", "yref": f"{yaxis} domain", "x0": 0, "x1": 1, "y0": 0, "y1": 1,
-        "line": {"width": 2.5, "color": strong_ink(dark)}, "fillcolor": "rgba(0,0,0,0)",
+        "line": {"width": 2.5, "color": SELECTED_COLOUR}, "fillcolor": "rgba(0,0,0,0)",
     }  # fmt: skip
 
 

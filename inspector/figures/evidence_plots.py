@@ -20,8 +20,6 @@ def evidence_bars(
     log_evidence: Sequence[float],
     named: Sequence[bool],
     least: float,
-    *,
-    dark: bool = False,
 ) -> go.Figure:
     """Bars of the log evidence of the best `_MOST` effects in the given order; a line at the `least` for adding one."""
     labels = [shortened(name, 26) for name in names[:_MOST]]
@@ -52,7 +50,6 @@ def evidence_bars(
         },
         yaxis={"title": "log evidence over noise", "automargin": True},
         margin=(56, 14, 30, 10),
-        dark=dark,
         layout={"bargap": 0.2, "barmode": "overlay"},
     )  # fmt: skip
 
@@ -62,8 +59,6 @@ def errors_by_poses(
     train_rmse_mm: Sequence[float],
     held_out_rmse_mm: Sequence[float],
     spread_mm: Sequence[float],
-    *,
-    dark: bool = False,
 ) -> go.Figure:
     """Figure of training and held-out error against the number of fitted poses; bars: spread of the held-out error."""
     traces = [
@@ -86,5 +81,4 @@ def errors_by_poses(
         xaxis={"title": "poses fitted", "zeroline": False, "rangemode": "tozero"},
         yaxis={"title": "3D RMSE, mm", "rangemode": "tozero", "automargin": True},
         margin=(56, 14, 30, 42),
-        dark=dark,
     )

@@ -20,8 +20,6 @@ STAGES = {
 def fleet_errors(
     names: Sequence[str],
     errors_mm: Sequence[tuple[float | None, float | None, float | None]],
-    *,
-    dark: bool = False,
 ) -> go.Figure:
     """Figure of each dataset's 3D RMSE at the stages of STAGES, in the order given; None leaves a gap."""
     traces = [
@@ -44,5 +42,4 @@ def fleet_errors(
         },
         yaxis={"title": "3D RMSE, mm", **log_axis(low, high)},
         margin=(56, 14, 30, 10),
-        dark=dark,
     )  # fmt: skip

@@ -5,11 +5,11 @@ from __future__ import annotations
 import plotly.graph_objects as go
 
 from calib.array_types import Array
-from inspector.figures.style import figure, strong_ink
+from inspector.figures.style import EDGE, figure
 from inspector.markup.parts.palette import NEUTRAL, PROPOSAL
 
 
-def error_by_count(curve_mm: Array, planned: int, enough: int | None, *, dark: bool) -> go.Figure:
+def error_by_count(curve_mm: Array, planned: int, enough: int | None) -> go.Figure:
     """Figure of the predicted error by number of new poses, with the planned number and the end of useful gains.
 
     curve_mm  # (n + 1,); values that are not finite are left out
@@ -24,7 +24,7 @@ def error_by_count(curve_mm: Array, planned: int, enough: int | None, *, dark: b
         },
         {
             "type": "scatter", "mode": "markers", "name": "this plan", "x": [planned], "y": [float(curve_mm[planned])],
-            "marker": {"size": 12, "color": PROPOSAL, "line": {"width": 2, "color": strong_ink(dark)}},
+            "marker": {"size": 12, "color": PROPOSAL, "line": {"width": 2, "color": EDGE}},
             "hovertemplate": "this plan: %{x} poses<br>%{y:.3g} mm<extra></extra>",
         },
     ]  # fmt: skip
@@ -41,5 +41,4 @@ def error_by_count(curve_mm: Array, planned: int, enough: int | None, *, dark: b
         xaxis={"title": "new poses", "zeroline": False},
         yaxis={"title": "predicted error, mm", "rangemode": "tozero", "automargin": True},
         margin=(50, 12, 44, 42),
-        dark=dark,
     )

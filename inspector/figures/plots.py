@@ -18,6 +18,7 @@ from calib.present.names import ROLES
 from calib.present.numbers import parameter_label
 from inspector.figures.robust_axis import beyond, robust_range
 from inspector.figures.style import (
+    INK,
     SELECTS_POSE,
     SHOWS_STEP,
     SIGNED_SCALE,
@@ -25,7 +26,6 @@ from inspector.figures.style import (
     figure,
     selects_joint_of_row,
     shortened,
-    strong_ink,
 )
 from inspector.markup.parts.palette import ROLE_COLOURS, UNKNOWN, role_colour
 
@@ -36,7 +36,6 @@ def correlation_heatmap(
     names: Sequence[str],
     pearson: ArrayLike,
     *,
-    dark: bool = False,
     no_influence: Sequence[str] = (),
     joints: Mapping[str, int] | None = None,
 ) -> go.Figure:
@@ -84,7 +83,6 @@ def correlation_heatmap(
         xaxis={**axis, "tickangle": -90, "title": "parameter"},
         yaxis={**axis, "autorange": "reversed", "scaleanchor": "x", "title": "parameter"},
         margin=(6, 6, 6, 6),
-        dark=dark,
     )
 
 
@@ -105,7 +103,6 @@ def convergence(
     test_rmse_mm: Sequence[float] | None = None,
     *,
     what: str = "3D",
-    dark: bool = False,
 ) -> go.Figure:
     """Figure of the error per iteration, logarithmic; iteration 0 is the nominal robot."""
     traces = []
@@ -127,7 +124,6 @@ def convergence(
         xaxis={"title": "iteration (0 = nominal)", "rangemode": "tozero", "dtick": max(1, longest // 8)},
         yaxis={"type": "log", "title": f"{what} RMSE, mm", "automargin": True, **_log_ticks(shown)},
         margin=(56, 12, 30, 42),
-        dark=dark,
     )
 
 
@@ -157,7 +153,6 @@ def pose_residuals(
     *,
     selected: str | None = None,
     what: str = "residual",
-    dark: bool = False,
 ) -> go.Figure:
     """Bars of each pose's residual (N,), mm, coloured by role, the selected pose outlined; NaN leaves a gap."""
     values = np.asarray(residual_mm, dtype=float)
@@ -170,7 +165,7 @@ def pose_residuals(
             {
                 "type": "bar", "x": [names[i] for i in at], "y": values[at].tolist(), "name": word,
                 "ids": [escape(ids[i]) for i in at], "meta": SELECTS_POSE,
-                "marker": {"color": role_colour(role), "line": {"color": strong_ink(dark)}},
+                "marker": {"color": role_colour(role), "line": {"color": INK}},
                 "hovertemplate": f"pose %{{x}} ({word})<br>{what} %{{y:.4f}} mm<extra></extra>",
             }
         )  # fmt: skip
@@ -180,7 +175,7 @@ def pose_residuals(
     words: list[dict[str, Any]] = []
     if robust is not None:
         extent = {"range": [robust.low, robust.high]}
-        edge, text = beyond(robust, names, values, names, "mm", dark=dark)
+        edge, text = beyond(robust, names, values, names, "mm")
         traces, words = [*traces, edge], [text]
     fig = figure(
         traces,
@@ -191,7 +186,6 @@ def pose_residuals(
         },
         yaxis={"title": f"{what}, mm", "automargin": True, **extent},
         margin=(50, 12, 30, 46),
-        dark=dark,
         layout={"bargap": 0.15, "barmode": "overlay", "annotations": words},
     )  # fmt: skip
     return outline(fig, selected)
@@ -212,7 +206,6 @@ def error_history(
     floor_mm: float | None,
     *,
     noise: str = "noise alone",
-    dark: bool = False,
 ) -> go.Figure:
     """Figure of 3D RMSE after each change of the model, logarithmic, with a line at the noise; NaN leaves a gap."""
     traces = []
@@ -251,5 +244,4 @@ def error_history(
         },
         yaxis={"type": "log", "title": "3D RMSE, mm", "automargin": True, **_log_ticks(shown), **extent},
         margin=(56, 14, 30, 10),
-        dark=dark,
     )  # fmt: skip

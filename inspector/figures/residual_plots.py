@@ -17,7 +17,7 @@ from calib.array_types import Array, IndexArray
 from calib.html_text import escape
 from calib.present.names import ROLES
 from inspector.figures.robust_axis import beyond, robust_range
-from inspector.figures.style import SELECTS_POSE, SIGNED_SCALE, figure, ink, shortened, strong_ink
+from inspector.figures.style import EDGE, SELECTED_COLOUR, SELECTS_POSE, SIGNED_SCALE, figure, shortened
 from inspector.markup.parts.palette import ROLE_COLOURS
 
 SELECTED = "selected pose"
@@ -40,7 +40,6 @@ def residual_against(
     band: tuple[float, float],
     smooth: tuple[ArrayLike, ArrayLike] | None = None,
     selected: str | None = None,
-    dark: bool = False,
 ) -> go.Figure:
     """Figure of each pose's residual against one input, with the noise band; x, y, is_test (N,).
 
@@ -78,16 +77,15 @@ def residual_against(
     if robust is not None:
         extent = {"range": [robust.low, robust.high]}
         unit = y_title.rpartition(", ")[2]
-        edge, text = beyond(robust, at.tolist(), values, list(map(escape, ids)), escape(unit), dark=dark)
+        edge, text = beyond(robust, at.tolist(), values, list(map(escape, ids)), escape(unit))
         traces, words = [*traces, edge], [text]
     fig = figure(
-        [*traces, _ring(dark)],
+        [*traces, _ring()],
         xaxis={"title": escape(x_title), "automargin": True, "zeroline": False},
         yaxis={
             "title": escape(y_title), "automargin": True, "zeroline": True, **extent,
         },
         margin=(56, 12, 30, 42),
-        dark=dark,
         layout={"shapes": shapes, "annotations": words},
     )  # fmt: skip
     return select(fig, selected)
@@ -115,7 +113,6 @@ def place_views(
     title: str,
     signed: bool = False,
     selected: str | None = None,
-    dark: bool = False,
 ) -> go.Figure:
     """Work space from above and from the side, each pose coloured by `values` (N,); `place_mm` (N, 3), base frame.
 
@@ -149,17 +146,17 @@ def place_views(
                     "text": [f"{v:.4g}" for v in shown[rows]],
                     "marker": {
                         **colour, **scale, "size": 9, "symbol": _SYMBOLS[role], "color": _listed(shown[rows]),
-                        "line": {"color": ink(dark), "width": 0.7},
+                        "line": {"color": EDGE, "width": 0.7},
                     },
                     "hovertemplate": f"pose %{{customdata}} ({ROLES[role]})<br>{escape(title)} %{{text}}<br>"
                     f"x %{{x:.0f}} mm, {'xyz'[axis]} %{{y:.0f}} mm<extra></extra>",
                 }
             )  # fmt: skip
-        traces.append(_ring(dark, letter))
-    return select(_two_views(traces, dark), selected)
+        traces.append(_ring(letter))
+    return select(_two_views(traces), selected)
 
 
-def places_by_role(place_mm: ArrayLike, ids: Sequence[str], roles: Sequence[str], *, dark: bool = False) -> go.Figure:
+def places_by_role(place_mm: ArrayLike, ids: Sequence[str], roles: Sequence[str]) -> go.Figure:
     """Measured places from above and from the side, coloured by role; `place_mm` (N, 3), base frame."""
     place = np.asarray(place_mm, dtype=float)
     traces = [
@@ -175,10 +172,10 @@ def places_by_role(place_mm: ArrayLike, ids: Sequence[str], roles: Sequence[str]
         for role in ROLE_COLOURS
         if (rows := [i for i, r in enumerate(roles) if r == role])
     ]  # fmt: skip
-    return _two_views(traces, dark)
+    return _two_views(traces)
 
 
-def _two_views(traces: Sequence[dict[str, Any]], dark: bool) -> go.Figure:
+def _two_views(traces: Sequence[dict[str, Any]]) -> go.Figure:
     """Figure of traces on "y" (from above) and "y2" (from the side), with equal scales."""
     equal = {"scaleanchor": "x", "constrain": "domain"}
     return figure(
@@ -186,7 +183,6 @@ def _two_views(traces: Sequence[dict[str, Any]], dark: bool) -> go.Figure:
         xaxis={"title": "x of the base, mm", "anchor": "y2", "constrain": "domain"},
         yaxis={"title": "y, mm (from above)", "domain": [0.53, 1.0], **equal},
         margin=(56, 10, 30, 42),
-        dark=dark,
         layout={"yaxis2": {"title": "z, mm (from the side)", "domain": [0.0, 0.47], **equal}},
     )
 
@@ -206,9 +202,7 @@ def select(fig: go.Figure, pose_id: str | None) -> go.Figure:
     return fig
 
 
-def added_variable(
-    explained: ArrayLike, residual: ArrayLike, name: str, ids: Sequence[str] = (), *, dark: bool = False
-) -> go.Figure:
+def added_variable(explained: ArrayLike, residual: ArrayLike, name: str, ids: Sequence[str] = ()) -> go.Figure:
     """Added-variable plot of an effect: residual against the part that the effect explains, with the line of agreement.
 
     explained, residual  # (R,) in sigmas of the noise; ids: the pose of each of them
@@ -234,7 +228,6 @@ def added_variable(
         xaxis={"title": f"what {shortened(name, 30)} would make, σ of the noise", "automargin": True},
         yaxis={"title": "residual, σ of the noise", "automargin": True},
         margin=(56, 12, 30, 42),
-        dark=dark,
     )
 
 
@@ -244,8 +237,8 @@ def _roles(is_test: ArrayLike) -> list[tuple[str, IndexArray]]:
     return [(role, at) for role, at in rows if len(at)]
 
 
-def _ring(dark: bool, yaxis: str | None = None) -> dict[str, Any]:
-    edge = strong_ink(dark)
+def _ring(yaxis: str | None = None) -> dict[str, Any]:
+    edge = SELECTED_COLOUR
     return {
         "type": "scatter", "mode": "markers", "name": SELECTED, "x": [None], "y": [None], "hoverinfo": "skip",
         "showlegend": False,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray
-from inspector.figures.style import SELECTS_POSE, ink
+from inspector.figures.style import EDGE, SELECTS_POSE, VEIL
 
 FAR = 4.0
 FEWEST = 8  # values of which some can be exceptions
@@ -58,7 +58,7 @@ def robust_range(values: ArrayLike, *, from_zero: bool = False) -> RobustRange |
 
 
 def beyond(
-    shown: RobustRange, x: Sequence[Any], values: Array, names: Sequence[str], unit: str, *, dark: bool
+    shown: RobustRange, x: Sequence[Any], values: Array, names: Sequence[str], unit: str
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Trace of triangles at the edge of the y axis, and the text that counts outlying values by escaped pose name."""
     at = [int(i) for i in np.flatnonzero(shown.wild)]
@@ -72,13 +72,13 @@ def beyond(
         "text": [f"pose {names[i]}<br>{values[i]:.4g} {unit}, beyond this axis<br>double-click: show all" for i in at],
         "hovertemplate": "%{text}<extra></extra>",
         "marker": {
-            "symbol": ["triangle-up" if up else "triangle-down" for up in above], "size": 11, "color": ink(dark),
+            "symbol": ["triangle-up" if up else "triangle-down" for up in above], "size": 11, "color": EDGE,
         },
     }  # fmt: skip
     text = {
         "name": "beyond", "text": f"{len(at)} beyond, up to {shown.farthest:.3g} {unit}".strip().replace("-", "−"),
         "xref": "paper", "yref": "y domain", "x": 1, "y": 1 if above.any() else 0, "xanchor": "right",
         "yanchor": "top" if above.any() else "bottom", "yshift": -14 if above.any() else 14, "showarrow": False,
-        "font": {"size": 11, "color": ink(dark)}, "bgcolor": f"rgba({'36,36,36' if dark else '255,255,255'},0.75)",
+        "font": {"size": 11}, "bgcolor": VEIL,
     }  # fmt: skip
     return trace, text

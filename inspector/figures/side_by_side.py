@@ -20,7 +20,6 @@ def errors_beside(
     *,
     x_title: str,
     same_poses: bool,
-    dark: bool,
 ) -> go.Figure:
     """Figure of 3D errors (N,) and (M,) of two calibrations against an input; a click selects a pose of the first.
 
@@ -44,5 +43,4 @@ def errors_beside(
         xaxis={"title": escape(x_title), "automargin": True, "zeroline": False},
         yaxis={"title": "error, mm", "rangemode": "tozero", "automargin": True},
         margin=(50, 12, 30, 42),
-        dark=dark,
     )

@@ -1,7 +1,9 @@
 """Common style of all figures: layout, colours of axes, names short enough for an axis.
 
-Every figure fits a panel about 400 pixels wide, names its axes with units, shows values on hover, and comes in a light
-and a dark version, because a plotly figure does not follow the colours of the page.
+Every figure fits a panel about 400 pixels wide, names its axes with units and shows values on hover. It is drawn once
+for light and dark pages: its ground is transparent, its lines and marks stand out from both, and all its text has the
+colour `INK`, in place of which the page puts its own (server/client/page.css), as does a figure that stands alone
+(`results.alone.titled`).
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from typing import Any
 import plotly.graph_objects as go
 
 from calib.html_text import escape
+from inspector.markup.parts.palette import HIGHLIGHT, MEASURE
 
 # Blue - white - red (ColorBrewer RdBu): safe for red-green blindness, symmetric in lightness about zero.
 SIGNED_SCALE = (
@@ -40,17 +43,11 @@ def selects_joint_of_row(joints: Mapping[str, int]) -> dict[str, object]:
     return {"ask": "joint", "rows": dict(joints)}
 
 
-LIGHT_PAGE, DARK_PAGE = "#ffffff", "#15191f"  # behind a figure that stands alone
-
-
-def ink(dark: bool) -> str:
-    """Colour of text and thin lines."""
-    return "#E8EAED" if dark else "#24292F"
-
-
-def strong_ink(dark: bool) -> str:
-    """Colour that marks the selected pose, with the strongest contrast to the page."""
-    return "#FFFFFF" if dark else "#111111"
+INK = "#24292F"  # text on paper; saved figures keep it
+VEIL = "rgba(255,255,255,0.75)"  # behind text that may lie over marks, on paper
+EDGE = MEASURE  # outlines of points, marks of inputs
+SELECTED_COLOUR = HIGHLIGHT  # ring of the selected pose, outline of the selected joint
+_GRID, _ZERO = "rgba(128,128,128,0.25)", "rgba(128,128,128,0.7)"
 
 
 def shortened(name: str, most: int = 22) -> str:
@@ -101,7 +98,6 @@ def figure(
     xaxis: dict[str, Any],
     yaxis: dict[str, Any],
     margin: tuple[int, int, int, int],
-    dark: bool,
     layout: Mapping[str, Any] | None = None,
 ) -> go.Figure:
     """Figure of traces in the common style; `margin`: left, right, top, bottom, px; `layout`: further keys.
@@ -109,10 +105,8 @@ def figure(
     Plotly's templates and its check of every value take fifty milliseconds a figure, which would be felt at each turn
     of a page; so there is no template, and the tests check the values.
     """
-    grid = "rgba(255,255,255,0.14)" if dark else "rgba(0,0,0,0.10)"
-    zero = "rgba(255,255,255,0.45)" if dark else "rgba(0,0,0,0.40)"
     axes = {
-        "gridcolor": grid, "linecolor": grid, "zerolinecolor": zero, "uirevision": _key(traces, xaxis, yaxis),
+        "gridcolor": _GRID, "linecolor": _GRID, "zerolinecolor": _ZERO, "uirevision": _key(traces, xaxis, yaxis),
     }  # fmt: skip
 
     def axis(own: dict[str, Any]) -> dict[str, Any]:
@@ -127,7 +121,7 @@ def figure(
         "paper_bgcolor": "rgba(0,0,0,0)",
         "plot_bgcolor": "rgba(0,0,0,0)",
         "margin": {"l": left, "r": right, "t": top, "b": bottom},
-        "font": {"size": 11, "color": ink(dark)},
+        "font": {"size": 11, "color": INK},
         "legend": {"orientation": "h", "x": 0, "y": 1.02, "xanchor": "left", "yanchor": "bottom", "font": {"size": 11}},
         "hoverlabel": {"font": {"size": 12}},
         "dragmode": "zoom",

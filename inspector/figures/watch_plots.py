@@ -21,7 +21,7 @@ VERDICTS = {  # colour and marker, so that no verdict is told by its colour alon
 _MANY_TIMES = 8.0  # the limit: from there on the axis is logarithmic
 
 
-def control_chart(seen: Sequence[ChangeReport], *, dark: bool = False) -> go.Figure:
+def control_chart(seen: Sequence[ChangeReport]) -> go.Figure:
     """Figure of each measurement's 3D RMSE in time order, with its expected value and limit for an unchanged cell."""
     shown = in_time(seen)
     x = list(range(1, len(shown) + 1))
@@ -69,7 +69,6 @@ def control_chart(seen: Sequence[ChangeReport], *, dark: bool = False) -> go.Fig
         },
         yaxis={"title": "error at check poses, mm", "automargin": True, **scale},
         margin=(56, 14, 30, 34),
-        dark=dark,
     )  # fmt: skip
 
 

@@ -52,7 +52,8 @@ POINTS_ONLY = (
     '[data-dock-tab][title="Scans"]>span{display:none}[data-dock-tab][title="Scans"]::after{content:"Points"}</style>'
 )
 NOTHING_OPEN = "No dataset is open: choose another one, or correct this one and start the program again."
-KEYS = "Keys: N next, P previous, 1–7 views, F front, S side, T top, R reset, D dark"
+KEYS = "Keys: N next, P previous, 1–7 views, F front, S side, T top, R reset, D dark or light"
+DARK_OR_LIGHT = "Dark or light"  # a button and a command that the page itself obeys (server/client/theme.js)
 PAGES = "{} pages are open: they share what is shown."
 PREVIOUS, NEXT = "◀ Previous", "Next ▶"
 LEAVE_OUT, TAKE_IN = "Leave this pose out", "Take this pose in again"
@@ -94,7 +95,7 @@ class ReviewPanel:
                 for name, label in layers.items():
                     self.layers[name] = gui.add_checkbox(label, name in VIEW_LAYERS[VIEWS[0]])
         with gui.add_folder("Display", expand_by_default=False):
-            self.dark = gui.add_checkbox("Dark mode", False)
+            gui.add_button(DARK_OR_LIGHT, color="gray", hint="key: D; for this page alone, and kept by the browser")
             self.grey = gui.add_checkbox("Grey rejected", True, hint="plane groups that were not chosen are grey")
             self.size = gui.add_slider("Points, mm", min=0.2, max=4.0, step=0.1, initial_value=1.2)
             self.factor = gui.add_dropdown(
@@ -113,7 +114,6 @@ class ReviewPanel:
         self.leave_out.on_click(lambda _: a.leave_out(self._shown_pose, self.leave_out.label == LEAVE_OUT))
         self.keep.on_update(lambda e: a.keep_view(bool(e.target.value)) if by_page(e) else None)
         self.search.on_click(lambda _: a.search(self.search.label != "Stop the search"))
-        self.dark.on_update(lambda e: a.dark(bool(e.target.value)) if by_page(e) else None)
         self.grey.on_update(lambda e: a.grey_rejected(bool(e.target.value)) if by_page(e) else None)
         self.size.on_update(lambda e: a.point_size(clamped(e.target.value, 0.2, 4.0, 1.2)))
         self.factor.on_update(
@@ -131,9 +131,7 @@ class ReviewPanel:
             gui.add_command(f"Look from: {side}", hotkey=side[0], icon=viser.Icon.CAMERA).on_trigger(  # type: ignore[arg-type]
                 lambda _, side=side: a.look_from(side)  # type: ignore[misc]
             )
-        gui.add_command("Dark or light", hotkey="D", icon=viser.Icon.MOON).on_trigger(
-            lambda _: a.dark(not self.dark.value)
-        )
+        gui.add_command(DARK_OR_LIGHT, hotkey="D", icon=viser.Icon.MOON)
 
     def _chosen(self, label: str) -> None:
         options = list(self.pose.options)

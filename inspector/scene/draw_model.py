@@ -34,9 +34,7 @@ from inspector.session.view import BY_ERROR, View
 def pose_colours(view: View) -> ByteArray:
     """Colour (N, 3) of each pose's measured point, by role or by the error of the chosen version."""
     if view.colouring == BY_ERROR and view.version is not None:
-        return colour_scale.coloured(
-            view.version.pose_errors_mm(), 0.0, error_limit_mm(view), colour_scale.error_colours(view.dark)
-        )
+        return colour_scale.coloured(view.version.pose_errors_mm(), 0.0, error_limit_mm(view), colour_scale.ERROR)
     poses = range(len(view.session.dataset.poses))
     return np.array([rgb(pose_colour(view, pose)) for pose in poses], dtype=np.uint8)
 

@@ -16,7 +16,7 @@ import viser
 from numpy.typing import ArrayLike, NDArray
 
 from calib.array_types import Array, ByteArray, IndexArray
-from inspector.markup.parts.palette import FACE_COLOURS, SCAN_ON_DARK, SCAN_ON_LIGHT, rgb
+from inspector.markup.parts.palette import FACE_COLOURS, SCAN, rgb
 from inspector.scene.shapes import shaded, thin
 
 M_PER_MM = 1e-3
@@ -81,7 +81,6 @@ class SceneView:
         self._drawn: dict[str, list[viser.SceneNodeHandle]] = {name: [] for name in (*LAYERS, HALO)}
         self._keys: dict[str, object] = {}  # what a layer was drawn for
         self._point_mm = 1.2
-        self._scan_colour = SCAN_ON_LIGHT
         self._draw_scanner()
 
     def _replace(self, layer: str, nodes: Sequence[viser.SceneNodeHandle]) -> None:
@@ -144,13 +143,6 @@ class SceneView:
                 client.camera.look_at = np.zeros(3)
                 client.camera.up_direction = up
 
-    def dark(self, dark: bool) -> None:
-        """Choose the selected scan's colour for a dark or a light background."""
-        self._scan_colour = SCAN_ON_DARK if dark else SCAN_ON_LIGHT
-        for node in self._drawn["scan"]:
-            if isinstance(node, viser.PointCloudHandle):
-                node.colors = np.array(rgb(self._scan_colour), dtype=np.uint8)
-
     def point_size(self, size_mm: float) -> None:
         """Set the diameter of the points of all clouds."""
         self._point_mm = size_mm
@@ -202,10 +194,10 @@ class SceneView:
         rest, on_face = face_of < 0, face_of >= 0
         colours = np.array([rgb(c) for c in FACE_COLOURS], dtype=np.uint8)
         with self._server.atomic():
-            on_none, ink = [], rgb(self._scan_colour)
+            on_none = []
             if rest.any():
                 name = f"{ROOT}/scan/points"
-                on_none = [cloud(self._scene, name, points[rest], ink, self._point_mm)]
+                on_none = [cloud(self._scene, name, points[rest], rgb(SCAN), self._point_mm)]
             self._replace("scan", on_none)
             self._draw_on_faces("faces", points[on_face], colours[face_of[on_face]])
         return len(kept)

@@ -54,7 +54,7 @@ class Shown(msgspec.Struct, frozen=True, omit_defaults=True):
 
     pose: Text | None = None  # id
     view: Text | None = msgspec.field(default=None, name="look")  # its name
-    dark: bool | None = None
+    dark: bool | None = None  # in older files; dark or light is each page's own and not restored
     arrows: AboveZero | None = None  # how many times longer residuals are drawn
     factor: AboveZero | None = None  # how many times larger uncertainties are drawn
 

@@ -40,7 +40,6 @@ class View:
 
     session: Session
     pose: int = 0
-    dark: bool = False
     factor: float = 1000.0
     arrows: float = 100.0  # how many times longer residuals are drawn
     arrows_chosen: bool = False  # whether the user has chosen that; else it suits what is drawn

@@ -101,7 +101,7 @@ print("made")
 axis = {"title": "x"}
 figure = figure_of(
     [{"type": "scatter", "mode": "lines", "x": [0, 1], "y": [0, 1]}],
-    xaxis=axis, yaxis=axis, margin=(1, 1, 1, 1), dark=False,
+    xaxis=axis, yaxis=axis, margin=(1, 1, 1, 1),
 )  # fmt: skip
 figure.update_layout(title_text="A line <b>")
 figure.show()

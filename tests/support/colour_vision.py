@@ -12,6 +12,7 @@ from calib.array_types import Array
 from inspector.markup.parts.palette import rgb
 
 LIGHT, DARK = "#FFFFFF", "#141414"  # the 3D view's background
+DARK_PANEL = "#242424"  # behind figures
 EYES = {
     "normal": np.eye(3),
     "deuteranopia": np.array(

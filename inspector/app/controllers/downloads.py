@@ -41,7 +41,7 @@ from inspector.session.view import View
 
 RENDER_S = 30.0  # a page that sends no picture in this time is hidden or gone
 LARGEST_PX = 3840
-DAY, NIGHT = (255, 255, 255), (24, 26, 30)  # behind the 3D view
+PAPER = (255, 255, 255)  # behind a picture of the 3D view, as behind a figure that is saved
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def _model(asked: Asked) -> tuple[str, bytes]:
 def _session(asked: Asked) -> tuple[str, bytes]:
     view = asked.view
     arrows = view.arrows if view.arrows_chosen else None
-    shown = Shown(view.pose_id, asked.view_name, view.dark, arrows, view.factor)
+    shown = Shown(view.pose_id, asked.view_name, arrows=arrows, factor=view.factor)
     undo = asked.steps
     text = session_text(asked.session, beside=asked.root, shown=shown, past=undo.past, future=undo.future)
     return "session.json", text.encode()
@@ -182,7 +182,7 @@ def _screenshot(asked: Asked, client: viser.ClientHandle) -> tuple[str, bytes]:
         image = client.get_render(height=height, width=width, transport_format="png", timeout=RENDER_S)
     except (TimeoutError, RuntimeError, ConnectionError) as error:
         raise CalibError(f"your browser sent no picture ({type(error).__name__}); bring its tab to the front") from None
-    return "view.png", exports.png(exports.over(image, NIGHT if asked.view.dark else DAY))
+    return "view.png", exports.png(exports.over(image, PAPER))
 
 
 MAKERS: dict[str, Callable[[Asked], tuple[str, bytes]]] = {

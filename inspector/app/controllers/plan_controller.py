@@ -44,7 +44,7 @@ class PlanController:
         self._panel.offer(aims_of(view.session))
         self._drawing.draw(view, planned)
         if planned is not None:
-            self._panel.update(planned, dark=view.dark)
+            self._panel.update(planned)
         elif view.session.calibration is None:
             self._panel.clear(NOT_YET)
         else:

@@ -14,7 +14,7 @@ from inspector.app.page.camera import Camera
 from inspector.app.page.page_state import PageState
 from inspector.app.page.tabs import Panels
 from inspector.markup.legend import legend_html
-from inspector.markup.parts.palette import BRAND_ON_DARK, BRAND_ON_LIGHT, rgb
+from inspector.markup.parts.palette import BRAND, rgb
 from inspector.panels.base import put
 from inspector.scene.draw_scan import (
     PLANE_LAYERS,
@@ -52,12 +52,8 @@ class Stage:
             on_click=on_click, on_joint=on_joint, show_legend=self.show_legend,
         )  # fmt: skip
         self._camera = Camera(self.scene, panels.review)
-        self.theme(dark=False)
-
-    def theme(self, *, dark: bool) -> None:
-        """Make the page itself light or dark."""
-        brand = rgb(BRAND_ON_DARK if dark else BRAND_ON_LIGHT)
-        self._server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False, brand_color=brand)
+        # Whether a page is light or dark is its own matter: server/client/theme.js.
+        server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=rgb(BRAND))
 
     # ---- what is drawn ----------------------------------------------------------------------------------------------
 
@@ -148,22 +144,6 @@ class Stage:
             self.comparison.change(arrows_chosen=False)
         else:
             self.comparison.change(arrows=factor, arrows_chosen=True)
-
-    def dark(self, dark: bool) -> None:
-        """Draw everything dark or light, with new figures, as existing ones do not change with the page."""
-        self.theme(dark=dark)
-        self.scene.dark(dark)
-        panels = self._panels
-        put(panels.review.dark, dark)
-        if self._state.view is not None:
-            self._state.change(dark=dark)
-            self.comparison.draw()
-            view = self._state.now
-            panels.redundancy.update(view)
-            panels.fit.update(view)
-            panels.missing_effects.update_figure(view)
-            panels.missing_effects.update_choice(view)
-            panels.residuals.update(view)
 
     def layer(self, name: str, visible: bool) -> None:
         """Show or hide one layer."""

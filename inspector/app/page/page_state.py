@@ -41,7 +41,7 @@ class PageState:
         view = View(Session(session.dataset))
         if self.view is not None:
             self._views[self.name] = self.view
-            view = replace(self._views.get(name, view), dark=self.view.dark, grey_rejected=self.view.grey_rejected)
+            view = replace(self._views.get(name, view), grey_rejected=self.view.grey_rejected)
         first = replace(view, pose=0, joint=None, step=None, failures={})
         self.name, self.view = name, first.with_session(session)
         self._on_change(self.view)

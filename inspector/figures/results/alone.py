@@ -12,10 +12,12 @@ from calib.errors import CalibError
 from calib.html_text import escape
 from calib.progress import in_notebook
 from inspector.figures.results.still import to_svg
-from inspector.figures.style import DARK_PAGE, LIGHT_PAGE
+from inspector.figures.style import INK
+from inspector.figures.svg.file import DARK_PAPER, LIGHT_PAPER
 
 _TITLE_PX, _ALONE_PX = 34, 420  # what a title takes; the height of a figure that gives none
 _SVG = "image/svg+xml"
+_INK_ON_DARK, _VEIL_ON_DARK = "#E8EAED", "rgba(21,25,31,0.75)"
 
 
 class ResultFigure(go.Figure):  # type: ignore[misc]
@@ -49,7 +51,7 @@ class ResultFigure(go.Figure):  # type: ignore[misc]
 
 def titled(fig: go.Figure, title: str, *, dark: bool, height_px: int = 0) -> ResultFigure:
     """Figure with a title and its own background, light or dark; `height_px` without the title, 0 for the default."""
-    page = DARK_PAGE if dark else LIGHT_PAGE
+    paper = DARK_PAPER if dark else LIGHT_PAPER
     given = fig.to_dict()
     layout = given["layout"]
     top = layout["margin"]["t"] + _TITLE_PX
@@ -58,8 +60,13 @@ def titled(fig: go.Figure, title: str, *, dark: bool, height_px: int = 0) -> Res
             "text": escape(title), "font": {"size": 15}, "x": 0, "xref": "paper", "y": 1, "yref": "container",
             "yanchor": "top", "pad": {"t": 10},
         },
-        "paper_bgcolor": page,
-        "plot_bgcolor": page,
+        "paper_bgcolor": paper,
+        "plot_bgcolor": paper,
+        "font": {**layout["font"], "color": _INK_ON_DARK if dark else INK},
+        "annotations": [
+            {**note, "bgcolor": _VEIL_ON_DARK} if dark and "bgcolor" in note else note
+            for note in layout.get("annotations", ())
+        ],
         "margin": {**layout["margin"], "t": top},
         "height": height_px + _TITLE_PX if height_px else _ALONE_PX,
     }  # fmt: skip

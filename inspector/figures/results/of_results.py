@@ -55,7 +55,6 @@ def error_bars(calibration: Calibration, *, before: bool = False, dark: bool = F
         frame["role"].tolist(),
         frame["error_mm"].to_numpy(),
         what="3D error",
-        dark=dark,
     )
     model = "as delivered" if before else "after the fit"
     return titled(drawn, f"Error at each pose {model}: {calibration.dataset.name}", dark=dark)
@@ -84,7 +83,7 @@ def residuals_over(
     train, x_title = ~errors.is_test, input_title(over, robot)
     drawn = residual_plots.residual_against(
         x, y, errors.pose_ids, errors.is_test, x_title=x_title, y_title=y_title, band=band,
-        smooth=running_median(x[train], y[train]), dark=dark,
+        smooth=running_median(x[train], y[train]),
     )  # fmt: skip
     return titled(drawn, f"What is left over: {calibration.dataset.name}", dark=dark)
 
@@ -104,7 +103,6 @@ def work_space(of: Calibration | Diagnosis, *, show: str | int = "length", dark:
         errors.is_test,
         title=title,
         signed=show != "length",
-        dark=dark,
     )
     return titled(drawn, f"Error over the work space: {calibration.dataset.name}", dark=dark, height_px=_TALL_PX)
 
@@ -128,7 +126,7 @@ def where_measured(dataset: Dataset, *, dark: bool = False) -> go.Figure:
     """
     poses, robot = dataset.poses, dataset.robot
     place_mm = target_points(robot, poses.q)
-    drawn = residual_plots.places_by_role(place_mm, poses.ids, poses.role.tolist(), dark=dark)
+    drawn = residual_plots.places_by_role(place_mm, poses.ids, poses.role.tolist())
     return titled(drawn, f"Where it is measured: {dataset.name}", dark=dark, height_px=_TALL_PX)
 
 
@@ -145,7 +143,7 @@ def convergence(calibration: Calibration, *, what: str = "3D", dark: bool = Fals
         train, test = [s.train_rmse_mm for s in steps], [s.test_rmse_mm for s in steps]
     else:
         train, test = [s.train_distance_rmse_mm for s in steps], [s.test_distance_rmse_mm for s in steps]
-    drawn = plots.convergence(train, test, what=what, dark=dark)
+    drawn = plots.convergence(train, test, what=what)
     return titled(drawn, f"Convergence of the fit: {calibration.dataset.name}", dark=dark)
 
 
@@ -164,9 +162,7 @@ def redundancy_heatmap(of: Redundancy | Dataset | Calibration, *, dark: bool = F
         analysis, name = redundancy(of), f": {of.name}"
     else:
         analysis, name = of, ""
-    drawn = plots.correlation_heatmap(
-        analysis.parameters, analysis.pearson, no_influence=analysis.no_influence, dark=dark
-    )
+    drawn = plots.correlation_heatmap(analysis.parameters, analysis.pearson, no_influence=analysis.no_influence)
     return titled(drawn, f"Which parameters act alike{name}", dark=dark, height_px=_TALL_PX)
 
 
@@ -188,7 +184,7 @@ def error_history(of: Diagnosis | Sequence[FitStep], *, dark: bool = False) -> g
     train = [np.nan if s.train is None else s.train.rmse_mm for s in stages]
     test = [np.nan if s.test is None else s.test.rmse_mm for s in stages]
     level = noise_level(last)
-    drawn = plots.error_history(labels, train, test, level.floor_mm, noise=level.name, dark=dark)
+    drawn = plots.error_history(labels, train, test, level.floor_mm, noise=level.name)
     return titled(drawn, f"The error falls: {last.dataset.name}", dark=dark)
 
 
@@ -203,7 +199,7 @@ def ranking(diagnosis: Diagnosis, *, step: int = 0, dark: bool = False) -> go.Fi
     candidates = diagnosis.screenings[step].candidates
     drawn = evidence_plots.evidence_bars(
         [c.name for c in candidates], [c.log_evidence for c in candidates],
-        [c.name in diagnosis.missing for c in candidates], MIN_LOG_EVIDENCE, dark=dark,
+        [c.name in diagnosis.missing for c in candidates], MIN_LOG_EVIDENCE,
     )  # fmt: skip
     return titled(drawn, f"Which effect is missing: {diagnosis.calibration.dataset.name}", dark=dark)
 
@@ -217,7 +213,7 @@ def added_variable(diagnosis: Diagnosis, effect: str, *, dark: bool = False) -> 
     screening = diagnosis.screenings[0]
     candidate = candidate_of(screening, effect)
     drawn = residual_plots.added_variable(
-        candidate.explained, screening.projected.residual, effect, screening.projected.row_poses, dark=dark
+        candidate.explained, screening.projected.residual, effect, screening.projected.row_poses
     )
     return titled(drawn, f"What {effect} would explain: {diagnosis.calibration.dataset.name}", dark=dark)
 
@@ -233,7 +229,7 @@ def learned_curves(of: Calibration | Diagnosis, *, dark: bool = False) -> go.Fig
     if not curves:
         inside = " + ".join(["link errors", *calibration.model.family_names])
         raise CalibError(f"dataset {calibration.dataset.name}: no curves were learned; the model is {inside}")
-    drawn = curve_plots.joint_curves(curves, calibration.dataset.robot, columns=min(len(curves), 2), dark=dark)
+    drawn = curve_plots.joint_curves(curves, calibration.dataset.robot, columns=min(len(curves), 2))
     height = curve_plots.height_px(len(curves), min(len(curves), 2))
     return titled(drawn, f"Learned curves: {calibration.dataset.name}", dark=dark, height_px=height)
 
@@ -248,7 +244,7 @@ def learning_curve(curve: LearningCurve, *, dark: bool = False) -> go.Figure:
     """
     drawn = evidence_plots.errors_by_poses(
         [s.poses for s in curve.steps], [s.train_rmse_mm for s in curve.steps],
-        [s.held_out_rmse_mm for s in curve.steps], [s.spread_mm for s in curve.steps], dark=dark,
+        [s.held_out_rmse_mm for s in curve.steps], [s.spread_mm for s in curve.steps],
     )  # fmt: skip
     return titled(drawn, f"Would more poses help: {curve.dataset.name}", dark=dark)
 
@@ -258,12 +254,12 @@ def control_chart(seen: ChangeReport | Sequence[ChangeReport], *, dark: bool = F
     shown_of = (seen,) if isinstance(seen, ChangeReport) else tuple(seen)
     if not shown_of:
         raise CalibError("no measurement to draw; give what calib.monitoring.watch.watch returned, one or several")
-    return titled(watch_plots.control_chart(shown_of, dark=dark), "Control chart of the cell", dark=dark)
+    return titled(watch_plots.control_chart(shown_of), "Control chart of the cell", dark=dark)
 
 
 def plan_curve(plan: Plan, *, dark: bool = False) -> go.Figure:
     """Figure of the predicted error, mm, by number of further poses, with the number from which gains are small."""
-    drawn = plan_plots.error_by_count(plan.curve_mm, len(plan.poses), plan.enough, dark=dark)
+    drawn = plan_plots.error_by_count(plan.curve_mm, len(plan.poses), plan.enough)
     return titled(drawn, f"What further poses promise: {plan.start.dataset.name}", dark=dark)
 
 
@@ -272,5 +268,5 @@ def fleet_errors(fleet: Fleet, *, dark: bool = False) -> go.Figure:
     rows = sorted((row for row in fleet.rows if row.error_mm is not None), key=lambda row: (row.error_mm, row.path))
     stages = [row.train if row.test.final_mm is None else row.test for row in rows]
     errors = [(stage.nominal_mm, stage.links_mm, stage.final_mm) for stage in stages]
-    drawn = fleet_plots.fleet_errors([row.path for row in rows], errors, dark=dark)
+    drawn = fleet_plots.fleet_errors([row.path for row in rows], errors)
     return titled(drawn, f"Errors of {len(rows)} datasets", dark=dark)

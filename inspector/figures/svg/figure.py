@@ -1,6 +1,6 @@
 """Static SVG of a plotly figure: the same traces, axes, legend and hover texts, without a script.
 
-It takes what the figures of this package use: scatter, bar and heatmap, rectangles, annotations. Text and thin lines
+It takes what the figures of this package use: scatter, bar and heatmap, rectangles, annotations. Text and the grid
 have the colours of the page it stands in (`--ink`, `--soft`, `--line`): one picture serves light, dark and paper.
 """
 
@@ -12,7 +12,6 @@ from typing import Any
 
 import plotly.graph_objects as go
 
-from inspector.figures.style import ink
 from inspector.figures.svg.axis import Axis, axis_of
 from inspector.figures.svg.marks import (
     DASHES,
@@ -49,10 +48,9 @@ def svg_of(figure: go.Figure, width: int, height: int, *, name: str, title: str)
         out += [_colour_bar(trace, panel) for trace in own if "colorbar" in trace]
     out.append(_annotations(layout, panels))
     out += [_legend(row, _LEGEND_PX * (k + 0.5)) for k, row in enumerate(entries)]
-    body = "".join(out).replace(ink(False), "var(--ink)").replace(ink(True), "var(--ink)")
     return (
         f'<svg class="plot" viewBox="0 0 {width} {height}" role="img" aria-label="{escaped(title)}" '
-        f'style="max-width:{width}px">{body}</svg>'
+        f'style="max-width:{width}px">{"".join(out)}</svg>'
     )
 
 

@@ -7,10 +7,10 @@ import zlib
 import plotly.graph_objects as go
 
 from calib.errors import CalibError
-from inspector.figures.style import DARK_PAGE
 from inspector.figures.svg.figure import svg_of
 from inspector.figures.svg.text import label
 
+LIGHT_PAPER, DARK_PAPER = "#ffffff", "#15191f"  # behind a figure that stands alone
 _LIGHT = "--ink:#1f2328;--soft:#59636e;--line:#d1d9e0;background:#fff"
 _DARK = "--ink:#e6e9ec;--soft:#9aa4af;--line:#39424d;background:#15191f"
 _HEADING_PX = 30
@@ -29,7 +29,7 @@ def svg_file(figure: go.Figure, width: int, height: int, *, title: str, heading:
     # A page may hold several: each has ids and colours of its own.
     drawn = drawn.replace(_IDS, f"picture{zlib.crc32(drawn.encode()):08x}")
     inner = drawn.replace("<svg ", f'<svg y="{above}" width="{width}" height="{height - above}" ', 1)
-    dark = str(figure.layout.paper_bgcolor or "").lower() == DARK_PAGE
+    dark = str(figure.layout.paper_bgcolor or "").lower() == DARK_PAPER
     style = (
         "<style>.picture text{fill:var(--ink)}.picture .faint{fill:var(--soft)}"
         ".picture .grid{stroke:var(--line);fill:none}"

@@ -42,7 +42,7 @@ def points_legend(view: View) -> str:
     floor = level.floor_mm
     return colour_scale.bar(
         f"Measured points: 3D error of {view.version.name}", 0.0, error_limit_mm(view),
-        colour_scale.error_colours(view.dark),
+        colour_scale.ERROR,
         mark=None if floor is None else (floor, f"{level.name}, {numbers.length(floor)}"),
     )  # fmt: skip
 

@@ -1,7 +1,7 @@
 """Colours for numbers: perceptually uniform maps, legible for colour-blind readers, and their scale bars.
 
-`ERROR_ON_LIGHT` and `ERROR_ON_DARK` are the parts of viridis (Smith and van der Walt 2015) that stand out from a light
-page and from a dark one, the largest error the most; `SIGNED` goes from blue over grey, which is zero, to orange.
+`ERROR` goes from blue, which is none, over purple and pink to orange, all about equally light, so that every error
+stands out from a light page and from a dark one; `SIGNED` goes from blue over grey, which is zero, to orange.
 """
 
 from __future__ import annotations
@@ -12,14 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from calib.html_text import escape
 from inspector.markup.parts.palette import UNKNOWN, rgb
 
-ERROR_ON_LIGHT = ("#1F9E89", "#26828E", "#31688E", "#3E4989", "#482878", "#440154")
-ERROR_ON_DARK = ("#31688E", "#26828E", "#1F9E89", "#35B779", "#6DCD59", "#B4DE2C", "#FDE725")
+ERROR = ("#2C7FD6", "#7878C8", "#A66FA8", "#C6677C", "#D56A3C", "#D07C00")
 SIGNED = ("#2166AC", "#67A9CF", "#B9BDC4", "#E8A04C", "#B35806")
-
-
-def error_colours(dark: bool) -> tuple[str, ...]:
-    """Colour map for errors, from zero to the largest."""
-    return ERROR_ON_DARK if dark else ERROR_ON_LIGHT
 
 
 def coloured(values: ArrayLike, low: float, high: float, colours: tuple[str, ...]) -> NDArray[np.uint8]:

@@ -162,7 +162,6 @@ class MissingEffectsPanel:
             [step.test_rmse_mm for step in session.history],
             level.floor_mm,
             noise=level.name,
-            dark=view.dark,
         )
 
     def update_curves(self, view: View) -> None:
@@ -182,7 +181,7 @@ class MissingEffectsPanel:
         )
         self._curves.aspect = height_px(len(drawn)) / PANEL_PX
         robot = calibration.model.robot
-        self._curves.figure = joint_curves(drawn, robot, selected=view.joint, dark=view.dark)
+        self._curves.figure = joint_curves(drawn, robot, selected=view.joint)
 
     def update_choice(self, view: View) -> None:
         """Mark the chosen effect in the ranking, and describe it."""
@@ -213,7 +212,6 @@ class MissingEffectsPanel:
                 screening.projected.residual,
                 name,
                 screening.projected.row_poses,
-                dark=view.dark,
             )
 
     def update_next(self, view: View) -> None:

@@ -92,12 +92,12 @@ class PlanPanel:
         self._poses.content = self._notes.content = ""
         self._plot.visible = self.files.visible = False
 
-    def update(self, planned: Planned, *, dark: bool) -> None:
+    def update(self, planned: Planned) -> None:
         """Show a plan for the model on show."""
         plan = planned.plan
         self.say("")
         self._promise.content = html.panel(plan_head(plan))
-        self._plot.figure = error_by_count(plan.curve_mm, len(plan.poses), plan.enough, dark=dark)
+        self._plot.figure = error_by_count(plan.curve_mm, len(plan.poses), plan.enough)
         self._plot.visible = self.files.visible = True
         self._poses.content = html.panel([poses_table(plan, compact=True, mark=planned.pose)])
         notes = assumptions(plan)

@@ -115,7 +115,7 @@ class ResidualsPanel(FollowsModel):
         title, what = str(self.against.value), str(self.what.value)
         places = title == PLACES
         plot = self._places if places else self._plot
-        drawing = (pose_errors, title, what, view.dark)
+        drawing = (pose_errors, title, what)
         if self._drawn and pose_errors is self._drawn[0] and drawing[1:] == self._drawn[1:]:
             plot.figure = select(plot.figure, view.pose_id)  # only another pose
         else:
@@ -123,14 +123,14 @@ class ResidualsPanel(FollowsModel):
             if places:
                 plot.figure = place_views(
                     pose_errors.place_mm, values, pose_errors.pose_ids, pose_errors.is_test,
-                    title=y_title, signed=what != LENGTH, selected=view.pose_id, dark=view.dark,
+                    title=y_title, signed=what != LENGTH, selected=view.pose_id,
                 )  # fmt: skip
             else:
                 x = turned(inputs[title], pose_errors.inputs[inputs[title]], robot)
                 train = ~pose_errors.is_test
                 plot.figure = residual_against(
                     x, values, pose_errors.pose_ids, pose_errors.is_test, x_title=title, y_title=y_title, band=band,
-                    smooth=running_median(x[train], values[train]), selected=view.pose_id, dark=view.dark,
+                    smooth=running_median(x[train], values[train]), selected=view.pose_id,
                 )  # fmt: skip
             whose = "" if view.shows_last or view.version is None else f"Of {view.version.name}. "
             self._state.content = elements.note(

@@ -48,7 +48,7 @@ class FitPanel(FollowsModel):
         self._residuals = hidden_plot(gui, 0.62, "error by pose")
         self._parameters = gui.add_html("")
         self._unlabelled: tuple[Mapping[str, CornerSearch], str] | None = None  # faces not labelled: of what, why
-        self._drawn: tuple[Calibration, bool, bool] | None = None  # what the bars on show are of
+        self._drawn: tuple[Calibration, bool] | None = None  # what the bars on show are of
         self._fitted: Calibration | None = None  # what the figures are of
         self._busy = False  # whether a fit runs
         self._fresh = ""  # the residual by which another fit would change nothing
@@ -102,7 +102,7 @@ class FitPanel(FollowsModel):
         distances = result.residual == "distance"
         train = [s.train_distance_rmse_mm if distances else s.train_rmse_mm for s in result.iteration_errors]
         test = [s.test_distance_rmse_mm if distances else s.test_rmse_mm for s in result.iteration_errors]
-        self._convergence.figure = convergence(train, test, what=what_is_fitted(result), dark=view.dark)
+        self._convergence.figure = convergence(train, test, what=what_is_fitted(result))
         self._figures.content = errors_html(view.session, result)
         self._parameters.content = parameters_html(result)
         self.update_residuals(view)
@@ -121,10 +121,10 @@ class FitPanel(FollowsModel):
         result, before = view.calibration, view.is_nominal
         if result is None:
             return
-        if self._drawn and result is self._drawn[0] and (view.dark, before) == self._drawn[1:]:
+        if self._drawn and result is self._drawn[0] and before == self._drawn[1]:
             self._residuals.figure = outline(self._residuals.figure, view.pose_id)  # only another pose
             return
-        self._drawn = (result, view.dark, before)
+        self._drawn = (result, before)
         errors = (result.before if before else result.after).to_frame(result.dataset)
         column = "distance_error_mm" if result.residual == "distance" else "error_mm"
         errors = errors.dropna(subset=[column])
@@ -134,5 +134,4 @@ class FitPanel(FollowsModel):
             errors[column].abs().to_numpy(),
             selected=view.pose_id,
             what=f"{what_is_fitted(result)} error {'before' if before else 'after'}",
-            dark=view.dark,
         )

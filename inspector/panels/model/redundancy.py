@@ -67,7 +67,6 @@ class RedundancyPanel:
         self._plot.figure = correlation_heatmap(
             [analysis.parameters[i] for i in at],
             np.asarray(analysis.pearson)[np.ix_(at, at)],
-            dark=view.dark,
             no_influence=analysis.no_influence,
             joints=joints,
         )

@@ -67,7 +67,7 @@ class SideBySidePanel:
             self.against.options = options
             put(self.against, before if before in options else options[0])
         title = str(self.against.value)
-        drawing = (other.name, title, view.dark)
+        drawing = (other.name, title)
         fits = (one.calibration, other.calibration)
         if drawing == self._drawn and all(a is b for a, b in zip(fits, self._fits, strict=True)):
             return
@@ -84,6 +84,5 @@ class SideBySidePanel:
                 (one.pose_ids, other.pose_ids),
                 x_title=title,
                 same_poses=found is None,
-                dark=view.dark,
             )
         self._drawn, self._fits = drawing, fits

@@ -36,7 +36,7 @@ class WatchPanel:
         self._found = gui.add_html("")
         self._name = ""  # of the dataset on show
         self._chosen: dict[str, tuple[str, ...]] = {}  # by dataset on show
-        self._drawn: tuple[WatchedCell, bool] | None = None
+        self._drawn: WatchedCell | None = None
         self.later.on_update(lambda e: actions.watch() if by_page(e) else None)
         self.moved.on_update(lambda e: actions.watch() if by_page(e) else None)
         self._clear.on_click(lambda _: actions.watch(forget=True))
@@ -74,10 +74,10 @@ class WatchPanel:
 
     def update(self, view: View, cell: WatchedCell) -> None:
         """Show the changes of the cell found by the later measurements."""
-        if self._drawn is not None and self._drawn[0] is cell and self._drawn[1] == view.dark:
+        if self._drawn is cell:
             return
         self._state.content = html.panel(change_verdict(cell.seen))
         self._found.content = html.panel(change_sections(cell.seen, cell.repeats))
         self._plot.visible = True
-        self._plot.figure = control_chart(cell.seen, dark=view.dark)
-        self._drawn = (cell, view.dark)
+        self._plot.figure = control_chart(cell.seen)
+        self._drawn = cell

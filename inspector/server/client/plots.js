@@ -117,18 +117,8 @@
 
   // ---- files ----
 
-  const INKS = [
-    // dark page -> paper
-    [/#E8EAED/gi, "#24292F"],
-    [/#FFFFFF/gi, "#111111"],
-    [/rgba\(255,255,255,/g, "rgba(0,0,0,"],
-  ];
-
   function save(plot, format) {
-    const isDark = document.documentElement.dataset.mantineColorScheme === "dark";
-    let drawn = JSON.stringify({ data: plot.data, layout: plot.layout });
-    if (isDark) for (const [ink, onPaper] of INKS) drawn = drawn.replace(ink, onPaper);
-    const figure = JSON.parse(drawn);
+    const figure = JSON.parse(JSON.stringify({ data: plot.data, layout: plot.layout }));
     Object.assign(figure.layout, { paper_bgcolor: "#fff", plot_bgcolor: "#fff" });
     const dataset = document.querySelector("[data-dataset]")?.dataset.dataset ?? "";
     const filename = `${dataset} ${plot._context.toImageButtonOptions.filename}`.trim().replace(/[^\p{L}\p{N}]+/gu, "_");

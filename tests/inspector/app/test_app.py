@@ -45,7 +45,6 @@ def app(running: App) -> App:
     """The app on the dataset with scans, all of them searched, at its first pose."""
     running.open("cell")
     running.show_view("All scans")
-    running.dark(False)
     assert running.worker.wait_idle(IDLE_S)
     return running
 
@@ -372,15 +371,7 @@ def test_calibrate_with_distances_or_say_in_words_why_not(app: App, page: WireCl
         shows(page, "distance, ")
 
 
-# ---- dark, other datasets, hostile names, errors --------------------------------------------------------------------
-
-
-def test_figures_follow_the_dark_page(app: App, page: WireClient) -> None:
-    light = sorted(drawn_figures(page))
-    page.set("Dark mode", True)
-    page.wait(lambda p: all(a != b for a, b in zip(sorted(drawn_figures(p)), light, strict=True)))
-    page.trigger("Dark or light")
-    page.wait(lambda p: p.value("Dark mode") is False)
+# ---- other datasets, hostile names, errors --------------------------------------------------------------------
 
 
 def test_switching_datasets_and_back_searches_nothing_again(app: App, page: WireClient) -> None:

@@ -174,23 +174,6 @@ def test_nothing_is_cut_off_sideways(page: Any) -> None:
         assert wide == [], name
 
 
-def test_dark_mode_turns_the_figures_too(page: Any, app: App) -> None:
-    open_tab(page, "Fit")
-
-    def ink() -> str:
-        return str(page.locator(".js-plotly-plot .xtick text").first.evaluate("e => getComputedStyle(e).fill"))
-
-    light = ink()
-    page.mouse.click(600, 650)
-    page.keyboard.press("d")
-    page.wait_for_function(
-        """light => getComputedStyle(document.querySelector('.js-plotly-plot .xtick text')).fill != light""",
-        arg=light, timeout=MS,
-    )  # fmt: skip
-    assert app.worker.wait_idle(IDLE_S)
-    app.dark(False)
-
-
 @pytest.mark.slow
 def test_names_from_files_run_nothing(page: Any, app: App) -> None:
     app.open("points")

@@ -144,10 +144,9 @@ def test_the_wheel_scrolls_the_panel_and_zooms_with_ctrl(page: Any) -> None:
     back_until(page, plot, lambda: y_range(plot) == pytest.approx(before))
 
 
-@pytest.mark.parametrize("dark", [False, True])
-def test_a_figure_is_saved_with_dark_ink_on_white(page: Any, app: App, tmp_path: Path, dark: bool) -> None:
-    app.dark(dark)
-    assert app.worker.wait_idle(20)
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_figure_is_saved_with_dark_ink_on_white(page: Any, tmp_path: Path, scheme: str) -> None:
+    page.emulate_media(color_scheme=scheme)
     plot = residual_plot(page)
     plot.hover()
     saved = {}

@@ -329,7 +329,6 @@ def test_every_item_has_a_button_that_says_what_it_holds(app: App) -> None:
 def test_a_session_from_the_page_opens_in_the_same_state(app: App, folder: Path, tmp_path: Path) -> None:
     app.select(7)
     app.show_view("Corner")
-    app.dark(True)
     app.arrows(300.0)
     assert app.worker.wait_idle(IDLE_S)
     path = tmp_path / "session.json"
@@ -341,7 +340,7 @@ def test_a_session_from_the_page_opens_in_the_same_state(app: App, folder: Path,
         before, now = app.state.now, again.state.now
         assert str(now.session.history) == str(before.session.history)
         assert now.session.effects == before.session.effects
-        assert (now.pose, now.dark, now.arrows, now.factor) == (7, True, 300.0, before.factor)
+        assert (now.pose, now.arrows, now.factor) == (7, 300.0, before.factor)
         assert again.stage.view_name == "Corner"
         assert now.session.screening is not None
         with WireClient(again.server.get_port()) as page:
@@ -365,7 +364,6 @@ def test_a_session_of_a_dataset_that_changed_says_so_on_the_page(app: App, folde
 
 @pytest.mark.browser
 def test_a_browser_downloads_its_picture_and_the_report(chromium: Any, app: App, tmp_path: Path) -> None:
-    app.dark(False)
     with open_page(chromium, url_of(app.server), 1000, 700, dpr=1) as page:
         page.set_default_timeout(120_000)
         node_drawn(page, f"{ROOT}/corners/points")
@@ -379,4 +377,4 @@ def test_a_browser_downloads_its_picture_and_the_report(chromium: Any, app: App,
         assert picture.mode == "RGB"
         assert picture.width > 200
         assert colours_in((tmp_path / "view.png").read_bytes()) > 20
-        assert load_session(tmp_path / "session.json").shown.dark is False
+        assert load_session(tmp_path / "session.json").shown.view is not None

@@ -33,10 +33,9 @@ def numbers(values: list[float | None]) -> Array:
     return np.array([np.nan if v is None else v for v in values])
 
 
-@pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("columns", [1, 2])
-def test_plotly_takes_every_value_and_panels_do_not_overlap(columns: int, dark: bool) -> None:
-    figure = joint_curves(ALL, ROBOT, columns=columns, dark=dark)
+def test_plotly_takes_every_value_and_panels_do_not_overlap(columns: int) -> None:
+    figure = joint_curves(ALL, ROBOT, columns=columns)
     layout = go.Figure(figure.to_dict()).layout  # checks each value
     boxes = [(*layout[f"xaxis{n}"].domain, *layout[f"yaxis{n}"].domain) for n in ("", *map(str, range(2, 5)))]
     for i, (left, right, low, high) in enumerate(boxes):
@@ -83,8 +82,3 @@ def test_what_is_far_outside_does_not_flatten_the_curve() -> None:
     wild = replace(OVER_ANGLE, value=np.where(OVER_ANGLE.inside, OVER_ANGLE.value, 1.0))
     low, high = joint_curves([wild], ROBOT).layout.yaxis.range
     assert high - low < 6.0  # mrad; the curve is 2 mrad high
-
-
-def test_themes_differ() -> None:
-    light, dark = (joint_curves([OVER_ANGLE], ROBOT, dark=dark).to_json() for dark in (False, True))
-    assert light != dark

@@ -1,4 +1,4 @@
-"""Figures show the numbers they were given, with units, in light and dark."""
+"""Figures show the numbers they were given, with units, for light and dark pages."""
 
 from __future__ import annotations
 
@@ -141,32 +141,31 @@ def _place(**more: Any) -> go.Figure:
     return place_views(place, [0.1, 0.2, 0.4, 0.3], IDS, IS_TEST, title="error length, mm", **more)
 
 
-def _figures(dark: bool) -> list[go.Figure]:
+def _figures() -> list[go.Figure]:
     smooth = ([1.0, 2.0, np.nan, 4.0], [0.1, 0.2, np.nan, 0.3])
     return [
-        correlation_heatmap(NAMES, _pearson(), dark=dark),
-        convergence([1.0, 0.1], [1.0, 0.2], dark=dark),
-        pose_residuals(["p1"], ["train"], [0.1], dark=dark),
-        error_history(["nominal", "link errors"], [1.0, 0.1], [1.0, np.nan], 0.05, dark=dark),
-        _against(smooth=smooth, selected="p2", dark=dark),
-        _place(signed=True, selected="p2", dark=dark),
-        added_variable([0.1, 0.2], [0.2, 0.1], "joint_compliance", dark=dark),
+        correlation_heatmap(NAMES, _pearson()),
+        convergence([1.0, 0.1], [1.0, 0.2]),
+        pose_residuals(["p1"], ["train"], [0.1]),
+        error_history(["nominal", "link errors"], [1.0, 0.1], [1.0, np.nan], 0.05),
+        _against(smooth=smooth, selected="p2"),
+        _place(signed=True, selected="p2"),
+        added_variable([0.1, 0.2], [0.2, 0.1], "joint_compliance"),
     ]
 
 
-def test_dark_and_light_differ_and_both_become_json() -> None:
-    for light, dark in zip(_figures(False), _figures(True), strict=True):
-        assert light.layout.font.color != dark.layout.font.color
-        assert light.layout.xaxis.gridcolor != dark.layout.xaxis.gridcolor
-        for fig in (light, dark):
-            assert json.loads(fig.to_json())["data"]
+def test_figures_leave_ground_and_text_to_the_page_and_become_json() -> None:
+    for fig in _figures():
+        assert fig.layout.paper_bgcolor == fig.layout.plot_bgcolor == "rgba(0,0,0,0)"
+        assert "color" not in str([note.font for note in fig.layout.annotations])
+        assert json.loads(fig.to_json())["data"]
 
 
 def test_every_value_of_every_figure_is_one_that_plotly_knows_and_every_axis_has_its_unit() -> None:
-    for fig in (*_figures(False), *_figures(True)):
+    for fig in _figures():
         checked = go.Figure(fig.to_plotly_json())  # raises on what plotly does not know
         assert len(checked.data) == len(fig.data)
-    for fig in _figures(False)[4:6]:
+    for fig in _figures()[4:6]:
         titles = [axis["title"]["text"] for key, axis in fig.to_plotly_json()["layout"].items() if "axis" in key]
         assert all("mm" in title or "°" in title for title in titles)
 
@@ -299,7 +298,7 @@ def test_what_is_no_exception_is_shown(values: list[float]) -> None:
 
 
 def test_a_zoom_belongs_to_the_numbers_that_are_plotted() -> None:
-    def key(y: list[float], selected: str | None = None, dark: bool = False, title: str = "y, mm") -> str:
+    def key(y: list[float], selected: str | None = None, title: str = "y, mm") -> str:
         fig = residual_against(
             [0, 1],
             y,
@@ -309,10 +308,9 @@ def test_a_zoom_belongs_to_the_numbers_that_are_plotted() -> None:
             y_title=title,
             band=(0, 1),
             selected=selected,
-            dark=dark,
         )
         assert fig.layout.xaxis.uirevision == fig.layout.yaxis.uirevision
         return str(fig.layout.yaxis.uirevision)
 
-    assert key([1.0, 2.0]) == key([1.0, 2.0], selected="b") == key([1.0, 2.0], dark=True)
+    assert key([1.0, 2.0]) == key([1.0, 2.0], selected="b")
     assert len({key([1.0, 2.0]), key([1.0, 2.1]), key([1.0, 2.0], title="y, mrad")}) == 3

@@ -6,16 +6,31 @@ from itertools import combinations, product
 
 import pytest
 
-from inspector.markup.parts.palette import HIGHLIGHT, MEASURE, MODEL_COLOURS, ROLE_COLOURS
-from tests.support.colour_vision import DARK, EYES, LIGHT, contrast, difference
+from inspector.markup.parts.palette import (
+    BESIDE_COLOURS,
+    HIGHLIGHT,
+    MEASURE,
+    MODEL_COLOURS,
+    PROPOSAL,
+    ROLE_COLOURS,
+    SCAN,
+)
+from tests.support.colour_vision import DARK, DARK_PANEL, EYES, LIGHT, contrast, difference
 
-DRAWN = {**ROLE_COLOURS, **MODEL_COLOURS, "selected": HIGHLIGHT, "grid and scale": MEASURE}
+DRAWN = {**ROLE_COLOURS, **MODEL_COLOURS, "selected": HIGHLIGHT, "grid and scale": MEASURE, "scan": SCAN}
+PLOTTED = (*ROLE_COLOURS.values(), *BESIDE_COLOURS, HIGHLIGHT, MEASURE, PROPOSAL)
 
 
 @pytest.mark.parametrize("name", DRAWN)
 @pytest.mark.parametrize("background", [LIGHT, DARK])
 def test_points_arrows_and_lines_stand_out_from_the_page(name: str, background: str) -> None:
     assert contrast(DRAWN[name], background) >= 3.0  # WCAG 2.1, 1.4.11
+
+
+@pytest.mark.parametrize("colour", PLOTTED)
+@pytest.mark.parametrize("background", [LIGHT, DARK_PANEL])
+def test_marks_in_figures_stand_out_from_the_panel(colour: str, background: str) -> None:
+    assert contrast(colour, background) >= 3.0
 
 
 @pytest.mark.parametrize("eyes", EYES)

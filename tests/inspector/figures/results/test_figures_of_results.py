@@ -243,6 +243,7 @@ def test_dark_figures_are_dark(fit: Calibration, found: Diagnosis) -> None:
     for dark in (False, True):
         for figure in (figures.error_bars(fit, dark=dark), figures.error_history(found, dark=dark)):
             assert (luminance(figure.layout.paper_bgcolor) < 0.5) is dark
+            assert (luminance(figure.layout.font.color) > 0.5) is dark
             stands_alone(figure)
 
 
