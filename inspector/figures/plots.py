@@ -27,9 +27,12 @@ from inspector.figures.style import (
     selects_joint_of_row,
     shortened,
 )
-from inspector.markup.parts.palette import ROLE_COLOURS, UNKNOWN, role_colour
+from inspector.markup.parts.palette import ROLE_COLOURS, UNKNOWN, rgb, role_colour
 
 MOST_TICKS = 16
+MOST_DROPPING = 60  # test poses that are drawn one by one in a model's history
+SPREAD = 0.3  # of the distance between two models: width over which single test poses are spread
+NOISE_BAND = "rgba(128,128,128,0.28)"
 
 
 def correlation_heatmap(
@@ -206,12 +209,29 @@ def error_history(
     floor_mm: float | None,
     *,
     noise: str = "noise alone",
+    test_poses_mm: Sequence[Mapping[str, float]] = (),
 ) -> go.Figure:
-    """Figure of 3D RMSE after each change of the model, logarithmic, with a line at the noise; NaN leaves a gap."""
-    traces = []
+    """Figure of 3D RMSE after each change of the model, logarithmic, over the band of the noise; NaN leaves a gap.
+
+    Args:
+        labels: of the K models.
+        train_rmse_mm: (K,) of the training poses.
+        test_rmse_mm: (K,) of the test poses.
+        floor_mm: 3D RMSE that noise alone leaves.
+        noise: name of that noise.
+        test_poses_mm: 3D error of each test pose by its id, for each model: a point, with a line from model to model.
+    """
     steps = list(range(len(labels)))
     names = [escape(label) for label in labels]
     shown: list[float] = []
+    traces: list[dict[str, Any]] = []
+    if floor_mm is not None and len(labels):
+        shown.append(floor_mm)
+        traces += _noise_band(floor_mm, noise, len(labels), max(map(len, test_poses_mm), default=0))
+    if any(map(len, test_poses_mm)):
+        traces += _dropping(test_poses_mm)
+        for errors in test_poses_mm:
+            shown += np.percentile([mm for mm in errors.values() if mm > 0.0] or [1.0], (5, 100)).tolist()
     for role, values in (("train", train_rmse_mm), ("test", test_rmse_mm)):
         y = np.asarray(values, dtype=float)
         y = np.where(y > 0, y, np.nan)
@@ -223,25 +243,66 @@ def error_history(
             _curve(role, steps, y)
             | {"customdata": names, "hovertemplate": hover, "ids": list(map(str, steps)), "meta": SHOWS_STEP}
         )
-    if floor_mm is not None and len(labels):
-        shown.append(floor_mm)
-        traces.append(
-            {
-                "type": "scatter", "mode": "lines", "name": noise, "x": [-0.3, len(labels) - 0.7],
-                "y": [floor_mm, floor_mm], "line": {"color": UNKNOWN, "width": 2, "dash": "dash"},
-                "hovertemplate": f"{noise}: {floor_mm:.4g} mm<extra></extra>",
-            }
-        )  # fmt: skip
     extent = {"range": [np.log10(min(shown) / 1.3), np.log10(max(shown) * 1.3)]} if shown else {}
     every = max(1, -(-len(labels) // MOST_TICKS))
     return figure(
         traces,
         xaxis={
             "tickvals": steps[::every], "ticktext": [shortened(label) for label in labels[::every]], "zeroline": False,
-            "range": [-0.3, len(labels) - 0.7], "tickfont": {"size": 10}, "automargin": True,
+            "range": [-0.3, len(labels) - 0.7], "tickfont": {"size": 11}, "automargin": True,
             "tickangle": 0 if len(labels) < 3 else -25 if len(labels) < 9 else -60,
-            "title": "change of the model",
         },
         yaxis={"type": "log", "title": "3D RMSE, mm", "automargin": True, **_log_ticks(shown), **extent},
         margin=(56, 14, 30, 10),
     )  # fmt: skip
+
+
+def _noise_band(floor_mm: float, noise: str, models: int, test_poses: int) -> list[dict[str, Any]]:
+    """Band in which noise alone leaves the RMSE of the test poses, 95 %; a line where no test pose is given."""
+    low, high = -0.3, models - 0.7
+    hover = f"{noise}: {floor_mm:.4g} mm<extra></extra>"
+    if not test_poses:
+        line = {"color": UNKNOWN, "width": 2, "dash": "dash"}
+        return [
+            {
+                "type": "scatter", "mode": "lines", "name": noise, "x": [low, high], "y": [floor_mm, floor_mm],
+                "line": line, "hovertemplate": hover,
+            }
+        ]  # fmt: skip
+    width = 2.0 / np.sqrt(6.0 * test_poses)  # two standard deviations of the RMS of three coordinates a pose
+    line = {"width": 0.5, "color": UNKNOWN}
+    ends = {"type": "scatter", "mode": "lines", "x": [low, high], "line": line, "hovertemplate": hover}
+    bottom, top = floor_mm * max(1.0 - width, 0.1), floor_mm * (1.0 + width)
+    return [
+        {**ends, "y": [bottom, bottom], "showlegend": False, "name": noise},
+        {**ends, "y": [top, top], "name": f"{noise}, 95 %", "fill": "tonexty", "fillcolor": NOISE_BAND},
+    ]
+
+
+def _dropping(test_poses_mm: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
+    """Traces of the single test poses: lines from model to model, and points that select their pose."""
+    ids = list(dict.fromkeys(pose for errors in test_poses_mm for pose in errors))
+    ids = ids[:: max(1, -(-len(ids) // MOST_DROPPING))]
+    offset = {pose: SPREAD * ((k * 0.618034) % 1.0 - 0.5) for k, pose in enumerate(ids)}
+    x: list[float | None] = []
+    y: list[float | None] = []
+    of: list[str] = []
+    for pose in ids:
+        for step, errors in enumerate(test_poses_mm):
+            mm = errors.get(pose, 0.0)
+            x.append(step + offset[pose])
+            y.append(mm if mm > 0.0 else None)
+            of.append(pose)
+        x.append(None)
+        y.append(None)
+        of.append(pose)
+    colour = "rgba({},{},{},0.35)".format(*rgb(ROLE_COLOURS["test"]))
+    names = [escape(pose) for pose in of]
+    return [
+        {
+            "type": "scatter", "mode": "lines+markers", "name": "each test pose", "x": x, "y": y,
+            "customdata": names, "meta": {**SELECTS_POSE, "values": names}, "connectgaps": False,
+            "line": {"color": colour, "width": 0.6}, "marker": {"color": colour, "size": 4},
+            "hovertemplate": "%{customdata}: %{y:.3g} mm<extra></extra>",
+        }
+    ]  # fmt: skip

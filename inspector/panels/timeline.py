@@ -9,7 +9,7 @@ import viser
 
 from calib.array_types import Array, IndexArray
 from inspector.markup.parts import elements
-from inspector.panels.base import Actions, ChangedValues, by_page
+from inspector.panels.base import SECONDARY, Actions, ChangedValues, by_page
 from inspector.panels.input_checks import clamped
 from inspector.session.view import View
 
@@ -27,7 +27,7 @@ class TimelinePanel:
         with self._folder:
             self.slider = gui.add_slider("s", min=0.0, max=1.0, step=0.1, initial_value=0.0)
             self.play = gui.add_button(
-                PLAY, icon=viser.Icon.PLAYER_PLAY, hint="from pose to pose as they were measured"
+                PLAY, icon=viser.Icon.PLAYER_PLAY, color=SECONDARY, hint="from pose to pose as they were measured"
             )
             self._said = gui.add_html("")
         self._unit_s = 1.0

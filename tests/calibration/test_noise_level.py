@@ -83,6 +83,6 @@ def test_page_figures_headline_and_check_say_where_it_comes_from() -> None:
     assert not headline.reached_noise
     found = diagnose(dataset)
     names = [trace.name for trace in error_history(found).data]
-    assert "noise as the fit left it" in names
+    assert "noise as the fit left it, 95 %" in names
     checked = {item.name: item_sentence(item) for item in check(dataset).items}
     assert "noise as the fit left it; no sigma is declared" in checked["residual"]

@@ -169,6 +169,25 @@ def redundancy_heatmap(of: Redundancy | Dataset | Calibration, *, dark: bool = F
 # ---- a diagnosis: how the error fell, which effects could be missing, what was learned -------------------------------
 
 
+def history_of_model(steps: Sequence[FitStep]) -> go.Figure:
+    """Figure of the 3D error after each step of a model, with that of each test pose, without title or ground."""
+    first, last = steps[0].calibration, steps[-1].calibration
+    stages = [first.before, *(step.calibration.after for step in steps)]
+    labels = ["as delivered", *(step.label for step in steps)]
+    train = [np.nan if s.train is None else s.train.rmse_mm for s in stages]
+    test = [np.nan if s.test is None else s.test.rmse_mm for s in stages]
+    level, poses = noise_level(last), last.dataset.poses
+    single = [
+        {
+            poses.ids[pose]: float(mm)
+            for pose, mm in zip(stage.pose, np.linalg.norm(stage.error_mm, axis=1), strict=True)
+            if poses.is_test[pose]
+        }
+        for stage in stages
+    ]
+    return plots.error_history(labels, train, test, level.floor_mm, noise=level.name, test_poses_mm=single)
+
+
 def error_history(of: Diagnosis | Sequence[FitStep], *, dark: bool = False) -> go.Figure:
     """Figure of the 3D error (RMS, mm, logarithmic) of training and test poses after each added effect.
 
@@ -178,13 +197,8 @@ def error_history(of: Diagnosis | Sequence[FitStep], *, dark: bool = False) -> g
         of: a diagnosis, or the steps of a model, as `calib.diagnosis.search_space.add_in_turn` makes them.
     """
     steps = of.steps if isinstance(of, Diagnosis) else of
-    first, last = steps[0].calibration, steps[-1].calibration
-    stages = [first.before, *(step.calibration.after for step in steps)]
-    labels = ["as delivered", *(step.label for step in steps)]
-    train = [np.nan if s.train is None else s.train.rmse_mm for s in stages]
-    test = [np.nan if s.test is None else s.test.rmse_mm for s in stages]
-    level = noise_level(last)
-    drawn = plots.error_history(labels, train, test, level.floor_mm, noise=level.name)
+    last = steps[-1].calibration
+    drawn = history_of_model(steps)
     return titled(drawn, f"The error falls: {last.dataset.name}", dark=dark)
 
 

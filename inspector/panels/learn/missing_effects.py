@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import viser
 
-from calib.calibration.noise_level import noise_level
 from calib.present.blocks import Paragraph
 from calib.present.candidates import discriminating_section
 from calib.present.curves import BAND_NOTE, curve_blocks
@@ -12,8 +11,8 @@ from calib.present.html import panel
 from calib.screening.curves.fitted_curves import fitted_curves
 from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.figures.curve_plots import height_px, joint_curves
-from inspector.figures.plots import error_history
 from inspector.figures.residual_plots import added_variable
+from inspector.figures.results.of_results import history_of_model
 from inspector.markup.learn import effects as html
 from inspector.markup.parts import elements
 from inspector.markup.parts.palette import BAD
@@ -155,14 +154,7 @@ class MissingEffectsPanel:
         self._history.visible = session.calibration is not None and bool(session.history)
         if session.calibration is None or not session.history:
             return
-        level = noise_level(session.calibration)
-        self._history.figure = error_history(
-            [step.label for step in session.history],
-            [step.train_rmse_mm for step in session.history],
-            [step.test_rmse_mm for step in session.history],
-            level.floor_mm,
-            noise=level.name,
-        )
+        self._history.figure = history_of_model(session.steps)
 
     def update_curves(self, view: View) -> None:
         """Draw the learned curves of the model on show, if any."""

@@ -170,7 +170,15 @@ def test_the_history_tells_the_errors_of_the_steps(found: Diagnosis, fit: Calibr
     assert fit.before.test is not None
     np.testing.assert_allclose(named(figure, "test").y, [fit.before.test.rmse_mm, *steps["test_rmse_mm"]])
     np.testing.assert_allclose(named(figure, "training").y[1:], steps["train_rmse_mm"])
-    assert named(figure, "noise alone").y[0] == pytest.approx(np.sqrt(3.0) * dataset_sigma(fit.dataset))
+    bottom, top = named(figure, "noise alone").y[0], named(figure, "noise alone, 95 %").y[0]
+    assert 0.5 * (bottom + top) == pytest.approx(np.sqrt(3.0) * dataset_sigma(fit.dataset))
+    single = named(figure, "each test pose")
+    last = np.linalg.norm(found.calibration.after.error_mm, axis=1)[
+        fit.dataset.poses.is_test[found.calibration.after.pose]
+    ]
+    np.testing.assert_allclose(
+        sorted(y for x, y in zip(single.x, single.y, strict=True) if x and x > len(steps) - 0.5), sorted(last)
+    )
     stands_alone(figure, "mm")
 
 
