@@ -139,8 +139,9 @@ _WHAT = {
 }
 METHOD = (
     "The earlier fit predicts each check pose. The limit is what the noise and the uncertainty of the fit's parameters "
-    "and of the scanner's frame would make. Each possible change is fitted by generalised least squares, once with the "
-    "scanner where it was and once with its place free; the arm is not blamed for what a moved scanner explains.",
+    "and of the instrument's frame would make. Each possible change is fitted by generalised least squares, once with "
+    "the instrument where it was and once with its place free; the arm is not blamed for what a moved instrument "
+    "explains.",
     "Of unchanged cells fewer than one in a hundred is called changed, over all kinds of change together.",
 )
 _SIZES_NOTE = "Each size is estimated given the changes named above, whether it changed or not."
@@ -186,7 +187,7 @@ def change_phrase(change: Change) -> str:
     if change.what == NOISE:
         return f"the noise is {numbers.times(change.size)} what it was"
     moved = {
-        "scanner": "the scanner (or the base) moved" if BASE in change.as_well else "the scanner moved on the flange",
+        "scanner": f"the {'instrument (or the base)' if BASE in change.as_well else 'scanner on the flange'} moved",
         "tool": "the tool moved",
         "jig": "the jig (or the base) moved",
     }
@@ -257,7 +258,7 @@ def unseen_sentences(report: ChangeReport) -> list[str]:
     never = [_kind(d) for d in report.unseen if d.size is None]
     small = [f"{_kind(d)} below {numbers.size(d.size, d.unit)}" for d in report.unseen if d.size is not None]
     return [
-        *([f"Never seen by these poses, or taken for the scanner: {', '.join(never)}."] if never else []),
+        *([f"Never seen by these poses, or taken for the instrument: {', '.join(never)}."] if never else []),
         *([f"Not seen by these poses: {', '.join(small)}."] if small else []),
         *([report.outside_words] if report.outside_words else []),
     ]

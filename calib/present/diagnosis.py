@@ -423,7 +423,7 @@ def residual_tests(tests: ResidualTests) -> Words:
 
 def _pattern(tests: ResidualTests) -> Words:
     first = tests.inputs[0]
-    where = f"along {first.channel.name} of the scanner's frame"
+    where = f"along {first.channel.name} of the instrument's frame"
     if first.channel.joint is not None:
         where = f"in the motion of {first.channel.name}"
     return spans(

@@ -77,5 +77,5 @@ def input_name(name: str) -> Span:
             "approach": joint(number, f"the approach of joint {number}"),
         }[quantity]
     if name in PLACES:
-        return f"{name} of the scanner's frame"
+        return f"{name} of the instrument's frame"
     return _CONDITIONS.get(name, name)

@@ -273,7 +273,7 @@ def assumptions(plan: Plan) -> list[str]:
     if plan.blocked:
         ways = ", ".join(f"{one} to {other}" for one, other in plan.blocked)
         lines.append(
-            f"moving all joints at once leads through floor, box, scanner or the arm itself: {ways}; go around"
+            f"moving all joints at once leads through floor, box, instrument or the arm itself: {ways}; go around"
         )
     if isinstance(start, FromFit):
         lines += _of_fit(start)

@@ -20,7 +20,7 @@ from calib.present.effects import model_name
 from calib.screening.residual_tests import STRUCTURE_LEVEL, InputTest, ResidualTests, run_residual_tests
 
 LENGTH = "error length"
-AXES = {f"error in {axis} of the scanner": k for k, axis in enumerate("xyz")}
+AXES = {f"error in {axis} of the instrument": k for k, axis in enumerate("xyz")}
 UNITS = {"payload_kg": "kg", "temperature_c": "°C", "time_s": "s", "x": "mm", "y": "mm", "z": "mm"}
 NAMES = {
     "payload_kg": "payload",
@@ -64,7 +64,7 @@ def input_title(name: str, robot: Robot) -> str:
         what = {"q": angle, "torque": "gravity torque, Nm", "approach": "approach (−1 or 1)"}[quantity]
         return f"joint {joint + 1} {what}"
     if name in PLACES:
-        return f"place {name} in the scanner's frame, mm"
+        return f"place {name} in the instrument's frame, mm"
     return NAMES.get(name, name) + (f", {UNITS[name]}" if name in UNITS else "")
 
 

@@ -80,8 +80,8 @@ def label_of(name: str) -> str:
         return f"side from which joint {name[len(stem) :]} came"
     shown = {
         "temperature_c": "temperature, C", "time_s": "time, min", "payload_kg": "payload, kg",
-        "order": "number of the pose", "x": "x in the scanner's frame, mm", "y": "y in the scanner's frame, mm",
-        "z": "depth in the scanner's frame, mm",
+        "order": "number of the pose", "x": "x in the instrument's frame, mm", "y": "y in the scanner's frame, mm",
+        "z": "depth in the instrument's frame, mm",
     }  # fmt: skip
     return shown.get(name, name)
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import viser
 
 from calib.present import names, numbers
+from calib.present.dataset import instrument
 from calib.present.names import ROLES
 from calib.present.references import Names
 from calib.targets.search import ScanSearch
@@ -46,11 +47,6 @@ LAYER_WORDS = {
 AS_POINTS = {"All corners": "All points", "Corner": "Point"}
 VIEW_OF = {label: view for view, label in AS_POINTS.items()}
 LAYERS_AS_POINTS = {"corner": "This point", "corners": "All points"}
-# Tabs cannot be removed: those about scans are not shown where there are none, and the first lists the points.
-POINTS_ONLY = (
-    '<style>[data-dock-tab]:is([title="Planes"],[title="Corner"]){display:none!important}'
-    '[data-dock-tab][title="Scans"]>span{display:none}[data-dock-tab][title="Scans"]::after{content:"Points"}</style>'
-)
 NOTHING_OPEN = "No dataset is open: choose another one, or correct this one and start the program again."
 KEYS = "Keys: N next, P previous, 1–7 views, F front, S side, T top, R reset, D dark or light"
 DARK_OR_LIGHT = "Dark or light"  # a button and a command that the page itself obeys (server/client/theme.js)
@@ -148,6 +144,7 @@ class ReviewPanel:
         self.view.options = VIEWS if has_scans else tuple(AS_POINTS.get(name, name) for name in POINT_VIEWS)
         for layer, of_points in LAYERS_AS_POINTS.items():
             self.layers[layer].label = LAYER_WORDS["Model layers"][layer] if has_scans else of_points
+        self.layers["scanner"].label = instrument(view.session.dataset).capitalize()
         self.list_poses(view)
 
     def list_poses(self, view: View) -> None:
@@ -164,7 +161,7 @@ class ReviewPanel:
         """Refresh everything that depends on the selected pose or on search results."""
         dataset = view.session.dataset
         poses = dataset.poses
-        roles = [str(r) for r in poses.role]
+        roles, setups = [str(r) for r in poses.role], len(set(poses.setup))
         self._about.content = elements.facts(
             [
                 # The list above has room for a short name only.
@@ -175,12 +172,12 @@ class ReviewPanel:
                     " · ".join(f"{roles.count(r)} {w}" for r, w in ROLES.items() if r in roles),
                 ),
                 *([("left out of these", len(view.session.uncounted))] if view.session.uncounted else []),
-                *([("scanner placements", len(set(poses.setup)))] if len(set(poses.setup)) > 1 else []),
+                *([(f"placements of the {instrument(dataset)}", setups)] if setups > 1 else []),
             ]
         ) + "".join(
             [
                 f'<span data-dataset="{elements.text(dataset.name)}"></span>',  # files of figures are called by it
-                POINTS_ONLY if dataset.scan_folder is None else "",
+                '<span data-measured="points"></span>' if dataset.scan_folder is None else "",  # page.css hides tabs
                 *(elements.alert(linked(w, self._names), colour="#E69F00") for w in dataset.warnings),
                 *(elements.note(linked(n, self._names)) for n in dataset.notes),
             ]
@@ -202,7 +199,7 @@ class ReviewPanel:
             rows.append(("left out", "no fit and no figure takes it"))
         setup = str(view.session.dataset.poses.setup[view.pose])
         if setup:
-            rows.append(("scanner placement", setup))
+            rows.append((f"placement of the {instrument(view.session.dataset)}", setup))
         if view.joint is not None:
             rows.append(("joint", elements.joint_link(view.joint + 1, f"{view.joint + 1}, Esc lets it go")))
         found, search = corner_of(view, view.pose), view.search

@@ -81,7 +81,7 @@ class SceneView:
         self._drawn: dict[str, list[viser.SceneNodeHandle]] = {name: [] for name in (*LAYERS, HALO)}
         self._keys: dict[str, object] = {}  # what a layer was drawn for
         self._point_mm = 1.2
-        self._draw_scanner()
+        self.draw_instrument("scanner")
 
     def _replace(self, layer: str, nodes: Sequence[viser.SceneNodeHandle]) -> None:
         """Remove the nodes of a layer that were not drawn again under the same name."""
@@ -153,10 +153,12 @@ class SceneView:
         for other in self._overview.values():
             other.point_size = size_mm * M_PER_MM
 
-    def _draw_scanner(self) -> None:
+    def draw_instrument(self, noun: str) -> None:
+        """Draw the frame of the measuring device with its noun, "scanner" or "instrument"."""
         name = f"{ROOT}/scanner"
         self._scene.add_frame(f"{name}/axes", axes_length=0.06, axes_radius=0.0015)
-        self._scene.add_label(f"{name}/label", "scanner (z: view)", font_screen_scale=0.8)
+        text = f"{noun} (z: view)" if noun == "scanner" else noun
+        self._scene.add_label(f"{name}/label", text, font_screen_scale=0.8)
 
     # ---- scans ------------------------------------------------------------------------------------------------------
 

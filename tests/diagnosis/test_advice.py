@@ -163,7 +163,7 @@ def test_the_page_and_the_diagnosis_judge_alike() -> None:
     ("name", "words"),
     [
         ("q3", "joint 3 (q3)"),
-        ("approach1", "the approach of joint 1"), ("time_s", "time"), ("y", "y of the scanner's frame"),
+        ("approach1", "the approach of joint 1"), ("time_s", "time"), ("y", "y of the instrument's frame"),
         ("order", "the order of measuring"), ("humidity2", "humidity2"),
     ],
 )  # fmt: skip

@@ -55,7 +55,7 @@ def test_the_residual_names_its_inputs_its_fault_and_the_poses_that_stand_out() 
     without = residual_tests(replace(NOISE, inputs=(replace(first, p_value=0.6),)))
     assert "does not depend systematically on any of 1 input " in plain(without)
     along = replace(NOISE, inputs=(InputTest("x", 1e-3, Channel(axis="z")),))
-    assert "along z of the scanner's frame" in plain(residual_tests(along))
+    assert "along z of the instrument's frame" in plain(residual_tests(along))
 
 
 def test_an_effect_may_be_fitted_on_behalf_of_others() -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from calib.errors import CalibError
 from calib.measurement.measured_points import counted_reasons
+from calib.present.dataset import instrument
 from inspector.app.controllers.model_controller import ModelController
 from inspector.app.controllers.stage import Stage
 from inspector.app.page.page_state import PageState
@@ -66,6 +67,7 @@ class DatasetController:
         self._on_open()
         put(review.dataset, name)
         self._stage.scene.clear_overview()
+        self._stage.scene.draw_instrument(instrument(session.dataset))
         review.set_poses(state.now)
         if self._first:
             self._stage.choose_factor()

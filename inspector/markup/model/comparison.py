@@ -59,7 +59,7 @@ def pose_html(view: View) -> str:
     if not table.rows:
         why = ERROR_OF_NONE if view.pose_id in view.session.uncounted else "No measured point to compare with."
         return html.panel([Section(f"Pose {view.pose_id}", [Paragraph(why, soft=True)])])
-    note = Paragraph("In the scanner's frame, mean over the pose's points.", soft=True)
+    note = Paragraph("In the instrument's frame, mean over the pose's points.", soft=True)
     return html.panel([Section(f"Pose {view.pose_id}: predicted − measured, mm", [table, note])])
 
 

@@ -10,7 +10,7 @@ from calib.present.colours import DOUBT as DOUBT  # a corner, or a verdict, that
 from calib.present.colours import GOOD as GOOD
 from calib.present.colours import NEUTRAL as NEUTRAL
 
-ROLE_COLOURS = {"reference": "#2DA587", "train": "#0F96D2", "test": "#C24420"}
+ROLE_COLOURS = {"reference": "#A36DFB", "train": "#37859D", "test": "#D65642"}
 FACE_COLOURS = ("#0072B2", "#E69F00", "#CC79A7")  # the three chosen faces, in the order of the corner's faces
 GROUP_COLOURS = (
     "#88CCEE",
@@ -23,12 +23,12 @@ GROUP_COLOURS = (
     "#882255",
     "#6699CC",
 )
-MODEL_COLOURS = {"nominal": "#D97700", "link errors": "#0072DC", "with effects": "#8A5A86"}
+MODEL_COLOURS = {"nominal": "#C68004", "link errors": "#6568B9", "with effects": "#109C85"}
 MODEL_BEFORE = "#A9B0BA"  # thin lines of the model before the one on show
 BESIDE_COLOURS = ("#0074B5", "#D55E00")  # the calibration on show, and the one beside it
 ARM, JOINT, SLIDE = "#C3C9D1", "#6B7787", "#8C7340"  # links; joints that turn; joints that slide
 MEASURE = "#7F868F"  # the floor's grid and the bar of known length
-HIGHLIGHT = "#E63C3C"  # the selected corner, pose and joint
+HIGHLIGHT = "#E5006B"  # the selected corner, pose and joint
 REJECTED = "#5F6B7A"  # what the choice of planes left out; darker than face 3, which some colour-blind eyes see as grey
 FILTER_COLOURS = ("#17BECF", "#7E57C2", "#8D6E3F")  # sets that filter 1, 2, 3 rejected; no face has these
 SCAN = "#6F7B8A"  # points of the selected scan that are on no face

@@ -57,8 +57,7 @@ class MissingEffectsPanel:
         self.add = gui.add_button("Add to the model", icon=viser.Icon.PLUS, color=SECONDARY)
         self._chosen_for = ChosenByDataset(self.choice, NONE)
         self._before = NONE  # what was chosen when this dataset was on show last
-        self._fit: object = None  # the fit on show
-        self._by_hand: object = None  # the fit for which the user has chosen an effect
+        self._by_hand = NONE  # the effect that was chosen by hand: no advice replaces it
         self._moves = (0, 0)  # changes of the model to undo and to redo
         self._chosen = gui.add_html("")
         self._variable = hidden_plot(gui, 0.7, "effect against residual")
@@ -89,7 +88,7 @@ class MissingEffectsPanel:
             self._actions.move(-1 if button == UNDO else 1)
 
     def _chosen_by_hand(self) -> None:
-        self._by_hand = self._fit
+        self._by_hand = self.chosen
         self._actions.candidate()
 
     def open(self, dataset: str, _: View) -> None:
@@ -101,7 +100,7 @@ class MissingEffectsPanel:
     def choose(self, name: str) -> None:
         """Choose an effect in the list, if it is listed."""
         if name in self.choice.options:
-            self._by_hand = self._fit
+            self._by_hand = name
             put(self.choice, name)
 
     def finding(self, running: bool) -> None:
@@ -121,7 +120,6 @@ class MissingEffectsPanel:
     def update(self, view: View, *, undo: int, redo: int, own: str = "") -> None:
         """Show the session's model and candidates for missing effects; `own`: fault of the user's effects file."""
         session = view.session
-        self._fit = session.calibration
         self._moves = (undo, redo)
         self._undo.disabled, self._redo.disabled = not undo, not redo
         self.say("")
@@ -234,7 +232,7 @@ class MissingEffectsPanel:
         if options != tuple(self.choice.options):
             self.choice.options = options
         advised = session.advice.effect if session.advice is not None else ""
-        free = self._by_hand is not self._fit and before not in inside
+        free = before not in (*inside, self._before, self._by_hand)
         if advised in options and free:
             put(self.choice, advised)
         else:

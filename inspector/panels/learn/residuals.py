@@ -174,4 +174,4 @@ class ResidualsPanel(FollowsModel):
             self.worst.options = options
         put(self.worst, labels.get(view.pose_id, NONE))
         table = worst_poses(pose_errors, WORST, view.pose_id)
-        self._table.content = html.panel([Section("Worst poses, mm in the scanner's frame", [table])])
+        self._table.content = html.panel([Section("Worst poses, mm in the instrument's frame", [table])])

@@ -37,7 +37,7 @@ class FitPanel(FollowsModel):
         self.residual = gui.add_dropdown(
             "Fit",
             RESIDUALS,
-            hint="position: points, the scanner's frame free; distance: from the reference pose (Jang); pairs: all "
+            hint="position: points, the instrument's frame free; distance: from the reference pose (Jang); pairs: all "
             "distances; pose: points and how the jig stands there",
         )
         self.calibrate = gui.add_button("Calibrate", icon=viser.Icon.TARGET_ARROW)

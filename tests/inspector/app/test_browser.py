@@ -43,6 +43,7 @@ def test_without_a_browser_ci_fails_and_others_skip_with_the_reason(
 
 @pytest.mark.slow
 def test_the_page_opens_and_says_how_far_the_search_has_come(page: Any, app: App) -> None:
+    open_tab(page, "Scans")
     names = [t.inner_text().strip() for t in page.get_by_role("tab").all()]
     assert {"Measure", "Model", "Learn", "Scans", "Planes", "Corner"} <= set(names)
     assert app.worker.wait_idle(IDLE_S)
@@ -179,7 +180,7 @@ def test_names_from_files_run_nothing(page: Any, app: App) -> None:
     app.open("points")
     assert app.worker.wait_idle(IDLE_S)
     app.select(1)
-    open_tab(page, "Corner")
+    open_tab(page, "Compare")
     says(page, f"Pose {HOSTILE}")
     assert page.evaluate("() => window.pwned === undefined")
     assert page.locator("b", has_text="p2").count() == 0

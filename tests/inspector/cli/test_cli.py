@@ -227,7 +227,7 @@ def test_diagnose_writes_its_model_and_the_report_fits_as_asked(
     assert found["left_out"] == reported["left_out"] == [pose]
     assert f"asked: {pose}" in page.read_text()
     assert main(["diagnose", str(points_folder), *asked]) == 0
-    assert f"measured at: {pose}" in capsys.readouterr().out
+    assert f"left out: {pose}" in capsys.readouterr().out
     assert run_json(capsys, "validate", points_folder, *asked)["left_out"] == [pose]
 
 

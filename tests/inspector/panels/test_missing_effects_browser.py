@@ -20,7 +20,7 @@ pytestmark = pytest.mark.browser
 
 def fact(page: Any, name: str) -> str:
     """The value that is written beside a name."""
-    row = page.get_by_role("row").filter(has=page.get_by_role("cell", name=name, exact=True))
+    row = page.get_by_role("row").filter(has=page.get_by_role("rowheader", name=name, exact=True))
     return str(row.locator("visible=true").first.get_by_role("cell").last.inner_text())
 
 
