@@ -29,7 +29,8 @@ SEEN = """() => {
   });
   return {
     view: plain(view, "backgroundColor")[0], panel: plain(document.body, "backgroundColor")[0],
-    tick: plain(ticks.find((each) => each.getClientRects().length), "fill")[0], whiteLabels: labels.some((shader) => shader.includes("vec4(1.0, 1.0, 1.0,")),
+    tick: plain(ticks.find((each) => each.getClientRects().length), "fill")[0],
+    whiteLabels: labels.some((shader) => shader.includes("vec4(1.0, 1.0, 1.0,")),
   };
 }"""
 
