@@ -18,6 +18,7 @@ from calib.html_text import escape
 from calib.present.names import ROLES
 from inspector.figures.robust_axis import beyond, robust_range
 from inspector.figures.style import EDGE, SELECTED_COLOUR, SELECTS_POSE, SIGNED_SCALE, figure, shortened
+from inspector.markup.parts.colour_scale import ERROR
 from inspector.markup.parts.palette import ROLE_COLOURS
 
 SELECTED = "selected pose"
@@ -25,8 +26,7 @@ MEDIAN = "training median"
 NOISE = "noise, 95 %"
 _MEDIAN_COLOUR = "#CC79A7"
 _SYMBOLS = {"train": "circle", "test": "diamond"}
-# Viridis: even in lightness, so that colour-blind eyes and grey paper show the same order; dark is small.
-_SIZES = ((0.0, "#440154"), (0.25, "#3B528B"), (0.5, "#21918C"), (0.75, "#5EC962"), (1.0, "#FDE725"))
+_SIZES = tuple(zip(np.linspace(0.0, 1.0, len(ERROR)).tolist(), ERROR, strict=True))  # as in the 3D view
 
 
 def residual_against(
