@@ -50,7 +50,7 @@ def in_short(value: Any) -> str:
 
 
 def errors_in_short(before: object, after: object) -> str:
-    """RMSE before and after of the test poses, or of the training poses where no pose is for testing.
+    """RMSE, mm, of the test poses (of the training poses where none is for testing) before and after a fit, as text.
 
     Both are objects with the attributes `train` and `test`, figures with an `rmse_mm` or None.
     """

@@ -65,7 +65,7 @@ class FaceLabels:
 
     @property
     def labelling(self) -> FaceLabelling:
-        """Basis of the labels, least margin, and the poses without labels."""
+        """Summary of the labelling: its method, its least margin, and the poses without labels."""
         return FaceLabelling(
             self.by,
             len(self.orientations),
@@ -122,7 +122,7 @@ def _turn_deg(rotation: Array) -> Array:
 
 
 def predicted_attitudes(dataset: Dataset, corners: Mapping[str, Corner]) -> tuple[dict[str, Array], dict[str, str]]:
-    """scanner_R_tool (3, 3) by pose id, from the nominal arm and the corners; the reason why not for other poses.
+    """Predicted scanner_R_tool (3, 3) by pose id, from nominal arm and corners; and reasons for poses without one.
 
     Only for setups whose corners are spread enough to determine the scanner's frame.
     """
@@ -230,7 +230,7 @@ def _most_agreed(hand_eye: Array) -> Array:
 def _common_shift(
     three: Mapping[str, Labellings], ids: list[str], hand_eye: Array, best: IndexArray, unequal: bool
 ) -> int:
-    """Cyclic shift of the labels of all poses: by the jig's angles, else face 1 nearest the tool's x axis."""
+    """Cyclic shift, 0 to 2, of all poses' labels: by the jig's angles, else with face 1 nearest the tool's x axis."""
     if unequal:
         total = [sum(three[i][(best[row] + k) % 3].misfit for row, i in enumerate(ids)) for k in range(3)]
         least, second = np.sort(total)[:2]

@@ -53,7 +53,7 @@ def process_2(
     in_plane_rad: float,
     height_mm: float,
 ) -> BoolArray:
-    """(K,) whether the vector v from the group's centre to a set's is perpendicular to both normals.
+    """(K,) whether the vector v from the group's centre to each set's centroid is perpendicular to both normals.
 
     |v . n| <= |v| sin(tolerance), and alike for the set's own normal. Over a short distance the noise of the centres
     alone tilts v, so a height below `height_mm` always passes.

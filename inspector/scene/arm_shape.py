@@ -97,7 +97,7 @@ def arm_of(version: Version, pose: int) -> ArmShape | None:
 
 
 def _row(values: Array, pose: int) -> Array:
-    """Row of a pose in an array that may have one row for all poses."""
+    """Values of one pose, from an array with a row for each pose or one row for all poses."""
     return values[pose if len(values) > 1 else 0]
 
 

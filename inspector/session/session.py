@@ -41,7 +41,7 @@ class StepErrors:
 
     @property
     def other_poses(self) -> bool:
-        """Whether other poses count than before this step."""
+        """Whether this step changed which poses are used."""
         return self.label.startswith((LEFT_OUT, TAKEN_IN))
 
 
@@ -176,6 +176,6 @@ def _errors(result: Calibration, *, before: bool = False) -> tuple[float, float]
 
 
 def untested(session: Session) -> Session:
-    """History step of a new fit whose residual is not tested yet."""
+    """Session after a new fit, without the rankings, tests and diagnosis of the fit before."""
     unknown = replace(session, screening=None, pose_errors=None, residual_tests=None, advice=None)
     return replace(unknown, diagnosis=None, next_poses=None, searched=False, separations={}, versions=())

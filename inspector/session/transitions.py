@@ -81,7 +81,7 @@ def with_ranking(session: Session) -> Session:
 
 
 def with_residual_tests(session: Session) -> Session:
-    """Session with the residual tested, and with the next move of the search or the verdict as advice.
+    """Session with the residual tested, and with the next change of the model, or the verdict, as advice.
 
     Nothing new where they are known or nothing was ranked.
     """
@@ -93,7 +93,7 @@ def with_residual_tests(session: Session) -> Session:
 
 
 def _with_next_move(session: Session, model: Model) -> Session:
-    """Session with advice on its model's next move, or with the diagnosis where there is no move."""
+    """Session with advice on the next change of its model, or with the diagnosis where no change is advised."""
     assert session.residual_tests is not None
     move = next_move(search_space(session), model)
     if isinstance(move, Diagnosis):
@@ -109,7 +109,7 @@ def search_space(session: Session) -> SearchSpace:
 
 
 def separation(session: Session, name: str) -> Separation | None:
-    """Poses at which a candidate and its nearest rival differ most; None without candidate or rival.
+    """Poses at which a candidate and the effect most similar to it differ most; None where either is missing.
 
     Raises CalibError where there are too few poses to fit either one whole.
     """
@@ -175,7 +175,7 @@ def with_effect(session: Session, name: str) -> Session:
 
 
 def _advised(session: Session, name: str) -> Move | None:
-    """The advised move, if it adds this effect; else None."""
+    """The advised change of the model, if it adds this effect; else None."""
     advice = session.advice if session.screening is not None else None
     return advice.move if advice is not None and advice.effect == name else None
 
@@ -194,7 +194,7 @@ def without_effect(session: Session, name: str) -> Session:
 
 
 def with_advice_followed(session: Session) -> Session:
-    """Session after the advised move. Raises CalibError where there is none."""
+    """Session after the advised change of the model. Raises CalibError where none is advised."""
     if session.advice is None:
         raise CalibError("there is nothing to follow: no move leads on from this model")
     move = session.advice.move

@@ -32,7 +32,7 @@ class Following:
 
 
 def followings(file: XmlFile, moving: Sequence[UrdfJoint]) -> tuple[Following, ...]:
-    """Dependence of each mimic joint on others. Raises RobotFileError for masters off the arm, circles, mixed types."""
+    """Dependence of each mimic joint on others. Raises RobotFileError for cycles, mixed types, joints off the arm."""
     by_name = {joint.name: i for i, joint in enumerate(moving)}
     return tuple(_following(file, moving, by_name, i) for i in range(len(moving)))
 

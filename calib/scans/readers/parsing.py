@@ -89,7 +89,7 @@ def doubles(values: np.ndarray) -> Array:
 
 
 def split(rows: Array, has_normals: bool) -> PointsAndNormals:
-    """Points and normals, or None, from rows of three or six columns."""
+    """Points, and normals or None, from rows of three or six columns."""
     return rows[:, :3], rows[:, 3:6] if has_normals else None
 
 

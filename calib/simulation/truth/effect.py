@@ -28,7 +28,7 @@ class TrueEffect:
         return arm
 
     def change_measurement(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
-        """Tool frame (N, 4, 4) as the scanner reports it; the jig's apex points along `sign` times the z axis."""
+        """Tool frame (N, 4, 4) as reported under this effect; the jig's apex points along `sign` times its z axis."""
         return scanner_T_target
 
     def scaled(self, factor: float) -> TrueEffect:

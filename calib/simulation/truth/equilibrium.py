@@ -123,7 +123,7 @@ def jig_side(robot: Robot) -> float:
 
 
 def truth_document(truth: Truth, nominal: Robot) -> dict[str, Any]:
-    """Keys of truth.json on the arm; angles in degrees as in all files of a dataset, effects in their own units."""
+    """Entries of truth.json on the arm; angles in degrees as in all files of a dataset, effects in their own units."""
     table, error = truth.robot.table, truth.robot.table - nominal.table
     rows = [*(f"J{j + 1}" for j in range(nominal.n_joints)), "TCP"]
 

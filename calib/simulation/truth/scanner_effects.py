@@ -44,7 +44,7 @@ class ScannerDistortion(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """Distortion with one dominant term of three; each could move a point at the field's edge equally far."""
+        """Distortion of three terms, one dominant; each could move a point at the field's edge equally far."""
         middle_mm = cell.plain_mm.mean(axis=0)
         reach_mm = float(np.sqrt(np.mean(np.sum((cell.plain_mm - middle_mm) ** 2, axis=1))))
         k = 0.2 * rng.choice([-1.0, 1.0], 3) * (0.2 + 0.8 * np.eye(3)[rng.integers(3)])
@@ -130,7 +130,7 @@ class FieldBump(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """Bump at one of the points, with a width of 0.25 to 0.4 of the cloud of points."""
+        """Bump at one of the points, 0.25 to 0.4 times as wide (standard deviation) as the points' RMS radius."""
         middle_mm = cell.plain_mm.mean(axis=0)
         reach_mm = float(np.sqrt(np.mean(np.sum((cell.plain_mm - middle_mm) ** 2, axis=1))))
         direction = rng.standard_normal(3) * np.array([0.3, 0.3, 1.0])

@@ -179,7 +179,7 @@ def _information(plane: PlaneFit) -> Array:
 def _with_others(
     named: _Named, patches: Sequence[PlaneFit], placed: _Placed, normals: Array, offsets: Array, size_mm: float
 ) -> _Named:
-    """Naming extended by all other patches that lie on further planes of the set, near its origin."""
+    """Identified patches, with all other patches that match further planes of the set near its origin."""
     added, planes = list(named.patches), list(named.planes)
     there = normals @ placed.scanner_R_set.T
     for k in range(len(normals)):

@@ -81,11 +81,11 @@ class ModelController:
         return self._ranking.rank()
 
     def compare(self) -> LongWork:
-        """Long work that finds where the chosen candidate and its nearest rival differ most."""
+        """Long work that finds where the chosen candidate and the effect most similar to it differ most."""
         return self._ranking.compare()
 
     def choose(self, name: str) -> LongWork:
-        """Long work that chooses an effect and compares it with its nearest rival."""
+        """Long work that chooses an effect and compares it with the effect most similar to it."""
         self._panels.missing_effects.choose(name)
         return self._ranking.compare()
 
@@ -188,7 +188,7 @@ class ModelController:
         yield from self.rank()
 
     def follow(self) -> LongWork:
-        """Long work that makes the advised move, where there is one."""
+        """Long work that makes the advised change of the model, where there is one."""
         if self._session.advice is not None:
             self._shown.change(sessions.with_advice_followed(self._session))
             self._choose_last()

@@ -39,7 +39,7 @@ def what_is_fitted(result: Calibration) -> str:
 
 
 def fit_html(result: Calibration) -> str:
-    """What kind of fit it was, how it ended, and what to be warned of."""
+    """HTML on the kind of fit, on how it ended, and on its warnings."""
     alerts = [Verdict(words, DOUBT) for words in calibration_warnings(result)]
     return html.panel([Facts(fit_facts(result)), *alerts], Names.of(result.dataset))
 
