@@ -11,7 +11,7 @@ _LONGEST_VALUE = 60  # characters of one field's value
 
 
 class Brief:
-    """Base class of values whose `repr` is one short line: the class's name and what `_brief` says of the value.
+    """Base class of values whose `repr` is one short line: the class's name and a few words from `_brief`.
 
     Without a `_brief` of its own a dataclass shows its fields, each shortened: arrays by shape, others by length.
     Name it as the first base, so that a dataclass does not make a `__repr__` of its own.

@@ -74,7 +74,7 @@ class _Face:
 
 
 class Planes:
-    """Planes of the groups with every thinned point's height over each, from which triples of planes are scored."""
+    """Planes of the plane groups with heights of all thinned points, for scoring triples of planes as a jig's faces."""
 
     def __init__(
         self, groups: Sequence[PlaneGroup], around: Neighbourhoods, jig: Jig, tolerances: SelectionTolerances

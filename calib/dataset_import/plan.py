@@ -58,7 +58,7 @@ class PlannedColumn:
 
 @dataclass(frozen=True)
 class ImportPlan:
-    """Notes, doubts, faults, and the content to be written, which is None where there are faults."""
+    """Result of planning an import: notes, doubts, faults, and the content to write, None where there are faults."""
 
     robot: RobotFile | None
     columns: tuple[PlannedColumn, ...]

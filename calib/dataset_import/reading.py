@@ -132,7 +132,7 @@ def _coordinate(report: ImportReport, table: UserTable, name: str) -> Array:
 
 
 def pose_ids(report: ImportReport, table: UserTable, meant: Recognised) -> list[str]:
-    """Pose names of the rows of joints: those of the table, else p1, p2, ..."""
+    """Pose names of the rows of joints: from the table, else p1, p2, ..."""
     if "pose" not in meant.columns:
         return [f"p{i + 1}" for i in range(len(table))]
     ids = table.text(meant.columns["pose"].name)
@@ -190,7 +190,7 @@ def _number_of(name: str) -> str:
 
 
 def point_of_each_pose(q_file: Array, seen: Array, row_of: Sequence[int]) -> Array:
-    """A point (N, 3) of each pose, NaN where it has none."""
+    """One point (N, 3) for each pose; NaN where a pose has none."""
     out = np.full((len(q_file), 3), np.nan)
     rows = np.asarray(row_of, dtype=int)
     out[rows[rows >= 0]] = seen[rows >= 0]

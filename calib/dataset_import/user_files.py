@@ -70,7 +70,7 @@ class UserFiles:
 
     @property
     def points(self) -> Path | None:
-        """Path of the likeliest table of points that is not that of the joints; None where there is none."""
+        """Path of the likeliest table of points other than the table of joints; None where there is none."""
         points = self.of(POINTS)
         return points[0] if points and self.joints is not None and self.joints in self.of(JOINTS) else None
 

@@ -104,7 +104,7 @@ class _FreeSets:
         return _FreeSets(order, centroids, sets.normals[order], np.hstack([centroids - origin, second]), origin)
 
     def without(self, joins: IndexArray) -> _FreeSets:
-        """The free sets other than those marked by `joins`."""
+        """The free sets that the mask `joins` does not select."""
         stay = np.ones(len(self.sets), dtype=bool)
         stay[joins] = False
         return _FreeSets(

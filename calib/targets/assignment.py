@@ -89,7 +89,7 @@ def _named(
     places: Mapping[str, Sequence[FoundPoint]],
     known: Mapping[str, Mapping[str, FoundPoint]],
 ) -> tuple[dict[str, dict[str, FoundPoint]], dict[str, dict[str, str]]]:
-    """Look-alike targets at each pose, identified by the nominal robot, and the reasons for those refused.
+    """Look-alike targets at each pose, identified by the nominal robot, and the reasons why others are refused.
 
     `known` are places whose names are certain.
     """

@@ -1,4 +1,4 @@
-"""Simple solids for drawing an arm: a short cylinder for each joint along its axis, straight ones for links and tool.
+"""Simple solids for drawing an arm: a short cylinder for each joint along its axis, cylinders for links and tool.
 
 A row of the table leads from one frame to the next in two straight pieces, d along the joint's axis and a across it, so
 each link is drawn as at most two cylinders with a ball at the knee between them. Thickness means nothing: it follows

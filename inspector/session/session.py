@@ -118,7 +118,7 @@ class Session:
 
     @property
     def measured(self) -> Dataset:
-        """Dataset with the points available for a fit: those of points.csv, else the corners found so far."""
+        """Dataset with the points available for a fit: from points.csv, else the corners found so far."""
         return self.measured_for(self.calibration.residual if self.calibration is not None else "position")
 
     def measured_for(self, residual: str) -> Dataset:
@@ -153,7 +153,7 @@ class Session:
 
 
 def asked_out(step: FitStep) -> tuple[str, ...]:
-    """Ids of poses that a step's fit left out on request, without those that the search found to be outliers."""
+    """Ids of poses left out of a step's fit on request, without the outliers that the search left out."""
     dataset = step.calibration.dataset
     found = np.flatnonzero(in_repeat_groups_of(dataset, step.left_out)) if step.left_out else ()
     stand_out = {dataset.poses.ids[i] for i in found}

@@ -50,7 +50,7 @@ class SessionFileError(CalibError):
 
 
 class Shown(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Selections on the page when the session was saved; None for those not known."""
+    """Selections on the page when the session was saved; None for unknown selections."""
 
     pose: Text | None = None  # id
     view: Text | None = msgspec.field(default=None, name="look")  # its name

@@ -136,7 +136,7 @@ def with_versions(session: Session, before: Session) -> Session:
 
 
 def with_user_effects(session: Session, effects: tuple[Family, ...]) -> Session:
-    """Session with these user effects; those in the model are fitted again, or removed where no longer defined."""
+    """Session with the given user effects; the model's own are fitted again, or removed where no longer defined."""
     ours = {family.name for family in (*session.user_effects, *effects)}
     session = replace(session, user_effects=effects, screening=None, separations={}, diagnosis=None, next_poses=None)
     if session.calibration is None or not any(added.name in ours for added in session.effects):

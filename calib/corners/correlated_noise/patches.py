@@ -108,5 +108,5 @@ def patches_of(plane: PlaneFit, view: ScannerView, along_mm: Array, side_mm: flo
 
 
 def joined(places: Sequence[PatchPlaces]) -> PatchPlaces:
-    """Places of the patches of several planes, one plane after the other."""
+    """Places of the patches of several planes in one value, plane by plane."""
     return PatchPlaces(np.concatenate([p.centres_mm for p in places]), np.concatenate([p.spreads_mm2 for p in places]))

@@ -25,7 +25,7 @@ _LEAST_MISFIT_MARGIN = 12.0  # by which the best labelling's squared misfit is b
 
 @dataclass(frozen=True)
 class RigidFit:
-    """Planes under the certified angles; where those cannot be used, the free planes and a note with the reason."""
+    """Planes fitted under the certified angles; where the angles cannot be used, the free planes and a note why."""
 
     moves: Array  # (9,) added to (h, s_1, s_2) of each plane; zeros where they are left free
     covariance: Array  # (9, 9)

@@ -39,7 +39,7 @@ class FaceOutline:
 
     @staticmethod
     def of(outline: Outline, face: int) -> FaceOutline:
-        """Outline of one of the jig's faces; its two edges are numbered as the other two faces."""
+        """Outline of one of the jig's faces; its two edges come in the order of the two other faces."""
         one, other = (length for i, length in enumerate(outline.edges_mm) if i != face)
         return FaceOutline((one, other), outline.rectangular)
 
@@ -71,7 +71,7 @@ def face_points(heights: Array, face: int, band_mm: float, jig: Jig, outline: Ou
 
 
 def without_far_points(along_mm: Array) -> BoolArray:
-    """Mask of a face's points not far from the others; `along_mm` (K, 2) are coordinates from the apex along the edges.
+    """Mask of a face's points that are not far from its other points; `along_mm` (K, 2): coordinates along the edges.
 
     Where only a part of a face is seen, a stray point far from it would tilt the plane by its lever alone. Measured by
     the covariance of the points, no point of an evenly covered triangle is farther than sqrt(8) from their middle.

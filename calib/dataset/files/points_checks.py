@@ -30,7 +30,7 @@ _POSES_IN_A_SOCKET = 5  # at which one place is met; a row copied by mistake sta
 
 
 def require_targets(file: TableFile, names: Sequence[str], robot: Robot) -> None:
-    """Raise DatasetError, with the line, where the target of one of the M rows is not known to robot.toml."""
+    """Raise DatasetError, with the line, where a row names a target that robot.toml does not define."""
     on_arm = [target.name for target in robot.targets]
     for row, name in enumerate(names):
         found = f"found {short(name)}"

@@ -119,7 +119,7 @@ def _about_axis(turn_rad: float, slide_mm: float = 0.0) -> Array:
 
 
 def _moved_to_line(frame: Array, line: Array, *, slides: bool) -> Array:
-    """Frame (4, 4) moved by the least turn and shift until its z axis is that of another frame (4, 4).
+    """Frame (4, 4) moved by the least turn and shift that bring its z axis onto the z axis of another frame (4, 4).
 
     For a sliding joint only the direction of the axis counts.
     """

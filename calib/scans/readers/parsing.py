@@ -67,7 +67,7 @@ def _parsed(lines: Sequence[str], columns: Sequence[int], delimiter: str | None)
 
 
 def columns_of(path: Path, names: Sequence[str]) -> tuple[list[int], bool]:
-    """Indices of x, y, z among column names, then those of the normals' three; and whether there are normals.
+    """Indices among column names of x, y, z and of a normal's three components, and whether there are normals.
 
     Raises ScanError where there is no x, y or z.
     """

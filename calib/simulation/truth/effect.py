@@ -24,7 +24,7 @@ class TrueEffect:
     needs_equilibrium: ClassVar[bool] = False  # on the arm under load, not on the command alone
 
     def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
-        """The arm with this effect; torques and positions are those of `equilibrium`, the arm under all effects."""
+        """The arm with this effect, by the torques and positions of `equilibrium`, the arm under all effects."""
         return arm
 
     def change_measurement(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:

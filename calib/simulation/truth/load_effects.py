@@ -263,7 +263,7 @@ class HosePull(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """A hose from above and behind the base to the side of the forearm; joints as stiff as real ones."""
+        """Hose from above and behind the base to the side of the forearm, on joints of realistic compliance."""
         n = cell.nominal.n_joints
         reach_mm = float(
             np.linalg.norm(Arm.commanded_to(cell.nominal, cell.q).base_T_frame[-1][:, :3, 3], axis=1).max()

@@ -92,7 +92,7 @@ class ModelController:
     # ---- the first fit ---------------------------------------------------------------------------------------------
 
     def start(self, residual: str) -> LongWork:
-        """Long work that makes a dataset's first fits: those of a saved session, else that of the link errors.
+        """Long work that makes a dataset's first fits: as in its saved session, else a fit of the link errors.
 
         What can wait, names of the jig's faces that no fit has asked for yet, comes last.
         """

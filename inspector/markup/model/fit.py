@@ -45,7 +45,7 @@ def fit_html(result: Calibration) -> str:
 
 
 def errors_html(session: Session, result: Calibration) -> str:
-    """HTML of the errors before and after, and of those with robot.toml's table alone."""
+    """HTML of the errors before and after calibration, and of the errors with robot.toml's table alone."""
     alone: list[Block] = []
     if session.calibration is not None and session.links_alone is not None:
         alone = table_alone(exported_table(session.calibration, session.links_alone))
