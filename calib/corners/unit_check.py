@@ -1,4 +1,4 @@
-"""The unit of a scan in which no jig is found: reported if the jig is found in another unit; no scan is scaled."""
+"""Check of the length unit of a scan without a jig: names a unit in which a jig is found, but scales no scan."""
 
 from __future__ import annotations
 

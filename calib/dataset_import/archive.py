@@ -92,7 +92,7 @@ def _refuse_long_table(path: Path, limits: ArchiveLimits) -> None:
 
 
 def _judged(path: Path, archive: zipfile.ZipFile, limits: ArchiveLimits) -> dict[str, zipfile.ZipInfo]:
-    """The files to unpack, by their path below the folder. Raises DatasetError."""
+    """Files of the zip that are to be unpacked, by their path below the folder. Raises DatasetError."""
     infos = archive.infolist()
     if len(infos) > limits.files:
         raise DatasetError(f"{path}: holds {len(infos)} files; {limits.files} are the most that is taken")

@@ -103,7 +103,7 @@ def _with_next_move(session: Session, model: Model) -> Session:
 
 
 def search_space(session: Session) -> SearchSpace:
-    """Search space of an automatic search that has the same data, options and effects as the model on show."""
+    """Search space for the automatic diagnosis, with the data, options and effects of the model on show."""
     options = _calibrated(session).options
     return SearchSpace.of(session.measured, options, user_effects=session.user_effects)
 
@@ -152,7 +152,7 @@ def with_user_effects(session: Session, effects: tuple[Family, ...]) -> Session:
 
 
 def with_effect(session: Session, name: str) -> Session:
-    """Session with an effect as proposed by the screening, or learned curves, added and all fitted again.
+    """Session with an effect (as proposed by the screening) or learned curves added, and all fitted again.
 
     Members of the effects inside are chosen anew beside it, as the automatic search does.
     """

@@ -17,7 +17,7 @@ _Version = tuple[int, int] | None
 
 
 class UserEffects:
-    """Families of one effects file, made for each dataset; where the file has an error, its last good families stay."""
+    """Effects of a user's file, as families made for each dataset; while the file has an error, its last good ones."""
 
     def __init__(self, path: Path | None = None) -> None:
         self.path = path

@@ -78,7 +78,7 @@ class ScannerDrift(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class IncidenceBias(SampledEffect):
-    """A range that grows with the angle phi between the jig's axis and the ray: b (1 - cos phi) along the ray."""
+    """Range error that grows with the angle phi between the jig's axis and the ray: b (1 - cos phi) along the ray."""
 
     name = "incidence_bias"
     needs_facing_jig = True  # the incidence of a jig that faces away is undefined
@@ -114,7 +114,7 @@ class ScannerScale(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class FieldBump(SampledEffect):
-    """A local fault of the scanner's field: a shift times exp(-d^2 / 2 w^2), d from its place. Not in the catalogue."""
+    """Local fault of the scanner: a shift times exp(-d^2 / 2 w^2) at distance d from a place. Not in the catalogue."""
 
     name = "field_bump"
     in_catalogue = False
