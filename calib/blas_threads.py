@@ -1,4 +1,4 @@
-"""One BLAS thread while a function of the method runs; the caller's setting is restored when it ends."""
+"""Limit of numpy's and scipy's BLAS to one thread while a function of this library runs; restored when it ends."""
 
 from __future__ import annotations
 

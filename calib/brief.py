@@ -11,7 +11,7 @@ _LONGEST_VALUE = 60  # characters of one field's value
 
 
 class Brief:
-    """Base class of values whose `repr` is one short line: the class's name and what `_brief` says of the value.
+    """Base class of values whose `repr` is one short line: the class's name and a few words from `_brief`.
 
     Without a `_brief` of its own a dataclass shows its fields, each shortened: arrays by shape, others by length.
     Name it as the first base, so that a dataclass does not make a `__repr__` of its own.
@@ -50,7 +50,7 @@ def in_short(value: Any) -> str:
 
 
 def errors_in_short(before: object, after: object) -> str:
-    """RMSE before and after of the test poses, or of the training poses where no pose is for testing.
+    """RMSE, mm, of the test poses (of the training poses where none is for testing) before and after a fit, as text.
 
     Both are objects with the attributes `train` and `test`, figures with an `rmse_mm` or None.
     """

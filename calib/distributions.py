@@ -34,7 +34,7 @@ def f_sf(x: float, above: float, below: float) -> float:
 
 
 def hypergeometric_sf(population: int, cases: int) -> Array:
-    """(population + 1, cases + 1) P(X >= k) of the number X of cases among w drawn from a population without return.
+    """Table (population + 1, cases + 1) of P(at least k cases among w drawn without replacement).
 
     Rows are w, columns k; Fisher's exact test of a group of w with k cases is one entry (one-sided).
     """

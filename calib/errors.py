@@ -53,7 +53,7 @@ def _is_hidden(text: str, k: int) -> bool:
 
 
 def _joins(neighbour: str) -> bool:
-    """Whether a character is a letter or mark of a script that has joiners, as Latin has none."""
+    """Whether a character is a letter or mark of a script that may use invisible joiners, which Latin does not."""
     return neighbour > "\u0590" and category(neighbour)[0] in "LM"
 
 

@@ -73,7 +73,7 @@ class Jig:
         return f"edge {self.edge_mm:g} mm"
 
     def outlines(self) -> tuple[Outline, ...]:
-        """Outlines that a scan of the jig may show: every order of its edges and, for three lengths, either shape."""
+        """Outlines that a scan of the jig may show: every order of the edges; for three lengths, either face shape."""
         if not isinstance(self.edge_mm, tuple):
             return (Outline(self.edges_mm),)
         orders = sorted({(one, two, three) for one, two, three in permutations(self.edge_mm)})

@@ -26,7 +26,11 @@ class CorrelatedDrift:
 
 @dataclass(frozen=True)
 class NoiseShape:
-    """Noise of a point = scale x exp(growth (d - distance)) x axes x (1 + (depth - 1) u u^T) x declared noise.
+    """Shape of a measured point's noise: scale, direction, growth with distance, drift and tail.
+
+    Noise = scale x exp(growth (d - distance)) x axes x (1 + (depth - 1) u u^T) x declared noise.
+
+    Noise = scale x exp(growth (d - distance)) x axes x (1 + (depth - 1) u u^T) x declared noise.
 
     u is the line of sight from the scanner's origin, d the point's distance from there.
     """

@@ -94,7 +94,7 @@ class FitOptions:
         return replace(self, residual=residual)
 
     def for_parameters(self, names: Collection[str]) -> FitOptions:
-        """The options for a model that has only parameters of these names; no others can be fixed in it."""
+        """The options with only those fixed parameters that are among `names`, for a model with fewer parameters."""
         return replace(self, fixed=tuple(name for name in self.fixed if name in names))
 
 

@@ -55,7 +55,7 @@ def counted(what: str, unit: str, *, asked: bool = True, then: OnProgress | None
 
 @contextmanager
 def staged(*, asked: bool = True, then: OnStep | None = None) -> Iterator[OnStep | None]:
-    """Context with a function to call with a line of text before each of a number of steps not known beforehand."""
+    """Context with a function to call with a line of text at each step, for a number of steps not known beforehand."""
     if not asked:
         yield then
         return

@@ -38,7 +38,7 @@ class Plate:
 
 @dataclass(frozen=True)
 class PlaneSet:
-    """Planes in known relative positions: the target is the origin of their frame, in which they need not meet."""
+    """Planes in known relative positions: the target is the origin of their common frame, where they need not meet."""
 
     normals: tuple[tuple[float, float, float], ...]  # unit, out of the material
     offsets_mm: tuple[float, ...]  # normal . p = offset, p in the set's own frame

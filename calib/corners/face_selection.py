@@ -30,7 +30,7 @@ _NEAR_END = 0.12  # of the edge: how far from where the two other faces end the 
 
 
 class TriedPairs:
-    """Pairs of planes for which a third face was voted without success in earlier passes through the scan."""
+    """Pairs of planes with which a vote found no third face in earlier passes through the scan."""
 
     def __init__(self) -> None:
         self._normals: list[Array] = []  # of each pair, (2, 3)
@@ -45,7 +45,7 @@ class TriedPairs:
         return new
 
     def _tried(self, planes: Planes, pair: tuple[int, int]) -> bool:
-        """Whether a tried pair has the same normals and meets in the same line near the middles of the two groups."""
+        """Whether a tried pair has the same normals and the same line of intersection as this pair."""
         if not self._normals:
             return False
         one, other = (planes.groups[g] for g in pair)
@@ -64,7 +64,7 @@ class TriedPairs:
 
 
 def face_triples(points_mm: Array, planes: Planes, tried: TriedPairs) -> Iterator[FaceTriple]:
-    """Triples of planes with the outline of the jig, the highest score first; triples with a voted face come last.
+    """Triples of planes with the jig's outline, the highest score first; last those whose third plane came from a vote.
 
     points_mm  # (N, 3) the whole scan
     """
@@ -91,13 +91,13 @@ def why_no_triple(planes: Planes) -> str:
 
 
 def _like_the_jig(candidates: Sequence[FaceTriple], tolerances: SelectionTolerances) -> list[FaceTriple]:
-    """Triples whose faces all reach the least scores, the highest sum of scores first."""
+    """Triples with the outline of the jig (`FaceTriple.is_jig`), the highest sum of scores first."""
     like = [candidate for candidate in candidates if candidate.is_jig(tolerances)]
     return sorted(like, key=lambda c: -float(c.score.sum()))
 
 
 def _vote(voters_mm: Array, planes: Planes, pair: tuple[int, int]) -> list[FaceTriple]:
-    """Triples of the two planes `pair` and a third one voted for by the scan's points.
+    """Triples of the two planes `pair` and a third perpendicular one, at the offsets where most scan points lie.
 
     The third normal is n_1 x n_2 on the scanner's side. All points (3, N) over the third face's triangle vote with
     their height along it, and the fullest bands are tried as its offset.

@@ -19,7 +19,7 @@ RIM = 0.02  # of the jig's edge: how far over a face's rim a point may lie
 
 
 def place_jig(corner: Corner, jig: Jig) -> tuple[Array, tuple[int, int, int]]:
-    """Pose scanner_T_jig (4, 4) of the jig's model at an estimated corner, and the model's face of each corner's face.
+    """Pose scanner_T_jig (4, 4) of the jig's model at a found corner, and the model's face that is each of its faces.
 
     The apex lies in the corner; the rotation takes the model's face normals to the estimated ones with the least
     squared error (Kabsch). Which face is which is not known: of the six ways to pair them the one with the least error
@@ -95,7 +95,7 @@ def face_distances(points_mm: ArrayLike, corner: Corner, jig: Jig) -> tuple[Arra
 
 
 def _as_seen(jig: Jig, corner: Corner) -> Jig:
-    """The jig, mirrored where its three edges follow each other the other way round at the corner.
+    """The jig, with the cyclic order of its three edges reversed where the scanned corner has the reverse order.
 
     `edge_mm` may name them in any order.
     """

@@ -70,7 +70,7 @@ def candidates(corner: Corner, jig: Jig) -> tuple[Orientation, Orientation, Orie
 
 
 def oriented(corner: Corner, jig: Jig, order: tuple[int, int, int]) -> Orientation:
-    """Orientation with the corner's faces labelled in a given order, one of those from `candidates`.
+    """Orientation with the corner's faces labelled in the order of one of the `candidates`.
 
     Raises CornerError for angles that no jig can have.
     """

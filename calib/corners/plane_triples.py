@@ -56,7 +56,7 @@ class FaceTriple:
     wrong: Array  # (3,) area seen through the face, or of points of its plane beyond its edges, as a share of the face
 
     def is_jig(self, tolerances: SelectionTolerances) -> bool:
-        """Whether the faces reach the least scores and none has too large a wrong share."""
+        """Whether points fill enough of every face, and few are beyond a face's edges or seen through it."""
         best, second, weakest = tolerances.least_scores
         if self.outline.rectangular:
             best = tolerances.least_of_box
@@ -74,7 +74,7 @@ class _Face:
 
 
 class Planes:
-    """Planes of the groups with every thinned point's height over each, from which triples of planes are scored."""
+    """Planes of the plane groups with heights of all thinned points, for scoring triples of planes as a jig's faces."""
 
     def __init__(
         self, groups: Sequence[PlaneGroup], around: Neighbourhoods, jig: Jig, tolerances: SelectionTolerances
@@ -174,19 +174,19 @@ class Planes:
         return pairs[:_MOST_PAIRS]
 
     def strip(self, pair: tuple[int, int]) -> IndexArray:
-        """Members of the pair's first plane at most an edge's length from the second plane, as a face's points are."""
+        """Indices of the points on the pair's first plane within an edge length of the second, where a face can be."""
         members = self.members[pair[0]]
         along = self.sign * self.faces[pair[1]].heights.take(members)
         return members[(along > -0.1 * self.jig.shortest_mm) & (along < self.jig.longest_mm)]
 
     def could_be_face(self, strip: IndexArray) -> bool:
-        """Whether the points `strip` cover enough of a face to be the second best of a jig's three."""
+        """Whether the points `strip` cover as much area as the second-best face of a jig has to."""
         one, other, _ = sorted(self.jig.edges_mm)
         a_face = 0.5 * one * other / self.around.spacing_mm(strip) ** 2
         return len(strip) > 0.5 * self.tolerances.least_scores[1] * a_face
 
     def candidate(self, chosen: tuple[int, int, int], voted: PlaneGroup | None = None) -> FaceTriple:
-        """Three planes with the score of each as the face between the edges in which it meets the two others.
+        """Three planes with scores: how well each fills the face between its lines of intersection with the others.
 
         chosen are indices of groups, the last of them len(groups) where a plane `voted` takes part. Of several outlines
         of the jig the one with the highest score is taken. Deductions from a score that is too low already are not
@@ -245,7 +245,7 @@ class Planes:
         outlines: Sequence[Outline],
         shares: Callable[[int, FaceOutline], tuple[float, float, float]],
     ) -> list[FaceTriple]:
-        """Triples with scores, one for each of some outlines of the jig.
+        """Triples of the same three planes with scores, one for each of some outlines of the jig.
 
         shares(i, face)  # of face i: filled, spilt over and seen through
         """
@@ -261,11 +261,11 @@ class Planes:
         return triples
 
     def _like(self, triples: Sequence[FaceTriple]) -> list[Outline]:
-        """Outlines under which a triple reaches the least scores."""
+        """Outlines of the triples that satisfy `FaceTriple.is_jig`."""
         return [triple.outline for triple in triples if triple.is_jig(self.tolerances)]
 
     def _best(self, triples: Sequence[FaceTriple]) -> FaceTriple:
-        """Triple that reaches the least scores, else the one with the highest sum of scores."""
+        """Triple with the highest sum of scores, among those that satisfy `FaceTriple.is_jig` if any does."""
         return max(triples, key=lambda triple: (triple.is_jig(self.tolerances), float(triple.score.sum())))
 
     def _along(self, faces: Sequence[_Face], face: int) -> tuple[Array, IndexArray]:

@@ -132,7 +132,11 @@ def _fit_faces(
     sigma_mm: float,
     options: RefinementOptions,
 ) -> tuple[list[PlaneFit], Array]:
-    """Robust fits of the three planes, and the margins (3,) left out along the edges, outlines and planes in turns.
+    """Robustly fitted planes of the three faces, and the margins (3,), mm, along the edges whose points are left out.
+
+    The faces' outlines and the planes are refined in turns.
+
+    The faces' outlines and the planes are refined in turns.
 
     Raises CornerError where a face has too few points, or points along a line.
     """
@@ -178,7 +182,7 @@ def _points_of_face(
     outline: Outline,
     options: RefinementOptions,
 ) -> IndexArray:
-    """Rows of the points (K, 3) on a face, inside its outline less a margin; `heights` (K, 3) over all faces.
+    """Indices of the points on a face, inside its outline less a margin; `heights` (K, 3): of points over all planes.
 
     Where too few remain, as on a narrow strip, the margin is made smaller. Raises CornerError if that does not help.
     """
@@ -192,7 +196,7 @@ def _points_of_face(
 
 
 def _lack_of_points(points: Array, on: IndexArray, jig: Jig, options: RefinementOptions) -> str:
-    """Reason why a face's points, the rows `on` of (K, 3), do not define a plane, or ""."""
+    """Reason why a face's points, those with indices `on`, do not define a plane; "" where they do."""
     if len(on) < options.min_face_points:
         return (
             f"only {len(on)} points on one of the faces, at least {options.min_face_points} are needed; "

@@ -96,7 +96,7 @@ def _is_bevel(faces: RefinedFaces) -> str:
 
 
 def _is_rough(faces: RefinedFaces) -> str:
-    """Reason where the points of a face scatter far more than those of the others, else ""."""
+    """Reason where the points of one face scatter far more than those of the other faces, else ""."""
     scatter_mm = np.array([plane.sigma_mm for plane in faces.planes])
     usual_mm = max(float(np.median(scatter_mm)), _ROUGH * faces.jig.shortest_mm)
     if scatter_mm.max() <= _ROUGHEST * usual_mm:

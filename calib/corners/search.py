@@ -157,7 +157,7 @@ def _search(
 
 
 def _pass_inputs(points_mm: Array, jig: Jig, found: list[Planes]) -> Iterator[tuple[Neighbourhoods, float]]:
-    """Thinned points of each search pass, with its factor on the number of sets; `found`: earlier passes' planes.
+    """Thinned points of each search pass, and its factor on the number of sample sets; `found`: earlier passes' planes.
 
     Raises CornerError as `_thinned` does.
     """

@@ -1,4 +1,4 @@
-"""The unit of a scan in which no jig is found: reported if the jig is found in another unit; no scan is scaled."""
+"""Check of the length unit of a scan without a jig: names a unit in which a jig is found, but scales no scan."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _USUAL_EDGES = (1.0, 200.0)
 
 
 def some_finite(points_mm: Array) -> Array:
-    """Some thousands of the finite points of (N, 3), or all where there are fewer."""
+    """Some thousands of the points (N, 3) with finite coordinates, or all of them where there are fewer."""
     some = points_mm[:: max(1, len(points_mm) // (2 * _ENOUGH))]
     some = some[finite_rows(some)]
     if len(some) >= _ENOUGH:

@@ -147,7 +147,7 @@ class Poses(Brief):
         )
 
     def measured_later(self) -> Poses:
-        """The same poses as if measured after all fitted ones, where effects of pose order keep their last value."""
+        """These poses as if measured after all fitted ones, so that effects of pose order keep their last value."""
         return replace(self, order=np.full(len(self), np.inf), came_from=self.q)
 
     @property
@@ -171,7 +171,7 @@ class Poses(Brief):
 
 @dataclass(frozen=True)
 class FaceLabelling(Brief):
-    """How the jig's faces were labelled in scans, which look alike, and how surely."""
+    """Method by which the jig's faces, which look alike in scans, were labelled, and how certain the labels are."""
 
     by: str  # "robot", "angles" or "continuity", see `calib.measurement.face_labels`
     poses: int  # with labels
@@ -202,7 +202,7 @@ class Orientations(Brief):
         return np.asarray(np.isfinite(self.scanner_R_jig).all(axis=(1, 2)))
 
     def select(self, keep: ArrayLike) -> Orientations:
-        """The orientations of the selected points; `keep` as for `Points.select`."""
+        """The orientations of the selected points; `keep` is a mask (M,) or row numbers (K,)."""
         keep = np.asarray(keep)
         covariance, cross = self.covariance_rad2, self.cross_mm_rad
         return Orientations(

@@ -47,7 +47,7 @@ def summed_joints(name: str) -> tuple[int, float, int] | None:
 
 
 def column_input(column: str) -> str:
-    """Input name of a further column of poses.csv: its own, or "column q1" where that has another meaning."""
+    """Input name of a further column of poses.csv: its own name, or "column q1" where that name has another meaning."""
     has_meaning = (
         joint_input(column) is not None
         or summed_joints(column) is not None

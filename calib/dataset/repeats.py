@@ -77,7 +77,7 @@ def repeat_groups(dataset: Dataset) -> IndexArray:
 
 
 def _visits_differ(dataset: Dataset, group: IndexArray, visit: IndexArray) -> bool:
-    """Whether means of several visits to one group differ by more than the declared noise.
+    """Whether the mean points of separate visits to one repeat group differ by more than the declared noise.
 
     False where no noise is declared. Tested by chi^2 of the visits' means about the mean of their group and target.
     """
@@ -154,7 +154,7 @@ def average_repeats(dataset: Dataset) -> Dataset:
 
 
 def _first_poses(poses: Poses, sides: IndexArray, measured: IndexArray) -> IndexArray:
-    """Index (N,) for each pose of the one that keeps its group's mean: the reference pose, else the first measured."""
+    """Index (N,) of the pose that represents each pose's repeat group: the reference pose, else the first measured."""
     representative = np.arange(len(poses))
     by_first = {int(sides[i]): int(i) for i in measured[::-1]}
     if poses.reference in measured:
@@ -192,7 +192,7 @@ def _group_means(values: Array, group: IndexArray, groups: int, used: BoolArray 
 
 
 def _mean_orientations(orientations: Orientations | None, group: IndexArray, counts_as: Array) -> Orientations | None:
-    """Chordal mean of each group's known orientations (the rotation nearest to their sum); `counts_as` (G,)."""
+    """Chordal mean (rotation nearest to the sum) of each group's known orientations; `counts_as` (G,): repeats."""
     if orientations is None:
         return None
     known, groups = orientations.known, len(counts_as)
@@ -268,7 +268,7 @@ def _warnings(poses: Poses, group: IndexArray, measured: IndexArray) -> tuple[st
 
 
 def without_poses(dataset: Dataset, pose_ids: Sequence[str]) -> Dataset:
-    """The dataset without the measured points of some poses and of all repeats of those; the poses themselves stay."""
+    """The dataset without the measured points of the given poses and all their repeats; the poses themselves stay."""
     assert dataset.points is not None
     gone = [dataset.poses.ids[i] for i in np.flatnonzero(in_repeat_groups_of(dataset, pose_ids))]
     left_out = tuple(dict.fromkeys([*dataset.left_out, *gone]))
@@ -324,7 +324,7 @@ def _repeated_rows(dataset: Dataset, points: Points) -> list[list[int]]:
 
 
 def _different(xyz_mm: Array, rows: Sequence[int]) -> list[int]:
-    """The given rows, without those that have the coordinates of an earlier one."""
+    """The given rows, without those whose coordinates equal an earlier row's."""
     first = np.unique(np.round(xyz_mm[rows], SAME_DIGITS), axis=0, return_index=True)[1]
     return [rows[k] for k in np.sort(first)]
 

@@ -79,7 +79,7 @@ def _refuse_full_disk(path: Path, folder: Path, needed_bytes: int, limits: Archi
 
 
 def _refuse_long_table(path: Path, limits: ArchiveLimits) -> None:
-    """Raise DatasetError, before reading, where the archive's table is longer than its files could make it."""
+    """Raise DatasetError, before reading, where the zip's directory is longer than the allowed files need."""
     with path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - _END_BYTES))
         end = file.read(_END_BYTES)
@@ -92,7 +92,7 @@ def _refuse_long_table(path: Path, limits: ArchiveLimits) -> None:
 
 
 def _judged(path: Path, archive: zipfile.ZipFile, limits: ArchiveLimits) -> dict[str, zipfile.ZipInfo]:
-    """The files to unpack, by their path below the folder. Raises DatasetError."""
+    """Files of the zip that are to be unpacked, by their path below the folder. Raises DatasetError."""
     infos = archive.infolist()
     if len(infos) > limits.files:
         raise DatasetError(f"{path}: holds {len(infos)} files; {limits.files} are the most that is taken")

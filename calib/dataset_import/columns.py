@@ -83,7 +83,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Recognised:
-    """Recognised columns of a table by meaning, the other columns, and faults."""
+    """Result of recognising a table's columns: columns by meaning, the other columns, and faults."""
 
     columns: Mapping[str, Column]
     rest: tuple[str, ...]

@@ -51,14 +51,14 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Settled:
-    """Chosen robot and chosen reading of its joints' columns, with the reason for that reading."""
+    """Chosen robot, and chosen order, signs and zeros of its joints' columns, with the reason."""
 
     robot: RobotFile
     joints: JointReading
     why: str = ""
 
     def applied(self, meant: Recognised, units: Sequence[str]) -> Recognised:
-        """The recognised columns under the chosen reading: joint k from column order_k, with sign and zero."""
+        """The recognised columns with joint k read from column order_k, with the chosen sign and zero."""
         reading, n = self.joints, len(units)
         if reading == JointReading.plain(n):
             return meant
@@ -80,7 +80,7 @@ class Settled:
 def settled(
     report: ImportReport, readings: Sequence[RobotReading], sheet: Sheet | None, meant: Recognised, table: Path
 ) -> Settled:
-    """Choice of convention and reading by the points, with a note; the given ones unless the gain is overwhelming.
+    """Robot convention, and order, signs and zeros of the joints, that fit the points best; as given unless far worse.
 
     sheet  # None where no point belongs to a pose
     """
@@ -145,7 +145,7 @@ def settled(
 
 
 def _suspicions(sheet: Sheet, robot: Robot, names: Sequence[str]) -> Suspicions:
-    """Mistakes in the data by a fit of the links; none where no fit is possible."""
+    """Likely mistakes in the data, found by fitting the links; none where no fit is possible."""
     try:
         return suspicions(calibrate(sheet.dataset(robot)), calibrate, names)
     except CalibError:

@@ -35,7 +35,7 @@ _MOST_SHOWN = 60  # columns of a table
 
 @dataclass(frozen=True)
 class ImportSources:
-    """Robot readings, tables and scans to import; `points` is None where the joints' table or scans have them."""
+    """Robots, tables and scans to import; `points` is None where the joints' table or scans contain the points."""
 
     robots: tuple[RobotReading, ...]  # one robot by each convention that its file may be in; (): none yet
     joints: Path | None
@@ -58,7 +58,7 @@ class PlannedColumn:
 
 @dataclass(frozen=True)
 class ImportPlan:
-    """Notes, doubts, faults, and the content to be written, which is None where there are faults."""
+    """Result of planning an import: notes, doubts, faults, and the content to write, None where there are faults."""
 
     robot: RobotFile | None
     columns: tuple[PlannedColumn, ...]
@@ -128,7 +128,7 @@ def _with_numbers(
     other: UserTable | None,
     of_points: Recognised,
 ) -> ImportPlan:
-    """Plan of an import whose tables could be read."""
+    """Plan of an import from tables with recognised columns: their numbers, units, and the pose of each point."""
     q_file = joint_values(report, table, meant)
     seen = point_values(report, other or table, of_points, needed=not sources.scans)
     ids = pose_ids(report, table, meant)

@@ -132,7 +132,7 @@ def _coordinate(report: ImportReport, table: UserTable, name: str) -> Array:
 
 
 def pose_ids(report: ImportReport, table: UserTable, meant: Recognised) -> list[str]:
-    """Pose names of the rows of joints: those of the table, else p1, p2, ..."""
+    """Pose names of the rows of joints: from the table, else p1, p2, ..."""
     if "pose" not in meant.columns:
         return [f"p{i + 1}" for i in range(len(table))]
     ids = table.text(meant.columns["pose"].name)
@@ -190,7 +190,7 @@ def _number_of(name: str) -> str:
 
 
 def point_of_each_pose(q_file: Array, seen: Array, row_of: Sequence[int]) -> Array:
-    """A point (N, 3) of each pose, NaN where it has none."""
+    """One point (N, 3) for each pose; NaN where a pose has none."""
     out = np.full((len(q_file), 3), np.nan)
     rows = np.asarray(row_of, dtype=int)
     out[rows[rows >= 0]] = seen[rows >= 0]
@@ -200,7 +200,7 @@ def point_of_each_pose(q_file: Array, seen: Array, row_of: Sequence[int]) -> Arr
 def points_unit(
     report: ImportReport, table: UserTable, meant: Recognised, near: Array, q: Array
 ) -> tuple[str, str, float]:
-    """Unit of the points, the reason, and the ratio of their spread to the arm's; "" and 1 where columns name a unit.
+    """Unit of the points, the reason, and the ratio of the points' spread to the arm's; "" and 1 for units in names.
 
     Taken from the columns' names, else from the points' spread relative to the arm's.
     near: (N, 3) in the file's unit, q: (N, n) rad, mm.
@@ -222,7 +222,7 @@ def points_unit(
 
 
 def require_near_spread(report: ImportReport, table: UserTable, meant: Recognised, unit: str, off: float) -> None:
-    """Report a fault where points without a unit do not spread as the arm's tool does in any unit."""
+    """Report a fault where points without a named unit spread very differently from the arm's tool in every unit."""
     if off > _FAR_SPREAD:
         what = ", ".join(meant.columns[axis].name for axis in "xyz")
         report.fault(

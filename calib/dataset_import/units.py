@@ -20,7 +20,7 @@ _LIKELY = ("mm", "m", "in", "cm")
 
 
 def joint_units(robot: Robot, values: Array, named: Sequence[str], points: Array | None) -> tuple[list[str], str]:
-    """Units of the joints' columns, and the reason; "" where the names have all units.
+    """Units of the joints' columns, and the reason; "" where the columns' names give all units.
 
     values  # (N, n) in the file's units; points  # (N, 3) in the file's unit, where each row has one
     """

@@ -70,7 +70,7 @@ class UserFiles:
 
     @property
     def points(self) -> Path | None:
-        """Path of the likeliest table of points that is not that of the joints; None where there is none."""
+        """Path of the likeliest table of points other than the table of joints; None where there is none."""
         points = self.of(POINTS)
         return points[0] if points and self.joints is not None and self.joints in self.of(JOINTS) else None
 
@@ -196,7 +196,7 @@ def _head(path: Path) -> str:
 
 
 def _scans(files: list[UserFile]) -> dict[str, Path]:
-    """Scan files by stem, of the folder that has most of them."""
+    """Scan files by file name without suffix, of the folder that has most of them."""
     found = [file.path for file in files if file.kind == SCAN]
     clouds = [path for path in found if path.suffix.lower() in _CLOUDS]
     texts = [path for path in found if path.suffix.lower() in _TABLES]
@@ -215,7 +215,7 @@ def _scans(files: list[UserFile]) -> dict[str, Path]:
 
 
 def _no_scan(file: UserFile) -> UserFile:
-    """File that looked like a scan but is none of the dataset, with another kind: points or unused."""
+    """File that looked like a scan but belongs to no scans of the dataset, reclassified as points or unused."""
     suffix = file.path.suffix.lower()
     if suffix in _TABLES:
         return UserFile(file.path, POINTS, "three columns without a header")

@@ -65,7 +65,7 @@ class FaceLabels:
 
     @property
     def labelling(self) -> FaceLabelling:
-        """Basis of the labels, least margin, and the poses without labels."""
+        """Summary of the labelling: its method, its least margin, and the poses without labels."""
         return FaceLabelling(
             self.by,
             len(self.orientations),
@@ -101,7 +101,7 @@ def label_corners(dataset: Dataset, corners: Mapping[str, Corner]) -> FaceLabels
 
 
 def _with_measured_angles(labels: FaceLabels, corners: Mapping[str, Corner], jig: Jig) -> FaceLabels:
-    """Labels with orientations by the mean measured angles between the faces, where those differ from the jig's."""
+    """Labels with orientations by the mean measured angles between faces, where these differ from the jig's angles."""
     before = labels.orientations
     misfit, count = sum(o.misfit for o in before.values()), len(before)
     if jig.certified or count < _LEAST_POSES or misfit < 3.0 * count + _CLEARLY_OFF * np.sqrt(6.0 * count):
@@ -122,7 +122,7 @@ def _turn_deg(rotation: Array) -> Array:
 
 
 def predicted_attitudes(dataset: Dataset, corners: Mapping[str, Corner]) -> tuple[dict[str, Array], dict[str, str]]:
-    """scanner_R_tool (3, 3) by pose id, from the nominal arm and the corners; the reason why not for other poses.
+    """Predicted scanner_R_tool (3, 3) by pose id, from nominal arm and corners; and reasons for poses without one.
 
     Only for setups whose corners are spread enough to determine the scanner's frame.
     """
@@ -214,7 +214,7 @@ def _label_by_robot(
 
 
 def _most_agreed(hand_eye: Array) -> Array:
-    """tool_R_jig (3, 3) that most poses agree with under one of their labellings; the mean over those that agree.
+    """Rotation tool_R_jig (3, 3) with which most poses agree under one of their labellings, as a mean over these poses.
 
     hand_eye  # (K, 3, 3, 3) tool_R_jig of each pose under each labelling
     """
@@ -230,7 +230,7 @@ def _most_agreed(hand_eye: Array) -> Array:
 def _common_shift(
     three: Mapping[str, Labellings], ids: list[str], hand_eye: Array, best: IndexArray, unequal: bool
 ) -> int:
-    """Cyclic shift of the labels of all poses: by the jig's angles, else face 1 nearest the tool's x axis."""
+    """Cyclic shift, 0 to 2, of all poses' labels: by the jig's angles, else with face 1 nearest the tool's x axis."""
     if unequal:
         total = [sum(three[i][(best[row] + k) % 3].misfit for row, i in enumerate(ids)) for k in range(3)]
         least, second = np.sort(total)[:2]
@@ -263,7 +263,7 @@ def _label_by_angles(three: Mapping[str, Labellings]) -> FaceLabels | None:
 
 
 def _label_by_continuity(three: Mapping[str, Labellings], why: Mapping[str, str], dataset: Dataset) -> FaceLabels:
-    """Labels by continuity: each pose is labelled like the one before it, where the jig turned little in between.
+    """Labels under which each pose agrees with the pose before, where the jig turned little in between.
 
     At the first pose face 1 is the one nearest the scanner's x axis.
     """

@@ -53,7 +53,7 @@ def process_2(
     in_plane_rad: float,
     height_mm: float,
 ) -> BoolArray:
-    """(K,) whether the vector v from the group's centre to a set's is perpendicular to both normals.
+    """(K,) whether the vector v from the group's centre to each set's centroid is perpendicular to both normals.
 
     |v . n| <= |v| sin(tolerance), and alike for the set's own normal. Over a short distance the noise of the centres
     alone tilts v, so a height below `height_mm` always passes.
@@ -104,7 +104,7 @@ class _FreeSets:
         return _FreeSets(order, centroids, sets.normals[order], np.hstack([centroids - origin, second]), origin)
 
     def without(self, joins: IndexArray) -> _FreeSets:
-        """The free sets other than those marked by `joins`."""
+        """The free sets that the mask `joins` does not select."""
         stay = np.ones(len(self.sets), dtype=bool)
         stay[joins] = False
         return _FreeSets(

@@ -80,7 +80,7 @@ def draw_sample_sets(
 
 
 def walk_for(distance_mm: float, step_mm: float) -> int:
-    """Number of steps, 8 at least, of a walk between neighbours within `step_mm` that ends `distance_mm` away (RMS).
+    """Number of steps, at least 8, of a random walk between points within `step_mm` that ends `distance_mm` away (RMS).
 
     One step leads r / sqrt(2) away, n steps sqrt(n) times as far.
     """

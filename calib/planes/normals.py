@@ -87,7 +87,7 @@ def _neighbourhoods(points_mm: Array, near: IndexArray, radius_mm: Array) -> Nei
 
 
 def _trimmed_planes(columns: Array, near: IndexArray, start: int, kept: int) -> _Planes:
-    """Planes through the neighbourhoods of one batch of points, from `start` on; `columns` (3, V), `near` (V, k)."""
+    """Planes by trimmed PCA through the neighbours `near` (V, k) of one batch of points, from `start` on."""
     stop = start + _AT_A_TIME
     local = np.stack([x[near[start:stop]] - x[start:stop, None] for x in columns])  # (3, B, k)
     plane = _fit_planes(local, np.ones(local.shape[1:]))

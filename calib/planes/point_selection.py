@@ -1,4 +1,4 @@
-"""Selection of a scan's points: one per voxel without stray points, those near a place, those with finite values."""
+"""Selection of a scan's points: one per voxel without stray points, points near a place, points with finite values."""
 
 from __future__ import annotations
 

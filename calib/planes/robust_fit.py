@@ -42,7 +42,7 @@ class PlaneFit:
 
 
 class PlaneAxes(Protocol):
-    """Plane with the reference point and the two directions of its height and slopes."""
+    """Protocol of a plane's reference point and two in-plane directions, to which its height and slopes refer."""
 
     @property
     def centre_mm(self) -> Array: ...  # (3,)
@@ -52,7 +52,7 @@ class PlaneAxes(Protocol):
 
 
 def height_lever(planes: Sequence[PlaneAxes], point_mm: Array) -> Array:
-    """(3, 9) matrix from heights (mm) and two slopes (rad) of three planes in turn to their heights at a point, mm."""
+    """(3, 9) matrix that converts the heights, mm, and slopes, rad, of three planes to their heights at a point, mm."""
     lever = np.zeros((3, 9))
     for i, plane in enumerate(planes):
         lever[i, 3 * i : 3 * i + 3] = 1.0, *(plane.axes @ (point_mm - plane.centre_mm))
@@ -118,7 +118,7 @@ def fit_plane_robustly(points: Array, indices: IndexArray, normal: Array, offset
 
 
 def _middle_and_sigma(heights: Array) -> tuple[float, float]:
-    """Median of the heights, or 0 where that is near, and 1.4826 MAD; of very many heights every n-th is used."""
+    """Median of the heights (0 where it is small) and 1.4826 MAD; of very many heights every n-th is used."""
     some = heights[:: max(1, len(heights) // _ENOUGH_FOR_SCALE)]
     middle = float(np.median(some))
     sigma = max(float(MAD_TO_SIGMA * np.median(np.abs(some - middle))), _LEAST_SIGMA_MM)
@@ -155,7 +155,7 @@ def _perpendicular(normal: Array) -> Array:
 
 
 def _across(normal: Array, points: Array, weights: Array) -> Array:
-    """Main directions (2, 3) in the plane of the weighted points (K, 3), the one of less spread first."""
+    """Principal directions (2, 3), in the plane, of the weighted points (K, 3), the one of less spread first."""
     axes = _perpendicular(normal)
     local = axes @ points.T
     total = weights.sum()

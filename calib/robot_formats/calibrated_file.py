@@ -29,7 +29,7 @@ def template_name(path: Path) -> str:
 
 
 def kept_template(folder: Path | None, suffixes: Sequence[str] = TEMPLATE_SUFFIXES) -> Path | None:
-    """Robot file of the user that was kept when the dataset in this folder was imported; None where there is none."""
+    """The user's robot file that was kept in the dataset's folder at its import; None where there is none."""
     paths = [] if folder is None else [folder / f"{_KEPT}{suffix}" for suffix in suffixes]
     return next((path for path in paths if path.is_file()), None)
 

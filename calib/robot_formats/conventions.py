@@ -31,7 +31,7 @@ class RobotReading:
 
 
 def robot_readings(name: str, reading: ReadOptions) -> list[RobotReading]:
-    """Readings of a robot: as asked for, then under the other convention of its table, where there is one.
+    """Robot of a file as asked for, and under the other Denavit-Hartenberg convention of its table, if there is one.
 
     A table of theta, d, a, alpha without --convention has no first choice: none of its readings is `asked`.
     Raises CalibError as `named_robot`.

@@ -126,7 +126,7 @@ class _Model:
         return Element(element.tag, element.attributes, element.line, element.start, children, file.path)
 
     def _children(self, file: XmlFile, element: Element, depth: int) -> list[Element]:
-        """Children of an element, those of an included file in the place of its <include>."""
+        """Children of an element, with each <include> replaced by the children in the included file."""
         children: list[Element] = []
         for child in element.children:
             if child.tag == "include":
@@ -157,7 +157,7 @@ class _Model:
         return path
 
     def _written(self, element: Element) -> Iterator[str]:
-        """Text of an element and of those of its children that are kept."""
+        """Text of an element with those of its children that MuJoCo is to read."""
         attributes = {key: value for key, value in element.attributes.items() if key not in _LEFT_OUT}
         if element.tag == "compiler":
             attributes = {key: value for key, value in attributes.items() if key not in _DIRECTORIES}

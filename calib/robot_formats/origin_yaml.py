@@ -233,7 +233,7 @@ def _number(file: YamlFile, name: str, key: str, node: YamlNode) -> float:
 
 
 def _intrinsic_differs_mm(origins: OriginYaml, chain: SerialChain) -> float:
-    """Largest change of the tip's position, mm, if the angles were about moving instead of fixed axes."""
+    """Largest change of the tip's position, mm, if the file's angles were about moving instead of fixed axes."""
     other = []
     for (name, block), joint in zip(origins.blocks.items(), chain.joints, strict=True):
         rpy = [_number(origins.file, name, key, block.children[key]) for key in KEYS[3:]]

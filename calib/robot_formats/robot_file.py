@@ -93,7 +93,7 @@ def read_robot(path: str | Path, reading: ReadOptions = ReadOptions()) -> RobotF
 
 
 def tips_of(path: Path) -> tuple[str, ...]:
-    """Possible tip links of a URDF, that of the longest arm first; () for other formats. Raises CalibError."""
+    """Possible tip links of a URDF, the tip of the longest arm first; () for other formats. Raises CalibError."""
     if path.suffix.lower() not in (".urdf", ".xml", ".xacro"):
         return ()
     file = read_xml(path)

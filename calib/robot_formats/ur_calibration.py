@@ -50,7 +50,7 @@ _MOST = 1e5  # m or rad
 
 
 def read_ur_calibration(path: Path, model: str | None) -> tuple[Robot, SerialChain]:
-    """Robot of a calibration.conf with small numbers, and the controller's own table as a chain.
+    """Robot of a calibration.conf, with frames near their nominal places, and the controller's own table as a chain.
 
     `model`: the type of the arm, which the file does not name. Raises RobotFileError with file and line.
     """

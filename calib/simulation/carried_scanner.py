@@ -33,7 +33,7 @@ _LOWEST_MM = 60.0  # height of the arm's frames over its base
 
 @dataclass(frozen=True)
 class ViewGoals:
-    """Goals that bring N points and directions of the flange's frame to one point and one direction of the base frame.
+    """N goals of an arm with a flange scanner: a point and a direction of the flange at given ones of the base frame.
 
     They are the jig's apex and axis, as desired in the scanner's view and as they are in the world; the scanner's turn
     about the jig's axis is free.

@@ -32,7 +32,7 @@ _WINDOW_RASTER_MM = 30.0
 
 @dataclass(frozen=True)
 class Simulation(Brief):
-    """A dataset with its known truth; `scan` casts a scan on demand, each from its own seed."""
+    """A dataset with its known truth; `scan` simulates a pose's scan on demand, with a seed of its own."""
 
     dataset: Dataset
     truth: Truth

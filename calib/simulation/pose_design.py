@@ -82,7 +82,7 @@ def facing_poses(robot: Robot, base_T_scanner: Array, count: int, *, rng: np.ran
 
 
 def spread_poses(q: Array, count: int) -> NDArray[np.intp]:
-    """Indices of `count` rows of q (M, n) that are far from each other on the circle of each joint.
+    """Indices of `count` of the joint vectors q (M, n) that are far apart, angles being compared modulo 2 pi.
 
     Farthest-point selection, starting from row 0.
     """
@@ -140,7 +140,7 @@ def reach_apexes(
     *,
     rng: np.random.Generator,
 ) -> Array:
-    """Poses (K, n), one for each apex (K, 3) in the scanner's frame, under the same conditions as `scan_poses`.
+    """Joint vectors (K, n) that bring the jig's apex to places (K, 3), scanner frame, under conditions of `scan_poses`.
 
     Raises:
         CalibError: an apex is out of reach.
@@ -184,7 +184,7 @@ def _usable(robot: Robot, base_T_scanner: Array, apex_mm: Array, axis: Array, q:
 
 
 def _is_clear(robot: Robot, chain: Chain, base_T_scanner: Array) -> BoolArray:
-    """Mask (N,) of the poses with frames above the table, wrist off the base column, and no frame before the jig.
+    """Mask (N,) of poses with frames above the table, wrist off the base column, and no frame in front of the jig.
 
     A check on frame origins only: it rejects folded arms and is no collision check.
     """

@@ -202,7 +202,7 @@ def simulate_dataset(
 
 
 def draw_roles(count: int, *, rng: np.random.Generator) -> NDArray[np.str_]:
-    """Random roles (count,): the first pose is the reference; of the others 13 in 63 are test poses."""
+    """Random roles (count,): the first pose is the reference, and 13 in 63 of the other poses are test poses."""
     role = np.full(count, "train", dtype="<U9")
     role[0] = "reference"
     role[1 + rng.permutation(count - 1)[: round((count - 1) * 13 / 63)]] = "test"

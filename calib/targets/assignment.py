@@ -35,7 +35,7 @@ _LEAST_POSES = 3
 
 @dataclass(frozen=True)
 class Assignment:
-    """Targets assigned at each pose, and the reasons why others were not."""
+    """Targets identified at each pose, and the reasons why other targets were refused."""
 
     points: Mapping[str, Mapping[str, FoundPoint]]  # pose id -> target -> its place
     refused: Mapping[str, Mapping[str, str]]  # pose id -> target -> the reason
@@ -89,7 +89,7 @@ def _named(
     places: Mapping[str, Sequence[FoundPoint]],
     known: Mapping[str, Mapping[str, FoundPoint]],
 ) -> tuple[dict[str, dict[str, FoundPoint]], dict[str, dict[str, str]]]:
-    """Names of equal targets by pose, and reasons for those refused, by the nominal robot.
+    """Look-alike targets at each pose, identified by the nominal robot, and the reasons why others are refused.
 
     `known` are places whose names are certain.
     """
@@ -147,7 +147,7 @@ class _Seen:
     ways: IndexArray  # (W, S) which target each place is
 
     def misfits(self, scanner_T_base: Array) -> Array:
-        """(W,) root mean square distance, mm, from where the targets are expected, for each way of naming."""
+        """(W,) RMS distance, mm, of the places from the expected targets, for each possible assignment."""
         there = frames.apply(scanner_T_base, self.expected_mm)
         away = self.xyz_mm[: self.ways.shape[1], None] - there[None]  # (S, T, 3)
         squares = np.einsum("sti,sti->st", away, away)
@@ -174,7 +174,7 @@ def nominal_targets(dataset: Dataset, names: Sequence[str]) -> Array:
 
 
 def _ways(xyz_mm: Array, expected_mm: Array) -> IndexArray:
-    """(W, S) target of each place, for every naming that agrees with the distances between the targets."""
+    """(W, S) index of each place's target, for every assignment that agrees with the distances between the targets."""
     count = min(len(xyz_mm), len(expected_mm))
     ways = np.array(list(permutations(range(len(expected_mm)), count)), dtype=np.int64)
     if count < 2:
@@ -220,7 +220,7 @@ def _frame_of(pairs: Sequence[tuple[Array, Array]]) -> Array:
 def _refuse_moved(
     dataset: Dataset, points: dict[str, dict[str, FoundPoint]], refused: dict[str, dict[str, str]]
 ) -> None:
-    """Move to `refused` the places whose distance from others differs from that at other poses: foreign objects."""
+    """Move to `refused` the places whose distance to other targets is unusual at a pose: foreign objects."""
     joint = {"jig": None} | {target.name: target.joint for target in dataset.robot.targets}
     names = list(dict.fromkeys(n for of in points.values() for n in of))
     if not dataset.robot.carries_scanner:

@@ -29,7 +29,7 @@ _BAND_SIGMA = 6.0
 
 
 def find_jigs(scan: Scan, wanted: Wanted, shapes: int) -> tuple[CornerSearch, list[FoundPoint]]:
-    """Corners of at most as many jigs as are wanted, after the first search with its intermediate products.
+    """First search for a jig with its intermediate products, and the corners of at most as many jigs as are wanted.
 
     `shapes` is the number of different jigs that may be in view. Raises TargetError where none is found.
     """

@@ -218,7 +218,7 @@ def _bodies_note(bodies: ArmBodies) -> str:
 
 
 def _mounted(jig: Jig, tool_T_jig: Array, chain: Chain, eye_mm: Array) -> tuple[Array, Jig | None, list[str]]:
-    """Pose of the jig on the tool by the side it was seen from, the jig (None: seen from all sides), and notes."""
+    """Pose of the jig on the tool, turned to where it was seen from, the jig (None: seen from all sides), and notes."""
     _, normals = jig_geometry(jig)
     if _unseen(tool_T_jig, normals, chain, eye_mm) <= _MOST_REFUSED:
         return tool_T_jig, jig, []
@@ -243,7 +243,7 @@ def _unseen(tool_T_jig: Array, normals: Array, chain: Chain, eye_mm: Array) -> f
 
 
 def _as_thick_as_measured(cell: Workcell, q: Array) -> Workcell:
-    """Cell with bodies as thick as the measured poses allow: without collisions or occlusion of the jig there."""
+    """Cell with the thickest arm bodies that neither collide nor hide the jig at the measured poses."""
     for share in _THINNER:
         thinner = replace(cell, bodies=cell.bodies.thinner(share))
         hidden, inside = _refused(thinner, q, (HIDDEN, SCANNER)), _refused(thinner, q, (SELF,))
@@ -276,7 +276,7 @@ def _with_doubt_of_declared(cell: Workcell, q: Array) -> Workcell:
 
 
 def _with_likely_floor(cell: Workcell, measured_q: Array) -> Workcell:
-    """Cell with the base's plane as floor of an upright arm, where none is declared and no measured pose refutes it."""
+    """Cell with plane z = 0 of an upright arm's base as floor, unless one is declared or measured poses refute it."""
     robot = cell.robot
     if cell.floor_z_mm is not None or not len(cell.bodies):
         return cell

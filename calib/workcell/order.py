@@ -96,7 +96,7 @@ def _nearest_neighbours(apart: Array, first: int) -> IndexArray:
 
 
 def _exchanged(apart: Array, path: IndexArray, *, from_first: bool) -> IndexArray:
-    """Path with pieces reversed as long as a reversal makes it shorter; a piece may end with the path."""
+    """Path shortened by reversing pieces of it, also at its end, until no reversal makes it shorter."""
     n = len(path)
     padded = np.pad(apart, ((0, 1), (0, 1)))  # a node beyond either end, at no distance
     for _ in range(50 * n):

@@ -1,4 +1,4 @@
-"""Conditions of poses other than the joints that effects need: side of approach, payload, temperature.
+"""Conditions of poses, besides the joints, under which effects show: side of approach, payload, temperature.
 
 An effect names the conditions that it needs, and those that help it, on its class (`needed_conditions`,
 `helpful_conditions`).
@@ -31,7 +31,7 @@ class WantedConditions:
 
 
 class AsksForConditions(Protocol):
-    """Description of an effect by the conditions of poses under which it shows."""
+    """Protocol of an effect that names the conditions of poses under which it shows."""
 
     @property
     def needed_conditions(self) -> tuple[PoseCondition, ...]:
@@ -62,7 +62,7 @@ def conditions_for(effects: Iterable[AsksForConditions], *, payload_kg: float = 
 
 
 def come_from(q: Array, approach: Array, is_revolute: BoolArray, low: Array, high: Array) -> Array:
-    """(M, n) joint vectors to visit before q (M, n), 3 deg or 10 mm away, so that each joint arrives from one side.
+    """(M, n) joint vectors just before q (M, n), 3 deg or 10 mm away, from which each joint arrives from a given side.
 
     Joints that would leave their range (n,) go as far as it allows.
     """

@@ -18,7 +18,7 @@ _WIDEST = 1.0  # tangent off the line of sight: beyond it the instrument's z axi
 
 @dataclass(frozen=True)
 class ScanField:
-    """Field of a camera-like scanner and its steepest incidence on a face (Jang 2025: 450 mm field, 700 mm away)."""
+    """Measuring field of a camera-like scanner, and its largest incidence on a face (Jang 2025: 450 mm, at 700 mm)."""
 
     distance_mm: float = 700.0
     width_mm: float = 450.0  # at that distance, as the height
@@ -69,7 +69,7 @@ JANG_FIELD = ScanField()
 
 
 def tilted(sight: Array, most_deg: float, rng: np.random.Generator) -> Array:
-    """Unit axes (N, 3) within a tilt of the lines of sight (N, 3), spread evenly over the cap."""
+    """Random unit vectors (N, 3) within an angle of the lines of sight (N, 3), uniform over the cap."""
     cosine = rng.uniform(np.cos(np.radians(most_deg)), 1.0, len(sight))
     azimuth = rng.uniform(-np.pi, np.pi, len(sight))
     aside = np.where(np.abs(sight[:, :1]) > 0.99, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
@@ -81,7 +81,7 @@ def tilted(sight: Array, most_deg: float, rng: np.random.Generator) -> Array:
 
 
 def evident_field(scanner: Scanner, apex_mm: Array) -> tuple[ScanField | BoxField, str]:
-    """Field declared in dataset.toml, else inferred from measured apexes (M, 3), scanner frame; and a note.
+    """Measuring field of the scanner, declared in dataset.toml or inferred from measured apexes (M, 3); and a note.
 
     Raises:
         CalibError: neither exists.

@@ -19,7 +19,7 @@ _FEW = 8  # such poses
 
 
 def in_front(robot: Robot) -> tuple[Array, Array]:
-    """Middle (3,), mm, of an arm's reach in front of it, and orientation (3, 3) of a scanner facing the arm there."""
+    """Centre (3,), mm, base frame, of an arm's reach in front of it, and orientation (3, 3) of a scanner facing it."""
     q = random_poses(robot, 2000, rng=np.random.default_rng(0))
     reach_mm = float(
         np.linalg.norm(forward(robot.table, q, robot.is_revolute, robot.base_T_first).target_mm, axis=1).max()

@@ -362,7 +362,7 @@ class App:
             self.worker.submit("candidate", lambda: self.model.choose(name))
 
     def follow(self) -> None:
-        """Make the advised move."""
+        """Make the change of the model that the diagnosis advises."""
         self.worker.submit("follow", lambda: self.model.follow())
 
     def add_effect(self, name: str) -> None:

@@ -113,7 +113,7 @@ def run_calibrate(options: CalibrateOptions) -> int:
 
 
 def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
-    """Template of each robot file that is to be written: the one given, else the one kept at the dataset's import.
+    """Template of each robot file to be written: the file given, else the file kept at the dataset's import.
 
     Raises CalibError where a file has no template, a template no file, or a template is of another arm.
     """

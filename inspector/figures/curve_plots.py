@@ -95,7 +95,7 @@ def joint_curves(
 
 
 def _range(curve: FittedCurve) -> tuple[float, float]:
-    """Range of the error axis: the whole measured range, and as much of the rest as stays readable."""
+    """Range of the error axis: all of the measured range, and as much of the unmeasured part as stays readable."""
     value, half = curve.scale * curve.value, 2.0 * curve.scale * curve.sigma
     inside = curve.inside
     low, high = float((value - half)[inside].min()), float((value + half)[inside].max())
@@ -171,7 +171,7 @@ def _outline(xaxis: str, yaxis: str) -> dict[str, Any]:
 
 
 def _closed(outside: BoolArray) -> BoolArray:
-    """Mask of places outside the measured range, each part extended by one, so that adjacent parts of a line meet."""
+    """Mask of places outside the measured range, widened by one place on each side so that the drawn parts meet."""
     return np.asarray(outside | np.append(outside[1:], False) | np.insert(outside[:-1], 0, False))
 
 

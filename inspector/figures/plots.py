@@ -42,7 +42,7 @@ def correlation_heatmap(
     no_influence: Sequence[str] = (),
     joints: Mapping[str, int] | None = None,
 ) -> go.Figure:
-    """Heatmap of Pearson's r (P, P) of all pairs of parameters; NaN, of parameters without influence, is grey.
+    """Heatmap of Pearson's r (P, P) of all pairs of parameters; grey (NaN) for parameters without influence.
 
     joints: the joint, from 1, of each parameter that belongs to one; a click on its row picks it.
     """

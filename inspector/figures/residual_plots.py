@@ -176,7 +176,7 @@ def places_by_role(place_mm: ArrayLike, ids: Sequence[str], roles: Sequence[str]
 
 
 def _two_views(traces: Sequence[dict[str, Any]]) -> go.Figure:
-    """Figure of traces on "y" (from above) and "y2" (from the side), with equal scales."""
+    """Figure of two panels of equal scale: from above (traces on axis "y") and from the side (traces on "y2")."""
     equal = {"scaleanchor": "x", "constrain": "domain"}
     return figure(
         traces,

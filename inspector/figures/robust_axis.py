@@ -60,7 +60,7 @@ def robust_range(values: ArrayLike, *, from_zero: bool = False) -> RobustRange |
 def beyond(
     shown: RobustRange, x: Sequence[Any], values: Array, names: Sequence[str], unit: str
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Trace of triangles at the edge of the y axis, and the text that counts outlying values by escaped pose name."""
+    """Trace of triangles at the edge of the y axis for outlying values, and the text with their number."""
     at = [int(i) for i in np.flatnonzero(shown.wild)]
     above = values[at] > shown.high
     inset = 0.02 * (shown.high - shown.low)

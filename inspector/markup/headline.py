@@ -47,7 +47,7 @@ def looks_html() -> str:
 
 
 def _way(told: Headline, view: View) -> str:
-    """HTML of the error stages as buttons, with the noise."""
+    """HTML of the errors at each stage from the nominal robot on, as buttons, with the noise."""
     arrow = '<span class="headline-arrow" aria-hidden="true">→</span>'
     stages = arrow.join(_stage(told, stage, view) for stage in told.stages)
     noise = f'<span class="headline-noise">({elements.text(headlines.noise(told))})</span>'

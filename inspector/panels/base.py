@@ -88,7 +88,7 @@ class ChangedValues:
 
 
 class ChosenByDataset:
-    """A widget's choice for each dataset, so that it does not carry over to another dataset."""
+    """Memory of a widget's choice for each dataset, so that the choice does not carry over to another dataset."""
 
     def __init__(self, handle: Any, default: Any) -> None:
         self._handle, self._default = handle, default

@@ -97,7 +97,7 @@ PRIMARY = REPORT
 
 
 class DownloadsPanel(FollowsModel):
-    """A button for each file with what it is for, in groups, and what to know before a robot's file is used."""
+    """Download buttons in groups, with notes on what each file is for and on the use of a robot's file."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
@@ -116,7 +116,7 @@ class DownloadsPanel(FollowsModel):
                 self._buttons[name], self._notes[name] = button, gui.add_html(elements.note(item.holds))
 
     def update(self, view: View) -> None:
-        """Offer what this dataset and model can give, and say what a robot's file cannot hold."""
+        """Show the downloads that this dataset allows, and what to know before a robot's file is used."""
         own = kept_template(view.session.dataset.folder) is not None
         self._buttons[OWN_FILE].visible = self._notes[OWN_FILE].visible = own
         self._before_use.content = before_use_html(view)
@@ -127,7 +127,7 @@ class DownloadsPanel(FollowsModel):
 
 
 def before_use_html(view: View) -> str:
-    """HTML on the error that the table alone leaves, and on what speaks against its use."""
+    """HTML on the error left by the calibrated table alone, and on reasons against the table's use."""
     session = view.session
     if session.calibration is None:
         return elements.note(NOT_YET)

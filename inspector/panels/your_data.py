@@ -1,4 +1,4 @@
-"""Window of an import: what was recognised, for correction, naming and opening. Each page has its own window."""
+"""Window of an import, one per page: the user corrects what was recognised, names the dataset and opens it."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ class YourDataWindow:
 
 
 def _is_open(offer: Offer) -> bool:
-    """Whether the user can choose among tables, beyond one of joints and one of points."""
+    """Whether there are more tables than one of joints and one of points, so that the user has to choose."""
     files = offer.files
     return len(files.tables) > 2 or (len(files.tables) == 2 and files.points is None)
 

@@ -1,4 +1,4 @@
-"""Picture of the arm with the measured points and the model's errors there, before and after.
+"""Picture of the arm with the measured points and the model's errors there, before and after calibration.
 
 Made without a browser, as SVG: each solid's faces are sorted by depth and drawn from the back to the front. The view is
 from the side on which the measured points spread the most, a little from above, without perspective.

@@ -16,7 +16,7 @@ from inspector.report.content import Report
 
 
 def first_page(report: Report, made: str) -> tuple[Block, ...]:
-    """All of it, in the order of reading. `made`: the date of the report."""
+    """Blocks of a report's first page, in the order of reading. `made`: the date of the report."""
     session = report.session
     told, diagnosis = session.headline, session.diagnosis
     assert told is not None

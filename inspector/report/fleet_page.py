@@ -16,7 +16,7 @@ from inspector.report.report import versions
 
 
 def fleet_html(fleet: Fleet, page: Path, *, now: datetime) -> str:
-    """HTML of the page, to be written at `page`, from which links to the datasets start; `now` is its date."""
+    """HTML page on a fleet, to be written to the file `page`, so that links to the datasets work; `now` is its date."""
     made = now.astimezone().strftime("%Y-%m-%d %H:%M %Z").strip()
     page_folder = page.resolve().parent
 

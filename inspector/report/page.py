@@ -20,7 +20,7 @@ MARK = '<meta name="generator" content="robot-calibration-inspector">'
 
 
 def render(told: Presentation) -> str:
-    """HTML page of a presentation with its figures: the head, which is the first page on paper, then the sections."""
+    """HTML page of a presentation with its figures: the head (the first page when printed), then the sections."""
     names = (f"figure{number}" for number in count(1))
     return _templates().get_template("page.html").render(mark=MARK, title=told.title, **drawn(told, draw, names))
 

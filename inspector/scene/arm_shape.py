@@ -1,4 +1,4 @@
-"""Simple solids for drawing an arm: a short cylinder for each joint along its axis, straight ones for links and tool.
+"""Simple solids for drawing an arm: a short cylinder for each joint along its axis, cylinders for links and tool.
 
 A row of the table leads from one frame to the next in two straight pieces, d along the joint's axis and a across it, so
 each link is drawn as at most two cylinders with a ball at the knee between them. Thickness means nothing: it follows
@@ -97,7 +97,7 @@ def arm_of(version: Version, pose: int) -> ArmShape | None:
 
 
 def _row(values: Array, pose: int) -> Array:
-    """Row of a pose in an array that may have one row for all poses."""
+    """Values of one pose, from an array with a row for each pose or one row for all poses."""
     return values[pose if len(values) > 1 else 0]
 
 

@@ -94,7 +94,7 @@ def corners(
 
 
 def halo(api: viser.SceneApi, name: str, at_mm: Array, diameter_mm: float) -> list[viser.SceneNodeHandle]:
-    """Node of the ring around the dot of the selected corner at (3,)."""
+    """Node of the ring around the selected corner's dot at `at_mm` (3,)."""
     return [
         api.add_icosphere(
             name, radius=HALO * diameter_mm * M_PER_MM, color=rgb(HIGHLIGHT), opacity=0.35,

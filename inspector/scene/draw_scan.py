@@ -116,7 +116,7 @@ def draw_planes(scene: SceneView, view: View, visible: set[str]) -> None:
 
 
 def draw_corners(scene: SceneView, view: View, on_click: Callable[[int], None]) -> Array:
-    """Draw all corners in the selected pose's scanner placement, by role or by error; returns them."""
+    """Draw all corners of the selected pose's setup, coloured by role or error; returns their points (K, 3), mm."""
     poses = view.session.dataset.poses
     here = [(i, corner_of(view, i)) for i in range(len(poses)) if poses.setup[i] == poses.setup[view.pose]]
     found = [(i, *corner) for i, corner in here if corner is not None]

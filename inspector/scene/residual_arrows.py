@@ -40,7 +40,7 @@ def field_mm(points_mm: Array) -> float:
 
 
 def fitting_arrows(view: View) -> float:
-    """Default enlargement of the residuals, one for all versions of a dataset's model: arrows shrink as it improves.
+    """Default enlargement of drawn residuals, equal for all versions of a model, so that arrows shrink as it improves.
 
     The nominal robot's errors choose it. Where those that the link errors leave would then hardly be seen, these choose
     it, and the nominal robot's longest arrows are cut.
@@ -139,7 +139,7 @@ class ResidualArrows:
             threading.Thread(target=self._fall, args=(token,), name="inspector-fall", daemon=True).start()
 
     def between(self, share: float) -> None:
-        """Draw arrows interpolated between those of the model before (share 0) and of the model on show (share 1)."""
+        """Draw arrows interpolated from the version shown before (share 0) to the version on show (share 1)."""
         with self._lock:
             self._moving = None
             self._place(share)
@@ -219,7 +219,7 @@ def _same(one: _Arrows, other: _Arrows) -> bool:
 
 
 def _thin_lines(api: viser.SceneApi, name: str, arrows: _Arrows) -> viser.SceneNodeHandle:
-    """Node of thin lines, one for each arrow of the model before."""
+    """Node of thin lines along the residual arrows of the version that was shown before."""
     return api.add_line_segments(
         f"{name}/lines", to_scene(np.stack([arrows.start_mm, arrows.tip_mm], axis=1)), rgb(MODEL_BEFORE),
         thickness=1.0, thickness_units="screen",

@@ -173,7 +173,7 @@ class SceneView:
         self._overview[index] = node
 
     def hide_in_overview(self, index: int | None, apart: Callable[[int], bool] = lambda _: False) -> None:
-        """Hide the scan that is drawn in full, and those for which `apart` is true."""
+        """Hide in the overview the scan that is drawn in full, and all scans for which `apart` is true."""
         self._hidden_overview = index
         for i, other in self._overview.items():
             visible = i != index and not apart(i)

@@ -275,7 +275,7 @@ class Uploads:
 
 
 def clear_leftovers(folder: Path) -> None:
-    """Remove partial uploads that killed programs left in a folder; those of running programs stay."""
+    """Remove partial uploads that killed programs left in a folder; uploads of running programs stay."""
     for staging in folder.glob(f"{_STAGING}*") if folder.is_dir() else ():
         if staging.is_symlink() or not staging.is_dir():
             continue

@@ -28,7 +28,7 @@ SAME = 1e-6  # share by which a figure may differ and still be the same
 
 
 def dataset_of(saved: Saved, root: Path) -> Path:
-    """Folder of a saved session's dataset, at or below `root`: the recorded one, else that with the same dataset.toml.
+    """Folder of a saved session's dataset, at or below `root`: as recorded, else with the same dataset.toml.
 
     Raises SessionFileError where there is none. Nothing outside `root` is looked at.
     """

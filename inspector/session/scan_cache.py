@@ -1,4 +1,4 @@
-"""Cache of the scans of the dataset on show: one scan in full, for the others only their position."""
+"""Cache of the scans of the dataset on show: the selected scan in full, only the position of all other scans."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class ScanCache:
         self.medians[pose] = np.full(3, np.nan) if empty else np.median(scan.points_mm, axis=0)  # type: ignore[union-attr]
 
     def next(self, first: int, tried: set[int]) -> int | None:
-        """Next scan to search, from that of pose `first` on."""
+        """Next scan to search, from the scan of pose `first` on."""
         if self._dataset is None:
             return None
         for k in range(len(self._dataset.poses)):

@@ -42,7 +42,7 @@ class StepErrors:
 
     @property
     def other_poses(self) -> bool:
-        """Whether other poses count than before this step."""
+        """Whether this step changed which poses are used."""
         return self.label.startswith((LEFT_OUT, TAKEN_IN))
 
 
@@ -133,7 +133,7 @@ class Session:
 
     @property
     def measured(self) -> Dataset:
-        """Dataset with the points available for a fit: those of points.csv, else the corners found so far."""
+        """Dataset with the points available for a fit: from points.csv, else the corners found so far."""
         return self.measured_for(self.calibration.residual if self.calibration is not None else "position")
 
     def measured_for(self, residual: str) -> Dataset:
@@ -168,7 +168,7 @@ class Session:
 
 
 def asked_out(step: FitStep) -> tuple[str, ...]:
-    """Ids of poses that a step's fit left out on request, without those that the search found to be outliers."""
+    """Ids of poses left out of a step's fit on request, without the outliers that the search left out."""
     dataset = step.calibration.dataset
     found = np.flatnonzero(in_repeat_groups_of(dataset, step.left_out)) if step.left_out else ()
     stand_out = {dataset.poses.ids[i] for i in found}
@@ -191,6 +191,6 @@ def _errors(result: Calibration, *, before: bool = False) -> tuple[float, float]
 
 
 def untested(session: Session) -> Session:
-    """History step of a new fit whose residual is not tested yet."""
+    """Session after a new fit, without the rankings, tests and diagnosis of the fit before."""
     unknown = replace(session, screening=None, pose_errors=None, residual_tests=None, advice=None)
     return replace(unknown, diagnosis=None, next_poses=None, searched=False, separations={}, versions=())

@@ -50,7 +50,7 @@ class SessionFileError(CalibError):
 
 
 class Shown(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Selections on the page when the session was saved; None for those not known."""
+    """Selections on the page when the session was saved; None for unknown selections."""
 
     pose: Text | None = None  # id
     view: Text | None = msgspec.field(default=None, name="look")  # its name
@@ -95,7 +95,7 @@ class SavedModel(msgspec.Struct, frozen=True):
 
 
 class SavedUndo(msgspec.Struct, frozen=True):
-    """Models of undo and redo, each as indices into one list of steps; the last of a list comes next."""
+    """Models that undo and redo lead to, each as indices into `steps`; the last of each list is restored next."""
 
     steps: Annotated[tuple[SavedStep, ...], Meta(max_length=LIST_LIMIT)] = ()
     past: Annotated[tuple[Places, ...], Meta(max_length=LIST_LIMIT)] = ()

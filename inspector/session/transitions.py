@@ -81,7 +81,7 @@ def with_ranking(session: Session) -> Session:
 
 
 def with_residual_tests(session: Session) -> Session:
-    """Session with the residual tested, and with the next move of the search or the verdict as advice.
+    """Session with the residual tested, and with the next change of the model, or the verdict, as advice.
 
     Nothing new where they are known or nothing was ranked.
     """
@@ -93,7 +93,7 @@ def with_residual_tests(session: Session) -> Session:
 
 
 def _with_next_move(session: Session, model: Model) -> Session:
-    """Session with advice on its model's next move, or with the diagnosis where there is no move."""
+    """Session with advice on the next change of its model, or with the diagnosis where no change is advised."""
     assert session.residual_tests is not None
     move = next_move(search_space(session), model)
     if isinstance(move, Diagnosis):
@@ -103,13 +103,13 @@ def _with_next_move(session: Session, model: Model) -> Session:
 
 
 def search_space(session: Session) -> SearchSpace:
-    """Search space of an automatic search that has the same data, options and effects as the model on show."""
+    """Search space for the automatic diagnosis, with the data, options and effects of the model on show."""
     options = _calibrated(session).options
     return SearchSpace.of(session.measured, options, user_effects=session.user_effects)
 
 
 def separation(session: Session, name: str) -> Separation | None:
-    """Poses at which a candidate and its nearest rival differ most; None without candidate or rival.
+    """Poses at which a candidate and the effect most similar to it differ most; None where either is missing.
 
     Raises CalibError where there are too few poses to fit either one whole.
     """
@@ -136,7 +136,7 @@ def with_versions(session: Session, before: Session) -> Session:
 
 
 def with_user_effects(session: Session, effects: tuple[Family, ...]) -> Session:
-    """Session with these user effects; those in the model are fitted again, or removed where no longer defined."""
+    """Session with the given user effects; the model's own are fitted again, or removed where no longer defined."""
     ours = {family.name for family in (*session.user_effects, *effects)}
     session = replace(session, user_effects=effects, screening=None, separations={}, diagnosis=None, next_poses=None)
     if session.calibration is None or not any(added.name in ours for added in session.effects):
@@ -152,7 +152,7 @@ def with_user_effects(session: Session, effects: tuple[Family, ...]) -> Session:
 
 
 def with_effect(session: Session, name: str) -> Session:
-    """Session with an effect as proposed by the screening, or learned curves, added and all fitted again.
+    """Session with an effect (as proposed by the screening) or learned curves added, and all fitted again.
 
     Members of the effects inside are chosen anew beside it, as the automatic search does.
     """
@@ -175,7 +175,7 @@ def with_effect(session: Session, name: str) -> Session:
 
 
 def _advised(session: Session, name: str) -> Move | None:
-    """The advised move, if it adds this effect; else None."""
+    """The advised change of the model, if it adds this effect; else None."""
     advice = session.advice if session.screening is not None else None
     return advice.move if advice is not None and advice.effect == name else None
 
@@ -194,7 +194,7 @@ def without_effect(session: Session, name: str) -> Session:
 
 
 def with_advice_followed(session: Session) -> Session:
-    """Session after the advised move. Raises CalibError where there is none."""
+    """Session after the advised change of the model. Raises CalibError where none is advised."""
     if session.advice is None:
         raise CalibError("there is nothing to follow: no move leads on from this model")
     move = session.advice.move

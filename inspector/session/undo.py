@@ -16,7 +16,7 @@ WHOLE = 8  # the last of them, which come back with their ranking; older ones ar
 
 @dataclass
 class Undo:
-    """Models of one dataset before and after the one on show; the last of each list is the next.
+    """Models of one dataset that undo and redo lead to; the last of each list is the next to be shown.
 
     Those of a session file are fitted again when they are gone to.
     """

@@ -17,7 +17,7 @@ _Version = tuple[int, int] | None
 
 
 class UserEffects:
-    """Families of one effects file, made for each dataset; where the file has an error, its last good families stay."""
+    """Effects of a user's file, as families made for each dataset; while the file has an error, its last good ones."""
 
     def __init__(self, path: Path | None = None) -> None:
         self.path = path
@@ -32,7 +32,7 @@ class UserEffects:
         return name not in self._good or version != self.version or families is not known
 
     def families(self, name: str, dataset: Dataset) -> tuple[Family, ...]:
-        """Families of the file's present content; the last good ones where it has an error, which is in `problem`."""
+        """Effect families of the present file; while the file has an error (in `problem`), its last good ones."""
         if self.path is None:
             return ()
         version = self.version

@@ -116,7 +116,7 @@ class View:
         return EFFECTS if steps[number - 1].selected else LINKS
 
     def at_step(self, number: int) -> View:
-        """View of the model after a step, with arrows: 0 is the nominal robot, k `session.steps[k - 1]`.
+        """View of the model after a step, with its arrows: 0 is the nominal robot, k `session.steps[k - 1]`.
 
         Nothing changes where there is no such step.
         """

@@ -36,7 +36,7 @@ def apex_variance_mm2(planes: Sequence[PlaneFit], covariance: Array) -> Array:
 
 
 def at_least_declared(planes: Sequence[PlaneFit], shown: Array, declared: Array) -> Array:
-    """Covariance (9, 9) of three planes by a correlated error: as seen in a scan, but no less than declared.
+    """Covariance (9, 9) of three planes by a correlated error, as estimated from a scan but no less than declared.
 
     `shown` grows by a share of `declared` where it makes the apex more certain than `declared` alone would.
     """

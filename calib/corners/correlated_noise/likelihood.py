@@ -27,7 +27,7 @@ ROUGH_FROM = 4
 
 
 def _mixture(length: float) -> Array:
-    """Shares (L,) of the Gaussian kernels in exp(-r / length)."""
+    """Weights (L,) with which Gaussian kernels of the lengths LENGTHS add up to about exp(-r / length)."""
     between = np.sqrt(LENGTHS[1:] * LENGTHS[:-1])
     below = [erf(b / length / sqrt(2)) for b in between]
     return np.diff([0.0, *below, 1.0])
@@ -60,7 +60,7 @@ def gaussian_kernels(places: PatchPlaces, lengths_mm: Array) -> Array:
 
 @dataclass(frozen=True)
 class CorrelationEvidence:
-    """Log likelihood of the patches' means under correlated errors of S shapes of kernel and W sizes."""
+    """Log likelihood of patches' mean heights under correlated errors of S kernel shapes and W sizes."""
 
     log_likelihood: Array  # (S, W) less that of white noise alone
     expected_loss: Array  # (S, W) by how much that is below 0 on average where the noise is white

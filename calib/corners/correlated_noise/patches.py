@@ -18,14 +18,14 @@ _FARTHEST_EYE = 5.0  # edges: a scan whose origin lies nearer to the apex than t
 
 @dataclass(frozen=True)
 class ScannerView:
-    """Direction and distance of the coordinates' origin, near the apex, from the scanner."""
+    """Line of sight from the scanner to the origin of the local coordinates, near the apex, and the distance to it."""
 
     sight: Array  # (3,) unit, from the eye to that origin
     distance_mm: float  # between both
 
     @staticmethod
     def of(origin_mm: Array, edge_mm: float) -> ScannerView:
-        """View of an origin (3,) in the scanner's frame; its distance is taken as at least five edge lengths."""
+        """View from the scanner to an origin (3,), mm, scanner frame, taken as at least five edge lengths away."""
         distance_mm = float(np.linalg.norm(origin_mm))
         sight = origin_mm / distance_mm if distance_mm > 1e-9 * edge_mm else np.array([0.0, 0.0, 1.0])
         return ScannerView(sight, max(distance_mm, _FARTHEST_EYE * edge_mm))
@@ -52,7 +52,7 @@ class PatchPlaces:
 
 @dataclass(frozen=True)
 class Patches:
-    """B patches of one plane."""
+    """B patches of one plane's points: mean heights, numbers of points, scatter and places."""
 
     mean_mm: Array  # (B,) height over the plane, as the robust fit takes it
     count: Array  # (B,) points
@@ -108,5 +108,5 @@ def patches_of(plane: PlaneFit, view: ScannerView, along_mm: Array, side_mm: flo
 
 
 def joined(places: Sequence[PatchPlaces]) -> PatchPlaces:
-    """Places of the patches of several planes, one plane after the other."""
+    """Places of the patches of several planes in one value, plane by plane."""
     return PatchPlaces(np.concatenate([p.centres_mm for p in places]), np.concatenate([p.spreads_mm2 for p in places]))

@@ -90,13 +90,13 @@ class _Faces:
     white: Array  # (9, 9) covariance of the planes from white noise
 
     def along_sight(self, lengths_mm: Array) -> Array:
-        """(L, B, B) covariances of the patches by an error of variance 1 along the sight, continuous over all faces."""
+        """(L, B, B) covariance of patch heights by an error of variance 1 along the rays, continuous across faces."""
         cosine = np.concatenate([p.cosine for p in self.patches])
         image = joined([p.image for p in self.patches])
         return np.asarray(gaussian_kernels(image, lengths_mm) * np.outer(cosine, cosine))
 
     def uneven(self, lengths_mm: Array) -> Array:
-        """(L, B, B) covariances of the patches by unevenness of variance 1 of each face by itself."""
+        """(L, B, B) covariance of patch heights by unevenness of variance 1, independent from face to face."""
         kernels = np.zeros((len(lengths_mm), len(self.face), len(self.face)))
         for number, patches in enumerate(self.patches):
             on = np.flatnonzero(self.face == number)
@@ -104,7 +104,7 @@ class _Faces:
         return kernels
 
     def moved(self, kernels: Array) -> Array:
-        """(L, 9, 9) covariances of the planes by errors with kernels (L, B, B)."""
+        """(L, 9, 9) covariance of the planes by errors whose covariance over the patches is `kernels` (L, B, B)."""
         return np.asarray(self.influence.T @ kernels @ self.influence)
 
 
@@ -160,7 +160,7 @@ def plane_uncertainty(
 
 
 def _prior(harm: Array, expected_loss: Array, surroundings: bool) -> Array:
-    """Prior (2, S, W) of the two forms, the shapes of kernel and the sizes; the rest to 1 is that of white noise alone.
+    """Prior probability (2, S, W) of forms, kernel shapes and sizes of correlated error; the rest is of white noise.
 
     harm is the variance of the apex over that by white noise, expected_loss that of log likelihood where the noise is
     white, both (2, S, W). Kernels that would harm much and show little are all but left out: otherwise white noise
@@ -217,7 +217,7 @@ def _patches_of_faces(planes: Sequence[PlaneFit], view: ScannerView, edge_mm: fl
 def _evidence_of_faces(
     faces: _Faces, planes: Sequence[PlaneFit], jig: Jig, kernels: Array, sizes_mm: Array
 ) -> CorrelationEvidence:
-    """Evidence for correlated errors from the faces' residuals and the angles between the faces; `kernels` (L, B, B).
+    """Evidence for correlated errors with kernels (L, B, B), from the faces' residuals and the angles between faces.
 
     The angles between the faces are three more measurements of the planes, as exact as the jig was made; not so for a
     certified jig, against which the planes are still to be tested.
@@ -239,7 +239,7 @@ def _evidence_of_faces(
 
 
 def _evidence_of_surroundings(patches: Patches, edge_mm: float, sizes_mm: Array) -> tuple[Array, float, Array]:
-    """Log likelihood (S, W) of a nearby surface under errors along the sight, that under none, and the expected loss.
+    """Log likelihood of a surface near the jig with (S, W) and without correlated error, and expected loss (S, W).
 
     Walls and tables are bowed, so a quadratic part of their shape is left free. Apart from that the surface is flat and
     shows the scanner's error alone, which grows with no, the first or the second power of the depth, or it is uneven by
@@ -266,7 +266,7 @@ def _evidence_of_surroundings(patches: Patches, edge_mm: float, sizes_mm: Array)
 
 
 def _interpolated(values: Array, place: Array) -> Array:
-    """Columns of `values` (S, W) at fractional indices place (W,), clamped to the outermost ones."""
+    """Columns of `values` (S, W), interpolated linearly at fractional indices `place` (W,), clamped to the range."""
     place = np.clip(place, 0, values.shape[1] - 1)
     low = np.minimum(place.astype(np.int64), values.shape[1] - 2)
     return np.asarray(values[:, low] + (place - low) * (values[:, low + 1] - values[:, low]))

@@ -1,4 +1,4 @@
-"""Other flat surfaces in the scan: a wall behind the jig shows errors that are smoother than the jig is large.
+"""Other flat surfaces in the scan, such as a wall behind the jig, which show errors correlated over more than the jig.
 
 They have the same scanner's errors and reach farther. A wall may be bent by itself, so an error that it shows is
 believed only in part; the absence of one is believed.
@@ -69,7 +69,7 @@ def flat_surroundings(
 
 
 def patches_of_surroundings(plane: PlaneFit, view: ScannerView, edge_mm: float) -> Patches | None:
-    """Patches of a flat surface in the scanner's image, without those that hold other things; None where few remain."""
+    """Patches of a flat surface in the scanner's image, without sparse or rough ones; None where few remain."""
     image_mm = view.image_mm(plane.points_mm)
     side_mm = max(float(np.sqrt(np.prod(np.ptp(image_mm, axis=0)))) / _CELLS, _LEAST_SIDE * edge_mm)
     patches = patches_of(plane, view, image_mm, side_mm)

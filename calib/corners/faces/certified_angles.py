@@ -25,7 +25,7 @@ _LEAST_MISFIT_MARGIN = 12.0  # by which the best labelling's squared misfit is b
 
 @dataclass(frozen=True)
 class RigidFit:
-    """Planes under the certified angles; where those cannot be used, the free planes and a note with the reason."""
+    """Planes fitted under the certified angles; where the angles cannot be used, the free planes and a note why."""
 
     moves: Array  # (9,) added to (h, s_1, s_2) of each plane; zeros where they are left free
     covariance: Array  # (9, 9)
@@ -36,7 +36,7 @@ class RigidFit:
 def constrain_to_angles(
     planes: Sequence[PlaneFit], covariance: Array, face_angles_deg: tuple[float, float, float]
 ) -> RigidFit:
-    """Moves of the three planes, and their covariance, under the certified angles between the faces.
+    """Corrections of the planes' heights and slopes that give the certified angles between the faces, with covariance.
 
     Which fitted face is which certified one is not known: the six labellings are tried, and the squared misfit of the
     best has to be less than that of the next by a margin, unless both give the same angles.
@@ -60,7 +60,7 @@ def constrain_to_angles(
 
 
 def fitted_angles_deg(planes: Sequence[PlaneFit]) -> tuple[float, float, float]:
-    """Angles between faces 1-2, 2-3 and 3-1 of fitted planes, in a convex jig's material or a concave jig's air."""
+    """Angles, deg, between fitted faces 1-2, 2-3 and 3-1: through a convex jig's material, or a concave jig's air."""
     return angles_between_deg(np.array([plane.normal for plane in planes]))
 
 
@@ -83,14 +83,14 @@ def turned_normals(planes: Sequence[PlaneFit], moves: Array) -> Array:
 
 
 def _angles(angles_deg: tuple[float, float, float], order: tuple[int, ...]) -> tuple[float, float, float]:
-    """Certified angles between fitted faces 1-2, 2-3 and 3-1, which are the certificate's faces `order`."""
+    """Certified angles, deg, between fitted faces 1-2, 2-3, 3-1 if fitted face i is the certificate's order[i]."""
     between = {frozenset(pair): angle for pair, angle in zip(FACE_PAIRS, angles_deg, strict=True)}
     first, second, third = (between[frozenset((order[i], order[j]))] for i, j in FACE_PAIRS)
     return first, second, third
 
 
 def _constrain(planes: Sequence[PlaneFit], covariance: Array, angles_rad: Array) -> RigidFit:
-    """Moves and covariance of the planes under three angles for which the labelling of the faces is settled."""
+    """Corrections of the planes' heights and slopes, and their covariance, that give three angles in known order."""
     derivative = angle_derivative(planes)
     gain = covariance @ derivative.T @ np.linalg.inv(derivative @ covariance @ derivative.T)
     moves, misfit = np.zeros(9), 0.0

@@ -39,12 +39,12 @@ class FaceOutline:
 
     @staticmethod
     def of(outline: Outline, face: int) -> FaceOutline:
-        """Outline of one of the jig's faces; its two edges are numbered as the other two faces."""
+        """Outline of one of the jig's faces; its two edges come in the order of the two other faces."""
         one, other = (length for i, length in enumerate(outline.edges_mm) if i != face)
         return FaceOutline((one, other), outline.rectangular)
 
     def inward(self, one: Array, other: Array) -> Array:
-        """Distances of points, at `one` and `other` along the edges, to the face's nearest border, positive inside."""
+        """Distances, mm, to the face's nearest border, positive inside, of points at `one` and `other` on its edges."""
         a, b = self.legs_mm
         if self.rectangular:
             return np.minimum(np.minimum(one, other), np.minimum(a - one, b - other))
@@ -52,7 +52,7 @@ class FaceOutline:
 
 
 def along_edges(heights: Array, face: int, jig: Jig) -> tuple[Array, Array]:
-    """Coordinates of points from the apex along the two edges of a face, by their heights (K, 3) over the three planes.
+    """Coordinates, mm from the apex, of points along a face's two edges, by their heights (K, 3) over three planes.
 
     Along an edge the heights fall (convex) or rise (concave) away from the apex.
     """
@@ -71,7 +71,7 @@ def face_points(heights: Array, face: int, band_mm: float, jig: Jig, outline: Ou
 
 
 def without_far_points(along_mm: Array) -> BoolArray:
-    """Mask of a face's points not far from the others; `along_mm` (K, 2) are coordinates from the apex along the edges.
+    """Mask of a face's points that are not far from its other points; `along_mm` (K, 2): coordinates along the edges.
 
     Where only a part of a face is seen, a stray point far from it would tilt the plane by its lever alone. Measured by
     the covariance of the points, no point of an evenly covered triangle is farther than sqrt(8) from their middle.
@@ -114,12 +114,12 @@ def flat_margins_mm(heights: Sequence[Array], planes: Sequence[PlaneFit], jig: J
 
 
 def flat_margin_mm(heights: Array, face: int, plane: PlaneFit, jig: Jig, outline: Outline) -> float:
-    """Least margin along the edges beyond which one face is flat; `heights` (K, 3) of its points over all faces."""
+    """Least margin, mm, along a face's edges beyond which it is flat; `heights` (K, 3): its points over all planes."""
     return float(_RINGS[_innermost_off(*_rings(heights, face, plane, jig, outline))] * jig.shortest_mm)
 
 
 def _rings(heights: Array, face: int, plane: PlaneFit, jig: Jig, outline: Outline) -> tuple[Array, Array]:
-    """Sum of the heights in sigmas, and number, of a face's points in each ring from margin to margin."""
+    """Sum of heights, in sigmas, and number of a face's points in each ring between margins along its edges."""
     margins_mm = np.array(_RINGS) * jig.shortest_mm
     inward = FaceOutline.of(outline, face).inward(*along_edges(heights, face, jig))
     z = heights[:, face] / plane.sigma_mm
@@ -130,13 +130,13 @@ def _rings(heights: Array, face: int, plane: PlaneFit, jig: Jig, outline: Outlin
 
 
 def _innermost_off(total: Array, count: Array) -> int:
-    """Index of the least margin inside which no ring has a mean height larger than its noise."""
+    """Index of the least margin beyond which the mean height of every ring is within its noise."""
     off = np.flatnonzero(np.abs(total[1:-1]) > _RING_SIGMA * np.sqrt(count[1:-1]))
     return int(off[-1]) + 1 if len(off) else 0
 
 
 def filled_share(along_mm: Array, face: FaceOutline, spacing_mm: float = 0.0) -> float:
-    """Share of a face's area that has points, an upper bound of the share that counts as filled in `outline_shares`.
+    """Share of a face's area that has points, which is no less than the filled share of `outline_shares`.
 
     along_mm and spacing_mm as there.
     """
@@ -147,7 +147,7 @@ def filled_share(along_mm: Array, face: FaceOutline, spacing_mm: float = 0.0) ->
 def outline_shares(
     along_mm: Array, agrees: BoolArray, through_mm: Array, face: FaceOutline, spacing_mm: float = 0.0
 ) -> tuple[float, float, float]:
-    """Shares of a face's area that are filled with points, spilt over (points beyond its edges), and seen through.
+    """Shares of a face's area: filled with points, with points beyond its edges, and seen through by rays.
 
     along_mm # (K, 2) coordinates of the plane's points along the face's two edges, from the apex; agrees # (K,) whether
     a point's own normal is that of the plane, without which it is not counted as spilt: it may belong to what the plane
@@ -180,7 +180,7 @@ def outline_shares(
 
 
 def _goes_on(a: Array, b: Array) -> float:
-    """Largest extent to which a rectangle's plane continues beyond one of its two far borders; 0 where below a half.
+    """Extent, 0 to 1, to which a rectangle's plane continues beyond either far border; 0 where below a half.
 
     a, b  # (K,) of the plane's points, in shares of the legs. Strips on both sides of a border are compared by their
     points, so that no density matters. A longer box has the corner of a shorter one, and one end where it ends too.
@@ -189,7 +189,7 @@ def _goes_on(a: Array, b: Array) -> float:
 
 
 def share_beyond(along: Array, across: Array) -> float:
-    """Ratio of points beyond the border along = 1 to points inside, in equal strips; 0 below 0.5, at most 1."""
+    """Ratio of points just beyond a face's border along = 1 to points just inside; 0 below 0.5, at most 1."""
     along_border = (across > _BORDER) & (across < 1 - _BORDER)
     within = int(np.count_nonzero(along_border & (along > 1 - _COLLAR) & (along < 1 - _BORDER)))
     beyond = int(np.count_nonzero(along_border & (along > 1 + _BORDER) & (along < 1 + _COLLAR)))
@@ -204,7 +204,7 @@ def _inside(rectangular: bool) -> BoolArray:
 
 
 def _in_cells(a: Array, b: Array, count: int) -> IndexArray:
-    """Number of points, at shares a and b of the legs, in each of (count, count) cells, a twelfth of a leg wide."""
+    """Number of points in each of (count, count) cells, a twelfth of a leg wide; a, b: coordinates over leg lengths."""
     row, column = a * _CELLS, b * _CELLS
     within = (row >= 0) & (column >= 0) & (row < count) & (column < count)
     cell = row[within].astype(np.int64) * count + column[within].astype(np.int64)
@@ -212,12 +212,12 @@ def _in_cells(a: Array, b: Array, count: int) -> IndexArray:
 
 
 def _beyond(a: Array, b: Array, face: FaceOutline, by: float) -> BoolArray:
-    """Mask of points, at shares a and b of the legs, that lie farther than `by` beyond the face's far border."""
+    """Mask of points farther than `by` beyond the face's far border; a, b and `by` in shares of the legs."""
     return np.asarray(np.maximum(a, b) > 1 + by / np.sqrt(2) if face.rectangular else a + b > 1 + by)
 
 
 def _filled(on: IndexArray, along_mm: Array, face: FaceOutline, spacing_mm: float) -> BoolArray:
-    """Mask of the face's cells that have points (K, 2), or lie as near to one as the points of a surface do."""
+    """Mask of a face's cells that have points (K, 2), or are as near to a point as a surface's points to each other."""
     inside = _inside(face.rectangular)
     filled = inside & (on > 0)
     cell_mm = np.array(face.legs_mm) / _CELLS

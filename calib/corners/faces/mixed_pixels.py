@@ -108,7 +108,7 @@ class _Sight(NamedTuple):
 
 @dataclass(frozen=True)
 class MixedPixels:
-    """Shares by which pixels mix with their neighbours, and the faces narrow enough to be corrected for it."""
+    """Shares by which pixels mix with their neighbours, and the faces so narrow that their points need a correction."""
 
     shares: Array  # (3,) of a neighbour at 1, sqrt(2), 2 pixels
     grid: PixelGrid
@@ -125,7 +125,7 @@ def refit_narrow_faces(
     outline: Outline,
     fit: FitFace,
 ) -> tuple[list[PlaneFit], Array]:
-    """Three planes, and margins (3,) left out along their edges, with the narrow faces fitted to corrected points.
+    """Three planes, narrow faces fitted to points corrected for pixel mixing, and margins (3,) left out at edges.
 
     local  # (N, 3) about origin (3,), near  # (N,) their indices. Planes and margins are returned as given where no
     pixels mix or no face is narrow. Raises CornerError as `fit` does.
@@ -153,7 +153,7 @@ def refit_narrow_faces(
 def find_mixed_pixels(
     local: Array, planes: Sequence[PlaneFit], origin: Array, jig: Jig, outline: Outline
 ) -> MixedPixels | None:
-    """Mixing of the scanner's pixels, estimated from points near the jig's edges; None where none is to be corrected.
+    """Mixing of neighbouring pixels, estimated from points near the jig's edges; None where no face needs a correction.
 
     local  # (N, 3) points about `origin` (3,), the first estimate of the apex, in the scanner's frame.
     """
@@ -268,14 +268,14 @@ def _sight(local: Array, origin: Array) -> _Sight:
 
 
 def _inverse_ranges(planes: Sequence[PlaneFit], origin: Array) -> Array:
-    """Rows a_i (3, 3) with a_i . way the inverse range (1/mm) at which a ray meets plane i."""
+    """Matrix (3, 3) whose product with a unit ray is the inverse range (1/mm) at which the ray meets each plane."""
     return np.array([plane.normal / (plane.offset_mm + plane.normal @ origin) for plane in planes])
 
 
 def _range_moves(
     sight: _Sight, planes: Sequence[PlaneFit], face: int, origin: Array, grid: PixelGrid, jig: Jig
 ) -> Array:
-    """Moves (N, 3), mm, of points along their rays by full mixing (share 1) with each of three kinds of neighbours."""
+    """Changes (N, 3), mm, of points' ranges by full mixing (share 1) with neighbours 1, sqrt(2) and 2 pixels away."""
     inverse = _inverse_ranges(planes, origin)
     others = inverse - inverse[face]
     here, steps = others @ sight.ways.T, others @ grid.steps.T  # (3, N), (3, 2): of q_j - q_i
@@ -288,7 +288,7 @@ def _range_moves(
 
 
 def _beside_edges(ways: Array, planes: Sequence[PlaneFit], face: int, origin: Array) -> list[tuple[Array, Array]]:
-    """Side (1 or -1) and angle from each of the face's two edges at which rays (N, 3) pass it.
+    """Side (1 or -1) and angle, rad, at which rays (N, 3) pass each of a face's two edges.
 
     The side is 1 where the ray meets the other face's plane first.
     """
@@ -302,7 +302,7 @@ def _beside_edges(ways: Array, planes: Sequence[PlaneFit], face: int, origin: Ar
 
 
 def _rings(sight: _Sight, planes: Sequence[PlaneFit], face: int, origin: Array, grid: PixelGrid) -> list[IndexArray]:
-    """Numbers (N,) of the rings, half a pixel wide, along each of the face's two edges in which the points are seen."""
+    """Index (N,), for each of the face's two edges, of the ring, half a pixel wide, along it that a point lies in."""
     return [
         np.minimum(angle / grid.pitch_rad / _RING, _RINGS).astype(int)
         for _, angle in _beside_edges(sight.ways, planes, face, origin)
@@ -322,7 +322,7 @@ def _misfit(places: Sequence[Sequence[IndexArray]], residuals: Sequence[Array]) 
 
 
 def _robust_solution(rows: Array, values: Array) -> tuple[Array, Array, Array]:
-    """Plane parameters (9,) and shares by Tukey's biweight, their covariance, and the residuals over their scale."""
+    """Plane parameters (9,) and mixing shares by Tukey's biweight, their covariance, and residuals over their scale."""
     prior = np.zeros(rows.shape[1])
     prior[9:] = 1 / _PRIOR**2
     prior[:9] = 1e-12
@@ -343,7 +343,7 @@ def _robust_solution(rows: Array, values: Array) -> tuple[Array, Array, Array]:
 
 
 def _gain(rows: Array, values: Array, shares: Array, face: int) -> float:
-    """Decrease of a face's bounded squared residuals when its points are moved back and its plane is fitted anew."""
+    """Decrease of a face's bounded squared residuals by correcting its points for pixel mixing and refitting it."""
     design = rows[:, 3 * face : 3 * face + 3]
 
     def loss(z: Array) -> float:

@@ -113,7 +113,7 @@ class TableFile:
         return values
 
     def rest(self, known: Iterable[str]) -> pd.DataFrame:
-        """All columns but the known ones: numbers where every cell is a number, else text."""
+        """All columns except the known ones: as numbers where every cell is a number, else as text."""
         known = set(known)
         frame = self.cells[[name for name in self.cells.columns if name not in known]].copy()
         for name in frame.columns:

@@ -30,7 +30,7 @@ _POSES_IN_A_SOCKET = 5  # at which one place is met; a row copied by mistake sta
 
 
 def require_targets(file: TableFile, names: Sequence[str], robot: Robot) -> None:
-    """Raise DatasetError, with the line, where the target of one of the M rows is not known to robot.toml."""
+    """Raise DatasetError, with the line, where a row names a target that robot.toml does not define."""
     on_arm = [target.name for target in robot.targets]
     for row, name in enumerate(names):
         found = f"found {short(name)}"
@@ -136,7 +136,7 @@ def _turn_by_points(nominal_mm: Array, measured_mm: Array) -> Array | None:
 
 
 def _misfit_deg(tool: Array, measured: Array, placed: Array | None) -> float:
-    """RMS angle, deg, between measured (M, 3, 3) and Y tool X, at the best constant rotations X and, unless given, Y.
+    """RMS angle, deg, from measured rotations (M, 3, 3) to Y @ tool @ X, with fitted rotations X and, unless given, Y.
 
     The sum of tr(measured^T Y tool X) is bilinear in the entries of Y and X: alternating least squares starts from its
     leading singular vectors, projected onto rotations.
@@ -172,7 +172,7 @@ def copied_rows(poses: Poses, points: Points) -> list[tuple[int, int]]:
 
 
 def _is_socket(poses: Poses, points: Points, rows: list[int]) -> bool:
-    """Whether the points at one place were measured with five or more different joint vectors."""
+    """Whether the points `rows`, all at one place, were measured with five or more different joint vectors."""
     return len(rows) >= _POSES_IN_A_SOCKET and len(np.unique(poses.q[points.pose[rows]], axis=0)) >= _POSES_IN_A_SOCKET
 
 

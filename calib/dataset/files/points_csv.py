@@ -233,7 +233,7 @@ def _load_orientations(
 
 
 def _by_order(file: TableFile) -> dict[str, Array]:
-    """Orientations (M, 3, 3) by quaternion order, "wxyz" and "xyzw", of the four columns; NaN where not known."""
+    """Orientations (M, 3, 3) from the four columns, by quaternion order "wxyz" and "xyzw"; NaN where not known."""
     columns = [name for name in file.cells.columns if name in QUATERNION_COLUMNS]
     values = np.column_stack([pd.to_numeric(file.cells[name], errors="coerce") for name in columns])
     known = np.isfinite(values).all(axis=1)

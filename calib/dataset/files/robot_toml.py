@@ -160,7 +160,7 @@ def _tool(table: TomlTable) -> Tool:
 
 
 def _link_to(table: TomlTable, xyz_mm: tuple[float, float, float]) -> dict[str, Any]:
-    """Parameters of the tool row that ends at xyz_mm, last joint's frame: x = a cos theta, y = a sin theta, z = d.
+    """Parameters of a tool row that ends at xyz_mm in the last joint's frame: x = a cos theta, y = a sin theta, z = d.
 
     Without y its axes stay parallel to the last joint's; with it they turn by theta, at most a quarter turn, about z.
     """

@@ -31,7 +31,7 @@ _LEAST_TURN = 0.17  # of three planes' normals: the smallest singular value
 
 
 def load_targets(jig: TomlTable, tables: Sequence[TomlTable], robot: Robot) -> tuple[DeclaredTarget, ...]:
-    """All declared targets but a three-faced [jig]; a [jig] of another shape comes first. Raises DatasetError."""
+    """All declared targets except a three-faced [jig]; a [jig] of another shape comes first. Raises DatasetError."""
     targets: list[DeclaredTarget] = []
     if jig.data.get("shape") in _READERS and jig.data.get("shape") != "trihedral":
         targets.append(_target(jig, "jig"))

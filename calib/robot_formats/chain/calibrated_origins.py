@@ -93,7 +93,7 @@ def with_calibration(
 
 
 def _by_lines(chain: SerialChain, base_T_chain: Array, lines: Array) -> list[Array]:
-    """Frames (4, 4) of the joints at zero, on the calibrated axes and as near to the chain's own as possible.
+    """Frames (4, 4) of the joints at zero, on the calibrated axes and as near as possible to the nominal frames.
 
     The last is not turned about its axis yet. lines  # (n, 4, 4) whose z axes are the calibrated ones
     """
@@ -119,7 +119,7 @@ def _about_axis(turn_rad: float, slide_mm: float = 0.0) -> Array:
 
 
 def _moved_to_line(frame: Array, line: Array, *, slides: bool) -> Array:
-    """Frame (4, 4) moved by the least turn and shift until its z axis is that of another frame (4, 4).
+    """Frame (4, 4) moved by the least turn and shift that bring its z axis onto the z axis of another frame (4, 4).
 
     For a sliding joint only the direction of the axis counts.
     """
@@ -138,7 +138,7 @@ def _least_turn_between(one: Array, other: Array) -> Array:
 
 
 def _azimuth(axis_T_line: Array, nominal: Array, *, both_turn: bool) -> float:
-    """Turn, rad, about an axis that brings the next axis to its nominal azimuth, by its direction or else its place.
+    """Rotation, rad, about an axis that gives the next axis its nominal azimuth, by its direction or else its position.
 
     Both arguments (4, 4) with the next axis along z. 0 where the two axes are one line.
     """
@@ -177,7 +177,7 @@ def _require_same_joints(chain: SerialChain, robot: Robot) -> None:
 
 
 def _base(chain: SerialChain, frames: Array, robot: Robot) -> Array:
-    """Transform (4, 4) from the chain's base frame to the robot's, the identity where their axes agree without one.
+    """Transform (4, 4) from the chain's base frame to the robot's; the identity where both have the same joint axes.
 
     A maker's file may start from another link than the URDF from which robot.toml was made.
     """

@@ -120,7 +120,7 @@ def _first_frame(axis: Array) -> Array:
 
 
 def _row(origin_mm: Array, along: Array, close_to_mm: Array | None) -> Row:
-    """Row that leads from a frame to a point on the next axis, with z along the axis.
+    """Row of five parameters from a frame to a frame at a point on the next axis, with z along that axis.
 
     origin_mm, along  # (3,) a point on the next axis and its unit vector, in the frame
     """
@@ -163,7 +163,7 @@ def _last_rows(frame_T_tip: Array) -> tuple[Row, Row]:
 
 
 def _plain(row: Row) -> Row:
-    """The row with values below rounding set to zero; the next row starts from its end."""
+    """The row of five parameters with values below rounding set to zero; the next row starts from its end."""
     a, alpha, d, theta, beta = row
     turns = [0.0 if abs(angle) < _ROUNDING_RAD else angle for angle in (alpha, theta, beta)]
     lengths = [0.0 if abs(length) < _ROUNDING_MM else length for length in (a, d)]
@@ -171,7 +171,7 @@ def _plain(row: Row) -> Row:
 
 
 def _least_turn(angle_rad: float) -> float:
-    """The angle or its opposite, whichever is within a quarter turn of zero; a or alpha then changes sign."""
+    """The angle, rad, changed by half a turn if needed to be within a quarter turn of zero; a or alpha changes sign."""
     wrapped = float((angle_rad + np.pi) % (2 * np.pi) - np.pi)
     if wrapped > np.pi / 2 + _STRAIGHT:
         return wrapped - np.pi

@@ -1,4 +1,4 @@
-"""Serial arm of joints with any axes, each placed in the previous joint's frame; the form of every format that is read.
+"""Serial arm of joints with any axes, each placed in the previous joint's frame: what every robot format is read into.
 
 A joint's frame moves with its link. At zero it is at `before_T_joint` in the frame of the joint before, the base
 frame for the first; the joint turns about its axis by q (rad) or slides along it by q (mm).

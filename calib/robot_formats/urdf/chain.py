@@ -23,7 +23,7 @@ _LEAST_MULTIPLIER, _LARGEST_MULTIPLIER = 1e-3, 1e3  # of a multiplier; robot.tom
 
 @dataclass(frozen=True)
 class Following:
-    """Dependence of a mimic joint's value on the commanded ones, in the units of the file."""
+    """Dependence of a mimic joint's value on the commanded joint values, in the units of the file."""
 
     row: tuple[float, ...]  # (n,)
     offset: float
@@ -32,7 +32,7 @@ class Following:
 
 
 def followings(file: XmlFile, moving: Sequence[UrdfJoint]) -> tuple[Following, ...]:
-    """Dependence of each mimic joint on others. Raises RobotFileError for masters off the arm, circles, mixed types."""
+    """Dependence of each mimic joint on others. Raises RobotFileError for cycles, mixed types, joints off the arm."""
     by_name = {joint.name: i for i, joint in enumerate(moving)}
     return tuple(_following(file, moving, by_name, i) for i in range(len(moving)))
 
@@ -111,7 +111,7 @@ class ArmPath:
 
     @property
     def following(self) -> tuple[Following, ...]:
-        """Dependence of the moving joints on each other. Raises RobotFileError where a master is not of the arm."""
+        """Dependence of the moving joints on each other. Raises RobotFileError where one follows a joint elsewhere."""
         return followings(self.tree.file, self.moving)
 
 
@@ -151,7 +151,7 @@ def find_arm(tree: UrdfTree, tip: str | None = None, base: str | None = None) ->
 
 
 def chain_of_arm(arm: ArmPath) -> SerialChain:
-    """Chain of an arm from the frame of the base link to that of the tip link."""
+    """Chain of an arm from the base link's frame to the tip link's frame."""
     joints: list[ChainJoint] = []
     notes: list[str] = []
     before = np.eye(4)
@@ -206,7 +206,7 @@ def chain_of_arm(arm: ArmPath) -> SerialChain:
 
 
 def tip_links(tree: UrdfTree) -> list[str]:
-    """End links behind at least one moving joint, those behind most moving joints first."""
+    """End links behind at least one moving joint, the links behind most moving joints first."""
     behind = {link: _moving_before(tree, link) for link, on in tree.joints_on.items() if not on}
     return sorted((link for link, count in behind.items() if count), key=lambda link: -behind[link])
 

@@ -163,7 +163,7 @@ def _remainder(left: Plain, right: Plain) -> Plain:
 
 
 def _numeric(function: Callable[..., object], sign: str) -> Callable[[Plain, Plain], object]:
-    """A function of two numbers as an operator, which refuses other operands."""
+    """Operator made of a function of two numbers, which refuses other operands."""
     return lambda left, right: function(*_numbers(left, right, sign))
 
 
@@ -353,7 +353,7 @@ class _Evaluation:
         self._local: dict[str, Plain] = {}  # variables of comprehensions
 
     def value(self, node: ast.AST, depth: int) -> Value:
-        """Value of a node; a function or a namespace only where it is called or looked into."""
+        """Value of a syntax node; a function or a namespace too, where the node is called or has an attribute read."""
         self._budget.spend(1)
         if depth > MOST_DEPTH:
             raise ExpressionError("is nested too deep")

@@ -181,7 +181,7 @@ def plain_urdf(chain: SerialChain, comment: str = "") -> str:
 
 
 def _standing(chain: SerialChain) -> Array | None:
-    """Transform (4, 4) of the base in a world with gravity along -z; None where upright or without gravity."""
+    """Pose world_T_base (4, 4) in a world with gravity along -z; None where the base is upright or has no gravity."""
     down = np.array(chain.gravity_m_s2)
     if not down.any() or (down[2] < 0.0 and not down[:2].any()):
         return None

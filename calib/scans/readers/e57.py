@@ -70,7 +70,7 @@ def read_e57(path: Path, content: bytes) -> PointsAndNormals:
 
 
 def _chosen(path: Path, file: Path, scans: list[Any], name: str) -> int:
-    """Index of the scan that a path names among those of a file. Raises ScanError where it names none of several."""
+    """Index, among a file's scans, of the scan that a path names. Raises ScanError where none or several match."""
     names = [str(scan["name"].value()) if scan.node.isDefined("name") else "" for scan in scans]
     numbers = [str(i + 1) for i in range(len(scans))]
     if not scans:
@@ -118,6 +118,6 @@ def _points(path: Path, libe57: Any, image: Any, scan: Any, file_bytes: int) -> 
 
 
 def _cartesian(range_m: Array, azimuth_rad: Array, elevation_rad: Array) -> Array:
-    """Cartesian coordinates (N, 3) of spherical ones (N,): azimuth from x towards y, elevation up (ASTM E2807)."""
+    """Cartesian from spherical coordinates (N,): azimuth from x towards y, elevation up (ASTM E2807)."""
     level = range_m * np.cos(elevation_rad)
     return np.stack([level * np.cos(azimuth_rad), level * np.sin(azimuth_rad), range_m * np.sin(elevation_rad)], axis=1)

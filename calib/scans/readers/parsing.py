@@ -67,7 +67,7 @@ def _parsed(lines: Sequence[str], columns: Sequence[int], delimiter: str | None)
 
 
 def columns_of(path: Path, names: Sequence[str]) -> tuple[list[int], bool]:
-    """Indices of x, y, z among column names, then those of the normals' three; and whether there are normals.
+    """Indices among column names of x, y, z and of a normal's three components, and whether there are normals.
 
     Raises ScanError where there is no x, y or z.
     """
@@ -89,7 +89,7 @@ def doubles(values: np.ndarray) -> Array:
 
 
 def split(rows: Array, has_normals: bool) -> PointsAndNormals:
-    """Points and normals, or None, from rows of three or six columns."""
+    """Points, and normals or None, from rows of three or six columns."""
     return rows[:, :3], rows[:, 3:6] if has_normals else None
 
 

@@ -36,7 +36,7 @@ EffectRequest = str | tuple[str, float] | TrueEffect
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Standard deviations from which link errors are drawn, every parameter of every row by itself."""
+    """Standard deviations of random link errors, which are independent for each parameter of every row."""
 
     length_mm: float = 0.3
     angle_deg: float = 0.1

@@ -24,11 +24,11 @@ class TrueEffect:
     needs_equilibrium: ClassVar[bool] = False  # on the arm under load, not on the command alone
 
     def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
-        """The arm with this effect; torques and positions are those of `equilibrium`, the arm under all effects."""
+        """The arm with this effect, by the torques and positions of `equilibrium`, the arm under all effects."""
         return arm
 
     def change_measurement(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
-        """Tool frame (N, 4, 4) as the scanner reports it; the jig's apex points along `sign` times the z axis."""
+        """Tool frame (N, 4, 4) as reported under this effect; the jig's apex points along `sign` times its z axis."""
         return scanner_T_target
 
     def scaled(self, factor: float) -> TrueEffect:

@@ -33,7 +33,7 @@ class Truth(Brief):
         return cls(robot, {"": np.asarray(base_T_scanner, dtype=float)})
 
     def with_effects(self, *effects: TrueEffect) -> Truth:
-        """Cell with these effects in place of its own."""
+        """This cell with the given effects instead of its own."""
         return replace(self, effects=effects)
 
     @property
@@ -99,7 +99,7 @@ def base_T_target(truth: Truth, q: ArrayLike, conditions: Conditions = STANDARD)
 
 
 def scanner_T_target(truth: Truth, q: ArrayLike, conditions: Conditions = STANDARD) -> Array:
-    """Tool frame (N, 4, 4), or that of the jig in the world, as the scanner reports it, without noise."""
+    """Tool frame (N, 4, 4), or frame of a jig fixed in the world, as the scanner reports it, without noise."""
     arm = solve_equilibrium(truth, q, conditions)
     target = arm.base_T_frame[-1]
     if truth.base_T_jig is not None:
@@ -123,7 +123,7 @@ def jig_side(robot: Robot) -> float:
 
 
 def truth_document(truth: Truth, nominal: Robot) -> dict[str, Any]:
-    """Keys of truth.json on the arm; angles in degrees as in all files of a dataset, effects in their own units."""
+    """Entries of truth.json on the arm; angles in degrees as in all files of a dataset, effects in their own units."""
     table, error = truth.robot.table, truth.robot.table - nominal.table
     rows = [*(f"J{j + 1}" for j in range(nominal.n_joints)), "TCP"]
 

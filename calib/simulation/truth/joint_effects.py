@@ -32,7 +32,7 @@ class TransmissionError(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """Effect with one dominant harmonic n = 1, 2, 3 per joint: eccentric ring, oval generator, three screws."""
+        """Effect with one dominant harmonic per joint: 1 (eccentric ring), 2 (oval generator) or 3 (three screws)."""
         n = cell.nominal.n_joints
         share = 0.15 + 0.85 * np.eye(3)[rng.integers(3, size=n)]
         wave = 1e-4 * share * np.exp(2j * np.pi * rng.random((n, 3)))
@@ -272,7 +272,7 @@ class CableDrag(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class ThermalGrowth(SampledEffect):
-    """Every a and d times 1 + kappa (T - reference)."""
+    """Thermal expansion of the arm: all lengths a and d times 1 + kappa (T - reference)."""
 
     name = "thermal_growth"
     needs_conditions = True

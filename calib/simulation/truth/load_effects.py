@@ -31,7 +31,7 @@ class JointCompliance(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """Compliances of joints of one make, which vary by 35 %; the wrist is about four times softer."""
+        """Compliances of similar joints, which vary by 35 %; those of the wrist are about four times larger."""
         n = cell.nominal.n_joints
         size = 1e-5 * np.where(np.arange(n) < n - 3, 1.0, 4.0) * np.exp(0.35 * rng.standard_normal(n))
         return cls(carriers(cell, rng, cls, size * cell.nominal.is_revolute))
@@ -102,7 +102,7 @@ class LinkBending(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """Bending of links from 50 mm length on; c = L / EI grows towards the thin end of the arm."""
+        """Bending of links of at least 50 mm; c = L / EI grows towards the thin end of the arm."""
         ends = Arm.commanded_to(cell.nominal, cell.q)
         spans = [
             after[0, :3, 3] - before[0, :3, 3]
@@ -128,7 +128,7 @@ class NonlinearStiffness(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """Springs that are softest in joints of small torque, so that all yield alike at their largest torques."""
+        """Compliances that are largest in joints of small torque, so that all yield alike at their largest torques."""
         largest = np.abs(gravity_torques(cell)).max(axis=0)
         size = np.where(largest > 0.3, 1e-4 / np.maximum(largest, 0.3) ** 2, 0.0) * magnitudes(cell, rng)
         return cls(carriers(cell, rng, cls, size))
@@ -136,7 +136,7 @@ class NonlinearStiffness(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class LinkTorsion(SampledEffect):
-    """Torsion of each link, a tube from its joint's origin to the next, by the moment along it of all later weights."""
+    """Torsion of each link, a tube from its joint's origin to the next, by the moment of later weights about it."""
 
     name = "link_torsion"
     magnitude_fields = ("c_rad_per_nm",)
@@ -155,7 +155,7 @@ class LinkTorsion(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """Torsion of one link off its joint's axis; along it torsion would be that joint's compliance."""
+        """Torsion of one link that reaches out from its joint's axis; along the axis it would be joint compliance."""
         rows = cell.nominal.table[:-1]
         long = np.abs(rows[:, 0]) > np.maximum(50.0, 0.1 * np.abs(rows[:, 2]))
         if not long.any():
@@ -169,7 +169,7 @@ class LinkTorsion(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class BearingClearance(SampledEffect):
-    """Axes that lean by a fixed angle about the moment, across the axis, of all weights beyond."""
+    """Bearings with play: each axis leans by a fixed angle, about the cross-axis moment of all weights beyond it."""
 
     name = "bearing_clearance"
     magnitude_fields = ("lean_rad",)
@@ -263,7 +263,7 @@ class HosePull(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """A hose from above and behind the base to the side of the forearm; joints as stiff as real ones."""
+        """Hose from above and behind the base to the side of the forearm, on joints of realistic compliance."""
         n = cell.nominal.n_joints
         reach_mm = float(
             np.linalg.norm(Arm.commanded_to(cell.nominal, cell.q).base_T_frame[-1][:, :3, 3], axis=1).max()

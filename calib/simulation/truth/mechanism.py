@@ -47,7 +47,7 @@ class Weight:
     weight_n: Array  # (N, 3)
 
     def moment_nm(self, about_mm: Array) -> Array:
-        """Moment (N, 3), N m, about points (N, 3)."""
+        """Moment (N, 3), N m, of the weight about points (N, 3)."""
         return np.cross(1e-3 * (self.place_mm - about_mm), self.weight_n)
 
 

@@ -18,7 +18,7 @@ from calib.simulation.truth.visibility import SimulatedCell
 
 
 def _after(count: int, first: int) -> BoolArray:
-    """Mask (N,) of the poses from the first pose after a change on."""
+    """Mask (N,) of the first pose after a change and of all later poses."""
     return np.arange(count) >= first
 
 
@@ -85,7 +85,7 @@ class ScannerStep(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """Knock with a shift and a turn that move a point at the field's edge equally far."""
+        """Knock of the scanner whose shift and turn move a point at the field's edge about equally far."""
         middle_mm = cell.plain_mm.mean(axis=0)
         reach_mm = float(np.sqrt(np.mean(np.sum((cell.plain_mm - middle_mm) ** 2, axis=1))))
         turn_rad = 0.2 / reach_mm * rng.standard_normal(3)
@@ -114,7 +114,7 @@ class BaseLoosening(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class WarmUp(SampledEffect):
-    """An arm that warms up from its own motors: every a and d times 1 + g (1 - exp(-t / T)), t from the first pose."""
+    """An arm warmed up by its own motors: all lengths a and d times 1 + g (1 - exp(-t / T)), t from the first pose."""
 
     name = "warm_up"
     needs_conditions = True
@@ -130,7 +130,7 @@ class WarmUp(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """Heating by 10 K with a time constant of 10 to 40 minutes; links of steel to aluminium."""
+        """Warm-up by 10 K, with a random time constant of 10 to 40 minutes and the expansion of steel to aluminium."""
         return cls(10.0 * rng.uniform(12e-6, 24e-6), rng.uniform(600.0, 2400.0))
 
 

@@ -68,7 +68,7 @@ def magnitudes(cell: SimulatedCell, rng: Rng, *, signed: bool = False) -> Array:
 
 
 def carriers(cell: SimulatedCell, rng: Rng, make: PerJoint, size: Array) -> Array:
-    """Magnitudes `size` (n,), kept for the joints that carry the effect, all or 1 to 3 visible ones, 0 for others.
+    """Magnitudes (n,): `size` for the joints with the effect, which are all or 1 to 3 visible ones; 0 for the others.
 
     A joint is visible when a geometric fit leaves 5 % or more of what it leaves of the most visible joint.
     """

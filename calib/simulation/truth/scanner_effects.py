@@ -44,7 +44,7 @@ class ScannerDistortion(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """Distortion with one dominant term of three; each could move a point at the field's edge equally far."""
+        """Distortion of three terms, one dominant; each could move a point at the field's edge equally far."""
         middle_mm = cell.plain_mm.mean(axis=0)
         reach_mm = float(np.sqrt(np.mean(np.sum((cell.plain_mm - middle_mm) ** 2, axis=1))))
         k = 0.2 * rng.choice([-1.0, 1.0], 3) * (0.2 + 0.8 * np.eye(3)[rng.integers(3)])
@@ -78,7 +78,7 @@ class ScannerDrift(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class IncidenceBias(SampledEffect):
-    """A range that grows with the angle phi between the jig's axis and the ray: b (1 - cos phi) along the ray."""
+    """Range error that grows with the angle phi between the jig's axis and the ray: b (1 - cos phi) along the ray."""
 
     name = "incidence_bias"
     needs_facing_jig = True  # the incidence of a jig that faces away is undefined
@@ -114,7 +114,7 @@ class ScannerScale(SampledEffect):
 
 @dataclass(frozen=True, eq=False)
 class FieldBump(SampledEffect):
-    """A local fault of the scanner's field: a shift times exp(-d^2 / 2 w^2), d from its place. Not in the catalogue."""
+    """Local fault of the scanner: a shift times exp(-d^2 / 2 w^2) at distance d from a place. Not in the catalogue."""
 
     name = "field_bump"
     in_catalogue = False
@@ -130,7 +130,7 @@ class FieldBump(SampledEffect):
 
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
-        """Bump at one of the points, with a width of 0.25 to 0.4 of the cloud of points."""
+        """Bump at one of the points, 0.25 to 0.4 times as wide (standard deviation) as the points' RMS radius."""
         middle_mm = cell.plain_mm.mean(axis=0)
         reach_mm = float(np.sqrt(np.mean(np.sum((cell.plain_mm - middle_mm) ** 2, axis=1))))
         direction = rng.standard_normal(3) * np.array([0.3, 0.3, 1.0])

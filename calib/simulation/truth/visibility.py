@@ -51,7 +51,7 @@ class SimulatedCell:
         return float(np.sqrt(np.mean(np.sum(self.moved_mm(effect) ** 2, axis=1))))
 
     def visible_mm(self, effect: TrueEffect) -> Array:
-        """Displacements (N, 3) by the effect with those by link parameters and scanner frames projected out."""
+        """Displacements (N, 3), mm, by the effect that link parameters and scanner frames cannot imitate."""
         moved = self.moved_mm(effect).ravel()
         return np.asarray(moved - self._geometry @ (self._geometry.T @ moved)).reshape(-1, 3)
 
@@ -60,7 +60,7 @@ class SimulatedCell:
         return float(np.sqrt(np.mean(self.visible_mm(effect) ** 2)))
 
     def scaled_to_visible(self, effect: TrueEffect, rms_mm: float) -> TrueEffect:
-        """The effect at the magnitude with a residual of `rms_mm` per coordinate after a geometric fit.
+        """The effect scaled so that a geometric fit leaves a residual of `rms_mm` per coordinate.
 
         Raises:
             CalibError: link parameters absorb all of it, at any magnitude.
@@ -73,7 +73,7 @@ class SimulatedCell:
         return self._scaled(effect, rms_mm, self.visible_rms_mm)
 
     def scaled_to_moved(self, effect: TrueEffect, rms_mm: float) -> TrueEffect:
-        """The effect at the magnitude that moves the measured point by `rms_mm`."""
+        """The effect scaled so that it moves the measured point by `rms_mm` (RMS over the poses)."""
         return self._scaled(effect, rms_mm, self.moved_rms_mm)
 
     def _scaled(self, effect: TrueEffect, goal_mm: float, size_mm: Callable[[TrueEffect], float]) -> TrueEffect:
@@ -119,7 +119,7 @@ class SimulatedCell:
         return columns
 
     def _frame_columns(self) -> list[Array]:
-        """Displacements (N, 3) by three shifts and turns of each scanner frame; by shifts of a jig in the world."""
+        """Displacements (N, 3) by unit shifts and turns of each scanner frame, and by shifts of a fixed jig."""
         columns = []
         nominal_mm = scanner_T_target(self._nominal, self.q, self.conditions)[:, :3, 3]
         if self.truth.base_T_jig is not None:

@@ -63,7 +63,7 @@ def flat_patches(points: Array, size_mm: float) -> list[PlaneFit]:
 
 
 def _patch(points: Array, on: IndexArray, thinned: Array, normals: Array, noise_mm: float) -> PlaneFit | None:
-    """Robust plane through one patch's points `on`; None where few points are near it; `thinned`, `normals` (K, 3)."""
+    """Robust plane through a patch's points `on`; None for few points. `thinned`, `normals` (K, 3) start the fit."""
     normal = np.median(normals, axis=0)
     normal /= np.linalg.norm(normal)
     offset = float(np.median(thinned @ normal))
@@ -79,6 +79,6 @@ def _patch(points: Array, on: IndexArray, thinned: Array, normals: Array, noise_
 
 
 def _spread(points: Array) -> float:
-    """Width of the strip that spreads like a patch's points in their narrower direction: sigma sqrt(12), mm."""
+    """Width, mm, of the uniform strip that scatters as the points do in their narrower direction: sigma sqrt(12)."""
     some = points[:: max(1, len(points) // 3000)]
     return float(np.sqrt(12 * max(np.linalg.eigvalsh(np.cov(some.T))[1], 0.0)))

@@ -1,4 +1,4 @@
-"""Finder of a set of planes in known relative positions: the origin of its frame, in which they need not meet.
+"""Finder of planes in known relative positions: the origin of their common frame, where they need not meet.
 
 Three planes of the scan whose angles are those of three of the set give the frame; the others then have to be where the
 set has them, if they are seen. Rotation and origin come from the points of all planes together, six unknowns.
@@ -103,7 +103,7 @@ class _Placed:
 
 
 def _namings(patches: Sequence[PlaneFit], normals: Array) -> list[_Named]:
-    """Triples of patches whose angles, and handedness, are those of three of the set's planes."""
+    """Triples of patches with the angles and the handedness of three of the set's planes."""
     namings = []
     seen = [np.array([patch.normal for patch in triple]) for triple in combinations(patches, 3)]
     for three in combinations(range(len(normals)), 3):
@@ -179,7 +179,7 @@ def _information(plane: PlaneFit) -> Array:
 def _with_others(
     named: _Named, patches: Sequence[PlaneFit], placed: _Placed, normals: Array, offsets: Array, size_mm: float
 ) -> _Named:
-    """Naming extended by all other patches that lie on further planes of the set, near its origin."""
+    """Identified patches, with all other patches that match further planes of the set near its origin."""
     added, planes = list(named.patches), list(named.planes)
     there = normals @ placed.scanner_R_set.T
     for k in range(len(normals)):

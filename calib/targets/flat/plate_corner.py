@@ -125,7 +125,7 @@ class _Flat:
         return _Flat(plane, uv, gaps.max(axis=1) > _GAP_RAD, density, seen, along[meets] < 1 - _BEFORE)
 
     def pitch_mm(self, outward: Array) -> float:
-        """Distance between neighbouring points in a direction of the plane: larger where it leans to the ray."""
+        """Distance, mm, between neighbouring points in a direction of the plane; larger where it leans to the ray."""
         plane = self.plane
         ray = plane.centre_mm / np.linalg.norm(plane.centre_mm)
         across = np.sqrt(abs(ray @ plane.normal) / self.density)
@@ -162,7 +162,7 @@ def _edges(flat: _Flat, shape: Plate, rng: np.random.Generator) -> list[_Edge]:
 
 
 def _checked(flat: _Flat, members: Array, normal: Array, step: float, shape: Plate) -> _Edge | None:
-    """Edge along the longest run of border points (K, 2) without a hole; None where it is short or no edge."""
+    """Edge along the longest run of border points (K, 2) without a hole; None where too short, or inside the patch."""
     middle = members.mean(axis=0)
     along = np.linalg.svd(members - middle, full_matrices=False)[2][0]
     normal = np.array([-along[1], along[0]])
@@ -214,7 +214,7 @@ def _corner(one: _Edge, other: _Edge, flat: _Flat, shape: Plate) -> Array | None
 
 
 def _refined(corner: Array, one: _Edge, other: _Edge, flat: _Flat, rows: IndexArray, count: int) -> FoundPoint | None:
-    """Corner with covariance from the outermost points of the rows that end at both edges; None for too few rows."""
+    """Corner, with covariance, where lines through the outermost points at two edges meet; None for too few points."""
     fitted = [_outermost(edge, corner, flat) for edge in (one, other)]
     if any(fit is None for fit in fitted):
         return None
@@ -242,7 +242,7 @@ def _refined(corner: Array, one: _Edge, other: _Edge, flat: _Flat, rows: IndexAr
 
 
 def _outermost(edge: _Edge, corner: Array, flat: _Flat) -> tuple[Array, float, float] | None:
-    """Outward normal (2,), offset and its variance at the corner, from the last point of each row along an edge."""
+    """Line through the outermost points at an edge: outward normal (2,), offset, and its variance at the corner."""
     pitch, width = flat.pitch_mm(edge.outward), flat.pitch_mm(edge.along)
     place = flat.uv_mm @ edge.along
     over = flat.uv_mm @ edge.outward - edge.offset_mm

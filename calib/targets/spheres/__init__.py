@@ -1,1 +1,1 @@
-"""Finders of spheres: candidates in a scan, the centre from all points of the cap, reasons against one."""
+"""Finders of spheres: candidates in a scan, the centre from all points of the cap, reasons to refuse a candidate."""

@@ -109,7 +109,7 @@ def _peaks(centres: Array, radii: Array, radii_mm: tuple[float, float], most: in
 def _settled(
     around: Neighbourhoods, centre: Array, radius: float, radii_mm: tuple[float, float]
 ) -> SphereCandidate | None:
-    """Sphere through thinned points near a first one, by least squares on points whose normals agree; None for few."""
+    """Sphere by robust least squares on thinned points whose normals agree, from a first guess; None for few points."""
     points, normals = around.points_mm, around.normals
     votes, share = 0, 2 * _BAND
     for _ in range(8):

@@ -62,7 +62,7 @@ class CapFit:
 
 
 def ray_sines(points: Array, centre: Array, radius: float) -> tuple[Array, Array]:
-    """Sine of the incidence (N,) at which each point's ray meets the sphere, above 1 for a miss, and the depth (N,).
+    """Sine (N,) of each ray's incidence on the sphere, above 1 where the ray misses, and each point's depth (N,).
 
     The depth is that of the point along its ray, before (below 0) or behind the sphere's middle. The sine is the ray's
     distance from the centre over the radius, so that it does not depend on the noise along the ray.
@@ -148,13 +148,13 @@ def fit_cap(points: Array, centre: Array, radius: float, band_mm: float, *, fixe
 
 
 def _bend(sine: Array, radius: float) -> Array:
-    """Height (N,) of a point over a sphere by a footprint of variance 1 mm^2: -(1 + 1 / cos^2 i) / 2 r."""
+    """Mean height (N,) of points over a sphere when blurred with a variance of 1 mm^2: -(1 + 1 / cos^2 i) / 2 r."""
     square = np.maximum(1 - np.minimum(sine, 1.0) ** 2, _LEAST_COSINE**2)
     return np.asarray(-(1 + 1 / square) / (2 * radius))
 
 
 def _shows_blur(rows: Array, over: Array, weight: Array) -> bool:
-    """Whether the blur's coefficient, the last of the design (K, p) weighted by sigma, is significantly above 0."""
+    """Whether the coefficient of the blur, last column of the weighted design (K, p), is significantly above 0."""
     step, inverse = _step(rows.T @ (rows * weight[:, None]), rows.T @ (weight * over))
     return step is not None and bool(step[-1] > _BLUR_SIGMAS * np.sqrt(inverse[-1, -1]))
 
@@ -185,7 +185,7 @@ def _spacing(points: Array, centre: Array, radius: float) -> float:
 def _met_by_rays(
     points: Array, centre: Array, radius: float, sine: Array, over: Array, normals: Array
 ) -> tuple[Array, Array]:
-    """Distances (N,) over the surface, and normals (N, 3) where each point's ray meets the surface, else as given."""
+    """Distances (N,) of points over the sphere, and its normals (N, 3), where rays meet it; else as given."""
     meets = sine < 1
     length = np.sqrt(np.einsum("ni,ni->n", points, points))
     ways = points[meets] / length[meets, None]
@@ -207,7 +207,7 @@ def _is_lifted(over_sigmas: Array, ring: BoolArray) -> bool:
 
 
 def _clear_of_others(direction: Array, over: Array, sigma: Array) -> BoolArray:
-    """(K,) whether most points about the same place of the surface lie on it; `direction` (K, 3) unit, outward."""
+    """(K,) whether most neighbours of a point lie on the sphere, not another object; `direction` (K, 3): outward."""
     off = np.abs(over) > TUKEY * sigma
     if not off.any():
         return np.ones(len(over), dtype=bool)
@@ -219,7 +219,7 @@ def _clear_of_others(direction: Array, over: Array, sigma: Array) -> BoolArray:
 
 
 def _step(normal: Array, right: Array) -> tuple[Array | None, Array]:
-    """Solution of normal equations, None where they are singular, and the inverse of their matrix."""
+    """Solution of the normal equations (None where they are singular), and the inverse of their matrix."""
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     scaled = normal / np.outer(scale, scale)
     if np.linalg.eigvalsh(scaled)[0] < 1e-9:

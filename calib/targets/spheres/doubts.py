@@ -1,4 +1,4 @@
-"""Reasons against a fitted sphere, and warnings about one: its surface, points seen behind, a cap too small."""
+"""Reasons to refuse a fitted sphere, and warnings about an accepted one: surface, points seen behind, a small cap."""
 
 from __future__ import annotations
 
@@ -30,7 +30,12 @@ _SMALL_CAP_DEG = 35.0
 def why_no_sphere(
     points: Array, fit: CapFit, free: CapFit | None, known_mm: float | None, noise_mm: float
 ) -> tuple[str, float]:
-    """Reason why the points (N, 3) are no sphere's, or "", and a score: share seen times radius over centre's sigma."""
+    """Reason why the points (N, 3) are not on a sphere, or "", and a score of the fit.
+
+    The score is the share of the silhouette that has points, times the radius over the sigma of the centre.
+
+    The score is the share of the silhouette that has points, times the radius over the sigma of the centre.
+    """
     sine, depth = ray_sines(points, fit.centre_mm, fit.radius_mm)
     way = points - fit.centre_mm
     over = np.sqrt(np.einsum("ni,ni->n", way, way)) - fit.radius_mm
@@ -104,7 +109,7 @@ def _filled(points: Array, fit: CapFit) -> float:
 
 
 def _cells(points: Array, fit: CapFit, half: int) -> IndexArray:
-    """(K,) cell of the silhouette's disc, 2 `half` cells wide, that each point's ray goes through."""
+    """(K,) index of the cell of the silhouette's disc, 2 `half` cells wide, that each point's ray goes through."""
     away = float(np.linalg.norm(fit.centre_mm))
     axes = np.linalg.svd(fit.centre_mm[None])[2][1:]
     rays = points @ axes.T / np.maximum(points @ fit.centre_mm / away**2, 1e-9)[:, None]
@@ -113,7 +118,7 @@ def _cells(points: Array, fit: CapFit, half: int) -> IndexArray:
 
 
 def _seen_through(points: Array, on: BoolArray, behind: BoolArray, fit: CapFit) -> float:
-    """Number of the silhouette's cells with points only behind the surface, over that with points on the surface.
+    """Ratio of the silhouette's cells with points only behind the surface to its cells with points on the surface.
 
     Stray points lie behind a true sphere too, but hardly anywhere without points of the sphere.
     """

@@ -86,7 +86,7 @@ def _shape_text(shape: Sphere | Spheres) -> str:
 def _guesses(
     points: Array, known_mm: float | None, voxels: float, rng: np.random.Generator
 ) -> list[tuple[SphereCandidate, float]]:
-    """Spheres that thinned points lie on, each with the noise of the scan's flat parts in mm."""
+    """Candidate spheres from a scan's thinned points, each with the noise, mm, of the scan's flat parts."""
     ranges = [(known_mm, known_mm)] if known_mm is not None else _radius_ranges(points)
     guesses: list[tuple[SphereCandidate, float]] = []
     for low, high in ranges:
@@ -133,7 +133,7 @@ def _fitted(points: Array, guess: SphereCandidate, known_mm: float | None, noise
 
 
 def _apart(tried: Sequence[_FittedSphere]) -> list[_FittedSphere]:
-    """Fits ordered from the best, without those at the place of a better one."""
+    """Fits ordered from the best, without those at the place of a better fit."""
     best: list[_FittedSphere] = []
     for one in sorted(tried, key=lambda t: -t.score):
         if all(

@@ -33,12 +33,12 @@ class NoiseGrowth:
 
 
 def _lean(sine: Array) -> Array:
-    """g = -log cos i (K,) for sines (K,) of the incidence i."""
+    """Measure g = -log cos i (K,) of the incidence i, from sines (K,) of the incidence."""
     return np.asarray(-0.5 * np.log(np.maximum(1 - np.minimum(sine, 1.0) ** 2, _LEAST_COSINE**2)))
 
 
 def growth_of(over: Array, sine: Array, least_sigma_mm: float) -> NoiseGrowth:
-    """Growth of the noise with the incidence, from distances over the surface (K,): the MAD in bins of the incidence.
+    """Growth of the noise with the incidence: MAD of the distances over the surface (K,) in bins of the incidence.
 
     Some of the distances may be no noise. Few points show one sigma, more show its growth, many show its curvature.
     """
@@ -65,7 +65,7 @@ def growth_of(over: Array, sine: Array, least_sigma_mm: float) -> NoiseGrowth:
 
 
 def patch_factor(rows: Array, psi: Array, inverse: Array) -> float:
-    """Ratio of the parameters' sigma to that under white noise, from sums over patches; 1 where the two are equal.
+    """Factor by which errors correlated within patches enlarge the parameters' sigma; 1 where they do not.
 
     rows # (K, p) of the design over sigma, psi (K,) weighted residuals over sigma, inverse (p, p). Correlated errors of
     neighbours make the sums of a patch larger than those of independent points (the cluster-robust covariance, Liang

@@ -39,7 +39,7 @@ def reach_mm(robot: Robot) -> float:
 
 @dataclass(frozen=True)
 class ArmBodies:
-    """K capsules, each on the link of a row of the table (n: the tool).
+    """Capsules (K) that approximate an arm, each fixed to the link of a row of the table (n: the tool).
 
     Their places at a pose follow from the chain; those marked FIXED keep their place in their link's frame.
     """
@@ -156,7 +156,7 @@ def jig_size(jig: Jig) -> tuple[float, float]:
 
 
 def _pairs(robot: Robot, bodies: ArmBodies) -> IndexArray:
-    """(M, 2) pairs of bodies that may collide: on links that are not adjacent, and apart by their estimated size."""
+    """(M, 2) pairs of capsules to check for collision: on links not adjacent, and not touching at nearly all poses."""
     first, second = np.triu_indices(len(bodies), 1)
     apart = np.abs(bodies.link[first] - bodies.link[second]) > 1
     pairs = np.column_stack([first[apart], second[apart]])

@@ -42,7 +42,7 @@ def to_box(a0: Array, a1: Array, low_mm: Array, high_mm: Array) -> Array:
 
 
 def pass_box(a0: Array, a1: Array, low_mm: Array, high_mm: Array) -> BoolArray:
-    """(...) whether segments a0 a1 (..., 3) go through the box between two corners (3,), by its slabs."""
+    """(...) whether segments a0 a1 (..., 3) go through the box between two corners (3,), by the slab method."""
     along = a1 - a0
     along = np.where(np.abs(along) < 1e-12, 1e-12, along)
     one, other = (low_mm - a0) / along, (high_mm - a0) / along

@@ -29,7 +29,7 @@ def hidden_by_arm(bodies: ArmBodies, chain: Chain, eye_mm: Array, points_mm: Arr
 
 
 def _hidden_by_mesh(mesh: LinkMesh, base_T_link: Array, eye_mm: Array, points_mm: Array, asked: BoolArray) -> BoolArray:
-    """(N, P) whether the mesh's own triangles hide the points, where `asked`; elsewhere False."""
+    """(N, P) whether triangles of a link's mesh hide the points, checked where `asked`; elsewhere False."""
     import open3d as o3d
 
     tensor: Any = o3d.core.Tensor

@@ -81,18 +81,18 @@ class ModelController:
         return self._ranking.rank()
 
     def compare(self) -> LongWork:
-        """Long work that finds where the chosen candidate and its nearest rival differ most."""
+        """Long work that finds where the chosen candidate and the effect most similar to it differ most."""
         return self._ranking.compare()
 
     def choose(self, name: str) -> LongWork:
-        """Long work that chooses an effect and compares it with its nearest rival."""
+        """Long work that chooses an effect and compares it with the effect most similar to it."""
         self._panels.missing_effects.choose(name)
         return self._ranking.compare()
 
     # ---- the first fit ---------------------------------------------------------------------------------------------
 
     def start(self, residual: str) -> LongWork:
-        """Long work that makes a dataset's first fits: those of a saved session, else that of the link errors.
+        """Long work that makes a dataset's first fits: as in its saved session, else a fit of the link errors.
 
         What can wait, names of the jig's faces that no fit has asked for yet, comes last.
         """
@@ -188,7 +188,7 @@ class ModelController:
         yield from self.rank()
 
     def follow(self) -> LongWork:
-        """Long work that makes the advised move, where there is one."""
+        """Long work that makes the advised change of the model, where there is one."""
         if self._session.advice is not None:
             self._shown.change(sessions.with_advice_followed(self._session))
             self._choose_last()

@@ -71,7 +71,7 @@ class Ranking:
         return session if effects is session.user_effects else sessions.with_user_effects(session, effects)
 
     def compare(self) -> LongWork:
-        """Long work that finds the poses at which the chosen candidate and its nearest rival differ most."""
+        """Long work that finds the poses at which the chosen candidate and the most similar effect differ most."""
         session, name = self._shown.session, self._panel.chosen
         self._panel.update_choice(self._state.now)
         if session.screening is None or name in session.separations:

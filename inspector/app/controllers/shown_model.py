@@ -74,7 +74,7 @@ class ShownModel:
         self.panels.headline.doing(words="")
 
     def change(self, session: Session) -> None:
-        """Show a changed model, and keep the one before the change for undo."""
+        """Show a changed model, and keep the previous model for undo."""
         self.steps.changed(self.session)
         self.replace(session)
 

@@ -210,7 +210,7 @@ class Stage:
 
 
 def _require_as_searched(scan: Scan | None, search: CornerSearch | None) -> None:
-    """Raise ScanError where a scan's file has changed since its search, as the found faces index other points then."""
+    """Raise ScanError where a scan's file has changed since its search, whose point indices are then wrong."""
     if scan is None or search is None or search.count is None or search.count.points == len(scan.points_mm):
         return
     raise ScanError(

@@ -28,7 +28,7 @@ SCALE_BELOW = 0.55  # of that radius: how far below the middle of a scan its sca
 
 @dataclass(frozen=True)
 class Field:
-    """Region that a view looks at, with the directions (3,), unit vectors in the scanner's frame, of its camera."""
+    """Region that a view shows, with the camera's distance and directions, unit vectors (3,) in the scanner's frame."""
 
     middle_mm: Array  # (3,)
     distance_mm: float  # of the camera

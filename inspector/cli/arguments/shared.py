@@ -1,4 +1,4 @@
-"""Arguments common to several commands, and those of the commands on robots. Nothing slow is imported."""
+"""Arguments common to several commands, and arguments of the commands on robots. Nothing slow is imported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conversion of a command's options to those for reading a robot's file."""
+"""Conversion of a command's options to the options for reading a robot's file (`ReadOptions`)."""
 
 from __future__ import annotations
 

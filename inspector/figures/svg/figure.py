@@ -107,7 +107,7 @@ def _room(y: Axis) -> float:
 
 
 def _room_of_first(x: Axis) -> float:
-    """Width of a slanted label under the left end of an axis to the left of that axis, px."""
+    """Width, px, by which a slanted label under the left end of an axis extends to the left of the axis."""
     if not x.ticks or not 1.0 < abs(x.tick_angle_deg) < 80.0:
         return 0.0
     return math.cos(math.radians(x.tick_angle_deg)) * width_px(x.ticks[0][1])

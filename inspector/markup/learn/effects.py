@@ -78,12 +78,12 @@ def reasons_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None) -> s
 
 
 def advice_html(advice: Advice) -> str:
-    """HTML on the residual and on the next move."""
+    """HTML on the residual and on the advised change of the model."""
     return html.panel([Verdict(advice_sentence(advice), PROPOSAL)])
 
 
 def follow_label(advice: Advice) -> str:
-    """Label of the button that makes the advised move."""
+    """Label of the button that makes the advised change of the model."""
     match advice.move:
         case AddEffect():
             return f"Add {plain(with_joints(SelectedEffect.of(advice.move.candidate)))}"
@@ -98,7 +98,7 @@ def follow_label(advice: Advice) -> str:
 
 
 def ranking_html(session: Session, chosen: str) -> str:
-    """HTML of the candidates of which something shows, each a row that chooses it, and of the others' names."""
+    """HTML of the candidate effects that explain part of the residual, as rows to click, and of the others' names."""
     screening = session.screening
     if screening is None:
         return ""

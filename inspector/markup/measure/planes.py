@@ -101,7 +101,7 @@ def group_state(search: CornerSearch, group: int) -> str:
 
 
 def group_colours(search: CornerSearch, grey: bool) -> list[str]:
-    """Colours of the plane groups: that of the group's face, else its own or grey."""
+    """Colours of the plane groups: a face's colour where the group is a face, else its own colour or grey."""
     colours = [REJECTED if grey else group_colour(i) for i in range(len(search.groups))]
     for i in search.chosen:
         colours[i] = group_colour(i)

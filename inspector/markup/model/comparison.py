@@ -90,7 +90,7 @@ def distance_html(view: View, distances_mm: Array | None) -> str:
 
 
 def roles_legend(view: View) -> str:
-    """HTML legend of the roles' colours, with that of left-out poses where there are any."""
+    """HTML legend of the roles' colours and, where poses are left out, of the colour of left-out poses."""
     present = set(map(str, view.session.dataset.poses.role))
     out = [(LEFT_OUT, "left out")] if view.session.uncounted else []
     return elements.legend([*((ROLE_COLOURS[r], w) for r, w in ROLES.items() if r in present), *out])

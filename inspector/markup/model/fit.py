@@ -39,13 +39,13 @@ def what_is_fitted(result: Calibration) -> str:
 
 
 def fit_html(result: Calibration) -> str:
-    """What kind of fit it was, how it ended, and what to be warned of."""
+    """HTML on the kind of fit, on how it ended, and on its warnings."""
     alerts = [Verdict(words, DOUBT) for words in calibration_warnings(result)]
     return html.panel([Facts(fit_facts(result)), *alerts], Names.of(result.dataset))
 
 
 def errors_html(session: Session, result: Calibration) -> str:
-    """HTML of the errors before and after, and of those with robot.toml's table alone."""
+    """HTML of the errors before and after calibration, and of the errors with robot.toml's table alone."""
     alone: list[Block] = []
     if session.calibration is not None and session.links_alone is not None:
         alone = table_alone(exported_table(session.calibration, session.links_alone))

@@ -132,7 +132,7 @@ class MissingEffectsPanel:
         self._untestable.content = html.untestable_html(screening.untestable) if screening else ""
 
     def judge(self, session: Session) -> None:
-        """Show the next move with its button, or the verdict with its reasons."""
+        """Show the advised change of the model with its button, or the verdict with its reasons."""
         self._offer(session)
         done = session.searched and session.diagnosis is not None
         self.find.color = SECONDARY if session.diagnosis is not None else None
@@ -205,7 +205,7 @@ class MissingEffectsPanel:
             )
 
     def update_next(self, view: View) -> None:
-        """Show the poses that discriminate between the chosen candidate and its nearest rival, once they are known."""
+        """Show the poses that discriminate between the chosen candidate and the most similar effect, once known."""
         session = view.session
         separation = session.separations.get(self.chosen)
         if session.screening is None or separation is None or not separation.poses:

@@ -141,7 +141,7 @@ class ResidualsPanel(FollowsModel):
         self._show_worst(pose_errors, view)
 
     def _pose_errors(self, view: View) -> PoseErrors | None:
-        """Errors of the version on show; None before those of the model are known."""
+        """Errors of the version on show; None until the model's errors are known."""
         version = view.version
         if version is None or view.shows_last or view.session.pose_errors is None:
             return view.session.pose_errors

@@ -74,6 +74,6 @@ class RedundancyPanel:
 
 
 def shown(analysis: Redundancy, choice: str) -> list[int]:
-    """Indices of the parameters of a choice: lengths or angles, as Park splits them, or all."""
+    """Indices of the chosen group of parameters: lengths or angles, as Park splits them, or all."""
     unit = {LENGTHS: "mm", ANGLES: "rad"}.get(choice)
     return [i for i, u in enumerate(analysis.units) if unit is None or u == unit]
