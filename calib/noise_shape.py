@@ -30,8 +30,6 @@ class NoiseShape:
 
     Noise = scale x exp(growth (d - distance)) x axes x (1 + (depth - 1) u u^T) x declared noise.
 
-    Noise = scale x exp(growth (d - distance)) x axes x (1 + (depth - 1) u u^T) x declared noise.
-
     u is the line of sight from the scanner's origin, d the point's distance from there.
     """
 

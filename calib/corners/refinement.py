@@ -136,8 +136,6 @@ def _fit_faces(
 
     The faces' outlines and the planes are refined in turns.
 
-    The faces' outlines and the planes are refined in turns.
-
     Raises CornerError where a face has too few points, or points along a line.
     """
     bands = np.full(3, _BAND_SIGMA * max(sigma_mm, jig.shortest_mm / 1800))

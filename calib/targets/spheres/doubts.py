@@ -33,8 +33,6 @@ def why_no_sphere(
     """Reason why the points (N, 3) are not on a sphere, or "", and a score of the fit.
 
     The score is the share of the silhouette that has points, times the radius over the sigma of the centre.
-
-    The score is the share of the silhouette that has points, times the radius over the sigma of the centre.
     """
     sine, depth = ray_sines(points, fit.centre_mm, fit.radius_mm)
     way = points - fit.centre_mm

@@ -98,7 +98,8 @@ def test_a_cell_of_the_heatmap_selects_the_joint_of_its_row(page: Any, app: App)
 
 def test_a_step_of_the_history_shows_that_model(page: Any, app: App) -> None:
     open_tab(page, "What is missing")
-    point = page.locator(".js-plotly-plot .scatterlayer .trace .points path:visible").first
+    history = page.locator(".js-plotly-plot").filter(has_text="each test pose")
+    point = history.locator('.points path[style*="rgb(55, 133, 157)"]').first  # the training poses' RMSE
     point.scroll_into_view_if_needed()
     point.click(force=True)
     for _ in range(200):
