@@ -50,7 +50,7 @@ def _fleet(fleet: Fleet) -> Presentation:
 
 
 def fleet_head(fleet: Fleet, more: Sequence[tuple[str, object]] = ()) -> list[Block]:
-    """Blocks with counts, the items that need attention, verdicts and errors; `more` is added to the counts."""
+    """Blocks at the head of a fleet: counts, items that need attention, verdicts and errors."""
     passed = sum(row.passed for row in fleet.rows)
     robots = sorted({row.robot for row in fleet.rows})
     figures: list[tuple[str, object]] = [
@@ -152,7 +152,7 @@ def _causes(fleet: Fleet) -> list[Block]:
 
 
 def drift_phrases(drift: Drift) -> str:
-    """Phrases on what changed between two datasets of an arm, or the reason why that is unknown."""
+    """Phrases on what changed between two datasets of an arm, or on why that is unknown."""
     return drift.reason or "; ".join(map(change_phrase, drift.changes)) or drift.verdict
 
 

@@ -75,7 +75,7 @@ def _headed(section: Section) -> list[Block]:
 
 
 def drawn(told: Presentation, draw: Draw | None, names: Iterator[str]) -> dict[str, object]:
-    """Head and sections of a presentation with every figure drawn, as variables of a template.
+    """Template variables with the head and sections of a presentation, every figure drawn.
 
     names: a name a figure, which its ids begin with.
     """
@@ -138,13 +138,13 @@ def words_html(words: object, links: bool) -> str:
 
 
 def _asks(reference: Reference) -> str:
-    """HTML attributes of an element whose click (or key press) selects the object of a reference."""
+    """HTML attributes that make an element, when clicked, select the object of a reference."""
     asked = f'data-ask="{reference.kind}" data-value="{escape(reference.value)}"'
     return f' {asked} role="button" tabindex="0"'
 
 
 def _recognised(block: Block, recognise: Recognise) -> Block:
-    """A block with the names in its sentences replaced by references."""
+    """A block in which the names of poses and joints in its sentences are replaced by references."""
 
     def spans(words: Words) -> Words:
         if isinstance(words, str):

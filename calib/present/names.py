@@ -55,7 +55,7 @@ def joint_with_unit(number: int, unit: str = "") -> Span:
 
 
 def joints_by_parameter(robot: Robot, effects: Sequence[Effect] = ()) -> dict[str, int]:
-    """Number, from 1, of the joint of each parameter that belongs to one, in the table's rows or these effects."""
+    """Joint number, from 1, by name of each parameter of the table or of effects that belongs to a joint."""
     of_table = {f"{kind}{j + 1}": j + 1 for j in range(robot.n_joints) for kind in PARAMETER_KINDS}
     of_effects = {
         name: int(joint) + 1

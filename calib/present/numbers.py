@@ -152,7 +152,7 @@ def capitalised(words: str) -> str:
 
 
 def parameter_label(name: str) -> str:
-    """A parameter's short name as tables and axes have it: "alpha3" is "α3" (`calib.options.parameter_name`: back)."""
+    """Parameter's short name as in tables and on axes: "α3" for "alpha3"."""
     for word, letter in GREEK_LETTERS.items():
         if name.startswith(word):
             return letter + name[len(word) :]
