@@ -234,7 +234,7 @@ def _by_offset(state: RobotState, target: str) -> Array:
 
 
 def turn_by_state(state: RobotState) -> Array:
-    """Derivative (N, 3, S), rad, of the tool's rotation by `state.vector`, or the world's (scanner on the flange)."""
+    """Derivative (N, 3, S), rad, of the tool's rotation (the world's, for a scanner on the flange) by the state."""
     if state.robot.carries_scanner:
         return world_turn_by_state(state)
     by_table = kinematics.turn_jacobian(state.chain)

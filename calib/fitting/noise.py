@@ -127,7 +127,7 @@ class Moments:
             yield found, float(log_det + 2.0 * np.sum(np.log(upper[1])))
 
     def decorrelator(self, drift: CorrelatedDrift) -> Array:
-        """Lower triangular root L (M, M) of C = L L^T, points in the order of `order`."""
+        """Lower triangular root L (M, M) of the drift's correlation C = L L^T of points in order of measurement."""
         starts = np.isinf(self.gap)
         part = np.cumsum(starts)
         at = np.cumsum(np.where(starts, 0.0, self.gap))
@@ -171,7 +171,7 @@ class Whitening:
 
     @classmethod
     def of(cls, shape: NoiseShape, poses: Poses, row: IndexArray, residual: Array) -> Whitening | None:
-        """Whitening of points at rows (M,) of the poses, weights from their residual (3 M,); None for white noise."""
+        """Whitening for a noise shape, from the points' poses and residual (3 M,); None without drift and tails."""
         if shape.wander is None and shape.tail is None:
             return None
         moments = Moments.of(poses, row)

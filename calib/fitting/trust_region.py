@@ -140,7 +140,7 @@ class _Factors:
         return float(self.g @ self.g)
 
     def step(self, radius: float) -> tuple[Array, float]:
-        """Minimiser of |A z + b| within the radius, and the decrease of the squared norm that it predicts."""
+        """Step within a radius that minimises the linearised problem, and the predicted decrease of its square."""
 
         def damped(mu: float) -> Array:
             return -self.s * self.g / (self.s**2 + mu)

@@ -193,7 +193,7 @@ def _changes(
     kernel: Array,
     scales: Array,
 ) -> tuple[tuple[ParameterChange, ...], float, float]:
-    """Fewest changes of single parameters that explain the difference; p-value without changes, and with these.
+    """Fewest single-parameter changes that explain a difference, with p-values before and after these changes.
 
     Generalised least squares along the directions that the data know, one more parameter at a time.
     """

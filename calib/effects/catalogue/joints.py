@@ -266,7 +266,7 @@ class JointCoupling(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with up to three members: the last two joints by the previous one, the last by the one before."""
+        """Family of this effect: the last two joints each with the joint before, and the last with the third last."""
         n = dataset.robot.n_joints
         pairs = [(j, j - 1) for j in range(max(n - 2, 1), n)] + ([(n - 1, n - 3)] if n >= 3 else [])
         if n < 2:
@@ -317,7 +317,7 @@ class CableDrag(ShapedEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family: both joints of each pair of revolute neighbours, two harmonics of sum and difference."""
+        """Family of this effect: each joint of each pair of revolute neighbours, two harmonics of sum or difference."""
         turning = revolute_joints(dataset.robot)
         pairs = [(j, k) for j in turning for k in turning if abs(j - k) == 1]
         if not pairs:
