@@ -166,7 +166,10 @@ class _Distances:
 
     @classmethod
     def of(cls, observed: Observations, trained: BoolArray) -> _Distances:
-        """Distances from each setup's reference pose, where possible a fitted one, to all its other poses."""
+        """Distances from each setup's reference pose, where possible a fitted one, to all its other poses.
+
+        `trained` (M,) marks the fitted points.
+        """
         poses, row = observed.used_poses
         usable, measured_mm, _ = mean_jig_points(observed)
         # A training pose is the reference where there is one, so that a test pose is measured against the fit.

@@ -61,7 +61,7 @@ class Version:
 
 
 def versions(calibration: Calibration, links: Calibration | None = None) -> tuple[Version, ...]:
-    """The nominal robot, the fit of the link errors alone, and, where there are effects, the full fit.
+    """Versions of a calibration's model: nominal robot, link errors alone and, where there are effects, the full fit.
 
     `links` is the fit of the link errors alone to the same points with the same options; made here where None.
     """

@@ -99,7 +99,7 @@ def corrected_table(targets: Targets, correction: Correction) -> str:
 
 
 def corrected_file(path: Path, targets: Targets, correction: Correction) -> str:
-    """Content of a file of corrected targets: a controller's point list by its suffix, else the table."""
+    """Content of a file of corrected targets: a controller's point list or a CSV table, by the file's suffix."""
     if is_point_list(path):
         return corrected_points(path, correction, targets.poses.ids)
     return corrected_table(targets, correction)

@@ -33,7 +33,7 @@ class ToolProblem:
 
     @property
     def length_mm(self) -> float:
-        """The arm's reach, which scales radians to millimetres in rows and columns."""
+        """Arm's reach, mm, which converts radians to millimetres in errors and derivatives."""
         table = self.model.robot.table
         return max(float(np.sum(np.hypot(table[:, 0], table[:, 2]))), 1.0)
 
@@ -72,7 +72,7 @@ class ToolProblem:
         return self._error(self._tool(state, turn), rows), jacobian * self.joint_units
 
     def of(self, rows: IndexArray) -> ToolProblem:
-        """The problem restricted to some of the goals."""
+        """Inverse problem restricted to some of the tool goals."""
         return replace(self, goal=self.goal[rows], conditions=self.conditions.select(rows))
 
     def attitude_left(self, weight: float) -> Preference | None:

@@ -104,7 +104,7 @@ class Findings:
 
     @property
     def calibration(self) -> Calibration:
-        """The last fit, with all effects that were added."""
+        """Last fit of the search, with all effects that were added."""
         return self.steps[-1].calibration
 
     @property

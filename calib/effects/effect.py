@@ -86,7 +86,7 @@ class RobotCorrection(Effect, Protocol):
     """An effect whose values are errors of quantities in robot.toml."""
 
     def corrected(self, robot: Robot, values: Array) -> Robot:
-        """The robot with the given errors, in the order of the parameters, added."""
+        """Robot with given errors added to its quantities, in the order of the effect's parameters."""
         ...
 
 

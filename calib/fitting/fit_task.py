@@ -81,7 +81,10 @@ class FitTask:
         return settled
 
     def fitted(self, tool_found: Robot | None, before: Fit | None = None) -> Fitted:
-        """Fit that starts from an earlier fit, else from the nominal robot, whose tool point may be replaced."""
+        """Fit that starts from an earlier fit, else from the nominal robot, whose tool point may be replaced.
+
+        before: the earlier fit. tool_found: nominal robot with another tool point.
+        """
         model, prior = self.model, self.options.prior
         if tool_found is not None:
             model = with_found_tool(model, self.links, self.offsets, self.observed, tool_found)

@@ -198,7 +198,10 @@ class Whitening:
         return np.asarray((residual.reshape(-1, 3) / np.sqrt(self.weights)[:, None]).ravel())
 
     def with_tails(self, normal: Array, rng: np.random.Generator) -> Array:
-        """Noise (3 M, D) with Student's t tails, made from normal noise."""
+        """Noise (3 M, D) with Student's t tails, made from normal noise.
+
+        The normal noise of each point is divided by the root of its own chi^2 over nu.
+        """
         if self.tail is None:
             return normal
         rows = normal.reshape(-1, 3, normal.shape[1])

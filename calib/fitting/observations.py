@@ -35,7 +35,10 @@ def sum_by_pose(values: Array, row: IndexArray, poses: int) -> Array:
 
 
 def mean_by_pose(values: Array, row: IndexArray, poses: int, *, empty: float = 0.0) -> Array:
-    """Means (N, ...) over each pose's points of values (M, ...); `empty` for a pose without points."""
+    """Means (N, ...) over each pose's points of values (M, ...); `empty` for a pose without points.
+
+    `row` (M,) is the pose of each value.
+    """
     count = points_by_pose(row, poses).reshape(-1, *[1] * (values.ndim - 1))
     mean = sum_by_pose(values, row, poses) / np.maximum(count, 1)
     return np.asarray(np.where(count > 0, mean, empty))

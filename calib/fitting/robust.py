@@ -133,7 +133,10 @@ def _p_values(
 
 
 def _distance(error: Array, lever: Array, *, fitted: bool) -> float:
-    """Squared Mahalanobis error of one pose, from its error (D,) and lever (D, K) of the fit on that error."""
+    """Squared Mahalanobis error of one pose, from its error (D,) and lever (D, K) of the fit on that error.
+
+    That is the statistic T of the module, with lever lever^T = H, or L where the pose was not fitted.
+    """
     of_fit = lever @ lever.T
     variance = (1.0 + 1e-9) * np.eye(len(error)) + (-of_fit if fitted else of_fit)
     return float(error @ np.linalg.solve(variance, error))
@@ -192,7 +195,10 @@ def rows_of_points(residuals: Residuals, observed: Observations) -> IndexArray:
 
 
 def point_norms(residual: Array, rows: IndexArray) -> Array:
-    """Length (M,) of each point's whitened residual."""
+    """Length (M,) of each point's whitened residual.
+
+    `rows` (M,) is the number of rows of each point.
+    """
     first = np.concatenate([[0], np.cumsum(rows)[:-1]])
     return np.asarray(np.sqrt(np.add.reduceat(residual**2, first)))
 

@@ -127,6 +127,8 @@ class _Factors:
     def with_prior(self, weight: float, z: Array) -> _Factors:
         """Decomposition of the linearised problem with the prior's rows added.
 
+        These are the factors of [A; w 1] with right-hand side [b; w z], whose V is that of A.
+
         Directions without information are left out.
         """
         s = np.hypot(self.s, weight)

@@ -48,7 +48,10 @@ class KeptResults:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Context that locks the folder for one run. Raises DatasetError where another run has it locked."""
+        """Context that locks the folder for one run. Raises DatasetError where another run has it locked.
+
+        Raises it, too, where the folder cannot be made.
+        """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             lock = (self.folder / ".lock").open("a")

@@ -31,7 +31,10 @@ class Rmse:
 
 @dataclass(frozen=True)
 class Row(Brief):
-    """Row of the fleet's table for one dataset: arm, errors, verdict and effects."""
+    """Row of the fleet's table for one dataset: arm, errors, verdict and effects.
+
+    Equal files and options give an equal row.
+    """
 
     path: str  # below the fleet's folder, with slashes
     name: str

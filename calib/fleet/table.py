@@ -22,6 +22,8 @@ _TEXTS = ("path", "name", "serial", "site", "date", "robot")
 def fleet_frame(rows: Sequence[Row]) -> pd.DataFrame:
     """Table with one row per dataset, in which lists are joined by "; ".
 
+    A member of an effect has its main value and sigma.
+
     There are columns for the effects and the further keys of [about] of any row, sorted by name.
     """
     abouts = sorted({key for row in rows for key in row.about})
@@ -82,7 +84,7 @@ def require_table_kind(suffix: str) -> None:
 
 
 def is_table(path: Path) -> bool:
-    """Whether a file is a fleet table or empty, so that it may be replaced."""
+    """Whether a file is a fleet table or empty, so that it may be overwritten."""
     if path.suffix.lower() == ".parquet":
         import pyarrow.parquet
 

@@ -113,7 +113,7 @@ def _motion(points_mm: Array, rows: IndexArray) -> Array:
 
 
 def _distance_columns(points_mm: Array, by_parameter: Array) -> Array:
-    """Derivatives of distances to the first point: Phi of Jang eq (14) (N - 1, P) divided by twice the length."""
+    """Derivatives (N - 1, P) of distances from the first point: Phi of Jang eq (14) over twice the distance."""
     along = points_mm[1:] - points_mm[0]
     length = np.linalg.norm(along, axis=1)
     keep = length > 1e-6

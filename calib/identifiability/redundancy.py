@@ -45,7 +45,7 @@ class Redundancy(Presented):
 
     @property
     def dropped(self) -> dict[str, str]:
-        """Reasons, by name, why parameters are not among the independent ones."""
+        """Reason, by parameter name, why a parameter is not among the independent ones."""
         why = dict.fromkeys(self.no_influence, "no influence on what is measured")
         for group in (*self.groups, *self.mixed_groups):
             why |= {name: f"acts like {group[0]}" for name in group[1:] if name not in why}

@@ -148,7 +148,7 @@ def fewest_poses(robot: Robot, *, residual: str = "position", setups: int = 1, r
 def _at_training_poses(
     dataset: Dataset, residual: str, *, frame_known: bool
 ) -> tuple[Array, Array, tuple[str, ...], tuple[str, ...]]:
-    """Columns at the training poses and their norms (`columns_of`), with their names and units.
+    """Jacobian columns at the training poses, their norms, names and units.
 
     Further targets that were measured there have rows of their own, and columns for their positions; distances are of
     the tool point alone.

@@ -121,7 +121,10 @@ def point_jacobian(chain: Chain, points_mm: ArrayLike) -> Array:
 
 
 def link_point_jacobian(chain: Chain, points_mm: ArrayLike, joint: int | None) -> Array:
-    """Derivative, by the table's entries, of points fixed to the link that a joint moves."""
+    """Derivative, by the table's entries, of points fixed to the link that a joint moves.
+
+    It is as `point_jacobian`, but zero for later rows of the table.
+    """
     by_table = point_jacobian(chain, points_mm)
     by_table[:, :, -1 if joint is None else joint :] = 0.0
     return by_table

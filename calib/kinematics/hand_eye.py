@@ -172,6 +172,8 @@ class _Problem:
     def _attitude_rows(self, rows: BoolArray) -> Array:
         """Equations (9 K, 10) that keep the jig's orientation in the world constant, linear in the rotation X.
 
+        They are R X O less its mean, O being the jig's measured orientation at K points.
+
         A radian counts as `_MM_PER_RADIAN`.
         """
         if self.scanner_R_jig is None:

@@ -141,6 +141,8 @@ def _step(
 def _damped(jacobian: Array, error: Array, to_start: Array, damping: tuple[Array, float]) -> Array:
     """Damped least-squares steps (K, n), with redundant motion towards the start, by singular value decomposition.
 
+    J^T (J J^T + mu)^(-1) e + (1 - J^+ J) to_start, with the singular values of J (K, m, n).
+
     damping  # (K,) as a share of the largest squared singular value, and one for all in mm^2: mu is their sum
     """
     share, constant_mm2 = damping
@@ -162,6 +164,8 @@ def _preferring(
     free: BoolArray,
 ) -> Array:
     """Damped least-squares steps (K, n) of the free joints, with redundant motion along a secondary objective.
+
+    They are as by `_damped`, with the free motion in the metric W = 1 + S^T S.
 
     By W = L L^T the motion y = L^T dq counts evenly, and W^-1 (to_start + S^T r) is its minimum without the goal.
     """

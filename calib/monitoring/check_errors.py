@@ -18,7 +18,10 @@ LIMIT_SHARE = 0.9973  # share of unchanged cells that stay below the limit: thre
 
 @dataclass(frozen=True)
 class CheckErrors(Brief):
-    """Errors of check poses, measured minus predicted points (M), with their expected covariance."""
+    """Errors of check poses, measured minus predicted points (M), with their expected covariance.
+
+    The scanner is where it was or, if it moved, fitted to these points.
+    """
 
     poses: Poses  # (N,)
     pose: IndexArray  # (M,) index into poses

@@ -20,7 +20,10 @@ _ROUNDING = 1e-12  # share of the largest size, below which a direction is round
 
 @dataclass(frozen=True)
 class Spread:
-    """Covariance of whitened residuals (3 M,), without the directions that a free scanner frame fits."""
+    """Covariance of whitened residuals (3 M,), without the directions that a free scanner frame fits.
+
+    The residuals are in units of their declared noise.
+    """
 
     noise: float  # over the declared one
     axes: Array  # (3 M, K) U, orthonormal
@@ -69,7 +72,10 @@ class Spread:
 
 @dataclass(frozen=True)
 class ErrorCovariance(Brief):
-    """Covariance (3 M, 3 M) of the errors of M points, stored as block diagonal and low-rank terms."""
+    """Covariance (3 M, 3 M) of the errors of M points, stored as block diagonal and low-rank terms.
+
+    It is diag(own) + shared shared^T - taken taken^T.
+    """
 
     own_mm2: Array  # (M, 3, 3)
     shared_mm: Array  # (3 M, K)

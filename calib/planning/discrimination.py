@@ -361,7 +361,10 @@ def _best_given(
 
 
 def log_confusion(predictions: HypothesisPredictions, chosen: Sequence[int], pairs: BoolArray) -> Array:
-    """Log of the hypotheses' probability of confusion (C,), with the chosen poses and each of C further poses."""
+    """Log of the hypotheses' probability of confusion (C,), with the chosen poses and each of C further poses.
+
+    See the module.
+    """
     hypotheses = predictions.hypotheses
     conditional = [_Conditional(hypothesis, chosen) for hypothesis in hypotheses]
     terms = []

@@ -237,7 +237,10 @@ class _NewRows:
 
     @classmethod
     def of(cls, projected: ProjectedResidual, poses: Poses, centre: Mapping[str, Array]) -> _NewRows:
-        """Derivatives at poses not yet measured, frames turning about the centre of each station's measured points."""
+        """Derivatives at poses not yet measured, frames turning about the centre of each station's measured points.
+
+        centre: by station, of its measured points, mm.
+        """
         residuals, x = projected.residuals, projected.x
         model, observed = residuals.model, residuals.observed
         sigma2 = np.trace(observed.covariance_mm2, axis1=1, axis2=2) / 3.0

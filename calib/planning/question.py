@@ -89,7 +89,10 @@ def inverse(information: Array) -> Array:
 
 
 def _squares(flat: Array, factor: Array, rows: Array) -> Array:
-    """Products R B B^T R^T (N, r, r) of each candidate's rows R and a factor B (K, m); `flat` has all rows (N r, K)."""
+    """Products R B B^T R^T (N, r, r) of each candidate's rows R (r, K) and a factor B (K, m).
+
+    `flat` has all rows (N r, K).
+    """
     n, r, k = rows.shape
     if factor.shape[1] < k:
         products = (flat @ factor).reshape(n, r, -1)

@@ -34,7 +34,7 @@ _FINEST_MM = 1e-5  # least noise of a plan: with less the prior would be lost in
 
 @dataclass(frozen=True)
 class Unknowns:
-    """K unknowns: P parameters in units of their prior's sigma, then six of each station's scanner frame."""
+    """Unknowns of a planned fit: P parameters in units of their prior sigma, and six numbers per scanner frame."""
 
     model: Model
     x: Array  # (P,) point of linearisation
@@ -54,7 +54,7 @@ class Unknowns:
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """Names of the first P unknowns."""
+        """Names of the parameters among the unknowns."""
         return tuple(p.name for p in self.model.parameters)
 
     @property

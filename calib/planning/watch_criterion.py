@@ -95,7 +95,10 @@ def _checked_changes(problem: DesignProblem) -> tuple[CheckedChange, ...]:
 
 
 def usual_changes(unknowns: Unknowns, candidates: Poses, rows: Array) -> tuple[CheckedChange, ...]:
-    """Changes of each joint's zero and of the tool that some candidate pose shows, with their questions."""
+    """Changes of each joint's zero and of the tool that some candidate pose shows, with their questions.
+
+    `rows` (N, r, U) are `Unknowns.rows`.
+    """
     p = len(unknowns.scales)
     observed = unknowns.as_observed(candidates)
     scanner_R_base = np.stack([unknowns.scanner_T_base[str(name)][:3, :3] for name in observed.setup])
@@ -126,7 +129,10 @@ def _all_usual(problem: DesignProblem) -> list[ChangeModel]:
 
 
 def _question(rows: Array, prior_information: Array, change: Array, unit: float) -> Question:
-    """Optimality question for the size of a change, beside the other unknowns of the fit."""
+    """Optimality question for the size of a change, beside the other unknowns of the fit.
+
+    The change has columns (N, r, K), the other unknowns rows (N, r, U).
+    """
     count = change.shape[2]
     targets = np.concatenate([np.zeros((len(prior_information), count)), unit * np.eye(count)])
     return Question(np.concatenate([rows, unit * change], axis=2), _with_free(prior_information, count), targets)

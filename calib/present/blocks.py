@@ -16,7 +16,7 @@ _SHORT_NAME = 14  # characters
 
 @dataclass(frozen=True)
 class Reference:
-    """A name within a sentence or a cell that refers to a pose, joint or effect; a click on it selects that."""
+    """A name within a sentence or a cell that stands for a pose, joint or effect; a click selects that object."""
 
     kind: Literal["pose", "joint", "effect", "planned", "step", "setup"]
     value: str | int  # a pose's id, a joint's number from 1, an effect's key, an index

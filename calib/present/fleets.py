@@ -119,7 +119,7 @@ def group_phrase(group: Group) -> str:
 
 
 def cause_phrase(cause: SharedCause) -> str:
-    """Phrase on a shared cause: the number of arms that have it, and what these have in common."""
+    """Phrase on a shared cause: the number of arms that have it, and the properties common to these arms."""
     robot = f" {cause.robot}" if cause.robot else ""
     common = "; ".join(map(group_phrase, cause.groups)) or "no group of them stands out"
     return f"{cause_name(cause)} in {len(cause.arms)} of {cause.of} arms{robot}: {common}"

@@ -84,7 +84,7 @@ def drawn(told: Presentation, draw: Draw | None, names: Iterator[str]) -> dict[s
 
 
 def with_figures(blocks: Sequence[Block], draw: Draw | None, names: Iterator[str]) -> list[Block]:
-    """The blocks with each figure's placeholder replaced by its drawing, or dropped where it cannot be drawn."""
+    """Blocks in which each figure's placeholder is replaced by its drawing, or dropped where none can be made."""
     return [
         Drawing(draw(block, next(names)), block.caption) if draw and isinstance(block, FigurePlace) else block
         for block in blocks

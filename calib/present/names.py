@@ -35,7 +35,7 @@ def change(what: str, joint: int | None, parameter: str = "") -> str:
 
 
 def parameter(name: str) -> Span:
-    """Short name of a parameter; that of a parameter in a joint's row of the table refers to its joint."""
+    """Short name of a parameter; for a parameter in a joint's row of the table, as a reference to the joint."""
     of_joint = _OF_JOINT.fullmatch(name)
     return joint(int(of_joint[1]), parameter_label(name)) if of_joint else parameter_label(name)
 

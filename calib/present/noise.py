@@ -39,7 +39,7 @@ def axes_mm(shape: NoiseShape, sigma_mm: float) -> tuple[float, float, float] | 
 
 
 def noise_sentences(findings: Findings) -> str:
-    """Sentences on the noise shape and what it implies for the instrument; "" where it is as declared."""
+    """Sentences on the noise shape and its meaning for the instrument; "" where the noise is as declared."""
     shown = findings.noise
     if shown is None:
         return ""
@@ -56,7 +56,7 @@ def noise_sentences(findings: Findings) -> str:
 
 
 def noise_document(findings: Findings) -> dict[str, Any] | None:
-    """Keys on the noise shape where it is not as declared; properties without evidence are None."""
+    """JSON keys on a noise shape other than the declared one; properties without evidence are None."""
     shown: ShownNoise | None = findings.noise
     if shown is None:
         return None

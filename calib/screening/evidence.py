@@ -24,6 +24,8 @@ _ROUNDING = 1e-14  # share of a square sum
 class FamilyColumns:
     """Data of one effect's test: the projected residual (R,), and the Jacobian columns (R, K_g) of each member g.
 
+    The residual is measured minus predicted.
+
     Columns are for coefficients of the parameters' usual scales. `positive`: for each group, whether its coefficients
     are physical with this sign only; empty: none is.
     """
@@ -196,7 +198,10 @@ def _given(y: Array, columns: Array, triangle: Array, spread: Array) -> tuple[Ar
 
 
 def _best_scales(y: Array, rest: float, triangle: Array, spread: Array, width: int, dof: int) -> tuple[Array, Array]:
-    """Log evidence (G,) of each member at its best prior scale, given the chosen members; and these scales (G,)."""
+    """Log evidence (G,) of each member at its best prior scale, given the chosen members; and these scales (G,).
+
+    Each member is `width` columns wide.
+    """
     z, columns, fixed = _given(y, triangle, triangle, spread)
     members = columns.T.reshape(-1, width, len(y))
     u, s, _ = np.linalg.svd(np.swapaxes(members, 1, 2), full_matrices=False)
@@ -207,7 +212,11 @@ def _best_scales(y: Array, rest: float, triangle: Array, spread: Array, width: i
 
 
 def evidence_by_scale(lam: Array, h2: Array, rest: float, total: float, dof: int) -> Array:
-    """Log evidence over noise alone at each prior scale of `SCALES`, from singular values and projections."""
+    """Log evidence over noise alone at each prior scale of `SCALES`, from singular values and projections.
+
+    lam: squared singular values. h2: squared projections. rest: squared residual given the other members. total:
+    without them.
+    """
     grow = 1.0 + SCALES[:, None] ** 2 * lam  # (..., scales, K)
     quadratic = rest - np.sum(h2 * (1.0 - 1.0 / grow), axis=-1)
     least = _ROUNDING * max(total, 1e-300)  # exact data: the rest is rounding, and has no logarithm

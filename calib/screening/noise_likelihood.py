@@ -30,7 +30,10 @@ ENOUGH_DIFFERENCES = 24  # of repeats: as many show the shape, and where they sh
 
 @dataclass(frozen=True)
 class LinearResidual:
-    """Whitened residual of a linear fit at M points, with the F directions in which the fit absorbs errors."""
+    """Whitened residual of a linear fit at M points, with the F directions in which the fit absorbs errors.
+
+    Residual and directions are in units of the declared noise.
+    """
 
     xyz_mm: Array  # (M, 3) scanner frame
     whiten: Array  # (M, 3, 3)

@@ -65,7 +65,7 @@ class AddedEffect:
 
 
 def noise_of_repeats(dataset: Dataset) -> ShownNoise | None:
-    """Noise shape estimated from repeated measurements, before any fit; None where it is the declared one."""
+    """Noise shape estimated from repeated measurements, before any fit; None where it equals the declared noise."""
     scatter = scatter_of_repeats(dataset)
     if scatter is None:
         return None

@@ -33,7 +33,10 @@ _BLOCK = 3_000_000  # numbers of noise held at once
 
 @dataclass(frozen=True)
 class InputTest:
-    """Test for a systematic pattern of the residual over one input; p-value corrected for all patterns searched."""
+    """Test for a systematic pattern of the residual over one input; p-value corrected for all patterns searched.
+
+    All patterns are all inputs, channels and widths.
+    """
 
     input: str
     p_value: float

@@ -33,6 +33,8 @@ _VISIBLE = 1e-6  # of a member's directions, by length over its longest
 class SparseColumns:
     """Data of the test of a step or dent effect: projected residual (R,), and columns (R, G, K) of G possible places.
 
+    The residual is measured minus predicted.
+
     Columns are for coefficients of the parameters' usual scales.
     """
 

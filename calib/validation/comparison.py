@@ -160,7 +160,10 @@ def _parameters(
 
 @dataclass(frozen=True)
 class _Side:
-    """One of two calibrations, restricted to their common parameters (P,) in units of the tolerances."""
+    """One of two calibrations, restricted to their common parameters (P,) in units of the tolerances.
+
+    Kernel and noise are in these units, too.
+    """
 
     values: Array  # (P,) nominal + correction
     sigma: Array  # (P,)

@@ -67,7 +67,10 @@ class LearningCurve(Presented):
 
     @property
     def doubled_rmse_mm(self) -> float:
-        """Held-out RMSE, mm, expected with twice the poses, by a fit of A + B / n to the curve's upper part."""
+        """Held-out RMSE, mm, expected with twice the poses, by a fit of A + B / n to the curve's upper part.
+
+        A and B are 0 or above.
+        """
         floor, slope = self._floor_and_slope()
         return float(np.sqrt(floor + 0.5 * slope / self.steps[-1].poses))
 
@@ -199,7 +202,10 @@ def _draws(
 
 
 def _fewest(dataset: Dataset, groups: JointGroups, residual: str) -> int:
-    """Fewest groups of poses that can be fitted, by the number of unknowns and of setups."""
+    """Fewest groups of poses that can be fitted, by the number of unknowns and of setups.
+
+    They are two more than parameters and frames need, and three per setup.
+    """
     assert dataset.points is not None
     setups = len(np.unique(groups.setup))
     knowable = structural_rank(dataset.robot)

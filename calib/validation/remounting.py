@@ -74,7 +74,10 @@ def _of_scanner(calibration: Calibration, rows: BoolArray) -> Remounting | None:
 
 
 def _of_tool(calibration: Calibration, rows: BoolArray) -> Remounting | None:
-    """Shift in the tool's frame that explains the test points' error."""
+    """Shift in the tool's frame that explains the test points' error.
+
+    With the shift t the error is scanner_R_base base_R_tool t.
+    """
     after, observed = calibration.after, _points(calibration)
     if np.any(observed.points.target[rows] != "jig"):
         return None

@@ -379,7 +379,7 @@ class Backlash(CatalogueEffect):
 
 @dataclass(frozen=True)
 class FollowingError(CatalogueEffect):
-    """A joint that is read before it has settled: a share of the motion from the previous pose is still missing.
+    """A joint that is measured before it has settled: a share of the motion from the previous pose is still missing.
 
     Poses after all measured ones, such as the targets of a correction, are taken as settled.
     """
@@ -441,7 +441,7 @@ class JointDent(ShapedEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The height of the dent; place and width are in its name."""
+        """Height of the dent, with the dent's place and width in the parameter's name."""
         place = f"{'minus' if self.place_deg < 0 else ''}{abs(self.place_deg)}"
         return (Parameter(f"at_{place}deg_{self.width_deg}deg_wide_rad", "rad", 3e-4, "height of the dent"),)
 

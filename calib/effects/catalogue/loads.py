@@ -237,7 +237,7 @@ class LinkBending(CatalogueEffect):
 
 @dataclass(frozen=True)
 class LinkBendingUnknownMasses(LinkBending):
-    """Bending of a link under unknown masses: its end moves by the sum over later frames of (c m) x bending by 1 kg."""
+    """Bending of a link under unknown masses: the sum over later frames of (c m) times the bending by 1 kg."""
 
     places: int  # frames from the link's end on, the tool point included
     payload: bool  # whether it varies over the training poses
@@ -315,7 +315,7 @@ class BaseCompliance(CatalogueEffect):
 
 @dataclass(frozen=True)
 class BaseComplianceUnknownMasses(BaseCompliance):
-    """Compliance of a pedestal under unknown masses: it tilts by the sum over frames of (c m) x the moment of 1 kg."""
+    """Compliance of a pedestal under unknown masses: a tilt by the sum over frames of (c m) x the moment of 1 kg."""
 
     places: int  # frames beyond the base, the tool point included
     payload: bool  # whether it varies over the training poses

@@ -45,7 +45,7 @@ class ChangePoint:
         return re.sub(r"\W", "_", self.pose)
 
     def after(self, state: RobotState) -> Array:
-        """Indicator (N, 1) of the poses after the change: 0 before, 1 from the first pose after it."""
+        """Mask (N, 1) of the poses from the change on: 0 before the change, 1 from its first pose on."""
         return (state.poses.order >= self.first).astype(float)[:, None]
 
 

@@ -99,7 +99,7 @@ class WarmUp(ShapedEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The growth of the warm arm; the time constant T is in its name."""
+        """Relative growth of the warm arm, with the time constant T in the parameter's name."""
         return (Parameter(f"growth_in_{self.minutes}min", "1", 1e-4, "growth of all lengths in the end"),)
 
     def shapes(self, state: RobotState) -> Array:

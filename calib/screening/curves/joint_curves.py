@@ -69,7 +69,7 @@ class _Candidate:
 
 @one_blas_thread()
 def learn_joint_curves(calibration: Calibration) -> LearnedCurves | None:
-    """Curves of the joints over their angles and other inputs that the data support; None where noise alone is left.
+    """Error curves of joints over their angles and other inputs that the data support; None where only noise is left.
 
     Raises FitError where no degree of freedom is left.
     """
