@@ -121,12 +121,12 @@ def calibrate(
 
 
 def as_calibration(fitted: FittedResult | Dataset | str | Path, **keywords: Unpack[FitFields]) -> Calibration:
-    """The calibration of a result, or the fit of the link errors to a dataset. Raises as `calibrate`."""
+    """Calibration that a result holds or, for a dataset, a fit of the link errors. Raises as `calibrate`."""
     return fitted.calibration if isinstance(fitted, FittedResult) else calibrate(fitted, **keywords)
 
 
 def _fitted(task: FitTask, start: Calibration | None) -> tuple[Fitted, BoolArray]:
-    """The fit, and a mask (M,) of the points used: all, or in a robust fit those of inlying poses."""
+    """Fitted model, and a mask (M,) of the points used: all, or in a robust fit those of inlying poses."""
     observed, options = task.observed, task.options
     before = None if start is None else Fitted(start.model, start.fit)
     kept = np.ones(len(observed.points), dtype=bool)
@@ -148,7 +148,7 @@ def _fitted(task: FitTask, start: Calibration | None) -> tuple[Fitted, BoolArray
 
 
 def _fitted_from(task: FitTask, before: Fitted | None) -> Fitted:
-    """Fit that starts from an earlier one, or else from a fit of the corrections of robot.toml alone."""
+    """Fitted model, started from an earlier fit or else from a fit of the corrections of robot.toml alone."""
     alone = task.of_geometry_alone()
     if before is None and task.model.added_effects and alone.model.parameters:
         before = alone.fitted_to_tool()
@@ -156,7 +156,7 @@ def _fitted_from(task: FitTask, before: Fitted | None) -> Fitted:
 
 
 def _maker(model: Model, options: FitOptions) -> Callable[[Observations], PositionResiduals | PoseResiduals]:
-    """Function that makes the residuals of a model from observations."""
+    """Function that makes the least-squares residuals of a model from observations."""
 
     def make(observed: Observations) -> PositionResiduals | PoseResiduals:
         placed = with_nominal_scanner_frames(observed, model.placed_robot)
@@ -168,7 +168,7 @@ def _maker(model: Model, options: FitOptions) -> Callable[[Observations], Positi
 
 
 def with_repeats_averaged(dataset: Dataset, residual: str) -> Dataset:
-    """The dataset with each repeat group replaced by the mean of its repeats, which are no independent poses.
+    """Dataset with the repeats of each pose replaced by their mean, as repeats are no independent poses.
 
     Unchanged where no group has several repeats, and where there are fewer groups than a fit needs: then the prior
     decides, and the repeats tell only how they scatter.
@@ -197,7 +197,7 @@ def _require_equations(dataset: Dataset, observed: Observations, kind: str, equa
 
 
 def _require_placed(dataset: Dataset, observed: Observations) -> None:
-    """Raise FitError where training points do not locate a scanner on the flange, or lack a target of test poses."""
+    """Raise FitError where training points do not locate a flange-mounted scanner or miss a test pose's target."""
     assert dataset.points is not None
     unknown = sorted(set(dataset.points.target.tolist()) - set(observed.targets))
     if unknown:
@@ -213,7 +213,7 @@ def _require_placed(dataset: Dataset, observed: Observations) -> None:
 
 
 def geometry_of(robot: Robot, observed: Observations, options: FitOptions) -> tuple[Effect, ...]:
-    """Corrections of robot.toml that every fit includes: link errors, and places of further measured targets.
+    """Corrections of robot.toml that every fit includes: link errors, and positions of further measured targets.
 
     Residuals of distances are of the tool point alone and leave further targets out. Raises FitError on a tolerance of
     an unknown parameter.
@@ -227,7 +227,7 @@ def geometry_of(robot: Robot, observed: Observations, options: FitOptions) -> tu
 
 
 def checked_tolerances(names: Sequence[str], tolerances: Mapping[str, float]) -> Mapping[str, float]:
-    """The tolerances, after a check that each is of a parameter with one of these names. Raises FitError otherwise."""
+    """Tolerances by parameter name, after a check of the names. Raises FitError for an unknown parameter."""
     for name in tolerances:
         if name not in names:
             raise FitError(f"no parameter named {name!r}; there are {', '.join(names[:6])} ...")

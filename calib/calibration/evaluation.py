@@ -30,7 +30,7 @@ from calib.fitting.scanner_frame import fit_scanner_frame
 
 @dataclass(frozen=True)
 class Figures:
-    """Error statistics of a set of poses: RMSE, maximum and mean of the 3D error, and of distances' errors."""
+    """Error statistics of a set of poses: RMSE, maximum and mean of the 3D error, and of errors in distances."""
 
     points: int
     rmse_mm: float
@@ -105,12 +105,12 @@ def scanner_T_base_of_poses(evaluation: Evaluation, model: Model, x: Array, pose
 
 
 def evaluate(model: Model, x: Array, dataset: Dataset) -> Evaluation:
-    """Errors of the model at x (P,), as by `evaluate_all`."""
+    """Errors of the model at one parameter vector x (P,), at all points of the dataset."""
     return evaluate_all(model, [x], dataset)[0]
 
 
 def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset, outliers: Sequence[str] = ()) -> list[Evaluation]:
-    """Errors of the model at each of several x (P,), at all points of the dataset.
+    """Errors of the model at each of several parameter vectors x (P,), at all points of the dataset.
 
     `outliers`: ids of training poses that a robust fit left out; no frame is fitted to them or their repeats.
 
@@ -157,7 +157,7 @@ def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset, outliers: 
 
 @dataclass(frozen=True)
 class _Distances:
-    """K measured distances from each setup's reference pose to its other poses, with the points that they join."""
+    """K measured distances from each setup's reference pose to its other poses, with the points at both ends."""
 
     pose: IndexArray  # (K,) the far pose
     far: IndexArray  # (K,) a point of that pose
@@ -166,7 +166,10 @@ class _Distances:
 
     @classmethod
     def of(cls, observed: Observations, trained: BoolArray) -> _Distances:
-        """Distances from each setup's reference, a fitted pose if possible; `trained` (M,) marks the fitted points."""
+        """Distances from each setup's reference pose, where possible a fitted one, to all its other poses.
+
+        `trained` (M,) marks the fitted points.
+        """
         poses, row = observed.used_poses
         usable, measured_mm, _ = mean_jig_points(observed)
         # A training pose is the reference where there is one, so that a test pose is measured against the fit.

@@ -23,7 +23,7 @@ _LEAST_POSES = 4
 
 @dataclass(frozen=True)
 class HeldOutTest:
-    """Result of testing the test poses' errors against noise and uncertain parameters and scanner frames."""
+    """Result of the test whether noise and the fit's uncertainty explain the errors at the test poses."""
 
     poses: int  # that were tested
     rmse_mm: float  # 3D, of their points
@@ -33,13 +33,13 @@ class HeldOutTest:
 
     @property
     def is_broken(self) -> bool:
-        """Whether the errors exceed their predicted covariance significantly, also without the worst pose."""
+        """Whether the errors exceed their predicted covariance significantly, even without the worst pose."""
         return self.p_value < BY_CHANCE
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """Whitened errors e of test points, and a root L of the covariance by uncertain parameters and frames."""
+    """Whitened errors of test points, and a root of their covariance from uncertain parameters and frames."""
 
     error: Array  # (R,)
     root: Array  # (R, K)
@@ -47,7 +47,7 @@ class _Rows:
     spent: int  # rows that frames of setups without training poses took
 
     def square_and_dof(self, chosen: BoolArray) -> tuple[float, float]:
-        """Statistic e^T (1 + L L^T)^-1 e of the chosen points (M,), and its degrees of freedom."""
+        """Chi-squared statistic e^T (1 + L L^T)^-1 e of chosen points' errors, and its degrees of freedom."""
         error, root = self.error[chosen], self.root[chosen]
         along = root.T @ error
         inner = np.linalg.solve(np.eye(root.shape[1]) + root.T @ root, along)
@@ -102,7 +102,7 @@ def held_out_test(calibration: Calibration, noise_mm: float, noise_from: str) ->
 
 
 def in_gap_of_step(calibration: Calibration) -> BoolArray:
-    """Mask (N,) of test poses between the last training pose before a step in the model and the first after it."""
+    """Mask (N,) of test poses for which it is unknown whether they precede or follow a step in the model."""
     poses = calibration.fitted_dataset.poses
     order = dict(zip(poses.ids, poses.order.tolist(), strict=True))
     gap = np.zeros(len(poses), dtype=bool)
@@ -114,7 +114,7 @@ def in_gap_of_step(calibration: Calibration) -> BoolArray:
 
 
 def _whitened(calibration: Calibration, observed: Observations, noise_mm: float) -> _Rows:
-    """Errors of the observed points in units of the noise, with the covariance root by parameters and frames."""
+    """Errors of observed points in units of the noise, and a root of their covariance from the fit's uncertainty."""
     model, fit, after = calibration.model, calibration.fit, calibration.after
     variance, turn = np.linalg.eigh(fit.covariance)
     parameters_root = turn * np.sqrt(np.maximum(variance, 0.0))

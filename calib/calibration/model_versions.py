@@ -55,13 +55,13 @@ class Version:
         return frames.invert(placed) if self.model.robot.carries_scanner and placed is not None else None
 
     def _mean_by_pose(self, values: Array) -> Array:
-        """Means (N, ...) by pose of values (M, ...) by measured point."""
+        """Mean by pose (N, ...) of values by measured point (M, ...)."""
         poses = len(self.calibration.dataset.poses)
         return mean_by_pose(values, self.evaluation.pose, poses, empty=float("nan"))
 
 
 def versions(calibration: Calibration, links: Calibration | None = None) -> tuple[Version, ...]:
-    """The nominal robot, the fit of the link errors alone, and, where there are effects, the full fit.
+    """Versions of a calibration's model: nominal robot, link errors alone and, where there are effects, the full fit.
 
     `links` is the fit of the link errors alone to the same points with the same options; made here where None.
     """
@@ -76,7 +76,7 @@ def versions(calibration: Calibration, links: Calibration | None = None) -> tupl
 
 
 def as_delivered(calibration: Calibration) -> Robot:
-    """The robot of robot.toml, with the found tool point where robot.toml's is far off."""
+    """Nominal robot of robot.toml, with the found tool point where robot.toml's is far off."""
     robot = calibration.dataset.robot
     if calibration.model.tool_found is None:
         return robot
@@ -94,10 +94,10 @@ def fits_same_points(one: Calibration, other: Calibration) -> bool:
 
 
 def options_for_links(calibration: Calibration) -> FitOptions:
-    """Options of a fit, restricted to the parameters of the link errors."""
+    """Options of a fit, without those for parameters other than the link errors."""
     return calibration.options.for_parameters(calibration.model.geometry_names)
 
 
 def fitted_version(name: str, calibration: Calibration) -> Version:
-    """Version of the model made of a fit, under a name."""
+    """Named version of the model, made from a fit."""
     return Version(name, calibration.model, calibration.fit.x, calibration.after, calibration)

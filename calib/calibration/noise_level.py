@@ -42,7 +42,7 @@ class NoiseLevel:
 
 
 def noise_level(calibration: Calibration) -> NoiseLevel:
-    """Noise as declared by the dataset, else estimated from repeats, else from the residual of the fit.
+    """Noise that the dataset declares, else the noise estimated from repeats, else from the fit's residual.
 
     Estimated from the residual it includes what is missing from the model, so that no misfit can show above it.
     """
@@ -65,7 +65,7 @@ def noise_of_repeats(dataset: Dataset) -> tuple[float, float] | None:
 
 @dataclass(frozen=True)
 class SigmaCheck:
-    """Residual sigma per coordinate with its 95 % interval, and the declared sigma.
+    """Residual sigma per coordinate with its 95 % interval, and the declared sigma for comparison.
 
     With nu degrees of freedom nu s^2 / sigma^2 follows chi^2(nu), which gives the 95 % interval.
     """

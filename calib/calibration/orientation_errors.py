@@ -19,7 +19,7 @@ from calib.fitting.pose_residuals import PoseResiduals
 
 @dataclass(frozen=True)
 class OrientationFigures:
-    """Statistics of the angle between predicted and measured orientation of the jig over some poses, rad."""
+    """Statistics, rad, of the angle between predicted and measured orientation of the jig over some poses."""
 
     poses: int
     rmse_rad: float
@@ -28,14 +28,14 @@ class OrientationFigures:
 
 @dataclass(frozen=True)
 class OrientationErrors:
-    """Orientation errors of training and test poses, frames and hand-eye rotation fitted to training poses alone."""
+    """Errors of the jig's orientation at training and test poses; frames are fitted to training poses alone."""
 
     train: OrientationFigures | None
     test: OrientationFigures | None
 
 
 def evaluate_orientations(model: Model, x: Array, dataset: Dataset) -> OrientationErrors:
-    """Orientation errors of the model at x (P,). Setups without training poses are left out.
+    """Errors of the jig's orientation at parameters x (P,); setups without training poses are left out.
 
     Raises FitError where no training pose has an orientation, or orientations have no covariance.
     """

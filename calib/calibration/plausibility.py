@@ -26,7 +26,7 @@ FAR_BELOW = 0.2
 
 
 def implausibility_reason(calibration: Calibration) -> str:
-    """Sentence on why a fit cannot describe this arm (wrong units, joint signs, order of poses); "" if plausible.
+    """Reason why a fit cannot describe this arm (wrong units, signs, order of poses); "" if it is plausible.
 
     The residual is too large, a correction is far beyond its tolerance, or an effect exceeds its natural bound. Links
     without length, for example, fit a ball in sockets exactly.
@@ -58,7 +58,7 @@ def implausibility_reason(calibration: Calibration) -> str:
 
 
 def beyond_nature(calibration: Calibration) -> str:
-    """Clause that names an effect far beyond its natural bound; "" where there is none."""
+    """Clause that names a fitted effect far beyond its natural bound; "" where there is none."""
     fit = calibration.fit
     fitted = {p.name: (float(x), float(s)) for p, x, s in zip(fit.parameters, fit.x, fit.sigma, strict=True)}
     for effect in calibration.model.added_effects:
@@ -101,14 +101,14 @@ def too_good(calibration: Calibration) -> str:
 
 
 def _measured_sigma_mm(calibration: Calibration) -> float:
-    """Residual sigma, mm, in the directions that were measured: a plane touched anywhere has only its normal."""
+    """Residual sigma, mm, in the measured directions (for a touched plane, its normal alone)."""
     covariance = Observations.of(calibration.fitted_dataset).covariance_mm2
     information = float(np.mean(np.trace(np.linalg.inv(covariance), axis1=-2, axis2=-1))) / 3.0
     return calibration.fit.reduced_chi / float(np.sqrt(information))
 
 
 def _span_mm(calibration: Calibration) -> float:
-    """RMS spread of the points per coordinate, mm, but no less than a fixed share of the arm's length."""
+    """RMS spread of the points per coordinate, mm, at least a fixed share of the arm's length."""
     dataset = calibration.dataset
     assert dataset.points is not None
     spread_mm = float(np.sqrt(np.mean(np.var(dataset.points.xyz_mm, axis=0))))
@@ -117,7 +117,7 @@ def _span_mm(calibration: Calibration) -> float:
 
 
 def fit_without_outliers(calibration: Calibration) -> Calibration | None:
-    """Robust fit of the data of a plain fit; None where no pose stands out, or the fit was robust already."""
+    """Robust fit to the data of a plain fit; None where no pose is outlying or the fit was robust already."""
     options, model = calibration.options, calibration.model
     if options.robust or calibration.residual == "distance":
         return None

@@ -25,7 +25,7 @@ from calib.kinematics.robot import Robot
 
 
 def inputs_at(robot: Robot, poses: Poses, state: RobotState) -> dict[str, Array]:
-    """Values (N,) at each pose of every input that varies, by the input's name.
+    """Values (N,) of every input that varies over the poses (angle, torque, time ...), by the input's name.
 
     Angles in rad, prismatic joints and places in mm (scanner frame), torques of gravity in N m, conditions in the unit
     that their name says. Texts of a column become numbers in the order of their first appearance. `state` is that
@@ -100,7 +100,7 @@ class PoseErrors:
 
     @property
     def noise_mm(self) -> float:
-        """Sigma per coordinate by noise alone, mm."""
+        """Sigma per coordinate, mm, that noise alone causes."""
         return self.noise.sigma_mm
 
     @property
@@ -114,7 +114,7 @@ class PoseErrors:
         return self.noise_mm * float(np.sqrt(chi2_ppf(0.95, 3)))
 
     def joint_noise(self, joint: int) -> float:
-        """Sigma of a joint's apparent error by noise alone, median over the poses, rad or mm; nan where undefined."""
+        """Sigma of a joint's apparent error from noise alone, median over the poses, rad or mm; or nan."""
         noise = self.apparent_joint_noise[:, joint]
         return float(np.median(noise[np.isfinite(noise)])) if np.isfinite(noise).any() else float("nan")
 
@@ -144,7 +144,7 @@ def pose_errors_of(calibration: Calibration) -> PoseErrors:
 
 
 def pose_errors_at(calibration: Calibration, model: Model, x: Array, evaluation: Evaluation) -> PoseErrors:
-    """Errors of a model at x (P,) at all measured poses of a calibration's dataset, from its evaluation there.
+    """Errors of a model with parameters x (P,) at all measured poses of a calibration's dataset.
 
     The apparent error of joint j at a pose is the least-squares motion of that joint alone, -d_j . e / |d_j|^2 with the
     whitened error e and the derivative d_j of the measured point by the joint. Joints are taken one at a time, so these
@@ -185,7 +185,7 @@ def pose_errors_at(calibration: Calibration, model: Model, x: Array, evaluation:
 
 
 def running_median(x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
-    """Running median of y (N,) over x (N,): for each point, of up to `_RANKS` neighbours by rank of x on either side.
+    """Running median of y (N,) over x (N,), over up to `_RANKS` neighbours on either side.
 
     A gap in x separates two curves by a row of nan, and no median takes points from both sides. Fewer than three
     points between two gaps give no curve. Equal x give one value. Towards the ends the window shrinks symmetrically, so

@@ -47,7 +47,7 @@ def residual_table(calibration: Calibration) -> pd.DataFrame:
 
 
 def _inputs(pose_errors: PoseErrors, poses: Poses, is_revolute: BoolArray) -> dict[str, object]:
-    """Values (N,) of the inputs by column name, except the point's place, which has columns `measured_...`."""
+    """Values (N,) of the inputs on which residuals may depend, by column name."""
     named: dict[str, object] = {}
     columns = further_inputs(poses)
     for name, values in pose_errors.inputs.items():

@@ -44,7 +44,7 @@ class IterationErrors:
 
 
 class FittedResult:
-    """Methods of every result that holds a fitted model: parameters, prediction, correction, files.
+    """Base of results that hold a fitted model: access to parameters, prediction, correction and files.
 
     Models as files and corrections are above calibrations, whose values they take. So they are imported where they are
     asked for; pyproject.toml names these imports as the only ones that go up.
@@ -52,12 +52,12 @@ class FittedResult:
 
     @property
     def calibration(self) -> Calibration:
-        """The fit (`Calibration`) that the result holds."""
+        """Calibration that the result holds."""
         raise NotImplementedError
 
     @property
     def fitted_model(self) -> FittedModel:
-        """The fitted model by itself, as `load_model` gives it: robot, effects, values, covariance."""
+        """Fitted model without the dataset, as `load_model` gives it: robot, effects, values, covariance."""
         from calib.models.fitted_model import FittedModel
 
         return FittedModel.of(self.calibration)
@@ -69,12 +69,12 @@ class FittedResult:
 
     @property
     def covariance(self) -> Array:
-        """(P, P) covariance of the free parameters; rows are zero for parameters that neither data nor prior bound."""
+        """Covariance (P, P) of the free parameters, with zero rows for parameters that nothing determines."""
         return self.fitted_model.covariance
 
     @property
     def robot(self) -> Robot:
-        """The robot with the fitted table; a model with effects is right only as a whole."""
+        """Robot with the fitted table, which is right only together with the model's effects, if it has any."""
         return self.calibration.model.calibrated_robot(self.calibration.fit.x)
 
     def predict(self, q: ArrayLike, conditions: Poses | None = None, target: str = TOOL_POINT) -> Array:
@@ -106,7 +106,7 @@ class FittedResult:
         self.fitted_model.save(path)
 
     def save_robot(self, path: str | Path, template: str | Path | None = None, *, force: bool = False) -> None:
-        """Write the calibrated robot: the table that is best without any effect, since a robot's file holds none.
+        """Write the calibrated robot as a file, with the table that fits best without any effect.
 
         Args:
             path: ends in .toml, .urdf or .yaml.
@@ -126,7 +126,7 @@ class FittedResult:
 
 @dataclass(frozen=True)
 class Worsening(Brief):
-    """Rise of the 3D RMSE by a fit, from the arm as delivered to the calibrated one."""
+    """Rise of the 3D RMSE caused by a fit, compared with the arm as delivered."""
 
     role: str  # of the poses: "test" or "train"
     before_mm: float
@@ -148,7 +148,7 @@ class Calibration(FittedResult, Presented):
 
     @cached_property
     def fitted_dataset(self) -> Dataset:
-        """Dataset used for the fit: each repeat group once, by the mean of its repeats (`calib.dataset.repeats`).
+        """Dataset used for the fit, in which each repeat group is replaced by the mean of its repeats.
 
         Without the points of outlying poses.
         """
@@ -172,7 +172,7 @@ class Calibration(FittedResult, Presented):
 
     @cached_property
     def fitted_model(self) -> FittedModel:
-        """The fitted model by itself, as `load_model` gives it: robot, effects, values, covariance."""
+        """Fitted model without the dataset, as `load_model` gives it: robot, effects, values, covariance."""
         return super().fitted_model
 
     @cached_property
@@ -194,7 +194,7 @@ class Calibration(FittedResult, Presented):
 
     @property
     def face_labelling(self) -> FaceLabelling | None:
-        """How the jig's faces were labelled; None unless full poses from scans were fitted."""
+        """Labelling of the jig's faces; None unless full poses from scans were fitted."""
         points = self.dataset.points
         orientations = None if points is None else points.orientations
         return orientations.labelling if self.residual == "pose" and orientations is not None else None
@@ -219,7 +219,7 @@ class Calibration(FittedResult, Presented):
 
     @cached_property
     def hand_eye_ambiguity(self) -> str:
-        """Sentence on what the poses leave undetermined of a scanner on the flange and its targets; else ""."""
+        """Sentence on what the poses leave undetermined of a flange-mounted scanner and its targets; else ""."""
         if not self.model.robot.carries_scanner:
             return ""
         return observed_hand_eye(self.dataset.robot, Observations.of(self.fitted_dataset)).ambiguity
@@ -231,7 +231,7 @@ class Calibration(FittedResult, Presented):
 
     @property
     def worsening(self) -> Worsening | None:
-        """Rise of the test poses' error (without test poses, the training poses'); None without a rise.
+        """Rise of the test poses' error by the fit (training poses' without test poses); None without a rise.
 
         The training error can rise in a fit of distances, or without a prior.
         """
@@ -246,13 +246,13 @@ class Calibration(FittedResult, Presented):
 
     @property
     def outlier_errors_mm(self) -> dict[str, float]:
-        """Largest 3D error at each pose that a robust fit left out, mm, by the pose's id."""
+        """Largest 3D error, mm, at each pose that a robust fit left out, by pose id."""
         after, poses = self.after, self.dataset.poses
         length_mm = np.linalg.norm(after.error_mm, axis=1)
         return {name: float(np.max(length_mm[after.pose == poses.index(name)])) for name in self.outliers}
 
     def require_improvement(self, *, force: bool = False) -> None:
-        """Raise FitError where the result should not be put on a robot: not converged, or worse on test poses."""
+        """Raise FitError if the fit should not go on a robot: not converged, or worse than the arm as delivered."""
         if force:
             return
         way_out = "find out why before you use it, or force it"

@@ -25,7 +25,7 @@ CORRELATED = 0.8
 
 @dataclass(frozen=True)
 class Combination:
-    """A weighted sum of parameters with its value and sigma, and the largest sigma among its terms."""
+    """Weighted sum of parameters with its value and sigma, and the largest sigma among its terms."""
 
     coefficients: Mapping[str, float]
     value: float  # of the fitted parameters, nominal and correction
@@ -36,7 +36,7 @@ class Combination:
 
     @property
     def is_known(self) -> bool:
-        """Whether the sigma is below half the tolerance, as for a single known parameter."""
+        """Whether the sum's sigma is below half its tolerance, the criterion for a single known parameter."""
         return self.sigma < 0.5 * self.tolerance
 
     @property
@@ -117,7 +117,7 @@ def correlated_pairs(calibration: Calibration) -> tuple[CorrelatedPair, ...]:
 
 @dataclass(frozen=True)
 class JointKnowledge:
-    """Joint covariance (P + 6, P + 6) of a fit's parameters and of a setup's scanner frame.
+    """Covariance (P + 6, P + 6) of a fit's parameters together with a setup's scanner frame.
 
     The frame is fitted with the parameters x: a change dx moves it by -F^+ J dx (F the frame's columns at the training
     points, J the parameters'), and given x its covariance is that by these points.
@@ -130,7 +130,7 @@ class JointKnowledge:
 
     @classmethod
     def of(cls, calibration: Calibration, setup: str | None) -> JointKnowledge:
-        """Joint covariance with the scanner frame of a setup; with None the frame's rows are zero.
+        """Covariance of a fit's parameters and a setup's scanner frame (zero for the frame without a setup).
 
         Raises FitError for a setup without training points.
         """
@@ -195,7 +195,7 @@ def prediction_covariance(calibration: Calibration, q: ArrayLike, setup: str | N
 
 
 def covariance_root(covariance: Array) -> Array:
-    """Root R (P, P) of a covariance R R^T, in any units; eigenvalues made negative by rounding count as zero."""
+    """Root R (P, P) of a covariance R R^T, in any units; negative eigenvalues from rounding count as zero."""
     scale = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
     size, turn = np.linalg.eigh(inverse[:, None] * covariance * inverse)

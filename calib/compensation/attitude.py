@@ -22,7 +22,7 @@ _POSTURES, _SPAN_RAD, _SPAN_MM = 64, 1.0, 100.0  # postures around the targets, 
 
 @dataclass(frozen=True)
 class FitKnowledge:
-    """Covariance of a fit, with what else decides how far a correction can be trusted."""
+    """What a fit knows about its parameters: covariance, fixed parameters, orientations, and trained range."""
 
     covariance: Array  # (P, P) of the model's free parameters
     fixed: frozenset[str] = frozenset()  # fixed by the user; others are fixed because no point determines them
@@ -30,7 +30,7 @@ class FitKnowledge:
     trained: TrainedRange | None = None
 
     def attitude_sigma_rad(self, model: Model, x: Array, poses: Poses) -> Array:
-        """(N,) rad, standard deviation of the calibrated tool's attitude (3D turn) at each of N poses."""
+        """Standard deviation (N,), rad, of the calibrated tool's attitude (3D turn) at each of N poses."""
         freed = replace(model, fixed=model.fixed & self.fixed)
         values = dict(zip((p.name for p in model.parameters), x.tolist(), strict=True))
         fitted = np.array([p.name in values for p in freed.parameters], dtype=bool)
@@ -43,7 +43,7 @@ class FitKnowledge:
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def _common(self, model: Model, x: Array, poses: Poses) -> Array:
-        """(3 or 6, P) derivative, by the parameters, of the base's (and tool's) constant turn over nearby postures."""
+        """Derivative (3 or 6, P), by the parameters, of the turn of base (and tool) that nearby postures share."""
         rng = np.random.default_rng(0)
         rows = np.resize(np.arange(len(poses)), _POSTURES)
         span = np.where(model.robot.is_revolute, _SPAN_RAD, _SPAN_MM)
@@ -53,7 +53,7 @@ class FitKnowledge:
         return np.asarray(np.linalg.pinv(stacked, rcond=1e-9) @ turn.reshape(len(stacked), -1))
 
     def _turns(self, model: Model, x: Array, poses: Poses) -> tuple[Array, Array]:
-        """Derivatives of the tool's turn by the parameters (N, 3, P) and by the common turns (N, 3, 3 or 6)."""
+        """Derivatives of the tool's turn by the parameters (N, 3, P) and by shared turns of base (and tool)."""
         _, attitude, by_x = model.linearise_pose(x, poses)
         of_base = np.broadcast_to(np.eye(3), attitude.shape)
         columns = np.concatenate([of_base, attitude], axis=2) if self.full_poses else of_base

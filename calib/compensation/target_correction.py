@@ -64,7 +64,7 @@ _SINGULAR = 0.02
 
 @dataclass(frozen=True)
 class Correction(Presented):
-    """Corrected joint vectors of N targets. Errors are of the calibrated arm against the nominal arm's tool frame."""
+    """Corrected joint vectors of N targets, with errors of the calibrated arm against the nominal tool frames."""
 
     robot: Robot  # nominal
     kind: str  # "position" or "pose"
@@ -83,7 +83,7 @@ class Correction(Presented):
 
     @property
     def change(self) -> Array:
-        """(N, n) q - q_nominal: rad, mm for prismatic joints."""
+        """Change (N, n) of the joints by the correction: rad, mm for prismatic joints."""
         return self.q - self.q_nominal
 
     @property
@@ -124,7 +124,7 @@ class Corrects(Protocol):
         nominal: Robot | None = None,
         ids: Sequence[str] | None = None,
     ) -> Correction:
-        """Joint vectors with which the calibrated arm goes where the nominal one would, by the fitted model."""
+        """Joint vectors with which the calibrated arm goes where the nominal one would."""
         ...
 
 
@@ -215,7 +215,7 @@ def corrected_joints(
 
 
 def _known_kind(nominal: Robot, sigma_rad: Array | None, uncorrected_rad: Array) -> str:
-    """ "pose" where a fit supports correcting the attitude (six joints, small attitude sigma); else "position"."""
+    """Part of the tool frame to correct: "pose" if the fit supports attitudes too, else "position"."""
     if nominal.n_joints < 6:
         return "position"
     if sigma_rad is None:
@@ -224,7 +224,7 @@ def _known_kind(nominal: Robot, sigma_rad: Array | None, uncorrected_rad: Array)
 
 
 def _at_positions(problem: ToolProblem, q0: Array, box: tuple[Array, Array]) -> Array:
-    """Joint vectors (N, n) that meet the positions; redundant motion turns the tool towards its goal where possible.
+    """Joint vectors (N, n) that meet the positions; a redundant arm also turns the tool towards its goal.
 
     A turn of the tool counts so much more than a motion of the joints as keeps these small: near a singular posture a
     small turn would take a large motion, and counts less and less.
@@ -258,7 +258,7 @@ def _reached(problem: ToolProblem, q: Array) -> BoolArray:
 
 
 def _box(nominal: Robot, model: Model, x: Array, q0: Array) -> tuple[Array, Array]:
-    """Lower and upper bounds of the joints: their limits, and the largest change that a correction makes."""
+    """Lower and upper bounds of the joints for a correction: joint limits, and the largest allowed change."""
     off = np.abs(model.calibrated_robot(x).table - nominal.table)[:-1]
     zero = np.where(nominal.is_revolute, off[:, PARAMETER_KINDS.index("theta")], off[:, PARAMETER_KINDS.index("d")])
     change = np.maximum(np.where(nominal.is_revolute, MAX_CHANGE_RAD, MAX_CHANGE_MM), _ZEROS * zero)
@@ -295,7 +295,7 @@ def needed_columns(model: Model, x: ArrayLike, poses: Poses) -> tuple[str, ...]:
 
 
 def _tool_frames(model: Model, x: ArrayLike, poses: Poses) -> Array:
-    """(N, 3, 4) orientation and position of the tool."""
+    """Orientation and position of the tool (N, 3, 4), base frame."""
     state = model.state(x, poses)
     return np.concatenate([state.attitude, state.place(state.chain.target_mm)[..., None]], axis=2)
 
@@ -340,7 +340,7 @@ def plain_poses(q: Array) -> Poses:
 
 
 def _reason(robot: Robot, q: Array, q_nominal: Array, box: tuple[Array, Array], missed: str, singular: bool) -> str:
-    """Reason why a target is not reached, as text; `box` has its own lower and upper joint bounds (n,)."""
+    """Text with the reason why a target is not reached."""
     held = []
     for k in np.flatnonzero((q <= box[0]) | (q >= box[1])):
         joint = robot.joints[k]

@@ -1,4 +1,4 @@
-"""Files of joint targets: a robot program's table, read, and the corrected targets as a table or point list, written.
+"""Files of joint targets: reading of a robot program's table, writing of the corrected targets.
 
 Columns are those of poses.csv, and only the joints are required. `pose` names a target, conditions (payload_kg,
 temperature_c, time_s, approach1 ...) are for effects that depend on them, any other column may be for effects of the
@@ -36,7 +36,7 @@ from calib.text_files.csv_text import frame_csv
 
 @dataclass(frozen=True)
 class Targets:
-    """Joint targets as poses, with the path of their file."""
+    """Joint targets as poses, with the path of the file that they come from."""
 
     poses: Poses
     file: TableFile
@@ -99,14 +99,14 @@ def corrected_table(targets: Targets, correction: Correction) -> str:
 
 
 def corrected_file(path: Path, targets: Targets, correction: Correction) -> str:
-    """Content of a file of corrected targets: a controller's point list by its suffix, else the table."""
+    """Content of a file of corrected targets: a controller's point list or a CSV table, by the file's suffix."""
     if is_point_list(path):
         return corrected_points(path, correction, targets.poses.ids)
     return corrected_table(targets, correction)
 
 
 def corrected_points(path: Path, correction: Correction, ids: Sequence[str]) -> str:
-    """The reached targets in the language of the file's suffix; the others as comments with the reason.
+    """Reached targets as text of a controller's point list; missed targets are comments with the reason.
 
     Raises as `require_point_list`.
     """

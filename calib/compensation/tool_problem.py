@@ -1,4 +1,4 @@
-"""The inverse problem of a correction: the calibrated arm's tool at the nominal arm's tool frame or tool position.
+"""Inverse problem of a correction: joints with which the calibrated arm's tool meets the nominal tool frame.
 
     e = [p_goal - p; L sin(turn)]
 
@@ -23,7 +23,7 @@ from calib.kinematics.inverse import Preference
 
 @dataclass(frozen=True)
 class ToolProblem:
-    """N goals of the tool (an `InverseProblem`), and the calibrated arm, a model at x (P,) under N conditions."""
+    """Inverse problem for N tool goals, solved with the calibrated arm's model."""
 
     model: Model
     x: Array
@@ -33,22 +33,22 @@ class ToolProblem:
 
     @property
     def length_mm(self) -> float:
-        """The arm's reach, which scales radians to millimetres in rows and columns."""
+        """Arm's reach, mm, which converts radians to millimetres in errors and derivatives."""
         table = self.model.robot.table
         return max(float(np.sum(np.hypot(table[:, 0], table[:, 2]))), 1.0)
 
     @property
     def joint_units(self) -> Array:
-        """(n,) size of one scaled unit of each joint: rad, or the reach in mm for a prismatic joint."""
+        """Size (n,) of one scaled unit of each joint: rad, or the reach in mm for a prismatic joint."""
         return np.where(self.model.robot.is_revolute, 1.0, self.length_mm)
 
     def _state(self, q: Array, rows: IndexArray) -> tuple[RobotState, Array]:
-        """State of the calibrated arm at q (K, n), and rotation of its base there (1 or K, 3, 3)."""
+        """Robot state of the calibrated arm at q (K, n), and its base's rotation (1 or K, 3, 3)."""
         state = self.model.state(self.x, replace(self.conditions.select(rows), q=q))
         return state, frames.rotation_from_rotvec(state.base_rotvec_rad)
 
     def _tool(self, state: RobotState, turn: Array) -> Array:
-        """base_T_tool (K, 4, 4), with the base's turn and the displacements of the tool by effects."""
+        """Transform base_T_tool (K, 4, 4), including the base's turn and tool displacements by effects."""
         rotation = turn @ state.chain.base_T_frame[:, -1, :3, :3]
         return frames.make_transform(rotation, state.place(state.chain.target_mm))
 
@@ -60,7 +60,7 @@ class ToolProblem:
         return np.concatenate([position, self.length_mm * _turn_vector(base_T_tool, goal)], axis=1)
 
     def linearise(self, q: Array, rows: IndexArray) -> tuple[Array, Array]:
-        """Goal minus position (K, 3 or 6) of some targets, mm, and the derivative by the scaled joints (K, 3 or 6, n).
+        """Error (K, 3 or 6), mm, of some targets, goal minus position, and its derivative by the scaled joints.
 
         Rows 4 to 6 are the remaining turn, times the reach.
         """
@@ -72,11 +72,11 @@ class ToolProblem:
         return self._error(self._tool(state, turn), rows), jacobian * self.joint_units
 
     def of(self, rows: IndexArray) -> ToolProblem:
-        """The problem restricted to some of the goals."""
+        """Inverse problem restricted to some of the tool goals."""
         return replace(self, goal=self.goal[rows], conditions=self.conditions.select(rows))
 
     def attitude_left(self, weight: float) -> Preference | None:
-        """Secondary objective for redundant motion: the tool's remaining rotation times a weight; None for weight 0."""
+        """Secondary objective for redundant motion: the tool's remaining rotation times a weight; None if unused."""
 
         def left(q: Array, rows: IndexArray) -> tuple[Array, Array]:
             state, turn = self._state(q, rows)
@@ -87,7 +87,7 @@ class ToolProblem:
         return left if weight > 0.0 else None
 
     def errors(self, q: Array) -> tuple[Array, Array]:
-        """Position error (N,) mm and angle between orientations (N,) rad, also where only positions are to be met."""
+        """Position error (N,), mm, and orientation error (N,), rad, also where only positions are to be met."""
         at = self._tool(*self._state(q, np.arange(len(q))))
         position = np.linalg.norm(self.goal[:, :3, 3] - at[:, :3, 3], axis=1)
         sine = np.linalg.norm(_turn_vector(at, self.goal), axis=1)
@@ -96,5 +96,5 @@ class ToolProblem:
 
 
 def _turn_vector(at: Array, goal: Array) -> Array:
-    """sin(angle) times axis of the turn from `at` to `goal` (N, 3), in the base frame."""
+    """Rotation from one orientation to a goal (N, 3), as sin(angle) times axis, in the base frame."""
     return 0.5 * np.sum(np.cross(at[:, :3, :3], goal[:, :3, :3], axis=1), axis=-1)

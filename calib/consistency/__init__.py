@@ -1,1 +1,1 @@
-"""Consistency of joints, points and robot.toml: signs, order, units, rows and robot tables."""
+"""Checks whether joints, points and robot.toml are consistent: signs, order, units, rows and robot tables."""

@@ -1,4 +1,4 @@
-"""Misfit between a nominal arm and measured points, with scanner frames and tool point free."""
+"""Misfit between a nominal arm and measured points, with free scanner frames and free tool point."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _FEWEST_IN_GROUP = 4  # poses that were measured from one place; a frame takes t
 
 @dataclass(frozen=True)
 class Sample:
-    """Joint values and points of poses with one measurement each, of one target, from one or several stations."""
+    """Joint values and points of poses with one measurement each of one target, with the scanner's stations."""
 
     q: Array  # (N, n) rad, mm
     points_mm: Array  # (N, 3)
@@ -55,21 +55,21 @@ class Sample:
 
 
 def sample_of(q: Array, points_mm: Array) -> Sample:
-    """Sample of the poses with finite joint values q (N, n) and points (N, 3), thinned evenly."""
+    """Sample of at most a fixed number of poses, evenly spread, from joint values q (N, n) and points (N, 3)."""
     known = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(points_mm).all(axis=1))
     known = thinned(known)
     return Sample(q[known], points_mm[known])
 
 
 def thinned(rows: IndexArray) -> IndexArray:
-    """Row numbers thinned evenly to `_MOST_POSES` at most."""
+    """Row numbers of at most `_MOST_POSES` poses, evenly spread over all."""
     if len(rows) <= _MOST_POSES:
         return rows
     return rows[np.linspace(0, len(rows) - 1, _MOST_POSES).astype(int)]
 
 
 def points_of_poses(dataset: Dataset) -> tuple[IndexArray, Array]:
-    """Indices (K,) of the poses of the most often measured target, and its first point (K, 3) at each, mm."""
+    """Indices (K,) of the poses with the most often measured target, and its first point (K, 3), mm, at each."""
     assert dataset.points is not None
     points = dataset.points
     names, counts = np.unique(points.target, return_counts=True)

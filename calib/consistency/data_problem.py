@@ -1,4 +1,4 @@
-"""Test of mistakes in the data or in the robot's table, before any physical effect is considered.
+"""Test for mistakes in the data or in the robot's table, before any physical effect is considered.
 
 A joint of opposite sign, columns or rows in another order, another unit, the table of another robot type: each is a
 hypothesis with as many parameters as the fit has, so the fits are compared by their log evidence alone. The misfit of
@@ -113,7 +113,7 @@ class DataProblem:
 
 @dataclass(frozen=True)
 class Suspicions:
-    """Mistakes that a fit of the geometry shows: an accepted one, or hypotheses that an effect may explain as well."""
+    """Suspected mistakes in the data: an accepted one, or open hypotheses that an effect may explain as well."""
 
     problem: DataProblem | None
     open: tuple[DataHypothesis, ...] = ()
@@ -121,12 +121,12 @@ class Suspicions:
 
 
 def is_quiet(now: Calibration) -> bool:
-    """Whether the residual is that of the declared noise and no link is changed into another type."""
+    """Whether the residual is no larger than the declared noise and no link parameter is implausible."""
     return is_declared(now.dataset) and now.fit.reduced_chi < QUIET and not _is_bent(now)
 
 
 def suspicions(now: Calibration, refit: Refit, names: Sequence[str] = ()) -> Suspicions:
-    """Mistakes in the data of a fit of the geometry, accepted or open.
+    """Suspected mistakes in the data, judged by refits of the geometry to corrected data.
 
     now: the fit of the links and of the effects taken as present.
     refit: makes the same fit of another dataset.
@@ -166,7 +166,7 @@ def suspicions(now: Calibration, refit: Refit, names: Sequence[str] = ()) -> Sus
 
 
 def _is_off_scale(robot: Robot, sample: Sample) -> bool:
-    """Whether the points spread by a factor over the nominal arm's that only a wrong unit explains."""
+    """Whether the measured points spread so differently from the nominal arm's that only a wrong unit explains it."""
     mine = replace(sample, points_mm=target_points(robot, sample.q)).spread_mm
     return mine > 0.0 and sample.spread_mm > 0.0 and abs(np.log(sample.spread_mm / mine)) > np.log(_OFF_SCALE)
 
@@ -203,7 +203,7 @@ class FitVariant:
 def problem_given_effects(
     now: Calibration, open_hypotheses: Sequence[DataHypothesis], models: Sequence[FitVariant]
 ) -> DataProblem | None:
-    """Open hypothesis that is clearly more probable than the effects found without it; None where there is none.
+    """Data mistake that is clearly more probable than the effects found without it; None where there is none.
 
     It makes one of the effects superfluous, or removes most of their residual.
 
@@ -281,7 +281,7 @@ def _is_judged(fitted: Calibration) -> bool:
 
 
 def _is_bent(now: Calibration) -> bool:
-    """Whether a fit has changed a link parameter, the tool's apart, far beyond manufacturing tolerances."""
+    """Whether a fit changed a link parameter (tool excluded) far beyond manufacturing tolerances."""
     z = np.abs(now.fit.x / now.model.scales)
     names = [p.name for p in now.fit.parameters]
     own = np.array([name in now.model.geometry_names and not name.endswith("TCP") for name in names], dtype=bool)
@@ -291,7 +291,7 @@ def _is_bent(now: Calibration) -> bool:
 def _worth_a_fit(
     dataset: Dataset, sample: Sample, as_it_is_mm: float, hypotheses: Iterable[DataHypothesis]
 ) -> list[DataHypothesis]:
-    """The best and simplest hypotheses among those that do not raise the misfit of the nominal arm much."""
+    """Best and simplest hypotheses on mistakes, among those that hardly raise the nominal arm's misfit."""
     found: list[tuple[float, DataHypothesis]] = []
     for hypothesis in hypotheses:
         robot, of_it = hypothesis.robot or dataset.robot, hypothesis.of_sample(sample, dataset.robot)
@@ -313,7 +313,7 @@ def _worth_a_fit(
 
 
 def _by_matching(dataset: Dataset) -> list[DataHypothesis]:
-    """Hypotheses that match points to rows in any order, for points measured from one station."""
+    """Hypotheses on the order of rows, by matching points to rows, for points measured from one station."""
     poses, points_mm = points_of_poses(dataset)
     if len(set(dataset.poses.setup[poses].tolist())) != 1:
         return []
@@ -343,7 +343,7 @@ class _FittedHypotheses:
                 self.fits[hypothesis] = fitted
 
     def judged(self) -> Suspicions:
-        """Suspicions: the best accepted hypothesis with equally good ones, else the hypotheses still open."""
+        """Accepted mistake with equally good alternatives, else the hypotheses that remain open."""
         believed = [h for h in self.fits if self._is_believed(h)]
         if not believed:
             return self._undecided()
@@ -355,7 +355,7 @@ class _FittedHypotheses:
         return Suspicions(self._problem(best, as_good))
 
     def _undecided(self) -> Suspicions:
-        """Suspicions where no hypothesis is accepted: those still open, and the likeliest one if its gain is large."""
+        """Open hypotheses where none is accepted, with the likeliest mistake if its gain in evidence is large."""
         still_open = tuple(h for h in self.fits if self._is_open(h))
         best = max(still_open, key=self._gain, default=None)
         if best is None or self._gain(best) <= MIN_GAIN:
@@ -389,13 +389,13 @@ class _FittedHypotheses:
 
 
 def _turns_joints(hypothesis: DataHypothesis) -> bool:
-    """Whether a hypothesis changes signs of joints and nothing else."""
+    """Whether a hypothesis on a mistake changes only signs of joints."""
     reading = hypothesis.reading
     return hypothesis.kind == JOINT_SIGN and reading is not None and not any(reading.offsets_rad)
 
 
 def _cost(hypothesis: DataHypothesis) -> float:
-    """Log of the number of hypotheses of a kind, as a penalty for the many orders of rows."""
+    """Penalty on a hypothesis' log evidence: log of the number of alternatives, for orders of rows."""
     if hypothesis.kind != ROW_ORDER or hypothesis.edits < 2:
         return 0.0
     moved = hypothesis.moved_rows

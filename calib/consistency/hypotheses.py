@@ -48,16 +48,16 @@ class DataHypothesis:
 
     @property
     def moved_rows(self) -> int:
-        """Number of poses that get the joint values of another row."""
+        """Number of poses that get the joint values of another row of the file."""
         return sum(row != k for k, row in enumerate(self.rows))
 
     def of_sample(self, sample: Sample, robot: Robot) -> Sample:
-        """The sample with the mistake mended, for hypotheses on neither rows nor robot."""
+        """Sample with the mistake corrected, for hypotheses that concern neither rows nor robot table."""
         q = self._joints_of(sample.q, robot.is_revolute)
         return replace(sample, q=q, points_mm=sample.points_mm * self.points_scale)
 
     def of_dataset(self, dataset: Dataset) -> Dataset:
-        """The dataset with the mistake mended."""
+        """Dataset with the mistake corrected."""
         poses, points, robot = dataset.poses, dataset.points, self.robot or dataset.robot
         if robot is not dataset.robot:
             robot = replace(robot, targets=dataset.robot.targets, carries_scanner=dataset.robot.carries_scanner)
@@ -86,7 +86,7 @@ class DataHypothesis:
 
 
 def simplest_of(hypotheses: Sequence[DataHypothesis]) -> list[DataHypothesis]:
-    """The hypotheses that change least; a wrong zero counts as more than a wrong sign, which may look the same."""
+    """Hypotheses with the fewest changes; a wrong sign is preferred to a wrong zero, which may look the same."""
 
     def rank(hypothesis: DataHypothesis) -> tuple[int, bool]:
         return hypothesis.edits, hypothesis.kind == JOINT_ZERO
@@ -105,7 +105,7 @@ def _scaled(points: Points, scale: float) -> Points:
 
 
 def _reordered(poses: Poses, points: Points | None, rows: IndexArray) -> tuple[Poses, Points | None]:
-    """Poses with the joint values of other rows; those without such a row keep theirs and lose their points."""
+    """Poses with the joint values of other rows; a pose without such a row loses its points."""
     known = rows != _NOT_THERE
     source = np.where(known, rows, np.arange(len(rows)))
     approach = None if poses.approach is None else poses.approach[source]
@@ -117,7 +117,7 @@ def _reordered(poses: Poses, points: Points | None, rows: IndexArray) -> tuple[P
 
 
 def of_reading(reading: JointReading, names: Sequence[str]) -> DataHypothesis:
-    """Hypothesis of other signs, order or zeros of the joints' columns; `names` (n,) are the user's columns."""
+    """Hypothesis that the joint columns have other signs, another order or other zeros."""
     turned = [k for k, sign in enumerate(reading.signs) if sign < 0]
     moved = [k for k, column in enumerate(reading.order) if column != k]
     zeros = [k for k, offset in enumerate(reading.offsets_rad) if offset]
@@ -170,7 +170,7 @@ def _and(words: Sequence[str]) -> str:
 
 
 def of_units(robot: Robot, sample: Sample) -> Iterator[DataHypothesis]:
-    """Hypotheses of other units of points, angles and slides; other units of points are tested by their spread."""
+    """Hypotheses that points, angles or slides are in other units than declared."""
     turns = robot.is_revolute
     deg = np.pi / 180.0
     angles = {
@@ -218,7 +218,7 @@ def of_units(robot: Robot, sample: Sample) -> Iterator[DataHypothesis]:
 
 
 def of_shifts(dataset: Dataset) -> Iterator[DataHypothesis]:
-    """Hypotheses of joint rows shifted against the points by a few rows, or in reverse order."""
+    """Hypotheses that joint rows are shifted against the points by a few rows, or are in reverse order."""
     count = len(dataset.poses)
     place = np.arange(count)
     for by in _SHIFTS:
@@ -244,7 +244,7 @@ def of_shifts(dataset: Dataset) -> Iterator[DataHypothesis]:
 
 
 def of_matching(dataset: Dataset, poses: IndexArray, source: IndexArray) -> DataHypothesis:
-    """Hypothesis that the poses (K,) have the joint values of the poses `source` (K,), by their points' places."""
+    """Hypothesis that some poses have the joint values of other poses, as matched by their points."""
     rows = np.arange(len(dataset.poses))
     rows[poses] = source
     wrong = [dataset.poses.ids[i] for i in poses[poses != source]]
@@ -270,7 +270,7 @@ def of_matching(dataset: Dataset, poses: IndexArray, source: IndexArray) -> Data
 
 
 def of_sister_tables(robot: Robot) -> Iterator[DataHypothesis]:
-    """Hypotheses of the tables of other known arms with the same number and types of joints."""
+    """Hypotheses that the arm is another known one with the same number and types of joints."""
     for name, other in known_tables():
         alike = np.array_equal(other.is_revolute, robot.is_revolute)
         if alike and not np.allclose(other.table[:-1], robot.table[:-1], atol=1e-6):
@@ -285,7 +285,7 @@ def of_sister_tables(robot: Robot) -> Iterator[DataHypothesis]:
 
 @cache
 def known_tables() -> tuple[tuple[str, Robot], ...]:
-    """Names and robots of the tables that come with the package."""
+    """Robots, by name, whose tables come with the package."""
     names: dict[tuple[float, ...], list[str]] = {}
     for model, lengths in MODELS.items():
         names.setdefault(lengths, []).append(f"{model.removesuffix('e').upper()}{'e' if model.endswith('e') else ''}")

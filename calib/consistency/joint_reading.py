@@ -1,4 +1,4 @@
-"""Readings of joint columns under other conventions: other signs, another order, other zeros."""
+"""Interpretation of a table's joint columns under other conventions: other signs, another order, other zeros."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _QUARTERS = (0.5 * np.pi, -0.5 * np.pi, np.pi)
 
 @dataclass(frozen=True)
 class JointReading:
-    """Joint values from a table's columns: q_k = sign_k * value of column order_k + offset_k."""
+    """Interpretation of joint columns: q_k = sign_k * value of column order_k + offset_k."""
 
     order: tuple[int, ...]
     signs: tuple[float, ...]
@@ -27,7 +27,7 @@ class JointReading:
 
     @classmethod
     def plain(cls, joints: int) -> JointReading:
-        """The reading that leaves every column unchanged."""
+        """Interpretation that leaves every column unchanged."""
         return cls(tuple(range(joints)), (1.0,) * joints, (0.0,) * joints)
 
     @property
@@ -46,12 +46,12 @@ class JointReading:
         )
 
     def of(self, q: Array) -> Array:
-        """Joint values (N, n), rad or mm, from those in the file."""
+        """Joint values (N, n), rad or mm, interpreted from a file's values."""
         return np.asarray(q[:, list(self.order)] * np.array(self.signs) + np.array(self.offsets_rad))
 
 
 def simple_readings(is_revolute: BoolArray) -> tuple[JointReading, ...]:
-    """Simple readings: any pattern of signs, two columns exchanged, all columns reversed, one other zero."""
+    """Interpretations with any pattern of signs, two columns exchanged, all columns reversed, or one other zero."""
     plain, n = JointReading.plain(len(is_revolute)), len(is_revolute)
     out = list(_edits(plain, is_revolute))
     if n <= _MOST_SIGNS:
@@ -66,7 +66,7 @@ def simple_readings(is_revolute: BoolArray) -> tuple[JointReading, ...]:
 
 
 def likely_readings(robot: Robot, sample: Sample) -> tuple[JointReading, ...]:
-    """Readings of up to three changes with the least misfit of the nominal arm, by beam search."""
+    """Interpretations with up to three changes that have the least misfit of the nominal arm (beam search)."""
     tried: dict[JointReading, float] = {}
     beam = [JointReading.plain(robot.n_joints)]
     for _ in range(_DEEPEST):
@@ -79,7 +79,7 @@ def likely_readings(robot: Robot, sample: Sample) -> tuple[JointReading, ...]:
 
 
 def _edits(reading: JointReading, turns: BoolArray) -> Iterator[JointReading]:
-    """All readings that are one change away: a sign, a zero, or an exchange of two columns.
+    """All interpretations with one more change of the joint columns: a sign, a zero, or two columns exchanged.
 
     The zeros of the first and the last joint are left out, as the scanner's and the tool's pose absorb them.
     """

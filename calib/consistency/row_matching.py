@@ -1,4 +1,4 @@
-"""Assignment of measured points to joint rows in unknown order, by the points that the nominal arm reaches.
+"""Matching of measured points to joint rows in unknown order, by the points that the nominal arm reaches.
 
 The nominal arm's points and the measured ones are two clouds of one shape. Started from every way to lay the principal
 axes of one upon those of the other, the frame and the assignment are found in turn (iterated closest points, each
@@ -23,7 +23,7 @@ NEAR = 0.2  # of the distance to the next point, within which the matched points
 
 
 def matched_rows(arm_mm: Array, seen_mm: Array) -> IndexArray | None:
-    """Index (K,) of the arm's point (K, 3) that belongs to each measured point (K, 3); None where none fits."""
+    """For each measured point (K, 3), the index (K,) of the arm's point that matches; None where none fits."""
     count = len(seen_mm)
     if not _FEWEST <= count <= _MOST:
         return None
@@ -48,13 +48,13 @@ def matched_rows(arm_mm: Array, seen_mm: Array) -> IndexArray | None:
 
 
 def _apart_mm(points_mm: Array) -> float:
-    """Median distance from each of the points (K, 3) to its nearest neighbour, mm."""
+    """Median distance, mm, of points (K, 3) from their nearest neighbours."""
     apart = np.linalg.norm(points_mm[:, None] - points_mm[None], axis=-1)
     return float(np.median((apart + np.where(np.eye(len(points_mm)), np.inf, 0.0)).min(axis=1)))
 
 
 def _best_order(arm_mm: Array, seen_mm: Array) -> IndexArray | None:
-    """Best order (K,) of the rows from all start frames; None where none fits."""
+    """Best matching order (K,) of the rows over all start transforms; None where none fits."""
     best, least = None, np.inf
     for order in permutations(range(len(seen_mm))):
         mine = arm_mm[list(order)]

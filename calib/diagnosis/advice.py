@@ -14,7 +14,7 @@ from calib.screening.residual_tests import ResidualTests
 
 @dataclass(frozen=True)
 class Advice:
-    """The next move from a model, with the tests of the residual of the model's fit."""
+    """Recommended next move for a model, with the tests of the residual of the model's fit."""
 
     move: Move
     residual_tests: ResidualTests  # without a fault of one joint where the move explains it
@@ -32,7 +32,7 @@ class Advice:
 
 
 def advice_on(move: Move, tests: ResidualTests, calibration: Calibration) -> Advice:
-    """Advice made of a move, with the tests of the residual and the error of the test poses.
+    """Advice on a model, made of the next move, the tests of the residual, and the test poses' error.
 
     Args:
         tests: of the residual of the model that the move leads on from.

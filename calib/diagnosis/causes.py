@@ -1,4 +1,4 @@
-"""Facts on the causes that a diagnosis found: which joints carry an effect, how large it is, where it shows most."""
+"""Facts on the effects that a diagnosis found: the joints concerned, the size, and the pose with the largest change."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _SIGNIFICANT = 2.0  # sigmas from which a value is known to differ from zero
 
 @dataclass(frozen=True)
 class MainValue:
-    """The value that describes an effect's member best: the amplitude of several angles, or its surest parameter."""
+    """Value that sums up a fitted effect on one joint: the amplitude of several angles, or its surest parameter."""
 
     parameter: Parameter | None  # None: an amplitude
     name: str  # full, with the unit at its end
@@ -39,7 +39,7 @@ class MainValue:
 
 
 def main_value(member: Effect, calibration: Calibration) -> MainValue | None:
-    """Main value of a member as fitted; None where no parameter of the member was fitted."""
+    """Main value of an effect on one joint as fitted; None where none of its parameters was fitted."""
     fit = calibration.fit
     fitted = {p.name: (float(x), float(s)) for p, x, s in zip(fit.parameters, fit.x, fit.sigma, strict=True)}
     known = [p for p in member.parameters if full_name(member, p) in fitted]
@@ -56,7 +56,7 @@ def main_value(member: Effect, calibration: Calibration) -> MainValue | None:
 
 
 def moved_mm(members: Sequence[Effect], calibration: Calibration) -> list[float]:
-    """RMS shift of the measured points by each member alone, about their mean, mm."""
+    """RMS shift, mm, of the measured points by each of some effects alone, less the shift's mean."""
     model, x = calibration.model, calibration.fit.x
     names = [parameter.name for parameter in model.parameters]
     observed = Observations.of(calibration.fitted_dataset)
@@ -84,7 +84,7 @@ class AtPose:
 
 @dataclass(frozen=True)
 class Cause:
-    """An effect that was added between two fits: the joints that carry it, its size, where it changes most."""
+    """An effect that was added to a model: the joints that carry it, its size, and the pose where it changes most."""
 
     effect: str
     joints: tuple[int, ...]  # of significant value, counted from 1, the one that moves the tool the most first
@@ -94,7 +94,7 @@ class Cause:
 
 
 def cause_of(effect: str, before: Calibration, after: Calibration) -> Cause:
-    """Size, joints and largest change of an effect that was added between two fits of the same points.
+    """Joints, size and largest change of an effect, from a fit without it and a fit with it to the same points.
 
     Joints are listed by their own values: one within two sigmas of zero is left out, unless it is the leading one.
     """
@@ -115,7 +115,7 @@ def _is_significant(main: MainValue) -> bool:
 
 
 def worst_pose(calibration: Calibration, poses: tuple[str, ...] = ()) -> AtPose | None:
-    """The pose with the largest 3D error after a fit, of some poses or of all."""
+    """Pose with the largest 3D error after a fit, among some poses or all."""
     after, ids = calibration.after, calibration.dataset.poses.ids
     error_mm = np.linalg.norm(after.error_mm, axis=1)
     if poses:
@@ -127,7 +127,7 @@ def worst_pose(calibration: Calibration, poses: tuple[str, ...] = ()) -> AtPose 
 
 
 def _largest_change(before: Calibration, after: Calibration) -> AtPose | None:
-    """Largest displacement of a predicted point from one fit to the other, in the scanner's frame."""
+    """Pose with the largest displacement of a predicted point from one fit to another, in the scanner's frame."""
     if not np.array_equal(before.after.pose, after.after.pose) or not len(after.after.pose):
         return None
     change_mm = np.linalg.norm(after.after.error_mm - before.after.error_mm, axis=1)
@@ -136,7 +136,7 @@ def _largest_change(before: Calibration, after: Calibration) -> AtPose | None:
 
 
 def visible_mm(candidate: Candidate, before: Calibration) -> float | None:
-    """RMS over the training poses of the part of a fit's 3D errors that an effect explains, mm."""
+    """RMS, mm, over the training poses, of the part of a fit's 3D errors that a candidate effect explains."""
     train = before.after.train
     return None if train is None else train.rmse_mm * float(np.sqrt(max(candidate.explained_share, 0.0)))
 

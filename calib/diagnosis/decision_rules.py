@@ -1,4 +1,4 @@
-"""The rules by which an effect is added to a model, left open, refused, or left to learned curves."""
+"""Rules by which a candidate effect is added to a model, left open, refused, or replaced by learned curves."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ MIN_GAIN = 1.0  # standard errors by which an effect has to lower the squared er
 
 
 def is_convincing(candidate: Candidate) -> bool:
-    """Whether a candidate's F test, corrected for all candidates, is significant and its log evidence large enough."""
+    """Whether a candidate effect has a significant F test, corrected for all candidates, and enough log evidence."""
     return candidate.p_holm < MAX_P_VALUE and candidate.log_evidence > MIN_LOG_EVIDENCE
 
 
 def rank_candidates(screening: Screening) -> tuple[Candidate, Candidate | None, tuple[Candidate, ...]]:
-    """Best candidate, candidate to compare it with, and contenders; contenders are () where the best clearly leads.
+    """Best candidate effect, its nearest rival, and the contenders between which the data do not decide.
 
     A contender could explain most of what the best one explains, and has as much evidence within
     `MIN_LOG_BAYES_FACTOR`. A candidate that explains something else is none: it may be a second cause, and is tested
@@ -79,12 +79,12 @@ def are_equivalent(one: Candidate, other: Candidate, dof: int) -> bool:
 
 
 def can_stand_for(best: Candidate, others: Sequence[Candidate], dof: int) -> bool:
-    """Whether the best candidate may represent all others of its confounded set in the model (`ConfoundedSet`)."""
+    """Whether the best candidate may represent all other effects of its confounded set in the model."""
     return all(other.name in best.family.confounded_with or are_equivalent(best, other, dof) for other in others)
 
 
 def equivalent_to(name: str, screening: Screening | None) -> tuple[str, ...]:
-    """Names of the candidates of a screening that are equivalent to one of them."""
+    """Names of the candidate effects of a screening that are equivalent to a given one."""
     one = next((c for c in screening.candidates if c.name == name), None) if screening is not None else None
     if screening is None or one is None:
         return ()
@@ -93,12 +93,12 @@ def equivalent_to(name: str, screening: Screening | None) -> tuple[str, ...]:
 
 
 def untestable_names(untestable: Sequence[Untestable]) -> tuple[str, ...]:
-    """Families that this dataset cannot test, without those that no dataset can test (the scanner's scale)."""
+    """Names of the effects that this dataset cannot test, except those that no dataset can test (scanner scale)."""
     return tuple(family.name for family in untestable if not family.never)
 
 
 def predicts_worse(before: Calibration, after: Calibration, *, scatter: float = MAX_WORSENING) -> bool:
-    """Whether a fit failed, or predicts the test poses worse by more than their scatter.
+    """Whether a new fit failed, or predicts the test poses worse than the earlier fit by more than their scatter.
 
     Paired over test points: the mean change of the squared error against `scatter` standard errors of it.
     """
@@ -119,7 +119,7 @@ def predicts_worse(before: Calibration, after: Calibration, *, scatter: float = 
 def refusal(
     candidate: Candidate, screening: Screening, before: Calibration, after: Calibration, *, further: bool
 ) -> Refusal | None:
-    """Reason for which a candidate of a screening is not to be added; None where it may be.
+    """Reason not to add a candidate effect after its trial fit; None where the effect may be added.
 
     Its size has to be one that such a cause can have. Poses that its fit did not use have to confirm it: a first effect
     may not raise the test poses' error beyond chance, and the error of all poses that were left out, the test poses and
@@ -144,7 +144,7 @@ def refusal(
 
 
 def may_be_curves(best: Candidate, calibration: Calibration, screening: Screening) -> bool:
-    """Whether learned curves could have clearly more evidence than the best candidate; False unless it is sparse.
+    """Whether learned curves could have clearly more evidence than the best candidate, if that acts at one place.
 
     Curves that leave the declared noise alone have nu / 2 log(r^2 / nu) in log evidence, less what they cost.
     """
@@ -160,7 +160,7 @@ def may_be_curves(best: Candidate, calibration: Calibration, screening: Screenin
 
 
 def ranking_given_curves(screening: Screening, curves: LearnedCurves | None) -> Screening:
-    """The ranking without effects of one place or pose, where learned curves have clearly more evidence than those.
+    """Ranking of candidates, without effects of one place or pose if learned curves have clearly more evidence.
 
     Such a cause follows a part of what the curves follow whole, and would send someone to open a healthy gear.
     """
@@ -170,7 +170,7 @@ def ranking_given_curves(screening: Screening, curves: LearnedCurves | None) -> 
 
 
 def left_to_curves(screening: Screening, curves: LearnedCurves | None, chosen: Candidate) -> tuple[str, ...]:
-    """Effects of one place or pose that rank above the chosen candidate but have clearly less evidence than curves."""
+    """Effects of one place or pose that learned curves clearly surpass, among those ranked above the chosen one."""
     above = [c for c in screening.candidates if c.family.sparse and c.log_evidence > chosen.log_evidence]
     if not above:
         return ()

@@ -108,7 +108,7 @@ def diagnose(
 
 
 def whole_diagnosis(space: SearchSpace, tell: Tell) -> Diagnosis:
-    """Diagnosis of a dataset, reached by following every move from the fit of the link errors to the last."""
+    """Diagnosis of a dataset, reached by following every recommended move from the fit of the link errors on."""
     repeated = noise_of_repeats(space.dataset)
     if repeated is not None:
         space = replace(space, options=replace(space.options, noise=repeated.shape))
@@ -126,7 +126,7 @@ def whole_diagnosis(space: SearchSpace, tell: Tell) -> Diagnosis:
 
 @dataclass(frozen=True)
 class Model:
-    """A model on the way from the link errors to a verdict, with the steps that led to it."""
+    """A model in the course of a diagnosis, with the fit steps that led to it."""
 
     steps: tuple[FitStep, ...]  # that led to it
     dropped: frozenset[str] = frozenset()  # effects that are not to be added, as they were dropped before
@@ -135,7 +135,7 @@ class Model:
     diagnosis: Diagnosis | None = None  # of it, where a move brought one
 
     def after(self, move: Move) -> Model:
-        """The model that a move leads to."""
+        """The model that results from a move (adding or dropping an effect, say)."""
         match move:
             case AddEffect() | DropEffect():
                 dropped = self.dropped | {move.name} if isinstance(move, DropEffect) else self.dropped
@@ -145,7 +145,7 @@ class Model:
 
 
 def next_move(space: SearchSpace, model: Model, tell: Tell = lambda line: None) -> Move | Diagnosis:
-    """The next move from a model, or the model's diagnosis where no move is left."""
+    """The next move of the diagnosis from a model, or the final diagnosis where no move remains."""
     if model.diagnosis is not None:
         return _closing_move(space, model.diagnosis, tell) or model.diagnosis
     first, last = model.steps[0], model.steps[-1]
@@ -169,19 +169,19 @@ def next_move(space: SearchSpace, model: Model, tell: Tell = lambda line: None) 
 
 
 def data_suspicions(space: SearchSpace, first: FitStep) -> Suspicions:
-    """Hypotheses on signs, order, units, rows and robot table, by a fit without selected effects."""
+    """Suspected mistakes in signs, order, units, rows or robot table, by a fit without selected effects."""
     return suspicions(first.calibration, lambda dataset: replace(space, dataset=dataset).fit((), None))
 
 
 def _diagnosis_of_problem(space: SearchSpace, first: FitStep, problem: DataProblem) -> Diagnosis:
-    """Diagnosis of wrong data: of the fit without effects, with nothing named or suspected."""
+    """Diagnosis of a dataset with a mistake in its data: the fit without effects, and no effect named."""
     return replace(diagnosis_of_model(space, [space.ranked(first)], Stop()), data_problem=problem)
 
 
 def _problem_given_effects(
     space: SearchSpace, diagnosis: Diagnosis, hypotheses: tuple[DataHypothesis, ...]
 ) -> DataProblem | None:
-    """Mistake in the data that explains the residual with fewer effects than were added; None where there is none."""
+    """Mistake in the data that explains the residual with fewer effects than the search added; else None."""
     last = next(step for step in reversed(diagnosis.steps) if step.effect != LEARNED)
     if not hypotheses or diagnosis.verdict == "adequate":
         return None
@@ -204,7 +204,7 @@ def _problem_given_effects(
 
 
 def _closing_move(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> Move | None:
-    """The move that follows from a diagnosis; None where the diagnosis is final."""
+    """Move after a search ended: reshape the noise, leave out outliers, or add curves; None if there is none."""
     if diagnosis.learned is not None:
         return None
     space = replace(space, options=diagnosis.calibration.options)
@@ -226,7 +226,7 @@ def _closing_move(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> Move 
 
 
 def _searched(space: SearchSpace, tell: Tell, rival: str = "") -> Diagnosis:
-    """Diagnosis at the end of a search, which does not add `rival`, an effect that a drift explains as well."""
+    """Diagnosis at the end of a stepwise search that must not add the effect `rival`."""
     search = search_stepwise(space, tell, rival)
     tell("judging what is left")
     diagnosis = diagnosis_of_model(space, search.steps, search.stop)
@@ -234,7 +234,7 @@ def _searched(space: SearchSpace, tell: Tell, rival: str = "") -> Diagnosis:
 
 
 def _with_noise_as_shown(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> Diagnosis | None:
-    """Diagnosis under the estimated noise shape; None where no shape is found, or that diagnosis is not accepted.
+    """Diagnosis under the noise shape estimated from the data; None if there is no shape, or it is not accepted.
 
     Repeated measurements are believed whatever else is left.
     """
@@ -260,7 +260,7 @@ def _with_noise_as_shown(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -
 
 
 def noise_is_believed(before: Diagnosis, again: Diagnosis) -> bool:
-    """Whether a search under the estimated noise shape leaves noise alone and keeps every effect claimed before.
+    """Whether a search under the estimated noise shape leaves only noise and keeps every effect claimed before.
 
     An unknown cause may look like noise of a strange shape. As a shape keeps the declared size, its size gives it away:
     so a size has to be known where something was left without the shape.
@@ -278,7 +278,7 @@ def _measured_poses(calibration: Calibration) -> int:
 
 
 def _of_all_poses(rest: Diagnosis, outliers: tuple[str, ...]) -> Diagnosis:
-    """The diagnosis of a search without the outliers, with these recorded as outlying and left out."""
+    """Diagnosis of a search without the outlying poses, with these poses recorded as outliers left out."""
     all_outliers = tuple(dict.fromkeys([*outliers, *rest.all_tests.outlier_poses]))
     return replace(
         rest,
@@ -288,7 +288,7 @@ def _of_all_poses(rest: Diagnosis, outliers: tuple[str, ...]) -> Diagnosis:
 
 
 def _curves_to_add(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> AddCurves | None:
-    """Move that adds learned curves, where no effect explains the residual; None where curves are not to be added.
+    """Move that adds learned curves, where no effect explains the residual and curves are justified; else None.
 
     They are offered only if (1) the verdict is `unexplained`, or `ambiguous` and their log evidence exceeds twice that
     of the best candidate by `MIN_LOG_BAYES_FACTOR`; (2) the only effect was not refused for a reason that leaves doubt,

@@ -1,4 +1,4 @@
-"""Effects selected one by one: the members that carry each, with prior sigmas estimated from the evidence.
+"""Effects selected for a model one by one: the joints that carry each, and prior sigmas set by the evidence.
 
 `calibrate(effects=...)` takes whole families with their usual scales. The diagnosis and the page select less: the
 members that carry an effect in these data, each parameter with a prior sigma chosen by the evidence.
@@ -30,7 +30,7 @@ GEOMETRY = "link errors"
 
 @dataclass(frozen=True)
 class SelectedEffect(Brief):
-    """An effect in the model: the members that carry it, and the prior sigmas of their parameters."""
+    """An effect in the model: its active members (such as joints), and the prior sigmas of their parameters."""
 
     name: str
     members: tuple[Effect, ...]
@@ -38,13 +38,13 @@ class SelectedEffect(Brief):
 
     @classmethod
     def of(cls, candidate: Candidate) -> SelectedEffect:
-        """Selected effect made of a candidate of the screening."""
+        """Selected effect made from a candidate of a screening."""
         return cls(candidate.name, candidate.members, candidate.prior_sigmas)
 
 
 @dataclass(frozen=True)
 class FitStep(Brief):
-    """One fit on the way from the link errors to a model with the effects that are missing from it."""
+    """One fit in the course of a search, from the link errors alone to the model with all added effects."""
 
     label: str  # the change of the model: "link errors", "+ backlash", "− backlash"
     selected: tuple[SelectedEffect, ...]  # in the model, beyond the link errors and whole families
@@ -58,17 +58,17 @@ class FitStep(Brief):
 
     @cached_property
     def curves(self) -> LearnedCurves | None:
-        """Curves of the joints that explain the residual of the fit, learned when first asked for."""
+        """Error curves of joints that explain the fit's residual, learned on first access; None if there are none."""
         return curves_given(self.calibration)
 
 
 def first_step(calibration: Calibration) -> FitStep:
-    """The fit that a search begins with: link errors, and the families that were taken as present."""
+    """First fit step of a search: link errors, and the effects that a user declared present."""
     return FitStep(" + ".join([GEOMETRY, *calibration.model.family_names]), (), calibration)
 
 
 def candidate_of(screening: Screening | None, name: str) -> Candidate:
-    """Candidate of a screening by its name. Raises CalibError where there is none, or it has no detectable member."""
+    """Candidate effect of a screening, by name. Raises CalibError where it is missing or no part is detectable."""
     ranked = {} if screening is None else {c.name: c for c in screening.candidates}
     if name not in ranked:
         raise CalibError(f"effect {name} is not among the candidates: {', '.join(ranked) or 'none is ranked yet'}")
@@ -78,7 +78,7 @@ def candidate_of(screening: Screening | None, name: str) -> Candidate:
 
 
 def learned_curves(calibration: Calibration) -> LearnedCurves | None:
-    """Curves of the joints, learned from the residual of a fit; None where they explain no more than noise would.
+    """Error curves of joints, learned from the residual of a fit; None where they explain no more than noise would.
 
     Raises FitError where no degree of freedom is left.
     """
@@ -86,7 +86,7 @@ def learned_curves(calibration: Calibration) -> LearnedCurves | None:
 
 
 def curves_given(calibration: Calibration) -> LearnedCurves | None:
-    """Curves of the joints that explain the residual of a fit.
+    """Error curves of joints that explain the residual of a fit; None where learning them makes no sense.
 
     None where they explain no more than noise would, where the fit has curves already, where points and poses do not
     belong together, and where no degree of freedom is left.
@@ -100,13 +100,13 @@ def curves_given(calibration: Calibration) -> LearnedCurves | None:
 
 
 def selected_curves(curves: LearnedCurves) -> SelectedEffect:
-    """Learned curves as a selected effect of a model."""
+    """Learned curves in the form of a selected effect of a model."""
     sigmas = {full_name(member, p): p.scale for member in curves.members for p in member.parameters}
     return SelectedEffect(LEARNED, curves.members, sigmas)
 
 
 def curves_to_add(calibration: Calibration) -> LearnedCurves:
-    """Curves of the joints, learned from the residual of a fit. Raises CalibError where there are none to learn."""
+    """Error curves of joints, learned from a fit's residual. Raises CalibError where there are none to learn."""
     if not calibration.options.prior:
         raise CalibError(f"effect {LEARNED}: its curves are nothing without their prior; leave out --no-prior")
     curves = learned_curves(calibration)
@@ -126,7 +126,7 @@ def calibrate_with(
     effects: Sequence[Effect] = (),
     start: Calibration | None = None,
 ) -> Calibration:
-    """Calibration with selected effects in the model, after any whole `effects`; the rest as in `calibrate`."""
+    """Calibration with the selected effects in the model, after any whole families given as `effects`."""
     prior_sigmas: dict[str, float] = {}
     for effect in selected:
         prior_sigmas |= effect.prior_sigmas
@@ -137,7 +137,7 @@ def calibrate_with(
 def recalled(
     dataset: Dataset, name: str, prior_sigmas: Mapping[str, float], user_effects: Sequence[Family] = ()
 ) -> SelectedEffect:
-    """An effect selected earlier, restored from its name and the prior sigmas of its members' parameters.
+    """Selected effect of an earlier session, restored from its name and its parameters' prior sigmas.
 
     Learned curves have no members yet: they are learned again from the fit before them (`relearned`).
 
@@ -161,7 +161,7 @@ def recalled(
 
 
 def relearned(selected: Sequence[SelectedEffect], steps: Sequence[FitStep]) -> tuple[SelectedEffect, ...]:
-    """Selected effects with learned curves filled in, from an earlier step that has them or learned from the last one.
+    """Selected effects with the learned curves filled in, from an earlier step or learned anew from the last fit.
 
     Raises CalibError where the curves explain no more than noise would now.
     """

@@ -16,7 +16,7 @@ NOISE_AGREES = 1.5  # times the noise: up to this an error is what noise leaves,
 
 @dataclass(frozen=True)
 class ErrorStage:
-    """One of the models from the arm as delivered to the last, with its error."""
+    """A stage of the headline: a model, from the arm as delivered to the last fit, with its error."""
 
     name: str  # "as delivered", "with calibrated links", "with joint_compliance"
     error_mm: float  # 3D RMSE
@@ -26,7 +26,7 @@ class ErrorStage:
 
 @dataclass(frozen=True)
 class Headline:
-    """Errors of the models from the arm as delivered to the last one, and the error that noise alone causes."""
+    """Errors of an arm from stage to stage (as delivered, calibrated links, effects), and the error by noise alone."""
 
     stages: tuple[ErrorStage, ...]  # the arm as delivered first
     noise: NoiseLevel
@@ -40,26 +40,26 @@ class Headline:
 
     @property
     def noise_ratio(self) -> float | None:
-        """The last error over the noise; None where that is not known."""
+        """Ratio of the last stage's error to the error by noise alone; None where the noise is not known."""
         return self.stages[-1].error_mm / self.noise_mm if self.noise_mm else None
 
     @property
     def reached_noise(self) -> bool:
-        """Whether the last error is no larger than noise; False where only the fit's residual tells the noise."""
+        """Whether the last stage's error is no larger than independently known noise explains."""
         ratio = self.noise_ratio
         return ratio is not None and self.noise.source != FIT and ratio <= NOISE_AGREES
 
 
 @dataclass(frozen=True)
 class HeldOutError:
-    """Error of the test poses, where it exceeds that of noise alone."""
+    """Error of the test poses, with its ratio to the error by noise alone."""
 
     rmse_mm: float  # 3D
     noise_ratio: float  # of `rmse_mm` to what noise alone leaves
 
 
 def headline_of(calibrations: Sequence[Calibration]) -> Headline:
-    """The headline of fits that led to the last one; those of effects which are no longer in the model are left out.
+    """Headline of a sequence of fits, without fits whose effects are no longer in the last model.
 
     Args:
         calibrations: of one dataset, at least one, in the order that they were made.
@@ -78,7 +78,7 @@ def headline_of(calibrations: Sequence[Calibration]) -> Headline:
 
 
 def _on_the_way(effects: Sequence[tuple[str, ...]]) -> list[int]:
-    """Indices of the models whose effects grow by additions alone up to the last model's; of equal ones the later."""
+    """Indices of the fits whose effects grow by additions alone up to the last; of equal models the later one."""
     way: list[int] = []
     for step in range(len(effects) - 1, -1, -1):
         if not way or set(effects[step]) < set(effects[way[-1]]):
@@ -92,14 +92,14 @@ def _name(new: Sequence[str], *, with_links: bool) -> str:
 
 
 def _error_mm(calibration: Calibration, of_test_poses: bool, *, before: bool = False) -> float:
-    """3D RMSE of the test poses, or of the training poses; nan where there are none."""
+    """3D RMSE, mm, of a calibration's test poses, or of its training poses; nan where there are none."""
     evaluation = calibration.before if before else calibration.after
     figures = evaluation.test if of_test_poses else evaluation.train
     return figures.rmse_mm if figures is not None else math.nan
 
 
 def held_out_beyond_noise(calibration: Calibration, noise_mm: float) -> HeldOutError | None:
-    """Error of the test poses where it exceeds that by noise of `noise_mm` per coordinate; else None."""
+    """Error of the test poses where it exceeds the error by noise of `noise_mm` per coordinate; else None."""
     test = calibration.after.test
     if test is None or not noise_mm > 0.0 or test.rmse_mm <= NOISE_AGREES * math.sqrt(3.0) * noise_mm:
         return None

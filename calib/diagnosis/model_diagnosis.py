@@ -25,7 +25,7 @@ from calib.screening.residual_tests import ResidualTests, run_residual_tests
 def diagnosis_of_model(
     space: SearchSpace, steps: Sequence[FitStep], stop: Stop, tests: ResidualTests | None = None
 ) -> Diagnosis:
-    """Diagnosis of the model of the last step, to which no effect is to be added.
+    """Diagnosis of the last step's model, to which the search adds no further effect.
 
     Args:
         space: settings of all fits.
@@ -63,7 +63,7 @@ def _residual_tests(calibration: Calibration) -> ResidualTests:
 
 
 def _unproven(diagnosis: Diagnosis) -> str:
-    """The first effect with no more evidence than a correlated drift of the instrument has; "" for none."""
+    """Name of the first added effect that an instrument drift explains as well; "" where there is none."""
     noise = diagnosis.calibration.options.noise
     if noise is not None and noise.wander is not None:
         return ""  # the drift is part of the noise already
@@ -72,7 +72,7 @@ def _unproven(diagnosis: Diagnosis) -> str:
 
 
 def _noise_taken(calibration: Calibration) -> ShownNoise | None:
-    """Noise shape that a fit used; None where it used the declared noise."""
+    """Noise shape that a fit used in place of the declared noise; None where it used the declared noise."""
     shape = calibration.options.noise
     if shape is None:
         return None
@@ -80,7 +80,7 @@ def _noise_taken(calibration: Calibration) -> ShownNoise | None:
 
 
 def _tests_with_contender(space: SearchSpace, last: FitStep, stop: Stop) -> ResidualTests | None:
-    """Residual tests with the best contender in the model; None without one, or where nothing was added before."""
+    """Residual tests of a fit with the best contender added; None without contenders or earlier effects."""
     if not stop.contenders or not last.selected:
         return None
     return _residual_tests(space.fit((*last.selected, SelectedEffect.of(stop.contenders[0])), last.calibration))
@@ -90,7 +90,7 @@ def _tests_with_contender(space: SearchSpace, last: FitStep, stop: Stop) -> Resi
 
 
 def confounded_sets(space: SearchSpace, steps: Sequence[FitStep]) -> tuple[ConfoundedSet, ...]:
-    """Sets of effects that the data cannot distinguish, each with one effect that is in the last step's model.
+    """Sets of effects that the data cannot distinguish, each with one effect that is in the last model.
 
     Equivalent effects explain the same at these poses, so that only the prior would decide between them. Effects that
     the data lack the means to test (effects of load without masses) may be the cause as well. One of the set stands in
@@ -116,7 +116,7 @@ def confounded_sets(space: SearchSpace, steps: Sequence[FitStep]) -> tuple[Confo
 
 
 def _equivalent_in_model(space: SearchSpace, last: FitStep, name: str, equivalent: tuple[str, ...]) -> tuple[str, ...]:
-    """Effects equivalent to an effect of the model, given all other effects of the model.
+    """Names of effects equivalent to one effect of the model, given the model's other effects.
 
     Those found when it was added may have stood in for effects that were added later.
     """
@@ -132,7 +132,7 @@ def _equivalent_in_model(space: SearchSpace, last: FitStep, name: str, equivalen
 
 
 def with_learned(diagnosis: Diagnosis, step: FitStep, members: Sequence[SmoothJointError]) -> Diagnosis:
-    """A diagnosis with a further step that added learned curves."""
+    """A diagnosis extended by a step that adds learned curves."""
     before, after = diagnosis.calibration, step.calibration
     assert before.after.train is not None
     assert after.after.train is not None
@@ -151,7 +151,7 @@ def with_learned(diagnosis: Diagnosis, step: FitStep, members: Sequence[SmoothJo
 
 
 def _with_curves_inside(space: SearchSpace, steps: Sequence[FitStep]) -> Diagnosis:
-    """Diagnosis of a model with curves: that of the model without curves, extended by the step that adds them."""
+    """Diagnosis of a model that has learned curves: of the model without them, plus the step that adds them."""
     last = steps[-1]
     names = tuple(effect for effect in last.selected if effect.name != LEARNED)
     curves = next(effect for effect in last.selected if effect.name == LEARNED)
@@ -169,6 +169,6 @@ def _with_curves_inside(space: SearchSpace, steps: Sequence[FitStep]) -> Diagnos
 
 
 def _same(step: FitStep, selected: Sequence[object], last: FitStep) -> bool:
-    """Whether a step has these effects, fitted to the same poses as the last step."""
+    """Whether a step has exactly the given effects and is fitted to the same poses as the last step."""
     without = step.calibration.dataset.left_out == last.calibration.dataset.left_out
     return step.selected == tuple(selected) and step.left_out == last.left_out and without

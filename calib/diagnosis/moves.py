@@ -44,7 +44,7 @@ Tell = Callable[[str], None]  # called with a line of text before each stage
 
 @dataclass(frozen=True)
 class AddEffect:
-    """Move that adds the effect with clearly most evidence, with the new fit; earlier effects are reselected."""
+    """Move that adds the effect with clearly most evidence; in its fit, earlier effects may change members."""
 
     candidate: Candidate
     log_bayes_factor: float | None  # over the next candidate
@@ -60,7 +60,7 @@ class AddEffect:
 
 @dataclass(frozen=True)
 class DropEffect:
-    """Move that drops an effect which the other effects explain as well, with the fit without it."""
+    """Move that drops an effect which is explained by the other effects, with the fit without that effect."""
 
     name: str
     selected: tuple[SelectedEffect, ...]
@@ -69,7 +69,7 @@ class DropEffect:
 
 @dataclass(frozen=True)
 class LeaveOutPoses:
-    """Move that leaves out outlying poses, without which the search ends with a clean verdict."""
+    """Move that leaves out outlying poses, with the clean diagnosis of the rest."""
 
     diagnosis: Diagnosis
     poses: tuple[str, ...]  # ids
@@ -77,14 +77,14 @@ class LeaveOutPoses:
 
 @dataclass(frozen=True)
 class ShapeNoise:
-    """Move that weights the points by another noise shape than declared, which leads to a clean verdict."""
+    """Move that replaces the declared noise shape by an estimated one, with the clean diagnosis that results."""
 
     diagnosis: Diagnosis
 
 
 @dataclass(frozen=True)
 class AddCurves:
-    """Move that adds learned curves of the joints, which predict left-out poses better than the model without them."""
+    """Move that adds learned curves of joints, with the diagnosis that results."""
 
     diagnosis: Diagnosis  # with the fit that has them as its last step
     curves: LearnedCurves
@@ -95,7 +95,7 @@ Move = AddEffect | DropEffect | LeaveOutPoses | ShapeNoise | AddCurves
 
 @dataclass(frozen=True)
 class Stop:
-    """End of a search: the reason why no effect is added; none is to be dropped either."""
+    """End of a search: no effect is to be added or dropped, with the reason."""
 
     implausible: str = ""  # why points and poses do not belong together, as a clause: no effect is their cause
     contenders: tuple[Candidate, ...] = ()  # effects of which none leads the others
@@ -106,7 +106,7 @@ class Stop:
 def next_effect(
     space: SearchSpace, step: FitStep, dropped: Collection[str] = (), tell: Tell = lambda line: None
 ) -> AddEffect | DropEffect | Stop:
-    """Move that adds or drops an effect of a model, or the Stop with the reason why there is none.
+    """Move that adds an effect to a model or drops one, or a Stop with the reason why there is no such move.
 
     Args:
         space: settings of all fits.
@@ -128,7 +128,7 @@ def next_effect(
 
 
 def step_of(step: FitStep, move: AddEffect | DropEffect) -> FitStep:
-    """The step that adds or drops an effect after another step."""
+    """Fit step that results from adding or dropping an effect."""
     if isinstance(move, AddEffect):
         after = step_after(step, move.name, move.selected, move.calibration, move.candidate, move.log_bayes_factor)
         return replace(after, runner_up=move.runner_up)
@@ -141,7 +141,7 @@ def step_of(step: FitStep, move: AddEffect | DropEffect) -> FitStep:
 def _addition(
     space: SearchSpace, step: FitStep, dropped: Collection[str], tell: Tell, *, may_refuse: int = MAX_REFUSED
 ) -> AddEffect | Stop:
-    """Move that adds an effect, with its fit, or the Stop with the reason why none is added.
+    """Move that adds the best effect, with its fit, or a Stop with the reason why no effect is added.
 
     Where the best is refused, one that explains less may be the cause that it stood in for: `may_refuse` are tried.
     """
@@ -179,7 +179,7 @@ def _addition(
 
 
 def _without(screening: Screening, names: Collection[str]) -> Screening:
-    """A screening without some candidates."""
+    """Screening without some named candidates."""
     kept = tuple(c for c in screening.candidates if c.name not in names)
     return screening if len(kept) == len(screening.candidates) else replace(screening, candidates=kept)
 
@@ -187,7 +187,7 @@ def _without(screening: Screening, names: Collection[str]) -> Screening:
 def _look_ahead(
     space: SearchSpace, step: FitStep, contenders: Sequence[Candidate]
 ) -> tuple[Candidate, Candidate, float] | None:
-    """The contender that leads clearly once its best successor is added too, the second best, and the log Bayes factor.
+    """Contender with clearly most evidence once a second effect is added to each, its rival, and the log Bayes factor.
 
     Two hidden causes may be confounded until both are in the model. The evidence of each contender with its best
     successor is compared; None where none leads, or where nothing convincing comes after any.
@@ -207,7 +207,7 @@ def _look_ahead(
 
 
 def _superfluous(space: SearchSpace, step: FitStep, tell: Tell) -> DropEffect | None:
-    """The effect with the least evidence given all others, where that evidence is too small; else None."""
+    """Move that drops the effect with the least evidence given all others, where that is too small; else None."""
     if len(step.selected) < 2:
         return None
     evidence, fits = [], []
@@ -230,14 +230,14 @@ def _superfluous(space: SearchSpace, step: FitStep, tell: Tell) -> DropEffect | 
 
 @dataclass(frozen=True)
 class Search:
-    """The steps that built a model, each with its screening, and the reason for the stop."""
+    """Result of a stepwise search: the fit steps with their screenings, and the reason for the stop."""
 
     steps: tuple[FitStep, ...]
     stop: Stop
 
 
 def search_stepwise(space: SearchSpace, tell: Tell, refused: str = "") -> Search:
-    """Search from the link errors on: add effects while one is convincing, drop superfluous ones, until a Stop.
+    """Stepwise search from the link errors on: convincing effects are added, superfluous ones dropped.
 
     refused: an effect that is not to be added; "" for none.
     """
@@ -252,7 +252,7 @@ def search_stepwise(space: SearchSpace, tell: Tell, refused: str = "") -> Search
 
 
 def straight_steps(space: SearchSpace, steps: Sequence[FitStep]) -> tuple[FitStep, ...]:
-    """Steps that add the last model's effects one by one, with screenings; refitted where an effect was dropped."""
+    """Fit steps that add the last model's effects one by one, refitted where the search had dropped an effect."""
     last = steps[-1]
     if _is_straight(steps) and all(step.left_out == last.left_out for step in steps):
         return tuple(map(space.ranked, steps))
@@ -276,7 +276,7 @@ def straight_steps(space: SearchSpace, steps: Sequence[FitStep]) -> tuple[FitSte
 
 
 def _is_straight(steps: Sequence[FitStep]) -> bool:
-    """Whether each step adds one effect to those of the step before, from none on."""
+    """Whether the first step has no effect, and each later step adds exactly one effect to the step before."""
 
     def names(selected: Sequence[SelectedEffect]) -> list[str]:
         return [effect.name for effect in selected]

@@ -17,7 +17,7 @@ from calib.presented import Presented
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Presented, Findings, FittedResult):
-    """The findings on a dataset and the verdict.
+    """Result of a diagnosis: the findings on a dataset, and the verdict.
 
     Poses that would tell confounded effects apart are chosen on demand: `calib.planning.discrimination.next_poses`.
     """
@@ -29,7 +29,7 @@ class Diagnosis(Presented, Findings, FittedResult):
 
     @property
     def verdict(self) -> str:
-        """One of `calib.diagnosis.verdict.VERDICTS`."""
+        """Verdict on the dataset, one of `calib.diagnosis.verdict.VERDICTS`."""
         return self.conclusion.verdict
 
     @property
@@ -44,7 +44,7 @@ class Diagnosis(Presented, Findings, FittedResult):
 
     @property
     def ambiguous_set(self) -> tuple[str, ...]:
-        """Effects that these data cannot tell apart, those with one in the model first."""
+        """Effects between which these data cannot decide, those with one in the model first."""
         return self.conclusion.ambiguous_set
 
     @property
@@ -54,7 +54,7 @@ class Diagnosis(Presented, Findings, FittedResult):
 
     @property
     def is_clean(self) -> bool:
-        """Whether only noise is left, outliers apart, and each confounded set has an effect in the model."""
+        """Whether the residual is only noise and outliers, and each confounded set has an effect in the model."""
         if self.verdict == "ambiguous":
             return bool(self.confounded_sets) and not self.suspected and not self.undecided
         return self.verdict in ("adequate", "named", "outliers")

@@ -1,4 +1,4 @@
-"""Settings that all fits of a search share, and the steps that add an effect to a model."""
+"""Settings that all fits of a search share (data, options, candidate effects), and steps that add an effect."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MAX_EFFECTS = 3  # that a search adds unless asked otherwise
 
 @dataclass(frozen=True)
 class SearchSpace:
-    """Settings that all fits and screenings of a search share."""
+    """Settings that all fits and screenings of a search share: dataset, options and candidate effects."""
 
     dataset: Dataset
     options: FitOptions  # asked of every fit
@@ -49,44 +49,44 @@ class SearchSpace:
         user_effects: Sequence[Family] = (),
         max_effects: int = MAX_EFFECTS,
     ) -> SearchSpace:
-        """Settings with the user's families and all families of the catalogue that the fitted poses can test."""
+        """Settings for a search over the user's effects and all effects of the catalogue."""
         fitted = with_repeats_averaged(dataset, options.residual)
         return cls(dataset, options, tuple(given), (*effects_for(fitted), *user_effects), max_effects)
 
     def without(self, pose_ids: Sequence[str]) -> SearchSpace:
-        """These settings without some poses."""
+        """Search settings with some poses left out."""
         return replace(self, dataset=without_poses(self.dataset, tuple(pose_ids))) if pose_ids else self
 
     def with_noise(self, shape: NoiseShape, start: Calibration) -> SearchSpace:
-        """These settings with noise of a given shape, whose first fits start at an earlier fit."""
+        """Search settings with another noise shape, in which first fits start from an earlier fit."""
         return replace(self, options=replace(self.options, noise=shape), start=start)
 
     def fit(self, selected: Sequence[SelectedEffect], start: Calibration | None) -> Calibration:
-        """Fit of the given and the selected effects together, starting at an earlier fit."""
+        """Calibration with the effects present from the start and the selected ones, starting at an earlier fit."""
         return calibrate_with(self.dataset, selected, self.options, effects=self.given, start=start or self.start)
 
     def screen(self, calibration: Calibration) -> Screening:
-        """Screening of every family that is not in a fit's model, against the residual of that fit."""
+        """Screening of every effect that is not in a fit's model, against the residual of that fit."""
         return screen(calibration, self.families)
 
     def ranked(self, step: FitStep) -> FitStep:
-        """The step with its screening added."""
+        """A fit step completed by its screening of candidate effects."""
         return step if step.screening is not None else replace(step, screening=self.screen(step.calibration))
 
     def family(self, name: str) -> Family | None:
-        """A family of the search by its name; None for curves, and for one that is not searched for."""
+        """Effect family that the search may add, by name; None for learned curves and unknown names."""
         return next((family for family in self.families if family.name == name), None)
 
 
 def first_fit(space: SearchSpace) -> FitStep:
-    """Step that a search begins with: the fit without selected effects."""
+    """First fit step of a search: without selected effects."""
     return first_step(space.fit((), None))
 
 
 def with_candidate(
     space: SearchSpace, step: FitStep, candidate: Candidate, trial: Calibration | None = None
 ) -> tuple[tuple[SelectedEffect, ...], Calibration]:
-    """Selected effects with one more, and their fit; members of the earlier effects are selected anew.
+    """Selected effects with one more effect, and their fit; the earlier effects' members are selected anew.
 
     An effect that was selected while another cause was not yet in the model had to stand in for that one, or did not
     show in all its members.
@@ -114,7 +114,7 @@ def with_candidate(
 
 
 def with_curves(space: SearchSpace, step: FitStep) -> FitStep:
-    """Step that adds curves of the joints, learned from the residual. Raises CalibError where there are none."""
+    """Fit step that adds learned curves of joints. Raises CalibError where there are none to learn."""
     curves = curves_to_add(step.calibration)
     selected = (*step.selected, selected_curves(curves))
     return step_after(
@@ -130,7 +130,7 @@ def step_after(
     candidate: Candidate | None = None,
     log_bayes_factor: float | None = None,
 ) -> FitStep:
-    """Step that adds an effect to the model of another step."""
+    """Fit step that adds an effect to the model of an earlier step."""
     return FitStep(f"+ {name}", selected, calibration, name, candidate, log_bayes_factor, step.left_out)
 
 
@@ -142,7 +142,7 @@ def add_in_turn(
     effects: Sequence[Effect] = (),
     user_effects: Sequence[Family] = (),
 ) -> tuple[FitStep, ...]:
-    """Steps that add effects one by one: each screened after the last fit, added, and all fitted together.
+    """Fit steps that add named effects one by one, each screened against the residual of the fit before.
 
     Args:
         dataset: with measured points.

@@ -25,7 +25,7 @@ Standing = Literal["claimed", "suspected", "open", "refused"]
 
 @dataclass(frozen=True)
 class LearnedModel:
-    """Learned curves of the joints, where no named effect explains the residual, with the fits before and after."""
+    """Learned curves of joints, used where no named effect explains the residual, with fits before and after."""
 
     members: tuple[SmoothJointError, ...]
     formula: str | None  # the curves with their values, where short formulas explain as much
@@ -41,16 +41,16 @@ class LearnedModel:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Inputs that the curves run over."""
+        """Names of the inputs that the learned curves depend on."""
         return inputs_of(self.members)
 
     def outweighs(self, fault: JointFault) -> bool:
-        """Whether the curves have clearly more evidence than a fault of one joint."""
+        """Whether the curves have clearly more evidence than an error motion of a single joint."""
         return self.log_evidence is not None and curves_outweigh(self.members, self.log_evidence, fault)
 
 
 def curves_outweigh(members: tuple[SmoothJointError, ...], log_evidence: float, fault: JointFault) -> bool:
-    """Whether curves have clearly more evidence than a fault of one joint, and not only by that joint's own curve."""
+    """Whether curves have clearly more evidence than one joint's error motion, and include another joint's curve."""
     others = any(member.joint != fault.joint for member in members)
     return others and log_evidence > fault.log_evidence + MIN_LOG_BAYES_FACTOR
 
@@ -72,7 +72,7 @@ class ConfoundedSet:
 
 @dataclass(frozen=True)
 class Refusal:
-    """Reason for which an effect with evidence at the training poses was not added."""
+    """Reason why an effect with evidence at the training poses was not added."""
 
     effect: str
     why: str  # "nature", "test poses" or "no gain"
@@ -80,7 +80,7 @@ class Refusal:
 
     @property
     def leaves_doubt(self) -> bool:
-        """Whether a refused effect points to an unknown cause; False where it only fitted noise (no gain elsewhere)."""
+        """Whether a refused effect points to an unknown cause, and did not merely fit noise."""
         return self.why != "no gain"
 
 
@@ -104,17 +104,17 @@ class Findings:
 
     @property
     def calibration(self) -> Calibration:
-        """The last fit, with all effects that were added."""
+        """Last fit of the search, with all effects that were added."""
         return self.steps[-1].calibration
 
     @property
     def named(self) -> tuple[str, ...]:
-        """The effects that the search added, claimed, suspected or open; learned curves are none."""
+        """Names of all effects that the search added, whether claimed, suspected or open; without learned curves."""
         return tuple(effect.name for effect in self.steps[-1].selected if effect.name != LEARNED)
 
     @cached_property
     def residual_tests(self) -> ResidualTests:
-        """Tests of the residual, with a fault of one joint only where it may be reported.
+        """Tests of the residual, with an error motion of one joint only where that may be reported.
 
         Not where contenders are left, since the residual holds their cause, nor where the data are wrong, nor where
         learned curves of other joints explain more.
@@ -141,18 +141,18 @@ class Findings:
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:
-        """The ranking of candidates on which the first decision was based."""
+        """Candidate effects as ranked before the first decision."""
         return self.screenings[0].candidates
 
     @property
     def untestable(self) -> tuple[Untestable, ...]:
-        """Families that these data cannot test."""
+        """Effects that these data cannot test, with the reasons."""
         return self.screenings[0].untestable
 
 
 @dataclass(frozen=True)
 class Conclusion:
-    """The verdict, the standing of each effect, and the reason for the verdict."""
+    """The verdict, the standing of each effect (claimed, suspected, open, refused), and the reason."""
 
     verdict: str  # of VERDICTS
     missing: tuple[str, ...] = ()  # effects that are claimed, in the order added
@@ -163,7 +163,7 @@ class Conclusion:
     reason: str = ""  # what keeps an unexplained dataset so: see `_reason`
 
     def standing(self, effect: str) -> Standing | None:
-        """Standing of an effect; None for one that is not suspected."""
+        """Standing of an effect: claimed, suspected, open or refused; None for an effect that was never considered."""
         if effect in self.missing:
             return "claimed"
         if effect in self.suspected:
@@ -228,7 +228,7 @@ def _verdict(findings: Findings, ambiguous_set: tuple[str, ...]) -> str:
 
 
 def _is_noise(tests: ResidualTests) -> bool:
-    """Whether a residual counts as noise: no pattern, no fault of a joint, no excess over independently known noise."""
+    """Whether a residual counts as noise: no pattern, no error motion of a joint, no excess over known noise."""
     too_large = tests.noise_from != "fit" and tests.residual_mm > MAX_SIGMAS_LEFT * tests.noise_mm
     return not (tests.fault or tests.structured or too_large)
 

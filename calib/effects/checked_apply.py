@@ -20,7 +20,7 @@ def is_user_defined(effect: object) -> bool:
 
 
 def checked_apply(effect: Any, state: RobotState, values: Mapping[str, float]) -> RobotState:
-    """Result of `effect.apply(state, **values)`, checked.
+    """Robot state after a user's effect (`effect.apply(state, **values)`), checked.
 
     Raises:
         CalibError: `apply` raises, returns no state or one of the wrong shape, gives values that are not finite, or
@@ -109,7 +109,7 @@ def _arrays_of(state: RobotState) -> tuple[np.ndarray, ...]:
 
 
 def _at(effect: Any, error: BaseException) -> str:
-    """Place of an error in the file that defines the effect, as " in line 12"; "" where it has none there."""
+    """Line of the user's file in which an error arose, as " in line 12"; "" where the error arose elsewhere."""
     code = getattr(effect.apply, "__code__", None)
     frames = traceback.extract_tb(error.__traceback__)
     lines = [f.lineno for f in frames if code is not None and f.filename == code.co_filename]

@@ -43,7 +43,7 @@ from calib.kinematics.robot import Robot
 
 @dataclass(frozen=True)
 class Parameter:
-    """One unknown number; `scale` is its usual size, in `unit`: the prior's sigma and the solver's unit."""
+    """One unknown of an effect; `scale` is its usual size, in `unit`: the prior's sigma and the solver's unit."""
 
     name: str  # a Python identifier, the keyword by which `apply` gets the value
     unit: str  # "mm", "rad", "rad/Nm" ...; tables and pages show radians as degrees
@@ -55,7 +55,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class NaturalBound:
-    """The largest size that parameters in one unit are known to have, with its source as a clause.
+    """Largest size that an effect's parameters of one unit have on real arms, with the source as a clause.
 
     A fitted value beyond it is hardly what its name says. The usual size, `Parameter.scale`, is far below. Bounds are
     generous, from makers' tables and the strength of materials.
@@ -73,12 +73,12 @@ class Effect(Protocol):
 
     @property
     def parameters(self) -> Sequence[Parameter]:
-        """The unknowns; names are Python identifiers."""
+        """Unknowns of the effect, whose names are Python identifiers."""
         ...
 
     @property
     def apply(self) -> Callable[..., RobotState]:
-        """State with the effect applied: `apply(state, **values)`."""
+        """Function `apply(state, **values)` that gives the robot state with the effect applied."""
         ...
 
 
@@ -86,12 +86,12 @@ class RobotCorrection(Effect, Protocol):
     """An effect whose values are errors of quantities in robot.toml."""
 
     def corrected(self, robot: Robot, values: Array) -> Robot:
-        """The robot with the given errors, in the order of the parameters, added."""
+        """Robot with given errors added to its quantities, in the order of the effect's parameters."""
         ...
 
 
 class JointMotion(Effect, Protocol):
-    """A linear effect on one joint that gives the derivatives by all its many parameters at once."""
+    """A linear effect on one joint whose derivatives by all parameters are computed at once."""
 
     @property
     def joint(self) -> int:
@@ -99,13 +99,13 @@ class JointMotion(Effect, Protocol):
         ...
 
     def joint_motions(self, state: RobotState) -> Array:
-        """Increment of the joint by one unit of each parameter: (N, K) rad, mm for a prismatic joint."""
+        """Change of the joint's position by one unit of each parameter: (N, K) rad, mm for a prismatic joint."""
         ...
 
 
 @dataclass(frozen=True)
 class Family(Brief):
-    """A named cause of errors, with one member for each joint (and harmonic) that may show it."""
+    """An effect as a set of members, one for each joint (and harmonic, or place) that may show it."""
 
     name: str
     members: tuple[Effect, ...]
@@ -119,12 +119,12 @@ class Family(Brief):
 
     @property
     def description(self) -> Description:
-        """The texts on the class of the members; the name alone for a family without members."""
+        """Description of the effect; its name alone for a family without members."""
         return describe(self.members[0]) if self.members else Description(self.name)
 
     @property
     def never_testable(self) -> bool:
-        """Whether no dataset of this format can test the family, so that `why_not` says nothing about the data."""
+        """Whether no dataset of this format can test the effect, so that `why_not` says nothing about the data."""
         return self.covered or any(getattr(member, "testable", True) is False for member in self.members)
 
     def _brief(self) -> str:
@@ -132,7 +132,7 @@ class Family(Brief):
 
 
 class CatalogueEffect(ABC):
-    """Base class of the catalogue's effects, whose class attributes hold all texts and bounds of an effect.
+    """Base class of the catalogue's effects; class attributes hold an effect's texts and bounds.
 
     A subclass with a `name` in a module of `calib.effects.catalogue` is registered as a family of the catalogue when it
     is defined; a subclass of that without a name of its own as a further kind of the family's members, such as those of
@@ -177,7 +177,7 @@ class CatalogueEffect(ABC):
     @classmethod
     @abstractmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Family for a robot and its poses' conditions; if data are missing, marked as not testable with the reason."""
+        """Family of this effect for a dataset's robot and conditions; marked as untestable if data are missing."""
 
 
 _CATALOGUE = "calib.effects.catalogue."
@@ -186,7 +186,7 @@ _MEMBER_KINDS: list[type[CatalogueEffect]] = []  # these and their further kinds
 
 
 def registered_effects() -> tuple[type[CatalogueEffect], ...]:
-    """Classes of the catalogue defined so far, in the catalogue's order.
+    """Effect classes of the catalogue defined so far, in the catalogue's order.
 
     `calib.effects.catalogue.CATALOGUE` is all of them.
     """
@@ -194,13 +194,13 @@ def registered_effects() -> tuple[type[CatalogueEffect], ...]:
 
 
 def registered_member_kinds() -> tuple[type[CatalogueEffect], ...]:
-    """Classes of all members of the catalogue's families defined so far; several may belong to one family."""
+    """All effect classes defined so far, further kinds of members included (such as for unknown masses)."""
     return tuple(_MEMBER_KINDS)
 
 
 @dataclass(frozen=True)
 class Description:
-    """The texts on an effect's class, "" where it has none, and the conditions of poses that it asks for."""
+    """Texts that describe an effect ("" where missing), and the conditions of poses that the effect needs."""
 
     name: str
     title: str = ""
@@ -214,7 +214,7 @@ class Description:
 
 
 def family_name(effect: Effect) -> str:
-    """The family's name on the command line: the effect's own, else its class's in lower case with underscores."""
+    """Name of an effect's family: its attribute `name`, else its class's name in lower case with underscores."""
     name = getattr(effect, "name", None)
     return str(name) if name else re.sub(r"(?<!^)(?=[A-Z])", "_", type(effect).__name__).lower()
 
@@ -232,7 +232,7 @@ def full_name(effect: Effect, parameter: Parameter) -> str:
 
 
 def describe(effect: Effect | type[CatalogueEffect]) -> Description:
-    """Description on an effect's class; an attribute of another type, as in a user's effect, counts as missing."""
+    """Description of an effect, from attributes of its class; an attribute of a wrong type counts as missing."""
     name = effect.name if isinstance(effect, type) else family_name(effect)
     values = {text: getattr(effect, text, "") for text in ("title", "noun", "equation", "needs", "confirm")}
     texts = {text: value for text, value in values.items() if isinstance(value, str)}
@@ -247,7 +247,7 @@ def describe(effect: Effect | type[CatalogueEffect]) -> Description:
 
 
 def _conditions(effect: Effect | type[CatalogueEffect], attribute: str) -> tuple[PoseCondition, ...]:
-    """The conditions of poses that an attribute of an effect names."""
+    """Conditions of poses that are listed in an attribute of an effect."""
     named = getattr(effect, attribute, ())
     return tuple(one for one in get_args(PoseCondition) if isinstance(named, Sequence) and one in named)
 
@@ -258,7 +258,7 @@ def parameters_by_name(effects: Sequence[Effect]) -> dict[str, tuple[Effect, Par
 
 
 def exceeded_bound(effect: Effect, parameter: Parameter, value: float, sigma: float) -> NaturalBound | None:
-    """The natural bound that a value exceeds by more than two sigmas; None where there is none."""
+    """Natural bound that a parameter's value exceeds by more than two sigmas; None where it exceeds none."""
     for bound in getattr(effect, "bounds", ()):
         if bound.unit == parameter.unit:
             return bound if abs(value) - 2.0 * sigma > bound.size else None
@@ -271,7 +271,7 @@ def has_meaning(effect: Effect) -> bool:
 
 
 def meaning_of(effect: Effect, parameter: Parameter, value: float, state: RobotState) -> str:
-    """Text from an effect on the meaning of a parameter's value for the arm, at the poses of a state.
+    """Text from an effect on what a parameter's value means on the arm, at the poses of a state.
 
     Raises CalibError where an effect from outside this package fails to say it.
     """
@@ -284,13 +284,13 @@ def meaning_of(effect: Effect, parameter: Parameter, value: float, state: RobotS
 
 
 def families_from(effects: Sequence[Effect]) -> tuple[Family, ...]:
-    """A user's own effects as families; effects of one name form one family."""
+    """A user's own effects grouped into families by name."""
     names = list(dict.fromkeys(family_name(effect) for effect in effects))
     return tuple(Family(name, tuple(e for e in effects if family_name(e) == name)) for name in names)
 
 
 def apply_values(effect: Effect, state: RobotState, values: Array) -> RobotState:
-    """The state with an effect applied, by values in the order of the effect's parameters.
+    """Robot state with an effect applied, for values in the order of the effect's parameters.
 
     Raises CalibError where an effect from outside this package fails.
     """
@@ -326,7 +326,7 @@ def moves_one_joint(effect: Effect) -> TypeGuard[JointMotion]:
 
 
 def state_derivative(effect: Effect, state: RobotState, values: Array) -> Iterator[Array]:
-    """d state.vector / d value for each parameter of an effect, taken one by one: (1 or N, S) each.
+    """Derivatives of the state vector (1 or N, S) by each parameter of an effect, one by one.
 
     Differences of the effect's own map, which is cheap; the chain's part of the derivative is analytic. A linear effect
     has the same derivative everywhere: one step of a parameter's scale from zero, where the effect is absent. Others

@@ -39,7 +39,7 @@ class GravityLoads:
 
     @property
     def _hanging(self) -> list[tuple[int, Array, Array]]:
-        """Masses on the arm, payload included: carrying frame, mass (1 or N,) kg, and place (N, 3) mm."""
+        """Masses on the arm, payload included: number of the carrying frame, mass (1 or N,) kg, and place (N, 3) mm."""
         robot, base_T_frame = self.robot, self.chain.base_T_frame
         hanging = []
         for k, joint in enumerate(robot.joints):
@@ -55,7 +55,7 @@ class GravityLoads:
 
     @property
     def _payload_mm(self) -> Array:
-        """Centre of mass of the payload (N, 3) mm: that of robot.toml, else the tool point."""
+        """Centre of mass (N, 3), mm, of the payload, by robot.toml, else at the tool point."""
         com_mm = self.robot.tool.payload_com_mm
         return _at(self.chain.base_T_flange, com_mm) if com_mm is not None else self.chain.target_mm
 
@@ -70,7 +70,7 @@ class GravityLoads:
         return np.cumsum(mass[::-1], axis=0)[::-1], np.cumsum(first_moment[::-1], axis=0)[::-1]
 
     def moment_about(self, origin_mm: Array, beyond: int) -> Array:
-        """Gravity's moment (N, 3), N m, about points (N, 3), of the masses at frames after `beyond`."""
+        """Gravity's moment (N, 3), N m, about points (N, 3), by all masses on the frames beyond a given one."""
         mass, first_moment = (of_frame[beyond + 1] for of_frame in self.carried)
         lever = (first_moment - mass[:, None] * origin_mm) * 1e-3  # (N, 3) kg m
         return np.asarray(lever @ frames.skew(self.robot.gravity_m_s2))  # each row lever x g
@@ -120,11 +120,11 @@ class GravityLoads:
 
     @cached_property
     def unit_bendings(self) -> list[tuple[Array, Array]]:
-        """Bending of each link by masses of 1 kg, each as from `unit_bending`."""
+        """Turns and shifts of each link's end under masses of 1 kg (`unit_bending`)."""
         return [self.unit_bending(link) for link in range(self.robot.n_joints)]
 
     def unit_bending(self, link: int) -> tuple[Array, Array]:
-        """Turn and shift (`bending`) by 1 kg at each frame from the link's end on and at the tool point: (N, K, 3)."""
+        """Turn and shift of a link's end under 1 kg at each frame from there on and at the tool point: (N, K, 3)."""
         base_T_frame = self.chain.base_T_frame
         places_mm = base_T_frame[:, link + 1 :, :3, 3]  # (N, K, 3)
         at_root, at_end = (
@@ -135,7 +135,7 @@ class GravityLoads:
         return np.stack([turn for turn, _ in bent], axis=1), np.stack([shift for _, shift in bent], axis=1)
 
     def payload_bending(self, link: int) -> tuple[Array, Array]:
-        """Turn (N, 3) rad and shift (N, 3) mm of a link's end by the payload alone (`bending`)."""
+        """Turn (N, 3) rad and shift (N, 3) mm of a link's end under the payload alone."""
         at_root, at_end = (
             self.payload_moment_about(self.chain.base_T_frame[:, frame, :3, 3]) for frame in (link, link + 1)
         )
@@ -143,7 +143,7 @@ class GravityLoads:
 
     @cached_property
     def bendings(self) -> list[tuple[Array, Array]]:
-        """Turn and shift of each link's end by all masses, each as from `bending`."""
+        """Turn and shift of each link's end under all masses (`bending`)."""
         return [self.bending(link) for link in range(self.robot.n_joints)]
 
     def bending(self, link: int) -> tuple[Array, Array]:
@@ -162,7 +162,7 @@ class GravityLoads:
         return self._bent(link, at_root, at_end, own)
 
     def _bent(self, link: int, at_root: Array, at_end: Array, own: Array | None = None) -> tuple[Array, Array]:
-        """Turn and shift of a link's end by moments (N, 3) at its root and end, and by its own weight's at the root."""
+        """Turn and shift of a link's end under moments (N, 3) at its root and end and its own weight's moment."""
         base_T_frame = self.chain.base_T_frame
         root_mm, end = base_T_frame[:, link, :3, 3], base_T_frame[:, link + 1]
         span_mm = end[:, :3, 3] - root_mm

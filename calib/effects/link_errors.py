@@ -51,7 +51,7 @@ class LinkErrors(Brief):
         )
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """State with the errors added to its table; values in mm and rad, by the names of the table's entries."""
+        """Robot state with the errors added to its table; values in mm and rad, by the names of the table's entries."""
         errors = np.array([values[p.name] for p in self.parameters])
         return replace(state, table=state.table + errors.reshape(state.table.shape[1:]))
 
@@ -92,7 +92,7 @@ class TargetOffsets:
         )
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """State with the targets moved; values in mm, by the parameters' names."""
+        """Robot state with the targets moved; values in mm, by the parameters' names."""
         moved = {
             target.name: state.target_offsets_mm[target.name]
             + np.array([values[name] for name in target_parameter_names(target)])

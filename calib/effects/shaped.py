@@ -1,4 +1,4 @@
-"""Effects that are a displacement of the arm times a number at each pose: a step in time, a dent along an angle.
+"""Effects that scale a displacement of the arm by a number at each pose: a step in time, a dent along an angle.
 
 Such a family has many members, one for each pose or place where the cause may be, of which few are present. Members of
 one `Displacement` differ by their shapes alone, so all their columns follow from the displacement's few.
@@ -18,39 +18,39 @@ from calib.effects.state import RobotState
 
 
 class Displacement(Protocol):
-    """A displacement linear in W amounts; instances that compare equal displace alike."""
+    """A displacement of the robot state that is linear in W amounts; equal instances displace equally."""
 
     @property
     def width(self) -> int:
-        """Number W of amounts."""
+        """Number W of the displacement's amounts."""
         ...
 
     def act(self, state: RobotState, amounts: Array) -> RobotState:
-        """The state displaced by amounts (N, W) at each pose, linearly in each amount."""
+        """Robot state displaced at each pose by amounts (N, W)."""
         ...
 
 
 class ShapedEffect(CatalogueEffect):
-    """An effect whose parameter l * W + w, times shape l at a pose, is amount w of the displacement there."""
+    """Effect that displaces the arm by a sum over shapes: shape (a number per pose) times the amounts to be fitted."""
 
     linear = True
 
     @property
     @abstractmethod
     def parameters(self) -> tuple[Parameter, ...]:
-        """The parameters, one for each shape and amount."""
+        """Parameters of the effect, one for each pair of shape and amount."""
 
     @property
     @abstractmethod
     def displacement(self) -> Displacement:
-        """The displacement that the parameters scale."""
+        """Displacement that the effect's parameters scale."""
 
     @abstractmethod
     def shapes(self, state: RobotState) -> Array:
-        """Shapes of the effect over the poses, without unit: (N, L)."""
+        """Dimensionless factors (N, L) of the displacement at N poses, one column per shape."""
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """State displaced at each pose by shapes times values."""
+        """Robot state displaced at each pose by shapes times parameter values."""
         sizes = np.array(list(values.values())).reshape(-1, self.displacement.width)  # (L, W)
         return self.displacement.act(state, self.shapes(state) @ sizes)
 
@@ -63,7 +63,7 @@ class JointOffset:
     width = 1
 
     def act(self, state: RobotState, amounts: Array) -> RobotState:
-        """State with the joint's error added."""
+        """Robot state with the joint's error added."""
         return state.add_joint_error(self.joint, amounts[:, 0])
 
 
@@ -74,7 +74,7 @@ class TargetShift:
     width = 3
 
     def act(self, state: RobotState, amounts: Array) -> RobotState:
-        """State with the target displaced."""
+        """Robot state with the target displaced."""
         rotation = state.loaded.chain.base_T_flange[:, :3, :3]
         return state.displace(np.einsum("nij,nj->ni", rotation, amounts))
 
@@ -87,7 +87,7 @@ class ScannerMotion:
     width = 6
 
     def act(self, state: RobotState, amounts: Array) -> RobotState:
-        """State with the reported points moved."""
+        """Robot state with the reported points moved."""
         if state.seen is None:
             return state
         arm = state.seen.scanner_mm - np.array(self.centre_mm)
@@ -102,7 +102,7 @@ class BaseTilt:
     width = 2
 
     def act(self, state: RobotState, amounts: Array) -> RobotState:
-        """State with the base turned."""
+        """Robot state with the base turned."""
         moment = state.loaded.gravity.moment_about(np.zeros((len(state.poses), 3)), 0)
         return state.turn_base(moment * np.column_stack([amounts, np.zeros(len(amounts))]))
 
@@ -114,7 +114,7 @@ class Growth:
     width = 1
 
     def act(self, state: RobotState, amounts: Array) -> RobotState:
-        """State with the lengths scaled."""
+        """Robot state with the lengths scaled."""
         nominal = state.robot.table
         for frame in range(len(nominal)):
             for column, kind in ((0, "a"), (2, "d")):

@@ -28,7 +28,7 @@ from calib.kinematics.robot import PARAMETER_KINDS, Robot
 
 @dataclass(frozen=True)
 class Seen(Brief):
-    """Positions of the target in the scanner's frame, and the frame itself, at each of N measured poses."""
+    """Measured positions of the target in the scanner's frame, and that frame, at each of N poses."""
 
     scanner_mm: Array  # (N, 3) measured, in the scanner's frame
     scanner_T_base: Array  # (N, 4, 4) by an earlier fit
@@ -36,7 +36,7 @@ class Seen(Brief):
 
 @dataclass(frozen=True)
 class RobotState(Brief):
-    """All that determines the target's position at each of N poses.
+    """Robot, poses, table and displacements that determine the target's position at each of N poses.
 
     Arrays have a leading axis of 1 until something depends on the pose.
     """
@@ -60,11 +60,11 @@ class RobotState(Brief):
         return cls(robot, poses, robot.table[None], np.zeros((1, 3)), np.zeros((1, 3)), offsets, seen)
 
     def with_loads_at(self, loaded: RobotState) -> RobotState:
-        """State with these values whose loads are computed at another state."""
+        """This robot state with its gravity loads computed at another state."""
         return replace(self, _loaded=[loaded])
 
     def with_masses_of(self, robot: Robot, poses: Poses) -> RobotState:
-        """State with these values, but a robot's masses and the payload of poses at the same joint positions."""
+        """This robot state with the masses of another robot and the payload of other poses at equal joint positions."""
         state = replace(self, robot=robot, poses=poses)
         state.__dict__["chain"] = self.chain  # masses do not move it
         return state
@@ -76,7 +76,7 @@ class RobotState(Brief):
 
     @cached_property
     def vector(self) -> Array:
-        """One row per pose (1 or N, S): table, base turn, displacement, target's turn, offsets of T targets.
+        """State as a vector per pose (1 or N, S): table, base turn, displacement, target's turn, target offsets.
 
         S = 5 (n + 1) + 9 + 3 T.
         """
@@ -87,7 +87,7 @@ class RobotState(Brief):
         return np.concatenate([np.broadcast_to(p, (rows, p.shape[1])) for p in parts], axis=1)
 
     def add_link_error(self, frame: int, kind: str, error: ArrayLike) -> RobotState:
-        """State with an error, a scalar or (N,), added to one entry of the table. Frame n is the tool row."""
+        """Robot state with an error, a scalar or (N,), added to one entry of the table; frame n is the tool row."""
         error = np.atleast_1d(np.asarray(error, dtype=float))  # (1 or N,)
         rows = max(len(self.table), len(error))
         table = np.repeat(self.table, rows, axis=0) if len(self.table) < rows else self.table.copy()
@@ -95,25 +95,25 @@ class RobotState(Brief):
         return replace(self, table=table)
 
     def entry_of_joint(self, joint: int) -> int:
-        """Column of `vector` that `add_joint_error` adds to."""
+        """Index in `vector` of a joint's theta (or d of a prismatic joint), to which joint errors are added."""
         kind = "theta" if self.robot.joints[joint].is_revolute else "d"
         return joint * len(PARAMETER_KINDS) + PARAMETER_KINDS.index(kind)
 
     def add_joint_error(self, joint: int, error: ArrayLike) -> RobotState:
-        """State with an error added to a joint's position: rad, or mm for a prismatic joint; a scalar or (N,)."""
+        """Robot state with an error added to a joint's position: rad, or mm for a prismatic joint; a scalar or (N,)."""
         kind = "theta" if self.robot.joints[joint].is_revolute else "d"
         return self.add_link_error(joint, kind, error)
 
     def turn_base(self, rotvec_rad: ArrayLike) -> RobotState:
-        """State with the whole arm turned about the base's origin: rotation vectors (3,) or (N, 3) rad."""
+        """Robot state with the whole arm turned about the base's origin: rotation vectors (3,) or (N, 3) rad."""
         return replace(self, base_rotvec_rad=self.base_rotvec_rad + np.atleast_2d(np.asarray(rotvec_rad, float)))
 
     def displace(self, displacement_mm: ArrayLike) -> RobotState:
-        """State with the target displaced in the base frame: (3,) or (N, 3) mm."""
+        """Robot state with the target displaced in the base frame: (3,) or (N, 3) mm."""
         return replace(self, displacement_mm=self.displacement_mm + np.atleast_2d(np.asarray(displacement_mm, float)))
 
     def displace_in_scanner(self, displacement_mm: ArrayLike) -> RobotState:
-        """State with reported points displaced in the scanner's frame: (N, 3) mm; unchanged without measured ones."""
+        """Robot state with reported points displaced by (N, 3) mm, scanner frame; unchanged without measured points."""
         if self.seen is None:
             return self
         base_R_scanner = np.swapaxes(self.seen.scanner_T_base[:, :3, :3], 1, 2)
@@ -122,7 +122,7 @@ class RobotState(Brief):
         return self.displace(-moved_mm if self.robot.carries_scanner else moved_mm)
 
     def turn_in_scanner(self, rotvec_rad: ArrayLike) -> RobotState:
-        """State with the reported orientations turned in the scanner's frame: small rotation vectors (N, 3) rad.
+        """Robot state with reported orientations turned by small rotation vectors (N, 3) rad, scanner frame.
 
         No point moves; only a measured orientation shows it.
         """
@@ -134,12 +134,12 @@ class RobotState(Brief):
 
     @cached_property
     def chain(self) -> kinematics.Chain:
-        """Forward pass at this state without the base's turn, from which effects read axes and links."""
+        """Forward pass of the arm's table at this state, without the base's turn and the displacement."""
         return kinematics.forward(self.table, self.poses.q, self.robot.is_revolute, self.robot.base_T_first)
 
     @property
     def loaded(self) -> RobotState:
-        """State at which loads are computed: that of the first effect with loads, unless the model fixed another.
+        """Robot state at which gravity loads are computed: the one that first needed them, or one fixed by the model.
 
         States derived from this one share it. Deflections of 1e-3 rad change a torque by 1e-3 of itself, so computing
         it anew after every joint's deflection would cost much and change nothing that can be measured.
@@ -159,7 +159,7 @@ class RobotState(Brief):
         return self.gravity.joint_torques
 
     def place(self, points_mm: Array) -> Array:
-        """True positions of points (N, 3) mm of the chain: the base's turn applied, then the displacement."""
+        """True base-frame positions of the chain's points (N, 3), mm, after the base's turn and the displacement."""
         if np.any(self.base_rotvec_rad):
             turn = frames.rotation_from_rotvec(self.base_rotvec_rad)
             points_mm = np.einsum("nij,nj->ni", np.broadcast_to(turn, (len(points_mm), 3, 3)), points_mm)
@@ -167,7 +167,7 @@ class RobotState(Brief):
 
     @property
     def base_T_flange(self) -> Array:
-        """True flange frame (N, 4, 4): the chain's, with the base's turn and the displacement."""
+        """True flange frame (N, 4, 4), including the base's turn and the displacement."""
         turn = frames.rotation_from_rotvec(self.base_rotvec_rad)
         moved = frames.make_transform(turn, self.displacement_mm)
         return np.asarray(moved @ self.chain.base_T_flange)
@@ -195,7 +195,7 @@ def world_target(state: RobotState, target: str) -> Array:
 
 
 def world_target_by_state(state: RobotState, target: str) -> tuple[Array, Array]:
-    """Position (N, 3) of a target in the world (`world_target`), and its derivative by `state.vector` (N, 3, S)."""
+    """Position (N, 3), mm, of a world-fixed target in the flange's frame, and its derivative (N, 3, S) by the state."""
     in_chain_mm, chain_R_base = _in_chain(state, target)
     seen_mm, by_table, by_position = kinematics.seen_from_flange(state.chain, in_chain_mm)
     by_position = by_position @ chain_R_base
@@ -222,7 +222,7 @@ def world_turn_by_state(state: RobotState) -> Array:
 
 
 def _in_chain(state: RobotState, target: str) -> tuple[Array, Array]:
-    """Position (N, 3) of a target before the base's turn and the flange's shift are applied; W^T (1 or N, 3, 3)."""
+    """Position (N, 3) of a world-fixed target before the base's turn and displacement; rotation (1 or N, 3, 3) used."""
     chain_R_base = np.swapaxes(frames.rotation_from_rotvec(state.base_rotvec_rad), 1, 2)
     from_flange_mm = state.target_offsets_mm[target] - state.displacement_mm
     in_chain_mm = (chain_R_base @ from_flange_mm[:, :, None])[..., 0]

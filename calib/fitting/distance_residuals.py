@@ -21,7 +21,7 @@ from calib.fitting.residual import Linearisation
 
 @dataclass(frozen=True)
 class DistanceResiduals(Brief):
-    """Distances between a reference pose and all others, predicted minus measured, whitened.
+    """Residuals of distances between a reference pose and all other poses, predicted minus measured, whitened.
 
     Jang's row (eq 14), L_M^2 - L_N^2 = 2 (P_k - P_1)^T (J_k - J_1) dX, divided by 2 L: to first order the same
     equation in millimetres, so that long distances do not count more than short ones. All rows share the noise of the
@@ -72,7 +72,7 @@ class DistanceResiduals(Brief):
 
 @dataclass(frozen=True)
 class _DistanceRows:
-    """K measured distances of one setup, the poses that they join (rows of the used poses), and their whitening."""
+    """K measured distances of one setup: reference pose, other poses, lengths, and what whitens their noise."""
 
     reference: int
     others: IndexArray  # (K,)
@@ -85,7 +85,7 @@ class _DistanceRows:
         return np.linalg.norm(base_mm[self.others] - base_mm[self.reference], axis=1)
 
     def whiten(self, rows: Array) -> Array:
-        """Rows (K,) or (K, P) divided by their own sigmas, then multiplied by (1 + U U^T)^(-1/2)."""
+        """Residual or Jacobian rows (K,) or (K, P), whitened for each distance's own noise and the shared noise."""
         scaled = (rows.T / self.sigma_mm).T
         return scaled - (self.shared * self.shrink) @ (self.shared.T @ scaled)
 

@@ -13,7 +13,7 @@ from calib.effects.effect import Parameter
 
 @dataclass(frozen=True)
 class Iteration(Brief):
-    """One accepted iterate of the solver; the first is the start."""
+    """Parameters and cost after one accepted step of the solver; the first iteration is the start."""
 
     x: Array  # (P,)
     cost: float  # sum of squared whitened residuals, without the prior
@@ -22,7 +22,7 @@ class Iteration(Brief):
 
 @dataclass(frozen=True)
 class Fit(Brief):
-    """Solution of R equations for P parameters; `x` holds corrections in the parameters' own units."""
+    """Least-squares solution of R equations for P parameters; `x` holds corrections in the parameters' own units."""
 
     parameters: tuple[Parameter, ...]
     x: Array  # (P,)

@@ -31,7 +31,7 @@ class Fitted:
 
 @dataclass(frozen=True)
 class FitTask:
-    """A model with the points for its fit and the options of the fit."""
+    """All that a fit needs: model, measured points, and options."""
 
     model: Model
     geometry: tuple[Effect, ...]  # the first of its effects, with the tolerances that were asked for
@@ -45,19 +45,19 @@ class FitTask:
 
     @property
     def offsets(self) -> TargetOffsets | None:
-        """The effect that holds the places of further measured targets; None where there are none."""
+        """Effect that corrects the positions of further measured targets; None where there are none."""
         return next((effect for effect in self.geometry if isinstance(effect, TargetOffsets)), None)
 
     def of_geometry_alone(self) -> FitTask:
-        """The task of fitting the corrections of robot.toml alone, with which a fit of all effects begins."""
+        """Task that fits robot.toml's corrections alone, as a start for the fit with all effects."""
         return replace(self, model=Model(self.model.robot, self.geometry, self.model.fixed))
 
     def of(self, kept: BoolArray) -> FitTask:
-        """The task for the points where `kept` (M,) is True."""
+        """Task restricted to the points where `kept` (M,) is True."""
         return replace(self, observed=self.observed.select(kept))
 
     def fitted_to_tool(self) -> Fitted:
-        """Fit with the tool point kept near robot.toml's or, where that is far off, near the point that is found.
+        """Fit that looks for the tool point near robot.toml's or, where that is far off, near one found from the data.
 
         It is far off by the points alone, or by a fit that moves it further than tolerances allow or turns the tip to
         move it; a later fit overrules an earlier one. A scanner on the flange does not measure the tool.
@@ -81,7 +81,10 @@ class FitTask:
         return settled
 
     def fitted(self, tool_found: Robot | None, before: Fit | None = None) -> Fitted:
-        """Fit that starts from `before`, else from the nominal robot with its tool point at `tool_found`."""
+        """Fit that starts from an earlier fit, else from the nominal robot, whose tool point may be replaced.
+
+        before: the earlier fit. tool_found: nominal robot with another tool point.
+        """
         model, prior = self.model, self.options.prior
         if tool_found is not None:
             model = with_found_tool(model, self.links, self.offsets, self.observed, tool_found)
@@ -110,7 +113,7 @@ class FitTask:
 
 
 def _to_found_tool(model: Model, residuals: Residuals) -> tuple[Iteration, ...]:
-    """Two iterations of a fit: the nominal robot, and the nominal robot with the found tool point."""
+    """First two iterations of a fit: the nominal robot, and the nominal robot with the found tool point."""
     nominal = np.zeros(len(model.parameters))
     own = model.placed_robot.own_tool_point
     assert own is not None
@@ -125,7 +128,7 @@ def _to_found_tool(model: Model, residuals: Residuals) -> tuple[Iteration, ...]:
 
 
 def _in_order_of(model: Model, fit: Fit) -> tuple[Iteration, ...]:
-    """Iterations of a fit with x in the order of another model's parameters, zero for those missing in the fit."""
+    """Iterations of a fit, with x reordered to the parameters of another model; missing ones are zero."""
 
     def in_order(x: Array) -> Array:
         values = dict(zip((p.name for p in fit.parameters), x.tolist(), strict=True))

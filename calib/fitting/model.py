@@ -36,7 +36,7 @@ from calib.kinematics.robot import TOOL_POINT, Robot
 
 @dataclass(frozen=True)
 class Model(Brief):
-    """A robot with effects; `geometric_model` makes the five-parameter model alone."""
+    """A robot with effects that predicts points from the solver's parameter vector."""
 
     robot: Robot
     effects: tuple[Effect, ...]
@@ -62,16 +62,16 @@ class Model(Brief):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The free parameters, in the order of the solver's vector x."""
+        """Free parameters of the model, in the order of the solver's vector x."""
         return tuple(p for p in self._all_parameters if p.name not in self.fixed)
 
     @property
     def placed_robot(self) -> Robot:
-        """The nominal robot with the found tool point, from which the scanner is placed before a fit."""
+        """Nominal robot with the found tool point, to which the scanner frames are fitted before a fit begins."""
         return self.robot if self.tool_found is None else self.tool_found
 
     def delivered(self, x: ArrayLike) -> Array:
-        """Parameters (P,) of the arm as delivered: zero, except that a found tool point keeps its place from x."""
+        """Parameters (P,) of the arm as delivered: zero, except for a found tool point, which is taken from x."""
         own = None if self.tool_found is None else self.robot.own_tool_point
         names = () if own is None else target_parameter_names(own)
         is_place = np.array([p.name in names for p in self.parameters], dtype=bool)
@@ -79,24 +79,24 @@ class Model(Brief):
 
     @property
     def at_tool(self) -> Model:
-        """This model with predictions of the tool in the base frame, also where the arm carries the scanner."""
+        """This model set to predict the tool point in the base frame, also where the arm carries the scanner."""
         if not self.robot.carries_scanner:
             return self
         return replace(self, robot=replace(self.robot, carries_scanner=False))
 
     @property
     def added_effects(self) -> tuple[Effect, ...]:
-        """The effects other than the corrections of robot.toml, in their order of addition."""
+        """Effects of the model other than the corrections of robot.toml, in their order of addition."""
         return tuple(effect for effect in self.effects if not corrects_robot(effect))
 
     @property
     def geometry_names(self) -> tuple[str, ...]:
-        """Names of the parameters that correct robot.toml: of links and measured targets."""
+        """Names of the parameters that correct robot.toml: link errors and positions of measured targets."""
         return tuple(p.name for effect in self.effects if corrects_robot(effect) for p in effect.parameters)
 
     @property
     def family_names(self) -> tuple[str, ...]:
-        """Families of the added effects, each once, in their order of addition."""
+        """Names of the added effects (families), each once, in their order of addition."""
         return tuple(dict.fromkeys(family_name(effect) for effect in self.added_effects))
 
     @property
@@ -116,14 +116,14 @@ class Model(Brief):
         return replace(self, fixed=self.fixed | asked)
 
     def values_by_effect(self, x: ArrayLike) -> list[Array]:
-        """Parameter values of each effect, zeros for the fixed ones included."""
+        """Parameter values of each effect, with zeros for fixed parameters."""
         full = np.zeros(len(self._is_free))
         full[self._is_free] = np.asarray(x, dtype=float)
         ends = np.cumsum([len(effect.parameters) for effect in self.effects])
         return np.split(full, ends[:-1])
 
     def with_loads_at(self, x: ArrayLike) -> Model:
-        """This model with gravity's loads computed once, with the links at x.
+        """This model with gravity loads computed once, for the links with corrections x.
 
         Otherwise the loads would depend on the link errors, and the derivatives by these would need a further term.
         """
@@ -138,14 +138,14 @@ class Model(Brief):
         return start.with_loads_at(self._loaded[0])
 
     def _states(self, x: ArrayLike, poses: Poses, seen: Seen | None) -> list[RobotState]:
-        """The states of the arm before each effect, in order, and after the last."""
+        """Robot states before each effect is applied, in order, and after the last effect."""
         states = [self._start(poses, seen)]
         for effect, values in zip(self.effects, self.values_by_effect(x), strict=True):
             states.append(apply_values(effect, states[-1], values))
         return states
 
     def state(self, x: ArrayLike, poses: Poses, seen: Seen | None = None) -> RobotState:
-        """State of the arm (chain parameters at every pose) with all effects applied in order."""
+        """Robot state at every pose with all effects applied in order."""
         return self._states(x, poses, seen)[-1]
 
     def predict(self, x: ArrayLike, poses: Poses, target: str = "jig", seen: Seen | None = None) -> Array:
@@ -178,7 +178,7 @@ class Model(Brief):
         return points_mm, last.attitude, self._by_parameters(x, before, both)
 
     def _by_parameters(self, x: ArrayLike, before: list[RobotState], by_state: Array) -> Array:
-        """Derivative (N, K, P) by the parameters from one by the last state (N, K, S), by the chain rule."""
+        """Derivative (N, K, P) by the free parameters, from the derivative (N, K, S) by the state (chain rule)."""
         columns = [
             effect_columns(by_state, effect, state, values)
             for effect, state, values in zip(self.effects, before, self.values_by_effect(x), strict=True)
@@ -226,7 +226,7 @@ def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array
 
 
 def _by_offset(state: RobotState, target: str) -> Array:
-    """Derivative (N, 3, 3) of a further target's position by its coordinates in the frame of its link."""
+    """Derivative (N, 3, 3) of a further target's position by its coordinates in its link's frame."""
     turn = state.chain.base_T_link(state.robot.target(target).joint)[:, :3, :3]
     if np.any(state.base_rotvec_rad):
         turn = frames.rotation_from_rotvec(state.base_rotvec_rad) @ turn
@@ -234,7 +234,7 @@ def _by_offset(state: RobotState, target: str) -> Array:
 
 
 def turn_by_state(state: RobotState) -> Array:
-    """Derivative (N, 3, S), rad, of the tool's rotation by `state.vector`, or the world's (scanner on the flange)."""
+    """Derivative (N, 3, S), rad, of the tool's rotation (the world's, for a scanner on the flange) by the state."""
     if state.robot.carries_scanner:
         return world_turn_by_state(state)
     by_table = kinematics.turn_jacobian(state.chain)
@@ -270,7 +270,7 @@ def _is_row_end(state: RobotState, target: str) -> bool:
 
 
 def effect_columns(by_state: Array, effect: Effect, state: RobotState, values: Array) -> Array:
-    """Derivative (N, 3, K) of a point by an effect's parameters, at the state that the effect acts on.
+    """Derivative (N, 3, K) of a target's position by an effect's parameters, at the state before the effect.
 
     by_state  # (N, 3, S), derivative of the point by the state, from `point_by_state`
     """

@@ -1,4 +1,4 @@
-"""Noise of points under a known noise shape (`calib.noise_shape`): covariances, correlation in time, Student's t tails.
+"""Noise of points under a known noise shape: covariances, correlation in time, Student's t tails.
 
 Tails: a point's three coordinates are normal with a variance of their own, so that a whitened residual e has weight
 
@@ -30,7 +30,7 @@ _ROUNDS = 30
 
 
 def student_scale(square: Array, tail: float, size: int = 3) -> float:
-    """Maximum-likelihood scale s^2 of Student's t from squared lengths |e|^2 (M,) of `size` coordinates each."""
+    """Maximum-likelihood scale s^2 of Student's t, from squared lengths (M,) of vectors of `size` coordinates."""
     scale = max(float(np.median(square)) / size, 1e-300)
     for _ in range(_ROUNDS):
         scale = max(float(np.mean((tail + size) / (tail + square / scale) * square)) / size, 1e-300)
@@ -79,7 +79,7 @@ def shaped_covariance(factors: Array, covariance_mm2: Array) -> Array:
 
 @dataclass(frozen=True)
 class Moments:
-    """Times of measurement of M points: T distinct moments, ordered by setup and time."""
+    """Times at which M points were measured: T distinct times, ordered by setup and time."""
 
     of_point: IndexArray  # (M,)
     gap: Array  # (T,) s, or poses, since the moment before; inf where a setup begins
@@ -87,7 +87,7 @@ class Moments:
 
     @classmethod
     def of(cls, poses: Poses, row: IndexArray) -> Moments:
-        """Moments of points that were measured at the given rows (M,) of the poses."""
+        """Times of measurement of points, each given by the row (M,) of its pose."""
         time = poses.time_s
         known = time is not None and len(np.unique(time)) > 2
         at = np.arange(len(poses), dtype=float) if time is None or not known else time
@@ -98,11 +98,11 @@ class Moments:
         return cls(of_point.reshape(-1), gap, not known)
 
     def select(self, keep: IndexArray) -> Moments:
-        """Moments for some of the points; the T moments stay the same."""
+        """Times of measurement of some of the points; all T distinct times are kept."""
         return Moments(self.of_point[keep], self.gap, self.in_poses)
 
     def products(self, drifts: Sequence[CorrelatedDrift], rows: Array) -> Iterator[tuple[Array, float]]:
-        """Products rows^T C^-1 rows (K, K) of rows (M, 3, K), summed over axes, per drift; and log det C of one axis.
+        """For each of some drifts: product rows^T C^-1 rows (K, K) of rows (M, 3, K), and log det C of one axis.
 
         Computed by Woodbury's identity with the drift at each moment as the unknown.
         """
@@ -127,7 +127,7 @@ class Moments:
             yield found, float(log_det + 2.0 * np.sum(np.log(upper[1])))
 
     def decorrelator(self, drift: CorrelatedDrift) -> Array:
-        """Lower triangular root L (M, M) of C = L L^T, points in the order of `order`."""
+        """Lower triangular root L (M, M) of the drift's correlation C = L L^T of points in order of measurement."""
         starts = np.isinf(self.gap)
         part = np.cumsum(starts)
         at = np.cumsum(np.where(starts, 0.0, self.gap))
@@ -144,7 +144,7 @@ class Moments:
 
 
 def decorrelated(rows: Array, root: Array, order: IndexArray) -> Array:
-    """Decorrelated rows (M, 3, K): L^-1 times the rows in the order of measurement.
+    """Rows (M, 3, K) of points with the drift's correlation in time removed (multiplied by L^-1).
 
     root, order: `Moments.decorrelator` and `Moments.order`.
     """
@@ -162,7 +162,7 @@ def _product(rows: Array) -> Array:
 
 @dataclass(frozen=True)
 class Whitening:
-    """Linear map that whitens the 3 M rows of M points for drift and Student's t tails."""
+    """Linear map that whitens the residual of M points for correlated drift and Student's t tails."""
 
     order: IndexArray  # (M,) in which the points were measured
     root: Array | None  # (M, M) lower triangular, of `Moments.decorrelator`; None without correlation
@@ -171,7 +171,7 @@ class Whitening:
 
     @classmethod
     def of(cls, shape: NoiseShape, poses: Poses, row: IndexArray, residual: Array) -> Whitening | None:
-        """Whitening of points at rows (M,) of the poses, weights from their residual (3 M,); None for white noise."""
+        """Whitening for a noise shape, from the points' poses and residual (3 M,); None without drift and tails."""
         if shape.wander is None and shape.tail is None:
             return None
         moments = Moments.of(poses, row)
@@ -183,7 +183,7 @@ class Whitening:
         return cls(moments.order, root, student_weights(square, shape.tail), shape.tail)
 
     def apply(self, columns: Array) -> Array:
-        """Fully whitened columns (R, K), from columns (R, K) that are whitened point by point."""
+        """Fully whitened columns (R, K), from columns (R, K) that were whitened for each point's covariance."""
         rows = columns.reshape(len(columns) // 3, 3, columns.shape[1])
         if self.root is not None:
             rows = decorrelated(rows, self.root, self.order)
@@ -192,13 +192,16 @@ class Whitening:
         return np.asarray(rows.reshape(columns.shape))
 
     def unweighted(self, residual: Array) -> Array:
-        """White residual (3 M,) with the weights of Student's t undone."""
+        """Whitened residual (3 M,) without the weights for Student's t tails."""
         if self.weights is None:
             return residual
         return np.asarray((residual.reshape(-1, 3) / np.sqrt(self.weights)[:, None]).ravel())
 
     def with_tails(self, normal: Array, rng: np.random.Generator) -> Array:
-        """Noise (3 M, D) with Student's t tails: normal noise of each point over the root of its own chi^2 over nu."""
+        """Noise (3 M, D) with Student's t tails, made from normal noise.
+
+        The normal noise of each point is divided by the root of its own chi^2 over nu.
+        """
         if self.tail is None:
             return normal
         rows = normal.reshape(-1, 3, normal.shape[1])

@@ -35,14 +35,17 @@ def sum_by_pose(values: Array, row: IndexArray, poses: int) -> Array:
 
 
 def mean_by_pose(values: Array, row: IndexArray, poses: int, *, empty: float = 0.0) -> Array:
-    """Means (N, ...) over each pose's points of values (M, ...), `empty` where none; `row` (M,) is each one's pose."""
+    """Means (N, ...) over each pose's points of values (M, ...); `empty` for a pose without points.
+
+    `row` (M,) is the pose of each value.
+    """
     count = points_by_pose(row, poses).reshape(-1, *[1] * (values.ndim - 1))
     mean = sum_by_pose(values, row, poses) / np.maximum(count, 1)
     return np.asarray(np.where(count > 0, mean, empty))
 
 
 def points_by_pose(row: IndexArray, poses: int) -> IndexArray:
-    """Number (N,) of points of each pose; `row` (M,) is the pose of each point."""
+    """Number (N,) of points of each pose, for points whose poses are given by row (M,)."""
     return np.bincount(row, minlength=poses)
 
 
@@ -67,7 +70,7 @@ class Observations(Brief):
 
     @classmethod
     def of(cls, dataset: Dataset, keep: ArrayLike | None = None) -> Observations:
-        """The dataset's points whose pose is in `keep` (N,) bool; the training and reference poses by default.
+        """Observations of the dataset's points at chosen poses, by default the training and reference poses.
 
         A point's covariance is its own where it has one, else the scanner's declared sigma, else 1 mm, reshaped where
         the dataset knows the noise's shape; divided by the number of measurements that it counts as.
@@ -100,7 +103,7 @@ class Observations(Brief):
         return observed if points.counts_as is None else weighted(observed, points.counts_as)
 
     def select(self, keep: BoolArray) -> Observations:
-        """The points where `keep` (M,) is True, without scanner frames."""
+        """Observations restricted to the points where `keep` (M,) is True, without scanner frames."""
         turns = self.turn_covariance_rad2
         return replace(
             self,
@@ -117,7 +120,7 @@ class Observations(Brief):
 
     @cached_property
     def used_poses(self) -> tuple[Poses, IndexArray]:
-        """The poses that have points, and for each point (M,) the row of its pose among them."""
+        """Poses that have points, and for each point (M,) the row of its pose among them."""
         used, row = np.unique(self.points.pose, return_inverse=True)
         return self.poses.select(used), row
 
@@ -160,7 +163,7 @@ class Observations(Brief):
 
 
 def _reshaped(noise: NoiseShape, points: Points, covariance_mm2: Array) -> tuple[Points, Array]:
-    """The points, and their covariances (M, 3, 3), mm^2, for noise of a given shape."""
+    """Points and their covariances (M, 3, 3), mm^2, changed from the declared noise to a noise shape."""
     factors = noise_factors(noise, points.xyz_mm)
     if points.orientations is not None and points.orientations.cross_mm_rad is not None:
         cross = factors @ points.orientations.cross_mm_rad
@@ -169,7 +172,7 @@ def _reshaped(noise: NoiseShape, points: Points, covariance_mm2: Array) -> tuple
 
 
 def weighted(observed: Observations, weights: Array) -> Observations:
-    """The observations with covariances of points and orientations divided by weights (M,) above 0."""
+    """Observations with the covariances of points and orientations divided by weights (M,) above 0."""
     share = 1.0 / weights[:, None, None]
     turns, points = observed.turn_covariance_rad2, observed.points
     if points.orientations is not None and points.orientations.cross_mm_rad is not None:
@@ -186,7 +189,7 @@ def weighted(observed: Observations, weights: Array) -> Observations:
 def with_scanner_frames(
     observed: Observations, model: Model, x: Array, chosen: BoolArray | None = None
 ) -> Observations:
-    """The observations with the scanner frame of each setup fitted to the model's predictions at x (P,).
+    """Observations with each setup's scanner frame fitted to the model's predictions at x (P,).
 
     Frames are fitted to the points in `chosen` (M,), all where None; a setup without chosen points uses its own.
     """
@@ -202,7 +205,7 @@ def with_scanner_frames(
 
 
 def with_nominal_scanner_frames(observed: Observations, robot: Robot, chosen: BoolArray | None = None) -> Observations:
-    """The observations with scanner frames (`with_scanner_frames`) fitted to the nominal robot without effects.
+    """Observations with each setup's scanner frame fitted to the nominal robot without effects.
 
     Effects of the scanner depend on its place; every fit and every evaluation uses these frames for them.
     """
@@ -211,7 +214,7 @@ def with_nominal_scanner_frames(observed: Observations, robot: Robot, chosen: Bo
 
 
 def with_observed_targets(robot: Robot, observed: Observations) -> Robot:
-    """The robot with the observed targets placed in the world, where its arm carries the scanner; else unchanged."""
+    """Robot with the measured targets placed in the world if its arm carries the scanner, else unchanged."""
     known = {target.name for target in robot.targets if target.in_world}
     if not robot.carries_scanner or known >= set(observed.targets):
         return robot
@@ -219,7 +222,7 @@ def with_observed_targets(robot: Robot, observed: Observations) -> Robot:
 
 
 def observed_hand_eye(robot: Robot, observed: Observations) -> HandEye:
-    """Pose of the scanner on the flange and of the targets in the world, by the robot's table alone."""
+    """Pose of the scanner on the flange and of the targets in the world, from the points and the nominal table."""
     poses, row = observed.used_poses
     chain = kinematics.forward(robot.table, poses.q, robot.is_revolute, robot.base_T_first)
     points = observed.points
@@ -228,7 +231,7 @@ def observed_hand_eye(robot: Robot, observed: Observations) -> HandEye:
 
 
 def nominal_state(dataset: Dataset) -> RobotState:
-    """State of the nominal robot at the measured poses, with nominal scanner frames, to which effects are applied.
+    """State of the nominal robot at the measured poses, with scanner frames fitted to the nominal robot.
 
     Raises FitError where nothing was measured.
     """
@@ -284,7 +287,7 @@ def predict_poses(model: Model, x: Array, observed: Observations) -> tuple[Array
 
 
 def mean_jig_points(observed: Observations) -> tuple[BoolArray, Array, Array]:
-    """Mask (N,) of used poses with a "jig" point; mean (N, 3), mm, of each pose's points, and covariance (N, 3, 3)."""
+    """Mask (N,) of poses with a jig point; their mean jig points (N, 3), mm, and covariances (N, 3, 3)."""
     poses, row = observed.used_poses
     is_jig = observed.points.target == "jig"
     row = row[is_jig]
@@ -295,7 +298,7 @@ def mean_jig_points(observed: Observations) -> tuple[BoolArray, Array, Array]:
 
 
 def setup_references(poses: Poses, usable: BoolArray) -> dict[str, int]:
-    """Row, by setup, of the pose from which distances run: the reference pose, else the first usable one."""
+    """Row, by setup, of the pose that distances are measured from: the reference pose, else the first usable one."""
     rows = np.flatnonzero(usable)
     names, first = np.unique(poses.setup[rows], return_index=True)
     out = {str(name): int(rows[i]) for name, i in zip(names, first, strict=True)}
@@ -303,7 +306,7 @@ def setup_references(poses: Poses, usable: BoolArray) -> dict[str, int]:
 
 
 def conditions_at(like: Poses, q: Array) -> Poses:
-    """Poses at joint vectors q (N, n), with payload and all other conditions of the first pose of `like`."""
+    """Poses at joint vectors q (N, n), under the payload and other conditions of the first of given poses."""
     poses = like.select(np.zeros(len(q), dtype=np.int64))
     ids = tuple(f"q{i + 1}" for i in range(len(q)))
     extra = poses.extra.reset_index(drop=True)

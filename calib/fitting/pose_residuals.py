@@ -60,7 +60,7 @@ def require_orientations(dataset: Dataset, observed: Observations) -> None:
 
 @dataclass(frozen=True)
 class FramesAndHandEye:
-    """Unknowns of the predicted poses other than the arm's: scanner frames and hand-eye rotation."""
+    """Unknowns of predicted poses beyond the arm's parameters: scanner frames and hand-eye rotation."""
 
     scanner_T_base: Mapping[str, Array]  # by setup, (4, 4)
     tool_R_jig: Array  # (3, 3)
@@ -68,7 +68,7 @@ class FramesAndHandEye:
 
 @dataclass(frozen=True)
 class PoseResiduals(Brief):
-    """Predicted minus measured poses, whitened; scanner frames and hand-eye rotation are solved for at every x."""
+    """Residuals of jig poses, predicted minus measured, whitened; frames and hand-eye rotation are eliminated."""
 
     model: Model
     observed: Observations
@@ -129,12 +129,12 @@ class PoseResiduals(Brief):
 
     @cached_property
     def _rows(self) -> BoolArray:
-        """Mask (6 M,) of the existing equations: three per point, three more where its orientation is known."""
+        """Mask (6 M,) of the equations that exist: three per point, three more where its orientation is known."""
         return np.repeat(self.has_orientation, 6) | np.tile([True] * 3 + [False] * 3, len(self.has_orientation))
 
     @cached_property
     def degrees_spent(self) -> int:
-        """Number of unknowns solved for: the rank of the columns of frames and hand-eye rotation."""
+        """Number of eliminated unknowns: the rank of the columns of frames and hand-eye rotation."""
         base_mm, attitude = predict_poses(self.model, np.zeros(len(self.parameters)), self.observed)
         return self._basis(*self._solve_frames_and_hand_eye(base_mm, attitude)[1:]).shape[1]
 
@@ -183,7 +183,7 @@ class PoseResiduals(Brief):
         return orthonormal((self._whiten @ columns).reshape(6 * len(error), -1)[self._rows])
 
     def _solve_frames_and_hand_eye(self, base_mm: Array, attitude: Array) -> tuple[FramesAndHandEye, Array, Array]:
-        """Best frames and hand-eye rotation for some predictions, the errors (M, 6), and the columns (M, 6, 6 S + 3).
+        """Best frames and hand-eye rotation for predicted poses, errors (M, 6), and derivatives.
 
         base_mm  # (M, 3); attitude  # (M, 3, 3)
         """
@@ -212,7 +212,7 @@ class PoseResiduals(Brief):
         return FramesAndHandEye(placed, frames.mean_rotation(estimates))
 
     def _nuisance_columns(self, placed: FramesAndHandEye, error: Array, attitude: Array) -> Array:
-        """Columns (M, 6, 6 S + 3): shift and turn of each of S frames about its points' centre; hand-eye turn last."""
+        """Derivative (M, 6, 6 S + 3) of the errors by shift and turn of S frames, and by the hand-eye turn."""
         out = np.zeros((len(error), 6, 6 * len(self._setups) + 3))
         by_turn = _by_left_turn(error[:, 3:])
         at_mm = error[:, :3] + self.observed.points.xyz_mm

@@ -23,7 +23,7 @@ from calib.fitting.scanner_frame import fit_scanner_frame, frame_columns, orthon
 
 @dataclass(frozen=True)
 class PositionResiduals(Brief):
-    """Predicted minus measured points in the scanner's frame, whitened; the frames are solved for at every x.
+    """Residuals of points, predicted minus measured, scanner frame, whitened; scanner frames are eliminated.
 
     The frames are unknowns that enter in closed form, so they are eliminated (variable projection, Golub and Pereyra
     1973, in Kaufman's form): their columns are projected out of the Jacobian, and the solver never sees them.
@@ -67,7 +67,7 @@ class PositionResiduals(Brief):
         return fit_scanner_frame(base_mm[rows], observed.points.xyz_mm[rows], observed.covariance_mm2[rows])
 
     def _frame_basis(self, scanner_mm: Array, rows: IndexArray) -> Array:
-        """Orthonormal basis (3 M, rank) of the changes of a setup's whitened residual by motions of its frame."""
+        """Orthonormal basis (3 M, rank) of the residual's changes by motions of one setup's scanner frame."""
         if self.frame_known:
             return np.empty((3 * len(rows), 0))
         return orthonormal(frame_columns(scanner_mm, self._whiten[rows]))
@@ -95,7 +95,7 @@ class PositionResiduals(Brief):
         return Linearisation(residual.ravel(), jacobian.reshape(-1, by_x.shape[-1]))
 
     def base_to_residual(self, x: Array) -> Array:
-        """Matrices (M, 3, 3) from a change of each predicted point, mm in the base frame, to the residual's rows."""
+        """Matrices (M, 3, 3) that turn a point's change, mm in the base frame, into whitened residual rows."""
         base_mm = predict_points(self.model, x, self.observed)
         out = np.empty((len(base_mm), 3, 3))
         for rows in self._setups:
@@ -103,7 +103,7 @@ class PositionResiduals(Brief):
         return out
 
     def frame_directions(self, x: Array) -> Array:
-        """Orthonormal basis (3 M, `degrees_spent`) of the residual's changes by motions of the frames."""
+        """Orthonormal basis (3 M, `degrees_spent`) of the residual's changes by motions of all scanner frames."""
         base_mm = predict_points(self.model, x, self.observed)
         blocks = []
         for rows in self._setups:
@@ -117,7 +117,7 @@ class PositionResiduals(Brief):
 
 @dataclass(frozen=True)
 class PairResiduals(PositionResiduals):
-    """Distances between all points of a setup, weighted by the inverse of their joint covariance.
+    """Residuals of the distances between all points of a setup, weighted by the inverse of their joint covariance.
 
     N points have N (N - 1) / 2 distances, of which 3 N - 6 are independent: moving the points rigidly changes none. To
     first order the distances are D dp, D the (singular) matrix of unit vectors, their covariance is D C D^T, and

@@ -1,4 +1,4 @@
-"""Interface of a least-squares problem for the solver: parameters, and at any x the residual and its Jacobian.
+"""Interface of a least-squares problem for the solver: parameters, residual and Jacobian.
 
 All residuals are whitened: with the declared sigmas right and the model complete, each row has variance 1.
 """
@@ -14,7 +14,7 @@ from calib.effects.effect import Parameter
 
 @dataclass(frozen=True)
 class Linearisation:
-    """Whitened residual (R,) and Jacobian (R, P) at one x; P parameters in their own units."""
+    """Whitened residual (R,) and Jacobian (R, P) at one parameter vector x."""
 
     residual: Array
     jacobian: Array

@@ -23,7 +23,7 @@ from calib.options import RESIDUAL_KINDS
 def make_residuals(
     kind: str, model: Model, observed: Observations
 ) -> PositionResiduals | DistanceResiduals | PoseResiduals:
-    """The residuals of a kind in `RESIDUAL_KINDS`. Raises FitError on another name or a kind unfit for the arm."""
+    """Least-squares problem of a named kind (`RESIDUAL_KINDS`). Raises FitError if unknown or unfit for the arm."""
     require_kind_for(model.robot, kind)
     if kind == "pairs":
         return PairResiduals(model, observed)
@@ -37,7 +37,7 @@ def make_residuals(
 
 
 def require_kind_for(robot: Robot, kind: str) -> None:
-    """Raise FitError on residuals of distances for an arm that carries the scanner, as its targets do not move."""
+    """Raise FitError for residuals of distances if the arm carries the scanner, as its targets do not move."""
     if robot.carries_scanner and kind in ("distance", "pairs"):
         raise FitError(
             f"residual {kind}: a scanner on the flange measures a jig that stands still, and distances between poses "

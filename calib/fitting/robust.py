@@ -54,7 +54,7 @@ def fit_inliers(
     kept: BoolArray,
     back_level: float,
 ) -> tuple[F, BoolArray]:
-    """Fit the inliers and test all poses against that fit, in turns, until the set of inliers is stable.
+    """Robust fit: fit the inliers and test all poses against that fit, in turns, until the inliers are stable.
 
     Args:
         fit_of: fits the points where a mask (M,) is True.
@@ -84,7 +84,7 @@ def inlying_points(
     prior: bool,
     back_level: float,
 ) -> BoolArray:
-    """Mask (M,) of the points of inlying poses, by a fit of the points `kept` (M,).
+    """Mask (M,) of the points at poses that agree with a fit of the points `kept` (M,).
 
     Args:
         make: residuals of the fit's model from observations.
@@ -107,7 +107,7 @@ def _p_values(
     *,
     prior: bool,
 ) -> Array:
-    """p-value (N,) of the statistic T of each used pose, by Fisher's F distribution."""
+    """p-value (N,) of each used pose's error, given a fit, by Fisher's F distribution."""
     weights = np.where(kept, 1.0, _OUT)
     residuals = make(weighted(observed, weights))
     at = residuals.linearise(fit.x)
@@ -133,14 +133,17 @@ def _p_values(
 
 
 def _distance(error: Array, lever: Array, *, fitted: bool) -> float:
-    """Statistic T of one pose, from its error (D,) and lever (D, K), where lever lever^T = H, or L if not fitted."""
+    """Squared Mahalanobis error of one pose, from its error (D,) and lever (D, K) of the fit on that error.
+
+    That is the statistic T of the module, with lever lever^T = H, or L where the pose was not fitted.
+    """
     of_fit = lever @ lever.T
     variance = (1.0 + 1e-9) * np.eye(len(error)) + (-of_fit if fitted else of_fit)
     return float(error @ np.linalg.solve(variance, error))
 
 
 def resistant_core(make: Callable[[Observations], Residuals], observed: Observations, *, prior: bool) -> BoolArray:
-    """Mask (M,) of the points of poses with weight in a Tukey fit, which leaves out nearly all outliers."""
+    """Mask (M,) of points at poses that a resistant (Tukey) fit keeps; nearly all outliers are left out."""
     residuals = make(observed)
     rows = rows_of_points(residuals, observed)
     fit = solve(residuals, prior=prior)
@@ -168,7 +171,7 @@ def solve_with_tails(
     start: Array | None = None,
     prior: bool = True,
 ) -> Fit:
-    """Fit for noise that follows Student's t of `tail` degrees of freedom; other arguments as for `solve`.
+    """Least-squares fit for noise with Student's t distribution of `tail` degrees of freedom.
 
     The weights converge in a few rounds, as they change little with the fit. Residuals of distances, which share
     points, have no weights and are fitted plainly.
@@ -192,13 +195,16 @@ def rows_of_points(residuals: Residuals, observed: Observations) -> IndexArray:
 
 
 def point_norms(residual: Array, rows: IndexArray) -> Array:
-    """Length (M,) of each point's whitened residual; `rows` (M,) is the number of rows of each."""
+    """Length (M,) of each point's whitened residual.
+
+    `rows` (M,) is the number of rows of each point.
+    """
     first = np.concatenate([[0], np.cumsum(rows)[:-1]])
     return np.asarray(np.sqrt(np.add.reduceat(residual**2, first)))
 
 
 def tukey_weights(norm: Array, rows: IndexArray) -> Array:
-    """Tukey's biweights (M,) from the residuals' lengths and numbers of rows (M,), scaled by their median."""
+    """Tukey's biweights (M,) from the lengths of the points' residuals, scaled by their median."""
     scale = float(np.median(norm / _by_rows(rows, chi_median)))
     if scale <= 0.0:
         return np.ones_like(norm)
@@ -212,6 +218,6 @@ def _by_rows(rows: IndexArray, of: Callable[[int], float]) -> Array:
 
 
 def _kept_above_zero(weights: Array, norm: Array) -> Array:
-    """The weights (M,) with zeros replaced by values so small that rejected points contribute nothing to the cost."""
+    """Weights (M,) with zeros replaced by values so small that rejected points do not affect the cost."""
     near = np.minimum(float(np.median(norm)) / np.maximum(norm, 1e-300), 1.0)
     return np.maximum(weights, np.maximum(_LEAST * near**2, _OUT))

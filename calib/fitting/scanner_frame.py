@@ -53,7 +53,7 @@ def whitener(covariance_mm2: Array) -> Array:
 
 
 def frame_columns(scanner_mm: Array, whiten: Array) -> Array:
-    """Derivative (3 M, 6) of whitened points by a small motion of the frame: a shift, then a turn about their centre.
+    """Derivative (3 M, 6) of whitened points by a frame's small motion: a shift, then a turn about their centre.
 
     scanner_mm  # (M, 3); whiten  # (M, 3, 3)
     """
@@ -62,13 +62,13 @@ def frame_columns(scanner_mm: Array, whiten: Array) -> Array:
 
 
 def frame_motion(points_mm: Array, centre_mm: Array) -> Array:
-    """Derivative (M, 3, 6) of points (M, 3) by a small motion of the frame: a shift, a turn about the centre (3,)."""
+    """Derivative (M, 3, 6) of points (M, 3) by a frame's small motion: a shift, a turn about a centre (3,)."""
     eye = np.broadcast_to(np.eye(3), (len(points_mm), 3, 3))
     return np.concatenate([eye, -frames.skew(points_mm - centre_mm)], axis=-1)
 
 
 def orthonormal(columns: Array) -> Array:
-    """Orthonormal basis (R, rank) of the span of columns (R, K); the six of collinear points have rank 5."""
+    """Orthonormal basis (R, rank) of the span of columns (R, K), whatever their rank."""
     scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     u, s, _ = np.linalg.svd(scaled, full_matrices=False)
     return u[:, s > 1e-7 * s[0]]

@@ -1,4 +1,4 @@
-"""Search for the tool point where robot.toml has it far off: its place in the last joint's frame, and its uncertainty.
+"""Search for the tool point where robot.toml has it far off: its position on the last joint, and its uncertainty.
 
 A point on the tool is fixed in the frame that turns (or slides) with the last joint. The last row of the table and the
 tool's row move it alike; one point cannot tell which of them is wrong, nor how the tool is turned about it. A tool
@@ -37,7 +37,7 @@ _ROWS_BEHIND = 2  # of the table: what lies behind the last joint's axis
 
 @dataclass(frozen=True)
 class ToolShift:
-    """A tool point that is far from robot.toml's."""
+    """Position of a tool point that was found far from robot.toml's."""
 
     point_mm: tuple[float, float, float]  # where it is, in the nominal arm's last joint's frame
     off_mm: float  # from where robot.toml has it
@@ -54,13 +54,13 @@ def tool_shift(nominal: Robot, calibrated: Robot) -> ToolShift:
 
 
 def tool_point_in_nominal(nominal: Robot, other: Robot) -> Array:
-    """Tool point (3,) of another table of the arm, mm in the last joint's frame of the nominal arm."""
+    """Tool point (3,) of another version of the arm, mm in the last joint's frame of the nominal arm."""
     nominal_T_other = frames.invert(_last_frame(nominal.table)) @ _last_frame(other.table)
     return frames.apply(nominal_T_other, tool_point_of(other))
 
 
 def tip_turn_rad(nominal: Robot, other: Robot) -> float:
-    """Angle, rad, by which the last two rows of another table turn the tip, the last joint's zero excluded."""
+    """Angle, rad, by which the tip of another version of the arm is turned, the last joint's zero excluded."""
     axis_R_tip = []
     for robot in (nominal, other):
         rows = robot.table[-_ROWS_BEHIND:].copy()
@@ -76,7 +76,7 @@ def _last_frame(table: Array) -> Array:
 
 
 def tolerance_covariance(robot: Robot, links: LinkErrors, fixed: Collection[str]) -> Array:
-    """Covariance (3, 3), mm^2, of the tool point by the tolerances of the parameters that move it.
+    """Covariance (3, 3), mm^2, of the tool point from the tolerances of the table's last two rows.
 
     Included are the last two rows, where they are not fixed, and a length's tolerance in each direction, as the rows
     may have no parameter for it. A point of its own has its own tolerance.
@@ -94,14 +94,14 @@ def tolerance_covariance(robot: Robot, links: LinkErrors, fixed: Collection[str]
 
 
 def free_directions(robot: Robot, fixed: Collection[str]) -> Array:
-    """Directions (3, K), last joint's frame, along which the parameters that are not fixed move the tool point."""
+    """Directions (3, K), last joint's frame, along which free parameters move the tool point."""
     own = robot.own_tool_point
     lengths = ("aTCP", "aTCP", "dTCP") if own is None else target_parameter_names(own)
     return np.eye(3)[:, [name not in fixed for name in lengths]]
 
 
 def fixed_behind_tool_point(robot: Robot, observed: Observations) -> tuple[str, ...]:
-    """Names of parameters behind the last axis that stay fixed, as an independent tool point takes their place.
+    """Names of parameters behind the last axis to be fixed, as an independent tool point replaces them.
 
     They move the point as its own place does, or turn the tip about it. () where the tool point is the end of the
     tool's row; the tool's row alone where further targets on the last link determine its orientation.
@@ -115,7 +115,7 @@ def fixed_behind_tool_point(robot: Robot, observed: Observations) -> tuple[str, 
 
 
 def behind_last_axis(robot: Robot) -> tuple[str, ...]:
-    """Names of the parameters behind the last joint's axis: of the last joint's row and of the tool's."""
+    """Names of the parameters behind the last joint's axis: the last joint's row and the tool's row."""
     return robot.parameter_names[-_ROWS_BEHIND * len(PARAMETER_KINDS) :]
 
 
@@ -128,7 +128,7 @@ def angles_behind_last_axis(robot: Robot) -> tuple[str, ...]:
 def with_found_tool(
     model: Model, links: LinkErrors, offsets: TargetOffsets | None, observed: Observations, found: Robot
 ) -> Model:
-    """Model with the found tool point as a target of its own, with its distance from the nominal one as tolerance.
+    """Model with the found tool point as a separate target, its distance from the nominal point as tolerance.
 
     links, offsets: the model's first effects, with the tolerances of the options.
     """
@@ -171,7 +171,7 @@ class SolvedToolPoint:
 
 @dataclass(frozen=True)
 class ToolPointProblem:
-    """Least-squares problem for the tool point: M measured points and the nominal poses of the last joint's frame."""
+    """Least-squares problem for the tool point p: M measured points and the nominal poses of the last joint's frame."""
 
     flange_mm: Array  # (M, 3) origin of the last joint's frame, base frame
     base_R_flange: Array  # (M, 3, 3)
@@ -182,7 +182,7 @@ class ToolPointProblem:
 
     @classmethod
     def of(cls, observed: Observations, robot: Robot, nominal_mm: Array, directions: Array) -> ToolPointProblem:
-        """The problem for the observed points of the tool, without further targets, which do not depend on p."""
+        """Tool point problem for the measured points of the tool, without those of further targets."""
         poses, row = observed.used_poses
         is_tool = observed.points.target == "jig"
         flange = kinematics.forward(robot.table, poses.q, robot.is_revolute, robot.base_T_first).base_T_flange[
@@ -204,7 +204,7 @@ class ToolPointProblem:
         return 3 * len(self.scanner_mm) - 6 * len(self.setups) - self.directions.shape[1]
 
     def at(self, moved_mm: Array) -> tuple[Array, Array]:
-        """Residual (3 M,), mm, and its derivative (3 M, K) with free frames, for p moved along the directions (K,)."""
+        """Residual (3 M,), mm, and its derivative (3 M, K), for a tool point shifted along K free directions."""
         base_mm = self.flange_mm + self.base_R_flange @ (self.nominal_mm + self.directions @ moved_mm)
         residual = np.empty_like(base_mm)
         columns = np.empty((*base_mm.shape, len(moved_mm)))
@@ -220,7 +220,7 @@ class ToolPointProblem:
 
 
 def solve_tool_point(problem: ToolPointProblem) -> SolvedToolPoint | None:
-    """The tool point by Gauss-Newton from the nominal one, frames in closed form; None where points are too few."""
+    """Tool point with the least squared error on the nominal arm; None where points are too few."""
     count = problem.directions.shape[1]
     if count == 0 or problem.dof < _LEAST_DOF:
         return None
@@ -253,7 +253,7 @@ _SYSTEMATIC = 3.0  # sigmas of the search are those of white errors; link errors
 
 
 def search_tool_point(observed: Observations, links: LinkErrors, fixed: Collection[str]) -> Robot | None:
-    """The nominal arm with the tool point estimated from the points; None where the estimate is near robot.toml's.
+    """Nominal arm with the tool point estimated from the points; None where that is near robot.toml's.
 
     Far off is more than the tolerances of the last two rows allow. (A prior that is weighed by the residual constrains
     a parameter the more the worse the fit is: it would keep a tool that is off by 80 mm where robot.toml has it.)
@@ -270,7 +270,7 @@ def search_tool_point(observed: Observations, links: LinkErrors, fixed: Collecti
 
 
 def fitted_tool_point(model: Model, fit: Fit, links: LinkErrors, fixed: Collection[str]) -> Robot | None:
-    """The nominal arm with the tool point of a fit; None where that point is within the tolerances.
+    """Nominal arm with a fit's tool point; None where that is within the tolerances of robot.toml's.
 
     links, fixed: as in the options; the model may have wider tolerances and further fixed parameters.
     """
@@ -284,7 +284,7 @@ def fitted_tool_point(model: Model, fit: Fit, links: LinkErrors, fixed: Collecti
 
 
 def turning_tool_point(model: Model, fit: Fit, links: LinkErrors, fixed: Collection[str]) -> Robot | None:
-    """The nominal arm with the tool point that a fit reaches by turning the tip; None for a negligible turn.
+    """Nominal arm with the tool point that a fit reached by turning the tip; None for a negligible turn.
 
     Hardly is within an angle's tolerance; one point does not determine the attitude of the tip.
     """

@@ -44,7 +44,7 @@ _SLOW = 0.3  # of the full step before
 def solve(
     residuals: Residuals, *, start: ArrayLike | None = None, prior: bool = True, max_iterations: int = 100
 ) -> Fit:
-    """Minimise the squared residuals and, with a prior, the squared corrections over their tolerances.
+    """Least-squares fit: minimum of the squared residuals and, with a prior, of squared corrections over tolerances.
 
     Args:
         residuals: the problem.
@@ -72,7 +72,7 @@ def solve(
 
 
 def _settle(descent: _Descent, floor: float, *, hurry: bool = True) -> float:
-    """Descend until the prior's weight equals the larger of the residual's noise and the floor; the final weight.
+    """Weight of the prior after descending until it equals the residual's noise or the floor, the larger one.
 
     Without a floor, an arm without length would meet any constraint (a ball in a socket, a tip on a plane) at no cost.
     """
@@ -95,7 +95,7 @@ def _settle(descent: _Descent, floor: float, *, hurry: bool = True) -> float:
 
 
 def _below_floor(descent: _Descent, weight: float, floor: float) -> Fit:
-    """Fit with the prior's weight lowered further where the noise is below the floor (computed points).
+    """Fit with the prior's weight lowered further, where the noise is below the floor (computed points).
 
     It is lowered only with many degrees of freedom, and only as far as no parameter changes by several tolerances.
     """
@@ -118,14 +118,16 @@ def _below_floor(descent: _Descent, weight: float, floor: float) -> Fit:
 
 @dataclass(frozen=True)
 class _Factors:
-    """Singular value decomposition A = U diag(s) V^T of a scaled linear problem A z + b, and g = U^T b."""
+    """Singular value decomposition of the linearised problem A z + b, with A = U diag(s) V^T and g = U^T b."""
 
     s: Array
     v: Array
     g: Array
 
     def with_prior(self, weight: float, z: Array) -> _Factors:
-        """The factors of [A; w 1] with right-hand side [b; w z], whose V is that of A.
+        """Decomposition of the linearised problem with the prior's rows added.
+
+        These are the factors of [A; w 1] with right-hand side [b; w z], whose V is that of A.
 
         Directions without information are left out.
         """
@@ -140,7 +142,7 @@ class _Factors:
         return float(self.g @ self.g)
 
     def step(self, radius: float) -> tuple[Array, float]:
-        """Minimiser of |A z + b| within the radius, and the decrease of the squared norm that it predicts."""
+        """Step within a radius that minimises the linearised problem, and the predicted decrease of its square."""
 
         def damped(mu: float) -> Array:
             return -self.s * self.g / (self.s**2 + mu)
@@ -156,7 +158,7 @@ class _Factors:
 
 
 def _factorise(matrix: Array, rhs: Array) -> _Factors:
-    """Factors of a matrix (R, P) and right-hand side (R,), with s = 0 in directions beyond the rank."""
+    """Singular value decomposition of a linear problem with matrix (R, P) and right-hand side (R,)."""
     # R of [A b] carries the whole problem in P + 1 rows, however many poses there are.
     r = np.asarray(np.linalg.qr(np.column_stack([matrix, rhs]), mode="r"))
     count = matrix.shape[1]
@@ -212,7 +214,7 @@ class _Descent:
         return len(self.history) - 1
 
     def first_weight(self) -> float:
-        """Residual sigma over declared sigma at the start; 1 where no degree of freedom is left."""
+        """Prior's weight at the start: residual sigma over declared sigma; 1 where no degree of freedom is left."""
         noise = self.noise(1.0)
         return noise if np.isfinite(noise) and noise > 0.0 else 1.0
 
@@ -266,7 +268,7 @@ class _Descent:
                 return self._stop(True, "the residual is at the level of rounding")
 
     def _drop(self, step: Array, weight: float, objective: float) -> tuple[float, float]:
-        """Decrease of the objective by a step, and the cost of the data after the step."""
+        """Decrease of the objective by a step, and the squared residual after the step."""
         z = self.z + step
         residual = self.residuals.residual(z * self.scales)
         cost = float(residual @ residual) if np.all(np.isfinite(residual)) else np.inf
@@ -279,7 +281,7 @@ class _Descent:
         self.converged, self.reason = converged, reason
 
     def degrees_of_freedom(self, weight: float) -> float:
-        """Rows minus eliminated unknowns minus effective parameters, s^2 / (s^2 + weight^2) for each direction."""
+        """Degrees of freedom: rows minus eliminated unknowns minus effective number of parameters."""
         s2 = self.factors.s**2
         penalty = weight**2 if weight > 0.0 else (_NULL**2) * float(s2.max())
         return self.rows - self.residuals.degrees_spent - float(np.sum(s2 / (s2 + penalty)))
@@ -290,7 +292,7 @@ class _Descent:
         return float(np.sqrt(self.cost / left)) if left > 0.5 else float("nan")
 
     def surprise(self, weight: float) -> float:
-        """Minus twice the log posterior density of parameters and noise, up to a constant."""
+        """Negative log posterior density of parameters and noise, times two, up to a constant."""
         left = max(self.degrees_of_freedom(weight), 1.0)
         variance = max(self.cost / left, self.residuals.noise_floor**2)
         return float(left * np.log(variance) + self.cost / variance + self.z @ self.z)

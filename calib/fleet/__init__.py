@@ -1,1 +1,1 @@
-"""Diagnosis of many datasets: each processed on any executor, then compared by arm and searched for shared causes."""
+"""Diagnosis of many datasets: each is processed on any executor, then arms are compared and shared causes sought."""

@@ -1,4 +1,4 @@
-"""Workers of a fleet: processes of this machine, or a Dask cluster that runs already.
+"""Worker processes of a fleet run: on this machine, or on a Dask cluster that is running already.
 
 Dask is imported where a cluster is named. Whoever reaches a cluster's scheduler can have its workers run code: with TLS
 (`tls://head:8786`) it asks for the certificates that Dask's own settings name, without it has no password.
@@ -22,14 +22,14 @@ _PURE = False  # a pure task would not run again: Dask answers a second try with
 
 @contextmanager
 def local_workers(count: int) -> Iterator[Workers]:
-    """Workers on `count` processes of this machine, which no other user can reach."""
+    """Executor of `count` processes on this machine, which no other user can reach."""
     with Processes(count) as executor:
         yield Workers(executor, count, own_processes=True)
 
 
 @contextmanager
 def cluster_workers(address: str, folder: Path) -> Iterator[Workers]:
-    """The workers of a cluster that runs already.
+    """Executor of the workers of a Dask cluster that is running already.
 
     Raises CalibError where there is none at the address, where it has no workers, and where one of them has another
     version of this program or does not see the folder.
@@ -62,7 +62,7 @@ def cluster_workers(address: str, folder: Path) -> Iterator[Workers]:
 
 
 def seen_by_worker(folder: str) -> dict[str, object]:
-    """Versions of a worker's programs, and whether the worker sees the folder; runs on the worker."""
+    """Versions of a worker's programs, and whether the worker can read the folder; runs on the worker."""
     return {"versions": versions(), "folder": Path(folder).is_dir()}
 
 

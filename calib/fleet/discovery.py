@@ -15,7 +15,7 @@ MOST_LEVELS = 32
 
 @dataclass(frozen=True)
 class Discovered:
-    """Folders that hold a dataset.toml, found below one folder, and folders that could not be listed."""
+    """Dataset folders found below one folder, and folders that could not be listed."""
 
     folder: Path
     datasets: tuple[str, ...]  # paths below the folder, with slashes, in order; "." is the folder itself
@@ -47,7 +47,7 @@ def discover(folder: Path) -> Discovered:
 
 
 def _walk(folder: Path) -> Iterator[tuple[str, str]]:
-    """(path below the folder, "") of each dataset, (path, reason) of each folder that cannot be listed."""
+    """Pairs of path and reason: each dataset with reason "", each folder that cannot be listed with the reason."""
     seen: set[tuple[int, int]] = set()
     waiting = [Path()]
     while waiting:

@@ -24,7 +24,7 @@ NOT_OF_THE_ARM = (SCANNER, BASE, JIG, NOISE)
 
 @dataclass(frozen=True)
 class Drift:
-    """Changes between two datasets of one arm: the later points compared with the earlier calibration."""
+    """Changes between two datasets of one arm: the later points against the earlier calibration."""
 
     base: str  # path
     later: str
@@ -45,7 +45,7 @@ class Drift:
 
 @dataclass(frozen=True)
 class DriftTask:
-    """Two datasets by their paths, with the corners that were found in their scans."""
+    """Task of comparing two datasets of an arm, given by their paths and corners."""
 
     folder: str
     base: str
@@ -58,7 +58,7 @@ class DriftTask:
 
 
 def consecutive(rows: Iterable[Row]) -> list[tuple[Row, Row]]:
-    """Pairs of datasets of one arm: each dataset with the last one of an earlier date that was fitted.
+    """Pairs of datasets of one arm: each dataset with the last fitted one of an earlier date.
 
     Datasets without a serial number or a date are in no pair. A few check poses are too few for a fit and are compared
     with the last calibration before them.
@@ -75,7 +75,7 @@ def consecutive(rows: Iterable[Row]) -> list[tuple[Row, Row]]:
 
 
 def compare(task: DriftTask) -> Drift:
-    """Changes between two datasets of an arm; where they cannot be compared, a Drift with the reason."""
+    """Changes between two datasets of an arm, or the reason why they cannot be compared."""
     if task.own_process:
         one_blas_thread_for_good()
     try:
@@ -90,7 +90,7 @@ def compare(task: DriftTask) -> Drift:
 
 
 def not_compared(task: DriftTask, reason: str) -> Drift:
-    """The Drift of two datasets that could not be compared, with the reason."""
+    """Result of a comparison that was not possible, with the reason."""
     return Drift(task.base, task.later, "", (), None, None, reason=one_line(reason), settled=False)
 
 

@@ -50,7 +50,7 @@ class FleetOptions:
 
 @dataclass(frozen=True)
 class Task:
-    """A dataset to be processed, by its path; the worker reads the files."""
+    """Task of processing one dataset, given by its path; the worker reads the files."""
 
     folder: str  # of the fleet
     path: str  # of the dataset below it
@@ -68,7 +68,7 @@ class FoundCorners:
     covariance_mm2: tuple[tuple[float, ...], ...]  # (K, 9)
 
     def as_points_of(self, dataset: Dataset) -> Dataset:
-        """The dataset with these corners as its points."""
+        """Dataset with these corners as its measured points."""
         xyz = dict(zip(self.poses, self.xyz_mm, strict=True))
         spread = zip(self.poses, self.covariance_mm2, strict=True)
         covariance = {pose: np.reshape(values, (3, 3)) for pose, values in spread}
@@ -77,7 +77,7 @@ class FoundCorners:
 
 @dataclass(frozen=True)
 class Judged:
-    """Result of one dataset: its row with key, corners and duration."""
+    """Result of processing one dataset: its row of the table, with key, corners and duration."""
 
     key: str  # hash of the files, options and versions that the row depends on
     row: Row
@@ -87,13 +87,13 @@ class Judged:
 
 @dataclass(frozen=True)
 class Unchanged:
-    """A dataset whose row of an earlier run is still valid."""
+    """Marker for a dataset whose row of an earlier run is still valid."""
 
     path: str
 
 
 def judge(task: Task) -> Judged | Unchanged | Failure:
-    """The row of a dataset; any error on the way becomes a Failure with one line."""
+    """Row of the fleet's table for one dataset; any error becomes a Failure with one line."""
     if task.own_process:
         one_blas_thread_for_good()
     try:
@@ -138,7 +138,7 @@ def _judged(task: Task) -> Judged | Unchanged:
 
 
 def row_of(path: str, checked: Check, without_corner: tuple[str, ...] = ()) -> Row:
-    """The row of a checked dataset."""
+    """Row of the fleet's table for a checked dataset."""
     dataset, found = checked.dataset, checked.diagnosis
     links, last = _fits(checked)
     about = dict(_flat("", dataset.about.extra))
@@ -179,7 +179,7 @@ def row_of(path: str, checked: Check, without_corner: tuple[str, ...] = ()) -> R
 
 
 def _fits(checked: Check) -> tuple[Calibration | None, Calibration | None]:
-    """The fit of the link errors alone, and the last fit."""
+    """Fit of the link errors alone, and last fit of the diagnosis."""
     if checked.diagnosis is not None:
         return checked.diagnosis.steps[0].calibration, checked.diagnosis.calibration
     return checked.calibration, checked.calibration
@@ -198,7 +198,7 @@ def _rmse(links: Calibration | None, last: Calibration | None, *, test: bool) ->
 
 
 def sizes_of(found: Diagnosis) -> tuple[EffectSize, ...]:
-    """Sizes of the effects that a diagnosis added, by effect and joint; learned curves have none."""
+    """Sizes of the effects that a diagnosis added, by effect and joint, without learned curves."""
     calibration = found.calibration
     members = [m for m in calibration.model.effects if family_name(m) in found.named]
     out = []
@@ -218,7 +218,7 @@ def sizes_of(found: Diagnosis) -> tuple[EffectSize, ...]:
 
 
 def _flat(prefix: str, values: Mapping[str, object]) -> list[tuple[str, str]]:
-    """Keys joined by dots, with texts, from nested tables: ("gears.J3", "lot 17")."""
+    """Nested tables as pairs of texts, with keys joined by dots: ("gears.J3", "lot 17")."""
     out: list[tuple[str, str]] = []
     for key, value in values.items():
         if isinstance(value, Mapping):

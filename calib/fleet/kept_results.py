@@ -42,13 +42,16 @@ class _DriftFile(msgspec.Struct):
 
 @dataclass(frozen=True)
 class KeptResults:
-    """The folder of results; damaged files count as missing."""
+    """Folder with the results of a run so far; damaged files count as missing."""
 
     folder: Path
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Lock of the folder for one run. Raises DatasetError where another run holds it, or no folder can be made."""
+        """Context that locks the folder for one run. Raises DatasetError where another run has it locked.
+
+        Raises it, too, where the folder cannot be made.
+        """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             lock = (self.folder / ".lock").open("a")
@@ -70,7 +73,7 @@ class KeptResults:
             yield
 
     def forget(self) -> None:
-        """Delete all results."""
+        """Delete all stored results."""
         for path in self.folder.glob("*.json"):
             path.unlink(missing_ok=True)
 
@@ -82,7 +85,7 @@ class KeptResults:
         )
 
     def judged(self, path: str) -> Judged | None:
-        """The result of a dataset; None where there is none."""
+        """Stored result of a dataset; None where there is none."""
         file = self._read(self._place(path), _JudgedFile)
         if file is None or file.row.path != path:
             return None
@@ -93,7 +96,7 @@ class KeptResults:
         self._write(self._place(drift.base, drift.later), {"key": key, "drift": drift})
 
     def drift(self, base: str, later: str, key: str) -> Drift | None:
-        """Stored comparison of two datasets under this key; None where there is none."""
+        """Stored comparison of two datasets of an arm, by its key; None where there is none."""
         file = self._read(self._place(base, later), _DriftFile)
         return file.drift if file is not None and file.key == key else None
 

@@ -33,7 +33,7 @@ class Processes(Executor):
     """Executor of `count` processes, each with one task at a time."""
 
     def __init__(self, count: int, memory_bytes: float | None = None) -> None:
-        """`memory_bytes`: largest memory of one process; None for an equal share of the machine's or container's."""
+        """Set the memory limit of one process, `memory_bytes`; None for an equal share of the machine's memory."""
         self._memory_bytes = _SHARE * machine_memory_bytes() / count if memory_bytes is None else memory_bytes
         self._threads = ThreadPoolExecutor(count, thread_name_prefix="processes")
         self._places: SimpleQueue[_Worker | None] = SimpleQueue()
@@ -43,7 +43,7 @@ class Processes(Executor):
         self._lock, self._over = threading.Lock(), threading.Event()
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """The future of a module's function called with arguments that can be pickled."""
+        """Future of a call of a module's function with arguments that can be pickled."""
         return self._threads.submit(self._ask, (fn, args, kwargs))
 
     @property
@@ -85,7 +85,7 @@ class Processes(Executor):
 
 
 class _Worker:
-    """A worker process, with this program's end of the connection."""
+    """A worker process, with the main program's end of the connection."""
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -99,7 +99,7 @@ class _Worker:
         return self._process.pid or 0
 
     def answer(self, task: tuple[Any, ...], memory_bytes: float) -> tuple[bool, Any]:
-        """(True, result) of a task, or (False, exception). Raises WorkerDied."""
+        """Pair (True, result) of a task, or (False, exception). Raises WorkerDied."""
         try:
             self._connection.send(task)
             while not self._connection.poll(_LOOK_S):

@@ -41,11 +41,11 @@ class Fleet(Presented):
         return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
 
     def row(self, path: str) -> Row:
-        """The row of a dataset, by its path."""
+        """Row of a dataset, by the dataset's path."""
         return next(row for row in self.rows if row.path == path)
 
     def worst(self, count: int = 10) -> tuple[Row, ...]:
-        """The rows with the largest last error."""
+        """Rows of the datasets with the largest error of the last model."""
         known = [(row.error_mm, row) for row in self.rows if row.error_mm is not None]
         return tuple(row for _, row in sorted(known, key=lambda item: (-item[0], item[1].path))[:count])
 

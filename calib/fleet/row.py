@@ -1,4 +1,4 @@
-"""One dataset of a fleet as a row of the fleet's table, small whatever the dataset's size."""
+"""Row of the fleet's table for one dataset, small whatever the dataset's size."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from calib.brief import Brief
 
 @dataclass(frozen=True)
 class EffectSize:
-    """Size of one member of an effect, such as that of one joint."""
+    """Size of one member of an effect, such as the effect on one joint."""
 
     effect: str  # family
     joint: int | None  # counted from 1
@@ -31,7 +31,10 @@ class Rmse:
 
 @dataclass(frozen=True)
 class Row(Brief):
-    """One dataset: arm, errors, verdict and effects. Equal files and options give an equal row."""
+    """Row of the fleet's table for one dataset: arm, errors, verdict and effects.
+
+    Equal files and options give an equal row.
+    """
 
     path: str  # below the fleet's folder, with slashes
     name: str
@@ -58,7 +61,7 @@ class Row(Brief):
 
     @property
     def arm(self) -> tuple[str, str]:
-        """Robot and serial number; a dataset without a number counts as an arm of its own."""
+        """Name of the arm, from robot and serial number; without a number each dataset is an arm of its own."""
         return self.robot, self.serial or f"({self.path})"
 
     @property

@@ -1,4 +1,4 @@
-"""Run of a whole fleet: datasets below a folder processed on an executor, arms compared, shared causes sought."""
+"""Run of a fleet: datasets below a folder are processed, arms compared over time, and shared causes sought."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True)
 class Workers:
-    """Executor of a fleet's tasks, and number of tasks at a time."""
+    """Executor of a fleet's tasks, and number of tasks at the same time."""
 
     executor: Executor | None = None  # None: this thread
     count: int = 1
@@ -83,7 +83,7 @@ def run_fleet(
 
 
 def _rows(paths: Sequence[str], kept: KeptResults) -> tuple[tuple[Row, ...], dict[str, str], float]:
-    """The rows, their keys by path, and the sum of their durations, s."""
+    """Rows of all datasets, their keys by path, and the sum of their durations, s."""
     rows, keys, seconds = [], {}, 0.0
     for path in paths:
         judged = kept.judged(path)
@@ -102,7 +102,7 @@ class _Stored:
 def _judged_twice(
     paths: Sequence[str], folder: Path, kept: KeptResults, workers: Workers, options: FleetOptions
 ) -> Iterator[_Stored | Unchanged | Failure]:
-    """Outcome of each dataset as soon as it is known, a failure only after a second try; results are stored first."""
+    """Result of each dataset once known and stored; a failure is reported only after a second try."""
 
     def tasks(of: Iterable[str]) -> Iterator[Task]:
         for path in of:
@@ -131,7 +131,7 @@ def _judged_twice(
 def _done(
     function: Callable[[Asked], Answer], items: Iterable[Asked], workers: Workers
 ) -> Iterator[tuple[int, Future[Answer]]]:
-    """Futures of items as they complete; no more are submitted than can run, so that a dead worker loses only one."""
+    """Futures as they complete, submitted only as many at a time as can run, so that a dead worker loses only one."""
     executor = _Here() if workers.executor is None else workers.executor
     return futures_as_completed(function, items, executor, workers.count)
 
@@ -148,7 +148,7 @@ class _Here(Executor):
 def _outcome(
     future: Future[Judged | Unchanged | Failure], path: str, options: FleetOptions
 ) -> Judged | Unchanged | Failure:
-    """Result of a worker, or a Failure with the reason for its absence."""
+    """Result of a task, or a Failure with the reason why the worker gave none."""
     return Failure(path, _lost(future, options)) if _is_lost(future) else future.result()
 
 
@@ -157,7 +157,7 @@ def _is_lost(future: Future[Answer]) -> bool:
 
 
 def _lost(future: Future[Answer], options: FleetOptions) -> str:
-    """Reason why a worker gave no result; since `judge` raises nothing, the worker itself failed."""
+    """Reason why a worker gave no result."""
     error = CancelledError() if future.cancelled() else future.exception()
     if isinstance(error, CancelledError):
         return "the cluster cancelled it"
@@ -175,7 +175,7 @@ def _drifts(
     options: FleetOptions,
     on_progress: OnProgress | None,
 ) -> list[Drift]:
-    """Changes of each pair, in the pairs' order."""
+    """Changes between the two datasets of each pair, in the pairs' order."""
 
     def task(pair: tuple[Row, Row]) -> DriftTask:
         base, later = (kept.judged(row.path) for row in pair)

@@ -1,4 +1,4 @@
-"""Causes that several arms of a fleet share, and common properties of these arms.
+"""Causes that several arms of a fleet share, and properties that these arms have in common.
 
 A cause is an effect on one joint that a diagnosis claims. Its arms are compared with every site, every value of a
 further key of [about] (a gear's batch), and every range of serial numbers by Fisher's exact test, one-sided: is the
@@ -55,7 +55,7 @@ class SharedCause:
 
 
 def shared_causes(rows: Iterable[Row]) -> tuple[SharedCause, ...]:
-    """Causes that at least FEWEST arms share, first those with a significant group, then by number of arms."""
+    """Causes that at least FEWEST arms share, sorted by significance of a group, then by number of arms."""
     last_of: dict[tuple[str, str], Row] = {}
     for row in sorted(rows, key=lambda row: (row.date, row.path)):
         if row.verdict:
@@ -93,7 +93,7 @@ def _by_robot(arms: Sequence[Row]) -> dict[str, list[Row]]:
 
 
 def _causes(row: Row) -> dict[Cause, EffectSize]:
-    """Effects claimed by the diagnosis of an arm, by effect and joint, without joints that hardly show the effect."""
+    """Effects claimed by an arm's diagnosis, by effect and joint, without joints with a negligible share."""
     claimed = [size for size in row.sizes if size.effect in row.missing]
     most = {
         effect: max(size.moves_mm for size in claimed if size.effect == effect)
@@ -103,7 +103,7 @@ def _causes(row: Row) -> dict[Cause, EffectSize]:
 
 
 def _groups(arms: Sequence[Row], has: BoolArray, *, across_models: bool) -> list[Group]:
-    """Every group of a fleet's arms, with its p-value before correction."""
+    """Groups of arms (site, lot, serial range) with uncorrected p-values for having a cause more often."""
     population, cases = len(arms), int(has.sum())
     table = hypergeometric_sf(population, cases)
 
@@ -133,7 +133,7 @@ def _groups(arms: Sequence[Row], has: BoolArray, *, across_models: bool) -> list
 
 
 def best_range(has: BoolArray) -> tuple[int, int, float]:
-    """The range of neighbours in which a cause is most unlikely by chance: first, last, and its p-value.
+    """Range of serial numbers in which a cause is least likely by chance: first and last index, and p-value.
 
     `has` (N,) says which arms have the cause, in order. The p-value is the probability of a range as unlikely anywhere,
     where the cases are permuted at random.
@@ -156,5 +156,5 @@ def best_range(has: BoolArray) -> tuple[int, int, float]:
 
 
 def natural(text: str) -> tuple[tuple[int, int, str], ...]:
-    """Sort key by which "A-9" comes before "A-10"."""
+    """Sort key that orders numbers within texts by value, so that "A-9" comes before "A-10"."""
     return tuple((0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", text) if part)

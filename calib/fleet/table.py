@@ -1,4 +1,4 @@
-"""The table of a fleet: one row per dataset, as .csv or .parquet. Equal rows give an equal file."""
+"""Table of a fleet's datasets, one row each, as .csv or .parquet; equal rows give an equal file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ _TEXTS = ("path", "name", "serial", "site", "date", "robot")
 
 
 def fleet_frame(rows: Sequence[Row]) -> pd.DataFrame:
-    """Table with one row per dataset; lists are joined by "; ", and an effect's member has its main value and sigma.
+    """Table with one row per dataset, in which lists are joined by "; ".
+
+    A member of an effect has its main value and sigma.
 
     There are columns for the effects and the further keys of [about] of any row, sorted by name.
     """
@@ -53,7 +55,7 @@ def _of(size: EffectSize | None, field: str) -> float | None:
 
 
 def table_bytes(rows: Sequence[Row], suffix: str) -> bytes:
-    """Content of a table's file. Raises CalibError for another suffix, and where pyarrow is missing for .parquet."""
+    """Content of a table file. Raises CalibError for an unknown suffix, or for .parquet without pyarrow."""
     frame = fleet_frame(rows)
     if suffix.lower() == ".csv":
         return frame_csv(frame).encode("utf-8")
@@ -64,7 +66,7 @@ def table_bytes(rows: Sequence[Row], suffix: str) -> bytes:
 
 
 def write_table(rows: Sequence[Row], path: Path) -> None:
-    """Write the table, whole or not at all."""
+    """Write the fleet's table to a file, either completely or not at all."""
     write_bytes_atomically(path, table_bytes(rows, path.suffix))
 
 
@@ -82,7 +84,7 @@ def require_table_kind(suffix: str) -> None:
 
 
 def is_table(path: Path) -> bool:
-    """Whether a file is a fleet table or empty, so that it may be replaced."""
+    """Whether a file is a fleet table or empty, so that it may be overwritten."""
     if path.suffix.lower() == ".parquet":
         import pyarrow.parquet
 

@@ -1,4 +1,4 @@
-"""Time limit for work in a thread: an exception between two steps of Python, else the end of the process."""
+"""Time limit for work in a thread: an exception in the running Python code, else the end of the process."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ GRACE_S = 20.0  # for the work to end after the exception
 
 
 class OutOfTime(BaseException):
-    """Exception inside work that takes too long; derived from BaseException, so that no `except Exception` stops it."""
+    """Exception raised inside work that takes too long; a BaseException, so that `except Exception` misses it."""
 
 
 @contextmanager

@@ -28,7 +28,7 @@ def columns_of(
     targets: tuple[Target, ...] = (),
     of_target: IndexArray | None = None,
 ) -> tuple[Array, Array]:
-    """Jacobian (R, P) of the compared quantities, and the norms (P,) of its columns before unknowns are projected out.
+    """Jacobian (R, P) of the compared quantities, unknowns projected out, and column norms (P,) before projection.
 
     q  # (N, n); setup  # (N,), distances are from the first pose of each
     of_target  # (N,) index of the target measured in each row, -1 for the tool point; None: the tool point in all
@@ -79,7 +79,7 @@ def columns_of(
 def _columns_of_targets(
     chain: kinematics.Chain, targets: tuple[Target, ...], of_target: IndexArray
 ) -> tuple[Array, Array]:
-    """Points (N, 3) of the measured targets, and their derivative (N, 3, P) by the table and the targets' positions."""
+    """Points (N, 3) of the measured targets, mm, and their derivative (N, 3, P) by table and target positions."""
     points_mm = chain.target_mm.copy()
     by_table = kinematics.point_jacobian(chain, points_mm)
     by_position = np.zeros((len(of_target), 3, len(targets), 3))
@@ -95,7 +95,7 @@ def _columns_of_targets(
 def _columns_of_world_targets(
     chain: kinematics.Chain, targets: tuple[Target, ...], of_target: IndexArray
 ) -> tuple[Array, Array]:
-    """Points and derivatives, as `_columns_of_targets`, of targets in the world, in the flange's frame."""
+    """Points (N, 3) of world-fixed targets in the flange's frame, mm, and their derivative (N, 3, P)."""
     positions_mm = np.array([target.xyz_mm for target in targets])[of_target]
     points_mm, by_table, by_position = kinematics.seen_from_flange(chain, positions_mm)
     by_positions = np.zeros((len(of_target), 3, len(targets), 3))
@@ -104,7 +104,7 @@ def _columns_of_world_targets(
 
 
 def _motion(points_mm: Array, rows: IndexArray) -> Array:
-    """Derivative (N, 6, 6) of positions and orientations by a shift and a turn of a setup's frame."""
+    """Derivative (N, 6, 6) of positions and orientations by a small shift and turn of a setup's scanner frame."""
     motion = np.zeros((len(points_mm), 6, 6))
     motion[rows, :3, :3] = np.eye(3)
     motion[rows, :3, 3:] = -frames.skew(points_mm[rows] - points_mm[rows].mean(axis=0))
@@ -113,7 +113,7 @@ def _motion(points_mm: Array, rows: IndexArray) -> Array:
 
 
 def _distance_columns(points_mm: Array, by_parameter: Array) -> Array:
-    """Derivatives of distances to the first point: Phi of Jang eq (14) (N - 1, P) divided by twice the length."""
+    """Derivatives (N - 1, P) of distances from the first point: Phi of Jang eq (14) over twice the distance."""
     along = points_mm[1:] - points_mm[0]
     length = np.linalg.norm(along, axis=1)
     keep = length > 1e-6

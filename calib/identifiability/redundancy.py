@@ -45,7 +45,7 @@ class Redundancy(Presented):
 
     @property
     def dropped(self) -> dict[str, str]:
-        """Reasons, by name, why parameters are not among the independent ones."""
+        """Reason, by parameter name, why a parameter is not among the independent ones."""
         why = dict.fromkeys(self.no_influence, "no influence on what is measured")
         for group in (*self.groups, *self.mixed_groups):
             why |= {name: f"acts like {group[0]}" for name in group[1:] if name not in why}
@@ -89,7 +89,7 @@ def analyse(
     measured_by: str = "",
     observed: str = "the measured point",
 ) -> Redundancy:
-    """Redundancy of the columns of a Jacobian (R, P) in the parameters' own units.
+    """Redundancy of parameters by the columns of a Jacobian (R, P), in the parameters' own units.
 
     Args:
         unprojected_norms: (P,) norms of the columns before other unknowns were projected out of them; a column counts
@@ -131,7 +131,7 @@ def analyse(
 
 
 def _groups(pearson: Array, allowed: BoolArray, names: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
-    """Sets of parameters whose |r| with the set's first parameter is 1, in the parameters' order."""
+    """Groups of redundant parameters: those whose |r| with the group's first parameter is 1."""
     alike = (np.abs(np.nan_to_num(pearson)) >= 1.0 - _SAME) & allowed
     grouped: set[int] = set()
     groups = []
@@ -146,7 +146,7 @@ def _groups(pearson: Array, allowed: BoolArray, names: tuple[str, ...]) -> tuple
 def _dependencies(
     columns: Array, is_zero: BoolArray, names: tuple[str, ...]
 ) -> tuple[tuple[str, ...], dict[str, dict[str, float]]]:
-    """Names of the first columns that span all others (Gram-Schmidt in order), and relations that give the others."""
+    """Names of the independent parameters (first columns that span all others), and relations for the others."""
     norm = np.where(is_zero, 1.0, np.linalg.norm(columns, axis=0))
     unit = columns / norm
     chosen: list[int] = []

@@ -75,7 +75,7 @@ def redundancy(dataset: Dataset | str | Path, *, residual: str = "position") -> 
 
 
 def absorbed_by_scanner_frame(dataset: Dataset) -> tuple[str, ...]:
-    """Parameters whose effect at the training poses equals a motion of the scanner's frame: no fit determines these."""
+    """Parameters that act like a motion of the scanner's frame at the training poses, so no fit finds them."""
     if not dataset.robot.carries_scanner:
         try:
             return redundancy(dataset, residual="distance").no_influence
@@ -87,7 +87,7 @@ def absorbed_by_scanner_frame(dataset: Dataset) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class FreeFrameRank:
-    """Number of identifiable parameters where the scanner's frame is unknown, as in a fit."""
+    """Number of identifiable parameters with an unknown scanner frame: at the dataset's poses, and at best."""
 
     residual: str
     here: int  # at the dataset's training poses
@@ -132,7 +132,7 @@ def structural_rank(robot: Robot, *, residual: str = "position", measured: Colle
 
 
 def fewest_poses(robot: Robot, *, residual: str = "position", setups: int = 1, rank: int = 0) -> int:
-    """Fewest different poses that a fit needs: one equation more than unknowns.
+    """Fewest different poses that a fit needs to have one equation more than unknowns.
 
     Each setup's frame takes six equations of positions or poses, and one pose of distances; the jig's orientation on
     the tool takes three of poses. That leaves about one degree of freedom; a good measurement has three times as many.
@@ -148,7 +148,7 @@ def fewest_poses(robot: Robot, *, residual: str = "position", setups: int = 1, r
 def _at_training_poses(
     dataset: Dataset, residual: str, *, frame_known: bool
 ) -> tuple[Array, Array, tuple[str, ...], tuple[str, ...]]:
-    """Columns at the training poses and their norms (`columns_of`), with their names and units.
+    """Jacobian columns at the training poses, their norms, names and units.
 
     Further targets that were measured there have rows of their own, and columns for their positions; distances are of
     the tool point alone.
@@ -206,6 +206,6 @@ def _further_targets(robot: Robot, measured: Collection[str], residual: str) -> 
 
 
 def _names_and_units(robot: Robot, targets: tuple[Target, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names and units of the columns: the table's, then those of the targets' positions."""
+    """Names and units of the Jacobian's columns: the table's entries, then the targets' coordinates."""
     positions = tuple(name for target in targets for name in target_parameter_names(target))
     return (*robot.parameter_names, *positions), (*robot.parameter_units, *("mm" for _ in positions))

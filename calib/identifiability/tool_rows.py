@@ -32,7 +32,7 @@ class ToolRows:
 
 
 def tool_rows(dataset: Dataset, *, residual: str = "position", model: Model | None = None) -> ToolRows:
-    """Identifiability of the tool row at a dataset's training poses, for the nominal robot or a model's tool point."""
+    """Identifiability of the tool row at a dataset's training poses, for the nominal robot or a fitted model."""
     own = None if model is None else model.robot.own_tool_point
     if model is not None and own is not None:
         unseen = tuple(name for name in behind_last_axis(model.robot) if name in model.fixed)
@@ -42,7 +42,7 @@ def tool_rows(dataset: Dataset, *, residual: str = "position", model: Model | No
 
 
 def rows_of_tool(redundant: Redundancy, residual: str) -> ToolRows:
-    """Identifiability of the tool row by an analysis of all parameters."""
+    """Identifiability of the tool row, taken from a redundancy analysis of all parameters."""
     mine = [name for name in redundant.parameters if name.endswith(_ROW) and "." not in name]
     unseen = tuple(name for name in mine if name in redundant.no_influence)
     relations = [*redundant.groups, *redundant.mixed_groups, *map(tuple, redundant.combinations)]

@@ -42,7 +42,7 @@ class Chain:
         return self.base_T_frame[:, -2]
 
     def base_T_link(self, joint: int | None) -> Array:
-        """Frame (N, 4, 4) of the link that a joint moves, joints counted from 1; None for the last."""
+        """Frame (N, 4, 4) of the link that a given joint (counted from 1) moves; of the last link for None."""
         return self.base_T_frame[:, -2 if joint is None else joint]
 
     @property
@@ -81,7 +81,7 @@ def forward(table: ArrayLike, q: ArrayLike, is_revolute: ArrayLike, base_T_first
 
 
 def _link_transforms(a: Array, alpha: Array, d: Array, theta: Array, beta: Array) -> Array:
-    """Link transforms (4, 4, ...) by Jang eq (3) multiplied out, lengths in mm and angles in rad, which broadcast."""
+    """Transforms (4, 4, ...) of links by Jang eq (3), from lengths in mm and angles in rad that broadcast."""
     ct, st = np.cos(theta), np.sin(theta)
     ca, sa = np.cos(alpha), np.sin(alpha)
     cb, sb = np.cos(beta), np.sin(beta)
@@ -103,7 +103,7 @@ def _link_transforms(a: Array, alpha: Array, d: Array, theta: Array, beta: Array
 
 
 def point_jacobian(chain: Chain, points_mm: ArrayLike) -> Array:
-    """Derivative by the table's entries of points that are fixed to the tool (Jang eq 8).
+    """Derivative, by the table's entries, of points fixed to the tool (Jang eq 8).
 
     Args:
         points_mm: (N, 3) in the base frame, one per pose.
@@ -121,14 +121,17 @@ def point_jacobian(chain: Chain, points_mm: ArrayLike) -> Array:
 
 
 def link_point_jacobian(chain: Chain, points_mm: ArrayLike, joint: int | None) -> Array:
-    """Jacobian (as `point_jacobian`) of points fixed to the link which a joint moves; zero for later table rows."""
+    """Derivative, by the table's entries, of points fixed to the link that a joint moves.
+
+    It is as `point_jacobian`, but zero for later rows of the table.
+    """
     by_table = point_jacobian(chain, points_mm)
     by_table[:, :, -1 if joint is None else joint :] = 0.0
     return by_table
 
 
 def seen_from_flange(chain: Chain, points_mm: ArrayLike) -> tuple[Array, Array, Array]:
-    """Positions in the flange's frame of points that are fixed in the base frame (N, 3), one per pose.
+    """Positions in the flange's frame of points fixed in the base frame (N, 3), with their derivatives.
 
     A small motion of the flange moves them, as seen from it, opposite to a point of the flange at the same position.
 
@@ -144,14 +147,14 @@ def seen_from_flange(chain: Chain, points_mm: ArrayLike) -> tuple[Array, Array, 
 
 
 def flange_turn_jacobian(chain: Chain) -> Array:
-    """Derivative of the world's small turn about the flange's axes by the table's entries: (N, 3, n + 1, 5)."""
+    """Derivative (N, 3, n + 1, 5), by the table's entries, of the world's small turn about the flange's axes."""
     by_table = turn_jacobian(chain)
     by_table[:, :, -1] = 0.0  # the tool's row does not turn the flange
     return -np.einsum("nji,njrk->nirk", chain.base_T_flange[:, :3, :3], by_table)
 
 
 def turn_jacobian(chain: Chain) -> Array:
-    """Derivative of the tool's small turn about the base's axes, rad, by the table's entries: (N, 3, n + 1, 5).
+    """Derivative (N, 3, n + 1, 5), rad, by the table's entries, of the tool's small turn about the base's axes.
 
     Lengths do not turn it. An angle turns it about its own axis: theta about z_(i-1), alpha about x'_i, beta about
     y_i.
@@ -162,7 +165,7 @@ def turn_jacobian(chain: Chain) -> Array:
 
 
 def joint_jacobian(chain: Chain, is_revolute: ArrayLike) -> tuple[Array, Array]:
-    """Derivatives by the joints of the tool point (N, 3, n), mm, and of the tool's turn (N, 3, n), rad, base frame.
+    """Derivatives (N, 3, n), by the joints, of the tool point, mm, and of the tool's turn, rad, base frame.
 
     Per rad of a revolute joint (its theta), per mm of a prismatic one (its d), which does not turn the tool.
     """

@@ -1,4 +1,4 @@
-"""Robot-world and hand-eye calibration: scanner frames on the flange and targets in the world, without a first guess.
+"""Robot-world and hand-eye calibration: scanner poses on the flange and target positions, without a first guess.
 
     R_i (X s_i + t) + b_i = p
 
@@ -36,7 +36,7 @@ _SETTLED = 1e-10
 
 @dataclass(frozen=True)
 class HandEye:
-    """Scanner frames on the flange, targets' positions, and the motions of both that the poses do not determine."""
+    """Scanner poses on the flange, target positions in the world, and motions that the poses leave undetermined."""
 
     flange_T_scanner: Mapping[str, Array]  # by setup, (4, 4)
     position_mm: Mapping[str, Array]  # by target, (3,) in the base frame
@@ -45,7 +45,7 @@ class HandEye:
 
     @property
     def ambiguity(self) -> str:
-        """The directions that are not determined, as a sentence; "" where all are."""
+        """Sentence on the directions that the poses leave undetermined; "" where there are none."""
         count = len(self.undetermined_shifts)
         if count == 0:
             return ""
@@ -70,7 +70,7 @@ class HandEye:
 
 
 def with_world_targets(robot: Robot, position_mm: Mapping[str, Array]) -> Robot:
-    """Robot with targets added at positions (3,) in the world, mm in the base frame; its existing targets are kept."""
+    """Robot with further targets added at positions (3,), mm in the base frame, fixed in the world."""
     known = {target.name for target in robot.targets if target.in_world}
     added = [
         Target(name, _vector(xyz_mm), POSITION_SIGMA_MM, in_world=True)
@@ -92,7 +92,7 @@ def solve_hand_eye(
     target: NDArray[np.str_],
     scanner_R_jig: Array | None = None,
 ) -> HandEye:
-    """Scanner frames and target positions with the least squared error at M points.
+    """Scanner poses on the flange and target positions with the least squared error at M points.
 
     base_T_flange  # (M, 4, 4); scanner_mm  # (M, 3); setup, target  # (M,) names
     scanner_R_jig  # (M, 3, 3) where the jig's orientation was measured, else nan
@@ -113,7 +113,7 @@ def solve_hand_eye(
 
 @dataclass(frozen=True)
 class _Problem:
-    """Equations of M points in the rotations and shifts of S setups and the positions of T targets."""
+    """Hand-eye equations R (X s + t) + b = p of M points, for S setups (X, t) and T target positions p."""
 
     rotation: Array  # (M, 3, 3) base_R_flange
     origin_mm: Array  # (M, 3) of the flange, about `centre_mm`
@@ -142,7 +142,7 @@ class _Problem:
 
     @property
     def _shift_columns(self) -> Array:
-        """Derivative (3 M, 3 S + 3 T) of R (X s + t) + b - p by the shifts t and the positions p."""
+        """Derivative (3 M, 3 S + 3 T) of the hand-eye residual by the scanner shifts t and target positions p."""
         by_shift = np.einsum("ms,mij->misj", self.setup, self.rotation)
         by_place = -np.einsum("mt,ij->mitj", self.target, np.eye(3))
         return np.concatenate(
@@ -151,7 +151,7 @@ class _Problem:
         )
 
     def best_rotation(self, k: int) -> Array:
-        """Rotation flange_R_scanner (3, 3) of a setup by its own points."""
+        """Rotation flange_R_scanner (3, 3) of a setup, estimated from the setup's own points."""
         rows = self.setup[:, k] > 0.0
         rotation, scanner_mm = self.rotation[rows], self.scanner_mm[rows]
         scanner_mm = scanner_mm - scanner_mm.mean(axis=0)  # a common shift is part of t
@@ -170,7 +170,9 @@ class _Problem:
         return _least_squares_rotation(form, right, starts)
 
     def _attitude_rows(self, rows: BoolArray) -> Array:
-        """Rows (9 K, 10) of R X O less its mean, linear in X, at the K points whose orientation O is known.
+        """Equations (9 K, 10) that keep the jig's orientation in the world constant, linear in the rotation X.
+
+        They are R X O less its mean, O being the jig's measured orientation at K points.
 
         A radian counts as `_MM_PER_RADIAN`.
         """
@@ -183,19 +185,19 @@ class _Problem:
         return np.column_stack([apart.reshape(-1, 9), np.zeros(9 * len(by_turn))])
 
     def _residual(self, turns: Array, shifts: Array, places: Array) -> tuple[Array, Array]:
-        """Residuals R (X s + t) + b - p (M, 3), and the turned points R X s."""
+        """Hand-eye residual R (X s + t) + b - p (M, 3), mm, and the rotated points R X s."""
         turned = np.einsum("ms,sij,mj->mi", self.setup, turns, self.scanner_mm)
         turned = np.einsum("mij,mj->mi", self.rotation, turned)
         shifted = np.einsum("mij,mj->mi", self.rotation, self.setup @ shifts)
         return turned + shifted + self.origin_mm - self.target @ places, turned
 
     def _turn_columns(self, turned: Array) -> Array:
-        """Derivative (3 M, 3 S) by small turns of each scanner about the flange's axes, per `_MM_PER_RADIAN`."""
+        """Derivative (3 M, 3 S) of the hand-eye residual by small turns of each scanner about the flange's axes."""
         by_turn = -frames.skew(turned) @ self.rotation / _MM_PER_RADIAN
         return np.einsum("ms,mij->misj", self.setup, by_turn).reshape(3 * len(turned), -1)
 
     def refined(self, turns: Array) -> tuple[Array, Array, Array]:
-        """Least-squares rotations (S, 3, 3), shifts (S, 3) and positions (T, 3) from rotations near them."""
+        """Least-squares rotations (S, 3, 3), shifts (S, 3) and target positions (T, 3), from approximate rotations."""
         count = len(self.setups)
         columns = self._shift_columns
         shifts, places = np.zeros((count, 3)), np.zeros((len(self.targets), 3))
@@ -213,7 +215,7 @@ class _Problem:
         return turns, shifts, places + self.centre_mm
 
     def undetermined(self, turns: Array) -> tuple[bool, Array]:
-        """Whether some turn of a scanner changes no point; directions (K, 3) of common shifts that change none."""
+        """Whether a scanner rotation is undetermined, and the undetermined common shifts as directions (K, 3)."""
         count = len(self.setups)
         turned = self._residual(turns, np.zeros((count, 3)), np.zeros((len(self.targets), 3)))[1]
         every = np.concatenate([self._turn_columns(turned), self._shift_columns], axis=1)
@@ -226,7 +228,7 @@ class _Problem:
         return undetermined_rotation, vt[s > 0.1]
 
     def _attitude_changes(self) -> Array:
-        """Derivative (3 K, 6 S + 3 T) of the jig's orientation in the world less its mean, by the unknowns."""
+        """Derivative (3 K, 6 S + 3 T), by the unknowns, of the jig's orientation in the world less its mean."""
         width = 6 * len(self.setups) + 3 * len(self.targets)
         if self.scanner_R_jig is None:
             return np.zeros((0, width))

@@ -38,15 +38,15 @@ joints (K, s, n), both in units of a joint's scaled motion."""
 
 
 class InverseProblem(Protocol):
-    """N goals for an arm with n joints, as m equations each."""
+    """Inverse kinematics problem: N goals for an arm with n joints, each goal as m equations."""
 
     @property
     def joint_units(self) -> Array:
-        """Size of one scaled unit of each joint (n,), rad or mm."""
+        """Size (n,) of one scaled unit of each joint, rad or mm."""
         ...
 
     def linearise(self, q: Array, rows: IndexArray) -> tuple[Array, Array]:
-        """Errors (K, m), mm, of the goals `rows` (K,) at q (K, n), and derivatives by the scaled joints (K, m, n).
+        """Errors (K, m), mm, of K of the goals at q (K, n), and their derivatives (K, m, n) by the scaled joints.
 
         Turns count in mm too, times a length that the problem chooses.
         """
@@ -55,7 +55,7 @@ class InverseProblem(Protocol):
 
 @dataclass(frozen=True)
 class StepRule:
-    """Rule by which steps are damped and accepted."""
+    """Rule by which the steps of the inverse kinematics are damped and accepted."""
 
     iterations: int
     constant_damping_mm2: float = 0.0  # mu; 0: damped only where a full step does not lower the error
@@ -75,7 +75,7 @@ def solve_inverse(
     rule: StepRule = FROM_NEARBY,
     prefer: Preference | None = None,
 ) -> Array:
-    """Joint vectors (N, n) between `low` and `high` (N, n), near `start` (N, n), with the least error.
+    """Joint vectors (N, n) within limits that reach the goals with the least error, near start values.
 
     `prefer`: a quantity that a redundant arm makes small by its free motion, in addition to that motion itself.
     Where a goal cannot be met the result is the closest approach that was found; ask the problem how close.
@@ -124,7 +124,7 @@ def _step(
     at_high: BoolArray,
     preferred: tuple[Array, Array] | None = None,
 ) -> Array:
-    """Scaled steps (K, n); joints at a limit that would press outward are fixed and the others step anew."""
+    """Scaled joint steps (K, n) that respect the limits: joints at a limit stay fixed and the others compensate."""
     fixed = np.zeros_like(at_low)
     for _ in range(jacobian.shape[2]):
         if preferred is None:
@@ -139,7 +139,9 @@ def _step(
 
 
 def _damped(jacobian: Array, error: Array, to_start: Array, damping: tuple[Array, float]) -> Array:
-    """Damped steps (K, n) J^T (J J^T + mu)^(-1) e + (1 - J^+ J) to_start, by the singular values of J (K, m, n).
+    """Damped least-squares steps (K, n), with redundant motion towards the start, by singular value decomposition.
+
+    J^T (J J^T + mu)^(-1) e + (1 - J^+ J) to_start, with the singular values of J (K, m, n).
 
     damping  # (K,) as a share of the largest squared singular value, and one for all in mm^2: mu is their sum
     """
@@ -161,7 +163,9 @@ def _preferring(
     preferred: tuple[Array, Array],
     free: BoolArray,
 ) -> Array:
-    """Damped steps (K, n) of the free joints (K, n), as `_damped`, with the free motion in the metric W = 1 + S^T S.
+    """Damped least-squares steps (K, n) of the free joints, with redundant motion along a secondary objective.
+
+    They are as by `_damped`, with the free motion in the metric W = 1 + S^T S.
 
     By W = L L^T the motion y = L^T dq counts evenly, and W^-1 (to_start + S^T r) is its minimum without the goal.
     """
@@ -177,6 +181,6 @@ def _preferring(
 
 
 def _damped_by_normal_equations(jacobian: Array, error: Array, constant_mm2: float) -> Array:
-    """Damped steps (K, n) J^T (J J^T + mu)^(-1) e, by solving with J J^T + mu; J (K, m, n)."""
+    """Damped least-squares steps (K, n) J^T (J J^T + mu)^(-1) e, by the normal equations."""
     square = jacobian @ np.swapaxes(jacobian, 1, 2) + constant_mm2 * np.eye(jacobian.shape[1])
     return np.einsum("kmn,km->kn", jacobian, np.linalg.solve(square, error[..., None])[..., 0])

@@ -37,5 +37,5 @@ def random_poses(robot: Robot, count: int, *, rng: np.random.Generator) -> Array
 
 
 def wrapped(q: Array, low: Array) -> Array:
-    """Angles shifted by whole turns to the first value at or above the lower limits."""
+    """Angles shifted by whole turns to the first value at or above the lower joint limits."""
     return np.asarray(low + np.mod(q - low, 2.0 * np.pi))

@@ -29,7 +29,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Link(Brief):
-    """One row of the table: the transform to the next frame (Jang eq 3) at q = 0."""
+    """One row of the robot's table: the transform to the next frame (Jang eq 3) at joint position 0."""
 
     a_mm: float = 0.0
     alpha_rad: float = 0.0
@@ -45,7 +45,7 @@ class Link(Brief):
 
 @dataclass(frozen=True)
 class Base:
-    """Frame that the first row starts from, in the base frame: known, never fitted."""
+    """Frame in which the first row of the table starts, relative to the base frame; known, never fitted."""
 
     xyz_mm: Vector = (0.0, 0.0, 0.0)
     rpy_rad: Vector = (0.0, 0.0, 0.0)  # about the base's own x, then y, then z axis
@@ -97,7 +97,7 @@ TARGET_TOLERANCE_MM = 0.5
 
 @dataclass(frozen=True)
 class Target:
-    """A further measured point on the tool or on an earlier link, in that link's frame.
+    """A further measured point on the tool or on an earlier link, in the frame of that link.
 
     A fit keeps it within about its tolerance.
     """
@@ -158,15 +158,15 @@ class Robot(Brief):
 
     @property
     def own_tool_point(self) -> Target | None:
-        """Target on the last link that is the tool's measured point; None where the tool's row ends at that point."""
+        """Target on the last link that is the tool's measured point; None where the tool row ends at that point."""
         return next((t for t in self.targets if t.name == TOOL_POINT and not t.in_world), None)
 
     def target(self, name: str) -> Target:
-        """Further target of a name."""
+        """Further target with a given name."""
         return next(target for target in self.targets if target.name == name)
 
     def joints_of(self, commanded: ArrayLike) -> Array:
-        """Joint values (..., n) for commanded ones (..., n) in the same units: coupling @ commanded."""
+        """Joint values (..., n) for commanded values (..., n), in the same units: coupling @ commanded."""
         commanded = np.asarray(commanded, dtype=float)
         return commanded @ np.array(self.coupling).T if self.coupling else commanded
 

@@ -1,4 +1,4 @@
-"""Measured point of the tool: the end of the tool's row, or an independent point on the last link.
+"""Measured point of the tool: the end of the tool row, or an independent point on the last link.
 
 A robot with a target named "jig" has its measured point there, in the last joint's frame; the tool's row then ends at
 the tip, whose position and orientation a single measured point does not determine.
@@ -27,13 +27,13 @@ def tool_point_of(robot: Robot) -> Array:
 
 
 def tool_point(table: Array) -> Array:
-    """End of the tool's row of a table (n + 1, 5): (3,) mm in the last joint's frame."""
+    """End (3,) of the tool row of a table (n + 1, 5), mm in the last joint's frame."""
     a, d, theta = table[-1, [_A, _D, _THETA]]
     return np.array([a * np.cos(theta), a * np.sin(theta), d])
 
 
 def with_own_tool_point(robot: Robot, point_mm: ArrayLike) -> Robot:
-    """Robot with its measured point as an independent target, mm in the last joint's frame; the tip is kept."""
+    """Robot with an independent measured tool point, mm in the last joint's frame; the tool row stays as it is."""
     x, y, z = np.asarray(point_mm, dtype=float).tolist()
     others = tuple(target for target in robot.targets if target.name != TOOL_POINT)
     return replace(robot, targets=(Target(TOOL_POINT, (x, y, z)), *others))
@@ -45,7 +45,7 @@ def tip_T_last(robot: Robot) -> Array:
 
 
 def ending_at_tool_point(robot: Robot) -> Robot:
-    """Arm whose tool row ends at its measured point, for measurements, which do not involve the tip."""
+    """Robot whose tool row ends at the measured tool point, for measurements that do not involve the tip."""
     own = robot.own_tool_point
     if own is None:
         return robot
@@ -54,7 +54,7 @@ def ending_at_tool_point(robot: Robot) -> Robot:
 
 
 def with_tool_point(robot: Robot, point_mm: Array) -> Robot:
-    """Robot with the end of its tool row at another point, mm in the last joint's frame, turned as little as possible.
+    """Robot with the end of the tool row at another point, mm in the last joint's frame, turned as little as possible.
 
     p = (a cos theta, a sin theta, d) reaches any point twice, with a and with -a.
     """

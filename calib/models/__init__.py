@@ -1,1 +1,1 @@
-"""Files made of a calibration: the full model, and the table that is best without effects."""
+"""Files made from a calibration: the full model, and the robot table that fits best without effects."""

@@ -1,4 +1,4 @@
-"""Members of effects as plain data: the family's name with the member's own fields, and back.
+"""Conversion of effects to plain data (name of the effect and its fields) and back, for files.
 
 A class whose fields are numbers, texts, arrays, tuples, mappings and dataclasses of these is saved and read once it is
 in `MEMBER_KINDS`. A user's effect, whose code no file holds, is looked up in the effects file.
@@ -36,7 +36,7 @@ _ROBOT = "robot"  # field with the model's robot, which is in the file already
 
 
 def member_document(effect: Effect) -> dict[str, Any]:
-    """Family and fields of a member. Raises CalibError for a user's effect with a field that is not plain data."""
+    """Name and fields of an effect for a file. Raises CalibError for a user's effect with unsuitable fields."""
     if not is_user_defined(effect) and type(effect) not in [kind for _, kind in MEMBER_KINDS]:
         raise CalibError(f"effect {family_name(effect)} cannot be saved in a model file")
     try:
@@ -52,7 +52,7 @@ def member_document(effect: Effect) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """A value as numbers, texts, lists and mappings; dataclasses become mappings of the fields not at their default."""
+    """A field's value as plain numbers, texts, lists and mappings; dataclasses become mappings without defaults."""
     if isinstance(value, Robot):  # it is in the file already
         return None
     if is_dataclass(value) and not isinstance(value, type):
@@ -82,7 +82,7 @@ def member_from(
     robot: Robot,
     user_effects: Sequence[Family] = (),
 ) -> Effect:
-    """Member rebuilt from what `member_document` wrote, for this robot. Raises the file's error where this fails."""
+    """Effect rebuilt from a file's name and fields, for this robot. Raises the file's error where this fails."""
     family, saved = document["family"], document["fields"]
     kinds = [kind for name, kind in MEMBER_KINDS if name == family]
     if not kinds:
@@ -100,12 +100,12 @@ def member_from(
 
 
 def _own_fields(kind: type) -> set[str]:
-    """Names of the fields without a default, which each member of a class has."""
+    """Names of the fields without a default, which every effect of a class has."""
     return {f.name for f in fields(kind) if f.default is MISSING and f.name != _ROBOT}
 
 
 def _built(file: JsonFile, place: Place, saved: Any, kind: type, robot: Robot) -> Any:
-    """Dataclass of a given kind, made of saved fields, each checked."""
+    """Dataclass of a given class, made from saved fields, each checked."""
     saved = file.checked(place, saved, dict[str, Any])
     hints = get_type_hints(kind)
     known = {field.name: field for field in fields(kind)}
@@ -122,7 +122,7 @@ def _built(file: JsonFile, place: Place, saved: Any, kind: type, robot: Robot) -
 
 
 def _field(file: JsonFile, place: Place, value: Any, hint: Any, robot: Robot) -> Any:
-    """Value of a field; of several possible dataclasses, that with matching fields is built."""
+    """Value of a dataclass field, made from its saved form."""
     choices = [kind for kind in (hint, *get_args(hint)) if isinstance(kind, type) and is_dataclass(kind)]
     for kind in choices:
         if isinstance(value, dict) and set(value) <= {field.name for field in fields(kind)}:
@@ -133,7 +133,7 @@ def _field(file: JsonFile, place: Place, value: Any, hint: Any, robot: Robot) ->
 
 
 def _users(file: JsonFile, place: Place, document: Mapping[str, Any], user_effects: Sequence[Family]) -> Effect:
-    """Member among the user's own effects that a file describes."""
+    """Effect among the user's own ones that a file's entry describes."""
     family = document["family"]
     members = [member for one in user_effects if one.name == family for member in one.members]
     for member in members:

@@ -1,4 +1,4 @@
-"""Calibrated robot as a file (robot.toml, or the user's own URDF or YAML) with the table that is best without effects.
+"""Calibrated robot as a file (robot.toml, or the user's URDF or YAML), with the table that fits best without effects.
 
 A controller takes a table and nothing else. Link errors that were fitted together with an effect are right only
 together with it: without the effect they can be worse than those of a fit that never had it. So the exported table is
@@ -25,7 +25,7 @@ from calib.robot_formats.robots import robot_content
 
 @dataclass(frozen=True)
 class ExportedTable(Brief):
-    """A robot whose table is best without any effect, and the calibration from which it was fitted."""
+    """A robot table fitted without any effect, for controllers that know none, and the full calibration."""
 
     full: Calibration  # the model, its effects included
     links: Calibration | None
@@ -43,12 +43,12 @@ class ExportedTable(Brief):
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Families of the model that a table cannot hold."""
+        """Names of the model's effects that a table cannot hold."""
         return tuple(" ".join(name.split()) for name in self.full.model.family_names)
 
     @property
     def comment(self) -> str:
-        """Errors of the table alone and of the full model, a comment of a file; "" where the two are the same."""
+        """Comment for a robot file: errors of the table alone and of the full model; "" where both are equal."""
         if not self.left_out:
             return ""
         names = ", ".join(self.left_out)
@@ -58,7 +58,7 @@ class ExportedTable(Brief):
         )
 
     def to_toml(self) -> str:
-        """The text of robot.toml; its first line gives the errors where the model has more than the table."""
+        """Text of robot.toml; the first line gives the errors where the full model has effects beyond the table."""
         first_line = f"# {self.comment}\n" if self.comment else ""
         return first_line + robot_to_toml(self.robot)
 
@@ -98,7 +98,7 @@ class ExportedTable(Brief):
 
 
 def exported_table(calibration: Calibration, links: Calibration | None = None) -> ExportedTable:
-    """The table that is best without the effects of a calibration.
+    """Robot table that fits the data of a calibration best without the calibration's effects.
 
     `links` is a fit of the link errors alone; it is used where it has the same points and options, else one is made.
     """
@@ -120,7 +120,7 @@ def _errors(evaluation: Evaluation) -> str:
 
 
 def require_template_of(template: Path, robot: Robot) -> None:
-    """Raise RobotFileError where a template cannot be read or is not of a robot's arm."""
+    """Raise RobotFileError where a template file cannot be read or describes another arm."""
     _in_template(template, robot, robot, "")
 
 

@@ -59,7 +59,7 @@ class Source(Brief):
 
 @dataclass(frozen=True)
 class FittedModel(Presented):
-    """A model at its fitted values of P free parameters, which predicts and corrects without its dataset."""
+    """A model with P fitted parameters, which predicts points and corrects targets without its dataset."""
 
     model: Model
     x: Array  # (P,) corrections in the parameters' units
@@ -97,7 +97,7 @@ class FittedModel(Presented):
 
     @property
     def robot(self) -> Robot:
-        """The robot with the fitted table; a model with effects is right only as a whole."""
+        """Robot with the fitted table, which is right only together with the model's effects, if it has any."""
         return self.model.calibrated_robot(self.x)
 
     @property
@@ -160,7 +160,7 @@ class FittedModel(Presented):
         )
 
     def evaluate(self, dataset: Dataset) -> Evaluation:
-        """Errors of the model at a dataset's points; raises as `before_and_after`."""
+        """Errors of the model at a dataset's points. Raises FitError for another arm or missing columns."""
         return self.before_and_after(dataset)[1]
 
     def before_and_after(self, dataset: Dataset) -> tuple[Evaluation, Evaluation]:
@@ -186,7 +186,7 @@ class FittedModel(Presented):
         return before, after
 
     def require_same_arm(self, dataset: Dataset) -> None:
-        """Raise FitError where a dataset's nominal robot is not the one that the model corrects."""
+        """Raise FitError where a dataset's nominal robot differs from the nominal robot of the model."""
         mine, other = self.model.robot, dataset.robot
         if not np.array_equal(mine.is_revolute, other.is_revolute):
             raise FitError(
@@ -231,7 +231,7 @@ class FittedModel(Presented):
         return tuple(dataset.poses.ids[i] for i in np.flatnonzero(beyond))
 
     def is_fitted_to(self, dataset: Dataset) -> bool:
-        """Whether the files of a dataset are those that the model was fitted to."""
+        """Whether the model was fitted to exactly the files of a dataset."""
         return bool(self.source.files) and dict(self.source.files) == fingerprint(dataset)
 
     def save(self, path: str | Path) -> None:

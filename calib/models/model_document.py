@@ -18,7 +18,7 @@ NotNegative = Annotated[float, Meta(ge=0.0, le=1e300)]
 
 
 def options_document(options: FitOptions) -> dict[str, Any]:
-    """Options of a fit as in the file, where the fixed parameters have the key `held`."""
+    """Options of a fit as saved in model.json, where the fixed parameters have the key `held`."""
     document = asdict(options)
     return document | {"held": document.pop("fixed")}
 
@@ -34,12 +34,12 @@ class SavedOptions(msgspec.Struct, frozen=True):
     noise: NoiseShape | None = None
 
     def options(self) -> FitOptions:
-        """The options. Raises FitError for a value that no fit can have."""
+        """Options of a fit, from the saved ones. Raises FitError for a value that no fit can have."""
         return FitOptions(self.residual, self.prior, self.held, self.tolerances, self.robust, self.noise)
 
 
 class SavedMember(msgspec.Struct, frozen=True):
-    """A member of an effect (`effect_fields`)."""
+    """One effect in model.json: its name and fields."""
 
     family: Text
     fields: dict[str, Any]
@@ -57,7 +57,7 @@ class SavedParameter(msgspec.Struct, frozen=True):
 
 
 class SavedFigures(msgspec.Struct, frozen=True):
-    """Errors of a set of poses (`calib.calibration.evaluation.Figures`)."""
+    """Error statistics of a set of poses, as saved in model.json."""
 
     points: int
     rmse_mm: NotNegative
@@ -91,7 +91,7 @@ class SavedRange(msgspec.Struct, frozen=True):
 
 
 class ModelDocument(msgspec.Struct, frozen=True):
-    """The whole file, apart from its format and version."""
+    """Content of model.json, apart from its format and version."""
 
     program_version: Text
     dataset: SavedSource

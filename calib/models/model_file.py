@@ -149,7 +149,7 @@ def _options(file: JsonFile, document: ModelDocument) -> FitOptions:
 def _model(
     file: JsonFile, document: ModelDocument, robot: Robot, effects: Sequence[Effect], options: FitOptions
 ) -> Model:
-    """Model of a file's content. Raises the file's error where the free parameters are not those of the effects."""
+    """Fitted model made from a file's content. Raises the file's error where parameters and effects do not match."""
     loads = None
     if document.loads_table is not None:
         loads = robot.with_table(_table(file, "loads_table", document.loads_table, robot))
@@ -224,7 +224,7 @@ def _errors(saved: SavedErrors) -> RoleErrors:
 
 
 def _trial_state(robot: Robot, needs: Sequence[str]) -> RobotState:
-    """State of the nominal robot at two poses with all conditions, for a trial of a file's effects."""
+    """State of the nominal robot at two poses with all conditions, on which a file's effects are tried."""
     q = np.zeros((2, robot.n_joints))
     q[1] = 0.1
     extra = pd.DataFrame({name: [0.0, 0.0] for name in needs})
@@ -241,7 +241,7 @@ def _trial_state(robot: Robot, needs: Sequence[str]) -> RobotState:
 
 
 def _try(file: JsonFile, model: Model, x: Array, trial: RobotState) -> None:
-    """Predict once; raise the file's error for fields and values that no fit gives, such as a surplus joint."""
+    """Predict once, to raise the file's error for fields and values that no fit gives, such as a surplus joint."""
     try:
         with np.errstate(all="ignore"):
             points_mm = model.at_tool.predict(x, trial.poses, seen=trial.seen)

@@ -1,4 +1,4 @@
-"""Tests of new points of a cell against the earlier fit's prediction, with the scanner where it was and set free."""
+"""Tests for changes of a cell: new points against an earlier fit, with the scanner frame fixed or fitted anew."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _FINEST = 1e-9  # least noise as a share of the largest coordinate: exact data l
 
 @dataclass(frozen=True)
 class CellTests:
-    """Tests for changes of a cell, with the scanner where it was (`fixed`) and with its frame fitted anew (`free`)."""
+    """Tests for changes of a cell, with the scanner at its earlier place (`fixed`) or fitted anew (`free`)."""
 
     models: tuple[ChangeModel, ...]  # of the arm
     scanner: ChangeModel
@@ -117,18 +117,18 @@ class CellTests:
 
     @property
     def models_with_scanner(self) -> tuple[ChangeModel, ...]:
-        """Models of changes of the arm, and of the scanner's motion."""
+        """Change models of the arm and of the scanner's motion."""
         return (*self.models, self.scanner)
 
     @property
     def p_unchanged(self) -> float:
-        """Family-wise p-value of the most significant change, where nothing changed."""
+        """Family-wise p-value of the most significant change, under the hypothesis that nothing changed."""
         if self.scanner_known:
             return self.fixed.family_wise_p_value(self.fixed.tests(self.models_with_scanner))
         return self.free.family_wise_p_value(self.free.tests(self.models))
 
     def scanner_moved(self, arm: list[ChangeModel]) -> Change | None:
-        """Motion of the scanner given changes of the arm; None where it is insignificant."""
+        """Motion of the scanner, given changes of the arm; None where it is insignificant."""
         if not self.scanner_known:
             return None
         test = next(iter(self.fixed.tests((self.scanner,), given=arm)), None)
@@ -150,7 +150,7 @@ class CellTests:
         )
 
     def size_given(self, model: ChangeModel, arm: list[ChangeModel], *, scanner_moved: bool) -> Change:
-        """Size and sigma of a change, given changes of the arm; the sigma is infinite where no pose shows it."""
+        """Size and sigma of one change, given changes of the arm; infinite sigma where no pose shows it."""
         tests = self.free if scanner_moved or not self.scanner_known else self.fixed
         others = [other for other in arm if other.key != model.key]
         if not tests.tests((model,), given=others):
@@ -158,12 +158,12 @@ class CellTests:
         return tests.estimate(model, [*others, model])
 
     def explains_alone(self, model: ChangeModel) -> bool:
-        """Whether a motion of the scanner is insignificant, given a change of the arm."""
+        """Whether a change of the arm leaves no significant motion of the scanner."""
         test = next(iter(self.fixed.tests((self.scanner,), given=[model])), None)
         return self.scanner_known and (test is None or test.p_value > ALONE)
 
     def change_with_scanner_fixed(self) -> list[Change]:
-        """Most likely change, where a motion of the scanner may explain it as well; [] where the noise does."""
+        """Most likely change where arm and scanner cannot be separated; [] where noise explains it."""
         tests = self.fixed.tests(self.models_with_scanner)
         best = most_likely(tests)
         if best is None or self.fixed.noise_explains([], best.model):
@@ -177,7 +177,7 @@ class CellTests:
 
 
 def _noise(base: Calibration) -> tuple[float, float, float]:
-    """Expected noise over the declared one, its degrees of freedom, and its ratio to the noise of the fit.
+    """Expected noise over the declared noise, its degrees of freedom, and its ratio to the noise of the fit.
 
     Where the residual is below the declared noise by no more than chance, the declared noise is expected: a fit whose
     residuals happened to be small would take every later noise for a change.
@@ -190,6 +190,6 @@ def _noise(base: Calibration) -> tuple[float, float, float]:
 
 
 def _finest(measured_mm: Array, covariance_mm2: Array) -> float:
-    """Least noise over the declared one that rounding of the coordinates allows."""
+    """Least noise, over the declared noise, that rounding of the coordinates allows."""
     sigma_mm = float(np.sqrt(np.trace(covariance_mm2, axis1=1, axis2=2).mean() / 3.0))
     return _FINEST * max(float(np.abs(measured_mm).max()), 1.0) / sigma_mm

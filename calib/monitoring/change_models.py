@@ -1,4 +1,4 @@
-"""Models of the changes that a cell may have gone through, each with the motion of the measured points by its size."""
+"""Models of possible changes of a cell, each with the motion of the measured points per unit of change."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LENGTH, ANGLE, COMPLIANCE, NOISE = "length", "angle", "compliance", "noise"
 
 @dataclass(frozen=True)
 class ChangeModel:
-    """Linear model of one possible change of a cell: how K numbers move the measured points."""
+    """Linear model of one possible change of a cell: the motion of the measured points by K numbers."""
 
     what: str  # JOINT_ZERO, TOOL, ...
     joint: int | None  # from 1
@@ -36,12 +36,12 @@ class ChangeModel:
 
     @property
     def key(self) -> tuple[str, int | None, str]:
-        """Identity of the change: what, joint, parameter."""
+        """Identity of the change: its kind, joint and parameter."""
         return self.what, self.joint, self.parameter
 
 
 def change_models_of_arm(model: Model, x: Array, observed: Observations) -> tuple[ChangeModel, ...]:
-    """Models of changes of the arm: each joint's zero, lengths, link angles and compliance; the tool.
+    """Models of changes of an arm: each joint's zero, lengths, link angles, compliance, and the tool.
 
     The tool is one change of three lengths, and so is the jig in the world where the arm carries the scanner. A joint's
     compliance needs masses in robot.toml.

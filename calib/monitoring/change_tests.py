@@ -50,7 +50,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Detectable:
-    """Size from which on one change is detected 19 times of 20."""
+    """Least size of one change of a cell that is detected 19 times of 20."""
 
     what: str
     joint: int | None
@@ -62,7 +62,7 @@ class Detectable:
 
 @dataclass(frozen=True)
 class ChangeTest:
-    """F test of one change model against the residuals."""
+    """F test of one possible change of a cell against the new residuals."""
 
     model: ChangeModel
     gain: float  # chi squared that the change explains
@@ -71,22 +71,22 @@ class ChangeTest:
 
     @property
     def weighted(self) -> float:
-        """p-value divided by the model's weight, so smaller for usual changes."""
+        """p-value divided by the change's prior weight, so smaller for usual changes."""
         return self.p_value / weight(self.model)
 
     @property
     def score(self) -> float:
-        """Twice the log odds of this change against none, up to a constant."""
+        """Twice the log odds of the change against no change, up to a constant."""
         return self.gain - _EACH * self.model.count + 2.0 * float(np.log(weight(self.model)))
 
 
 def most_likely(tests: list[ChangeTest]) -> ChangeTest | None:
-    """Test with the highest score: most explained for its number of parameters, usual changes before others."""
+    """Test with the highest score: most explained for its number of parameters, with usual changes preferred."""
     return max(tests, key=lambda test: test.score, default=None)
 
 
 def confounded_with(tests: list[ChangeTest], best: ChangeTest) -> tuple[str, ...]:
-    """Labels of changes with no more parameters than the best that explain about as much."""
+    """Labels of changes that explain about as much as the best one with no more parameters."""
     return tuple(
         change_label(*t.model.key)
         for t in tests
@@ -99,7 +99,7 @@ def confounded_with(tests: list[ChangeTest], best: ChangeTest) -> tuple[str, ...
 
 @dataclass(frozen=True)
 class ChangeTests:
-    """New residuals with unit covariance, and their derivatives by movements of the points (M, 3, K)."""
+    """Tests of changes of a cell, by whitened new residuals and their derivatives by motions of the points."""
 
     y: Array  # (3 M,) whitened residual, zero in the blind directions of `spread`
     spread: Spread
@@ -125,7 +125,7 @@ class ChangeTests:
         return self.y - basis @ (basis.T @ self.y), basis
 
     def tests(self, models: tuple[ChangeModel, ...], given: list[ChangeModel] | None = None) -> list[ChangeTest]:
-        """Test of each change, conditional on the given ones; without changes that these poses then cannot show."""
+        """Test of each possible change, given other changes; changes that these poses do not show are omitted."""
         residual, basis = self._residual_given(given or [])
         usual = np.sqrt(self.spread.total_weight(self.blocks) / len(self.y))  # weight of a typical movement
         tests = []
@@ -146,7 +146,7 @@ class ChangeTests:
         return tests
 
     def family_wise_p_value(self, tests: list[ChangeTest]) -> float:
-        """Family-wise p-value of the most significant of these tests."""
+        """Family-wise p-value of the most significant one of several tests."""
         least = min((test.weighted for test in tests), default=1.0)
         bases, weights = [t.basis for t in tests], [weight(t.model) for t in tests]
         return family_wise_p_value(bases, weights, least, self.noise_dof)
@@ -171,7 +171,7 @@ class ChangeTests:
         return self.p_rest([])
 
     def noise_explains(self, given: list[ChangeModel], model: ChangeModel) -> bool:
-        """Whether a change is insignificant against the noise of the new points themselves, given other changes."""
+        """Whether a change is insignificant against the noise of the new points, given other changes."""
         if self.p_rest([*given, model]) > ALARM:
             return False  # with the change the noise is as before
         test = next(t for t in self.tests((model,), given=given))
@@ -181,7 +181,7 @@ class ChangeTests:
         return p_value > NAMED_GIVEN_OTHERS
 
     def estimate(self, model: ChangeModel, models: list[ChangeModel]) -> Change:
-        """Size and sigma of one of several changes that are fitted together."""
+        """Size and sigma of one of several changes of a cell that are fitted together."""
         columns = np.concatenate([self.rows(k) for k in models], axis=1)
         inverse = np.linalg.pinv(columns, rcond=1e-9)
         values, covariance = inverse @ self.y, inverse @ inverse.T
@@ -195,7 +195,7 @@ class ChangeTests:
         return Change(model.what, model.joint, model.parameter, size, sigma, model.unit, 1.0, (), components)
 
     def detectable(self, model: ChangeModel) -> Detectable:
-        """Size from which on a change is detected 19 times of 20, in the direction that shows least."""
+        """Least size of a change that is detected 19 times of 20, in its least visible direction."""
         columns = self.rows(model)
         whole = np.linalg.norm(model.columns) / np.sqrt(len(model.columns))
         s = np.linalg.svd(columns, compute_uv=False)
@@ -210,12 +210,12 @@ class ChangeTests:
 
 
 def weight(model: ChangeModel) -> float:
-    """Weight of a change's p-value: 1 for usual changes, less for others."""
+    """Prior weight of a change's p-value: 1 for usual changes, less for others."""
     return 1.0 if model.what in USUAL else UNUSUAL_WEIGHT
 
 
 def family_wise_p_value(bases: Sequence[Array], weights: Sequence[float], least: float, noise_dof: float) -> float:
-    """Probability that the least weighted p-value of all tests is at most `least` where nothing changed.
+    """Probability, if nothing changed, that the least weighted p-value of all tests is at most `least`.
 
     Args:
         bases: (R, K) for each test, orthonormal basis of the whitened residuals (R,) that its change can make.

@@ -1,4 +1,4 @@
-"""Errors of check poses, and the limit that these stay below where nothing changed."""
+"""Errors of check poses, and the limit below which they stay where nothing changed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ LIMIT_SHARE = 0.9973  # share of unchanged cells that stay below the limit: thre
 
 @dataclass(frozen=True)
 class CheckErrors(Brief):
-    """Measured minus predicted points (M) of check poses, the scanner where it was, or fitted to these if it moved."""
+    """Errors of check poses, measured minus predicted points (M), with their expected covariance.
+
+    The scanner is where it was or, if it moved, fitted to these points.
+    """
 
     poses: Poses  # (N,)
     pose: IndexArray  # (M,) index into poses
@@ -40,7 +43,7 @@ class CheckErrors(Brief):
 
     @property
     def limit_mm(self) -> float:
-        """Limit that `rmse_mm` stays below in 99.73 % of unchanged cells, mm.
+        """Limit below which the RMS of the 3D errors stays in 99.73 % of unchanged cells, mm.
 
         Its square is a weighted sum of chi-square variables, approximated by one of the same mean and variance
         (Satterthwaite 1946).
@@ -51,9 +54,9 @@ class CheckErrors(Brief):
 
     @property
     def pose_ids(self) -> tuple[str, ...]:
-        """Name of each point's pose (M,)."""
+        """Pose id (M,) of each point."""
         return tuple(self.poses.ids[int(i)] for i in self.pose)
 
     def visits(self, session: str) -> Visits:
-        """Visits of the poses in one session, errors in the base frame, for the figures of ISO 9283."""
+        """Points of one session with errors in the base frame, as input for the figures of ISO 9283."""
         return Visits(session, self.pose_ids, self.poses.q[self.pose], self.target, self.off_mm @ self.scanner_R_base)

@@ -14,7 +14,7 @@ from calib.monitoring.watch import ChangeReport
 
 
 def in_time(reports: Sequence[ChangeReport]) -> tuple[ChangeReport, ...]:
-    """Reports in the order of their dates, where all have one; else in the order given."""
+    """Change reports sorted by date where all have a date, else in the order given."""
     dates = [moment(report) for report in reports]
     if any(date is None for date in dates):
         return tuple(reports)
@@ -22,7 +22,7 @@ def in_time(reports: Sequence[ChangeReport]) -> tuple[ChangeReport, ...]:
 
 
 def moment(report: ChangeReport) -> datetime | None:
-    """Time of the measurement, universal and without a zone; None where `[about] date` is none."""
+    """Date and time of a measurement (UTC, without zone); None where `[about] date` is missing."""
     try:
         date = datetime.fromisoformat(report.when.strip())
     except ValueError:

@@ -1,4 +1,4 @@
-"""Repeatability and drift of accuracy of poses that were measured several times, by the formulas of ISO 9283.
+"""Pose repeatability and drift of accuracy over several measurements, by the formulas of ISO 9283.
 
 For n visits of one pose l_j is the distance of visit j from their barycentre, RP = mean(l) + 3 S_l with n - 1 in S_l
 (7.2.3). AP is the distance of the barycentre from the commanded point (7.2.1); dAP and dRP are the largest differences
@@ -25,7 +25,7 @@ _SAME = 1e-5  # rad or mm, difference of joints up to which two poses are one
 
 @dataclass(frozen=True)
 class Visits:
-    """Measured minus commanded points (M) of one session."""
+    """Points measured in one session, with their deviations (M) from the commanded points."""
 
     session: str
     pose_ids: Sequence[str]  # (M,)
@@ -63,17 +63,17 @@ class PoseFigures:
 
     @property
     def dap_mm(self) -> float | None:
-        """Largest difference of AP from the first session's, mm; None for one session."""
+        """Drift of accuracy: largest difference of AP from the first session's, mm; None for one session."""
         return _drift([s.ap_mm for s in self.sessions])
 
     @property
     def drp_mm(self) -> float | None:
-        """Largest difference of RP from that of the first session with repeats, mm; None for one such session."""
+        """Drift of repeatability: largest difference of RP from the first session with repeats, mm; or None."""
         return _drift([s.rp_mm for s in self.sessions if s.rp_mm is not None])
 
     @property
     def moved_mm(self) -> float | None:
-        """Largest distance of a barycentre from the first session's, mm, in any direction; None for one session."""
+        """Largest distance, mm, of a session's barycentre from the first session's; None for one session."""
         first = self.sessions[0].barycentre_mm
         away = [float(np.linalg.norm(s.barycentre_mm - first)) for s in self.sessions[1:]]
         return max(away, default=None)
@@ -103,5 +103,5 @@ def pose_figures(sessions: Sequence[Visits]) -> tuple[PoseFigures, ...]:
 
 
 def _drift(values: Sequence[float]) -> float | None:
-    """Largest difference of later values from the first; None for fewer than two."""
+    """Largest difference of later values from the first value; None for fewer than two values."""
     return max((abs(v - values[0]) for v in values[1:]), default=None)

@@ -1,4 +1,4 @@
-"""Covariance of new residuals under an earlier fit: noise of each point, and errors of the fit shared by all points.
+"""Covariance of new residuals given an earlier fit: noise of each point, and the fit's errors shared by all.
 
 For M points the matrix is 3 M by 3 M, but the shared errors are those of the fit's parameters and of the scanner's
 frame, a few dozen numbers. It is kept as noise^2 (1 - Q Q^T) + U diag(s^2) U^T, with U and Q of a few dozen columns:
@@ -20,7 +20,10 @@ _ROUNDING = 1e-12  # share of the largest size, below which a direction is round
 
 @dataclass(frozen=True)
 class Spread:
-    """Covariance of residuals (3 M,) in units of their declared noise, with the directions `blind` projected out."""
+    """Covariance of whitened residuals (3 M,), without the directions that a free scanner frame fits.
+
+    The residuals are in units of their declared noise.
+    """
 
     noise: float  # over the declared one
     axes: Array  # (3 M, K) U, orthonormal
@@ -29,7 +32,7 @@ class Spread:
 
     @classmethod
     def of(cls, columns: Array, covariance: Array, noise: float, blind: Array | None = None) -> Spread:
-        """Covariance by unknowns of covariance (P, P) with derivatives (3 M, P), and by noise alike in each row."""
+        """Covariance of residuals from the noise, and from unknowns with covariance (P, P) and derivatives (3 M, P)."""
         blind = np.zeros((len(columns), 0)) if blind is None else np.linalg.svd(blind, full_matrices=False)[0]
         shared = columns @ covariance_root(covariance)
         length = np.linalg.norm(shared)
@@ -44,21 +47,21 @@ class Spread:
         return len(self.axes) - self.blind.shape[1]
 
     def whiten(self, values: Array) -> Array:
-        """Values (3 M, ...) times the inverse root of the covariance; residuals have unit covariance then."""
+        """Residuals or derivatives (3 M, ...) multiplied by the inverse root of the covariance."""
         values = _without(values, self.blind)
         along = self.axes.T @ values
         shrink = 1.0 - self.noise / np.hypot(self.noise, self.sizes)
         return np.asarray(values - self.axes @ (shrink.reshape(-1, *[1] * (along.ndim - 1)) * along)) / self.noise
 
     def total_weight(self, blocks: Array) -> float:
-        """Squared Frobenius norm of the inverse root times the block diagonal matrix of blocks (M, 3, 3)."""
+        """Squared Frobenius norm of the covariance's inverse root times a block diagonal matrix (M, 3, 3)."""
         share = self.sizes / np.hypot(self.noise, self.sizes)
         taken = np.concatenate([self.blind, share * self.axes], axis=1).reshape(len(blocks), 3, -1)
         removed = np.einsum("mij,mik->mjk", blocks, taken)
         return float(max(np.sum(blocks**2) - np.sum(removed**2), 0.0)) / self.noise**2
 
     def coloured(self, colour: Array) -> ErrorCovariance:
-        """Covariance of errors, mm, that are `colour` (M, 3, 3) times each point's residual."""
+        """Covariance of the points' errors, mm, from the covariance of their residuals."""
 
         def in_mm(columns: Array) -> Array:
             return np.einsum("mij,mjk->mik", colour, columns.reshape(len(colour), 3, -1)).reshape(columns.shape)
@@ -69,7 +72,10 @@ class Spread:
 
 @dataclass(frozen=True)
 class ErrorCovariance(Brief):
-    """Covariance (3 M, 3 M) of the errors of M points: diag(own) + shared shared^T - taken taken^T."""
+    """Covariance (3 M, 3 M) of the errors of M points, stored as block diagonal and low-rank terms.
+
+    It is diag(own) + shared shared^T - taken taken^T.
+    """
 
     own_mm2: Array  # (M, 3, 3)
     shared_mm: Array  # (3 M, K)
@@ -83,7 +89,7 @@ class ErrorCovariance(Brief):
 
     @property
     def sum_of_squares_mm4(self) -> float:
-        """Sum of the squares of all entries, mm^4, which is that of the squared eigenvalues."""
+        """Sum of the squares of all entries, mm^4, equal to the sum of squared eigenvalues."""
 
         def with_own(columns: Array) -> float:
             blocks = columns.reshape(len(self.own_mm2), 3, -1)
@@ -106,5 +112,5 @@ class ErrorCovariance(Brief):
 
 
 def _without(values: Array, basis: Array) -> Array:
-    """Values (R, ...) projected off orthonormal columns (R, L)."""
+    """Values (R, ...) with the span of orthonormal columns (R, L) projected out."""
     return np.asarray(values - basis @ (basis.T @ values))

@@ -1,4 +1,4 @@
-"""Mistakes in a sheet of check poses (signs, order, units, rows), found by the earlier fit's predictions."""
+"""Mistakes in a table of check poses (signs, order, units, rows), found by the earlier fit's predictions."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _FEWEST = 4  # points; a frame fits any three
 
 
 def sheet_problem(base: Calibration, new: Dataset) -> DataProblem | None:
-    """Problem of a sheet of new measurements; None where there is none, or where the errors may be the arm's.
+    """Mistake in a table of new measurements; None where there is none, or where the arm may be the cause.
 
     Only the scanner's frame is fitted: all else is predicted by the earlier fit.
     """
@@ -60,7 +60,7 @@ def sheet_problem(base: Calibration, new: Dataset) -> DataProblem | None:
 
 
 def change_of(problem: DataProblem) -> Change:
-    """Problem of a sheet as a change; its size is the number of poses or joints concerned."""
+    """Mistake in a table of check poses in the form of a change, its size being the number of poses or joints."""
     if problem.kind == ROW_ORDER:
         return Change(POSE_ORDER, None, "", float(problem.hypothesis.moved_rows), 0.0, "poses", 0.0, ())
     joint = problem.joints[0] if len(problem.joints) == 1 else None
@@ -68,7 +68,7 @@ def change_of(problem: DataProblem) -> Change:
 
 
 def _hypotheses(base: Calibration, new: Dataset, names: tuple[str, ...]) -> Iterable[DataHypothesis]:
-    """Hypotheses on what is wrong with a sheet, for joint columns of these names."""
+    """Hypotheses on mistakes in a table of check poses with given joint columns."""
     yield from (of_reading(reading, names) for reading in simple_readings(new.robot.is_revolute))
     every = replace(new, poses=replace(new.poses, role=np.full(len(new.poses), "train")))
     sample = training_sample(every)
@@ -86,19 +86,19 @@ def _hypotheses(base: Calibration, new: Dataset, names: tuple[str, ...]) -> Iter
 
 
 def _observed(base: Calibration, new: Dataset) -> Observations:
-    """Points of all new poses, with the nominal scanner frames."""
+    """Observations of all new points, with scanner frames fitted to the nominal robot."""
     later = replace(new, poses=new.poses.measured_later())
     observed = Observations.of(later, np.ones(len(new.poses), dtype=bool))
     return with_nominal_scanner_frames(observed, base.model.placed_robot)
 
 
 def _predicted_mm(base: Calibration, new: Dataset) -> Array:
-    """Points (M, 3) in the base frame, mm, as the earlier fit predicts them."""
+    """Points (M, 3) predicted by the earlier fit, mm in the base frame."""
     return predict_points(base.model, base.fit.x, _observed(base, new))
 
 
 def _rmse_mm(base: Calibration, new: Dataset) -> float | None:
-    """RMS of the 3D error, mm, of the earlier fit with the scanner's frame fitted; None for too few points."""
+    """3D RMSE, mm, of new points by the earlier fit, with the scanner's frame refitted; None for too few points."""
     if new.points is None or len(new.points) < _FEWEST:
         return None
     observed = _observed(base, new)

@@ -1,4 +1,4 @@
-"""Changes of a cell between a calibration and a few check poses measured later, and which could not be detected.
+"""Report on changes of a cell between a calibration and check poses measured later.
 
 The new points are predicted by the earlier fit. Their errors have the covariance of that prediction (of the earlier
 fit's parameters and scanner frame) and of the noise of the earlier fit. Each possible change is tested by generalised
@@ -41,7 +41,7 @@ MAX_ARM_CHANGES = 3  # most changes of the arm that are named
 
 @dataclass(frozen=True)
 class ChangeReport(Presented):
-    """Changes of a cell as a set of check poses shows them, and the changes that these could not detect."""
+    """Report on a cell's check poses: the changes that they show, and changes that they could not detect."""
 
     name: str
     verdict: str  # unchanged, changed, unclear
@@ -60,12 +60,12 @@ class ChangeReport(Presented):
 
     @property
     def rmse_mm(self) -> float:
-        """RMS of the 3D errors of the check poses, mm, the scanner where it was."""
+        """RMS of the 3D errors of the check poses, mm, with the scanner at its earlier place."""
         return self.errors.rmse_mm
 
     @property
     def unseen(self) -> tuple[Detectable, ...]:
-        """Changes that these poses detect only where the points move by over three times the noise, or never."""
+        """Changes that these poses detect only if points move by over three times the noise, or not at all."""
         return tuple(d for d in self.detectable if d.moves_mm is None or d.moves_mm > 3.0 * self.expected_mm)
 
     def _brief(self) -> str:
@@ -124,7 +124,7 @@ def watch(
 
 
 def _usual(tests: CellTests, changes: tuple[Change, ...]) -> tuple[Change, ...]:
-    """Size of the change of each joint's zero and of the tool or jig, given the changes that were named."""
+    """Size of the change of each joint's zero and of the tool or jig, given the changes found."""
     named = {(c.what, c.joint, c.parameter) for c in changes if SCANNER not in c.as_well}
     arm = [model for model in tests.models if model.key in named]
     moved = any(c.what == SCANNER for c in changes)
@@ -140,7 +140,7 @@ def _arm_or_scanner(changes: tuple[Change, ...]) -> bool:
 
 
 def _changes(tests: CellTests, *, alarmed: bool) -> tuple[Change, ...]:
-    """Significant changes of the arm with the scanner free, then the scanner's motion, then the noise.
+    """Significant changes of a cell: first of the arm, then the scanner's motion, then the noise.
 
     alarmed: whether anything changed; else only the noise can have.
     """
@@ -155,7 +155,7 @@ def _changes(tests: CellTests, *, alarmed: bool) -> tuple[Change, ...]:
 
 
 def _of_arm_and_scanner(tests: CellTests) -> list[Change]:
-    """Significant changes of the arm, added one by one, and the scanner's motion given these."""
+    """Significant changes of the arm, added one by one, and the scanner's motion given these changes."""
     arm: list[ChangeModel] = []
     p_values: list[float] = []
     confounded: list[tuple[str, ...]] = []

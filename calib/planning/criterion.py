@@ -1,4 +1,4 @@
-"""Design criteria: what a plan's poses are optimised for, and the problem that a criterion chooses poses of."""
+"""Design criteria: what a plan's poses are optimised for, and the design problem that a criterion solves."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _FAR_RAD, _FAR_MM = np.radians(25.0), 100.0  # distance from every measured pose
 
 @dataclass(frozen=True)
 class DesignProblem:
-    """Candidate poses with their derivatives, the unknowns, and the region at which the model is to be accurate."""
+    """Candidate poses with their derivatives, the unknowns, and the region in which the model is to be accurate."""
 
     start: Start
     unknowns: Unknowns
@@ -40,12 +40,12 @@ class DesignProblem:
 
     @cached_property
     def region_question(self) -> Question:
-        """Question whose measure is the model's mean square error over the region, mm^2."""
+        """Optimality question whose measure is the model's mean square error over the region, mm^2."""
         targets = condensed(self.region.target_combinations)
         return Question(self.rows, self.unknowns.prior_information, targets, VARIANCE)
 
     def information(self, chosen: IndexArray) -> Array:
-        """Information (K, K) on the unknowns once the chosen candidates are measured."""
+        """Information matrix (K, K) of the unknowns after the chosen candidates are measured."""
         rows = self.rows[chosen].reshape(-1, self.rows.shape[-1])
         return np.asarray(self.unknowns.prior_information + rows.T @ rows)
 
@@ -55,16 +55,16 @@ class DesignCriterion(Protocol):
 
     @property
     def name(self) -> str:
-        """Name of the criterion, as --for takes it."""
+        """Name of the criterion, as the option --for takes it."""
         ...
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Families of effects that become unknowns in addition to those of the fit."""
+        """Names of effects whose coefficients become unknowns in addition to those of the fit."""
         ...
 
     def prepared(self, start: Start, offered: Poses) -> Poses:
-        """Candidates under the conditions in which they are to be measured."""
+        """Candidate poses with the conditions (payload, temperature) under which they are to be measured."""
         ...
 
     def choose(self, problem: DesignProblem, count: int) -> IndexArray:
@@ -76,19 +76,19 @@ class DesignCriterion(Protocol):
         ...
 
     def outcome(self, problem: DesignProblem, chosen: IndexArray) -> Outcome | None:
-        """Achievement of the chosen candidates beyond the predicted error; None where there is no other."""
+        """What the chosen candidates achieve by this criterion; None if that is only the predicted error."""
         ...
 
 
 class BaseCriterion:
-    """Base of criteria that take poses as offered and give the parameters as reasons."""
+    """Base of criteria that take the candidates as offered and explain a pose by the parameters it determines."""
 
     def prepared(self, start: Start, offered: Poses) -> Poses:
-        """Candidates as they were offered."""
+        """Candidate poses unchanged."""
         return offered
 
     def reasons(self, problem: DesignProblem, chosen: IndexArray) -> tuple[PoseReason, ...]:
-        """Parameters whose sigma each chosen candidate lowers most, and a joint far from all measured poses."""
+        """Per chosen candidate: the parameters whose sigma it lowers most, and a joint far from all measured poses."""
         whole = problem.information(chosen)
         p = len(problem.unknowns.scales)
         with_all = np.diag(inverse(whole))[:p]
@@ -104,7 +104,7 @@ class BaseCriterion:
         return tuple(reasons)
 
     def outcome(self, problem: DesignProblem, chosen: IndexArray) -> Outcome | None:
-        """None, as the predicted error is all that is achieved."""
+        """None, as these criteria achieve nothing beyond the predicted error."""
         return None
 
 
@@ -131,7 +131,7 @@ class ForCalibration(BaseCriterion):
     effects: tuple[str, ...] = ()
 
     def prepared(self, start: Start, offered: Poses) -> Poses:
-        """Candidates under conditions that vary as the measured ones do, where the model's effects depend on these."""
+        """Candidate poses, with conditions that vary like the measured ones if the model's effects depend on them."""
         return with_varied_conditions(start, offered)
 
     def choose(self, problem: DesignProblem, count: int) -> IndexArray:
@@ -144,7 +144,7 @@ class ForCalibration(BaseCriterion):
 
 
 def with_varied_conditions(start: Start, offered: Poses, effects: Sequence[Description] = ()) -> Poses:
-    """Candidates under conditions that vary as the measured ones do, where the fit's or these effects need it.
+    """Candidate poses, with conditions that vary like the measured ones if the fit or given effects need that.
 
     The others stay as they are: a pose need not be measured warm for a model that temperature does not touch.
     """

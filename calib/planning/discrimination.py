@@ -62,7 +62,7 @@ class NextPoses:
 
 
 def next_poses(diagnosis: Diagnosis) -> NextPoses | None:
-    """Poses to measure next that discriminate between the first set of effects left confounded by a diagnosis.
+    """Next poses to measure, which discriminate between the first set of effects left confounded by a diagnosis.
 
     None where no effects are confounded, or no pose discriminates between them.
     """
@@ -82,7 +82,7 @@ def next_poses(diagnosis: Diagnosis) -> NextPoses | None:
 def discriminating_poses(
     calibration: Calibration, causes: Sequence[Candidate], *, count: int = 5, offered: int = OFFERED
 ) -> tuple[DiscriminatingPose, ...]:
-    """Poses that together discriminate between causes of a calibration's residual (`discriminate`).
+    """Poses that together discriminate best between candidate causes of a calibration's residual.
 
     The poses can be measured, as far as the cell is known, under the conditions of the measured ones. () for fewer than
     two causes that show at all.
@@ -95,7 +95,7 @@ def discriminating_poses(
 
 
 def nearest_alternative(screening: Screening, name: str) -> Candidate | None:
-    """Best-ranked candidate that is confounded with the named one; where none is, the best of all others."""
+    """Candidate confounded with a given one that ranks best; if there is none, the best of all others."""
     ranked = screening.candidates
     chosen = next((c for c in ranked if c.name == name), None)
     if chosen is None or not chosen.members:
@@ -125,7 +125,7 @@ class Discrimination:
 def discriminate(
     calibration: Calibration, hypotheses: Sequence[EffectHypothesis], offered: Poses, count: int
 ) -> Discrimination | None:
-    """Poses among those offered that discriminate best between hypotheses, with their power.
+    """Poses, chosen from those offered, that discriminate best between hypotheses, with their power.
 
     None for fewer than two hypotheses with members, or no poses.
 
@@ -153,14 +153,14 @@ def commanded_poses(discrimination: Discrimination, calibration: Calibration) ->
 
 
 def choose(predictions: HypothesisPredictions, offered: Poses, count: int) -> IndexArray:
-    """Indices (count,) of the offered poses that discriminate best, in the order chosen; fewer where these run out."""
+    """Indices (count,) of the offered poses that discriminate best, best first; fewer if there are not enough."""
     return choose_poses(predictions, count, places=offered.q, pairs=_pairs(equivalent_pairs(predictions)))
 
 
 def evaluated(
     predictions: HypothesisPredictions, offered: Poses, chosen: IndexArray, *, find_enough: bool = False
 ) -> Discrimination:
-    """Power and separation of chosen poses.
+    """Power and separation of hypotheses at chosen poses.
 
     Args:
         predictions: predictions at the offered poses.
@@ -184,7 +184,7 @@ def evaluated(
 
 
 def _pairs(equivalent: BoolArray) -> BoolArray:
-    """Pairs (I, I) of hypotheses that poses may discriminate; all pairs where there are none."""
+    """Mask (I, I) of the pairs of hypotheses that poses can discriminate; all pairs if no pair can be."""
     others = ~np.eye(len(equivalent), dtype=bool)
     return others & ~equivalent if (others & ~equivalent).any() else others
 
@@ -197,7 +197,7 @@ def _enough(
     pairs: BoolArray,
     find_enough: bool,
 ) -> int | None:
-    """Number of poses with `ENOUGH_POWER`, the chosen ones first; None where it is unknown."""
+    """Number of poses needed for the power `ENOUGH_POWER`, counting the chosen ones first; None where unknown."""
     within = next((k for k, probability in enumerate(by_count) if probability >= ENOUGH_POWER), None)
     if within is not None or not find_enough:
         return within
@@ -222,7 +222,7 @@ def probabilities(predictions: HypothesisPredictions) -> Array:
 
 
 def expected_log_bayes_factors(predictions: HypothesisPredictions, poses: IndexArray) -> Array:
-    """Expected log Bayes factor (I, I) of the row's hypothesis over the column's, where the row's is true.
+    """Expected log Bayes factor (I, I) of hypothesis i over j, where i is true.
 
     Args:
         predictions: predictions at C poses.
@@ -237,14 +237,14 @@ def expected_log_bayes_factors(predictions: HypothesisPredictions, poses: IndexA
 
 
 def equivalent_pairs(predictions: HypothesisPredictions) -> BoolArray:
-    """Pairs (I, I) of hypotheses that all predicted poses together would not discriminate."""
+    """Mask (I, I) of the pairs of hypotheses that even all predicted poses together do not discriminate."""
     expected = expected_log_bayes_factors(predictions, np.arange(len(predictions.hypotheses[0].mean)))
     near = np.minimum(expected, expected.T) < MIN_LOG_BAYES_FACTOR
     return np.asarray(near & ~np.eye(len(expected), dtype=bool))
 
 
 def separations_mm(predictions: HypothesisPredictions, poses: IndexArray, pairs: BoolArray) -> Array:
-    """Least separation (K,), mm, of any two hypotheses of `pairs` (I, I) at each pose, beyond what a refit absorbs."""
+    """Least distance (K,), mm, at each pose, between any two hypotheses' predictions, beyond what a refit absorbs."""
     hypotheses = predictions.hypotheses
     least = np.full(len(poses), np.inf)
     for i, j in permutations(range(len(hypotheses)), 2):
@@ -261,7 +261,7 @@ def separations_mm(predictions: HypothesisPredictions, poses: IndexArray, pairs:
 def power(
     predictions: HypothesisPredictions, poses: IndexArray, *, log_bayes_factor: float = MIN_LOG_BAYES_FACTOR
 ) -> float:
-    """Probability that, with some poses measured, the true hypothesis has this log Bayes factor over all others.
+    """Probability that, with given poses measured, the true hypothesis has at least a given log Bayes factor.
 
     Averaged by draws from the predictive distributions: over which hypothesis is true (by its evidence), the size of
     the effect and the noise.
@@ -287,7 +287,7 @@ def power(
 
 
 def _joint(hypothesis: HypothesisPrediction, poses: IndexArray) -> tuple[Array, Array]:
-    """Mean (K W,) and lower triangular root (K W, K W) of the covariance of a joint prediction at some poses."""
+    """Mean (K W,) and covariance root (K W, K W) of one hypothesis' joint prediction at K poses."""
     spread = hypothesis.spread[poses].reshape(-1, hypothesis.spread.shape[2])
     # Cholesky's factor of 1 + L L^T, without the square, in which a wide spread would hide the noise.
     upper = np.asarray(np.linalg.qr(np.concatenate([np.eye(len(spread)), spread.T]), mode="r"))
@@ -295,7 +295,7 @@ def _joint(hypothesis: HypothesisPrediction, poses: IndexArray) -> tuple[Array, 
 
 
 def _divergence(true: HypothesisPrediction, other: HypothesisPrediction, poses: IndexArray) -> float:
-    """Kullback-Leibler divergence of the joint predictions of two hypotheses at some poses.
+    """Kullback-Leibler divergence between the joint predictions of two hypotheses at given poses.
 
     By Woodbury in the other's few parameters: (1 + L L^T)^-1 = 1 - L (1 + L^T L)^-1 L^T, for any number of poses.
     """
@@ -315,7 +315,7 @@ def _divergence(true: HypothesisPrediction, other: HypothesisPrediction, poses: 
 
 
 def choose_poses(predictions: HypothesisPredictions, count: int, *, places: Array, pairs: BoolArray) -> IndexArray:
-    """Indices (count,) of the predicted poses that discriminate best, in the order chosen; fewer where these run out.
+    """Indices (count,) of the predicted poses that discriminate best, best first; fewer if there are not enough.
 
     Args:
         predictions: predictions at C poses.
@@ -337,7 +337,7 @@ def choose_poses(predictions: HypothesisPredictions, count: int, *, places: Arra
 def _extended(
     start: Sequence[int], predictions: HypothesisPredictions, count: int, *, places: Array, pairs: BoolArray
 ) -> IndexArray:
-    """Chosen poses and further ones, each the best given those before it, up to `count`."""
+    """Chosen poses extended up to `count`, by the best pose given those chosen before."""
     chosen = list(start)
     while len(chosen) < count:
         best = _best_given(predictions, chosen, places, pairs)
@@ -350,7 +350,7 @@ def _extended(
 def _best_given(
     predictions: HypothesisPredictions, chosen: Sequence[int], places: Array, pairs: BoolArray
 ) -> int | None:
-    """Index of the pose that discriminates best, given the chosen poses; None where no pose is free."""
+    """Index of the pose that discriminates best in addition to the chosen poses; None where no pose is free."""
     span = np.maximum(np.ptp(places, axis=0), 1e-9)
     free = np.ones(len(places), dtype=bool)
     for k in chosen:
@@ -361,7 +361,10 @@ def _best_given(
 
 
 def log_confusion(predictions: HypothesisPredictions, chosen: Sequence[int], pairs: BoolArray) -> Array:
-    """Log of the confusion of the hypotheses (C,), see the module, with the chosen poses and each of C more."""
+    """Log of the hypotheses' probability of confusion (C,), with the chosen poses and each of C further poses.
+
+    See the module.
+    """
     hypotheses = predictions.hypotheses
     conditional = [_Conditional(hypothesis, chosen) for hypothesis in hypotheses]
     terms = []
@@ -374,7 +377,7 @@ def log_confusion(predictions: HypothesisPredictions, chosen: Sequence[int], pai
 
 
 class _Conditional:
-    """Prediction of one hypothesis at every pose, conditional on the chosen ones, by Schur complements."""
+    """Prediction of one hypothesis at every pose, conditional on measurements at the chosen poses."""
 
     def __init__(self, hypothesis: HypothesisPrediction, chosen: Sequence[int]) -> None:
         self.hypothesis = hypothesis
@@ -394,7 +397,7 @@ class _Conditional:
         self.log_det = np.sum(np.log1p(beyond), axis=1) + np.sum(np.log1p(size**2))
 
     def divergence_from(self, true: _Conditional) -> Array:
-        """Kullback-Leibler divergence (C,) from the true hypothesis' prediction at the chosen poses and one more."""
+        """Kullback-Leibler divergence (C,) from the true hypothesis, for the chosen poses and one more of C."""
         off_inside = true.mean_inside - self.mean_inside
         inside = np.sum(self.inverse_inside * true.covariance) + off_inside @ self.inverse_inside @ off_inside
         off = true.hypothesis.mean - self.hypothesis.mean - self.gain @ off_inside

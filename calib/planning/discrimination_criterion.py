@@ -22,7 +22,7 @@ SPLIT = "split"
 
 @dataclass(frozen=True, eq=False)
 class ForDiscrimination:
-    """Criterion of discriminating between the hypotheses of a set that a fit left open, from which the plan goes on."""
+    """Criterion: discriminate between the hypotheses of one confounded set."""
 
     hypothesis_set: HypothesisSet
     payload_kg: float | None = None  # payload that the arm may carry at some poses, where the measured one is constant
@@ -32,12 +32,12 @@ class ForDiscrimination:
 
     @property
     def start(self) -> FromFit:
-        """Fit that the plan goes on from."""
+        """Start of the plan: the fit that left the hypotheses open."""
         return FromFit(self.hypothesis_set.calibration)
 
     @property
     def _helped_by_payload(self) -> bool:
-        """Whether a payload makes the hypotheses differ more, and the data have none that varies."""
+        """Whether a varying payload would separate the hypotheses, and the data have no varying payload."""
         members = [hypothesis.members[0] for hypothesis in self.hypothesis_set.hypotheses]
         wanted = conditions_for(describe(member) for member in members)
         payload_kg = self.hypothesis_set.calibration.dataset.poses.payload_kg
@@ -45,7 +45,7 @@ class ForDiscrimination:
         return bool(wanted.payloads_kg) and not varies
 
     def prepared(self, start: Start, offered: Poses) -> Poses:
-        """Candidates under conditions that vary as the measured ones do, and with the payload where it helps."""
+        """Candidate poses with conditions that vary like the measured ones, and with the payload where it helps."""
         payloads = (0.0, self.payload_kg) if self.payload_kg and self._helped_by_payload else ()
         return offered if start.measured is None else under_conditions(offered, start.measured, payloads)
 
@@ -54,11 +54,11 @@ class ForDiscrimination:
         return choose(self._predictions(problem.candidates), problem.candidates, count)
 
     def reasons(self, problem: DesignProblem, chosen: IndexArray) -> tuple[SeparationReason, ...]:
-        """Separation of the hypotheses at each chosen candidate."""
+        """For each chosen candidate, the distance between the hypotheses' predictions."""
         return tuple(SeparationReason(float(mm)) for mm in self._evaluated(problem, chosen).separation_mm)
 
     def outcome(self, problem: DesignProblem, chosen: IndexArray) -> DiscriminationOutcome:
-        """Power by the number of poses, and what would help where it is low."""
+        """Power by the number of poses, and advice where the power is low."""
         achieved = self._evaluated(problem, chosen, find_enough=True)
         weak = achieved.power < ENOUGH_POWER
         hopeless = bool(achieved.equivalent) or (weak and achieved.enough is None)
@@ -90,7 +90,7 @@ class ForDiscrimination:
 
 
 def for_confounded(diagnosis: Diagnosis, payload_kg: float | None = None) -> ForDiscrimination:
-    """Criterion for the first set of effects left confounded by a diagnosis in which poses may discriminate.
+    """Criterion for the first set of effects, left confounded by a diagnosis, that poses can discriminate.
 
     Raises CalibError where no effects were left confounded, or the data lack the means to test them.
     """

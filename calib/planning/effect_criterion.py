@@ -22,30 +22,30 @@ from calib.workcell.pose_conditions import PAYLOAD_KG, WantedConditions, conditi
 
 @dataclass(frozen=True)
 class ForEffects(BaseCriterion):
-    """Criterion of the sum of variances of suspected effects' coefficients, each in units of its usual size."""
+    """Criterion: least sum of variances of suspected effects' coefficients, each in units of its usual size."""
 
     effects: tuple[str, ...]
     payload_kg: float | None = None  # payload that the arm may carry at some poses
 
     @property
     def name(self) -> str:
-        """Names of the effects, with commas between."""
+        """Names of the suspected effects, separated by commas."""
         return ",".join(self.effects)
 
     @property
     def _described(self) -> list[Description]:
-        """Descriptions of those effects that are in the catalogue."""
+        """Descriptions of the suspected effects that are in the catalogue."""
         return [described for described in descriptions() if described.name in self.effects]
 
     @property
     def _wanted(self) -> WantedConditions:
-        """Conditions under which these effects show; none for effects of the user's own."""
+        """Conditions (such as payload) under which the suspected effects show; none for a user's own effects."""
         wanted = conditions_for(self._described, payload_kg=self.payload_kg or PAYLOAD_KG)
         without = "payload_kg" in wanted.helpful and self.payload_kg is None
         return replace(wanted, payloads_kg=()) if without else wanted
 
     def prepared(self, start: Start, offered: Poses) -> Poses:
-        """Candidates under conditions that vary as the measured ones do, and as these effects need it."""
+        """Candidate poses with conditions that vary like the measured ones, and as the suspected effects need."""
         poses = with_varied_conditions(start, offered, self._described)
         wanted, rng = self._wanted, np.random.default_rng(0)
         if wanted.both_sides and poses.approach is None:
@@ -64,7 +64,7 @@ class ForEffects(BaseCriterion):
         return best_poses([Question(problem.rows, problem.unknowns.prior_information, targets)], count).rows
 
     def outcome(self, problem: DesignProblem, chosen: IndexArray) -> EffectOutcome:
-        """Sigmas of the coefficients before and after, and the conditions of the poses."""
+        """Sigmas of the effects' coefficients before and after the planned poses, and the poses' conditions."""
         unknowns, measured, wanted = problem.unknowns, problem.start.measured, self._wanted
         none = np.zeros(0, dtype=np.int64)
         before, after = (
@@ -88,11 +88,11 @@ class ForEffects(BaseCriterion):
         )
 
     def _coefficients(self, unknowns: Unknowns) -> list[int]:
-        """Indices of the unknowns that are coefficients of these effects."""
+        """Indices of the unknowns that are coefficients of the suspected effects."""
         families = tuple(f"{name}." for name in self.effects)
         return [k for k, name in enumerate(unknowns.parameter_names) if name.startswith(families)]
 
 
 def _varies(values: Array | None) -> bool:
-    """Whether a condition is recorded and varies."""
+    """Whether a condition of poses (such as payload) is recorded and varies."""
     return values is not None and bool(np.ptp(values) > 0.0)

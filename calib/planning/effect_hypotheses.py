@@ -42,7 +42,7 @@ _NO_PRIOR = 1e-3  # weight of the tolerances where a fit was asked to do without
 
 @dataclass(frozen=True)
 class EffectHypothesis:
-    """Hypothesis that one effect is the cause of a residual: its members, their prior sigmas, and its evidence."""
+    """Hypothesis that one effect causes a residual: its members, their prior sigmas, and its evidence."""
 
     name: str
     members: tuple[Effect, ...]
@@ -52,7 +52,7 @@ class EffectHypothesis:
 
     @classmethod
     def of(cls, candidate: Candidate) -> EffectHypothesis:
-        """Hypothesis of a candidate of a screening."""
+        """Hypothesis that a candidate of a screening is the cause."""
         return cls(
             candidate.name,
             candidate.members,
@@ -83,7 +83,7 @@ class HypothesisSet:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all effects of the set, the untested last."""
+        """Names of all effects of the set, the untestable ones last."""
         return (*(hypothesis.name for hypothesis in self.hypotheses), *self.untested)
 
 
@@ -97,7 +97,7 @@ def hypothesis_sets(diagnosis: Diagnosis) -> tuple[HypothesisSet, ...]:
 
 
 def _confounded(diagnosis: Diagnosis, confounded: ConfoundedSet) -> HypothesisSet:
-    """Set of an effect in the model and of its equivalents, with the evidence before that effect was added."""
+    """Set of hypotheses for an effect in the model and its equivalents, with the evidence before it was added."""
     steps = diagnosis.steps
     before = next((a for a, b in pairwise(steps) if b.effect == confounded.effect), steps[0])
     inside = next(effect for effect in steps[-1].selected if effect.name == confounded.effect)
@@ -112,7 +112,7 @@ def _confounded(diagnosis: Diagnosis, confounded: ConfoundedSet) -> HypothesisSe
 
 
 def _candidates(screening: Screening | None, names: tuple[str, ...]) -> list[Candidate]:
-    """Candidates of these names, in the order of their ranking."""
+    """Candidate effects with given names, in the order of the ranking."""
     ranked = () if screening is None else screening.candidates
     return [candidate for candidate in ranked if candidate.name in names]
 
@@ -122,7 +122,7 @@ def _candidates(screening: Screening | None, names: tuple[str, ...]) -> list[Can
 
 @dataclass(frozen=True)
 class HypothesisPrediction:
-    """Predictive distribution of one hypothesis at C poses, in sigmas per coordinate of a measured point.
+    """Predictive distribution of the points at C poses under one hypothesis, in sigmas per coordinate.
 
     There are W rows for each pose. The covariance between poses a and b is spread[a] spread[b]^T, and that plus a unit
     matrix for a = b.
@@ -136,7 +136,7 @@ class HypothesisPrediction:
 
 @dataclass(frozen=True)
 class HypothesisPredictions:
-    """Predictive distributions of all hypotheses at the same poses."""
+    """Predictive distributions of the points at the same poses under each hypothesis."""
 
     hypotheses: tuple[HypothesisPrediction, ...]
     sigma_mm: float  # noise per coordinate of a measured point
@@ -144,7 +144,7 @@ class HypothesisPredictions:
 
 
 def predict(calibration: Calibration, hypotheses: Sequence[EffectHypothesis], poses: Poses) -> HypothesisPredictions:
-    """Predictive distributions of hypotheses at poses that were not measured.
+    """Predictive distributions of the points, under each hypothesis, at poses not yet measured.
 
     Args:
         calibration: a fit; effects of the hypotheses that are in its model are removed from it.
@@ -182,7 +182,7 @@ def predict(calibration: Calibration, hypotheses: Sequence[EffectHypothesis], po
 
 
 def _posterior(columns: Array, residual: Array, prior: Array, weight: Array) -> tuple[Array, Array]:
-    """Root R (P, P) of the posterior's precision R^T R, and the posterior's mean (P,).
+    """Root R (P, P) of the posterior precision R^T R of a linear model's parameters, and their mean (P,).
 
     The noise is of unit size; the prior has mean `prior` (P,) and sigmas 1 / weight (P,).
     """
@@ -191,12 +191,12 @@ def _posterior(columns: Array, residual: Array, prior: Array, weight: Array) -> 
 
 
 def _whitened(projected: ProjectedResidual, columns: Array) -> Array:
-    """Columns (R, P) multiplied by the whitening of a residual, where it has one."""
+    """Columns (R, P) multiplied by the residual's whitening, if it has one beyond the points' covariances."""
     return columns if projected.whitening is None else projected.whitening.apply(columns)
 
 
 def _measured_rows(projected: ProjectedResidual, common: BoolArray) -> tuple[Array, Array, dict[str, Array]]:
-    """Derivatives (R, P) by link errors and frames at the measured poses, residual (R,), and centre of each station.
+    """Derivatives (R, P) at measured poses by link errors and frames, residual (R,), and centre of each station.
 
     Units are the prior's sigmas. Parameters that are not `common` to all hypotheses are removed: the residual is that
     without them.
@@ -225,7 +225,7 @@ def _measured_rows(projected: ProjectedResidual, common: BoolArray) -> tuple[Arr
 
 @dataclass(frozen=True)
 class _NewRows:
-    """Derivatives at C poses that were not measured, W = 3 rows for each target, over the declared sigma."""
+    """Derivatives of the points at C poses not yet measured, W = 3 rows per target, over the declared sigma."""
 
     by_x: Array  # (C, W, P) by link errors in the prior's sigmas
     by_frame: Array  # (C, W, 6 S) by the frames of S stations
@@ -237,7 +237,10 @@ class _NewRows:
 
     @classmethod
     def of(cls, projected: ProjectedResidual, poses: Poses, centre: Mapping[str, Array]) -> _NewRows:
-        """Derivatives at poses of stations whose measured points have these centres, mm."""
+        """Derivatives at poses not yet measured, frames turning about the centre of each station's measured points.
+
+        centre: by station, of its measured points, mm.
+        """
         residuals, x = projected.residuals, projected.x
         model, observed = residuals.model, residuals.observed
         sigma2 = np.trace(observed.covariance_mm2, axis1=1, axis2=2) / 3.0
@@ -269,11 +272,11 @@ class _NewRows:
         )
 
     def common(self, common: BoolArray) -> Array:
-        """Derivatives (C, W, P) by link errors and frames."""
+        """Derivatives (C, W, P) by the unknowns that all hypotheses share: link errors and scanner frames."""
         return np.concatenate([self.by_x[..., common], self.by_frame], axis=2)
 
     def of_effect(self, hypothesis: EffectHypothesis) -> Array:
-        """Derivatives (C, W, K) by an effect's coefficients, each in its prior sigma."""
+        """Derivatives (C, W, K) by the coefficients of a hypothesis' effect, in units of their prior sigmas."""
         model, x = self.projected.residuals.model, self.projected.x
         blocks = []
         for target, by_state in self.by_state.items():

@@ -1,4 +1,4 @@
-"""Choice of the best of many candidate poses: greedy one by one, then exchanged until no exchange helps.
+"""Selection of the best poses among many candidates: greedy one by one, then exchanged until none improves.
 
 The exchange is Fedorov's (1972) with one pose given up at a time, as in DETMAX (Mitchell 1974).
 """
@@ -21,7 +21,7 @@ _GAIN = 1e-6  # change of the log of the measure below which an exchange is roun
 
 @dataclass(frozen=True)
 class Choice:
-    """Candidate poses chosen for some questions, and the mean log measure that they reach."""
+    """Candidate poses chosen for one or more optimality questions, with the mean log measure that they reach."""
 
     rows: IndexArray  # (count,) indices of candidates, the most informative first
     log_value: float  # mean over the questions of the log of their measures
@@ -33,7 +33,7 @@ class Choice:
 def best_poses(
     questions: Sequence[Question], count: int, *, exclude: BoolArray | None = None, exchange: bool = True
 ) -> Choice:
-    """`count` different candidates with the least mean log measure over the questions.
+    """Choice of `count` different candidates with the least mean log measure over the questions.
 
     Args:
         questions: questions about the same candidates, each with its own unknowns.
@@ -81,13 +81,13 @@ def best_poses(
 
 
 def _information(question: Question, chosen: Sequence[int]) -> Array:
-    """Information (K, K) on a question's unknowns with some candidates measured."""
+    """Information matrix (K, K) of a question's unknowns after some candidates are measured."""
     rows = question.rows[list(chosen)].reshape(-1, question.rows.shape[2])
     return np.asarray(question.prior_information + rows.T @ rows)
 
 
 def _ranked(questions: Sequence[Question], chosen: list[int]) -> IndexArray:
-    """Chosen candidates in the order in which a greedy search among them alone takes them."""
+    """Chosen candidates, most informative first, as a greedy search among them would take them."""
     informations = [question.prior_information for question in questions]
     search = _Search([replace(question, rows=question.rows[chosen]) for question in questions])
     free = np.ones(len(chosen), dtype=bool)
@@ -114,11 +114,11 @@ class _Search:
         return best, float(values[best])
 
     def value(self, informations: Sequence[Array]) -> float:
-        """Mean over the questions of the log of their measures, for an information each."""
+        """Mean over the questions of the log of their measures, each for its own information matrix."""
         return float(np.mean([q.log_value(h) for q, h in zip(self.questions, informations, strict=True)]))
 
     def add(self, informations: list[Array], candidate: int, sign: float) -> None:
-        """Add a candidate's information to each of the informations, or subtract it where `sign` is -1."""
+        """Add a candidate's information to each question's information matrix, or subtract it where `sign` is -1."""
         for k, question in enumerate(self.questions):
             rows = question.rows[candidate]
             informations[k] = informations[k] + sign * (rows.T @ rows)

@@ -1,4 +1,4 @@
-"""Candidates for the poses to measure next, under the conditions that a dataset's poses had."""
+"""Candidate poses for the next measurements, under the conditions that a dataset's poses had."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ OFFERED = 400
 
 
 def offered_poses(calibration: Calibration, *, count: int = OFFERED) -> Poses:
-    """Candidates (count) for the next poses that can be measured from the scanner's first station.
+    """Candidate poses that can be measured next from the scanner's first station.
 
     Where no such pose is found, they lie within the ranges of the measured joints.
     """
@@ -38,7 +38,7 @@ def offered_poses(calibration: Calibration, *, count: int = OFFERED) -> Poses:
 
 
 def under_conditions(poses: Poses, measured: Poses, payloads_kg: tuple[float, ...] = ()) -> Poses:
-    """Poses under conditions that are drawn from those of the measured ones.
+    """Poses with payload, temperature and approach drawn from the range of the measured poses.
 
     Payload and temperature are at either end of their range, and each joint is approached from either side, where that
     was recorded.
@@ -62,7 +62,7 @@ def under_conditions(poses: Poses, measured: Poses, payloads_kg: tuple[float, ..
 
 
 def _ends(values: Array | None) -> tuple[float, ...]:
-    """Least and largest value of a condition; () where it does not vary."""
+    """Least and largest value of a pose condition (such as payload); () where it does not vary."""
     if values is None or not np.ptp(values) > 0.0:
         return ()
     return float(values.min()), float(values.max())

@@ -9,7 +9,7 @@ ChangeKey = tuple[str, int | None, str]  # `ChangeModel.key` of a change of the 
 
 @dataclass(frozen=True)
 class ParameterReason:
-    """Parameters that a pose makes known better, and a joint that was never measured near its position at that pose."""
+    """Reason for a pose: parameters that it determines better, and a joint taken far from its measured positions."""
 
     parameters: tuple[str, ...]  # without their symbols, the largest gain first
     far_joint: int | None  # from 1; None where each joint was measured near
@@ -17,14 +17,14 @@ class ParameterReason:
 
 @dataclass(frozen=True)
 class ChangeReason:
-    """Changes of the cell that would be detected less well without a pose."""
+    """Reason for a check pose: changes of the cell that would be detected less well without it."""
 
     changes: tuple[ChangeKey, ...]  # the largest loss first
 
 
 @dataclass(frozen=True)
 class SeparationReason:
-    """Distance between the predictions of the two least separated hypotheses at a pose, both refitted."""
+    """Reason for a pose: the distance there between the predictions of the two least separated hypotheses."""
 
     separation_mm: float
 
@@ -53,7 +53,7 @@ class EffectOutcome:
 
 @dataclass(frozen=True)
 class DetectableChange:
-    """Size from which on a usual change of the cell is detected and named 19 times of 20."""
+    """Least size of a usual change of the cell that is detected and named 19 times of 20."""
 
     key: ChangeKey
     unit: str
@@ -63,14 +63,14 @@ class DetectableChange:
 
 @dataclass(frozen=True)
 class CheckOutcome:
-    """The usual changes of the cell that check poses detect."""
+    """Usual changes of the cell that the planned check poses detect, with their detectable sizes."""
 
     changes: tuple[DetectableChange, ...]
 
 
 @dataclass(frozen=True)
 class DiscriminationOutcome:
-    """Power with which poses discriminate between hypotheses, and what would help where it is low."""
+    """Power with which the planned poses discriminate between hypotheses, and advice where it is low."""
 
     hypotheses: tuple[str, ...]
     power_by_count: tuple[float, ...]  # power of none, the first, the first two, ... of the poses
@@ -84,7 +84,7 @@ class DiscriminationOutcome:
 
     @property
     def power(self) -> float:
-        """Probability that the true hypothesis is discriminated from the others with all of the poses."""
+        """Probability that the planned poses discriminate the true hypothesis from all others."""
         return self.power_by_count[-1]
 
 

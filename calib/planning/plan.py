@@ -1,4 +1,4 @@
-"""Plans: the poses to measure, the reason for each, and the held-out error that a fit has before and after."""
+"""Plans: the poses to measure, the reason for each, and the predicted error of a fit before and after."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Plan(Presented):
 
     @property
     def power(self) -> float | None:
-        """Probability that confounded effects are discriminated; None for other criteria."""
+        """Probability that confounded effects are discriminated; None for criteria without hypotheses."""
         return self.outcome.power if isinstance(self.outcome, DiscriminationOutcome) else None
 
     def _brief(self) -> str:
@@ -148,19 +148,19 @@ def plan_poses(
 
 
 def _fewest_for_fit(start: Start, count: int) -> int | None:
-    """Number of poses that a fit of the link errors takes, where `count` poses are a first set of fewer; else None."""
+    """Number of poses that a fit of the link errors needs, where a first plan has fewer than that; else None."""
     least = fewest_poses(start.dataset.robot)
     return least if start.measured is None and count < least else None
 
 
 def _blocked_ways(start: Start, planned: Poses) -> tuple[tuple[str, str], ...]:
-    """Pairs of successive poses between which moving all joints at once leads through an obstacle."""
+    """Pairs of successive poses between which a joint motion would hit an obstacle."""
     blocked = np.flatnonzero(~clear_ways(start.cell, planned.q))
     return tuple((planned.ids[k], planned.ids[k + 1]) for k in blocked)
 
 
 def _members(start: Start, offered: Poses, names: Sequence[str], user_effects: Sequence[Family]) -> tuple[Effect, ...]:
-    """Members of the named families of effects that the fit does not have yet.
+    """Effects to plan for: members of the named families that are not yet in the fit.
 
     Raises CalibError for a family that neither the measured nor the planned poses can test, and for a sparse one.
     """
@@ -188,7 +188,7 @@ def _members(start: Start, offered: Poses, names: Sequence[str], user_effects: S
 
 
 def _region(start: Start, others: Poses, region: str, rng: np.random.Generator) -> tuple[str, Poses]:
-    """Name of a region, and its poses; `others` are poses that can be measured."""
+    """Name and poses of the region in which the planned fit is to be accurate."""
     measured = start.measured
     if measured is not None and region in ("auto", "test"):
         placed = np.isin(measured.setup, list(start.unknowns().scanner_T_base))
@@ -204,7 +204,7 @@ def _region(start: Start, others: Poses, region: str, rng: np.random.Generator) 
 
 
 def _curve(problem: DesignProblem, chosen: IndexArray) -> Array:
-    """Predicted RMS error (n + 1,), mm, over the region with the first 0, 1, 2, ... poses, then with more."""
+    """Predicted RMS error (n + 1,), mm, over the region by number of planned poses, continued beyond the plan."""
     region = problem.region_question
     logs = [region.log_value(problem.information(chosen[:k])) for k in range(len(chosen) + 1)]
     some = np.arange(0, len(problem.rows), _THINNED)
@@ -215,7 +215,7 @@ def _curve(problem: DesignProblem, chosen: IndexArray) -> Array:
 
 
 def _order(problem: DesignProblem, chosen: IndexArray) -> IndexArray:
-    """Order of measuring as indices of the chosen: short ways, and each temperature and payload without a break."""
+    """Order of measuring, as indices: short motions, with equal temperatures and payloads kept together."""
     start, poses = problem.start, problem.candidates.select(chosen)
     at = start.measured.q[np.argmax(start.measured.order)] if start.measured is not None else None
     kept = [values for values in (poses.temperature_c, poses.payload_kg) if values is not None]
@@ -260,7 +260,7 @@ def new_ids(count: int, taken: Sequence[str]) -> tuple[str, ...]:
 
 
 def criterion_of(name: str, optimality: str = "I", *, payload_kg: float | None = None) -> DesignCriterion:
-    """Criterion by its name: "calibration", "watch", or effects with commas between, and a payload for these.
+    """Criterion for a name: "calibration", "watch", or effects separated by commas.
 
     Raises CalibError where the name is of none. "split" takes a diagnosis, see `for_confounded`.
     """
@@ -295,7 +295,7 @@ def plan(
     on_step: Callable[[str], None] | None = None,
     **keywords: Unpack[FitFields],
 ) -> Plan:
-    """Plan of the poses to measure next, in the order of measuring, and the error that a fit to them will have.
+    """Plan of the poses to measure next, with the predicted error of a fit to them.
 
     Args:
         known: a calibration or diagnosis, a dataset or its folder, or a robot, its file or its name.
@@ -354,7 +354,7 @@ def _diagnosed(
     user_effects: Sequence[Family],
     on_step: Callable[[str], None] | None,
 ) -> Diagnosis:
-    """Diagnosis of what is known. Raises CalibError where that is neither a diagnosis nor a dataset."""
+    """Diagnosis to plan from, made if a dataset is given. Raises CalibError for anything else."""
     if isinstance(known, Diagnosis):
         return known
     if isinstance(known, Dataset):

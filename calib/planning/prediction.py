@@ -1,4 +1,4 @@
-"""Predicted error of a fit at poses that it was not fitted to, with the band that 90 % of arms are in.
+"""Predicted error of a fit at poses outside the fit, with the band that holds 90 % of arms.
 
 The fitted model's error at a region's points is linear in the unknowns' errors, of covariance C: its mean square over
 the points is e^T G e with e ~ N(0, C), G the mean of columns^T columns. Its mean over all arms is trace(G C). For one
@@ -26,7 +26,7 @@ PAYS = 0.05  # share of the error by which `STEP` more poses have to lower it
 
 @dataclass(frozen=True)
 class Region:
-    """Poses at which the model is to be accurate."""
+    """Poses at which the planned model is to be accurate."""
 
     name: str
     poses: Poses
@@ -35,12 +35,12 @@ class Region:
 
     @classmethod
     def of(cls, name: str, poses: Poses, unknowns: Unknowns) -> Region:
-        """Region of some poses, with the derivatives of the points there by the unknowns."""
+        """Region made of some poses, with the derivatives of their points by the unknowns."""
         return cls(name, poses, unknowns.columns_mm(poses), unknowns.noise_mm2(poses))
 
     @property
     def target_combinations(self) -> Array:
-        """Combinations (K, m) of unknowns, mm, whose variances add up to the mean square error of a point."""
+        """Combinations (K, m) of unknowns, mm, whose variances sum to the mean square error of a point."""
         return self.columns_mm.reshape(-1, self.columns_mm.shape[-1]).T / np.sqrt(self.points)
 
     @property
@@ -60,13 +60,13 @@ class Prediction:
 
 
 def predicted(region: Region, information: Array, noise_dof: float, rng: np.random.Generator) -> Prediction:
-    """Predicted error of a fit with information (K, K), whose noise was estimated with `noise_dof`."""
+    """Predicted error over a region of a fit with information matrix (K, K), whose noise has `noise_dof`."""
     root = covariance_root(inverse(information))
     return _of_weights(_weights(region.target_combinations.T @ root), region.noise_mm2, noise_dof, rng)
 
 
 def predicted_once_placed(region: Region, unknowns: Unknowns, noise_dof: float, rng: np.random.Generator) -> Prediction:
-    """Predicted error before any new pose, with the scanner's frame fitted to the region's own points.
+    """Predicted error over a region before any new pose, with the scanner's frame fitted to the region.
 
     The parameters of an arm that was never measured are off by their tolerances, those of a fit by their uncertainty.
     """
@@ -79,12 +79,12 @@ def predicted_once_placed(region: Region, unknowns: Unknowns, noise_dof: float, 
 
 
 def _weights(combinations: Array) -> Array:
-    """Weights of the chi-square variables: squared singular values of combinations of unit variables, mm^2."""
+    """Weights, mm^2, of the chi-square variables that make up the mean square error of a prediction."""
     return np.asarray(np.linalg.svd(combinations, compute_uv=False) ** 2)
 
 
 def _of_weights(weights: Array, noise_mm2: float, noise_dof: float, rng: np.random.Generator) -> Prediction:
-    """Prediction where the mean square error is a sum of chi-square variables with these weights, mm^2."""
+    """Prediction whose mean square error is a sum of chi-square variables with given weights, mm^2."""
     mean = float(weights.sum())
     drawn = rng.chisquare(1.0, (_DRAWS, len(weights))) @ weights
     if np.isfinite(noise_dof) and noise_dof > 2.0:

@@ -1,4 +1,4 @@
-"""Optimality of a set of poses as linear algebra: unknowns, their information, and the combinations that matter.
+"""Optimality of a set of poses as linear algebra: unknowns, information, and the target combinations.
 
 A candidate's rows are the derivative of its measured numbers by the unknowns, in units of their noise. The information
 (inverse covariance) with some poses measured is H = prior information + sum of rows^T rows over these poses. A question
@@ -19,7 +19,7 @@ VARIANCE, VOLUME = "variance", "volume"
 
 @dataclass(frozen=True)
 class Question:
-    """Target combinations of K unknowns to be known well, with the prior information and the rows of N candidates.
+    """Optimality question: target combinations of K unknowns, prior information, and rows of N candidate poses.
 
     With W the target combinations, `measure` "variance" is trace(W^T C W), the sum of their variances: I-optimal where
     W are the rows of a region's points, A-optimal for single coefficients. "volume" is det(W^T C W)^(1/m): D-optimal.
@@ -37,7 +37,7 @@ class Question:
         assert self.measure in (VARIANCE, VOLUME)
 
     def log_value(self, information: Array) -> float:
-        """Log of the measure for an information (K, K)."""
+        """Log of the question's measure (target variance or volume) for an information matrix (K, K)."""
         covariance = inverse(information)
         target_covariance = self.target_combinations.T @ covariance @ self.target_combinations
         if self.measure == VARIANCE:
@@ -45,7 +45,7 @@ class Question:
         return float(np.linalg.slogdet(target_covariance)[1]) / target_covariance.shape[0]
 
     def log_values_with(self, information: Array) -> Array:
-        """Log of the measure (N,) with each candidate added, by itself, to an information (K, K).
+        """Log of the question's measure (N,) with each one of N candidates added to an information matrix.
 
         By Woodbury: C' = C - C R^T (1 + R C R^T)^-1 R C, an r x r system for each candidate.
         """
@@ -70,13 +70,13 @@ class Question:
 
 
 def condensed(combinations: Array) -> Array:
-    """At most K combinations W' with W' W'^T = W W^T, so the same total variance, of combinations W (K, m)."""
+    """At most K combinations that have the same total variance as the given combinations (K, m)."""
     k, m = combinations.shape
     return combinations if m <= k else np.asarray(np.linalg.qr(combinations.T, mode="r")).T
 
 
 def inverse(information: Array) -> Array:
-    """Covariance (K, K) of an information (K, K). Raises CalibError where that is not positive definite."""
+    """Covariance (K, K) from an information matrix (K, K). Raises CalibError where that is not positive definite."""
     # In units in which the diagonal is 1: unknown frames and known lengths are many powers of ten apart.
     size = np.sqrt(np.diag(information))
     try:
@@ -89,7 +89,10 @@ def inverse(information: Array) -> Array:
 
 
 def _squares(flat: Array, factor: Array, rows: Array) -> Array:
-    """Products R B B^T R^T (N, r, r) of each candidate's rows R and a factor B (K, m); `flat` has all rows (N r, K)."""
+    """Products R B B^T R^T (N, r, r) of each candidate's rows R (r, K) and a factor B (K, m).
+
+    `flat` has all rows (N r, K).
+    """
     n, r, k = rows.shape
     if factor.shape[1] < k:
         products = (flat @ factor).reshape(n, r, -1)

@@ -36,7 +36,7 @@ NEW_SETUP = "new"
 
 
 class Start(Protocol):
-    """Start of a plan: what was measured, what is known of the unknowns, and which poses can be measured."""
+    """Start of a plan: the measured poses, the knowledge of the unknowns, and the cell that limits the poses."""
 
     @property
     def dataset(self) -> Dataset:
@@ -59,7 +59,7 @@ class Start(Protocol):
         ...
 
     def unknowns(self, effects: Sequence[Effect] = ()) -> Unknowns:
-        """Unknowns of the fit to come, including the coefficients of further effects."""
+        """Unknowns of the planned fit, including the coefficients of further effects."""
         ...
 
     def poses_at(self, q: Array) -> Poses:
@@ -69,7 +69,7 @@ class Start(Protocol):
 
 @dataclass(frozen=True)
 class DiagnosedModel:
-    """Reason for which a diagnosis chose the model to plan for, and whether it left effects confounded."""
+    """Facts on the diagnosis that chose the model to plan for, and whether it left effects confounded."""
 
     noise_ratio: float  # residual of the link errors alone over the declared noise
     confounded: bool  # whether effects stayed confounded
@@ -77,7 +77,7 @@ class DiagnosedModel:
 
 @dataclass(frozen=True)
 class FromFit(Brief):
-    """Start from a calibration, whose next poses are measured from its scanner's last station or from a new one."""
+    """Start from a calibration; the next poses are measured from its last scanner station or a new one."""
 
     calibration: Calibration
     base_T_scanner: Array | None = None  # (4, 4) pose of the scanner at a new station; None: the last one
@@ -95,7 +95,7 @@ class FromFit(Brief):
 
     @property
     def setup(self) -> str:
-        """Name of the last station, or a name that is free for a new one."""
+        """Name of the scanner's last station, or a free name for a new one."""
         if self.base_T_scanner is None:
             return self._last_setup
         names = set(map(str, self.measured.setup))
@@ -106,7 +106,7 @@ class FromFit(Brief):
 
     @property
     def _last_setup(self) -> str:
-        """Name of the station of the training pose that was measured last."""
+        """Name of the scanner station of the training pose that was measured last."""
         poses, points = self.calibration.fitted_dataset.poses, self.calibration.fitted_dataset.points
         assert points is not None
         trained = points.pose[~poses.is_test[points.pose]]
@@ -114,7 +114,7 @@ class FromFit(Brief):
 
     @cached_property
     def cell(self) -> Workcell:
-        """Cell with the fitted table, and the scanner where the fit has it or at the new station."""
+        """Cell with the fitted robot, and the scanner placed by the fit or at the new station."""
         last = self._last_setup
         fitted = replace(self.dataset, robot=self.calibration.robot)
         seen_from = frames.invert(self.calibration.after.scanner_T_base[last])
@@ -136,7 +136,7 @@ class FromFit(Brief):
         return unknowns_of_fit(self.calibration, effects=effects, scanner_T_base=new_station)
 
     def poses_at(self, q: Array) -> Poses:
-        """Training poses at joints q (N, n), under the measured poses' conditions at the latest time."""
+        """Training poses at joints q (N, n), with conditions of the measured poses, as at the latest time."""
         poses, time_s = conditions_at(self.measured, q), self.measured.time_s
         later = None if time_s is None else np.full(len(q), time_s.max())
         return replace(poses, role=np.full(len(q), "train"), setup=np.full(len(q), self.setup), time_s=later)
@@ -163,11 +163,11 @@ class FromRobot:
 
     @property
     def setup(self) -> str:
-        """Empty name of the only station."""
+        """Empty name of the only scanner station."""
         return ""
 
     def unknowns(self, effects: Sequence[Effect] = ()) -> Unknowns:
-        """Parameters within their tolerances, including the coefficients of further effects."""
+        """Unknowns of a first fit: parameters within tolerances, and coefficients of further effects."""
         if not self.options.prior:
             raise CalibError("a first set of poses is planned with tolerances; leave out --no-prior")
         base_T_scanner = np.eye(4) if self.cell.base_T_scanner is None else self.cell.base_T_scanner

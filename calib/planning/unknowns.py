@@ -1,4 +1,4 @@
-"""Unknowns of a fit to come (the model's parameters and the scanner's frames) with the prior information on them.
+"""Unknowns of the planned fit (the model's parameters and the scanner's frames) with prior information on them.
 
 The information is that of a fit (`calib.fitting`): each parameter's prior, the measured points in units of the noise
 that the fit shows, and none on the scanner's frames but from these points.
@@ -34,7 +34,7 @@ _FINEST_MM = 1e-5  # least noise of a plan: with less the prior would be lost in
 
 @dataclass(frozen=True)
 class Unknowns:
-    """K unknowns: P parameters in units of their prior's sigma, then six of each station's scanner frame."""
+    """Unknowns of a planned fit: P parameters in units of their prior sigma, and six numbers per scanner frame."""
 
     model: Model
     x: Array  # (P,) point of linearisation
@@ -49,25 +49,25 @@ class Unknowns:
 
     @property
     def scales(self) -> Array:
-        """Unit (P,) of each parameter."""
+        """Prior sigma (P,) of each parameter, the unit of its unknown."""
         return self.model.scales
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """Names of the first P unknowns."""
+        """Names of the parameters among the unknowns."""
         return tuple(p.name for p in self.model.parameters)
 
     @property
     def robot(self) -> Robot:
-        """Robot with the parameters x."""
+        """Robot with the parameters' current values."""
         return self.model.calibrated_robot(self.x)
 
     def of_parameters(self) -> Array:
-        """Combinations (K, P) of the unknowns that are the parameters."""
+        """Combinations (K, P) of the unknowns that select the parameters."""
         return np.eye(len(self.prior_information))[:, : len(self.scales)]
 
     def columns_mm(self, poses: Poses) -> Array:
-        """Derivatives (N, 3 T, K) of the T targets' points, mm in the scanner's frame, by the unknowns."""
+        """Derivatives (N, 3 T, K) of T targets' points by the unknowns, mm in the scanner's frame."""
         columns = _point_columns(self, self.as_observed(poses))
         return columns.reshape(len(poses), -1, columns.shape[-1])
 
@@ -78,16 +78,16 @@ class Unknowns:
         return np.asarray(whitened.reshape(len(poses), -1, whitened.shape[-1]))
 
     def points(self, poses: Poses) -> Points:
-        """Predicted points of the targets at these poses, scanner frame."""
+        """Predicted points of the targets at given poses, scanner frame."""
         return self.as_observed(poses).points
 
     def noise_mm2(self, poses: Poses) -> float:
-        """Mean square of a measured point's noise at these poses, mm^2, in three dimensions."""
+        """Mean square 3D noise of a measured point at given poses, mm^2."""
         covariance = self.as_observed(poses).covariance_mm2
         return float(np.trace(covariance, axis1=1, axis2=2).mean())
 
     def as_observed(self, poses: Poses) -> Observations:
-        """Observations of the predicted points, a row for each target of each pose."""
+        """Observations made of predicted points, one for each target at each pose."""
         poses = poses.measured_later()
         scanner_T_base = np.stack([self.scanner_T_base[str(name)] for name in poses.setup])
         scanner_mm = np.empty((len(poses), len(self.targets), 3))
@@ -110,7 +110,7 @@ def unknowns_of_fit(
     effects: Sequence[Effect] = (),
     scanner_T_base: Mapping[str, Array] | None = None,
 ) -> Unknowns:
-    """Unknowns of a fit, and of further effects whose coefficients are zero within their usual size.
+    """Unknowns of a fit, and coefficients of further effects with a prior of zero within their usual size.
 
     Args:
         calibration: the fit.
@@ -185,7 +185,7 @@ def _before_measuring(
     with_prior: bool,
     measured: Observations | None = None,
 ) -> Unknowns:
-    """Unknowns with the prior alone; frames rotate about the centre of the measured points, where there are any."""
+    """Unknowns with prior information alone; frames turn about the centre of the measured points, if any."""
     precision = np.full(len(x), 1.0 if with_prior else _WITHOUT_PRIOR**-2)
     flat = np.tile(np.repeat([1.0 / _FLAT_MM**2, 1.0 / (_TURN_MM * _FLAT_RAD) ** 2], 3), len(scanner_T_base))
     centres = {name: np.zeros(3) for name in scanner_T_base}
@@ -207,7 +207,7 @@ def _before_measuring(
 
 
 def _point_columns(unknowns: Unknowns, observed: Observations) -> Array:
-    """Derivatives (M, 3, K) of observed points, mm in the scanner's frame, by the unknowns."""
+    """Derivatives (M, 3, K) of observed points by the unknowns, mm in the scanner's frame."""
     at_mm, by_x = linearise_points(unknowns.model, unknowns.x, observed)
     p = by_x.shape[-1]
     columns = np.zeros((len(at_mm), 3, len(unknowns.prior_information)))
@@ -221,7 +221,7 @@ def _point_columns(unknowns: Unknowns, observed: Observations) -> Array:
 
 
 def _usual_covariance_mm2(dataset: Dataset, points: Points) -> Array:
-    """Mean covariance (3, 3) of a training point, scanner frame; the declared one where points have none."""
+    """Mean covariance (3, 3), mm^2, of a training point, scanner frame, or the declared one."""
     trained = ~dataset.poses.is_test[points.pose]
     if points.covariance_mm2 is None:
         return (dataset.scanner.point_sigma_mm or 1.0) ** 2 * np.eye(3)

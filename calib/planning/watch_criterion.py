@@ -1,4 +1,4 @@
-"""Criterion: check poses that detect the usual changes of a cell, a joint's zero or the tool (`--for watch`).
+"""Criterion for check poses that detect the usual changes of a cell, a joint's zero or the tool (`--for watch`).
 
 Each change is a question whose targets act at the new poses only, in addition to the unknowns of the earlier fit. The
 scanner's frame is free, as no change is attributed to the arm that a moved scanner explains. A change that looks like a
@@ -35,14 +35,14 @@ _MIN_GAIN = 0.03  # share by which a pose lowers a change's sigma, below which t
 
 @dataclass(frozen=True)
 class CheckedChange:
-    """Usual change of a cell with the question of its size, by which the candidates are judged."""
+    """Usual change of a cell, with the optimality question by which candidate poses are judged to detect it."""
 
     model: ChangeModel
     question: Question
     scanner_free: bool  # whether the scanner's frame is free in the question
 
     def size(self, chosen: IndexArray) -> float:
-        """Size that is detected and named 19 times of 20 with these candidates, in the change's unit.
+        """Least size, in the change's unit, that is detected and named 19 times of 20 with given candidates.
 
         For the tool, its shift in the direction that shows least.
         """
@@ -51,7 +51,7 @@ class CheckedChange:
 
 @dataclass(frozen=True)
 class ForWatch(BaseCriterion):
-    """Criterion of the detectable sizes of usual changes since an earlier calibration."""
+    """Criterion: least detectable sizes of usual changes since an earlier calibration."""
 
     name = WATCH
     effects: tuple[str, ...] = ()
@@ -66,7 +66,7 @@ class ForWatch(BaseCriterion):
         return tuple(ChangeReason(_detected_by(changes, chosen, k)) for k in range(len(chosen)))
 
     def outcome(self, problem: DesignProblem, chosen: IndexArray) -> CheckOutcome:
-        """Detectable size of each usual change."""
+        """Detectable size of each usual change of the cell with the chosen candidates."""
         changes = _checked_changes(problem)
         shown = {change.model.key for change in changes}
         sizes = [DetectableChange(c.model.key, c.model.unit, c.size(chosen), c.scanner_free) for c in changes]
@@ -80,7 +80,7 @@ def check_poses(changes: Sequence[CheckedChange], count: int) -> IndexArray:
 
 
 def _checked_changes(problem: DesignProblem) -> tuple[CheckedChange, ...]:
-    """Usual changes that some candidate shows. Raises CalibError without measured poses, or where there are none."""
+    """Usual changes of the cell that some candidate shows. Raises CalibError where there are none."""
     if problem.start.measured is None:
         raise CalibError(
             f"{problem.start.dataset.name}: --for watch plans check poses against a calibration; give its dataset"
@@ -95,7 +95,10 @@ def _checked_changes(problem: DesignProblem) -> tuple[CheckedChange, ...]:
 
 
 def usual_changes(unknowns: Unknowns, candidates: Poses, rows: Array) -> tuple[CheckedChange, ...]:
-    """Changes of each joint's zero and of the tool that some candidate shows; rows (N, r, U) are `Unknowns.rows`."""
+    """Changes of each joint's zero and of the tool that some candidate pose shows, with their questions.
+
+    `rows` (N, r, U) are `Unknowns.rows`.
+    """
     p = len(unknowns.scales)
     observed = unknowns.as_observed(candidates)
     scanner_R_base = np.stack([unknowns.scanner_T_base[str(name)][:3, :3] for name in observed.setup])
@@ -118,7 +121,7 @@ def usual_changes(unknowns: Unknowns, candidates: Poses, rows: Array) -> tuple[C
 
 
 def _all_usual(problem: DesignProblem) -> list[ChangeModel]:
-    """Models of each joint's zero and of the tool, whether candidates show them or not."""
+    """Change models of each joint's zero and of the tool, whether candidate poses show them or not."""
     unknowns = problem.unknowns
     one = unknowns.as_observed(problem.candidates.select(np.arange(1)))
     models = change_models_of_arm(unknowns.model, unknowns.x, one)
@@ -126,14 +129,17 @@ def _all_usual(problem: DesignProblem) -> list[ChangeModel]:
 
 
 def _question(rows: Array, prior_information: Array, change: Array, unit: float) -> Question:
-    """Question of the size of a change with columns (N, r, K), in addition to unknowns with rows (N, r, U)."""
+    """Optimality question for the size of a change, beside the other unknowns of the fit.
+
+    The change has columns (N, r, K), the other unknowns rows (N, r, U).
+    """
     count = change.shape[2]
     targets = np.concatenate([np.zeros((len(prior_information), count)), unit * np.eye(count)])
     return Question(np.concatenate([rows, unit * change], axis=2), _with_free(prior_information, count), targets)
 
 
 def _with_free(information: Array, count: int) -> Array:
-    """Information (K, K) extended by `count` free unknowns."""
+    """Information matrix (K, K) extended by `count` unknowns without prior knowledge."""
     n = len(information)
     extended = _FREE * np.eye(n + count)
     extended[:n, :n] = information
@@ -141,7 +147,7 @@ def _with_free(information: Array, count: int) -> Array:
 
 
 def _covariance(question: Question, chosen: IndexArray) -> Array:
-    """Covariance (K, K) of a question's target combinations once these candidates are measured."""
+    """Covariance (K, K) of a question's target combinations after given candidates are measured."""
     rows = question.rows[chosen].reshape(-1, question.rows.shape[2])
     return np.asarray(
         question.target_combinations.T
@@ -151,7 +157,7 @@ def _covariance(question: Question, chosen: IndexArray) -> Array:
 
 
 def _detected_by(changes: Sequence[CheckedChange], chosen: IndexArray, k: int) -> tuple[ChangeKey, ...]:
-    """Changes that the chosen candidates would detect less well without the k-th of them."""
+    """Changes that the chosen candidates would detect less well without the k-th candidate."""
     gains = []
     for change in changes:
         with_all, without = (change.size(rows) for rows in (chosen, np.delete(chosen, k)))

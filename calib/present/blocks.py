@@ -16,7 +16,7 @@ _SHORT_NAME = 14  # characters
 
 @dataclass(frozen=True)
 class Reference:
-    """A name within a sentence or a cell that refers to a pose, joint or effect; a click on it selects that."""
+    """A name within a sentence or a cell that stands for a pose, joint or effect; a click selects that object."""
 
     kind: Literal["pose", "joint", "effect", "planned", "step", "setup"]
     value: str | int  # a pose's id, a joint's number from 1, an effect's key, an index
@@ -39,7 +39,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Coloured:
-    """A name with the colour that it has in the 3D scene and in figures (one of the palette, never from outside)."""
+    """A name in the colour that it has in the 3D scene and in figures (one of the palette, never from outside)."""
 
     words: str
     colour: str
@@ -142,7 +142,7 @@ class Bullets(Block):
 
 @dataclass(frozen=True)
 class Table(Block):
-    """A table: the columns in `left` hold words, the others numbers; row `mark` is emphasised.
+    """A table of text: the columns listed in `left` are left-aligned words, others numbers; row `mark` is emphasised.
 
     rows_select: what a click on each row selects, one a row; None where it selects nothing.
     height: CSS length from which the page lets the table scroll by itself; "" shows all of it.

@@ -82,7 +82,7 @@ def _calibration(calibration: Calibration) -> Presentation:
 
 
 def calibration_head(calibration: Calibration, way: Sequence[Calibration] = ()) -> list[Block]:
-    """Blocks with the errors at each stage (`way`) of a calibration, all errors, convergence, and warnings."""
+    """Blocks at the head of a calibration: errors at each stage, all errors, convergence, and warnings."""
     worse = worsening_sentence(calibration)
     remarks = [remark for remark in calibration_warnings(calibration) if remark != worse]
     return [
@@ -278,11 +278,11 @@ def fit_steps(steps: Sequence[FitStep]) -> list[tuple[str, float, float, float]]
 
 
 class ModelErrors(Protocol):
-    """Errors of one model of several that were fitted one after the other."""
+    """Errors of one model in a sequence of models fitted one after the other."""
 
     @property
     def label(self) -> str:
-        """Change of the model: "link errors", "+ backlash", "− backlash"."""
+        """Label of the change that made the model: "link errors", "+ backlash", "− backlash"."""
 
     @property
     def train_rmse_mm(self) -> float:
@@ -294,11 +294,11 @@ class ModelErrors(Protocol):
 
     @property
     def other_poses(self) -> bool:
-        """Whether other poses count than for the model before, so that its errors are neither better nor worse."""
+        """Whether the errors are of other poses than the previous model's, so that the two cannot be compared."""
 
 
 def last_change(models: Sequence[ModelErrors]) -> Verdict | None:
-    """Judgement of the last change of the model by the errors; None without a change or without an error."""
+    """Verdict whether the last change of the model lowered the errors; None without a change or an error."""
     if len(models) < 2:
         return None
     old, new = models[-2:]
@@ -340,7 +340,7 @@ def state_of_model(models: Sequence[ModelErrors], effects: Sequence[SelectedEffe
 
 
 def errors_by_version(versions: Sequence[Version], colours: Mapping[str, str]) -> Table:
-    """Table of RMSE and largest 3D error of each version of a model, mm, and of noise alone; `colours` by version."""
+    """Table of RMSE and largest 3D error of each version of a model, mm, and of noise alone."""
     rows = [
         (Coloured(version.name, colours[version.name]), *_largest(version.evaluation.train, version.evaluation.test))
         for version in versions
@@ -431,7 +431,7 @@ def parameters(calibration: Calibration, table: ExportedTable | None = None) -> 
 
 
 def parameter_tables(calibration: Calibration, height: str = "") -> list[Block]:
-    """Tables of the arm's parameters, of each effect's, and of the learned curves; `height` as of `Table`."""
+    """Tables of the arm's parameters, of each effect's parameters, and of the learned curves."""
     return [*_tables(calibration, height), Paragraph(_NOT_KNOWN, soft=True)]
 
 
@@ -477,7 +477,7 @@ def _row(row: Mapping[str, Any], name: str, *, of_arm: bool) -> tuple[str, ...]:
 
 
 def _sum(known: Combination) -> Words:
-    """Row text of a sum of parameters of one unit; angles in degrees."""
+    """Text of an identifiable sum of parameters of one unit, for a table row; angles in degrees."""
     terms: list[Any] = []
     for name, coefficient in known.coefficients.items():
         sign = numbers.MINUS if coefficient < 0 else "+"
@@ -493,7 +493,7 @@ def _sum(known: Combination) -> Words:
 
 @document.register
 def calibration_document(calibration: Calibration) -> dict[str, Any]:
-    """What `calibrate --json` prints."""
+    """Document that `calibrate --json` prints."""
     fit, attitudes, labelling = calibration.fit, calibration.orientation_errors, calibration.face_labelling
     return {
         "dataset": calibration.dataset.name,
@@ -534,7 +534,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
 
 
 def found_tool_document(calibration: Calibration) -> dict[str, Any]:
-    """Keys on the found tool point, mm in the last joint's frame and from the tip; None where robot.toml's holds."""
+    """JSON keys on a tool point found far from robot.toml's, mm in the frames of last joint and tip; else None."""
     shift = calibration.tool_shift
     return {
         "tool_found_mm": None if shift is None else shift.point_mm,
@@ -549,7 +549,7 @@ def stands_document(calibration: Calibration) -> dict[str, int] | None:
 
 
 def steps_document(steps: Sequence[FitStep]) -> list[dict[str, Any]]:
-    """Keys of each step of a calibration: the first fit, then one per added effect with its members' sizes."""
+    """JSON keys of each fit step: the link errors, then one step per added effect with its prior sizes."""
     return [
         {
             "effect": step.effect,
@@ -562,7 +562,7 @@ def steps_document(steps: Sequence[FitStep]) -> list[dict[str, Any]]:
 
 
 def table_document(table: ExportedTable) -> dict[str, Any]:
-    """Keys on the exported table alone: its errors, and the families of the model that the table cannot hold."""
+    """JSON keys on the exported table alone: its errors, and the model's effects that the table cannot hold."""
     return {**document(table.errors), "without_effects": table.left_out}
 
 

@@ -59,7 +59,7 @@ _CLEARLY_APART = 4.0  # sigmas of one coordinate by which two hypotheses differ 
 
 @dataclass(frozen=True)
 class _Column:
-    """A column of the ranking: its cell of a candidate, given all of its screening."""
+    """A column of the ranking table, with the function that makes a candidate's cell."""
 
     cell: Callable[[Candidate, Screening], Words]
     is_words: bool = False
@@ -88,7 +88,7 @@ def ranking(
     most: int | None = None,
     mark: Collection[str] = (),
 ) -> Table | Paragraph:
-    """Table of the evidence of each candidate, the best first; a sentence without candidates.
+    """Table of the evidence of each candidate effect, the best first; a sentence where there are no candidates.
 
     Args:
         columns: beside the effect's name, of `_COLUMNS`.
@@ -155,7 +155,7 @@ def _ranking(
 
 
 def _named(candidate: Candidate, own: Collection[str]) -> Words:
-    """Tick of a convincing effect, its name in words, and its key."""
+    """Name cell of a candidate effect: a tick if convincing, the name in words, and the key."""
     named = title(candidate.name)
     tick = f"✓{_NO_BREAK}" if is_convincing(candidate) else ""
     key = "" if named == candidate.name else candidate.name
@@ -164,18 +164,18 @@ def _named(candidate: Candidate, own: Collection[str]) -> Words:
 
 
 def _evidence_bar(candidate: Candidate, screening: Screening) -> Words:
-    largest = max(1.0, *(c.log_evidence for c in screening.candidates))
+    largest = max(3.0 * FOLDED_BELOW, *(c.log_evidence for c in screening.candidates))
     return Bar(numbers.signed(candidate.log_evidence, ".1f"), min(max(candidate.log_evidence / largest, 0.0), 1.0))
 
 
 def held_out_sentence(screening: Screening) -> str:
-    """The meaning of the ranking's held-out error, and its size without any candidate."""
+    """Sentence on the meaning of the ranking's held-out error, and on its size without any candidate effect."""
     without = f"{numbers.column_mm(screening.cv_rmse_mm)} mm without any of them"
     return f"Held-out error: per coordinate, when each pose is predicted from the others; it is {without}."
 
 
 def ticks_sentence() -> str:
-    """The meaning of the ticks in a ranking."""
+    """Sentence on the meaning of the ticks in a ranking."""
     return (
         "✓ The data speak for it: log evidence above 3 and p below 0.01 (Holm-corrected for the number of effects). A "
         "log Bayes factor below 3 over the next leaves it open."
@@ -183,20 +183,20 @@ def ticks_sentence() -> str:
 
 
 def nothing_shows(screening: Screening) -> str:
-    """A sentence on the candidates of which nothing shows; "" where there are none."""
+    """Sentence that lists the candidate effects without a detectable member; "" where there are none."""
     silent = [c.name for c in screening.candidates if not c.members]
     return f"Nothing shows of {numbers.listing(silent)}." if silent else ""
 
 
 def untestable_blocks(untestable: Sequence[Untestable]) -> list[Block]:
-    """Blocks on effects that these data cannot test, with reasons and remedies; [] where they test all."""
+    """Blocks on effects that these data cannot test, with reasons and remedies; [] where all can be tested."""
     if not untestable:
         return []
     return [Paragraph(f"{CANNOT_BE_TESTED}:"), Bullets(not_testable(untestable))]
 
 
 def alike(candidate: Candidate) -> tuple[Span, ...]:
-    """The effects that could make most of what a candidate explains, with the shares; () where none could."""
+    """Effects that could explain most of what a candidate explains, with the shares; () where there are none."""
     most = sorted(candidate.overlaps.items(), key=lambda item: -item[1])[:_MOST_ALIKE]
     named = [spans(effect(name), f" {numbers.share(share)}".replace(" %", f"{_NO_BREAK}%")) for name, share in most]
     return spans(*(part for k, name in enumerate(named) for part in (", " if k else "", name)))
@@ -237,7 +237,7 @@ def candidate_blocks(
 
 
 def estimated_values(candidate: Candidate, calibration: Calibration, *, height: str = "") -> Table:
-    """Table of a candidate's coefficients as the ranking estimates them, with their meaning; `height` as in `Table`."""
+    """Table of a candidate's coefficients as the ranking estimates them, with their meaning on the arm."""
     values = [(value.name, value.value, value.sigma) for value in candidate.values]
     return _values("estimated", candidate.members, values, calibration, height)
 
@@ -283,7 +283,7 @@ def _values(
 
 
 def _description(name: str, candidate: Candidate | None, calibration: Calibration) -> Description:
-    """The texts on the class of a candidate, or of an effect in the model."""
+    """Description of a candidate effect, or of an effect in the model."""
     if candidate is not None:
         return candidate.family.description
     inside = next((effect for effect in calibration.model.effects if family_name(effect) == name), None)
@@ -302,7 +302,7 @@ def with_joints(selected: SelectedEffect) -> tuple[Span, ...]:
 def discriminating_section(
     name: str, rival: str, poses: Sequence[DiscriminatingPose], robot: Robot, noise_mm: float
 ) -> Section:
-    """The poses at which an effect and its nearest rival differ most, and how often to measure there.
+    """Section on the poses that best discriminate between an effect and its nearest rival, with advice on repeats.
 
     Args:
         poses: one or more.

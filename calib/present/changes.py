@@ -1,4 +1,4 @@
-"""Presentation of two calibrations compared, and of a cell measured again: what changed, what could go undetected."""
+"""Presentation of changes between two calibrations, or in a cell measured again, and of undetectable changes."""
 
 from __future__ import annotations
 
@@ -286,7 +286,7 @@ def repeat_blocks(repeats: Sequence[PoseFigures]) -> list[Block]:
 
 
 def worst_repeats(repeats: Sequence[PoseFigures]) -> list[str]:
-    """Sentence on the worst of RP, dAP and dRP; [] where no pose was visited again."""
+    """Sentence on the largest ISO 9283 figures (RP, dAP, dRP); [] where no pose was visited again."""
     if not repeats:
         return []
     worst = {

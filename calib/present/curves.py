@@ -29,12 +29,12 @@ def input_label(curve: FittedCurve, robot: Robot) -> str:
 
 
 def read_unit(unit: str) -> str:
-    """Unit of a curve for readers."""
+    """Unit in which a learned curve is presented to readers."""
     return _READ_AS.get(unit, unit)
 
 
 def curve_blocks(calibration: Calibration) -> list[Block]:
-    """Blocks on the learned curves of a model: explanation, table, and formulas of short ones; [] without any."""
+    """Blocks on the learned curves of a model: explanation, table, and short formulas; [] without learned curves."""
     members = learned_members(calibration)
     if not members:
         return []
@@ -62,7 +62,7 @@ def _row(curve: FittedCurve) -> tuple[str, ...]:
 
 
 def formulas(calibration: Calibration) -> list[str]:
-    """Sentences on curves that are short formulas: their terms in words, and the formula with its values."""
+    """Sentences on learned curves that are short formulas: the terms in words, and the formula with its values."""
     return [
         f"Joint {curve.joint + 1}: {curve.shape}; {curve.formula}."
         for curve in fitted_curves(calibration)

@@ -39,7 +39,7 @@ def _dataset(dataset: Dataset) -> Presentation:
 
 
 def measured_blocks(calibration: Calibration, searches: Mapping[str, CornerSearch]) -> list[Block]:
-    """Blocks on a calibration's data: facts, noise and warnings; `searches` where points come from scans."""
+    """Blocks on a calibration's data: facts, noise and warnings, with the scan search where there was one."""
     dataset = calibration.dataset
     description = [("description", dataset.description)] if dataset.description else []
     rows = [("dataset", dataset.name), *description, *facts(dataset, searches, calibration)]

@@ -101,7 +101,7 @@ def _headline(diagnosis: Diagnosis) -> str:
 
 
 def diagnosis_presentation(diagnosis: Diagnosis, poses: NextPoses | None) -> Presentation:
-    """Presentation of a diagnosis; `next_poses` are the next poses to measure, where they were chosen already."""
+    """Presentation of a diagnosis, with the next poses to measure where they were chosen already."""
     name, last = diagnosis.calibration.dataset.name, diagnosis.calibration
     history = FigurePlace("error_history", (diagnosis,), "3D RMSE after each change of the model.", height_px=260)
     return Presentation(
@@ -154,7 +154,7 @@ def steps(diagnosis: Diagnosis) -> Table:
 
 
 def ranked_effects(diagnosis: Diagnosis) -> list[Block]:
-    """The evidence of each candidate by which the first decision was taken, and what cannot be tested."""
+    """Blocks on the evidence of each candidate effect at the first decision, and on untestable effects."""
     return [ranking(diagnosis.screenings[0], most=RANKED), *untestable_blocks(diagnosis.untestable)]
 
 
@@ -245,7 +245,7 @@ def effect_added(before: FitStep, after: FitStep, standing: str) -> Words:
 
 
 def _lead(before: FitStep, after: FitStep, standing: str) -> Words:
-    """Phrase with the log Bayes factor over the next candidate."""
+    """Phrase with the log Bayes factor of an added effect over the next candidate."""
     lead: Words = ()
     factor = after.log_bayes_factor
     if after.runner_up and factor is not None:
@@ -297,7 +297,7 @@ def _value(value: FittedValue, calibration: Calibration) -> str:
 
 
 def _doubts(values: Sequence[FittedValue]) -> str:
-    """Sentence on the value that exceeds its natural bound by most; "" where none does."""
+    """Sentence on the fitted value that exceeds its natural bound by most; "" where no value does."""
     beyond = [(abs(v.value) / v.bound.size, v, v.bound) for v in values if v.bound is not None]
     if not beyond:
         return ""
@@ -452,7 +452,7 @@ def _document(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[str, Any]:
-    """Document of `diagnose --json`; `next_poses` are the next poses to measure, where they were chosen already."""
+    """Document that `diagnose --json` prints, with the next poses to measure where they were chosen already."""
     tests, last, held_out, refused = (
         diagnosis.residual_tests, diagnosis.calibration, diagnosis.held_out, diagnosis.refused,
     )  # fmt: skip

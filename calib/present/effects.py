@@ -40,7 +40,7 @@ def model_name(calibration: Calibration) -> str:
 
 
 def meaning(owner: Effect, parameter: Parameter, size: float, calibration: Calibration) -> str:
-    """Consequence of a parameter at a dataset's poses; "" where it would repeat the value.
+    """Text on what a parameter's value means for the arm at a dataset's poses; "" where it would repeat the value.
 
     Args:
         owner: the effect whose parameter it is.
@@ -89,7 +89,7 @@ def not_testable(untestable: Sequence[Untestable]) -> list[str]:
 
 
 def effects_document() -> dict[str, Any]:
-    """Document of `effects --json`: the catalogue."""
+    """Document that `effects --json` prints: the catalogue."""
     return {
         "effects": [
             {

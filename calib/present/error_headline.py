@@ -73,7 +73,7 @@ def note(headline: Headline) -> str:
 
 
 def errors_by_stage(headline: Headline, fits: Sequence[Calibration]) -> blocks.Table:
-    """Mean, RMS and maximum of the 3D error at each stage of a headline, in one unit; `fits` as of `headline_of`."""
+    """Mean, RMS and maximum of the 3D error at each stage of a headline, in one unit."""
     columns: list[Figures] = []
     for stage in headline.stages:
         evaluation = fits[-1].before if stage.step is None else fits[stage.step].after

@@ -50,7 +50,7 @@ def _fleet(fleet: Fleet) -> Presentation:
 
 
 def fleet_head(fleet: Fleet, more: Sequence[tuple[str, object]] = ()) -> list[Block]:
-    """Blocks with counts, the items that need attention, verdicts and errors; `more` is added to the counts."""
+    """Blocks at the head of a fleet: counts, items that need attention, verdicts and errors."""
     passed = sum(row.passed for row in fleet.rows)
     robots = sorted({row.robot for row in fleet.rows})
     figures: list[tuple[str, object]] = [
@@ -119,7 +119,7 @@ def group_phrase(group: Group) -> str:
 
 
 def cause_phrase(cause: SharedCause) -> str:
-    """Phrase on a shared cause: the number of arms that have it, and what these have in common."""
+    """Phrase on a shared cause: the number of arms that have it, and the properties common to these arms."""
     robot = f" {cause.robot}" if cause.robot else ""
     common = "; ".join(map(group_phrase, cause.groups)) or "no group of them stands out"
     return f"{cause_name(cause)} in {len(cause.arms)} of {cause.of} arms{robot}: {common}"
@@ -152,7 +152,7 @@ def _causes(fleet: Fleet) -> list[Block]:
 
 
 def drift_phrases(drift: Drift) -> str:
-    """Phrases on what changed between two datasets of an arm, or the reason why that is unknown."""
+    """Phrases on what changed between two datasets of an arm, or on why that is unknown."""
     return drift.reason or "; ".join(map(change_phrase, drift.changes)) or drift.verdict
 
 

@@ -75,7 +75,7 @@ def _headed(section: Section) -> list[Block]:
 
 
 def drawn(told: Presentation, draw: Draw | None, names: Iterator[str]) -> dict[str, object]:
-    """Head and sections of a presentation with every figure drawn, as variables of a template.
+    """Template variables with the head and sections of a presentation, every figure drawn.
 
     names: a name a figure, which its ids begin with.
     """
@@ -84,7 +84,7 @@ def drawn(told: Presentation, draw: Draw | None, names: Iterator[str]) -> dict[s
 
 
 def with_figures(blocks: Sequence[Block], draw: Draw | None, names: Iterator[str]) -> list[Block]:
-    """The blocks with each figure's placeholder replaced by its drawing, or dropped where it cannot be drawn."""
+    """Blocks in which each figure's placeholder is replaced by its drawing, or dropped where none can be made."""
     return [
         Drawing(draw(block, next(names)), block.caption) if draw and isinstance(block, FigurePlace) else block
         for block in blocks
@@ -138,13 +138,13 @@ def words_html(words: object, links: bool) -> str:
 
 
 def _asks(reference: Reference) -> str:
-    """HTML attributes of an element whose click (or key press) selects the object of a reference."""
+    """HTML attributes that make an element, when clicked, select the object of a reference."""
     asked = f'data-ask="{reference.kind}" data-value="{escape(reference.value)}"'
     return f' {asked} role="button" tabindex="0"'
 
 
 def _recognised(block: Block, recognise: Recognise) -> Block:
-    """A block with the names in its sentences replaced by references."""
+    """A block in which the names of poses and joints in its sentences are replaced by references."""
 
     def spans(words: Words) -> Words:
         if isinstance(words, str):

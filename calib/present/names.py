@@ -35,7 +35,7 @@ def change(what: str, joint: int | None, parameter: str = "") -> str:
 
 
 def parameter(name: str) -> Span:
-    """Short name of a parameter; that of a parameter in a joint's row of the table refers to its joint."""
+    """Short name of a parameter; for a parameter in a joint's row of the table, as a reference to the joint."""
     of_joint = _OF_JOINT.fullmatch(name)
     return joint(int(of_joint[1]), parameter_label(name)) if of_joint else parameter_label(name)
 
@@ -55,7 +55,7 @@ def joint_with_unit(number: int, unit: str = "") -> Span:
 
 
 def joints_by_parameter(robot: Robot, effects: Sequence[Effect] = ()) -> dict[str, int]:
-    """Number, from 1, of the joint of each parameter that belongs to one, in the table's rows or these effects."""
+    """Joint number, from 1, by name of each parameter of the table or of effects that belongs to a joint."""
     of_table = {f"{kind}{j + 1}": j + 1 for j in range(robot.n_joints) for kind in PARAMETER_KINDS}
     of_effects = {
         name: int(joint) + 1

@@ -17,14 +17,14 @@ _ALIGNED = 0.98  # cosine from which a direction is called an axis of the scanne
 
 
 def noise_sigma_mm(findings: Findings) -> float:
-    """RMS noise per coordinate, mm: of the repeats where these show the noise shape, else of the residual."""
+    """RMS noise per coordinate, mm: from repeats where these showed the noise shape, else from the residual."""
     if findings.noise is not None and findings.noise.from_repeats:
         return pooled_sigma_mm(find_repeats(findings.calibration.dataset))
     return findings.residual_tests.residual_mm
 
 
 def axes_mm(shape: NoiseShape, sigma_mm: float) -> tuple[float, float, float] | None:
-    """Sigmas, mm, along three axes (two across and one along the line of sight, or the noise shape's); else None.
+    """Noise sigmas, mm, along three axes, where the noise shape has different ones; None for isotropic noise.
 
     With a growth over distance they are those at the mean distance.
     """
@@ -39,7 +39,7 @@ def axes_mm(shape: NoiseShape, sigma_mm: float) -> tuple[float, float, float] | 
 
 
 def noise_sentences(findings: Findings) -> str:
-    """Sentences on the noise shape and what it implies for the instrument; "" where it is as declared."""
+    """Sentences on the noise shape and its meaning for the instrument; "" where the noise is as declared."""
     shown = findings.noise
     if shown is None:
         return ""
@@ -56,7 +56,7 @@ def noise_sentences(findings: Findings) -> str:
 
 
 def noise_document(findings: Findings) -> dict[str, Any] | None:
-    """Keys on the noise shape where it is not as declared; properties without evidence are None."""
+    """JSON keys on a noise shape other than the declared one; properties without evidence are None."""
     shown: ShownNoise | None = findings.noise
     if shown is None:
         return None
@@ -92,7 +92,7 @@ def _directions(shape: NoiseShape, sigma_mm: float) -> str:
 
 
 def _axis(direction: np.ndarray) -> str:
-    """Name of the scanner's axis along which a direction lies, or else the direction's components."""
+    """Name of the scanner's axis along a direction, or else the direction's components."""
     k = int(np.argmax(np.abs(direction)))
     if abs(direction[k]) > _ALIGNED:
         return "in depth, along z of its frame," if k == 2 else f"along {'xyz'[k]} of its frame"

@@ -71,12 +71,12 @@ def coordinate(mm: float) -> str:
 
 
 def readable(value: float, unit: str) -> tuple[float, str]:
-    """A value and its unit for readers: angles in degrees."""
+    """A value and its unit converted for readers: angles in degrees."""
     return (math.degrees(value), "°") if unit == "rad" else (value, unit)
 
 
 def size(value: float, unit: str) -> str:
-    """Text of a size with its unit: "0.12°", "0.5 mm", "3 × 10⁻⁵ rad/Nm" as "3e-05 rad/Nm"."""
+    """Text of a size with its unit: "0.12°", "0.5 mm", "3e-05 rad/Nm"."""
     shown, unit = readable(value, unit)
     return f"{shown:.3g}{_unit(unit)}".replace("-", MINUS, 1 if shown < 0 else 0)
 
@@ -152,7 +152,7 @@ def capitalised(words: str) -> str:
 
 
 def parameter_label(name: str) -> str:
-    """A parameter's short name as tables and axes have it: "alpha3" is "α3" (`calib.options.parameter_name`: back)."""
+    """Parameter's short name as in tables and on axes: "α3" for "alpha3"."""
     for word, letter in GREEK_LETTERS.items():
         if name.startswith(word):
             return letter + name[len(word) :]

@@ -146,7 +146,7 @@ def _redundancy_document(analysis: Redundancy) -> dict[str, Any]:
 
 
 def redundancy_document(analysis: Redundancy, unknown: FreeFrameRank) -> dict[str, Any]:
-    """Document that `redundancy --json` prints; `unknown` is the rank with an unknown scanner frame."""
+    """Document that `redundancy --json` prints: redundant parameters and rank, also with an unknown scanner frame."""
     return {
         "residual": unknown.residual,
         **document(analysis),

@@ -1,4 +1,4 @@
-"""Recognition of poses' and joints' names in sentences, as references that the page makes links."""
+"""Recognition of pose and joint names in sentences, so that the page can make them links."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _STOPS = ".!?"
 
 @dataclass(frozen=True)
 class Names:
-    """Names of a dataset's poses and joints; called with a text, it turns those found into references."""
+    """Names of a dataset's poses and joints; as a function, it replaces these names in a text by references."""
 
     poses: frozenset[str] = frozenset()
     joints: int = 0
@@ -41,12 +41,12 @@ class Names:
         return Names(frozenset(dataset.poses.ids), dataset.robot.n_joints, frozenset(sure))
 
     def __call__(self, words: str) -> tuple[Span, ...]:
-        """A text with references: what `html.panel` takes to recognise names."""
+        """Text in which the names of poses and joints are replaced by references."""
         return recognised(words, self)
 
 
 def references_to(poses: Collection[str], inputs: Collection[str] = ()) -> dict[str, Reference]:
-    """References by the name that a sentence may hold (`recognised`): pose ids, and inputs ("q4") by joint."""
+    """References to poses and joints by the name that a sentence may contain: pose ids, and inputs such as "q4"."""
     joints = {name: of_joint[1] + 1 for name in inputs if (of_joint := joint_input(name)) is not None}
     return {**{name: joint(number, name) for name, number in joints.items()}, **{p: pose(p) for p in poses}}
 
@@ -71,7 +71,7 @@ def recognised(words: str, names: Names, known: Mapping[str, Reference] | None =
 
 
 def _joined(spans: list[Span]) -> list[Span]:
-    """The spans with neighbouring texts joined, and without empty ones."""
+    """Spans of a sentence with neighbouring texts joined and empty texts removed."""
     out: list[Span] = []
     for span in spans:
         if isinstance(span, str) and out and isinstance(out[-1], str):

@@ -1,4 +1,4 @@
-"""Residual of a fit over the inputs that it may depend on: titles with units, values to plot, noise, tests."""
+"""Residual of a fit plotted over the inputs it may depend on: titles with units, values, noise band and tests."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def input_title(name: str, robot: Robot) -> str:
 
 
 def turned(name: str, values: Array, robot: Robot) -> Array:
-    """Values with joint angles converted to degrees and all others unchanged."""
+    """Input values for a plot: joint angles converted to degrees, all others unchanged."""
     quantity, joint = joint_input(name) or ("", 0)
     angle = quantity == "q" and robot.joints[joint].is_revolute
     return np.degrees(values) if angle else values
@@ -83,7 +83,7 @@ def joint_title(joint: int, robot: Robot) -> str:
 def shown(
     pose_errors: PoseErrors, what: str, joint: int | None, robot: Robot
 ) -> tuple[Array, str, tuple[float, float]]:
-    """Values to plot, their title with the unit, and the band of noise alone."""
+    """Residual values to plot, their title with the unit, and the band of noise alone."""
     if joint is not None:
         scale = float(np.degrees(1.0)) * 1000.0 if robot.joints[joint].is_revolute else 1.0
         half = 2.0 * scale * pose_errors.joint_noise(joint)
@@ -117,7 +117,7 @@ def worst_poses(pose_errors: PoseErrors, count: int, marked: str = "") -> Table:
 
 @dataclass(frozen=True)
 class ModelResidual:
-    """The residual of the fit of one model: the errors of the poses, and the tests of them over every input."""
+    """Residual of one model's fit: the errors of the poses, and their tests over every input."""
 
     calibration: Calibration
     pose_errors: PoseErrors
@@ -125,7 +125,7 @@ class ModelResidual:
 
 
 def residuals_of(diagnosis: Diagnosis) -> list[ModelResidual]:
-    """The residual of the last fit; before it that of the first, where an effect was added."""
+    """Residuals of a diagnosis' fits: the first fit if effects were added, then the last fit."""
     first, last = diagnosis.steps[0], diagnosis.calibration
     found = [ModelResidual(last, pose_errors_of(last), diagnosis.residual_tests)]
     if len(diagnosis.steps) > 1 and first.screening is not None:
@@ -158,7 +158,7 @@ def _residual_blocks(residual: ModelResidual) -> list[Block]:
 
 
 def _channel_title(test: InputTest, robot: Robot) -> str:
-    """Name, for `shown`, of the residual's component with the strongest pattern in a test."""
+    """Axis title of the residual's component (axis or joint) with the strongest pattern in a test."""
     if test.channel.joint is not None:
         return joint_title(test.channel.joint, robot)
     return next(title for title, axis in AXES.items() if "xyz"[axis] == test.channel.axis)

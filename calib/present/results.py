@@ -28,7 +28,7 @@ def presentation(result: object) -> Presentation:
 
 @singledispatch
 def document(result: object) -> Mapping[str, Any]:
-    """Keys of a command's `--json` for a result; values are converted by `to_dict`.
+    """JSON document of a result, as a command's `--json` prints it; values are converted by `to_dict`.
 
     A dataclass is the document of its fields. A field's metadata may give its key (`key="name"`), or keep it out
     (`key=None`).
@@ -52,7 +52,7 @@ def to_dict(result: object) -> dict[str, Any]:
 
 
 def nested(value: object) -> object:
-    """A document's value with every dataclass and table inside converted to dicts and lists."""
+    """A document in which every dataclass and table is converted to dicts and lists."""
     if is_dataclass(value) and not isinstance(value, type):
         return nested(document(value))
     if isinstance(value, pd.DataFrame):
@@ -68,7 +68,7 @@ def nested(value: object) -> object:
 
 @singledispatch
 def headline(result: object) -> str:
-    """Most important statement on a result, in a sentence or two: the first verdict in its presentation."""
+    """Most important statement on a result, in a sentence or two: the first verdict of its presentation."""
     return next(blocks.plain(block.words) for block in presentation(result).head if isinstance(block, blocks.Verdict))
 
 
@@ -84,7 +84,7 @@ def notebook_html(result: object) -> str:
 
 @cache
 def _installed_draw() -> blocks_html.Draw | None:
-    """Function that draws figures, found by the entry point of `inspector`, which needs plotly; None without it."""
+    """Function that draws figures, provided by `inspector` if installed with plotly; else None."""
     for entry in metadata.entry_points(group=FIGURES):
         try:
             draw: blocks_html.Draw = entry.load()

@@ -33,7 +33,7 @@ def _cross_validation(folds: CrossValidation) -> Presentation:
 
 
 def cross_validation_blocks(folds: CrossValidation) -> list[Block]:
-    """Blocks with the held-out errors, their spread over the folds, and how much of their excess noise explains."""
+    """Blocks on cross-validation: held-out errors, their spread over the folds, and the share due to noise."""
     train = folds.whole.after.train
     assert train is not None
     each = [fold.held_out.rmse_mm for fold in folds.folds]
@@ -110,7 +110,7 @@ def learning_curve_blocks(curve: LearningCurve) -> list[Block]:
 
 
 def learning_curve_verdict(curve: LearningCurve) -> Verdict:
-    """Verdict on whether more poses would help, and on the remaining error where more would not."""
+    """Verdict on whether more poses would help, and on the error that would remain."""
     last = curve.steps[-1]
     words, colour = _more_poses(curve)
     ratio = last.held_out_rmse_mm / last.train_rmse_mm if last.train_rmse_mm > 0.0 else 1.0

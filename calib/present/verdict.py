@@ -159,7 +159,7 @@ def _left_unexplained(diagnosis: Diagnosis) -> Words:
 
 
 def promise(test: HeldOutTest) -> str:
-    """Sentence on test poses whose error exceeds the predicted one, and possible reasons."""
+    """Sentence on test poses whose error exceeds the model's predicted error, with possible reasons."""
     return (
         f"the test poses are off by {numbers.length(test.rmse_mm)}, where noise and the uncertainty of the fit predict "
         f"{numbers.length(test.promised_mm)}: they were measured in another way or on another day, or they show what "
@@ -177,7 +177,7 @@ def _missing(diagnosis: Diagnosis) -> Words:
 
 
 def _causes(diagnosis: Diagnosis, keys: Sequence[str]) -> list[Cause]:
-    """Causes found for some effects on this arm, as in the last fit."""
+    """Causes (joints, size, worst pose) of some effects on this arm, as in the last fit."""
     return [
         cause_of(after.effect, before.calibration, after.calibration)
         for before, after in pairwise(diagnosis.steps)
@@ -210,7 +210,7 @@ def cause(found: Cause, calibration: Calibration) -> Words:
 
 
 def _cause_size(found: Cause, calibration: Calibration) -> str:
-    """Size of the leading member: an amplitude, or what its surest value means on the arm."""
+    """Size of an effect at its leading joint: an amplitude, or the meaning of its surest value on the arm."""
     if found.main is None or found.leading is None:
         return ""
     main = found.main
@@ -220,7 +220,7 @@ def _cause_size(found: Cause, calibration: Calibration) -> str:
 
 
 def _contradicting_points(diagnosis: Diagnosis) -> int | None:
-    """Number of test points where their error did not fall by the added effects, within scatter; else None."""
+    """Number of test points, where the added effects did not lower the test error; None where they did."""
     first, last = diagnosis.steps[0].calibration.after.test, diagnosis.calibration.after.test
     if first is None or last is None or last.rmse_mm < (1.0 + SMALL_CHANGE) * first.rmse_mm:
         return None
@@ -228,7 +228,7 @@ def _contradicting_points(diagnosis: Diagnosis) -> int | None:
 
 
 def _nothing_else(diagnosis: Diagnosis) -> str:
-    """Clause whether the test poses, too, have errors of noise alone."""
+    """Clause that nothing else shows, with a reservation where the test poses' error exceeds noise."""
     beyond = diagnosis.held_out_beyond_noise
     if beyond is None:
         return "nothing else shows"
@@ -269,7 +269,7 @@ def _inputs(keys: Sequence[str]) -> Words:
 
 
 def fault(found: JointFault) -> Words:
-    """Text on the apparent motion of one joint that no effect describes, without a full stop."""
+    """Text on one joint's apparent error motion that no effect describes, without a full stop."""
     number = found.joint + 1
     return spans(
         joint(number, f"joint {number}"),
@@ -325,7 +325,7 @@ def advice(given: Advice) -> Words:
 
 
 def move(made: Move) -> Words:
-    """Sentence or two on a move and the reason for it."""
+    """Sentence or two on the recommended next move and the reason for it."""
     match made:
         case AddEffect():
             factor = made.log_bayes_factor

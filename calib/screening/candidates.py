@@ -32,7 +32,7 @@ MIN_CONFOUNDED_OVERLAP = 0.5  # share of what one effect explains that another c
 
 @dataclass(frozen=True)
 class Value:
-    """Estimate of a coefficient by the linear screening."""
+    """Estimate of one coefficient of an effect by the linear screening."""
 
     name: str
     value: float
@@ -42,7 +42,7 @@ class Value:
 
 @dataclass(frozen=True)
 class Candidate(Brief):
-    """A family of effects with the evidence for it in the residual of a fit."""
+    """Candidate effect: a family of effects with the evidence for it in the residual of a fit."""
 
     family: Family
     p_value: float
@@ -66,7 +66,7 @@ class Candidate(Brief):
 
 @dataclass(frozen=True)
 class Untestable:
-    """A family that these data cannot test."""
+    """Effect (a whole family) that these data cannot test, with the reason."""
 
     name: str
     why: str
@@ -76,7 +76,7 @@ class Untestable:
 
 @dataclass(frozen=True)
 class Screening(Brief):
-    """Tests of all families against the residual of one fit, the highest log evidence first."""
+    """Tests of all effects of the catalogue against the residual of one fit, the highest log evidence first."""
 
     projected: ProjectedResidual
     candidates: tuple[Candidate, ...]
@@ -103,7 +103,7 @@ class Screening(Brief):
 
 @one_blas_thread()
 def screen(fitted: FittedResult | Dataset | str | Path, families: Sequence[Family] | None = None) -> Screening:
-    """Evidence of every family that is not yet in a model, by the residual of its fit; see `Candidate`.
+    """Evidence of every effect that is not yet in a model, from the residual of the model's fit.
 
     Args:
         fitted: a calibration, or a dataset or its folder, to which the link errors are fitted first.
@@ -151,7 +151,7 @@ def screen(fitted: FittedResult | Dataset | str | Path, families: Sequence[Famil
 
 
 def _too_wide(projected: ProjectedResidual, family: Family, columns: int) -> Untestable:
-    """Entry for a family with a single member that has more parameters than the number of equations allows."""
+    """`Untestable` for an effect that has too many parameters for the number of equations, with the poses needed."""
     poses = len(projected.residuals.observed.used_poses[0])
     more = int(np.ceil((2 * columns - projected.dof) / 3))
     return Untestable(
@@ -162,7 +162,7 @@ def _too_wide(projected: ProjectedResidual, family: Family, columns: int) -> Unt
 
 
 def _not_of_single_poses(candidate: Candidate, plain_rmse_mm: float) -> Candidate:
-    """A candidate, with zero evidence if its family is sparse and does not improve the prediction of left-out poses.
+    """A candidate, its evidence set to zero if it acts at single poses and predicts left-out poses no better.
 
     Single poses that are wrong have their places and times too, and no effect makes them.
     """
@@ -172,7 +172,7 @@ def _not_of_single_poses(candidate: Candidate, plain_rmse_mm: float) -> Candidat
 
 
 def _overlaps(tested: Sequence[VisibleColumns], evidence: Sequence[Evidence]) -> list[dict[str, float]]:
-    """For each family, the shares of its explained part that other families could explain, by name, if above 0.2."""
+    """For each effect: other effects that could explain over 20 % of the part it explains, with these shares."""
     if not tested:
         return []
     explained = np.column_stack([e.explained for e in evidence])

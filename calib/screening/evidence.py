@@ -1,4 +1,4 @@
-"""F tests and Bayesian evidence of blocks of columns that may explain a residual with unknown size.
+"""F test and Bayesian evidence of effects that may explain a residual, the size of their coefficients unknown.
 
 All of it is linear and works on residual and columns from which the fitted directions were projected out. The sigma of
 the noise is never needed: it is estimated with each hypothesis, so that a wrongly declared one changes nothing.
@@ -22,7 +22,9 @@ _ROUNDING = 1e-14  # share of a square sum
 
 @dataclass(frozen=True)
 class FamilyColumns:
-    """Projected residual (R,), measured minus predicted, and the projected columns (R, K_g) of each member of a family.
+    """Data of one effect's test: the projected residual (R,), and the Jacobian columns (R, K_g) of each member g.
+
+    The residual is measured minus predicted.
 
     Columns are for coefficients of the parameters' usual scales. `positive`: for each group, whether its coefficients
     are physical with this sign only; empty: none is.
@@ -36,7 +38,7 @@ class FamilyColumns:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Evidence for a family; `log_evidence` is over noise alone, at the scales that maximise it."""
+    """Evidence for an effect: p-value, log evidence over noise alone, prior scales and estimated coefficients."""
 
     p_value: float  # F test of the whole family or of its best member, the smaller, corrected for the choice
     log_evidence: float
@@ -47,7 +49,7 @@ class Evidence:
 
 
 def evaluate_family(family: FamilyColumns) -> Evidence:
-    """F test and evidence of a family with few members.
+    """F test and evidence of an effect that has few members, such as one per joint.
 
     Evidence: coefficients of member g are N(0, s_g^2), noise N(0, sigma^2) with sigma unknown,
 
@@ -88,12 +90,12 @@ def evaluate_family(family: FamilyColumns) -> Evidence:
 
 
 def most_columns(dof: int) -> int:
-    """Largest number of columns that an effect may have at these degrees of freedom and still be testable."""
+    """Largest number of parameters that an effect may have with these degrees of freedom and still be testable."""
     return dof // 2
 
 
 def evidence_of(residual: Array, columns: Array, dof: int) -> float:
-    """Log evidence of a family of one member with columns (R, K), as `evaluate_family` has it."""
+    """Log evidence, over noise alone, that a linear model with columns (R, K) explains a residual."""
     total = float(residual @ residual)
     if columns.shape[1] == 0 or total <= 0.0:
         return 0.0
@@ -104,7 +106,7 @@ def evidence_of(residual: Array, columns: Array, dof: int) -> float:
 def _coefficients(
     y: Array, rest: float, triangle: Array, spread: Array, one_sided: BoolArray, dof: int
 ) -> tuple[Array, float]:
-    """Posterior means (K,) of the coefficients, and the contribution of their signs to the log evidence.
+    """Posterior means (K,) of the coefficients, and the change of the log evidence by the signs they should have.
 
     With a one-sided prior the evidence is multiplied by P(all >= 0 | data) / P(all >= 0) = 2^k P(all >= 0 | data) for k
     one-sided coefficients. The sign is believed with probability `_SIGN_PRIOR`, so that an opposite sign convention, or
@@ -135,7 +137,7 @@ def _coefficients(
 
 
 def _reduce(residual: Array, groups: tuple[Array, ...]) -> tuple[Array, float, Array, list[tuple[int, int]]]:
-    """Q^T r, |r|^2 outside the columns' span, R, and each member's columns in R."""
+    """QR reduction of the linear model: Q^T r, |r|^2 outside the columns' span, R, and each member's columns in R."""
     ends = np.cumsum([0, *(g.shape[1] for g in groups)])
     bounds = [(int(a), int(b)) for a, b in pairwise(ends)]
     q, triangle = np.linalg.qr(np.concatenate(groups, axis=1))
@@ -156,7 +158,7 @@ def _f_test(y: Array, rest: float, columns: Array, dof: int) -> tuple[float, int
 
 
 def _gate(y: Array, rest: float, triangle: Array, bounds: list[tuple[int, int]], dof: int) -> tuple[float, int]:
-    """p-value of a family, and its rank.
+    """p-value of an effect by F tests of all its members and of its best one, and the rank of its columns.
 
     Twice the smaller of the whole family's p-value and its best member's, the latter times the number of members.
     """
@@ -176,7 +178,7 @@ def _best_scale(
     bounds: list[tuple[int, int]],
     dof: int,
 ) -> tuple[float, float]:
-    """Log evidence at the best common scale of the chosen members, given others of some spread, and that scale."""
+    """Highest log evidence over one common prior scale of the chosen members, and that scale; others are fixed."""
     of = np.repeat(chosen, [b - a for a, b in bounds])
     z, columns, fixed = _given(y, triangle[:, of], triangle, np.where(of, 0.0, spread))
     lam, h2 = _spectrum(columns, z)
@@ -186,7 +188,7 @@ def _best_scale(
 
 
 def _given(y: Array, columns: Array, triangle: Array, spread: Array) -> tuple[Array, Array, float]:
-    """y and columns whitened by noise and by columns (R, K) of given spread, and the log evidence of the latter."""
+    """Residual and columns whitened by noise and by the members chosen already, with these members' log determinant."""
     others = spread > 0.0
     if not others.any():
         return y, columns, 0.0
@@ -196,7 +198,10 @@ def _given(y: Array, columns: Array, triangle: Array, spread: Array) -> tuple[Ar
 
 
 def _best_scales(y: Array, rest: float, triangle: Array, spread: Array, width: int, dof: int) -> tuple[Array, Array]:
-    """Log evidence (G,) at the best scale of each member, `width` columns wide, given the chosen ones; and scales."""
+    """Log evidence (G,) of each member at its best prior scale, given the chosen members; and these scales (G,).
+
+    Each member is `width` columns wide.
+    """
     z, columns, fixed = _given(y, triangle, triangle, spread)
     members = columns.T.reshape(-1, width, len(y))
     u, s, _ = np.linalg.svd(np.swapaxes(members, 1, 2), full_matrices=False)
@@ -207,7 +212,11 @@ def _best_scales(y: Array, rest: float, triangle: Array, spread: Array, width: i
 
 
 def evidence_by_scale(lam: Array, h2: Array, rest: float, total: float, dof: int) -> Array:
-    """Log evidence at each of `SCALES`; `rest`: squared residual given the other members, `total`: without them."""
+    """Log evidence over noise alone at each prior scale of `SCALES`, from singular values and projections.
+
+    lam: squared singular values. h2: squared projections. rest: squared residual given the other members. total:
+    without them.
+    """
     grow = 1.0 + SCALES[:, None] ** 2 * lam  # (..., scales, K)
     quadratic = rest - np.sum(h2 * (1.0 - 1.0 / grow), axis=-1)
     least = _ROUNDING * max(total, 1e-300)  # exact data: the rest is rounding, and has no logarithm
@@ -216,7 +225,7 @@ def evidence_by_scale(lam: Array, h2: Array, rest: float, total: float, dof: int
 
 
 def _spectrum(columns: Array, z: Array) -> tuple[Array, Array]:
-    """Squared singular values of columns (R, K), and the squares of z along the left singular vectors."""
+    """Squared singular values of columns (R, K), and squared projections of a vector on the left singular vectors."""
     if columns.shape[1] == 1:  # most members have one parameter, and this is asked for hundreds of times
         square = float(columns[:, 0] @ columns[:, 0])
         return np.array([square]), np.array([float(columns[:, 0] @ z) ** 2 / max(square, 1e-300)])
@@ -225,20 +234,20 @@ def _spectrum(columns: Array, z: Array) -> tuple[Array, Array]:
 
 
 def scale_penalty(scales: Array) -> Array:
-    """Log prior of scales above the usual one: a factor of ten is one standard deviation."""
+    """Log prior of prior scales above the usual size: a factor of ten is one standard deviation."""
     return np.asarray(-0.5 * np.maximum(np.log10(scales), 0.0) ** 2)
 
 
 def _choose_members(
     y: Array, rest: float, triangle: Array, bounds: list[tuple[int, int]], dof: int
 ) -> tuple[Array, float]:
-    """Scales (G,) of members added one by one while the evidence grows, and the evidence less the cost of choosing."""
+    """Prior scales (G,) of members added one by one while the evidence grows; evidence less the cost of choosing."""
     count = len(bounds)
     cost, most = float(np.log(count)), most_columns(dof)
     scales, value = np.zeros(count), 0.0
 
     def best(member: int) -> tuple[float, float]:
-        """Log evidence with a member at its best scale, given the others at theirs, and that scale."""
+        """Log evidence with one member at its best prior scale, given the other members' scales, and that scale."""
         alone = np.arange(count) == member
         spread = np.repeat(scales, [b - a for a, b in bounds])
         found, scale = _best_scale(y, rest, triangle, spread, alone, bounds, dof)
@@ -248,7 +257,7 @@ def _choose_members(
     widths = {b - a for a, b in bounds}
 
     def each() -> list[tuple[float, float, int]]:
-        """Log evidence, best scale and number of every member not chosen yet that the number of equations allows."""
+        """Log evidence, best prior scale and number of every free member that the number of equations allows to add."""
         room = most - sum(b - a for (a, b), scale in zip(bounds, scales, strict=True) if scale > 0.0)
         free = [g for g, (a, b) in enumerate(bounds) if scales[g] == 0.0 and b - a <= room]
         if len(widths) > 1 or not free:
@@ -270,7 +279,7 @@ def _choose_members(
 
 
 def posterior(columns: Array, residual: Array, spread: Array, one_sided: BoolArray, dof: int) -> tuple[Array, float]:
-    """Posterior means (K,) of coefficients of columns (R, K), and the contribution of their signs to the log evidence.
+    """Posterior means (K,) of a linear model's coefficients, and the change of the log evidence by their signs.
 
     spread  # (K,) scale of each, above 0
     """

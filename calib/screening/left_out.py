@@ -16,7 +16,7 @@ from calib.screening.projected_residual import ProjectedResidual, project_residu
 def left_out_errors_mm(
     projected: ProjectedResidual, columns: Array | None = None, spread: Array | None = None
 ) -> Array:
-    """(R,) error, mm, of each coordinate when its pose is predicted from all others (linearised).
+    """Error (R,), mm, of each coordinate when its pose is predicted from all other poses (linearised).
 
     e_i = (1 - H_ii)^-1 r_i for each pose's block of the hat matrix H of fitted directions and candidate; exact for a
     linear model with fixed sizes of the candidate's coefficients.
@@ -61,7 +61,7 @@ def cross_validated_rmse_mm(
 
 @dataclass(frozen=True)
 class LeftOutGain:
-    """Gain by an effect at poses unused by both fits: test poses, and training poses left out one by one."""
+    """Gain of one fit over another at poses that neither used: test poses, and training poses left out one by one."""
 
     share: float  # by which the RMS error of all of them falls
     standard_errors: float  # of the mean fall of the squared error; above 0 where it falls
@@ -82,7 +82,7 @@ def left_out_gain(before: Calibration, after: Calibration) -> LeftOutGain | None
 
 
 def _squared_errors(calibration: Calibration) -> Array:
-    """(K,) squared 3D error, mm^2, at each training pose left out, then at each test pose; means over its points."""
+    """Squared 3D error (K,), mm^2, at each training pose left out, then at each test pose, averaged over its points."""
     projected = project_residual(calibration)
     squared = np.sum(left_out_errors_mm(projected).reshape(-1, 3) ** 2, axis=1)
     after = calibration.after
@@ -93,6 +93,6 @@ def _squared_errors(calibration: Calibration) -> Array:
 
 
 def _pose_means(values: Array, pose: IndexArray) -> Array:
-    """Mean over the points of each pose that has points."""
+    """Mean of values by measured point over the points of each pose that has points."""
     poses, row = np.unique(pose, return_inverse=True)
     return mean_by_pose(values, row, len(poses))

@@ -1,4 +1,4 @@
-"""Columns of effects that are not in a model: the residual's change by each parameter, and its visible part."""
+"""Jacobian columns of effects not yet in a model: the residual's change by each parameter, and its visible part."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _HIDDEN = 0.02  # share of a column that projection has to leave: below it, fitt
 
 @dataclass(frozen=True)
 class VisibleColumns:
-    """Visible columns (R, K) of each member of a family, for coefficients of usual size; zero where not visible."""
+    """Jacobian columns (R, K) of each member of an effect, per usual size, with the fitted directions projected out."""
 
     family: Family
     groups: tuple[Array, ...]
@@ -31,7 +31,7 @@ class VisibleColumns:
 
     @property
     def narrowest(self) -> int:
-        """Least number of visible columns of a member that has any; 0 where none has."""
+        """Least number of visible columns among the effect's members that have any; 0 where none has."""
         if self.stacked is not None:
             counts = np.count_nonzero(self.stacked.any(axis=0), axis=1)
         else:
@@ -39,7 +39,7 @@ class VisibleColumns:
         return int(min(counts[counts > 0], default=0))
 
     def evaluate(self, residual: Array, dof: int) -> Evidence:
-        """Evidence for the family by a residual (R,), measured minus predicted."""
+        """Evidence for the effect in a residual (R,), measured minus predicted."""
         if self.stacked is not None:
             one_sided = all(p.positive for p in self.family.members[0].parameters)
             most = self.family.most_members
@@ -49,7 +49,7 @@ class VisibleColumns:
         return evaluate_family(FamilyColumns(residual, self.groups, dof, positive))
 
     def shares(self, signals: Array) -> Array:
-        """(F,) share of each signal (R, F) that the family, or a single member of a sparse one, could explain."""
+        """Share (F,) of each signal (R, F) that the effect could explain (by one member if the family is sparse)."""
         if self.stacked is not None:
             return SparseColumns(np.zeros(len(signals)), self.stacked, 0).shares(signals)
         u, s, _ = np.linalg.svd(np.concatenate(self.groups, axis=1), full_matrices=False)
@@ -58,7 +58,7 @@ class VisibleColumns:
 
 
 def visible_columns(projected: ProjectedResidual, family: Family) -> VisibleColumns:
-    """Columns of a family after projecting out the fitted parameters."""
+    """Jacobian columns of an effect's members after projecting out the fitted parameters."""
     members = family.members
     if not family.sparse:
         return VisibleColumns(family, tuple(_visible(projected, member) for member in members))
@@ -75,7 +75,7 @@ def visible_columns(projected: ProjectedResidual, family: Family) -> VisibleColu
 
 
 def member_columns(projected: ProjectedResidual, member: Effect) -> Array:
-    """(R, K) derivative of the whitened residual by a member's parameters at zero, before projection."""
+    """Derivative (R, K) of the whitened residual by an effect's parameters at zero, before projection."""
     observed = projected.residuals.observed
     _, row = observed.used_poses
     columns = np.empty((len(observed.points), 3, len(member.parameters)))
@@ -87,7 +87,7 @@ def member_columns(projected: ProjectedResidual, member: Effect) -> Array:
 
 
 def displacement_columns(projected: ProjectedResidual, members: Sequence[ShapedEffect]) -> Array:
-    """(M, 3, W) derivative of the whitened residual by the displacements of some members, in usual sizes.
+    """Derivative (M, 3, W) of the whitened residual by the displacements that some step or dent effects scale.
 
     Each displacement is taken once, however many members share it; before projection.
     """
@@ -101,13 +101,13 @@ def displacement_columns(projected: ProjectedResidual, members: Sequence[ShapedE
 
 
 def _visible(projected: ProjectedResidual, member: Effect) -> Array:
-    """(R, K) visible columns of a member, for coefficients of usual size; zero where fitted parameters do the same."""
+    """Jacobian columns (R, K) of an effect, per usual size, projected; zero where fitted parameters act alike."""
     raw = member_columns(projected, member) * np.array([p.scale for p in member.parameters])
     return _without_hidden(raw, projected.visible(raw))
 
 
 def _without_hidden(raw: Array, visible: Array) -> Array:
-    """Projected columns, set to zero where almost nothing of the raw columns is left."""
+    """Projected Jacobian columns, set to zero where projection left almost nothing of the raw columns."""
     size = np.linalg.norm(raw, axis=0)
     hidden = np.linalg.norm(visible, axis=0) <= np.maximum(_HIDDEN * size, 1e-9)
     visible[:, hidden] = 0.0
@@ -116,7 +116,7 @@ def _without_hidden(raw: Array, visible: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Unit:
-    """A constant displacement of one unit at all poses."""
+    """Effect that displaces the arm by one constant unit at all poses."""
 
     displacement: Displacement
     name = "unit"
@@ -132,7 +132,7 @@ class _Unit:
 
 
 def _of_shapes(projected: ProjectedResidual, members: Sequence[ShapedEffect]) -> tuple[Array, Array, IndexArray]:
-    """(R, G, K) columns, as from `member_columns`, of members that are shapes of a few displacements.
+    """Jacobian columns (R, G, K) of G effects that scale the same few displacements by different shapes.
 
     With the shapes (G, N), those of one member in a row, and the number of each one's displacement (G,).
     """

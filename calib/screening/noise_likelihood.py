@@ -30,7 +30,10 @@ ENOUGH_DIFFERENCES = 24  # of repeats: as many show the shape, and where they sh
 
 @dataclass(frozen=True)
 class LinearResidual:
-    """Residual of a linear fit at M points, with the F directions that the fit could absorb; whitened as declared."""
+    """Whitened residual of a linear fit at M points, with the F directions in which the fit absorbs errors.
+
+    Residual and directions are in units of the declared noise.
+    """
 
     xyz_mm: Array  # (M, 3) scanner frame
     whiten: Array  # (M, 3, 3)
@@ -55,7 +58,7 @@ class LinearResidual:
         )
 
     def select(self, keep: IndexArray) -> LinearResidual:
-        """The residual at some of the points."""
+        """This residual restricted to some of the points."""
         moments = self.moments.select(keep)
         return LinearResidual(self.xyz_mm[keep], self.whiten[keep], self.rows[keep], moments)
 
@@ -65,7 +68,7 @@ class LinearResidual:
         return 3 * len(self.rows) - self.rows.shape[2] + 1
 
     def log_likelihood(self, shape: NoiseShape, weights: Array | None = None) -> float:
-        """Log likelihood l(C) of a noise shape, up to a constant that depends on the weights (M,) alone."""
+        """Log likelihood of a noise shape given this residual, up to a constant that depends on the weights (M,)."""
         if shape.wander is not None:
             return self.log_likelihoods(shape, (shape.wander,), weights)[0]
         rows, log_det = self._in_units_of(shape, weights)
@@ -75,7 +78,7 @@ class LinearResidual:
     def log_likelihoods(
         self, shape: NoiseShape, drifts: Sequence[CorrelatedDrift], weights: Array | None = None
     ) -> list[float]:
-        """Log likelihoods (`log_likelihood`) with each of several drifts in place of the shape's own."""
+        """Log likelihood of a noise shape with its drift replaced by each of several correlated drifts."""
         rows, log_det = self._in_units_of(shape, weights)
         return [
             _restricted(products, self.dof) - log_det - 1.5 * of_time
@@ -83,7 +86,7 @@ class LinearResidual:
         ]
 
     def standardised(self, shape: NoiseShape) -> Array:
-        """(M, 3) residuals in units of their own sigma after the fit; white under the shape."""
+        """Residuals (M, 3), each over its own sigma after the fit; white if the noise has the given shape."""
         rows, _ = self._in_units_of(shape)
         if shape.wander is not None:
             rows = decorrelated(rows, self.moments.decorrelator(shape.wander), self.moments.order)
@@ -95,13 +98,13 @@ class LinearResidual:
         return np.asarray(np.einsum("mij,mj->mi", turn, along))
 
     def weights(self, shape: NoiseShape) -> Array | None:
-        """(M,) weights of the points under the noise shape's heavy tails; None for a shape without."""
+        """Weights (M,) of the points under the noise shape's heavy tails; None for a shape without heavy tails."""
         if shape.tail is None:
             return None
         return student_weights(np.sum(self.standardised(shape) ** 2, axis=1), shape.tail)
 
     def normalised(self, shape: NoiseShape) -> NoiseShape:
-        """The shape scaled so that the mean variance of these points equals the declared one."""
+        """A noise shape scaled so that the mean variance of these points equals the declared one."""
         plain = np.linalg.inv(self.whiten)
         shaped = noise_factors(shape, self.xyz_mm) @ plain
         return replace(shape, scale=shape.scale * float(np.sqrt(np.sum(plain**2) / np.sum(shaped**2))))
@@ -111,7 +114,7 @@ class LinearResidual:
         return bool(np.allclose(self.whiten, self.whiten[:, :1, :1] * np.eye(3), rtol=1e-9, atol=0.0))
 
     def _in_units_of(self, shape: NoiseShape, weights: Array | None = None) -> tuple[Array, float]:
-        """The rows in units of the shaped noise of single points, and half the log determinant of that noise."""
+        """Residual and fitted directions over a shape's noise of single points, and half its log determinant."""
         rows, log_det = self.rows, 0.0
         if shape.reshapes_points:
             inverse, log_det = inverse_factors(shape, self.xyz_mm)
@@ -122,7 +125,7 @@ class LinearResidual:
 
 
 def _restricted(products: Array, dof: int) -> float:
-    """-1/2 log det(X^T X) - nu/2 log |y - X b|^2 from the products of y and X (1 + F, 1 + F)."""
+    """Restricted log likelihood -1/2 log det(X^T X) - nu/2 log |y - X b|^2, from the products of y and X."""
     information, along, square = products[1:, 1:], products[1:, 0], float(products[0, 0])
     if not len(along):
         return -0.5 * dof * float(np.log(max(square, 1e-300)))
@@ -134,7 +137,7 @@ def _restricted(products: Array, dof: int) -> float:
 
 
 def scatter_of_repeats(dataset: Dataset) -> LinearResidual | None:
-    """Scatter of the repeats of each place about their mean, as k - 1 independent differences of k repeats.
+    """Scatter of repeated measurements about their mean, as k - 1 independent differences of k repeats.
 
     It is noise, whatever the arm does. None with fewer than `ENOUGH_DIFFERENCES`. Rows that were written twice carry no
     information and are left out.
@@ -165,6 +168,6 @@ def scatter_of_repeats(dataset: Dataset) -> LinearResidual | None:
 
 
 def _contrasts(count: int) -> Array:
-    """(count - 1, count) orthonormal rows, each a difference of values (Helmert)."""
+    """Orthonormal rows (count - 1, count), each of which takes a difference of repeats (Helmert contrasts)."""
     full = np.linalg.qr(np.column_stack([np.ones(count), np.eye(count)[:, 1:]]))[0]
     return np.asarray(full[:, 1:].T)

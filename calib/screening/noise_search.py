@@ -1,4 +1,4 @@
-"""Search for the noise shape: from repeats, else from the residual of the last fit of a search.
+"""Search for the noise shape (directions, growth with distance, drift, tails) from repeats or from a fit's residual.
 
 The noise may be coarser along a direction, grow with distance, drift slowly or have heavy tails: one property is added
 after the other, while each gains enough in log likelihood. A correlated drift of the instrument (Ornstein-Uhlenbeck) is
@@ -65,7 +65,7 @@ class AddedEffect:
 
 
 def noise_of_repeats(dataset: Dataset) -> ShownNoise | None:
-    """Noise shape estimated from repeated measurements, before any fit; None where it is the declared one."""
+    """Noise shape estimated from repeated measurements, before any fit; None where it equals the declared noise."""
     scatter = scatter_of_repeats(dataset)
     if scatter is None:
         return None
@@ -74,7 +74,7 @@ def noise_of_repeats(dataset: Dataset) -> ShownNoise | None:
 
 
 def first_unproven(added: Sequence[AddedEffect], outliers: Collection[str]) -> AddedEffect | None:
-    """The first effect without clearly more evidence than a drift of the instrument; None where there is none.
+    """First added effect that a drift of the instrument explains about as well; None where there is none.
 
     Args:
         added: by a search, one after the other.
@@ -93,7 +93,7 @@ def _log_bayes_factor_over_drift(added: AddedEffect, outliers: Collection[str]) 
 def noise_of_residual(
     dataset: Dataset, unproven: AddedEffect | None, last: ProjectedResidual, outliers: Collection[str]
 ) -> ShownNoise | None:
-    """Noise shape that a residual supports over the one used in the fit; None where there is none.
+    """Noise shape that fits a residual better than the shape used in the fit; None where none does.
 
     Where repeated measurements show the shape, only its drift is searched for.
 
@@ -120,7 +120,7 @@ def noise_of_residual(
 
 
 def _of_poses(projected: ProjectedResidual, pose_ids: Collection[str]) -> BoolArray:
-    """(M,) whether each point was measured at one of these poses."""
+    """Mask (M,) of the points that were measured at the given poses."""
     poses, row = projected.residuals.observed.used_poses
     return np.asarray(np.isin(np.array(poses.ids), list(pose_ids))[row])
 
@@ -130,7 +130,7 @@ def _of_poses(projected: ProjectedResidual, pose_ids: Collection[str]) -> BoolAr
 
 @dataclass(frozen=True)
 class FoundShape:
-    """A noise shape, with its gain in log likelihood over the previous one, nats, less its parameters' cost."""
+    """A noise shape with its gain in log likelihood over an earlier shape, nats, less a cost per parameter."""
 
     shape: NoiseShape
     gain: float
@@ -144,7 +144,7 @@ def find_shape(
     drifts: bool = True,
     start: NoiseShape = DECLARED,
 ) -> FoundShape | None:
-    """Noise shape of a residual, where it differs from the declared one; None where none is better.
+    """Noise shape that fits a residual best; None where that is the declared one.
 
     Args:
         residual: at M points.
@@ -162,7 +162,7 @@ def find_shape(
 
 
 def _greedy(residual: LinearResidual, left_out: BoolArray, points: bool, drifts: bool, start: NoiseShape) -> FoundShape:
-    """Shape with properties added one by one, the largest gain first; points (M,) that are left out are ignored."""
+    """Noise shape built by adding the property with the largest gain, one at a time; `left_out` points are ignored."""
     kept = residual.select(np.flatnonzero(~left_out))
     some = _spread(kept)
     shape, gain = start, 0.0
@@ -178,13 +178,13 @@ def _greedy(residual: LinearResidual, left_out: BoolArray, points: bool, drifts:
 
 
 def _spread(residual: LinearResidual) -> LinearResidual:
-    """The residual at `_MOST_POINTS` points at most, which are enough for the noise shape of single points."""
+    """The residual at up to `_MOST_POINTS` evenly spread points, enough for the noise shape of single points."""
     count = len(residual.rows)
     return residual.select(np.unique(np.linspace(0, count - 1, min(count, _MOST_POINTS)).astype(int)))
 
 
 def point_properties(residual: LinearResidual, shape: NoiseShape) -> Iterator[FoundShape]:
-    """The shape with one more property of single points: growth with distance, or another size along some axis."""
+    """Noise shapes with one more property of single points: growth with distance, or another sigma along an axis."""
     weights = residual.weights(shape)
     before = residual.log_likelihood(shape, weights)
 
@@ -216,7 +216,7 @@ def point_properties(residual: LinearResidual, shape: NoiseShape) -> Iterator[Fo
 
 
 def drift_property(residual: LinearResidual, shape: NoiseShape) -> FoundShape | None:
-    """The shape with the likeliest correlated drift; its gain is the mean likelihood relative to no drift.
+    """Noise shape with the likeliest correlated drift; its gain is the mean likelihood relative to no drift.
 
     None with too few moments.
     """
@@ -240,7 +240,7 @@ def _deep(shape: NoiseShape, log_depth: float) -> NoiseShape:
 
 
 def _along_line(gain: Callable[[float], float], shape: Callable[[float], NoiseShape], most: float) -> FoundShape:
-    """The best shape over one number within +-most."""
+    """Noise shape with the largest gain over one number, searched within +-`most`."""
     found = minimize_scalar(
         lambda v: -gain(float(v)), bounds=(-most, most), method="bounded", options={"xatol": 0.005 * most}
     )
@@ -248,7 +248,7 @@ def _along_line(gain: Callable[[float], float], shape: Callable[[float], NoiseSh
 
 
 def _free_axes(gain: Callable[[NoiseShape], float], shape: NoiseShape) -> FoundShape:
-    """The shape with any three axes: the exponential of a symmetric matrix without trace, five numbers."""
+    """Noise shape with arbitrary axes: the exponential of a symmetric traceless matrix of five free numbers."""
 
     def with_axes(numbers: Array) -> NoiseShape:
         a, b, c, d, e = numbers
@@ -277,7 +277,7 @@ def _rows(matrix: Array) -> tuple[Row, Row, Row]:
 
 @dataclass(frozen=True)
 class TailTest:
-    """Log likelihoods of two explanations of far points, heavy tails or outliers, in nats over normal noise."""
+    """Log likelihoods, in nats over normal noise, of two explanations of far points: heavy tails, or outliers."""
 
     tail: float  # degrees of freedom
     of_tails: float
@@ -285,7 +285,7 @@ class TailTest:
 
 
 def judge_tails(standardised: Array) -> TailTest:
-    """Test of the tails of residuals (M, 3) in units of white noise."""
+    """Comparison of heavy tails with outliers as explanation of the largest residuals (M, 3), in units of sigma."""
     square = np.sum(standardised**2, axis=1)
     each = (standardised**2).ravel()
     normal = _normal(square.sum(), 3 * len(square))
@@ -297,7 +297,7 @@ def judge_tails(standardised: Array) -> TailTest:
 
 
 def _with_tail(residual: LinearResidual, shape: NoiseShape) -> FoundShape | None:
-    """The shape with heavy tails, where these explain far points better than a few outliers do."""
+    """Noise shape with heavy tails, where these explain far points better than a few outliers do; else None."""
     if shape.tail is not None:
         return None
     test = judge_tails(residual.standardised(shape))
@@ -307,19 +307,19 @@ def _with_tail(residual: LinearResidual, shape: NoiseShape) -> FoundShape | None
 
 
 def _normal(square: float, count: int) -> float:
-    """Log likelihood of `count` normal coordinates with a given sum of squares."""
+    """Log likelihood of `count` normally distributed coordinates with a given sum of squares."""
     return -0.5 * count * float(np.log(2.0 * np.pi * max(square / count, 1e-300)) + 1.0)
 
 
 def _student(square: Array, size: int, tail: float) -> float:
-    """Log likelihood of t of vectors of `size` coordinates, by their squared lengths."""
+    """Log likelihood of vectors of `size` coordinates under Student's t distribution, by their squared lengths."""
     scale = student_scale(square, tail, size)
     constant = gammaln(0.5 * (tail + size)) - gammaln(0.5 * tail) - 0.5 * size * np.log(tail * np.pi * scale)
     return float(np.sum(constant - 0.5 * (tail + size) * np.log1p(square / (tail * scale))))
 
 
 def _outliers(square: Array) -> float:
-    """Best log likelihood with some points as outliers at any place, less the log number of choices of these points."""
+    """Best log likelihood with some points as outliers at any place, less the log of the ways to choose them."""
     count = len(square)
     from_far = np.sort(square)[::-1]
     out = []

@@ -1,4 +1,4 @@
-"""Uncertainty from quantities outside the parameters of a model's effects: masses and centres of mass.
+"""Uncertainty of the residual from quantities that a model's effects use but do not fit: masses, centres of mass.
 
 An effect of load that is in the model predicts by the masses of robot.toml. Where these are off, it leaves a pattern
 that other effects can follow. Each uncertain quantity is one column: the change of the prediction by one prior sigma of
@@ -30,7 +30,7 @@ _FEWEST_FREE = 10  # degrees of freedom outside the columns, from which these al
 
 @dataclass(frozen=True)
 class Nuisance:
-    """Orthonormal directions of the residual that are uncertain, with their sizes.
+    """Directions of the residual that are uncertain through masses and centres of mass, orthonormal, with prior sigmas.
 
     `log_evidence` compares a residual with these directions in its noise against one without.
     """
@@ -41,7 +41,7 @@ class Nuisance:
 
     @classmethod
     def of(cls, columns: Array, residual: Array, dof: int) -> Nuisance | None:
-        """Nuisance of projected columns (R, K) in a projected residual (R,); None where no column is visible."""
+        """Uncertain directions of a projected residual (R,), from its changes (R, K) by uncertain masses; or None."""
         u, s, _ = np.linalg.svd(columns, full_matrices=False)
         visible = s > 1e-9 * np.sqrt(len(residual))
         u, s = u[:, visible], s[visible]
@@ -57,12 +57,12 @@ class Nuisance:
         return cls(u, sizes, gain)
 
     def whitened(self, columns: Array) -> Array:
-        """Projected columns (R, K), or a residual (R,), scaled so that noise and nuisance together are white."""
+        """Projected columns (R, K), or a residual (R,), whitened for noise and uncertain directions together."""
         less = 1.0 - 1.0 / np.sqrt(1.0 + self.sizes**2)
         return np.asarray(columns - self.directions @ _scaled(less, self.directions.T @ columns))
 
     def coloured(self, columns: Array) -> Array:
-        """Inverse of `whitened`, of columns or a residual."""
+        """Inverse of `whitened`: whitened columns, or a residual, back in units of the noise alone."""
         more = np.sqrt(1.0 + self.sizes**2) - 1.0
         return np.asarray(columns + self.directions @ _scaled(more, self.directions.T @ columns))
 
@@ -72,7 +72,7 @@ def _scaled(factors: Array, rows: Array) -> Array:
 
 
 def load_columns(residuals: PositionResiduals, x: Array, base_to_residual: Array) -> Array:
-    """(R, K) change of the whitened residual by one prior sigma of each mass and centre of mass; K may be 0."""
+    """Change (R, K) of the whitened residual by one prior sigma of each mass and centre of mass; K may be 0."""
     model, observed = residuals.model, residuals.observed
     robot = model.loads_of
     none = np.zeros((3 * len(observed.points), 0))
@@ -105,7 +105,7 @@ def load_columns(residuals: PositionResiduals, x: Array, base_to_residual: Array
 
 
 def _moved(effects: Sequence[tuple[Effect, Array]], start: RobotState, loaded: RobotState) -> Array:
-    """Vector (1 or N, S) of a state after effects with these values, their loads computed at another state."""
+    """State vector (1 or N, S) after applying effects with given values, with loads computed at another state."""
     state = start.with_loads_at(loaded)
     for effect, values in effects:
         state = apply_values(effect, state, values)
@@ -113,7 +113,7 @@ def _moved(effects: Sequence[tuple[Effect, Array]], start: RobotState, loaded: R
 
 
 def _uncertain(robot: Robot, poses: Poses) -> Iterator[tuple[Robot, Poses]]:
-    """Robot and poses with one uncertain quantity changed by its prior sigma, for each quantity."""
+    """Variants of robot and poses, each with one mass or centre of mass changed by its prior sigma."""
     for k, joint in enumerate(robot.joints):
         if joint.mass_kg:
             yield _with_joint(robot, k, _heavier(joint)), poses
@@ -143,6 +143,6 @@ def _with_joint(robot: Robot, k: int, joint: Joint) -> Robot:
 
 
 def _shifted(place_mm: Vector) -> Iterator[Vector]:
-    """Three places: one place shifted by `CENTRE_MM` along x, y and z of its frame in turn."""
+    """Three variants of a centre of mass: shifted by `CENTRE_MM` along x, y and z of its frame in turn."""
     x, y, z = place_mm
     yield from ((x + CENTRE_MM, y, z), (x, y + CENTRE_MM, z), (x, y, z + CENTRE_MM))

@@ -1,4 +1,4 @@
-"""The residual of a fit with the fit's own directions projected out, and the columns of joint motions in it."""
+"""The residual of a fit with the fitted directions projected out, and its changes by motions of joints."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _KNOWN_OF_CURVES = 1.0  # with learned curves, which may have more parameters th
 
 @dataclass(frozen=True)
 class ProjectedResidual(Brief):
-    """Whitened residual of a fit, with the directions that were projected out.
+    """Whitened residual of a fit with the fitted directions projected out, and these directions.
 
     N used poses, M measured points, R = 3 M rows, P parameters, S entries of the state.
     """
@@ -44,12 +44,12 @@ class ProjectedResidual(Brief):
 
     @property
     def state(self) -> RobotState:
-        """State at the used poses, for the first target."""
+        """Robot state at the used poses, for the first target."""
         return next(iter(self.states.values()))
 
     @property
     def row_poses(self) -> tuple[str, ...]:
-        """(R,) id of the pose of each row."""
+        """Pose id (R,) of each row of the residual."""
         poses, row = self.residuals.observed.used_poses
         return tuple(poses.ids[i] for i in row for _ in range(3))
 
@@ -59,16 +59,16 @@ class ProjectedResidual(Brief):
         return float(np.sqrt(self.residual @ self.residual / self.dof))
 
     def project(self, columns: Array) -> Array:
-        """Columns (R, K), whitened already, with the directions that the fit could absorb projected out."""
+        """Whitened columns (R, K) with the directions projected out in which the fit absorbs errors."""
         return np.asarray(columns - self.basis @ (self.basis.T @ columns))
 
     def visible(self, columns: Array) -> Array:
-        """Columns (R, K), whitened by point, with the fit's directions projected out and the nuisance's scaled."""
+        """Columns (R, K) as the residual shows them: whitened, fitted directions out, uncertain ones scaled."""
         projected = self.project(columns if self.whitening is None else self.whitening.apply(columns))
         return projected if self.nuisance is None else self.nuisance.whitened(projected)
 
     def motion_columns(self, direction: Array, motion: Array) -> Array:
-        """(R, K) visible columns of motions (N, K) at the used poses.
+        """Changes (R, K) of the projected residual by K motions (N, K) of a joint at the used poses.
 
         direction  # (M, 3) displacement of each point by a unit motion, whitened
         """
@@ -78,7 +78,7 @@ class ProjectedResidual(Brief):
 
 
 def project_residual(calibration: Calibration) -> ProjectedResidual:
-    """Projected residual of the positions of a calibration, whatever residual was fitted.
+    """Projected residual of a calibration's measured positions, whichever kind of residual was fitted.
 
     Raises FitError where no degree of freedom is left.
     """
@@ -132,6 +132,6 @@ def project_residual(calibration: Calibration) -> ProjectedResidual:
 
 
 def joint_directions(projected: ProjectedResidual) -> list[Array]:
-    """For each joint (M, 3) the whitened displacement of the points by a unit motion: mm/rad (or mm/mm) over sigma."""
+    """For each joint, the whitened displacement (M, 3) of the points by a unit motion: mm/rad or mm/mm, over sigma."""
     residuals = projected.residuals
     return directions_at(residuals.model, projected.x, residuals.observed, projected.base_to_residual)

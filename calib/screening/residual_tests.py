@@ -33,7 +33,10 @@ _BLOCK = 3_000_000  # numbers of noise held at once
 
 @dataclass(frozen=True)
 class InputTest:
-    """Systematic pattern of the residual over one input; p is corrected for all inputs, channels and widths."""
+    """Test for a systematic pattern of the residual over one input; p-value corrected for all patterns searched.
+
+    All patterns are all inputs, channels and widths.
+    """
 
     input: str
     p_value: float
@@ -92,7 +95,7 @@ def run_residual_tests(dataset: Dataset, projected: ProjectedResidual, *, draws:
 
 
 def _noise(projected: ProjectedResidual, draws: int) -> Iterator[Array]:
-    """Simulated noise (R, D) after the same fit, as large as the residual; `draws` in total, in blocks.
+    """Simulated noise (R, D), projected and scaled like the residual of the fit, in blocks of `draws` draws in total.
 
     The same data give the same noise and so the same verdict.
     """
@@ -105,7 +108,7 @@ def _noise(projected: ProjectedResidual, draws: int) -> Iterator[Array]:
 
 
 def _noise_again(projected: ProjectedResidual, draws: int) -> Callable[[], Iterable[Array]]:
-    """Source of the same simulated noise on every call: kept if one block, else drawn again."""
+    """Function that gives the same simulated noise on every call, stored if small, else drawn again."""
     if draws * len(projected.residual) > _BLOCK:
         return lambda: _noise(projected, draws)
     kept = list(_noise(projected, draws))
@@ -113,14 +116,14 @@ def _noise_again(projected: ProjectedResidual, draws: int) -> Callable[[], Itera
 
 
 def _without(projected: ProjectedResidual, outlier: BoolArray) -> ProjectedResidual:
-    """Residual set to zero at outlying points (M,), so that one wrong pose is not taken for a local pattern."""
+    """Projected residual set to zero at outlying points (M,), so that one wrong pose is not taken for a pattern."""
     residual = projected.residual.copy()
     residual[np.repeat(outlier, 3)] = 0.0
     return replace(projected, residual=residual)
 
 
 def _outliers(projected: ProjectedResidual, noise: Callable[[], Iterable[Array]]) -> BoolArray:
-    """(N,) whether each pose's residual exceeds the largest one expected in a whole dataset of noise."""
+    """Mask (N,) of poses whose residual exceeds the largest one expected in a whole dataset of noise."""
     of_pose, rng = sum_by_pose(projected), np.random.default_rng(1)
     numbers = 3.0 * np.asarray(of_pose.sum(axis=1))  # (N, 1) coordinates at each pose
 
@@ -139,7 +142,7 @@ def _outliers(projected: ProjectedResidual, noise: Callable[[], Iterable[Array]]
 
 
 def _median(values: Array) -> Array:
-    """Median along the first axis, kept above zero, since in exact data more than half of the values may be zero."""
+    """Median along the first axis, at least slightly above zero, as over half of exact data's values may be zero."""
     return np.maximum(np.median(values, axis=0), np.maximum(1e-12 * np.max(values, axis=0), 1e-300))
 
 
@@ -170,7 +173,7 @@ def _structure(
 
 
 def _lack_of_fit(dataset: Dataset, projected: ProjectedResidual) -> tuple[float | None, float, str, float]:
-    """p-value of the residual's size, the noise compared with, its source, and the residual's sigma; mm."""
+    """p-value of the residual's size, the noise sigma it is compared with, its source, and the residual sigma; mm."""
     observed = projected.residuals.observed
     declared_mm = float(np.sqrt(np.mean(np.trace(observed.covariance_mm2, axis1=1, axis2=2)) / 3.0))
     residual_mm = projected.sigma * declared_mm

@@ -1,4 +1,4 @@
-"""Scan statistic of the residual tests: smooth bumps over each input, correlated with scalars of a pose ("channels").
+"""Scan statistic of the residual tests: correlation of the residual with smooth bumps over each input.
 
 Where the residual has a systematic pattern, the largest response is larger than that of noise.
 """
@@ -22,7 +22,7 @@ _CENTRES = 25
 
 @dataclass(frozen=True)
 class Channel:
-    """Scalar of each pose: the residual along an axis of the scanner's frame, or the apparent motion of a joint."""
+    """Component of the residual that is tested: along an axis of the scanner's frame, or a joint's apparent motion."""
 
     joint: int | None = None  # from 0; None for an axis
     axis: str = ""  # "x", "y" or "z"; "" for a joint
@@ -35,7 +35,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class ScanStatistic:
-    """Responses of a residual to smooth bumps over each input, in each of the input's channels."""
+    """Scan statistic: responses of a residual to smooth bumps over each input, by component of the residual."""
 
     of_pose: csr_matrix  # (N, M)
     kept: Array  # (R, 1) 0 at outliers
@@ -62,7 +62,7 @@ class ScanStatistic:
         )
 
     def scores(self, values: Array) -> dict[str, Array]:
-        """(S, D) responses for each input, S channels times widths, of residuals (R, D), each scaled to length 1."""
+        """Responses (S, D) by input, for S channels times bump widths, of D residuals (R, D) scaled to length 1."""
         values = values * self.kept
         values /= np.maximum(np.linalg.norm(values, axis=0), 1e-300)
         rows = values.reshape(self.of_pose.shape[1], 3, -1)
@@ -74,7 +74,7 @@ class ScanStatistic:
 
 
 def _bumps(values: Array) -> list[Array]:
-    """(C, N) rows for each width, C <= 25, with the Gram matrix of normalised Gaussian bumps over an input's range.
+    """Gaussian bumps over an input's range, for each width as few rows (C, N) with nearly the same Gram matrix.
 
     Wide bumps are much alike, so that a few rows do; what is dropped adds less than 1e-12 to a sum of squares.
     """
@@ -93,12 +93,12 @@ def _bumps(values: Array) -> list[Array]:
 
 
 def _squares(values: Array) -> Array:
-    """(D,) sums of squares of the columns of (C, D)."""
+    """Sum of squares (D,) of each column of an array (C, D)."""
     return np.asarray(np.einsum("cd,cd->d", values, values))
 
 
 def _relevant(name: str, channels: Iterable[Channel]) -> list[Channel]:
-    """Channels of an input: the axes, and the motion of the input's joint or, for time or load, of every joint."""
+    """Components of the residual tested over an input: the axes, and the motions of the joints concerned."""
     of_joint = joint_input(name)
     if of_joint is not None:
         return [channel for channel in channels if channel.joint in (None, of_joint[1])]
@@ -112,7 +112,7 @@ def inputs_of(projected: ProjectedResidual) -> dict[str, Array]:
 
 
 def sum_by_pose(projected: ProjectedResidual) -> csr_matrix:
-    """(N, M) matrix that sums values at points over each pose."""
+    """Sparse matrix (N, M) that sums values at points over the points of each pose."""
     poses, row = projected.residuals.observed.used_poses
     points = np.arange(len(row))
     return csr_matrix((np.ones(len(row)), (row, points)), shape=(len(poses), len(row)))

@@ -1,4 +1,4 @@
-"""Smooth motions that no effect of the catalogue describes: reported, or compared with an effect, but never named."""
+"""Smooth joint motions or slow drifts that no effect of the catalogue describes, tested but never named as a cause."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _MOST_ANGLES, _MOST_MOMENTS = 200, 100  # poses that a smooth function is spanne
 
 @dataclass(frozen=True)
 class JointFault:
-    """A smooth motion of the likeliest joint; `log_evidence` is that of all joints and motions, equally likely."""
+    """Smooth error motion of the likeliest joint, with the log evidence averaged over all joints and motions tried."""
 
     kind: str  # "smooth"
     joint: int
@@ -39,7 +39,7 @@ class JointFault:
 
 
 def smooth_motion(projected: ProjectedResidual) -> JointFault | None:
-    """Smooth motion of the likeliest joint over its own angle or the first three joints'; None without evidence.
+    """Smooth error motion of the likeliest joint over its own angle or the first three joints'; or None.
 
     Gaussian processes of two correlation lengths over each; the evidence is of all together. None where no joint shows.
     """
@@ -70,7 +70,7 @@ def smooth_motion(projected: ProjectedResidual) -> JointFault | None:
 
 
 def _over_angles(angles_rad: Array, length_rad: float) -> Array:
-    """(N, K) functions of angles (N, A) such that white coefficients make a Gaussian process of unit variance.
+    """Basis functions (N, K) of angles (N, A) whose standard normal weights give a unit Gaussian process.
 
     Kernel prod_a exp((cos(angle_a - angle'_a) - 1) / length^2), by Nystroem's method over `_MOST_ANGLES` poses.
     """
@@ -88,7 +88,7 @@ def _spread(count: int, most: int) -> IndexArray:
 
 
 def _whitening(kernel: Array) -> Array:
-    """(A, K) coefficients at A anchors that are white under a kernel (A, A), without directions of negligible size."""
+    """Coefficients (A, K) by which kernel values at A anchors become basis functions of the Gaussian process."""
     values, vectors = np.linalg.eigh(kernel)
     kept = values > 1e-3 * values[-1]
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
@@ -98,7 +98,7 @@ def _whitening(kernel: Array) -> Array:
 
 
 def slow_course(projected: ProjectedResidual, step: Candidate) -> float:
-    """Log evidence that the displacement which a step explains was slow instead: creep, settling or oscillation.
+    """Log evidence that the displacement explained by a step came slowly instead: creep, settling or oscillation.
 
     The best of an even course, settling with one of four time constants, and any smooth course of four correlation
     lengths, which are equally likely. 0 where the candidate is no step.
@@ -117,14 +117,14 @@ def slow_course(projected: ProjectedResidual, step: Candidate) -> float:
 
 
 def _moments(projected: ProjectedResidual) -> Array:
-    """(N,) time of each used pose, from 0 to 1; its place in the order where times are not known."""
+    """Time (N,) of each used pose, scaled to 0 to 1, or the pose's place in the order where times are not known."""
     poses = projected.residuals.observed.used_poses[0]
     when = poses.order.astype(float) if poses.time_s is None else poses.time_s
     return np.asarray((when - when.min()) / max(float(np.ptp(when)), 1e-300))
 
 
 def _courses(moment: Array) -> Iterator[Array]:
-    """(N, L) functions of time for each kind of course, whose white coefficients of unit variance make the course."""
+    """Basis functions (N, L) of time for each kind of slow course: even creep, settling, smooth oscillation."""
     yield moment[:, None]
     for settling in _SETTLING:
         yield (1.0 - np.exp(-moment / settling))[:, None]

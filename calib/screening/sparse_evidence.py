@@ -1,4 +1,4 @@
-"""Evidence of a family whose members are the hundreds of possible places of one cause, few of which are active.
+"""Evidence of an effect that acts at one of hundreds of possible places (a step, a dent), few of which are active.
 
 The formulas are those of `calib.screening.evidence.evaluate_family`, for all members at once: a member's K columns
 enter by their Gram matrix and by the residual along them, so that no factorisation of all columns is needed. One scale
@@ -31,7 +31,9 @@ _VISIBLE = 1e-6  # of a member's directions, by length over its longest
 
 @dataclass(frozen=True)
 class SparseColumns:
-    """Projected residual (R,), measured minus predicted, and projected columns (R, G, K) of G members.
+    """Data of the test of a step or dent effect: projected residual (R,), and columns (R, G, K) of G possible places.
+
+    The residual is measured minus predicted.
 
     Columns are for coefficients of the parameters' usual scales.
     """
@@ -46,7 +48,7 @@ class SparseColumns:
     _distinct: dict[int, BoolArray] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     def distinct(self, member: int) -> BoolArray:
-        """(G,) whether each member differs from a given one at `FEWEST_APART` poses or more.
+        """Mask (G,) of the members that differ from a given member at `FEWEST_APART` poses or more.
 
         Two steps at neighbouring poses, one back, are an error of the pose between: an outlier, no cause.
         """
@@ -61,11 +63,11 @@ class SparseColumns:
 
     @cached_property
     def gram(self) -> Array:
-        """(G, K, K) Gram matrix of each member's columns."""
+        """Gram matrix (G, K, K) of each member's columns."""
         return _products(self.columns, self.columns)
 
     def shares(self, signals: Array) -> Array:
-        """(F,) the largest share of each signal (R, F) that a single member could explain."""
+        """Largest share (F,) of each signal (R, F) that a single member (one place of the effect) could explain."""
         count, members, width = self.columns.shape
         along = (signals.T @ self.columns.reshape(count, -1)).reshape(-1, members, width)
         lengths, directions = np.linalg.eigh(self.gram)
@@ -77,7 +79,7 @@ class SparseColumns:
 
 @dataclass(frozen=True)
 class _Chosen:
-    """Chosen members, with the scale of each."""
+    """Members of the effect (its places) chosen so far, with the prior scale of each."""
 
     members: tuple[int, ...] = ()
     scales: tuple[float, ...] = ()
@@ -91,7 +93,7 @@ class _Chosen:
 
 
 def evaluate_sparse(family: SparseColumns) -> Evidence:
-    """F test and evidence of a family with many members of which few are active.
+    """F test and evidence of an effect with many members (possible places), of which few are active.
 
     The likelihood of one member is averaged over all, as it could be any of them; each further one, added while the
     evidence grows, costs log G; and each costs `RARITY`: else a staircase of steps would follow every drift. The F test
@@ -129,14 +131,14 @@ def evaluate_sparse(family: SparseColumns) -> Evidence:
 
 
 def _products(left: Array, right: Array) -> Array:
-    """(G, K, L) products of each member's columns (R, G, K) and (R, G, L)."""
+    """Products (G, K, L) of the columns (R, G, K) and (R, G, L) of each of G members."""
     if left.shape[2] == right.shape[2] == 1:
         return np.einsum("rg,rg->g", left[:, :, 0], right[:, :, 0])[:, None, None]
     return np.asarray(np.einsum("rgk,rgl->gkl", left, right, optimize=True))
 
 
 def _gate(family: SparseColumns) -> tuple[float, int]:
-    """p-value of the best member times G, and the rank of that member."""
+    """p-value of the best of G members, times G, and the rank of that member's columns."""
     residual = family.residual
     along = np.tensordot(residual, family.columns, axes=1)  # (G, K)
     lengths, directions = np.linalg.eigh(family.gram)
@@ -154,7 +156,7 @@ def _gate(family: SparseColumns) -> tuple[float, int]:
 
 
 def _each(family: SparseColumns, chosen: _Chosen) -> tuple[Array, Array]:
-    """Log evidence (G,) of the chosen members with each other member added, and its best scale (G,)."""
+    """Log evidence (G,) of the chosen members plus each other member, and the added one's best prior scale (G,)."""
     residual, dof = family.residual, family.dof
     total = float(residual @ residual)
     gram, along, left, fixed = family.gram, np.tensordot(residual, family.columns, axes=1), total, 0.0
@@ -184,7 +186,7 @@ def _each(family: SparseColumns, chosen: _Chosen) -> tuple[Array, Array]:
 
 
 def _polished(family: SparseColumns, chosen: _Chosen, raw: float) -> tuple[_Chosen, float]:
-    """Chosen members and their log evidence after each is chosen anew, given the others, the newest last.
+    """Chosen members after each was replaced by the best one given the others, and their log evidence.
 
     An earlier one was chosen without those that came later.
     """

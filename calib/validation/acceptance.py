@@ -63,7 +63,7 @@ class ThinScans(Brief):
 
 @dataclass(frozen=True)
 class MissingCorners(Brief):
-    """Scans without a corner."""
+    """Scans in which no corner was found."""
 
     count: int
     scans: int  # of so many
@@ -92,7 +92,7 @@ class RepeatScatter(Brief):
 
 @dataclass(frozen=True)
 class TooFewPoses(Brief):
-    """Number of different training poses that is too small for a fit."""
+    """Number of different training poses, which is too small for a fit."""
 
     poses: int
     needed: int
@@ -100,7 +100,7 @@ class TooFewPoses(Brief):
 
 @dataclass(frozen=True)
 class OutlyingPoses(Brief):
-    """Poses that stand out of all others, by a plain fit and a robust one, which leaves them out."""
+    """Poses that stand out from all others, by a plain fit and by a robust fit that leaves them out."""
 
     plain: Calibration
     robust: Calibration
@@ -139,7 +139,7 @@ class ResidualSigma(Brief):
 
 @dataclass(frozen=True)
 class ResidualOfDiagnosis(Brief):
-    """Residual sigma per coordinate under the model of the diagnosis, many times the declared one."""
+    """Residual sigma per coordinate under the diagnosed model, compared with the declared sigma."""
 
     sigma_mm: float
     ratio: float  # over the declared sigma
@@ -168,7 +168,7 @@ Evidence = (
 
 @dataclass(frozen=True)
 class CheckItem(Presented):
-    """Result of one step of a check, with the facts that decide it."""
+    """Result of one step of an acceptance check, with the facts that decide it."""
 
     name: str
     passed: bool | None  # None: a note or a warning, which does not decide
@@ -185,7 +185,7 @@ class CheckItem(Presented):
 
 @dataclass(frozen=True)
 class Check(Presented):
-    """Acceptance of a dataset; it passes where no item failed."""
+    """Result of the acceptance check of a dataset, which passes where no step failed."""
 
     dataset: Dataset  # with the points that were judged
     items: tuple[CheckItem, ...]
@@ -200,12 +200,12 @@ class Check(Presented):
 
     @property
     def failed(self) -> tuple[CheckItem, ...]:
-        """Items that failed."""
+        """Failed steps of the check."""
         return tuple(item for item in self.items if item.passed is False)
 
     @property
     def warnings(self) -> tuple[CheckItem, ...]:
-        """Items that are warnings, which do not decide the check."""
+        """Steps of the check that gave a warning, which does not decide the check."""
         return tuple(item for item in self.items if item.warning)
 
     def _brief(self) -> str:
@@ -282,7 +282,7 @@ def check(
 
 
 def _of_repeat_groups(given: Dataset, fitted: Dataset) -> list[CheckItem]:
-    """Warnings and notes on repeats at one pose, which the fit averages."""
+    """Check items on repeated measurements at one pose, which the fit averages."""
     warnings, notes = fitted.warnings[len(given.warnings) :], fitted.notes[len(given.notes) :]
     return [
         *(CheckItem("dataset", None, warning, warning=True) for warning in warnings),
@@ -330,7 +330,7 @@ def _repeats(dataset: Dataset, repeats: tuple[Repeats, ...]) -> CheckItem:
 
 
 def _against_training(calibration: Calibration, train: Figures, test: Figures) -> CheckItem:
-    """Item on the ratio of test to training error, compared with the ratio that noise explains (`noise_ratio`).
+    """Check item on the ratio of test to training error, compared with the ratio that noise explains.
 
     It is a warning where the ratio is larger, unless the test error is no more than the noise, declared or by repeats:
     the training error is then not to be expected elsewhere.
@@ -352,7 +352,7 @@ def _against_training(calibration: Calibration, train: Figures, test: Figures) -
 
 
 def _floor_mm(level: NoiseLevel) -> float:
-    """Error that noise alone causes, mm; nearly 0 where the noise is known from the fit's own residual only."""
+    """3D error that noise alone causes, mm; nearly 0 where the noise is known only from the fit's own residual."""
     return level.floor_mm or _NO_NOISE_MM if level.source != FIT else _NO_NOISE_MM
 
 
@@ -382,7 +382,7 @@ def _test_poses(calibration: Calibration, max_test_rmse_mm: float | None) -> lis
 
 
 def _promise(diagnosis: Diagnosis) -> list[CheckItem]:
-    """Item on whether the test poses' error exceeds what the model at the end of the diagnosis predicts."""
+    """Check item on whether the test poses' error exceeds the error that the diagnosed model predicts."""
     last, tests = diagnosis.calibration, diagnosis.residual_tests
     noise_mm, noise_from = tests.noise_mm, tests.noise_from
     if last.sigma_mm > noise_mm:  # an excess over the noise has an item of its own; the promise includes it
@@ -394,13 +394,13 @@ def _promise(diagnosis: Diagnosis) -> list[CheckItem]:
 
 
 def _too_good(name: str, calibration: Calibration) -> list[CheckItem]:
-    """Failure for a fit with a residual far below the declared noise; a warning where no noise is declared."""
+    """Check item on a residual far below the declared noise (failed) or with no declared noise (warning)."""
     words, declared = too_good(calibration), is_declared(calibration.dataset)
     return [CheckItem(name, False if declared else None, words, warning=not declared)] if words else []
 
 
 def _left_by_diagnosis(diagnosis: Diagnosis) -> list[CheckItem]:
-    """Failure where the last model's residual is many times the declared noise, or far too small, or implausible."""
+    """Check item, failed where the diagnosed model's residual is implausible: far above or below the noise."""
     last = diagnosis.calibration
     doubt = implausibility_reason(last) if last.model.added_effects else ""
     if doubt:

@@ -37,7 +37,7 @@ _KNOWN = 1e-6  # share of the largest eigenvalue of D below which the difference
 
 @dataclass(frozen=True)
 class ParameterDifference:
-    """Difference of one parameter of both calibrations, the second minus the first."""
+    """Difference of one parameter between two calibrations, the second minus the first."""
 
     name: str = field(metadata={"key": "parameter"})
     unit: str
@@ -48,13 +48,13 @@ class ParameterDifference:
 
     @property
     def z(self) -> float:
-        """The difference over its sigma; 0 where the sigma is unknown."""
+        """Difference divided by its sigma; 0 where the sigma is unknown."""
         return self.difference / self.sigma if self.sigma > 0.0 else 0.0
 
 
 @dataclass(frozen=True)
 class ParameterChange:
-    """Change of one parameter that explains the difference best, given earlier changes."""
+    """Change of one parameter that best explains the remaining difference of two calibrations."""
 
     name: str = field(metadata={"key": "parameter"})
     unit: str
@@ -160,7 +160,10 @@ def _parameters(
 
 @dataclass(frozen=True)
 class _Side:
-    """One calibration restricted to the common parameters (P,); kernel and noise in units of their tolerances."""
+    """One of two calibrations, restricted to their common parameters (P,) in units of the tolerances.
+
+    Kernel and noise are in these units, too.
+    """
 
     values: Array  # (P,) nominal + correction
     sigma: Array  # (P,)
@@ -193,7 +196,7 @@ def _changes(
     kernel: Array,
     scales: Array,
 ) -> tuple[tuple[ParameterChange, ...], float, float]:
-    """Fewest changes of single parameters that explain the difference; p-value without changes, and with these.
+    """Fewest single-parameter changes that explain a difference, with p-values before and after these changes.
 
     Generalised least squares along the directions that the data know, one more parameter at a time.
     """
@@ -234,7 +237,7 @@ def _changes(
 
 
 def _shift(one: Calibration, other: Calibration) -> tuple[float, float, str]:
-    """Distance between the two arms' tool points at the poses of both, mm: RMS, largest, and the pose of that.
+    """Distance between two arms' tool points over the poses of both, mm: RMS, largest, and the pose of the largest.
 
     The table's part alone; a rigid motion, which the unknown place of the scanner would take up, is taken out.
     """

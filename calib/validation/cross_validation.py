@@ -36,7 +36,7 @@ SUSPICIOUS = 1.5  # held-out over training error, in multiples of its value by n
 
 @dataclass(frozen=True)
 class Fold(Brief):
-    """Errors at one fold of poses, by the fit to all other poses."""
+    """Errors at one fold of poses, by a fit to all other poses."""
 
     poses: tuple[str, ...]  # held out
     train: Figures
@@ -46,7 +46,7 @@ class Fold(Brief):
 
 @dataclass(frozen=True)
 class CrossValidation(Presented):
-    """Errors at every training pose, each by the fit without its fold."""
+    """Errors at every training pose, each by a fit without the fold that contains the pose."""
 
     dataset: Dataset
     residual: str
@@ -76,7 +76,7 @@ class CrossValidation(Presented):
 
     @property
     def expected_ratio(self) -> float:
-        """Value of `ratio` under noise alone."""
+        """Ratio of held-out to training RMSE that noise alone would give."""
         return noise_ratio(self.whole.fit)
 
     @property
@@ -108,7 +108,7 @@ class CrossValidation(Presented):
 
 
 def noise_ratio(fit: Fit) -> float:
-    """Ratio of the error at other poses to that at the fitted poses under noise alone: sqrt((R + P) / (R - P)).
+    """Ratio of the error at new poses to that at fitted poses under noise alone: sqrt((R + P) / (R - P)).
 
     R rows with P parameters fitted; inf where no degree of freedom is left.
     """
@@ -128,7 +128,7 @@ def cross_validate(
     on_progress: OnProgress | None = None,
     **keywords: Unpack[FitFields],
 ) -> CrossValidation:
-    """Errors at every training pose by a fit without its fold: `folds` fits, each without one fold of the poses.
+    """K-fold cross-validation: the error at each training pose by a fit without that pose's fold.
 
     Args:
         dataset: a dataset or its folder; its test poses are not touched.
@@ -187,7 +187,7 @@ def cross_validate(
 
 
 def _held_out(evaluation: Evaluation, rows: IndexArray, poses: int) -> Evaluation:
-    """Evaluation of a split's test poses, with the pose numbers of the whole dataset from `rows`."""
+    """Errors at the test poses of one split, with pose numbers of the whole dataset."""
     points = evaluation.is_test[evaluation.pose]
     distances = evaluation.is_test[evaluation.distance_pose]
     return Evaluation(
@@ -202,7 +202,7 @@ def _held_out(evaluation: Evaluation, rows: IndexArray, poses: int) -> Evaluatio
 
 
 def _pooled(parts: list[Evaluation]) -> Evaluation:
-    """One evaluation made of all folds', which contains each held-out point once."""
+    """Errors of all folds joined into one evaluation, in which each held-out point appears once."""
     return Evaluation(
         pose=np.concatenate([part.pose for part in parts]),
         error_mm=np.concatenate([part.error_mm for part in parts]),

@@ -67,7 +67,10 @@ class LearningCurve(Presented):
 
     @property
     def doubled_rmse_mm(self) -> float:
-        """Held-out RMSE, mm, expected with twice the poses: A + B / n, both >= 0, fitted to the upper part."""
+        """Held-out RMSE, mm, expected with twice the poses, by a fit of A + B / n to the curve's upper part.
+
+        A and B are 0 or above.
+        """
         floor, slope = self._floor_and_slope()
         return float(np.sqrt(floor + 0.5 * slope / self.steps[-1].poses))
 
@@ -184,7 +187,7 @@ def learning_curve(
 def _draws(
     dataset: Dataset, groups: JointGroups, repeats: int, rng: np.random.Generator
 ) -> tuple[str, list[tuple[IndexArray, IndexArray | None]]]:
-    """Order in which groups are added, and the groups held out (None: the test poses), for each repeat."""
+    """For each repeat, the order in which pose groups are added, and the held-out groups (None: the test poses)."""
     assert dataset.points is not None
     everything = np.arange(len(groups))
     if np.any(dataset.poses.is_test[dataset.points.pose]):
@@ -199,7 +202,10 @@ def _draws(
 
 
 def _fewest(dataset: Dataset, groups: JointGroups, residual: str) -> int:
-    """Fewest groups that can be fitted: two more than parameters and frames need, and three per setup."""
+    """Fewest groups of poses that can be fitted, by the number of unknowns and of setups.
+
+    They are two more than parameters and frames need, and three per setup.
+    """
     assert dataset.points is not None
     setups = len(np.unique(groups.setup))
     knowable = structural_rank(dataset.robot)

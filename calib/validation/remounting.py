@@ -1,4 +1,4 @@
-"""Test of a common displacement of all test points: scanner, base or tool remounted after the training poses.
+"""Test whether scanner, base or tool was remounted before the test poses, by a common displacement of test points.
 
 Test poses are placed by the scanner frame of the training poses. Where scanner or arm was moved, one rigid motion
 brings all test points back; where the tool was moved, one shift in the tool's frame does.
@@ -21,7 +21,7 @@ _BROUGHT_BACK = 0.5  # largest share of the test error that may remain
 
 @dataclass(frozen=True)
 class Remounting:
-    """One motion of all test points, with their error before and after compensating for it."""
+    """One rigid motion of all test points, with their error before and after compensating for it."""
 
     what: str  # "scanner" or "tool"
     shift_mm: float
@@ -32,7 +32,7 @@ class Remounting:
 
     @property
     def words(self) -> str:
-        """The motion as a clause, with its likely cause."""
+        """Clause that names the motion and its likely cause."""
         left = f"brings the test poses from {self.before_mm:.3g} to {self.after_mm:.3g} mm"
         if self.what == "tool" and self.on_flange:
             return f"a jig that stands {self.shift_mm:.2g} mm elsewhere in the room {left}: it was moved, or the arm"
@@ -44,7 +44,7 @@ class Remounting:
 
 
 def remounting(calibration: Calibration) -> Remounting | None:
-    """Motion that explains the test poses' error; None where none explains most of the error, or the poses are few.
+    """Rigid motion that explains most of the test poses' error; None where none does, or the poses are few.
 
     A motion has six unknowns, a tool's place three; the remaining error is by degrees of freedom.
     """
@@ -60,7 +60,7 @@ def remounting(calibration: Calibration) -> Remounting | None:
 
 
 def _of_scanner(calibration: Calibration, rows: BoolArray) -> Remounting | None:
-    """A motion of the scanner that explains the test points' error; None where they are of several setups."""
+    """Motion of the scanner that explains the test points' error; None where these are of several setups."""
     after, measured_mm = calibration.after, _points(calibration).points.xyz_mm[rows]
     if len(np.unique(calibration.dataset.poses.setup[after.pose[rows]])) > 1:
         return None
@@ -74,7 +74,10 @@ def _of_scanner(calibration: Calibration, rows: BoolArray) -> Remounting | None:
 
 
 def _of_tool(calibration: Calibration, rows: BoolArray) -> Remounting | None:
-    """A shift t in the tool's frame that explains the test points' error = scanner_R_base base_R_tool t."""
+    """Shift in the tool's frame that explains the test points' error.
+
+    With the shift t the error is scanner_R_base base_R_tool t.
+    """
     after, observed = calibration.after, _points(calibration)
     if np.any(observed.points.target[rows] != "jig"):
         return None
@@ -90,10 +93,10 @@ def _of_tool(calibration: Calibration, rows: BoolArray) -> Remounting | None:
 
 
 def _points(calibration: Calibration) -> Observations:
-    """All points as observations, in the order of the evaluation."""
+    """All measured points of an evaluation as observations, in the order of the evaluation."""
     return Observations.of(calibration.dataset, np.ones(len(calibration.dataset.poses), dtype=bool))
 
 
 def _rmse(error_mm: Array, unknowns: int) -> float:
-    """3D RMSE of errors (M, 3) with `unknowns` fitted."""
+    """3D RMSE of errors (M, 3), corrected for `unknowns` fitted parameters."""
     return float(np.sqrt(np.sum(error_mm**2) / max(len(error_mm) - unknowns / 3.0, 1.0)))

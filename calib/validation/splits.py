@@ -22,7 +22,7 @@ MIN_FRAME_POSES = 3  # fewer points do not determine a scanner frame
 
 @dataclass(frozen=True)
 class JointGroups:
-    """The K groups of a dataset's measured training poses; poses of one group have the same joint vector."""
+    """Groups of a dataset's measured training poses; the poses of one group have the same joint vector."""
 
     poses: tuple[IndexArray, ...]  # of each group, indices into the dataset's poses
     setup: NDArray[np.str_]  # (K,) the setup of each group's first pose
@@ -37,7 +37,7 @@ class JointGroups:
 
 
 def training_groups(dataset: Dataset) -> JointGroups:
-    """The groups of the training and reference poses. Raises FitError where the dataset has no points."""
+    """Groups of equal training and reference poses. Raises FitError where the dataset has no points."""
     if dataset.points is None:
         raise FitError(f"dataset {dataset.name}: no measured points yet; find the corners of its scans first")
     poses = dataset.poses
@@ -70,7 +70,7 @@ def deal_folds(groups: JointGroups, folds: int, rng: np.random.Generator) -> tup
 
 
 def growing_order(groups: JointGroups, among: IndexArray, rng: np.random.Generator) -> IndexArray:
-    """Groups in an order in which every beginning has all setups: three groups of each first, then in proportion."""
+    """Order of pose groups in which every beginning covers all setups: three of each, then in proportion."""
     rank, share = {}, {}
     for setup in np.unique(groups.setup[among]):
         members = rng.permutation(among[groups.setup[among] == setup])
@@ -81,7 +81,7 @@ def growing_order(groups: JointGroups, among: IndexArray, rng: np.random.Generat
 
 
 def split_dataset(dataset: Dataset, train: IndexArray, held_out: IndexArray) -> tuple[Dataset, IndexArray]:
-    """Dataset of some poses only, `train` to fit and `held_out` with the role test; and the poses' indices (N,).
+    """Dataset with some poses for training and others held out as test poses, and the poses' indices (N,).
 
     The reference pose keeps its role where it is in `train`; else the first training pose becomes the reference.
     """

@@ -37,12 +37,12 @@ def catalogue_names() -> tuple[str, ...]:
 
 
 def descriptions() -> tuple[Description, ...]:
-    """Texts on each family, in the catalogue's order; they need no dataset."""
+    """Description of each effect of the catalogue, in the catalogue's order; no dataset is needed."""
     return tuple(describe(kind) for kind in CATALOGUE)
 
 
 def effects_for(dataset: Dataset) -> tuple[Family, ...]:
-    """Every family of the catalogue, with members for a dataset's robot and conditions; those without data say why.
+    """Every effect of the catalogue as a family of members for a dataset's robot, with the reason if it is untestable.
 
     Whether poses are rich enough to tell a family from geometry is found by `calib.screening.candidates`, not here.
     """
@@ -53,7 +53,7 @@ def effects_for(dataset: Dataset) -> tuple[Family, ...]:
 
 
 def family_of(dataset: Dataset, name: str, more: Sequence[Family] = ()) -> Family:
-    """Family of a name, from the catalogue or of the user's own. Raises CalibError on an unknown name."""
+    """Effect family with a given name, of the catalogue or of the user's own. Raises CalibError on an unknown name."""
     families = (*effects_for(dataset), *more)
     for family in families:
         if family.name == name:
@@ -62,14 +62,14 @@ def family_of(dataset: Dataset, name: str, more: Sequence[Family] = ()) -> Famil
 
 
 def available_family(dataset: Dataset, name: str, more: Sequence[Family] = ()) -> Family:
-    """Family of a name that this dataset can test. Raises CalibError that says what would help where it cannot."""
+    """Effect family with a given name. Raises CalibError, with what would help, if the dataset cannot test it."""
     family = family_of(dataset, name, more)
     _require_testable(family)
     return family
 
 
 def _require_testable(family: Family) -> None:
-    """Raise CalibError for a family that a dataset cannot test."""
+    """Raise CalibError for an effect family that a dataset cannot test."""
     if family.why_not:
         raise CalibError(f"effect {family.name} cannot be fitted here: {family.why_not}; {family.would_help}")
 
@@ -81,7 +81,7 @@ EffectChoice = str | type[CatalogueEffect] | Family | Effect
 def effects_named(
     dataset: Dataset, effects: EffectChoice | Sequence[EffectChoice], user_effects: Sequence[Family] = ()
 ) -> tuple[Effect, ...]:
-    """Members of the chosen effects, for `calibrate`; all members where a family is chosen.
+    """Effects to fit for a user's choice: a single member of a family (one joint, say), or all members of a family.
 
     Raises CalibError for unknown and untestable families, and for sparse ones, of which a fit has to choose members.
     """
@@ -101,7 +101,7 @@ def effects_named(
 
 
 def _family(dataset: Dataset, choice: EffectChoice, user_effects: Sequence[Family]) -> Family | None:
-    """Family of a chosen effect; None for a single member. Raises CalibError where the family cannot be tested."""
+    """Effect family that a user chose; None for a single member. Raises CalibError where it cannot be tested."""
     if isinstance(choice, type):
         choice = choice.name
     if isinstance(choice, str):

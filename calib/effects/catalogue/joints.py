@@ -29,7 +29,7 @@ def harmonic(order: float, scale: float) -> tuple[Parameter, ...]:
 
 
 def _periodic_error(state: RobotState, joint: int, order: float, values: dict[str, float]) -> RobotState:
-    """State with theta += A sin(n q) + B cos(n q) added to a joint, values A and B in rad."""
+    """Robot state with theta += A sin(n q) + B cos(n q) added to a joint, values A and B in rad."""
     sine, cosine = values.values()
     q = state.q_rad[:, joint]
     return state.add_joint_error(joint, sine * np.sin(order * q) + cosine * np.cos(order * q))
@@ -72,12 +72,12 @@ class TransmissionError(CatalogueEffect):
         return harmonic(self.order, 3e-4)
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """State with the joint's error added."""
+        """Robot state with the joint's error added."""
         return _periodic_error(state, self.joint, self.order, values)
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each of three harmonics of each revolute joint."""
+        """Family of this effect with one member for each of three harmonics of each revolute joint."""
         return Family(cls.name, tuple(cls(j, n) for j in revolute_joints(dataset.robot) for n in (1, 2, 3)))
 
 
@@ -104,7 +104,7 @@ class StrainWave(TransmissionError):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each of two harmonics of each revolute joint whose gear ratio is known."""
+        """Family of this effect, one member for each of two harmonics of each revolute joint of known gear ratio."""
         members = tuple(
             cls(j, factor * joint.gear_ratio)
             for j, joint in enumerate(dataset.robot.joints)
@@ -153,7 +153,7 @@ class HighHarmonic(ShapedEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each of 17 harmonics of each revolute joint."""
+        """Family of this effect with one member for each of 17 harmonics of each revolute joint."""
         joints = revolute_joints(dataset.robot)
         return Family(cls.name, tuple(cls(j, n) for j in joints for n in HIGH_ORDERS), sparse=True)
 
@@ -180,7 +180,7 @@ class JointScale(CatalogueEffect):
     parameters = (Parameter("k", "1", 1e-4, "share of the commanded motion"),)
 
     def apply(self, state: RobotState, *, k: float) -> RobotState:
-        """State with the joint's error added."""
+        """Robot state with the joint's error added."""
         return state.add_joint_error(self.joint, k * state.q_rad[:, self.joint])
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
@@ -193,13 +193,13 @@ class JointScale(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each joint."""
+        """Family of this effect with one member for each joint."""
         return Family(cls.name, tuple(cls(j) for j in range(dataset.robot.n_joints)))
 
 
 @dataclass(frozen=True)
 class AsymmetricScale(CatalogueEffect):
-    """A scale error of an encoder or drive that is symmetric about its zero: theta += k |q|."""
+    """Scale error of an encoder or drive that has one sign on both sides of the joint's zero: theta += k |q|."""
 
     joint: int
     name = "asymmetric_scale"
@@ -219,18 +219,18 @@ class AsymmetricScale(CatalogueEffect):
     parameters = (Parameter("k", "1", 1e-4, "share of the commanded motion"),)
 
     def apply(self, state: RobotState, *, k: float) -> RobotState:
-        """State with the joint's error added."""
+        """Robot state with the joint's error added."""
         return state.add_joint_error(self.joint, k * np.abs(state.q_rad[:, self.joint]))
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each joint."""
+        """Family of this effect with one member for each joint."""
         return Family(cls.name, tuple(cls(j) for j in range(dataset.robot.n_joints)))
 
 
 @dataclass(frozen=True)
 class JointCoupling(CatalogueEffect):
-    """A joint that another one moves along, as in wrists with bevel gears: theta_j += k q_i."""
+    """A joint that turns along with another joint, as in wrists with bevel gears: theta_j += k q_i."""
 
     joint: int
     driver: int
@@ -252,11 +252,11 @@ class JointCoupling(CatalogueEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The share; the driving joint's number is in its name, as a joint may have two drivers."""
+        """Coupling factor k, named after the driving joint, as a joint may have two drivers."""
         return (Parameter(f"k_of_J{self.driver + 1}", "1", 1e-4, "share of the neighbour's motion"),)
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """State with the joint's error added."""
+        """Robot state with the joint's error added."""
         (k,) = values.values()
         return state.add_joint_error(self.joint, k * state.q_rad[:, self.driver])
 
@@ -266,7 +266,7 @@ class JointCoupling(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with up to three members: the last two joints by the previous one, the last by the one before."""
+        """Family of this effect: the last two joints each with the joint before, and the last with the third last."""
         n = dataset.robot.n_joints
         pairs = [(j, j - 1) for j in range(max(n - 2, 1), n)] + ([(n - 1, n - 3)] if n >= 3 else [])
         if n < 2:
@@ -304,7 +304,7 @@ class CableDrag(ShapedEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Amplitudes of the error's sine and cosine; the other joint is in their names."""
+        """Amplitudes of the error's sine and cosine, with the neighbouring joint in their names."""
         way = "with" if self.sign > 0 else "against"
         return tuple(
             Parameter(f"{part}{self.order}_{way}_J{self.other + 1}_rad", "rad", 3e-4, f"{part} amplitude")
@@ -317,7 +317,7 @@ class CableDrag(ShapedEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family: both joints of each pair of revolute neighbours, two harmonics of sum and difference."""
+        """Family of this effect: each joint of each pair of revolute neighbours, two harmonics of sum or difference."""
         turning = revolute_joints(dataset.robot)
         pairs = [(j, k) for j in turning for k in turning if abs(j - k) == 1]
         if not pairs:
@@ -349,14 +349,14 @@ class Backlash(CatalogueEffect):
     parameters = (Parameter("b_rad", "rad", 5e-4, "width of the play"),)
 
     def apply(self, state: RobotState, *, b_rad: float) -> RobotState:
-        """State with the joint's error added; unchanged where no approach was recorded."""
+        """Robot state with the joint's error added; unchanged where no approach was recorded."""
         if state.poses.approach is None:
             return state
         return state.add_joint_error(self.joint, 0.5 * b_rad * np.sign(state.poses.approach[:, self.joint]))
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each joint that was moved to from both sides in the training poses."""
+        """Family of this effect with one member for each joint that training poses approach from both sides."""
         poses = dataset.poses
         if poses.approach is None:
             return Family(
@@ -379,7 +379,7 @@ class Backlash(CatalogueEffect):
 
 @dataclass(frozen=True)
 class FollowingError(CatalogueEffect):
-    """A joint that is read before it has settled: a share of the motion from the previous pose is still missing.
+    """A joint that is measured before it has settled: a share of the motion from the previous pose is still missing.
 
     Poses after all measured ones, such as the targets of a correction, are taken as settled.
     """
@@ -404,12 +404,12 @@ class FollowingError(CatalogueEffect):
     parameters = (Parameter("k", "1", 1e-4, "share of the way from the pose before"),)
 
     def apply(self, state: RobotState, *, k: float) -> RobotState:
-        """State with the joint's error added."""
+        """Robot state with the joint's error added."""
         return state.add_joint_error(self.joint, k * state.poses.motion[:, self.joint])
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each joint."""
+        """Family of this effect with one member for each joint."""
         return Family(cls.name, tuple(cls(j) for j in range(dataset.robot.n_joints)))
 
 
@@ -441,7 +441,7 @@ class JointDent(ShapedEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The height of the dent; place and width are in its name."""
+        """Height of the dent, with the dent's place and width in the parameter's name."""
         place = f"{'minus' if self.place_deg < 0 else ''}{abs(self.place_deg)}"
         return (Parameter(f"at_{place}deg_{self.width_deg}deg_wide_rad", "rad", 3e-4, "height of the dent"),)
 
@@ -451,7 +451,7 @@ class JointDent(ShapedEffect):
         return np.exp(-0.5 * (near[:, None] / np.radians(self.width_deg)) ** 2)
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
-        """Place and size of the error, as text."""
+        """Angle, width and height of the dent, as text."""
         degree = "\N{DEGREE SIGN}"
         return (
             f"joint {self.joint + 1} is off by {np.degrees(value):+.2g}{degree} around {self.place_deg}{degree}, "
@@ -460,7 +460,7 @@ class JointDent(ShapedEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each revolute joint, width and place for which there are enough poses."""
+        """Family of this effect with one member for each revolute joint, width and place that enough poses cover."""
         poses = dataset.poses
         q_deg = np.degrees(poses.q[is_measured_for_training(dataset)])
         members = []
@@ -508,7 +508,7 @@ class AxisWobble(CatalogueEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Amplitudes of the tilt about x and about y, sine and cosine of each."""
+        """Amplitudes (sine and cosine) of the axis' tilt about x and about y."""
         return tuple(
             Parameter(f"{axis}_{part}{self.order}_rad", "rad", 3e-4, f"tilt about {axis}, {part}({self.order} q)")
             for axis in ("x", "y")
@@ -516,7 +516,7 @@ class AxisWobble(CatalogueEffect):
         )
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """State with the tilt added to the frame that carries the joint."""
+        """Robot state with the tilt added to the frame that carries the joint."""
         x_sin, x_cos, y_sin, y_cos = values.values()
         turned = self.order * state.q_rad[:, self.joint]
         about_x = x_sin * np.sin(turned) + x_cos * np.cos(turned)
@@ -530,5 +530,5 @@ class AxisWobble(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each of two harmonics of each revolute joint."""
+        """Family of this effect with one member for each of two harmonics of each revolute joint."""
         return Family(cls.name, tuple(cls(j, n) for j in revolute_joints(dataset.robot) for n in (1, 2)))

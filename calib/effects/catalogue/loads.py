@@ -31,7 +31,7 @@ _STILL_NM = 0.01  # a bearing turns over from one side to the other within about
 
 
 def where_masses_are_known(family: Family, robot: Robot) -> Family:
-    """The family as it is, or marked as not testable where robot.toml lacks masses."""
+    """An effect family, unchanged, or marked as not testable where robot.toml lacks masses."""
     if has_masses(robot):
         return family
     return replace(
@@ -42,7 +42,7 @@ def where_masses_are_known(family: Family, robot: Robot) -> Family:
 
 
 def _family_of_unknown_masses(name: str, members: tuple[Effect, ...]) -> Family:
-    """The family, confounded with all others that follow the load."""
+    """Family of a load effect with unknown masses, marked as confounded with all other load effects."""
     others = tuple(kind.name for kind in registered_effects() if kind.under_load and kind.name != name)
     return Family(name, members, note=_UNKNOWN_MASSES, confounded_with=others)
 
@@ -54,7 +54,7 @@ def _payload_varies(dataset: Dataset) -> bool:
 
 
 def _turn_and_stiffness(c_rad_per_nm: float, torque_nm: Array) -> str:
-    """Turn at the largest of N torques, and stiffness, as text: "0.051° at 63.3 Nm, stiffness 71 kNm/rad"."""
+    """Joint's turn at the largest of N torques, and its stiffness: "0.051° at 63.3 Nm, stiffness 71 kNm/rad"."""
     largest_nm = float(np.abs(torque_nm).max(initial=0.0))
     if largest_nm <= 0.0:
         return stiffness(c_rad_per_nm)
@@ -74,13 +74,13 @@ def stiffness(c_rad_per_nm: float) -> str:
 
 
 def _products(prefix: str, frames: Iterator[int] | range, compliance: float, axis: str = "") -> tuple[Parameter, ...]:
-    """One parameter for each frame: compliance times the mass at that frame."""
+    """Parameters for unknown masses, one for each frame: compliance times the mass at that frame."""
     doc = f"compliance{axis and f' about {axis}'} times the mass at a frame"
     return tuple(Parameter(f"{prefix}_{k}", "rad kg/Nm", _USUAL_KG * compliance, doc) for k in frames)
 
 
 def _tilt(axis: str) -> Parameter:
-    """Compliance of the base about one of its axes."""
+    """Parameter for the base's compliance about its x or y axis."""
     return Parameter(f"c{axis}_rad_per_nm", "rad/Nm", _BASE, f"tilt about {axis} by a unit moment", positive=True)
 
 
@@ -116,11 +116,11 @@ class JointCompliance(CatalogueEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The compliance."""
+        """Compliance of the joint."""
         return (Parameter("c_rad_per_nm", "rad/Nm", _JOINT, "compliance; its inverse is the stiffness", positive=True),)
 
     def apply(self, state: RobotState, *, c_rad_per_nm: float) -> RobotState:
-        """State with the joint's error added, for the torque at the state that loads are computed at (`loaded`)."""
+        """Robot state with the joint's deflection added, by the gravity torque in the state for loads (`loaded`)."""
         return state.add_joint_error(self.joint, c_rad_per_nm * state.loaded.gravity.joint_torques[:, self.joint])
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
@@ -129,7 +129,7 @@ class JointCompliance(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each joint; where masses are not known, they are among the unknowns."""
+        """Family of this effect with one member for each joint; unknown masses become part of the parameters."""
         robot = dataset.robot
         if has_masses(robot):
             return Family(cls.name, tuple(cls(j) for j in range(robot.n_joints)))
@@ -160,7 +160,7 @@ class JointComplianceUnknownMasses(JointCompliance):
         return (*masses, known) if self.payload else masses
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """State with the joint's error added."""
+        """Robot state with the joint's error added."""
         gravity = state.loaded.gravity
         torques = gravity.unit_torques(self.joint)  # (N, K)
         if self.payload:
@@ -215,7 +215,7 @@ class LinkBending(CatalogueEffect):
         return (Parameter("c_rad_per_nm", "rad/Nm", _LINK, doc, positive=True),)
 
     def apply(self, state: RobotState, *, c_rad_per_nm: float) -> RobotState:
-        """State with the link's end turned (alpha and beta of its row, theta of the next) and shifted."""
+        """Robot state with the link's end shifted and turned (alpha and beta of the link, theta of the next row)."""
         link = self.joint
         turn, shift_mm = state.loaded.gravity.bendings[link]
         in_link = c_rad_per_nm * turn
@@ -228,7 +228,7 @@ class LinkBending(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each joint's link; where masses are not known, they are among the unknowns."""
+        """Family of this effect with one member for each joint's link; unknown masses become part of the parameters."""
         robot, n_joints = dataset.robot, dataset.robot.n_joints
         if has_masses(robot):
             return Family(cls.name, tuple(map(cls, range(n_joints))))
@@ -239,7 +239,7 @@ class LinkBending(CatalogueEffect):
 
 @dataclass(frozen=True)
 class LinkBendingUnknownMasses(LinkBending):
-    """Bending of a link under unknown masses: its end moves by the sum over later frames of (c m) x bending by 1 kg."""
+    """Bending of a link under unknown masses: the sum over later frames of (c m) times the bending by 1 kg."""
 
     places: int  # frames from the link's end on, the tool point included
     payload: bool  # whether it varies over the training poses
@@ -255,7 +255,7 @@ class LinkBendingUnknownMasses(LinkBending):
         return (*masses, known) if self.payload else masses
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """State with the link's end turned (alpha and beta of its row, theta of the next) and shifted."""
+        """Robot state with the link's end shifted and turned (alpha and beta of the link, theta of the next row)."""
         link, gravity = self.joint, state.loaded.gravity
         weights = np.array(list(values.values()))
         turns, shifts_mm = gravity.unit_bendings[link]  # (N, K, 3)
@@ -298,17 +298,17 @@ class BaseCompliance(CatalogueEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Compliances about x and y."""
+        """Compliances of the base about its x and y axes."""
         return tuple(_tilt(axis) for axis in "xy")
 
     def apply(self, state: RobotState, *, cx_rad_per_nm: float, cy_rad_per_nm: float) -> RobotState:
-        """State with the base turned."""
+        """Robot state with the base turned."""
         moment = state.loaded.gravity.moment_about(np.zeros((len(state.poses), 3)), 0)
         return state.turn_base(moment * np.array([cx_rad_per_nm, cy_rad_per_nm, 0.0]))
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member, for the whole arm; where masses are not known, they are among the unknowns."""
+        """Family of this effect with one member, for the whole arm; unknown masses become part of the parameters."""
         if has_masses(dataset.robot):
             return Family(cls.name, (cls(),))
         member = BaseComplianceUnknownMasses(dataset.robot.n_joints + 1, _payload_varies(dataset))
@@ -317,7 +317,7 @@ class BaseCompliance(CatalogueEffect):
 
 @dataclass(frozen=True)
 class BaseComplianceUnknownMasses(BaseCompliance):
-    """Compliance of a pedestal under unknown masses: it tilts by the sum over frames of (c m) x the moment of 1 kg."""
+    """Compliance of a pedestal under unknown masses: a tilt by the sum over frames of (c m) x the moment of 1 kg."""
 
     places: int  # frames beyond the base, the tool point included
     payload: bool  # whether it varies over the training poses
@@ -327,7 +327,7 @@ class BaseComplianceUnknownMasses(BaseCompliance):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """About x, then y: compliance times mass for each frame, and the compliance where the payload varies."""
+        """Compliance times mass for each frame, about x and then y; plain compliance where the payload varies."""
         parameters: list[Parameter] = []
         for axis in "xy":
             parameters += _products(f"c{axis}m_at", range(1, 1 + self.places), _BASE, axis)
@@ -336,7 +336,7 @@ class BaseComplianceUnknownMasses(BaseCompliance):
         return tuple(parameters)
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """State with the base turned."""
+        """Robot state with the base turned."""
         gravity = state.loaded.gravity
         moments = gravity.unit_moments  # (N, K, 3)
         if self.payload:
@@ -371,14 +371,14 @@ class GravityBacklash(CatalogueEffect):
     parameters = (Parameter("b_rad", "rad", 5e-4, "width of the play", positive=True),)
 
     def apply(self, state: RobotState, *, b_rad: float) -> RobotState:
-        """State with the joint's error added."""
+        """Robot state with the joint's error added."""
         return state.add_joint_error(
             self.joint, 0.5 * b_rad * np.sign(state.loaded.gravity.joint_torques[:, self.joint])
         )
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each joint."""
+        """Family of this effect with one member for each joint."""
         members = tuple(cls(j) for j in range(dataset.robot.n_joints))
         return where_masses_are_known(Family(cls.name, members), dataset.robot)
 
@@ -408,7 +408,7 @@ class NonlinearStiffness(CatalogueEffect):
     parameters = (Parameter("c2_rad_per_nm2", "rad/Nm^2", 5e-7, "compliance that grows with the torque"),)
 
     def apply(self, state: RobotState, *, c2_rad_per_nm2: float) -> RobotState:
-        """State with the joint's error added."""
+        """Robot state with the joint's error added."""
         torque = state.loaded.gravity.joint_torques[:, self.joint]
         return state.add_joint_error(self.joint, c2_rad_per_nm2 * torque * np.abs(torque))
 
@@ -420,7 +420,7 @@ class NonlinearStiffness(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each revolute joint."""
+        """Family of this effect with one member for each revolute joint."""
         turning = [j for j, joint in enumerate(dataset.robot.joints) if joint.is_revolute]
         return where_masses_are_known(Family(cls.name, tuple(map(cls, turning))), dataset.robot)
 
@@ -449,7 +449,7 @@ class LinkTorsion(CatalogueEffect):
     parameters = (Parameter("c_rad_per_nm", "rad/Nm", 2e-5, "twist by a unit moment", positive=True),)
 
     def apply(self, state: RobotState, *, c_rad_per_nm: float) -> RobotState:
-        """State with the link's end turned: alpha and beta of its row, theta of the next."""
+        """Robot state with the link's end turned: alpha and beta of the link, theta of the next row."""
         link, loaded = self.joint, state.loaded
         base_T_frame = loaded.chain.base_T_frame
         end = base_T_frame[:, link + 1]
@@ -467,7 +467,7 @@ class LinkTorsion(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each link off its joint's axis; torsion of other links is joint compliance."""
+        """Family of this effect with one member for each link off its joint's axis; others act as joint compliance."""
         rows = dataset.robot.table[:-1]
         out = np.abs(rows[:, 0]) > np.maximum(_SHORT_MM, 0.1 * np.abs(rows[:, 2]))
         members = tuple(cls(int(j)) for j in np.flatnonzero(out))
@@ -479,7 +479,7 @@ class LinkTorsion(CatalogueEffect):
 
 @dataclass(frozen=True)
 class BearingClearance(CatalogueEffect):
-    """A bearing with clearance: the joint's axis leans by a fixed angle towards the side of the moment's push."""
+    """A bearing with clearance: the joint's axis leans by a fixed angle to the side that the moment pushes it to."""
 
     joint: int
     name = "bearing_clearance"
@@ -501,7 +501,7 @@ class BearingClearance(CatalogueEffect):
     parameters = (Parameter("c_rad", "rad", 3e-4, "lean to either side", positive=True),)
 
     def apply(self, state: RobotState, *, c_rad: float) -> RobotState:
-        """State with the tilt added to the frame that carries the joint."""
+        """Robot state with the tilt added to the frame that carries the joint."""
         frame = state.loaded.chain.base_T_frame[:, self.joint]
         moment = state.loaded.gravity.moment_about(frame[:, :3, 3], self.joint)
         x, y, _ = np.einsum("nji,nj->ni", frame[:, :3, :3], moment).T
@@ -514,7 +514,7 @@ class BearingClearance(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each revolute joint."""
+        """Family of this effect with one member for each revolute joint."""
         turning = [j for j, joint in enumerate(dataset.robot.joints) if joint.is_revolute]
         return where_masses_are_known(Family(cls.name, tuple(map(cls, turning))), dataset.robot)
 
@@ -541,7 +541,7 @@ class ToolSag(CatalogueEffect):
     parameters = tuple(Parameter(f"{a}_mm", "mm", 0.1, f"sag with gravity along the tool's {a}") for a in "xyz")
 
     def apply(self, state: RobotState, *, x_mm: float, y_mm: float, z_mm: float) -> RobotState:
-        """State with the target displaced."""
+        """Robot state with the target displaced."""
         rotation = state.loaded.chain.base_T_flange[:, :3, :3]
         gravity_vector = np.array(state.robot.gravity_m_s2)
         down = gravity_vector / max(float(np.linalg.norm(gravity_vector)), 1e-12)
@@ -550,5 +550,5 @@ class ToolSag(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member, for the whole arm."""
+        """Family of this effect with one member, for the whole arm."""
         return Family(cls.name, (cls(),))

@@ -41,16 +41,16 @@ class ChangePoint:
 
     @property
     def word(self) -> str:
-        """The pose's id as a part of a parameter's name."""
+        """The id of the change's first pose as a part of a parameter's name."""
         return re.sub(r"\W", "_", self.pose)
 
     def after(self, state: RobotState) -> Array:
-        """Indicator (N, 1) of the poses after the change: 0 before, 1 from the first pose after it."""
+        """Mask (N, 1) of the poses from the change on: 0 before the change, 1 from its first pose on."""
         return (state.poses.order >= self.first).astype(float)[:, None]
 
 
 def is_measured_for_training(dataset: Dataset) -> BoolArray:
-    """Mask (N,) of training poses with a measured point, one per repeat group; of all where none has a point yet."""
+    """Mask (N,) of training poses with a measured point; of all training poses where no points are measured yet."""
     training = ~dataset.poses.is_test
     if dataset.points is None:
         return training
@@ -80,7 +80,7 @@ def change_points(dataset: Dataset) -> list[ChangePoint]:
 
 
 def _family(dataset: Dataset, name: str, members: Callable[[ChangePoint], list[ShapedEffect]]) -> Family:
-    """The family with members for each change point; with too few poses, one marked as not testable with the reason."""
+    """Family of a step effect with members for each change point; marked as not testable with too few poses."""
     points = change_points(dataset)
     if not points:
         few = f"fewer than {2 * AT_ENDS} training poses show no step"
@@ -136,7 +136,7 @@ class JointStep(Step):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The size of the step; the pose is in its name, as a joint may slip more than once."""
+        """Size of the step, with the pose in its name, as a joint may slip more than once."""
         scale = 3e-4 if self.unit == "rad" else 0.1
         return (Parameter(f"from_{self.start.word}_{self.unit}", self.unit, scale, "size of the step"),)
 
@@ -147,7 +147,7 @@ class JointStep(Step):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each joint and each pose that may be the first after a step."""
+        """Family of this effect with one member for each joint and each pose that may be the first after a step."""
         units = ["rad" if joint.is_revolute else "mm" for joint in dataset.robot.joints]
         return _family(dataset, cls.name, lambda at: [cls(j, at, unit) for j, unit in enumerate(units)])
 
@@ -188,7 +188,7 @@ class TargetStep(Step):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each pose that may be the first after a step."""
+        """Family of this effect with one member for each pose that may be the first after a step."""
         return _family(dataset, cls.name, lambda at: [cls(at)])
 
 
@@ -238,7 +238,7 @@ class ScannerStep(Step):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each pose that may be the first after a step."""
+        """Family of this effect with one member for each pose that may be the first after a step."""
         centre_mm, half_mm = field_of(dataset)
         return _family(dataset, cls.name, lambda at: [cls(at, centre_mm, half_mm)])
 
@@ -269,7 +269,7 @@ class BaseLoosening(Step):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Compliances about x and y."""
+        """Compliances of the base about its x and y axes."""
         return tuple(
             Parameter(
                 f"c{axis}_from_{self.start.word}_rad_per_nm",
@@ -283,6 +283,6 @@ class BaseLoosening(Step):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member for each pose that may be the first after the bolt gave way."""
+        """Family of this effect with one member for each pose that may be the first after the bolt gave way."""
         family = _family(dataset, cls.name, lambda at: [cls(at)])
         return where_masses_are_known(family, dataset.robot)

@@ -1,4 +1,4 @@
-"""The scanner: errors of the points that it reports, by their place and the scanner's own (`RobotState.seen`)."""
+"""The scanner: errors of the points that it reports, which depend on their place in the scanner's frame."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ _FAINT_MM = 0.03  # a radial error below which the middle of the optics cannot b
 
 
 def _inverse(radial_mm: float, shift_mm: float) -> float:
-    """Inverse of the radial error, bounded and smooth, so that the middle moves by less than 1.5 half fields."""
+    """Reciprocal of the radial error, bounded and smooth, so that the optics' middle moves under 1.5 half fields."""
     return radial_mm / (float(np.hypot(radial_mm**2, (shift_mm / 2.0) ** 2)) + _FAINT_MM**2)
 
 
 @dataclass(frozen=True)
 class ScannerDistortion(CatalogueEffect):
-    """Depth and radial errors about the middle of the measured field.
+    """Depth and radial errors of the scanner's points, about the middle of the measured field.
 
     With u = (p - centre) / half: depth z += k1 u_z + k2 u_z^2, radial (x, y) += k r^2 (u_x, u_y), r^2 = u_x^2 + u_y^2.
     The true middle of the optics is not known: with it at u = -s the radial term is k |u + s|^2 (u + s), and k s are
@@ -77,7 +77,7 @@ class ScannerDistortion(CatalogueEffect):
         decentre_x_mm: float,
         decentre_y_mm: float,
     ) -> RobotState:
-        """State with the reported points moved."""
+        """Robot state with the reported points moved."""
         if state.seen is None:
             return state
         u = (state.seen.scanner_mm - np.array(self.centre_mm)) / self.half_mm
@@ -94,7 +94,7 @@ class ScannerDistortion(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member, about the middle of the training points."""
+        """Family of this effect with one member, centred on the middle of the training points."""
         return Family(cls.name, (cls(*field_of(dataset)),))
 
 
@@ -132,7 +132,7 @@ class ScannerDrift(CatalogueEffect):
         )
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """State with the reported points moved; unchanged where no time was recorded."""
+        """Robot state with the reported points moved; unchanged where no time was recorded."""
         if state.seen is None or state.poses.time_s is None:
             return state
         v = np.array([values[f"v{a}_mm_per_s"] for a in "xyz"])
@@ -143,7 +143,7 @@ class ScannerDrift(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member, about the middle of the training points, over the duration of all poses."""
+        """Family of this effect with one member: a drift over the session, about the middle of the training points."""
         time_s = dataset.poses.time_s
         if time_s is None:
             return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")
@@ -175,7 +175,7 @@ class IncidenceBias(CatalogueEffect):
     parameters = (Parameter("b_mm", "mm", 0.1, "range error at grazing incidence"),)
 
     def apply(self, state: RobotState, *, b_mm: float) -> RobotState:
-        """State with the reported points moved along the ray."""
+        """Robot state with the reported points moved along the ray."""
         if state.seen is None:
             return state
         ray = state.seen.scanner_mm / np.maximum(np.linalg.norm(state.seen.scanner_mm, axis=1), 1e-9)[:, None]
@@ -185,7 +185,7 @@ class IncidenceBias(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member, for a jig alone."""
+        """Family of this effect with one member, where the target is a jig."""
         if dataset.robot.carries_scanner:
             return Family(
                 cls.name,
@@ -205,7 +205,7 @@ class IncidenceBias(CatalogueEffect):
 
 @dataclass(frozen=True)
 class ScannerScale(CatalogueEffect):
-    """An isotropic scale error: p times 1 + s. It equals a scaling of every length of the arm."""
+    """An isotropic scale error of the scanner: p times 1 + s, the same as a scaling of every length of the arm."""
 
     name = "scanner_scale"
     noun = "the scale of the instrument"
@@ -225,12 +225,12 @@ class ScannerScale(CatalogueEffect):
     parameters = (Parameter("s", "1", 1e-4, "scale error"),)
 
     def apply(self, state: RobotState, *, s: float) -> RobotState:
-        """State with the reported points scaled."""
+        """Robot state with the reported points scaled."""
         return state if state.seen is None else state.displace_in_scanner(s * state.seen.scanner_mm)
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member, which no dataset can test: only arm lengths relative to the scale are known."""
+        """Family of this effect with one member, untestable, as only arm lengths relative to the scale are known."""
         return Family(
             cls.name,
             (cls(),),

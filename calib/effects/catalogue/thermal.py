@@ -40,7 +40,7 @@ class ThermalGrowth(CatalogueEffect):
     parameters = (Parameter("kappa_per_k", "1/K", 1e-5, "expansion of all links"),)
 
     def apply(self, state: RobotState, *, kappa_per_k: float) -> RobotState:
-        """State with the lengths scaled; unchanged where no temperature was recorded."""
+        """Robot state with the lengths scaled; unchanged where no temperature was recorded."""
         if state.poses.temperature_c is None:
             return state
         growth = kappa_per_k * (state.poses.temperature_c - REFERENCE_C)  # (N,)
@@ -48,7 +48,7 @@ class ThermalGrowth(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member, where the temperature varies over the training poses."""
+        """Family of this effect with one member, where the temperature varies over the training poses."""
         poses = dataset.poses
         temperature = poses.temperature_c
         if temperature is None:
@@ -99,7 +99,7 @@ class WarmUp(ShapedEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The growth of the warm arm; the time constant T is in its name."""
+        """Relative growth of the warm arm, with the time constant T in the parameter's name."""
         return (Parameter(f"growth_in_{self.minutes}min", "1", 1e-4, "growth of all lengths in the end"),)
 
     def shapes(self, state: RobotState) -> Array:
@@ -114,7 +114,7 @@ class WarmUp(ShapedEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The family with one member per time constant T of a small grid, up to thrice the measurement's time."""
+        """Family of this effect with one member per time constant T of a grid, up to three times the session."""
         poses = dataset.poses
         if poses.time_s is None:
             return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")

@@ -37,7 +37,7 @@ from calib.strict_json import MOST_SIZE
 
 
 def load_effects(path: Path, state: RobotState) -> tuple[Family, ...]:
-    """Families of an effects file, made for the robot of a state and tested on it. Raises CalibError in one line.
+    """Effect families of a user's effects file, tested on a robot state. Raises CalibError in one line.
 
     `calib.fitting.observations.nominal_state` makes the state of a dataset.
     """
@@ -49,7 +49,7 @@ def load_effects(path: Path, state: RobotState) -> tuple[Family, ...]:
 
 
 def check_effects(effects: Iterable[Effect], state: RobotState, where: str = "effects") -> tuple[Family, ...]:
-    """Families of a user's effects, after a trial on a state. Raises CalibError in one line."""
+    """Effect families of a user's effects, after a trial on a robot state. Raises CalibError in one line."""
     effects = tuple(effects)
     for effect in effects:
         _check(effect, state, where)
@@ -92,7 +92,7 @@ def _load(path: Path) -> ModuleType:
 
 @contextmanager
 def _siblings(folder: Path) -> Iterator[None]:
-    """Context in which a file may import others from its folder; none stays cached, so that all are read anew."""
+    """Context in which an effects file may import neighbouring files, which are read anew on each load."""
     before, wrote = set(sys.modules), sys.dont_write_bytecode
     sys.path.append(str(folder))  # last: a neighbour of any name hides nothing that is installed
     sys.dont_write_bytecode = True
@@ -107,7 +107,7 @@ def _siblings(folder: Path) -> Iterator[None]:
 
 
 def _effects(path: Path, module: ModuleType, joints: int) -> tuple[Effect, ...]:
-    """Effects of a module: those of its tuple EFFECTS, else instances of its classes."""
+    """Effects of a user's module: the entries of its tuple EFFECTS, else instances of its effect classes."""
     if not hasattr(module, "EFFECTS"):
         return tuple(_instances(path, module, joints))
     effects = module.EFFECTS
@@ -124,7 +124,7 @@ def _effects(path: Path, module: ModuleType, joints: int) -> tuple[Effect, ...]:
 
 
 def _instances(path: Path, module: ModuleType, joints: int) -> Iterable[Effect]:
-    """Instances of a module's own effect classes: one for each joint where a class has the field `joint`, else one."""
+    """Instances of a module's effect classes: one per joint for a class with the field `joint`, else one."""
     for value in vars(module).values():
         if not isinstance(value, type) or value.__module__ != module.__name__:
             continue
@@ -193,14 +193,14 @@ def _check(effect: Any, state: RobotState, where: str) -> None:
 
 
 def _applied(effect: Effect, state: RobotState, values: Array, where: str) -> Array:
-    """State vector (1 or N, S) with the effect at these values; an error names the file."""
+    """State vector (1 or N, S) after applying a user's effect; an error names the effects file."""
     with _errors_from(where):
         return apply_values(effect, state, values).vector
 
 
 @contextmanager
 def _errors_from(where: str) -> Iterator[None]:
-    """Context whose CalibErrors begin with the file that they come from."""
+    """Context that puts the name of the user's file before the message of a CalibError."""
     try:
         yield
     except CalibError as error:
@@ -208,6 +208,6 @@ def _errors_from(where: str) -> Iterator[None]:
 
 
 def _line(error: BaseException, path: Path) -> int | str:
-    """Line of the file in which an error was raised, the innermost one; "?" where the error came from elsewhere."""
+    """Number of the innermost line of a file in which an error was raised; "?" where it came from elsewhere."""
     frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) == path]
     return frames[-1].lineno or "?" if frames else "?"

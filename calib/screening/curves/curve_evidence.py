@@ -1,4 +1,4 @@
-"""Evidence for smooth curves of the joints in a residual: a Gaussian process in its harmonics.
+"""Evidence for smooth error curves of joints in a residual: a Gaussian process, written as a sum of harmonics.
 
 A member's curve is f(u) = sum over n of a_n sin(n phase) + b_n cos(n phase). Its coefficients are N(0, s_n^2) with a
 size A of its own and a spectrum that all curves over joint angles share,
@@ -40,7 +40,7 @@ _BLOCK_SIZES = np.geomspace(1e-3, 1e2, 26)
 
 @dataclass(frozen=True)
 class CurveColumns:
-    """Columns of the harmonics of M members' curves in the residual."""
+    """Columns of a linear model of the residual: the change by each harmonic of M error curves of joints."""
 
     columns: Array  # (R, K) whitened, projected; of a coefficient of 1 rad (1 mm for a prismatic joint)
     member: IndexArray  # (K,) from 0
@@ -48,7 +48,7 @@ class CurveColumns:
     shares: BoolArray  # (K,) whether the spectrum is the one that all curves over angles share
 
     def joined(self, other: CurveColumns) -> CurveColumns:
-        """Columns of these members, then of the others."""
+        """The columns of these curves followed by the columns of other curves."""
         after = int(self.member.max()) + 1 if len(self.member) else 0
         return CurveColumns(
             np.concatenate([self.columns, other.columns], axis=1),
@@ -60,16 +60,16 @@ class CurveColumns:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Sizes of the members, bandwidth and slope, by their logarithms, chosen by evidence."""
+    """Hyperparameters of the curves, as logarithms: size of each curve, common bandwidth, and slope of the spectrum."""
 
     logs: Array  # (M + 2,)
 
 
 class CurveEvidence:
-    """Log evidence of curves in a residual, at any sizes and spectrum."""
+    """Log evidence of error curves in a residual as a function of the curves' sizes and spectrum."""
 
     def __init__(self, curve: CurveColumns, residual: Array, dof: int) -> None:
-        """`residual` (R,): measured minus predicted, whitened and projected, with `dof` degrees of freedom."""
+        """Take the `residual` (R,), measured minus predicted, whitened and projected, with `dof` degrees of freedom."""
         self.curve, self.residual, self.dof = curve, residual, dof
         self.total = float(residual @ residual)
         self.members = int(curve.member.max()) + 1 if len(curve.member) else 0
@@ -82,22 +82,22 @@ class CurveEvidence:
 
     @property
     def usual_size(self) -> float:
-        """Size at which all curves together would be as large as the residual."""
+        """Size, rad or mm, at which all curves together would be as large as the residual."""
         return float(np.sqrt(self.total / max(float(np.sum(self.square)), 1e-300)))
 
     def prior_sigma(self, spectrum: Spectrum) -> tuple[Array, Array]:
-        """Prior sigmas s (K,) of the coefficients, and (n / n0)^(2 p) (K,)."""
+        """Prior sigmas (K,) of the harmonics' coefficients, and their relative orders (n / n0)^(2 p) (K,)."""
         n0 = np.where(self.curve.shares, np.exp(spectrum.logs[-2]), _OTHER_BANDWIDTH)
         p = np.where(self.curve.shares, np.exp(spectrum.logs[-1]), _OTHER_SLOPE)
         relative = (self.curve.order / n0) ** (2.0 * p)
         return np.exp(spectrum.logs[:-2])[self.curve.member] / np.sqrt(1.0 + relative), relative
 
     def at(self, spectrum: Spectrum) -> CurvePosterior:
-        """Posterior of the curves at a spectrum."""
+        """Posterior of the curves for given sizes and spectrum."""
         return self._at_with_share(spectrum, wanted=False)[0]
 
     def _at_with_share(self, spectrum: Spectrum, *, wanted: bool) -> tuple[CurvePosterior, Array]:
-        """Posterior at a spectrum and, where wanted, the share (K,) of each prior variance that the data remove."""
+        """Posterior of the curves and, if wanted, the share (K,) of each prior variance that the data remove."""
         sigma, _ = self.prior_sigma(spectrum)
         if self.few_rows:
             shaped = self.curve.columns * sigma
@@ -129,7 +129,7 @@ class CurveEvidence:
         return CurvePosterior(value, sigma, mean, quadratic), share
 
     def best(self, starts: tuple[Spectrum, ...] = ()) -> tuple[float, Spectrum]:
-        """Largest log evidence found, and its spectrum."""
+        """Largest log evidence over all sizes and spectra, and the spectrum that attains it."""
         usual = np.log(self.usual_size)
         bounds = [(usual + _LEAST_LOG_SIZE, usual + _MOST_LOG_SIZE)] * self.members
         bounds += [(np.log(low), np.log(high)) for low, high in (_BANDWIDTHS, _SLOPES)]
@@ -171,7 +171,7 @@ class CurveEvidence:
         return -now.log_evidence, -gradient
 
     def gains(self, spectrum: Spectrum | None, blocks: Sequence[CurveColumns]) -> list[tuple[float, float]]:
-        """Gain in log evidence by each of some further members, alone at its best size, with the log of that size.
+        """Gain in log evidence by adding each of some further curves alone at its best size, and the log of that size.
 
         spectrum: of the curves before; None where there is none yet.
         """
@@ -197,7 +197,7 @@ class CurveEvidence:
         return out
 
     def _solve(self, sigma: Array, rhs: Array) -> Array:
-        """(R, L) solution (1 + X S^2 X^T)^-1 rhs."""
+        """Solution (R, L) of (1 + X S^2 X^T) z = rhs, X being the curves' columns and S their prior sigmas."""
         shaped = self.curve.columns * sigma
         inner = shaped.T @ shaped
         inner[np.diag_indices_from(inner)] += 1.0
@@ -207,7 +207,7 @@ class CurveEvidence:
 
 @dataclass(frozen=True)
 class CurvePosterior:
-    """Posterior of curves given a residual and a spectrum, in units of the remaining noise."""
+    """Posterior of error curves given a residual and a spectrum, in units of the remaining noise."""
 
     log_evidence: float
     prior_sigma: Array  # (K,) s, over the noise

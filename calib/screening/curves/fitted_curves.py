@@ -63,12 +63,12 @@ class FittedCurve:
 
     @property
     def inside(self) -> BoolArray:
-        """(G,) whether a place lies within the measured range."""
+        """Mask (G,) of the places that lie within the measured range of the input."""
         return np.asarray((self.u >= self.measured[0]) & (self.u <= self.measured[-1]))
 
     @property
     def largest(self) -> tuple[float, float]:
-        """Place in the measured range at which the curve is largest, and its value there."""
+        """Input value within the measured range at which the curve is largest, and the curve's value there."""
         if self.peak is not None and self.measured[0] <= self.peak <= self.measured[-1]:
             return self.peak, float(np.interp(self.peak, self.u, self.value))
         at = int(np.argmax(np.where(self.inside, np.abs(self.value), -1.0)))
@@ -76,7 +76,7 @@ class FittedCurve:
 
 
 def learned_members(calibration: Calibration) -> tuple[SmoothJointError, ...]:
-    """Learned curves in a fit's model; () where there are none."""
+    """Learned curves (each an effect on one joint) in a fit's model; () where there are none."""
     return tuple(e for e in calibration.model.added_effects if isinstance(e, SmoothJointError))
 
 

@@ -1,4 +1,4 @@
-"""Curves of the joints learned from a fit: columns of harmonics, evidence, and the modes or formulas to be fitted."""
+"""Error curves of joints learned from a fit's residual: candidates, evidence, and the modes or formulas to fit."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class _Candidate:
 
 @one_blas_thread()
 def learn_joint_curves(calibration: Calibration) -> LearnedCurves | None:
-    """Curves of the joints over their angles and other inputs that the data support; None where noise alone is left.
+    """Error curves of joints over their angles and other inputs that the data support; None where only noise is left.
 
     Raises FitError where no degree of freedom is left.
     """
@@ -115,7 +115,7 @@ def _predict_left_out_poses(projected: ProjectedResidual, members: list[SmoothJo
 def _members(
     projected: ProjectedResidual, chosen: list[_Candidate], evidence: CurveEvidence, spectrum: Spectrum
 ) -> list[SmoothJointError]:
-    """Members that carry a curve given the others; a short formula where it explains as much."""
+    """Effects for the chosen curves that the residual supports, as a short formula where that explains as much."""
     whole = evidence.at(spectrum).log_evidence
     worth = [whole - _without(evidence, spectrum, k) for k in range(len(chosen))]
     order = [k for k in np.argsort(worth)[::-1].tolist() if worth[k] > _MIN_MEMBER_GAIN]
@@ -204,7 +204,7 @@ def _candidate(
 
 
 def _without(evidence: CurveEvidence, spectrum: Spectrum, member: int) -> float:
-    """Log evidence with one member's curve removed."""
+    """Log evidence of the curves with one curve removed."""
     return evidence.at(_flat(spectrum, member)).log_evidence
 
 
@@ -222,7 +222,7 @@ def _formula(
     k: int,
     worth: float,
 ) -> FoundFormula | None:
-    """Short formula in place of a curve; None where the formula explains less."""
+    """Short formula that can replace a learned curve; None where the formula explains less."""
     name = candidate.modes.input
     direction = joint_directions(projected)[candidate.joint]
     return find_formula(
@@ -238,7 +238,7 @@ def _formula(
 def _curve_member(
     projected: ProjectedResidual, candidate: _Candidate, evidence: CurveEvidence, found: CurvePosterior, k: int
 ) -> SmoothJointError | None:
-    """Curve in the visible modes of its prior over the measured inputs (Karhunen-Loeve); None without visible modes."""
+    """Effect of one learned curve, as a sum of its visible Karhunen-Loeve modes; None without visible modes."""
     of_member = evidence.curve.member == k
     noise = float(np.sqrt(found.quadratic / evidence.dof))
     spread = found.prior_sigma[of_member] * noise
@@ -263,7 +263,7 @@ def _is_number(column: object) -> bool:
 
 @dataclass(frozen=True)
 class FoundFormula:
-    """A formula, with the logs of its terms' prior sigmas over the noise."""
+    """Short formula for a joint's error curve, with the prior sigma of each term."""
 
     modes: FormulaModes
     log_sizes: tuple[float, ...]  # one a term
@@ -290,7 +290,7 @@ def find_formula(
     u: Array,
     columns_of: Callable[[Array], Array],
 ) -> FoundFormula | None:
-    """Formula of the terms that raise the log evidence most, one by one; None where they explain less than the curve.
+    """Short formula built term by term, by the gain in log evidence; None where it explains less than the curve.
 
     Args:
         evidence: of all curves.

@@ -20,7 +20,7 @@ LEARNED = "smooth_joint_error"
 
 @dataclass(frozen=True, eq=False)
 class CurveModes:
-    """K curves over an input u, each a sum of harmonics, scaled to unit size over the poses used for learning.
+    """K error curves over an input u, each a sum of harmonics, scaled to unit size over the poses used for learning.
 
     f_k(u) = sum over n of W[2 i, k] sin(n phase) + W[2 i + 1, k] cos(n phase), phase = rate (u - start), u kept within
     [low, high]: a curve is bounded where nothing was measured.
@@ -35,11 +35,11 @@ class CurveModes:
     high: float = np.inf
 
     def phase(self, u: Array) -> Array:
-        """(N,) phase, rad, of inputs (N,)."""
+        """Phase (N,), rad, of the harmonics at inputs (N,)."""
         return self.rate * (np.clip(u, self.low, self.high) - self.start)
 
     def at(self, u: Array) -> Array:
-        """(N, K) values of the curves at inputs (N,)."""
+        """Values (N, K) of the curves at inputs (N,)."""
         return harmonics(self.phase(u), self.orders) @ self.weights
 
     @property
@@ -50,7 +50,7 @@ class CurveModes:
 
 @dataclass(frozen=True)
 class FormulaTerm:
-    """A term of a short formula over an input u.
+    """One term of a short formula over an input u: a harmonic, bump, kink, step or signed square.
 
     harmonic: a sin(n u) + b cos(n u); bump: h exp(-(u - u0)^2 / 2 w^2); kink: k abs(u - u0); step: s from u0 on;
     square: c u abs(u), which a spring that stiffens makes of a torque.
@@ -62,7 +62,7 @@ class FormulaTerm:
     width: float = 0.0  # w
 
     def at(self, u: Array) -> Array:
-        """(N, 1) values of the term at inputs (N,), for a harmonic (N, 2)."""
+        """Values of the term at inputs (N,): (N, 1), or (N, 2) for a harmonic's sine and cosine."""
         off = u - self.place
         if self.kind == "harmonic":
             return np.stack([np.sin(self.order * u), np.cos(self.order * u)], axis=1)
@@ -76,24 +76,24 @@ class FormulaTerm:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the term's columns."""
+        """Names of the term's parameters."""
         return (f"sin{self.order}", f"cos{self.order}") if self.kind == "harmonic" else (self.kind,)
 
 
 @dataclass(frozen=True)
 class FormulaModes:
-    """Short formula over an input, a sum of terms; the columns of each follow those of the one before."""
+    """Short formula over an input: a sum of terms."""
 
     input: str
     terms: tuple[FormulaTerm, ...]
 
     def at(self, u: Array) -> Array:
-        """(N, K) values of the terms at inputs (N,)."""
+        """Values (N, K) of the formula's terms at inputs (N,), term by term."""
         return np.concatenate([term.at(u) for term in self.terms], axis=1)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the K columns, numbered where two are alike."""
+        """Names of the formula's K parameters, numbered where two would be the same."""
         plain = [name for term in self.terms for name in term.names]
         return tuple(
             name if plain.count(name) == 1 else f"{name}_{plain[: k + 1].count(name)}" for k, name in enumerate(plain)
@@ -101,7 +101,7 @@ class FormulaModes:
 
 
 def harmonics(phase: Array, orders: IndexArray) -> Array:
-    """(N, 2 H) sine and cosine of each order, side by side, at phases (N,)."""
+    """Sine and cosine (N, 2 H) of H orders, side by side, at phases (N,)."""
     angle = phase[:, None] * orders
     return np.stack([np.sin(angle), np.cos(angle)], axis=-1).reshape(len(phase), -1)
 
@@ -140,7 +140,7 @@ class SmoothJointError:
         return state.add_joint_error(self.joint, self.joint_motions(state) @ np.array(list(values.values())))
 
     def joint_motions(self, state: RobotState) -> Array:
-        """(N, K) error of the joint by a unit of each parameter."""
+        """Error (N, K) of the joint at N poses by a unit of each parameter."""
         return self.modes.at(input_values(state, self.modes.input))
 
 
@@ -150,12 +150,12 @@ def joints_of(members: Iterable[SmoothJointError]) -> tuple[int, ...]:
 
 
 def inputs_of(members: Iterable[SmoothJointError]) -> tuple[str, ...]:
-    """Inputs that curves run over."""
+    """Names of the inputs that learned curves depend on."""
     return tuple(dict.fromkeys(member.modes.input for member in members))
 
 
 def formula_text(members: Sequence[SmoothJointError], values: Mapping[str, float]) -> str | None:
-    """Formulas of some members with their fitted values; None where one of them is a curve without a formula."""
+    """Formulas of some learned curves with their fitted values; None where a curve has no formula."""
     lines = []
     for member in members:
         if not isinstance(member.modes, FormulaModes):
@@ -186,7 +186,7 @@ def _formula_of(member: SmoothJointError, modes: FormulaModes, values: Mapping[s
 
 
 def input_values(state: RobotState, name: str) -> Array:
-    """(N,) values of an input of a curve.
+    """Values (N,) of a curve's input at the poses of a state.
 
     name: q5 (rad or mm), q2+q3, q2-q3, torque2 (Nm), temperature_c, time_s, payload_kg, or a further column of
     poses.csv.

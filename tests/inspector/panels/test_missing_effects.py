@@ -16,7 +16,7 @@ from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.planning.discrimination import discriminating_poses, nearest_alternative
 from calib.present import numbers
-from calib.present.effects import not_testable
+from calib.present.effects import not_testable, title
 from calib.present.residuals import input_title
 from calib.screening.candidates import Untestable
 from inspector.app.app import App
@@ -280,7 +280,7 @@ def test_the_ranking_names_gains_parameters_and_what_tells_it_from_the_nearest(a
     assert rival is not None
     shows(
         page,
-        f"✓ {HIDDEN}",
+        f"✓\N{NO-BREAK SPACE}{title(HIDDEN)} ",
         f"−{fall}\N{NO-BREAK SPACE}%",
         f"To tell {HIDDEN} from {rival.name}, measure here",
     )

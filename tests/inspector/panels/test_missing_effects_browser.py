@@ -75,7 +75,7 @@ def test_find_what_is_missing_ends_with_the_commands_verdict(page: Any, app: App
     says(page, told["explanation"].split("\n\n")[-1])
     assert app.worker.wait_idle(IDLE_S)
     assert told["verdict"] == "named"
-    assert fact(page, "model") == f"link errors + {HIDDEN} (joints 1, 2, 3, 4, 5, 6)"
+    assert fact(page, "model") == f"link errors + {HIDDEN} (joints 1, 2, 3, 4, 5 and 6)"
     assert fact(page, "test 3D RMSE") == f"{numbers.column_mm(told['steps'][-1]['test_rmse_mm'])} mm"
 
 
