@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -65,6 +66,7 @@ from calib.screening.smooth_motions import JointFault
 HOW, HISTORY, DATASET = "How the verdict was reached", "Error history", "Dataset and how it was measured"
 MISSING, RESIDUAL = "What could be missing", "Where the model is off"
 BY_POSE, PARAMETERS = "Residual by pose", "Parameters"
+_SIGN = re.compile(r" ([+-])(?=[^ =])")  # of a formula's term
 RANKED = 12  # candidates that are listed
 _SHOWN_VALUES = 4  # fitted parameters of an effect that are listed; the others are counted
 _SHOWN_POSES = 3
@@ -434,7 +436,8 @@ def _pattern(tests: ResidualTests) -> Words:
 
 
 def _learned(learned: LearnedModel) -> Words:
-    formula = f"; in short {learned.formula.replace(' +', ' + ').replace(' -', ' - ')}" if learned.formula else ""
+    spaced = _SIGN.sub(r" \1 ", learned.formula or "")
+    formula = f"; in short {spaced}" if spaced else ""
     change = error_change(learned.before, learned.after)
     subject = "They were" if len(learned.joints) > 1 else "It was"
     return spans(
