@@ -44,8 +44,9 @@ from calib.present.blocks import (
 )
 from calib.present.effects import meaning, not_testable, title
 from calib.present.names import joints_by_parameter
-from calib.screening.candidates import Candidate, Screening, Untestable
+from calib.screening.candidates import Candidate, Screening, Untestable, explained_shares_at
 
+EXPLAINED_AT_POSES = 5  # effects at most that are named for some poses
 FOLDED_BELOW = 1.0  # log evidence: less counts for nothing
 _NONE_RANKED = "No effect can be ranked: none is testable with these data."
 CANNOT_BE_TESTED = "Cannot be tested with these data"
@@ -166,6 +167,19 @@ def _named(candidate: Candidate, own: Collection[str]) -> Words:
 def _evidence_bar(candidate: Candidate, screening: Screening) -> Words:
     largest = max(3.0 * FOLDED_BELOW, *(c.log_evidence for c in screening.candidates))
     return Bar(numbers.signed(candidate.log_evidence, ".1f"), min(max(candidate.log_evidence / largest, 0.0), 1.0))
+
+
+def explained_at(screening: Screening, poses: Collection[str]) -> list[Block]:
+    """Table of the effects that explain most of the residual at some poses; [] where none of them was fitted."""
+    shares = explained_shares_at(screening, poses)
+    best = sorted((name for name, share in shares.items() if share > 0.0), key=lambda name: -shares[name])
+    if not best:
+        return [Paragraph("No effect explains these poses; test poses are not fitted.", soft=True)]
+    rows = [
+        (title(name), Bar(numbers.share(shares[name]), min(shares[name], 1.0))) for name in best[:EXPLAINED_AT_POSES]
+    ]
+    selects = [effect(name) for name in best[:EXPLAINED_AT_POSES]]
+    return [Table(("would explain", "of these poses' squared residual"), rows, rows_select=selects)]
 
 
 def held_out_sentence(screening: Screening) -> str:

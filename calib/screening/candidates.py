@@ -6,7 +6,7 @@ and of each candidate's columns. A candidate whose columns vanish then is untest
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -229,3 +229,18 @@ def _candidate(
         explained=-evidence.explained,
         overlaps=overlaps,
     )
+
+
+def explained_shares_at(screening: Screening, poses: Collection[str]) -> dict[str, float]:
+    """Share of the squared residual at some training poses that each candidate explains, by the candidate's name.
+
+    The candidate is fitted to all training poses: below zero it makes these poses worse. Empty where no point of
+    these poses was fitted.
+    """
+    rows = np.isin(np.array(screening.projected.row_poses), list(poses))
+    residual = screening.projected.residual[rows]
+    total = float(residual @ residual)
+    if total <= 0.0:
+        return {}
+    left = {c.name: residual - c.explained[rows] for c in screening.candidates if c.members}
+    return {name: 1.0 - float(rest @ rest) / total for name, rest in left.items()}

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import viser
 
-from calib.array_types import Array
+from calib.array_types import Array, BoolArray
 from calib.errors import CalibError
 from inspector.app.controllers.dataset_controller import DatasetController
 from inspector.app.controllers.downloads import Downloads
@@ -70,6 +70,7 @@ class App:
         self.panels, self.state = panels, PageState(panels.headline.update)
         self.stage = Stage(server, self.state, scans, panels, on_click=self.select, on_joint=self.select_joint)
         self.selection = Selection(self.state, panels, self.stage)
+        self.stage.scene.on_box(self.box)
         self.model = ModelController(
             self.state, panels, user_effects, {} if saved is None else {start: saved.session},
             redraw=self._draw_model, recount=self._recount, draw_as=self.stage.draw_as,
@@ -193,6 +194,19 @@ class App:
     def select_joint(self, number: int | None) -> None:
         """Select a joint by its number, counted from 1; the selected one again, or None, deselects."""
         self.worker.submit("joint", lambda: self.selection.joint(number))
+
+    def box(self, is_in_box: Callable[[Array], BoolArray] | None) -> None:
+        """Select the poses in a box that was drawn over the 3D view; None clears the box."""
+        if self.state.view is not None:
+            self.worker.submit("box", lambda: self.selection.box(is_in_box))
+
+    def leave_out_boxed(self) -> None:
+        """Leave out the poses in the box."""
+        self.worker.submit("leave out boxed", lambda: self.model.leave_out_boxed())
+
+    def between(self, share: float) -> None:
+        """Draw the arrows between those of the model a step before (0) and those of the model on show (1)."""
+        self.worker.submit("between", lambda: self.stage.comparison.residuals.between(share))
 
     def show_step(self, number: int | None) -> None:
         """Show the model after a step, 0 for the nominal robot."""

@@ -7,7 +7,10 @@ from collections.abc import Sequence
 import viser
 
 from calib.present import names, numbers
+from calib.present.blocks import Paragraph, listed, pose, spans
+from calib.present.candidates import explained_at
 from calib.present.dataset import instrument
+from calib.present.html import panel
 from calib.present.names import ROLES
 from calib.present.references import Names
 from calib.targets.search import ScanSearch
@@ -48,10 +51,15 @@ AS_POINTS = {"All corners": "All points", "Corner": "Point"}
 VIEW_OF = {label: view for view, label in AS_POINTS.items()}
 LAYERS_AS_POINTS = {"corner": "This point", "corners": "All points"}
 NOTHING_OPEN = "No dataset is open: choose another one, or correct this one and start the program again."
-KEYS = "Keys: N next, P previous, 1–7 views, F front, S side, T top, R reset, D dark or light"
+KEYS = (
+    "Shift and drag: select points by a box. Keys: N next, P previous, 1–7 views, F front, S side, T top, R reset, "
+    "D dark or light"
+)
 DARK_OR_LIGHT = "Dark or light"  # a button and a command that the page itself obeys (server/client/theme.js)
 PAGES = "{} pages are open: they share what is shown."
+BOXED_NAMED = 5  # poses in a box that are named one by one
 PREVIOUS, NEXT = "◀ Previous", "Next ▶"
+LEAVE_BOX, CLEAR_BOX = "Leave out", "Clear"
 LEAVE_OUT, TAKE_IN = "Leave this pose out", "Take this pose in again"
 
 
@@ -75,6 +83,8 @@ class ReviewPanel:
         self.leave_out = gui.add_button(
             LEAVE_OUT, color=SECONDARY, visible=False, hint="fits the model again; Undo takes it back"
         )
+        self._boxed = gui.add_html("")
+        self.box = gui.add_button_group("These poses", (LEAVE_BOX, CLEAR_BOX), visible=False)
         self._shown_pose = ""  # id
         self.timeline = TimelinePanel(gui, actions)
         self.view = gui.add_button_group("3D view", VIEWS, hint="keys: 1 to 7")
@@ -108,6 +118,7 @@ class ReviewPanel:
         self.walk.on_click(lambda e: a.step(1 if e.target.value == NEXT else -1))
         self.view.on_click(lambda e: a.show_view(one_of(VIEW_OF.get(e.target.value, e.target.value), VIEWS, VIEWS[0])))
         self.leave_out.on_click(lambda _: a.leave_out(self._shown_pose, self.leave_out.label == LEAVE_OUT))
+        self.box.on_click(lambda e: a.leave_out_boxed() if e.target.value == LEAVE_BOX else a.box(None))
         self.keep.on_update(lambda e: a.keep_view(bool(e.target.value)) if by_page(e) else None)
         self.search.on_click(lambda _: a.search(self.search.label != "Stop the search"))
         self.grey.on_update(lambda e: a.grey_rejected(bool(e.target.value)) if by_page(e) else None)
@@ -216,6 +227,18 @@ class ReviewPanel:
             said = f"found, {numbers.count(doubts, 'doubt')}: see the tab Corner"
             rows.append((what, elements.named_swatch(DOUBT, said) if doubts else "found"))
         return elements.facts(rows) + alert
+
+    def show_box(self, view: View) -> None:
+        """Show which poses lie in the box drawn over the 3D view, and which effects would explain them."""
+        ids = [view.session.dataset.poses.ids[pose] for pose in view.boxed]
+        self.box.visible = bool(ids)
+        if not ids:
+            self._boxed.content = ""
+            return
+        table = [] if view.session.screening is None else explained_at(view.session.screening, ids)
+        words = spans(f"{numbers.count(len(ids), 'pose')} in the box: ", listed([pose(i) for i in ids[:BOXED_NAMED]]))
+        more = f" and {len(ids) - BOXED_NAMED} more" if len(ids) > BOXED_NAMED else ""
+        self._boxed.content = panel([Paragraph(spans(words, more, ".")), *table])
 
     def list_datasets(self, names: tuple[str, ...]) -> None:
         """List the datasets that can be chosen."""

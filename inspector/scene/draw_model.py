@@ -32,11 +32,14 @@ from inspector.session.view import BY_ERROR, View
 
 
 def pose_colours(view: View) -> ByteArray:
-    """Colour (N, 3) of each pose's measured point, by role or by the error of the chosen version."""
-    if view.colouring == BY_ERROR and view.version is not None:
-        return colour_scale.coloured(view.version.pose_errors_mm(), 0.0, error_limit_mm(view), colour_scale.ERROR)
+    """Colour (N, 3) of each pose's measured point, by role or error; poses selected by a box have one of their own."""
     poses = range(len(view.session.dataset.poses))
-    return np.array([rgb(pose_colour(view, pose)) for pose in poses], dtype=np.uint8)
+    if view.colouring == BY_ERROR and view.version is not None:
+        colours = colour_scale.coloured(view.version.pose_errors_mm(), 0.0, error_limit_mm(view), colour_scale.ERROR)
+    else:
+        colours = np.array([rgb(pose_colour(view, pose)) for pose in poses], dtype=np.uint8)
+    colours[list(view.boxed)] = rgb(HIGHLIGHT)
+    return colours
 
 
 def pose_colour(view: View, pose: int) -> str:

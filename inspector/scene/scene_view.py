@@ -13,10 +13,12 @@ from contextlib import AbstractContextManager
 
 import numpy as np
 import viser
+import viser.transforms
 from numpy.typing import ArrayLike, NDArray
 
-from calib.array_types import Array, ByteArray, IndexArray
+from calib.array_types import Array, BoolArray, ByteArray, IndexArray
 from inspector.markup.parts.palette import FACE_COLOURS, SCAN, rgb
+from inspector.scene.box_selection import Sight
 from inspector.scene.shapes import shaded, thin
 
 M_PER_MM = 1e-3
@@ -123,6 +125,18 @@ class SceneView:
     def show(self, layer: str, visible: bool) -> None:
         """Show or hide a layer without sending it again."""
         self._layers[layer].visible = visible
+
+    def on_box(self, selected: Callable[[Callable[[Array], BoolArray]], None]) -> None:
+        """Call `selected` for each box drawn with the Shift key, with a test of points (N, 3), mm, for lying in it."""
+
+        @self._scene.on_rect_select(modifier="shift")
+        def _(event: viser.SceneRectSelectEvent) -> None:
+            camera = event.client.camera
+            rotation = np.asarray(viser.transforms.SO3(np.asarray(camera.wxyz)).as_matrix(), dtype=float)
+            place = np.asarray(camera.position, dtype=float)
+            sight = Sight(place, rotation, float(camera.fov), float(camera.aspect))
+            middle = np.asarray(self._root.position)
+            selected(lambda points: sight.in_box(to_scene(points) + middle, event.screen_min, event.screen_max))
 
     def focus(self, point_mm: ArrayLike) -> None:
         """Move a point to the middle of the view."""

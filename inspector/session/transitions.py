@@ -267,18 +267,24 @@ def start_of(last: FitStep, effects: Sequence[SelectedEffect]) -> Calibration | 
     return last.calibration if len(effects) > len(last.selected) else None
 
 
-# ---- a pose left out, and taken in again ------------------------------------------------------------
+LABELLED_POSES = 3  # left out together: ids that the label of their step names
+
+# ---- poses left out, and taken in again ------------------------------------------------------------
 
 
-def with_pose_left_out(session: Session, pose_id: str) -> Session:
-    """Session with a pose left out of training and test, and the same model fitted to the others.
+def with_poses_left_out(session: Session, *pose_ids: str) -> Session:
+    """Session with poses left out of training and test, and the same model fitted to the others.
 
-    Raises CalibError for an unknown pose, one that is left out already, and where the others are too few to fit.
+    Raises CalibError for an unknown pose, where all are left out already, and where the others are too few to fit.
     """
-    session.dataset.poses.index(pose_id)
-    if pose_id in session.uncounted:
-        raise CalibError(f"pose {pose_id} is left out already")
-    return _fitted_again(replace(session, left_out=(*session.left_out, pose_id)), f"{LEFT_OUT}{pose_id}")
+    for pose_id in pose_ids:
+        session.dataset.poses.index(pose_id)
+    further = tuple(pose_id for pose_id in dict.fromkeys(pose_ids) if pose_id not in session.uncounted)
+    if not further:
+        several = "poses {} are" if len(pose_ids) > 1 else "pose {} is"
+        raise CalibError(f"{several.format(', '.join(pose_ids))} left out already")
+    label = ", ".join(further[:LABELLED_POSES]) + (" …" if len(further) > LABELLED_POSES else "")
+    return _fitted_again(replace(session, left_out=(*session.left_out, *further)), f"{LEFT_OUT}{label}")
 
 
 def with_pose_taken_in(session: Session, pose_id: str) -> Session:

@@ -48,6 +48,7 @@ class View:
     chosen: str = ""  # the version whose arm and errors are shown; the last where there is none of this name
     compared: frozenset[str] = frozenset()  # the versions whose predictions are shown
     colouring: str = BY_ROLE  # of the measured points
+    boxed: tuple[int, ...] = ()  # poses in the box that was drawn over the 3D view
     joint: int | None = None  # the selected one, from 0
     step: int | None = None  # of `session.steps`, before the last, that the version with effects is shown after
 

@@ -22,7 +22,7 @@ from inspector.session import transitions as sessions
 from inspector.session.reopening import reopened
 from inspector.session.session import Session
 from inspector.session.session_file import Saved, Shown
-from inspector.session.transitions import with_pose_left_out, with_pose_taken_in
+from inspector.session.transitions import with_pose_taken_in, with_poses_left_out
 from inspector.session.undo import Undo
 from inspector.session.user_effects import UserEffects
 
@@ -166,11 +166,22 @@ class ModelController:
         """Long work that leaves a pose out, or uses it again; skipped where nothing would change."""
         session = self._session
         if (pose_id in session.uncounted) != out:
-            changed = (with_pose_left_out if out else with_pose_taken_in)(session, pose_id)
+            changed = (with_poses_left_out if out else with_pose_taken_in)(session, pose_id)
             if session.calibration is not None:
                 self._shown.change(changed)
             else:
                 self._shown.replace(changed)
+            yield
+        yield from self.rank()
+
+    def leave_out_boxed(self) -> LongWork:
+        """Long work that leaves out the poses in the box that was drawn over the 3D view."""
+        view = self._state.now
+        ids = [view.session.dataset.poses.ids[pose] for pose in view.boxed]
+        self._state.change(boxed=())
+        if ids:
+            changed = with_poses_left_out(view.session, *ids)
+            (self._shown.replace if view.session.calibration is None else self._shown.change)(changed)
             yield
         yield from self.rank()
 

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import numpy as np
+
+from calib.array_types import Array, BoolArray
 from inspector.app.controllers.stage import ARM, Stage
 from inspector.app.page.page_state import PageState
 from inspector.app.page.tabs import Panels
+from inspector.session.view import corner_of
 
 MODEL_VIEWS = (ARM, "All corners")  # where the model's errors are seen
 
@@ -27,6 +33,21 @@ class Selection:
         self._panels.review.update(view)
         self._panels.residuals.choose_joint(view)
         self._panels.missing_effects.update_curves(view)
+
+    def box(self, is_in_box: Callable[[Array], BoolArray] | None) -> None:
+        """Select the poses whose measured points lie in a box on the screen; None clears the box."""
+        view = self._state.now
+        poses = view.session.dataset.poses
+        boxed: tuple[int, ...] = ()
+        if is_in_box is not None:
+            here = [i for i in range(len(poses)) if poses.setup[i] == poses.setup[view.pose]]
+            found = [(i, point[0]) for i in here if (point := corner_of(view, i)) is not None]
+            inside = is_in_box(np.array([place for _, place in found]).reshape(-1, 3))
+            boxed = tuple(i for (i, _), is_in in zip(found, inside, strict=True) if is_in)
+        if boxed != view.boxed:
+            self._state.change(boxed=boxed)
+            self._stage.comparison.draw()
+        self._panels.review.show_box(self._state.now)
 
     def step(self, number: int) -> None:
         """Show the arm and errors of the nominal robot (0), or of the model after a step, counted from 1.

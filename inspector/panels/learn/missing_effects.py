@@ -17,6 +17,7 @@ from inspector.markup.learn import effects as html
 from inspector.markup.parts import elements
 from inspector.markup.parts.palette import BAD
 from inspector.panels.base import SECONDARY, Actions, ChosenByDataset, by_page, hidden_plot, put
+from inspector.panels.input_checks import clamped
 from inspector.session.session import Session
 from inspector.session.undo import UNDO_STEPS
 from inspector.session.view import View
@@ -49,6 +50,10 @@ class MissingEffectsPanel:
             hint="what the automatic search would do next",
         )
         self._history = hidden_plot(gui, 0.85, "error history")
+        self.between = gui.add_slider(
+            "Before – after", min=0.0, max=1.0, step=0.05, initial_value=1.0, visible=False,
+            hint="the arrows in 3D between those of the model a step before and those of the model on show",
+        )  # fmt: skip
         self.change = gui.add_button_group(
             "Model", (UNDO,), visible=False, hint=f"up to {UNDO_STEPS} changes back; keys: Ctrl+Z, Ctrl+Y"
         )
@@ -67,6 +72,9 @@ class MissingEffectsPanel:
         self._reasons = gui.add_html("")
         self._state = gui.add_html("")
         self._untestable = gui.add_html("")
+        self.between.on_update(
+            lambda e: actions.between(clamped(e.target.value, 0.0, 1.0, 1.0)) if by_page(e) else None
+        )
         self.find.on_click(lambda _: actions.find(self.find.label == FIND))
         self.choice.on_update(lambda e: self._chosen_by_hand() if by_page(e) else None)
         self.follow.on_click(lambda _: actions.follow())
@@ -149,6 +157,8 @@ class MissingEffectsPanel:
         """Draw the history of the error, and the learned curves where the model has some."""
         self.update_curves(view)
         session = view.session
+        self.between.visible = view.version_before is not None
+        put(self.between, 1.0)
         self._history.visible = session.calibration is not None and bool(session.history)
         if session.calibration is None or not session.history:
             return

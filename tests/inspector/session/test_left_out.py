@@ -16,7 +16,7 @@ from inspector.session import transitions as sessions
 from inspector.session.reopening import reopened
 from inspector.session.session import Session, StepErrors, asked_out
 from inspector.session.session_file import SavedModel, load_session, save_session, session_text
-from inspector.session.transitions import with_pose_left_out, with_pose_taken_in
+from inspector.session.transitions import with_pose_taken_in, with_poses_left_out
 from inspector.session.undo import UNDO_STEPS, Undo
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 
@@ -38,7 +38,7 @@ def without(fitted: Session) -> Session:
     """Without a training pose and a test pose."""
     roles = dict(zip(fitted.dataset.poses.ids, fitted.dataset.poses.role.tolist(), strict=True))
     assert (roles[TRAIN], roles[TEST]) == ("train", "test")
-    return with_pose_left_out(with_pose_left_out(fitted, TRAIN), TEST)
+    return with_poses_left_out(with_poses_left_out(fitted, TRAIN), TEST)
 
 
 def x(session: Session) -> np.ndarray:
@@ -111,15 +111,15 @@ def test_what_stands_out_can_be_taken_in_as_well(fitted: Session) -> None:
     found = sessions.with_steps(fitted, [step])
     assert found.uncounted == {TRAIN}
     assert asked_out(step) == ()
-    again = sessions.with_calibration(with_pose_left_out(found, TEST), "pairs")
+    again = sessions.with_calibration(with_poses_left_out(found, TEST), "pairs")
     assert again.uncounted == {TRAIN, TEST}
     assert (again.steps[-1].left_out, asked_out(again.steps[-1])) == ((TRAIN,), (TEST,))
-    back = with_pose_taken_in(with_pose_left_out(found, TEST), TRAIN)
+    back = with_pose_taken_in(with_poses_left_out(found, TEST), TRAIN)
     assert (back.uncounted, back.steps[-1].left_out) == ({TEST}, ())
 
 
 def test_before_the_first_fit_it_only_waits(fitted: Session) -> None:
-    first = with_pose_left_out(Session(fitted.dataset), TRAIN)
+    first = with_poses_left_out(Session(fitted.dataset), TRAIN)
     assert (first.calibration, first.uncounted) == (None, {TRAIN})
     assert sessions.with_calibration(first).uncounted == {TRAIN}
 
@@ -127,8 +127,8 @@ def test_before_the_first_fit_it_only_waits(fitted: Session) -> None:
 @pytest.mark.parametrize(
     ("change", "pose", "message"),
     [
-        (with_pose_left_out, "p005", r"no pose named 'p005'; the nearest of 45: 'p05'"),
-        (with_pose_left_out, TRAIN, f"pose {TRAIN} is left out already"),
+        (with_poses_left_out, "p005", r"no pose named 'p005'; the nearest of 45: 'p05'"),
+        (with_poses_left_out, TRAIN, f"pose {TRAIN} is left out already"),
         (with_pose_taken_in, "p09", "pose p09 is not left out"),
         (with_pose_taken_in, "nix", "no pose named 'nix'"),
     ],
@@ -143,7 +143,7 @@ def test_too_few_poses_left_is_told_and_changes_nothing(fitted: Session) -> None
     train = [pose_id for pose_id, test in zip(poses.ids, poses.is_test, strict=True) if not test]
     few = replace(fitted, left_out=tuple(train[9:]))
     with pytest.raises(CalibError, match="measure at least"):
-        with_pose_left_out(few, train[0])
+        with_poses_left_out(few, train[0])
 
 
 # ---- the file --------------------------------------------------------------------------------------------------------
@@ -175,7 +175,7 @@ def test_a_diagnosis_without_it_comes_back(without: Session, folder: Path, tmp_p
 
 
 def test_before_a_fit_the_file_keeps_it_too(fitted: Session, folder: Path, tmp_path: Path) -> None:
-    save_session(tmp_path / "s.json", with_pose_left_out(Session(fitted.dataset), TRAIN))
+    save_session(tmp_path / "s.json", with_poses_left_out(Session(fitted.dataset), TRAIN))
     assert opened(tmp_path / "s.json", folder).left_out == (TRAIN,)
 
 
@@ -193,7 +193,7 @@ def test_calibrate_leave_out_makes_such_a_session(without: Session, folder: Path
 
 def test_undo_and_redo_go_through_it(fitted: Session, without: Session) -> None:
     undo = Undo()
-    for before in (fitted, with_pose_left_out(fitted, TRAIN)):
+    for before in (fitted, with_poses_left_out(fitted, TRAIN)):
         undo.changed(before)
     one = undo.move(without, -1)
     assert one.uncounted == {TRAIN}
@@ -206,7 +206,7 @@ def test_a_reopened_session_goes_back_and_forward(
     fitted: Session, without: Session, folder: Path, tmp_path: Path
 ) -> None:
     """Through a pose left out, another residual and an effect added, to the last bit."""
-    one = with_pose_left_out(fitted, TRAIN)
+    one = with_poses_left_out(fitted, TRAIN)
     distance = sessions.with_calibration(one, "distance")
     added = sessions.with_effect(sessions.with_screening(without), HIDDEN)
     path = tmp_path / "s.json"
