@@ -32,7 +32,7 @@ NO_DATASET = "No dataset is open."
 def headline_html(view: View | None, doing: Doing) -> str:
     """HTML of the whole bar; before there is a model, with the current and the next task instead of errors."""
     if view is None:
-        return f'<div class="headline"><div class="headline-now">{elements.text(NO_DATASET)}</div></div>'
+        return f'<div class="headline"><div class="headline-now">{elements.text(doing.words or NO_DATASET)}</div></div>'
     session = view.session
     progress = Progress.of(session, doing)
     told = session.headline

@@ -28,6 +28,16 @@ class HeadlinePanel:
         if before is None or before.session is not view.session or before.shown_step != view.shown_step:
             self._show()
 
+    def opening(self, name: str) -> None:
+        """Clear the figures of the dataset before while another is opened."""
+        self._view, self._doing = None, Doing(words=f"Opening {name} …")
+        self._show()
+
+    def still(self, view: View | None) -> None:
+        """Show the session that stays on show where another cannot be opened; None where there is none."""
+        self._view, self._doing = view, IDLE
+        self._show()
+
     def doing(self, **what: bool | str) -> None:
         """Set the task that the program is working on (fields of `Doing`)."""
         doing = replace(self._doing, **what)  # type: ignore[arg-type]

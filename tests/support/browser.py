@@ -73,7 +73,7 @@ def open_tab(page: Any, name: str) -> None:
     """Open a tab of the right panel, its step first."""
     step = next(step for step, inside in STEPS.items() if name in (step, *inside))
     for label in dict.fromkeys((step, name)):
-        page.locator(f'[data-dock-tab][title="{label}"]:visible').click()
+        page.locator(f'[role="tab"][data-label="{label}"]:visible').click()
 
 
 def says(page: Any, text: str) -> None:

@@ -50,6 +50,7 @@ class DatasetController:
         """Show a dataset at once, then search its scans and fit the arm."""
         state, review = self._state, self._panels.review
         review.show_problem("")
+        self._panels.headline.opening(name)
         try:
             session = state.known(name) or measuring.open_session(self._folders[name])
         except CalibError:
@@ -57,6 +58,7 @@ class DatasetController:
                 review.show_nothing()
             elif state.name:
                 put(review.dataset, state.name)
+            self._panels.headline.still(state.view)
             raise
         self._search_s = 0.0
         self._scans.open(session.dataset)

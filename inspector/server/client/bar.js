@@ -39,9 +39,16 @@
       copy(bar);
       copy(looks);
       copy(legend);
+      labelTabs();
       openNextStep();
       place();
     });
+  }
+
+  // By their labels page.css hides the tabs about scans where there are none.
+  function labelTabs() {
+    for (const tab of document.querySelectorAll('[role="tab"]:not([data-label])'))
+      tab.dataset.label = tab.textContent.trim();
   }
 
   // The tab of the step that comes next is open, until the user has touched the page.

@@ -165,3 +165,15 @@ def test_measured_points_speak_of_no_scans_and_corners(page: WireClient) -> None
     assert list(page.props("3D view")["options"]) == ["Arm", "All points", "Point"]
     for label in ("This corner", "All corners"):
         assert not page.has(label)
+
+
+def test_the_figures_of_the_dataset_before_are_gone_at_once(app: App, page: WireClient) -> None:
+    page.wait(lambda p: "as delivered" in plain(p))
+    seen: list[str] = []
+    headline = app.panels.headline
+    shown, headline.opening = headline.opening, lambda name: (shown(name), seen.append(headline._sent))[0]  # type: ignore[method-assign]
+    open_(app, "two")
+    (opening,) = seen
+    assert "Opening two" in opening
+    assert "mm" not in opening
+    page.wait(lambda p: "as delivered" in plain(p))
