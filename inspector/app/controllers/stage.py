@@ -10,12 +10,12 @@ from calib.corners.search import CornerSearch
 from calib.errors import ScanError
 from calib.scans.scan import Scan
 from inspector.app.controllers.comparison_controller import ComparisonController
-from inspector.app.page.camera import Camera
 from inspector.app.page.page_state import PageState
 from inspector.app.page.tabs import Panels
 from inspector.markup.legend import legend_html
 from inspector.markup.parts.palette import BRAND, rgb
 from inspector.panels.base import put
+from inspector.scene.camera import Camera
 from inspector.scene.draw_scan import (
     PLANE_LAYERS,
     draw_overview,
@@ -51,7 +51,7 @@ class Stage:
             state, self.scene, panels.compare,
             on_click=on_click, on_joint=on_joint, show_legend=self.show_legend,
         )  # fmt: skip
-        self._camera = Camera(self.scene, panels.review)
+        self._camera = Camera(self.scene, panels.review.show_layers)
         # Whether a page is light or dark is its own matter: server/client/theme.js.
         server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=rgb(BRAND))
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from calib.array_types import Array
 from calib.workcell.bodies.arm_bodies import reach_mm
-from inspector.panels.review import ReviewPanel
 from inspector.scene.draw_scan import middle_of
 from inspector.scene.floor import draw_floor, draw_scale
 from inspector.scene.scene_view import BESIDE, DOWN, LAYERS, SceneView
@@ -47,10 +46,13 @@ class Field:
 
 
 class Camera:
-    """Controller of the layers and the camera's position for the view on show."""
+    """Controller of the layers and the camera's position for the view on show.
 
-    def __init__(self, scene: SceneView, review: ReviewPanel) -> None:
-        self._scene, self._review = scene, review
+    show_layers: called with the names of the visible layers whenever another view is chosen.
+    """
+
+    def __init__(self, scene: SceneView, show_layers: Callable[[set[str]], None]) -> None:
+        self._scene, self._show_layers = scene, show_layers
         self.name = VIEWS[0]
         self.visible = set(VIEW_LAYERS[self.name])
         self.kept = False  # whether the user wants the view still
@@ -70,7 +72,7 @@ class Camera:
         self._scene.show(name, visible)
 
     def _show(self) -> None:
-        self._review.show_layers(self.visible)
+        self._show_layers(self.visible)
         for name in LAYERS:
             self._scene.show(name, name in self.visible)
 
