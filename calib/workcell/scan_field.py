@@ -33,6 +33,15 @@ class ScanField:
         """(2,) largest offset of the apex from the field's middle at the field's distance."""
         return 0.5 * np.array([self.width_mm, self.height_mm]) - self.margin_mm
 
+    @property
+    def corners_mm(self) -> Array:
+        """Corners (2, 4, 3) of the field's frustum in the scanner's frame: the near end, then the far one, around."""
+        around = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+        across = np.array(self.middle_mm) + 0.5 * around * [self.width_mm, self.height_mm]
+        depths_mm = self.distance_mm + self.depth_mm * np.array([-0.5, 0.5])
+        ends = [np.column_stack([across * depth / self.distance_mm, np.full(4, depth)]) for depth in depths_mm]
+        return np.array(ends)
+
     def draw(self, count: int, rng: np.random.Generator) -> Array:
         """(count, 3) random apexes in the field's frustum, scanner frame."""
         depth_mm = self.distance_mm + self.depth_mm * rng.uniform(-0.5, 0.5, count)
@@ -80,6 +89,14 @@ def tilted(sight: Array, most_deg: float, rng: np.random.Generator) -> Array:
     return np.asarray(cosine[:, None] * sight + np.sqrt(1.0 - cosine**2)[:, None] * sideways)
 
 
+def declared_field(scanner: Scanner) -> ScanField | None:
+    """Measuring field that dataset.toml declares for the scanner; None where it declares none."""
+    if scanner.field_mm is None or scanner.distance_mm is None:
+        return None
+    incidence = scanner.max_incidence_deg or MAX_INCIDENCE_DEG
+    return ScanField(scanner.distance_mm, *scanner.field_mm, JANG_FIELD.margin_mm, incidence)
+
+
 def evident_field(scanner: Scanner, apex_mm: Array) -> tuple[ScanField | BoxField, str]:
     """Measuring field of the scanner, declared in dataset.toml or inferred from measured apexes (M, 3); and a note.
 
@@ -87,13 +104,10 @@ def evident_field(scanner: Scanner, apex_mm: Array) -> tuple[ScanField | BoxFiel
         CalibError: neither exists.
     """
     incidence = scanner.max_incidence_deg or MAX_INCIDENCE_DEG
-    if scanner.field_mm is not None and scanner.distance_mm is not None:
-        width, height, depth = scanner.field_mm
-        field = ScanField(scanner.distance_mm, width, height, depth, JANG_FIELD.margin_mm, incidence)
-        return (
-            field,
-            f"scanner's field: {width:g} x {height:g} x {depth:g} mm at {scanner.distance_mm:g} mm, as declared",
-        )
+    declared = declared_field(scanner)
+    if declared is not None:
+        size = f"{declared.width_mm:g} x {declared.height_mm:g} x {declared.depth_mm:g} mm"
+        return declared, f"scanner's field: {size} at {declared.distance_mm:g} mm, as declared"
     if not len(apex_mm):
         raise CalibError("no point is measured, so the scanner's field is not known; add [scanner] field_mm")
     low, high = _widened(apex_mm)

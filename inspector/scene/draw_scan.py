@@ -10,6 +10,7 @@ from calib.array_types import Array
 from calib.present import numbers
 from calib.scans.scan import Scan
 from calib.targets.search import ScanSearch
+from calib.workcell.scan_field import ScanField, declared_field, evident_field
 from inspector.markup.measure.corner import ellipsoid_words
 from inspector.markup.measure.planes import group_colours
 from inspector.scene import corner_nodes, plane_nodes
@@ -166,3 +167,13 @@ def middle_of(view: View, medians: Mapping[int, Array]) -> tuple[Array, float]:
         return np.array([0.0, 0.0, 700.0]), 100.0
     middle = (known.min(axis=0) + known.max(axis=0)) / 2
     return middle, spread(known, middle)
+
+
+def field_of_scanner(view: View) -> ScanField | None:
+    """Field in which the scanner measures: declared, or where the jig was measured; None for other instruments."""
+    dataset, placed = view.session.dataset, [corner_of(view, i) for i in range(len(view.session.dataset.poses))]
+    points = np.array([corner[0] for corner in placed if corner is not None]).reshape(-1, 3)
+    if not dataset.shows_faces or not len(points):
+        return declared_field(dataset.scanner)
+    field, _ = evident_field(dataset.scanner, points)
+    return field if isinstance(field, ScanField) else None

@@ -17,7 +17,8 @@ import viser.transforms
 from numpy.typing import ArrayLike, NDArray
 
 from calib.array_types import Array, BoolArray, ByteArray, IndexArray
-from inspector.markup.parts.palette import FACE_COLOURS, SCAN, rgb
+from calib.workcell.scan_field import ScanField
+from inspector.markup.parts.palette import FACE_COLOURS, MEASURE, SCAN, rgb
 from inspector.scene.box_selection import Sight
 from inspector.scene.shapes import shaded, thin
 
@@ -58,6 +59,14 @@ def to_scene(points_mm: ArrayLike) -> NDArray[np.float32]:
     return (np.asarray(points_mm, dtype=np.float64) * M_PER_MM).astype(np.float32)
 
 
+def frustum_edges(corners: Array) -> Array:
+    """Edges (K, 2, 3) of a frustum with corners (2, 4, 3), and lines from the origin to its near end."""
+    near, far = corners
+    around = [np.stack([end, np.roll(end, -1, axis=0)], axis=1) for end in corners]
+    sides, sight = np.stack([near, far], axis=1), np.stack([np.zeros_like(near), near], axis=1)
+    return np.concatenate([*around, sides, sight])
+
+
 def cloud(
     api: viser.SceneApi, name: str, points_mm: Array, colours: ArrayLike, size_mm: float
 ) -> viser.PointCloudHandle:
@@ -80,6 +89,7 @@ class SceneView:
         self._layers = {name: self._scene.add_frame(f"{ROOT}/{name}", show_axes=False) for name in LAYERS}
         self._overview: dict[int, viser.PointCloudHandle] = {}
         self._hidden_overview: int | None = None
+        self._field: viser.LineSegmentsHandle | None = None
         self._drawn: dict[str, list[viser.SceneNodeHandle]] = {name: [] for name in (*LAYERS, HALO)}
         self._keys: dict[str, object] = {}  # what a layer was drawn for
         self._point_mm = 1.2
@@ -167,12 +177,20 @@ class SceneView:
         for other in self._overview.values():
             other.point_size = size_mm * M_PER_MM
 
-    def draw_instrument(self, noun: str) -> None:
-        """Draw the frame of the measuring device with its noun, "scanner" or "instrument"."""
+    def draw_instrument(self, noun: str, field: ScanField | None = None) -> None:
+        """Draw the frame of the measuring device with its noun, and the frustum in which a scanner measures."""
         name = f"{ROOT}/scanner"
         self._scene.add_frame(f"{name}/axes", axes_length=0.06, axes_radius=0.0015)
         text = f"{noun} (z: view)" if noun == "scanner" else noun
         self._scene.add_label(f"{name}/label", text, font_screen_scale=0.8)
+        edges = np.zeros((0, 2, 3)) if field is None else frustum_edges(field.corners_mm)
+        if self._field is not None:
+            self._field.remove()
+        self._field = None
+        if len(edges):
+            self._field = self._scene.add_line_segments(
+                f"{name}/field", to_scene(edges), rgb(MEASURE), thickness=1.0, thickness_units="screen"
+            )
 
     # ---- scans ------------------------------------------------------------------------------------------------------
 

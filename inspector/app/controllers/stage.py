@@ -8,6 +8,7 @@ import viser
 
 from calib.corners.search import CornerSearch
 from calib.errors import ScanError
+from calib.present.dataset import instrument
 from calib.scans.scan import Scan
 from inspector.app.controllers.comparison_controller import ComparisonController
 from inspector.app.page.page_state import PageState
@@ -21,6 +22,7 @@ from inspector.scene.draw_scan import (
     draw_overview,
     draw_planes,
     draw_pose,
+    field_of_scanner,
     fitting_ellipsoids,
 )
 from inspector.scene.scene_view import SceneView
@@ -92,6 +94,9 @@ class Stage:
     def draw_model(self, first: bool) -> None:
         """Draw what the model predicts, in 3D and in the tab Compare; `first` where the dataset had no model before."""
         self.comparison.draw()
+        if first:
+            view = self._state.now
+            self.scene.draw_instrument(instrument(view.session.dataset), field_of_scanner(view))
         if first and self._camera.name == ARM and not self._camera.kept:
             self._camera.at(self._state.now, self._scans.medians)
         if first and not (self._camera.settled or self._camera.kept):
