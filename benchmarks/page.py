@@ -112,7 +112,7 @@ def points_case(path: Path) -> None:
             f"start to first picture       {time.perf_counter() - server.started:7.2f} s   "
             f"processor: {server.cpu_s():.2f} s"
         )
-        page.wait(says("What could be missing from this model"), LONG_S)
+        page.wait(says("What could be missing:"), LONG_S)
         print(f"start to ranking             {quiet(page) - server.started:7.2f} s")
         poses = len(page.props("Pose")["options"])
         middle, largest, cpu_s = switches(server, page, poses)

@@ -1,9 +1,10 @@
 """Take README's pictures anew from the page on sample_data, in a headless Chromium.
 
-    python benchmarks/pictures.py [corner] [learn] [--out docs/pictures]
+    python benchmarks/pictures.py [corner] [learn] [tabs] [--out docs/pictures]
 
 `corner` is inspector.png, one pose's corner with its faces. `learn` is learn.gif, the error that falls as effects are
-found and added, and learn.png, its last picture. Software rendering takes a minute or two.
+found and added, and learn.png, its last picture. `tabs` is tabs/NAME.webp, every tab of the page, light and dark, and
+on a phone. Software rendering takes some minutes.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ from PIL import Image
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from inspector.app.page.tabs import TABS  # noqa: E402
+from inspector.panels.learn.missing_effects import FIND  # noqa: E402
+from inspector.server.viser_server import url_of  # noqa: E402
 from tests.support.app import ADD, idle_app  # noqa: E402
 from tests.support.browser import browser, open_page, open_tab, says  # noqa: E402
 
@@ -31,19 +35,19 @@ FRAME_MS, LAST_MS = 2500, 5000
 
 
 @contextmanager
-def page_of(dataset: str, width: int, height: int) -> Iterator[Any]:
+def page_of(dataset: str, width: int, height: int, scheme: str = "light") -> Iterator[Any]:
     """The page on a sample dataset, with the notice closed that there is no GPU."""
     with (
         idle_app(ROOT / "sample_data" / dataset, as_users_see_it=True) as app,
         browser() as running,
-        open_page(running, f"http://127.0.0.1:{app.server.get_port()}", width, height, dpr=1.0) as page,
+        open_page(running, url_of(app.server), width, height, dpr=1.0, scheme=scheme) as page,
     ):
         yield page
 
 
-def picture(page: Any) -> Image.Image:
+def picture(page: Any, settled_s: float = SETTLED_S) -> Image.Image:
     """Image of the page once nothing on it moves."""
-    time.sleep(SETTLED_S)
+    time.sleep(settled_s)
     notices = page.locator(".mantine-Notification-closeButton")
     while notices.count():
         notices.first.click()
@@ -92,13 +96,37 @@ def animate(frames: list[Image.Image], path: Path) -> None:
     few[0].save(path, save_all=True, append_images=few[1:], duration=times_ms, loop=0, optimize=True)
 
 
-PICTURES = {"corner": corner, "learn": learn}
+def tabs(out: Path) -> None:
+    """Every tab: light on two arms, dark and on a phone on one."""
+    folder = out / "tabs"
+    folder.mkdir(exist_ok=True)
+    for dataset, look, width, height in LOOKS:
+        names = [tab.name for tab in TABS.values() if dataset != "rb5_jang" or tab.step == "Measure"]
+        with page_of(dataset, width, height, scheme="dark" if look == "dark" else "light") as page:
+            if dataset != "rb5_jang":
+                page.get_by_role("button", name=FIND, exact=True).click()
+                says(page, "Verdict")
+            for name in names:
+                if dataset != "rb5_jang" and name in ("Planes", "Corner"):
+                    continue
+                open_tab(page, name)
+                slug = name.lower().replace(" ", "_") + ("_of_scans" if dataset == "rb5_jang" else "")
+                picture(page, 3.0).save(folder / f"{slug}_{look}.webp", quality=70, method=6)
+
+
+LOOKS = (  # dataset, name of the look, width and height of the window
+    ("rb5_jang", "light", 1280, 720),
+    ("hidden_effect_b", "light", 1280, 720),
+    ("hidden_effect_b", "dark", 1280, 720),
+    ("hidden_effect_b", "phone", 390, 844),
+)
+PICTURES = {"corner": corner, "learn": learn, "tabs": tabs}
 
 
 def main() -> None:
     """Take those that are named, or all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("names", nargs="*", choices=[[], *PICTURES], metavar="corner|learn")
+    parser.add_argument("names", nargs="*", choices=[[], *PICTURES], metavar="corner|learn|tabs")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "pictures")
     arguments = parser.parse_args()
     for name in arguments.names or PICTURES:

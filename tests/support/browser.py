@@ -56,9 +56,11 @@ def browser() -> Iterator[Any]:
 
 
 @contextmanager
-def open_page(running: Any, url: str, width: int = 1280, height: int = 720, dpr: float = COARSE) -> Iterator[Any]:
+def open_page(
+    running: Any, url: str, width: int = 1280, height: int = 720, dpr: float = COARSE, scheme: str = "light"
+) -> Iterator[Any]:
     """A browser page on the app, once its panel is there; a script that fails on it fails the test."""
-    page = running.new_page(viewport={"width": width, "height": height})
+    page = running.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
     page.set_default_timeout(4 * MS)  # a busy machine draws a frame in seconds
     problems: list[str] = []
     page.on("pageerror", lambda error: problems.append(f"{error}: {error.stack}"))

@@ -95,7 +95,7 @@ class HonestPage:
         self._page = WireClient(port)
         self._page.wait(lambda p: p.has("Pose") and len(p.props("Pose")["options"]) > 1, 120.0)
         self._poses: list[str] = list(self._page.props("Pose")["options"])
-        self._page.wait(lambda p: "What could be missing from this model" in p.text(), 180.0)
+        self._page.wait(lambda p: "What could be missing:" in p.text(), 180.0)
         self.seconds: list[float] = []
         self.repeats = 0  # how often it had to ask again
         self.failure = ""
