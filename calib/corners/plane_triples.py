@@ -245,7 +245,7 @@ class Planes:
         outlines: Sequence[Outline],
         shares: Callable[[int, FaceOutline], tuple[float, float, float]],
     ) -> list[FaceTriple]:
-        """Triples of the same three planes with scores, one for each of some outlines of the jig.
+        """Three planes taken as the jig's faces, scored with each of several possible outlines of the jig.
 
         shares(i, face)  # of face i: filled, spilt over and seen through
         """

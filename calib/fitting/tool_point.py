@@ -284,7 +284,7 @@ def fitted_tool_point(model: Model, fit: Fit, links: LinkErrors, fixed: Collecti
 
 
 def turning_tool_point(model: Model, fit: Fit, links: LinkErrors, fixed: Collection[str]) -> Robot | None:
-    """Nominal arm with the tool point that a fit reached by turning the tip; None for a negligible turn.
+    """Nominal arm with its tool point where a fit that turned the tip frame put it; None where that turn is negligible.
 
     Hardly is within an angle's tolerance; one point does not determine the attitude of the tip.
     """

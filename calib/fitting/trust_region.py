@@ -95,7 +95,7 @@ def _settle(descent: _Descent, floor: float, *, hurry: bool = True) -> float:
 
 
 def _below_floor(descent: _Descent, weight: float, floor: float) -> Fit:
-    """Fit with the prior's weight lowered further, where the noise is below the floor (computed points).
+    """Fit whose prior weighs less, for residuals far below the declared noise, as of computed points.
 
     It is lowered only with many degrees of freedom, and only as far as no parameter changes by several tolerances.
     """

@@ -147,7 +147,7 @@ def _with_free(information: Array, count: int) -> Array:
 
 
 def _covariance(question: Question, chosen: IndexArray) -> Array:
-    """Covariance (K, K) of a question's target combinations after given candidates are measured."""
+    """Covariance (K, K) of the parameter combinations asked about, once the chosen candidate poses are measured."""
     rows = question.rows[chosen].reshape(-1, question.rows.shape[2])
     return np.asarray(
         question.target_combinations.T

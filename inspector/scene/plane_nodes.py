@@ -46,7 +46,7 @@ def sets(
 
 
 def rejected(api: viser.SceneApi, name: str, centroids_mm: Array, filters: ByteArray) -> list[viser.SceneNodeHandle]:
-    """Nodes of rejected sample sets: points in the colour of their filter; centroids_mm (R, 3), filters (R,) 1 to 3."""
+    """Nodes of sample sets that a filter rejected, coloured by filter 1, 2 or 3 (filters (R,)); centroids_mm (R, 3)."""
     every = max(1, -(-len(centroids_mm) // DRAWN_REJECTED))
     kept, by = centroids_mm[::every], filters[::every]
     if not len(kept):

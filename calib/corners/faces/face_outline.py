@@ -189,7 +189,7 @@ def _goes_on(a: Array, b: Array) -> float:
 
 
 def share_beyond(along: Array, across: Array) -> float:
-    """Ratio of points just beyond a face's border along = 1 to points just inside; 0 below 0.5, at most 1."""
+    """Number of points just beyond a face's border over that just inside, at most 1; 0 where the ratio is below 0.5."""
     along_border = (across > _BORDER) & (across < 1 - _BORDER)
     within = int(np.count_nonzero(along_border & (along > 1 - _COLLAR) & (along < 1 - _BORDER)))
     beyond = int(np.count_nonzero(along_border & (along > 1 + _BORDER) & (along < 1 + _COLLAR)))

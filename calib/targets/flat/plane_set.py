@@ -202,6 +202,6 @@ def _with_others(
 
 
 def _is_near(named: _Named, placed: _Placed, offsets: Array, size_mm: float) -> bool:
-    """Whether all named patches lie within the set's reach of its origin."""
+    """Whether all patches assigned to the planes of a set lie no farther from its origin than the set is large."""
     reach = float(np.abs(offsets).max()) + _REACH * size_mm
     return all(np.linalg.norm(patch.centre_mm - placed.origin_mm) < reach for patch in named.patches)
