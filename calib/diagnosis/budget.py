@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,7 +39,8 @@ class ErrorBudget:
     delivered_mm: float  # 3D RMSE of the arm as delivered
     of_test_poses: bool  # else there are none, and the errors are of the poses that were fitted
     noise_is_known: bool  # else the share of the noise is within that of the unknown
-    raised: tuple[str, ...] = field(default=())  # causes whose fit raised the error
+    reached_noise: bool = False  # whether what is left is within the scatter of noise at few poses
+    raised: tuple[str, ...] = ()  # causes whose fit raised the error
 
 
 def error_budget(calibrations: Sequence[Calibration]) -> ErrorBudget | None:
@@ -56,9 +57,7 @@ def error_budget(calibrations: Sequence[Calibration]) -> ErrorBudget | None:
     shares: list[BudgetShare] = []
     for one in budget.shares:
         shares += _by_joint(one, last, of_test_poses=budget.of_test_poses) if one.cause == LEARNED else [one]
-    return ErrorBudget(
-        tuple(shares), budget.delivered_mm, budget.of_test_poses, budget.noise_is_known, budget.raised
-    )
+    return replace(budget, shares=tuple(shares))
 
 
 def budget_of_stages(headline: Headline) -> ErrorBudget | None:
@@ -81,6 +80,7 @@ def budget_of_stages(headline: Headline) -> ErrorBudget | None:
         stages[0].error_mm,
         headline.of_test_poses,
         is_known,
+        headline.reached_noise,
         tuple(cause for cause, before, after in zip(causes, squared, squared[1:], strict=False) if after > before),
     )
 

@@ -17,14 +17,17 @@ def budget_blocks(budget: ErrorBudget | None) -> list[Shares]:
     """Block with the bar of an error budget; [] where there is none."""
     if budget is None:
         return []
-    return [Shares(budget_sentence(budget), _heading(budget), budget_parts(budget), _note(budget))]
+    is_scatter = budget.reached_noise and any(one.cause == UNKNOWN for one in budget.shares)
+    scatter = "What is unexplained is no more than errors of few poses scatter." if is_scatter else ""
+    note = " ".join(filter(None, (_rises(budget), scatter)))
+    return [Shares(budget_sentence(budget), _heading(budget), budget_parts(budget), note)]
 
 
 def budget_sentence(budget: ErrorBudget) -> str:
     """Sentence with the share of each cause: "Of the squared error as delivered: links 96 %, noise 1 %."."""
     of = "" if budget.of_test_poses else " (at the poses that were fitted: there are no test poses)"
     shares = ", ".join(f"{part.name} {part.words}" for part in budget_parts(budget))
-    return " ".join(filter(None, (f"Of the squared error as delivered{of}: {shares}.", _note(budget))))
+    return " ".join(filter(None, (f"Of the squared error as delivered{of}: {shares}.", _rises(budget))))
 
 
 def budget_parts(budget: ErrorBudget) -> list[Part]:
@@ -47,7 +50,7 @@ def budget_parts(budget: ErrorBudget) -> list[Part]:
 def _curves_part(curves: list[BudgetShare]) -> Part:
     share = sum(one.share for one in curves)
     joints = [one.cause.removeprefix(CURVES) for one in curves]
-    name = f"learned curves of joint{'s' if len(joints) > 1 else ''} {numbers.listing(joints)}"
+    name = f"learned curves (joint{'s' if len(joints) > 1 else ''} {numbers.listing(joints)})"
     return Part(name, _share(share), share, colours.CURVES, numbers.length(sum(one.mm**2 for one in curves) ** 0.5))
 
 
@@ -68,7 +71,7 @@ def _heading(budget: ErrorBudget) -> str:
     return f"What made the error as delivered, {numbers.length(budget.delivered_mm)}: shares of its square, at {at}"
 
 
-def _note(budget: ErrorBudget) -> str:
+def _rises(budget: ErrorBudget) -> str:
     if not budget.raised:
         return ""
     rose = numbers.listing([_name(cause, budget) for cause in budget.raised])
