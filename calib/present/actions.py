@@ -136,7 +136,7 @@ def plain_verdict(headline: Headline, diagnosis: Diagnosis | None) -> str:
         f"As delivered, the arm is off by {first} (RMS, {at}); after calibration it would be off by {last}, which is "
         "worse: do not use it."
         if worse
-        else f"As delivered, the arm is off by {first} (RMS, {at}); with everything that was found put right, by {last}."
+        else f"As delivered, the arm is off by {first} (RMS, {at}); with all that was found put right, by {last}."
     )
     return " ".join(filter(None, (became, *_causes_in_short(headline, diagnosis))))
 
@@ -158,5 +158,5 @@ def _causes_in_short(headline: Headline, diagnosis: Diagnosis | None) -> list[st
             poses = numbers.listing(diagnosis.residual_tests.outlier_poses)
             return [why, f"Single measurements stand out, {poses}: measure them again."]
     suspected = numbers.listing([title(key) for key in diagnosis.suspected])
-    doubt = f"{numbers.capitalised(suspected)} may play a part, which is not shown." if suspected else ""
+    doubt = f"{numbers.capitalised(suspected)} may play a part; that is not proven." if suspected else ""
     return [why, "A part of the error has no known cause.", doubt, "Take nothing apart because of it yet."]

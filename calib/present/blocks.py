@@ -211,7 +211,7 @@ class Part:
     words: str  # "3 %"
     share: float  # 0 to 1
     colour: str
-    note: str = ""
+    note: str  # shown where the mouse is on it
 
 
 @dataclass(frozen=True)

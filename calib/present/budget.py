@@ -18,7 +18,7 @@ def budget_blocks(budget: ErrorBudget | None) -> list[Shares]:
     if budget is None:
         return []
     is_scatter = budget.reached_noise and any(one.cause == UNKNOWN for one in budget.shares)
-    scatter = "What is unexplained is no more than errors of few poses scatter." if is_scatter else ""
+    scatter = "What is unexplained is no more than the scatter that so few poses leave." if is_scatter else ""
     note = " ".join(filter(None, (_rises(budget), scatter)))
     return [Shares(budget_sentence(budget), _heading(budget), budget_parts(budget), note)]
 

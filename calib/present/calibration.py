@@ -262,12 +262,12 @@ def pose_errors(calibration: Calibration) -> FigurePlace:
 def history_caption(calibration: Calibration) -> str:
     """Caption of the figure of the errors after each change of a model, of which `calibration` is the last fit."""
     level, has_tests = noise_level(calibration), calibration.after.test is not None
-    roles = "training and test poses, with each test pose as a point" if has_tests else "the fitted poses"
+    roles = "training and test poses" if has_tests else "the fitted poses"
     noise = ""
     if level.floor_mm is not None:
-        name = f"{level.name}, for the test poses' RMSE with 95 %" if has_tests else level.name
-        noise = f"; {'grey band' if has_tests else 'dashed'}: {name}"
-    return f"3D RMSE of {roles}, after each change of the model{noise}."
+        noise = f"; {'grey band: where 95 % of such test errors lie by' if has_tests else 'dashed:'} {level.name}"
+    points = "; points: single test poses" if has_tests else ""
+    return f"3D RMSE of {roles} after each change of the model{noise}{points}."
 
 
 def step_table(steps: Sequence[tuple[str, float, float, float]]) -> Table:

@@ -39,7 +39,12 @@ def curve_blocks(calibration: Calibration) -> list[Block]:
     if not members:
         return []
     equation = Paragraph(f"{LEARNED}: {members[0].equation}. It names no cause.")
-    return [equation, curve_table(calibration), Paragraph(_KNOWN_NOTE, soft=True), *map(Paragraph, formulas(calibration))]
+    return [
+        equation,
+        curve_table(calibration),
+        Paragraph(_KNOWN_NOTE, soft=True),
+        *map(Paragraph, formulas(calibration)),
+    ]
 
 
 def curve_table(calibration: Calibration) -> Table:

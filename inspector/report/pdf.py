@@ -10,7 +10,6 @@ import tempfile
 from pathlib import Path
 
 from calib.errors import CalibError
-from inspector.report.page import MARK
 
 BROWSERS = (
     "chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "chrome.exe", "msedge.exe",
@@ -23,7 +22,7 @@ _FLAGS = (
     "--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run",
     "--no-default-browser-check", "--no-pings", "--host-resolver-rules=MAP * ~NOTFOUND",
 )  # fmt: skip
-_START, _SIGNED = b"%PDF", f"\n% {MARK}\n".encode()  # a comment of ours after the PDF's end
+_START, _SIGNED = b"%PDF", b"\n% made by robot-calibration-inspector\n"  # a comment of ours after the PDF's end
 _HOW_ELSE = "or open the page that --out report.html writes in any browser and print it: it prints the same"
 
 

@@ -13,7 +13,15 @@ from pathlib import Path
 
 from calib.calibration.noise_level import check_sigma
 from calib.present.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section
-from calib.present.calibration import error_tables, history_caption, last_change, parameters, pose_errors, sigma_sentence, step_table
+from calib.present.calibration import (
+    error_tables,
+    history_caption,
+    last_change,
+    parameters,
+    pose_errors,
+    sigma_sentence,
+    step_table,
+)
 from calib.present.candidates import FULL_RANKING, estimated_values, held_out_sentence, ranking, untestable_blocks
 from calib.present.dataset import measured_blocks
 from calib.present.diagnosis import (
