@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import io
 import json
+import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -37,7 +38,7 @@ from inspector.server.viser_server import url_of
 from inspector.session.reopening import dataset_of, opening
 from inspector.session.session_file import load_session
 from tests.support.app import IDLE_S, idle_app
-from tests.support.browser import colours_in, node_drawn, open_page
+from tests.support.browser import colours_in, need_chromium, node_drawn, open_page
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.tiny_dataset import HOSTILE
 from tests.support.wire_client import WireClient
@@ -330,11 +331,14 @@ def test_every_item_has_a_button_that_says_what_it_holds(app: App) -> None:
 
 
 @pytest.mark.browser
-def test_the_report_is_printed_and_leaves_nothing_behind(app: App, chromium: Any) -> None:
-    before = set(Path(tempfile.gettempdir()).glob("report-*"))
+def test_the_report_is_printed_and_leaves_nothing_behind(
+    app: App, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    need_chromium()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     with WireClient(app.server.get_port()) as page:
         assert taken(page, REPORT_PDF).startswith(b"%PDF")
-    assert set(Path(tempfile.gettempdir()).glob("report-*")) <= before
+    assert list(tmp_path.glob("report-*")) == []
 
 
 def test_a_session_from_the_page_opens_in_the_same_state(app: App, folder: Path, tmp_path: Path) -> None:
