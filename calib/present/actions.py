@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calib.calibration.noise_level import FIT
 from calib.calibration.result import Calibration
 from calib.compensation.target_correction import Correction
 from calib.diagnosis.headline import Headline
@@ -64,7 +65,7 @@ def _table_to_load(table: ExportedTable, headline: Headline) -> str:
 
 def _compensation(calibration: Calibration, correction: Correction | None, headline: Headline) -> str:
     families = calibration.model.family_names
-    names = numbers.listing(["the learned curves" if name == LEARNED else name for name in families])
+    names = numbers.listing(["the learned curves" if name == LEARNED else title(name) for name in families])
     if correction is not None and correction.reached.mean() < _ADVISED:
         reached, count = int(correction.reached.sum()), len(correction.reached)
         return (
@@ -85,7 +86,7 @@ def _confirmations(diagnosis: Diagnosis | None) -> list[str]:
         return []
     confirm = {described.name: described.confirm for described in descriptions()}
     names = dict.fromkeys((*diagnosis.missing, *diagnosis.suspected, *diagnosis.ambiguous_set))
-    return [f"To be sure of {name}, measure: {confirm[name]}." for name in names if confirm.get(name)]
+    return [f"To be sure of {title(name)}, measure: {confirm[name]}." for name in names if confirm.get(name)]
 
 
 def _to_measure(
@@ -98,8 +99,9 @@ def _to_measure(
     dataset, after = calibration.dataset, calibration.after
     if diagnosis is not None and next_poses is not None:
         poses = poses_to_measure(next_poses.poses[:_AGAIN], dataset.robot.is_revolute)
+        open_causes = numbers.listing([title(key) for key in diagnosis.undecided], "from")
         actions.append(
-            f"To tell {numbers.listing(diagnosis.undecided, 'from')} apart, measure at these joints, in degrees: "
+            f"To tell {open_causes} apart, measure at these joints, in degrees: "
             f"{poses} (inspector plan --for split plans them)."
         )
     if outlier_poses:
@@ -141,6 +143,14 @@ def plain_verdict(headline: Headline, diagnosis: Diagnosis | None) -> str:
     return " ".join(filter(None, (became, *_causes_in_short(headline, diagnosis))))
 
 
+def _rest(headline: Headline) -> str:
+    if headline.reached_noise:
+        return "What is left is the scatter of the measurement."
+    if headline.noise_ratio is None or headline.noise.source == FIT:
+        return ""
+    return f"What is left is {numbers.times(headline.noise_ratio)} the scatter of the measurement."
+
+
 def _causes_in_short(headline: Headline, diagnosis: Diagnosis | None) -> list[str]:
     if diagnosis is None:
         return []
@@ -150,7 +160,7 @@ def _causes_in_short(headline: Headline, diagnosis: Diagnosis | None) -> list[st
     why = f"What makes its error: {numbers.listing(causes)}." if causes else ""
     match diagnosis.verdict:
         case "adequate" | "named":
-            return [why, "What is left is the scatter of the measurement." if headline.reached_noise else ""]
+            return [why, _rest(headline)]
         case "ambiguous":
             open_causes = numbers.listing([title(key) for key in diagnosis.ambiguous_set], "or")
             return [why, f"One more cause is among these, and the measurements cannot tell which: {open_causes}."]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Protocol
@@ -451,12 +452,17 @@ def parameter_tables(calibration: Calibration, height: str = "") -> list[Block]:
 
 def _tables(calibration: Calibration, height: str) -> Iterator[Block]:
     rows: dict[str, list[tuple[str, ...]]] = {}
+    undetermined: Counter[str] = Counter()  # of each effect, whose rows would say nothing
     selects: dict[str, list[Reference | None]] = {}
     joints = names.joints_by_parameter(calibration.model.robot, calibration.model.added_effects)
     for row in without_curves(calibration.to_frame()).to_dict("records"):
         full_name = str(row["name"])
         effect, dot, short = full_name.partition(".")
         key = effect if dot else ""
+        if key and not row["known"]:
+            undetermined[key] += 1
+            rows.setdefault(key, [])
+            continue
         rows.setdefault(key, []).append(
             _row({str(key): value for key, value in row.items()}, short if dot else full_name, of_arm=not dot)
         )
@@ -464,7 +470,11 @@ def _tables(calibration: Calibration, height: str) -> Iterator[Block]:
         selects.setdefault(key, []).append(None if joint is None else Reference("joint", joint, full_name))
     columns = ("name", "nominal", "fitted", "change", "sigma", "unit")
     for key, of_key in rows.items():
-        caption = f"{key}" if key else ""
+        more = undetermined[key]
+        if not of_key:
+            yield Paragraph(f"{key}: none of its {numbers.count(more, 'parameter')} is determined by itself.")
+            continue
+        caption = f"{key}; not determined: {numbers.count(more, 'further parameter')}" if more else key
         yield Table(columns, of_key, caption=caption, left=(0, 5), rows_select=selects[key], height=height)
     if learned_members(calibration):
         yield replace(curve_table(calibration), caption="learned curves of the joints")

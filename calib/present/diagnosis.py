@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -435,7 +436,7 @@ def _pattern(tests: ResidualTests) -> Words:
 
 
 def _learned(learned: LearnedModel) -> Words:
-    formula = f"; in short {learned.formula.replace(' +', ' + ').replace(' -', ' - ')}" if learned.formula else ""
+    formula = f"; in short {re.sub(r' ([+-])(?![= ])', r' \1 ', learned.formula)}" if learned.formula else ""
     change = error_change(learned.before, learned.after)
     subject = "They were" if len(learned.joints) > 1 else "It was"
     return spans(
