@@ -436,7 +436,8 @@ def _pattern(tests: ResidualTests) -> Words:
 
 
 def _learned(learned: LearnedModel) -> Words:
-    formula = f"; in short {re.sub(r' ([+-])(?![= ])', r' \1 ', learned.formula)}" if learned.formula else ""
+    spaced = re.sub(r" ([+-])(?![= ])", r" \1 ", learned.formula or "")  # "+=" stays
+    formula = f"; in short {spaced}" if spaced else ""
     change = error_change(learned.before, learned.after)
     subject = "They were" if len(learned.joints) > 1 else "It was"
     return spans(
