@@ -9,6 +9,7 @@ import pandas as pd
 
 from calib.brief import errors_in_short
 from calib.calibration.result import FittedResult
+from calib.diagnosis.budget import ErrorBudget, error_budget
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.diagnosis.headline import HeldOutError, held_out_beyond_noise
 from calib.diagnosis.verdict import Conclusion, Findings, conclude
@@ -58,6 +59,11 @@ class Diagnosis(Presented, Findings, FittedResult):
         if self.verdict == "ambiguous":
             return bool(self.confounded_sets) and not self.suspected and not self.undecided
         return self.verdict in ("adequate", "named", "outliers")
+
+    @cached_property
+    def budget(self) -> ErrorBudget | None:
+        """Squared error of the arm as delivered, divided between its causes; None where there is no such error."""
+        return error_budget([step.calibration for step in self.steps])
 
     @property
     def held_out_beyond_noise(self) -> HeldOutError | None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calib.calibration.noise_level import FIT
 from calib.calibration.result import Calibration
 from calib.compensation.target_correction import Correction
 from calib.diagnosis.headline import Headline
@@ -16,6 +17,7 @@ from calib.planning.discrimination import NextPoses
 from calib.present import error_headline as headlines
 from calib.present import numbers
 from calib.present.diagnosis import poses_to_measure
+from calib.present.effects import title
 from calib.screening.curves.smooth_joint_error import LEARNED
 
 _AGAIN = 3  # poses to measure once more
@@ -63,7 +65,7 @@ def _table_to_load(table: ExportedTable, headline: Headline) -> str:
 
 def _compensation(calibration: Calibration, correction: Correction | None, headline: Headline) -> str:
     families = calibration.model.family_names
-    names = numbers.listing(["the learned curves" if name == LEARNED else name for name in families])
+    names = numbers.listing(["the learned curves" if name == LEARNED else title(name) for name in families])
     if correction is not None and correction.reached.mean() < _ADVISED:
         reached, count = int(correction.reached.sum()), len(correction.reached)
         return (
@@ -84,7 +86,7 @@ def _confirmations(diagnosis: Diagnosis | None) -> list[str]:
         return []
     confirm = {described.name: described.confirm for described in descriptions()}
     names = dict.fromkeys((*diagnosis.missing, *diagnosis.suspected, *diagnosis.ambiguous_set))
-    return [f"To be sure of {name}, measure: {confirm[name]}." for name in names if confirm.get(name)]
+    return [f"To be sure of {title(name)}, measure: {confirm[name]}." for name in names if confirm.get(name)]
 
 
 def _to_measure(
@@ -97,8 +99,9 @@ def _to_measure(
     dataset, after = calibration.dataset, calibration.after
     if diagnosis is not None and next_poses is not None:
         poses = poses_to_measure(next_poses.poses[:_AGAIN], dataset.robot.is_revolute)
+        open_causes = numbers.listing([title(key) for key in diagnosis.undecided], "from")
         actions.append(
-            f"To tell {numbers.listing(diagnosis.undecided, 'from')} apart, measure at these joints, in degrees: "
+            f"To tell {open_causes} apart, measure at these joints, in degrees: "
             f"{poses} (inspector plan --for split plans them)."
         )
     if outlier_poses:
@@ -116,3 +119,54 @@ def _to_measure(
         worst = list(dict.fromkeys(dataset.poses.ids[i] for i in after.pose[order]))[:_AGAIN]
         actions.append(f"To check the arm later, measure {numbers.listing(worst)} again: they are off the most today.")
     return actions
+
+
+# ---- the verdict for an owner --------------------------------------------------------------------------------------
+
+
+def plain_verdict(headline: Headline, diagnosis: Diagnosis | None) -> str:
+    """Sentences with the verdict for an owner who knows no kinematics: errors, causes, and how far to trust these."""
+    first, last = (headlines.length(headline, stage.error_mm) for stage in (headline.stages[0], headline.stages[-1]))
+    at = "at poses that only served to test it" if headline.of_test_poses else "at the measured poses"
+    if diagnosis is not None and diagnosis.data_problem is not None:
+        return (
+            f"These measurements do not fit this arm's table: {diagnosis.data_problem.warning}. Correct that first; "
+            "the figures below say nothing about the arm."
+        )
+    worse = headline.stages[-1].error_mm > headline.stages[0].error_mm
+    became = (
+        f"As delivered, the arm is off by {first} (RMS, {at}); after calibration it would be off by {last}, which is "
+        "worse: do not use it."
+        if worse
+        else f"As delivered, the arm is off by {first} (RMS, {at}); with all that was found put right, by {last}."
+    )
+    return " ".join(filter(None, (became, *_causes_in_short(headline, diagnosis))))
+
+
+def _rest(headline: Headline) -> str:
+    if headline.reached_noise:
+        return "What is left is the scatter of the measurement."
+    if headline.noise_ratio is None or headline.noise.source == FIT:
+        return ""
+    return f"What is left is {numbers.times(headline.noise_ratio)} the scatter of the measurement."
+
+
+def _causes_in_short(headline: Headline, diagnosis: Diagnosis | None) -> list[str]:
+    if diagnosis is None:
+        return []
+    stages = headline.stages
+    links = ["links that differ a little from the drawing"] if stages[1].error_mm < stages[0].error_mm else []
+    causes = [*links, *(title(key) for key in diagnosis.missing)]
+    why = f"What makes its error: {numbers.listing(causes)}." if causes else ""
+    match diagnosis.verdict:
+        case "adequate" | "named":
+            return [why, _rest(headline)]
+        case "ambiguous":
+            open_causes = numbers.listing([title(key) for key in diagnosis.ambiguous_set], "or")
+            return [why, f"One more cause is among these, and the measurements cannot tell which: {open_causes}."]
+        case "outliers":
+            poses = numbers.listing(diagnosis.residual_tests.outlier_poses)
+            return [why, f"Single measurements stand out, {poses}: measure them again."]
+    suspected = numbers.listing([title(key) for key in diagnosis.suspected])
+    doubt = f"{numbers.capitalised(suspected)} may play a part; that is not proven." if suspected else ""
+    return [why, "A part of the error has no known cause.", doubt, "Take nothing apart because of it yet."]

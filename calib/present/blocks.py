@@ -204,6 +204,28 @@ class Headline(Block):
 
 
 @dataclass(frozen=True)
+class Part:
+    """Part of a whole: its name, its share in words, the share, its colour (of the palette), and a further note."""
+
+    name: str
+    words: str  # "3 %"
+    share: float  # 0 to 1
+    colour: str
+    note: str  # shown where the mouse is on it
+
+
+@dataclass(frozen=True)
+class Shares(Block):
+    """A whole divided into parts, drawn as one stacked bar with a legend; `words` say the same as a sentence."""
+
+    kind: ClassVar[str] = "shares"
+    words: str
+    heading: str  # what is divided
+    parts: Sequence[Part]
+    note: str = ""
+
+
+@dataclass(frozen=True)
 class Verdict(Block):
     """The verdict on a result, marked with a colour of the palette (never one from outside)."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Protocol
@@ -56,8 +57,11 @@ FIGURES = (
     ("distance_mean_mm", "distance mean"),
     ("distance_max_mm", "distance max"),
 )
-_NOT_KNOWN = (
-    "* these data hardly determine this parameter alone: its tolerance sets the value, or others share its influence."
+_NOT_DETERMINED = "not determined"
+_WHY_NOT_DETERMINED = (
+    f"{numbers.capitalised(_NOT_DETERMINED)}: these data do not tell this parameter by itself; it has no influence, or "
+    "others or the instrument's unknown place share its influence. A calibrated file has a value for it, which counts "
+    "only together with the others."
 )
 _CHANGES = ("before", "after", "reduction")
 _UNCHANGED = 1e-6  # sigmas: a change below this is rounding
@@ -256,6 +260,17 @@ def pose_errors(calibration: Calibration) -> FigurePlace:
     return FigurePlace("error_bars", (calibration,), caption, height_px=280)
 
 
+def history_caption(calibration: Calibration) -> str:
+    """Caption of the figure of the errors after each change of a model, of which `calibration` is the last fit."""
+    level, has_tests = noise_level(calibration), calibration.after.test is not None
+    roles = "training and test poses" if has_tests else "the fitted poses"
+    noise = ""
+    if level.floor_mm is not None:
+        noise = f"; {'grey band: where 95 % of such test errors lie by' if has_tests else 'dashed:'} {level.name}"
+    points = "; points: single test poses" if has_tests else ""
+    return f"3D RMSE of {roles} after each change of the model{noise}{points}."
+
+
 def step_table(steps: Sequence[tuple[str, float, float, float]]) -> Table:
     """Table of 3D RMSE after each change of the model: its label, training and test RMSE and residual sigma, mm."""
     rows = [(label, *map(numbers.column_mm, figures)) for label, *figures in steps]
@@ -432,17 +447,22 @@ def parameters(calibration: Calibration, table: ExportedTable | None = None) -> 
 
 def parameter_tables(calibration: Calibration, height: str = "") -> list[Block]:
     """Tables of the arm's parameters, of each effect's parameters, and of the learned curves."""
-    return [*_tables(calibration, height), Paragraph(_NOT_KNOWN, soft=True)]
+    return [*_tables(calibration, height), Paragraph(_WHY_NOT_DETERMINED, soft=True)]
 
 
 def _tables(calibration: Calibration, height: str) -> Iterator[Block]:
     rows: dict[str, list[tuple[str, ...]]] = {}
+    undetermined: Counter[str] = Counter()  # of each effect, whose rows would say nothing
     selects: dict[str, list[Reference | None]] = {}
     joints = names.joints_by_parameter(calibration.model.robot, calibration.model.added_effects)
     for row in without_curves(calibration.to_frame()).to_dict("records"):
         full_name = str(row["name"])
         effect, dot, short = full_name.partition(".")
         key = effect if dot else ""
+        if key and not row["known"]:
+            undetermined[key] += 1
+            rows.setdefault(key, [])
+            continue
         rows.setdefault(key, []).append(
             _row({str(key): value for key, value in row.items()}, short if dot else full_name, of_arm=not dot)
         )
@@ -450,7 +470,11 @@ def _tables(calibration: Calibration, height: str) -> Iterator[Block]:
         selects.setdefault(key, []).append(None if joint is None else Reference("joint", joint, full_name))
     columns = ("name", "nominal", "fitted", "change", "sigma", "unit")
     for key, of_key in rows.items():
-        caption = f"{key}" if key else ""
+        more = undetermined[key]
+        if not of_key:
+            yield Paragraph(f"{key}: none of its {numbers.count(more, 'parameter')} is determined by itself.")
+            continue
+        caption = f"{key}; not determined: {numbers.count(more, 'further parameter')}" if more else key
         yield Table(columns, of_key, caption=caption, left=(0, 5), rows_select=selects[key], height=height)
     if learned_members(calibration):
         yield replace(curve_table(calibration), caption="learned curves of the joints")
@@ -458,20 +482,31 @@ def _tables(calibration: Calibration, height: str) -> Iterator[Block]:
 
 
 def _row(row: Mapping[str, Any], name: str, *, of_arm: bool) -> tuple[str, ...]:
-    """Table row of a parameter: the arm's angles in degrees with four decimals; an effect's values in three digits."""
+    """Table row of a parameter: the arm's angles in degrees with four decimals; an effect's values in three digits.
+
+    A value that the data do not determine is not shown.
+    """
     unit = numbers.readable(0.0, row["unit"])[1] if of_arm else str(row["unit"])
     scale = math.degrees(1.0) if of_arm and row["unit"] == "rad" else 1.0
     nominal, value, change, sigma = (scale * float(row[key]) for key in ("nominal", "value", "change", "sigma"))
+    digits = "z.4f" if of_arm else "z.3g"
+    if not row["known"]:
+        return (
+            numbers.parameter_label(name),
+            numbers.signed(nominal, digits),
+            _NOT_DETERMINED,
+            numbers.MISSING,
+            numbers.MISSING,
+            unit,
+        )
     if abs(change) < _UNCHANGED * sigma:
         value, change = nominal, 0.0
-    digits = "z.4f" if of_arm else "z.3g"
-    known = "" if row["known"] else " *"
     return (
         numbers.parameter_label(name),
         numbers.signed(nominal, digits),
         numbers.signed(value, digits),
         numbers.signed(change, f"+{digits}"),
-        f"{sigma:.2g}{known}",
+        f"{sigma:.2g}",
         unit,
     )
 

@@ -282,7 +282,8 @@ def _values(
     for name, value, sigma in values:
         owner, parameter = known[name]
         is_read_already = parameter.unit == "rad" and not has_meaning(owner)  # in degrees
-        on_arm = "" if is_read_already else meaning(owner, parameter, value, calibration)
+        is_zero = abs(value) < sigma  # nothing that could have a meaning on the arm
+        on_arm = "" if is_read_already or is_zero else meaning(owner, parameter, value, calibration)
         means = ": ".join(filter(None, (parameter.doc, on_arm)))
         rows.append(
             (

@@ -14,10 +14,10 @@ from calib.screening.curves.smooth_joint_error import LEARNED, CurveModes
 
 CURVES = ("joint", "over", "rms", "largest", "at", "known")
 BAND_NOTE = (
-    "Each joint's learned error over its input. Known: of its modes, those that are known by themselves. Band: two "
-    "sigmas by the fit's covariance, the prior in it; grey: not measured. What geometry can do too is shared between "
-    "the two, so only the shape beyond that is sure."
+    "Each joint's learned error over its input. Band: two sigmas by the fit's covariance, the prior in it; grey: not "
+    "measured. What geometry can do too is shared between the two, so only the shape beyond that is sure."
 )
+_KNOWN_NOTE = "Known: how many of a curve's modes these data tell by themselves."
 _READ_AS = {"deg": "°", "C": "°C"}
 
 
@@ -39,7 +39,12 @@ def curve_blocks(calibration: Calibration) -> list[Block]:
     if not members:
         return []
     equation = Paragraph(f"{LEARNED}: {members[0].equation}. It names no cause.")
-    return [equation, curve_table(calibration), *map(Paragraph, formulas(calibration))]
+    return [
+        equation,
+        curve_table(calibration),
+        Paragraph(_KNOWN_NOTE, soft=True),
+        *map(Paragraph, formulas(calibration)),
+    ]
 
 
 def curve_table(calibration: Calibration) -> Table:

@@ -36,6 +36,7 @@ from calib.present.blocks import (
     pose,
     spans,
 )
+from calib.present.budget import budget_blocks, budget_document
 from calib.present.calibration import (
     found_tool_document,
     parameters,
@@ -132,9 +133,9 @@ def learned_section(calibration: Calibration) -> list[Section]:
 
 
 def diagnosis_head(diagnosis: Diagnosis) -> list[Block]:
-    """Blocks with the error at each stage and the verdict."""
+    """Blocks with the error at each stage, its division between the causes, and the verdict."""
     way = headline_of([step.calibration for step in diagnosis.steps])
-    return [error_headline(way), verdict_block(diagnosis)]
+    return [error_headline(way), *budget_blocks(diagnosis.budget), verdict_block(diagnosis)]
 
 
 def verdict_block(diagnosis: Diagnosis) -> Verdict:
@@ -474,6 +475,7 @@ def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[st
         "refused_why": None if refused is None else refused.why,
         "promise": None if held_out is None else asdict(held_out) | {"kept": not held_out.is_broken},
         "steps": diagnosis.steps,
+        **budget_document(diagnosis.budget),
         "candidates": diagnosis.candidates,
         "untestable": [{"effect": u.name, "why": u.why, "would_help": u.would_help} for u in diagnosis.untestable],
         "leftover": {

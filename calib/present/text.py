@@ -12,6 +12,7 @@ from calib.present.blocks import (
     KeyFigures,
     Paragraph,
     Presentation,
+    Shares,
     Table,
     Verdict,
     Words,
@@ -51,6 +52,8 @@ def _block_lines(block: Block) -> list[str]:
             return _columns([(name, _cell(value)) for name, value in block.pairs], left=(0, 1))
         case Headline():
             return [f"{' → '.join(f'{size} {name}' for size, name in block.stages)} ({block.noise})", block.note]
+        case Shares():
+            return [block.words]
         case Table():
             rows = [tuple(block.headers), *(tuple(_cell(value) for value in row) for row in block.rows)]
             return [*([f"{block.caption}:"] if block.caption else []), *_columns(rows, block.left)]

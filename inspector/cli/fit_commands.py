@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 
 from calib.compensation.target_files import corrected_file, load_targets, require_conditions
-from calib.dataset.files.atomic_write import write_text_atomically
+from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
 from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
@@ -48,6 +48,8 @@ from inspector.cli.progress import progress, stages
 from inspector.session.measuring import with_face_labels
 from inspector.session.session import Session
 from inspector.session.transitions import with_found
+
+PDF = ".pdf"
 
 
 def run_validate(options: ValidateOptions) -> int:
@@ -90,14 +92,21 @@ def run_correct(options: CorrectOptions) -> int:
 
 
 def run_report(options: ReportOptions) -> int:
-    """Diagnose a dataset and write the report."""
+    """Diagnose a dataset and write the report as a page, a PDF, or both."""
     from inspector.report.content import report_of
+    from inspector.report.pdf import pdf_of, require_browser
     from inspector.report.report import is_report, report_html  # with plotly, which takes a while to load
 
-    if options.out.exists() and not (options.force or is_report(options.out)):
-        raise CalibError(f"{options.out}: exists and is no report; name another file, or --force to replace it")
+    page, pdf = (None, options.out) if options.out.suffix.lower() == PDF else (options.out, options.pdf)
+    if page is None and options.pdf is not None:
+        raise CalibError(f"--out {options.out} is a PDF already; --pdf goes with --out FILE.html")
+    for path in filter(None, (page, pdf)):
+        if path.exists() and not (options.force or is_report(path)):
+            raise CalibError(f"{path}: exists and is no report; name another file, or --force to replace it")
+    if pdf is not None:
+        require_browser()  # before the work starts
     dataset = load(options.path, options.leave_out, options.finder)
-    check_outputs(dataset, [options.out], [options.effects_file])
+    check_outputs(dataset, [page, pdf], [options.effects_file])
     session = Session(dataset, searched(dataset) if dataset.points is None else {})
     if options.residual == "pose":
         session = with_face_labels(session)
@@ -109,9 +118,15 @@ def run_report(options: ReportOptions) -> int:
             given, options.fit_options(), effects=options.effect, user_effects=user_effects, on_step=on_step
         )
     session = with_found(session, found)
-    write_text_atomically(options.out, report_html(report_of(session), now=datetime.now()))
-    document = diagnosis_document(found, session.next_poses) | {"report": str(options.out)}
-    show(options, document, f"{options.out}: {found.headline}")
+    html = report_html(report_of(session), now=datetime.now())
+    printed = None if pdf is None else pdf_of(html)
+    if page is not None:
+        write_text_atomically(page, html)
+    if pdf is not None and printed is not None:
+        write_bytes_atomically(pdf, printed)
+    files = {"report": str(options.out), "pdf": None if pdf is None else str(pdf)}
+    also = f" (and {pdf})" if page is not None and pdf is not None else ""
+    show(options, diagnosis_document(found, session.next_poses) | files, f"{options.out}{also}: {found.headline}")
     return 0
 
 

@@ -161,7 +161,8 @@ class WatchOptions(Output):
 class ReportOptions(_FittingOptions):
     """Options of `report`."""
 
-    out: Path
+    out: Path  # a page, or with the suffix .pdf its print
+    pdf: Path | None
     force: bool
 
 

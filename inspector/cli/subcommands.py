@@ -87,7 +87,8 @@ def _diagnose(sub: ArgumentParser) -> None:
 
 
 def _report(sub: ArgumentParser) -> None:
-    sub.add_argument("--out", type=Path, required=True, metavar="FILE.html", help="write the page")
+    sub.add_argument("--out", type=Path, required=True, metavar="FILE", help="write the page; FILE.pdf: its print")
+    sub.add_argument("--pdf", type=Path, metavar="FILE.pdf", help="print it, too (by an installed Chromium or Chrome)")
     sub.add_argument("--force", action="store_true", help="replace a file that is no report")
     add_fit(sub)
     add_json(sub)

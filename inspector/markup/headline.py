@@ -5,9 +5,11 @@ Its classes are styled in `server/client/page.css`; the page's script shows it o
 
 from __future__ import annotations
 
+from calib.diagnosis.budget import ErrorBudget
 from calib.diagnosis.headline import ErrorStage, Headline
 from calib.present import error_headline as headlines
 from calib.present import numbers
+from calib.present.budget import budget_parts, budget_sentence
 from inspector.markup.parts import elements
 from inspector.markup.parts.elements import Html, asking, opening
 from inspector.markup.parts.palette import MODEL_COLOURS
@@ -54,8 +56,22 @@ def _way(told: Headline, view: View) -> str:
     of = f'<span class="headline-of" title="{elements.text(headlines.note(told))}">{OFF_BY}</span>'
     return (
         f'<div class="headline-title">{of}{noise}</div><div class="headline-way">{stages}</div>'
+        f"{_budget(view.session.budget)}"
         f'<div class="headline-note">{elements.text(headlines.note(told))}</div>'
     )
+
+
+def _budget(budget: ErrorBudget | None) -> str:
+    """HTML of the thin bar that divides the squared error as delivered between its causes; "" where there is none."""
+    if budget is None:
+        return ""
+    parts = "".join(
+        f'<i style="flex-grow:{part.share:.4f};background:{part.colour}" '
+        f'title="{elements.text(f"{part.name} {part.words}: {part.note}")}"></i>'
+        for part in budget_parts(budget)
+    )
+    words = elements.text(budget_sentence(budget))
+    return f'<div class="headline-budget" role="img" aria-label="{words}" title="{words}">{parts}</div>'
 
 
 def _stage(told: Headline, stage: ErrorStage, view: View) -> str:

@@ -18,10 +18,10 @@ from inspector.markup.parts.palette import BAD, DOUBT
 from inspector.panels.base import SECONDARY, Actions, FollowsModel
 from inspector.session.view import View
 
-NOTE = "Each file is made when you press and goes to your browser's downloads; the server writes nothing."
+NOTE = "Each file is made when you press and goes to your browser's downloads; the server keeps nothing."
 NOT_YET = "Nothing to take away yet: the model is fitted when the search has ended."
-REPORT, OWN_FILE, TABLE, MODEL = (
-    "Report (HTML)", "Your robot's file, calibrated", "Calibrated robot (TOML)", "Full model (JSON)",
+REPORT, REPORT_PDF, OWN_FILE, TABLE, MODEL = (
+    "Report (HTML)", "Report (PDF)", "Your robot's file, calibrated", "Calibrated robot (TOML)", "Full model (JSON)",
 )  # fmt: skip
 SESSION, SCREENSHOT = "Session (JSON)", "Screenshot (PNG)"
 RESIDUALS, POINTS, REDUNDANCY, SCENE = (
@@ -44,7 +44,12 @@ GROUPS: dict[str, dict[str, Item]] = {
             viser.Icon.FILE_DESCRIPTION,
             "One page for whoever owns the arm: verdict, figures, parameters, method. It opens without a network.",
             "inspector report",
-        )
+        ),
+        REPORT_PDF: Item(
+            viser.Icon.PRINTER,
+            "The same on A4, printed by the browser that is installed where this program runs.",
+            "inspector report --pdf",
+        ),
     },
     "Robot": {
         OWN_FILE: Item(
@@ -114,12 +119,17 @@ class DownloadsPanel(FollowsModel):
                 )
                 button.on_click(partial(_pressed, actions, name))
                 self._buttons[name], self._notes[name] = button, gui.add_html(elements.note(item.holds))
+        self.offer(REPORT_PDF, False)
 
     def update(self, view: View) -> None:
         """Show the downloads that this dataset allows, and what to know before a robot's file is used."""
         own = kept_template(view.session.dataset.folder) is not None
-        self._buttons[OWN_FILE].visible = self._notes[OWN_FILE].visible = own
+        self.offer(OWN_FILE, own)
         self._before_use.content = before_use_html(view)
+
+    def offer(self, name: str, offered: bool) -> None:
+        """Show or hide the button and the note of one of `ITEMS`."""
+        self._buttons[name].visible = self._notes[name].visible = offered
 
     def say(self, words: str) -> None:
         """Show what is being made; "" clears it."""

@@ -6,9 +6,10 @@ from calib.calibration.model_versions import versions
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.headline import Headline as HeadlineFacts
 from calib.present import error_headline as headlines
-from calib.present.actions import what_to_do
+from calib.present.actions import plain_verdict, what_to_do
 from calib.present.blocks import Block, Bullets, Drawing, KeyFigures, Paragraph, Verdict
-from calib.present.diagnosis import verdict_block
+from calib.present.budget import budget_blocks
+from calib.present.colours import VERDICT_COLOURS
 from calib.present.effects import model_name
 from inspector.markup.parts.palette import NEUTRAL
 from inspector.report.arm_drawing import arm_drawing, stride
@@ -23,10 +24,10 @@ def first_page(report: Report, made: str) -> tuple[Block, ...]:
     tests = session.residual_tests if diagnosis is None else diagnosis.residual_tests
     return (
         KeyFigures(_about(report.dataset, made)),
+        _verdict(report, told),
         headlines.error_headline(told),
-        _verdict(report),
+        *budget_blocks(session.budget),
         _picture(report, told),
-        headlines.errors_by_stage(told, [step.calibration for step in session.steps]),
         Paragraph("What to do", heading=True),
         Bullets(
             what_to_do(
@@ -38,6 +39,7 @@ def first_page(report: Report, made: str) -> tuple[Block, ...]:
                 () if tests is None else tests.outlier_poses,
             )
         ),
+        headlines.errors_by_stage(told, [step.calibration for step in session.steps]),
     )
 
 
@@ -54,11 +56,13 @@ def _about(dataset: Dataset, made: str) -> list[tuple[str, object]]:
     return [(name, value) for name, value in told if value]
 
 
-def _verdict(report: Report) -> Verdict:
+def _verdict(report: Report, told: HeadlineFacts) -> Verdict:
     found = report.diagnosis
+    words = plain_verdict(told, found)
     if found is None:
-        return Verdict(f"No verdict: the model ({model_name(report.calibration)}) was put together by hand.", NEUTRAL)
-    return verdict_block(found)
+        by_hand = f"No verdict: the model ({model_name(report.calibration)}) was put together by hand."
+        return Verdict(f"{by_hand} {words}", NEUTRAL)
+    return Verdict(words, VERDICT_COLOURS[found.verdict])
 
 
 def _picture(report: Report, told: HeadlineFacts) -> Drawing:
@@ -72,7 +76,11 @@ def _picture(report: Report, told: HeadlineFacts) -> Drawing:
     pose = report.dataset.poses.ids[reference]
     count, every = len(shown[0].evaluation.pose), stride(len(shown[0].evaluation.pose))
     where = f"all {count}" if every == 1 else f"{-(-count // every)} of {count}"
-    caption = f"The arm at pose {pose}, and the errors at {where} measured points."
+    role = "test poses" if told.of_test_poses else "fitted poses"
+    caption = (
+        f"The arm at pose {pose}, {first.name} on the left and {_name_now(report)} on the right, with the error at "
+        f"{where} measured points, enlarged equally in both. The figures above are RMS at the {role}."
+    )
     return Drawing(arm_drawing(shown[0], shown[-1], words, reference), caption)
 
 

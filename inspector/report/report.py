@@ -11,9 +11,17 @@ from datetime import datetime
 from importlib import metadata
 from pathlib import Path
 
-from calib.calibration.noise_level import check_sigma, noise_level
+from calib.calibration.noise_level import check_sigma
 from calib.present.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section
-from calib.present.calibration import error_tables, last_change, parameters, pose_errors, sigma_sentence, step_table
+from calib.present.calibration import (
+    error_tables,
+    history_caption,
+    last_change,
+    parameters,
+    pose_errors,
+    sigma_sentence,
+    step_table,
+)
 from calib.present.candidates import FULL_RANKING, estimated_values, held_out_sentence, ranking, untestable_blocks
 from calib.present.dataset import measured_blocks
 from calib.present.diagnosis import (
@@ -26,12 +34,14 @@ from calib.present.diagnosis import (
     RESIDUAL,
     learned_section,
     reasons,
+    verdict_block,
 )
 from calib.present.redundancy import redundancy_section
 from calib.present.residuals import residual_blocks
 from inspector.report.content import Report
 from inspector.report.first_page import first_page
 from inspector.report.page import MARK, render
+from inspector.report.pdf import is_report_pdf
 
 METHOD = (
     "Frame i of the arm is Rz(theta_i + q_i) Trans(a_i, 0, d_i) Rx(alpha_i) Ry(beta_i); a tool row of the same form "
@@ -58,7 +68,7 @@ def is_report(path: Path) -> bool:
     """Whether a file is a report of this program, or empty, so that it may be replaced."""
     with path.open("rb") as file:
         start = file.read(2000)
-    return not start or MARK.encode() in start
+    return not start or MARK.encode() in start or is_report_pdf(path)
 
 
 def report_html(report: Report, *, now: datetime) -> str:
@@ -93,7 +103,7 @@ def versions() -> list[tuple[str, str]]:
 
 def _reasons(report: Report) -> list[Block]:
     if report.diagnosis is not None:
-        return list(reasons(report.diagnosis, report.session.next_poses))
+        return [verdict_block(report.diagnosis), *reasons(report.diagnosis, report.session.next_poses)]
     change = last_change(report.session.history)
     return [
         *([] if change is None else [change]),
@@ -102,8 +112,8 @@ def _reasons(report: Report) -> list[Block]:
 
 
 def _history(report: Report) -> list[Block]:
-    steps, level = report.session.history, noise_level(report.calibration)
-    caption = f"3D RMSE of training and test poses after each change of the model; dashed: what {level.name} leaves."
+    steps = report.session.history
+    caption = history_caption(report.calibration)
     labels = ["as delivered", *(step.label for step in steps[1:])]
     figures = [(s.train_rmse_mm, s.test_rmse_mm, s.sigma_mm) for s in steps]
     table = step_table([(label, *of_step) for label, of_step in zip(labels, figures, strict=True)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import in_repeat_groups_of
 from calib.diagnosis.advice import Advice
+from calib.diagnosis.budget import ErrorBudget, error_budget
 from calib.diagnosis.decision_rules import ranking_given_curves
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.headline import Headline, headline_of
@@ -97,12 +99,17 @@ class Session:
     @property
     def history(self) -> tuple[StepErrors, ...]:
         """Errors of the nominal robot, then of the model after each step; () before the first fit."""
-        return (_nominal(self.steps[0].calibration), *map(_errors_after, self.steps)) if self.steps else ()
+        return (_nominal(self.steps[-1].calibration), *map(_errors_after, self.steps)) if self.steps else ()
 
     @property
     def headline(self) -> Headline | None:
         """Errors from the nominal arm to the model on show, and the noise; None before the first fit."""
         return headline_of([step.calibration for step in self.steps]) if self.steps else None
+
+    @cached_property
+    def budget(self) -> ErrorBudget | None:
+        """Squared error of the nominal arm, divided between the causes in the model on show; None before a fit."""
+        return error_budget([step.calibration for step in self.steps]) if self.steps else None
 
     @property
     def curves(self) -> LearnedCurves | None:
@@ -175,8 +182,9 @@ def asked_out(step: FitStep) -> tuple[str, ...]:
     return tuple(pose_id for pose_id in dataset.left_out if pose_id not in stand_out)
 
 
-def _nominal(first: Calibration) -> StepErrors:
-    return StepErrors("nominal", *_errors(first, before=True), float("nan"))
+def _nominal(last: Calibration) -> StepErrors:
+    # Of the last fit, as in the headline: the tool point that is found counts as delivered, and each fit refines it.
+    return StepErrors("nominal", *_errors(last, before=True), float("nan"))
 
 
 def _errors_after(step: FitStep) -> StepErrors:

@@ -22,6 +22,7 @@ from inspector.panels.downloads import (
     POINTS,
     REDUNDANCY,
     REPORT,
+    REPORT_PDF,
     RESIDUALS,
     SCENE,
     SCREENSHOT,
@@ -30,6 +31,7 @@ from inspector.panels.downloads import (
     DownloadsPanel,
 )
 from inspector.panels.input_checks import clamped
+from inspector.report.pdf import find_browser, pdf_of
 from inspector.server.background import Background
 from inspector.server.worker import LongWork, Worker
 from inspector.session import measuring
@@ -78,6 +80,7 @@ class Downloads:
     ) -> None:
         self._state, self._view_name, self._steps, self._worker = state, view_name, steps, worker
         self._panel, self._root = panel, root
+        panel.offer(REPORT_PDF, find_browser() is not None)
         self._files = Background("files")
         # A page that never sends its picture keeps a thread waiting, which must not be the one that makes files.
         self._pictures = Background("pictures", threads=2)
@@ -110,6 +113,14 @@ class Downloads:
 
 
 def _report(asked: Asked) -> tuple[str, bytes]:
+    return "report.html", _report_html(asked).encode()
+
+
+def _report_pdf(asked: Asked) -> tuple[str, bytes]:
+    return "report.pdf", pdf_of(_report_html(asked))
+
+
+def _report_html(asked: Asked) -> str:
     from inspector.report.content import report_of
     from inspector.report.report import report_html
 
@@ -117,7 +128,7 @@ def _report(asked: Asked) -> tuple[str, bytes]:
     assert asked.calibration is not None
     if session.screening is None:
         session = sessions.with_screening(session)
-    return "report.html", report_html(report_of(session), now=datetime.now()).encode()
+    return report_html(report_of(session), now=datetime.now())
 
 
 def _table(asked: Asked) -> ExportedTable:
@@ -187,6 +198,7 @@ def _screenshot(asked: Asked, client: viser.ClientHandle) -> tuple[str, bytes]:
 
 MAKERS: dict[str, Callable[[Asked], tuple[str, bytes]]] = {
     REPORT: _report,
+    REPORT_PDF: _report_pdf,
     OWN_FILE: _own_file,
     TABLE: _robot,
     MODEL: _model,

@@ -171,8 +171,8 @@ def redundancy_heatmap(of: Redundancy | Dataset | Calibration, *, dark: bool = F
 
 def history_of_model(steps: Sequence[FitStep]) -> go.Figure:
     """Figure of the 3D error after each step of a model, with that of each test pose, without title or ground."""
-    first, last = steps[0].calibration, steps[-1].calibration
-    stages = [first.before, *(step.calibration.after for step in steps)]
+    last = steps[-1].calibration
+    stages = [last.before, *(step.calibration.after for step in steps)]
     labels = ["as delivered", *(step.label for step in steps)]
     train = [np.nan if s.train is None else s.train.rmse_mm for s in stages]
     test = [np.nan if s.test is None else s.test.rmse_mm for s in stages]

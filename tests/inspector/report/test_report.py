@@ -18,6 +18,8 @@ from calib.dataset.dataset import About, Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.present import numbers
 from calib.present.blocks import Presentation, Table
+from calib.present.budget import budget_parts
+from calib.present.effects import title
 from calib.present.error_headline import stage_error
 from calib.present.numbers import column_mm
 from inspector.cli.parser import main
@@ -95,10 +97,19 @@ def test_the_parameters_are_those_of_the_fit(folder: Path, written: Path, capsys
     found = json.loads(capsys.readouterr().out)
     words = plain(written.read_text())
     table = words[words.index("name nominal fitted change sigma unit") :]
+    undetermined = [p for p in found["parameters"] if not p["known"] and "." not in p["name"]]
+    assert table.count("not determined – –") == len(undetermined) > 0
+    others = sum(not p["known"] for p in found["parameters"]) - len(undetermined)
+    assert f"not determined: {numbers.count(others, 'further parameter')}" in table
     for p in found["parameters"]:
+        if not p["known"]:
+            continue
         angle = p["unit"] == "rad" and "." not in p["name"]
         value = np.degrees(p["value"]) if angle else p["value"]
         assert numbers.signed(value, "z.4f" if "." not in p["name"] else "z.3g") in table, p["name"]
+    for silent in ("θTCP", "βTCP"):  # without influence, so without a value
+        assert re.search(rf"No influence on the measured point: [^.]*{silent}", words)
+        assert re.search(rf"{silent} [−\d.]+ not determined – – °", table)
     lengths = [p for p in found["parameters"] if p["name"] == "a2"]
     assert f"a2 {lengths[0]['nominal']:.4f} {lengths[0]['value']:.4f}" in table
 
@@ -142,12 +153,35 @@ def test_the_first_page_tells_the_customer_what_it_is_about(written: Path, folde
     for told in ("SN 0042", "hall 3", "A. Smith", "2026-03-14"):
         assert told in words
     assert "transmission error" in words
+    assert session.budget is not None
+    for part in budget_parts(session.budget):
+        assert f"{part.name} {part.words}" in words
+    assert "times the scatter of the measurement." in words
+    assert HIDDEN not in words[: words.index("mm as delivered")]  # the verdict comes first, without keys
     assert "3D error, mm as delivered with calibrated links with transmission_error" in words
     for row in ("mean", "RMS", "maximum", "noise alone, RMS"):
         assert row in words
     assert "calibrated table" in words
-    assert f"Compensate {HIDDEN}" in words
-    assert f"sure of {HIDDEN}, measure: " in words
+    assert f"Compensate {title(HIDDEN)}" in words
+    assert f"sure of {title(HIDDEN)}, measure: " in words
+
+
+@pytest.mark.slow
+def test_no_path_of_this_machine_is_told(written: Path, folder: Path) -> None:
+    page = written.read_text()
+    assert str(folder) not in page
+    assert folder.name not in page
+
+
+@pytest.mark.slow
+def test_later_pages_have_the_figures_of_the_first(tmp_path: Path) -> None:
+    out = tmp_path / "report.html"
+    assert main(["report", str(ROOT / "sample_data" / "ur10_ipa"), "--out", str(out)]) == 0
+    words = plain(out.read_text())
+    delivered = re.search(r"as delivered ([\d.]+) ([\d.]+) –", words)
+    assert delivered is not None
+    assert f"training 3D RMSE {delivered[1]} " in words  # a tool point that is found is refined by each fit
+    assert f"test 3D RMSE {delivered[2]} " in words
 
 
 @pytest.mark.slow
@@ -185,7 +219,7 @@ def test_effects_that_are_given_stand_in_the_first_step(folder: Path, tmp_path: 
     out = tmp_path / "report.html"
     assert main(["report", str(folder / "hidden"), "--out", str(out), "--effect", HIDDEN]) == 0
     history = figures(out.read_text())[1]
-    labels = list(dict.fromkeys(re.findall(r"<title>([^<]*?)\n", history)))
+    labels = list(dict.fromkeys(re.findall(r"<title>([^<\n]*)\n", history)))
     assert labels[:2] == ["as delivered", f"link errors + {HIDDEN}"]
     assert f"model of link errors + {HIDDEN}" in plain(out.read_text())
 
@@ -264,7 +298,7 @@ def test_in_a_browser_it_follows_the_system_and_shows_values(chromium: Any, writ
     light = [sum(map(int, re.findall(r"\d+", colour)[:3])) for colour in (ground, ink)]
     assert (light[0] > 600 and light[1] < 200) == (scheme == "light")
     assert (light[0] < 200 and light[1] > 600) == (scheme == "dark")
-    assert "3D RMSE" in page.locator(".plot circle[r='4'] title").first.text_content()  # smaller ones are single poses
+    assert any("3D RMSE" in text for text in page.locator(".plot circle title").all_text_contents())
     page.set_viewport_size({"width": 390, "height": 800})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     context.close()

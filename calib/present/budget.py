@@ -1,0 +1,85 @@
+"""Presentation of an error budget: a stacked bar with a legend, the same as a sentence, and the keys of `--json`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from calib.diagnosis.budget import CURVES, LINKS, NOISE, TOGETHER, UNKNOWN, BudgetShare, ErrorBudget
+from calib.present import colours, numbers
+from calib.present.blocks import Part, Shares
+from calib.present.effects import title
+
+_SMALLEST = 0.005  # share that rounds to 1 %
+UNEXPLAINED = "unexplained"
+
+
+def budget_blocks(budget: ErrorBudget | None) -> list[Shares]:
+    """Block with the bar of an error budget; [] where there is none."""
+    if budget is None:
+        return []
+    is_scatter = budget.reached_noise and any(one.cause == UNKNOWN for one in budget.shares)
+    scatter = "What is unexplained is no more than the scatter that so few poses leave." if is_scatter else ""
+    note = " ".join(filter(None, (_rises(budget), scatter)))
+    return [Shares(budget_sentence(budget), _heading(budget), budget_parts(budget), note)]
+
+
+def budget_sentence(budget: ErrorBudget) -> str:
+    """Sentence with the share of each cause: "Of the squared error as delivered: links 96 %, noise 1 %."."""
+    of = "" if budget.of_test_poses else " (at the poses that were fitted: there are no test poses)"
+    shares = ", ".join(f"{part.name} {part.words}" for part in budget_parts(budget))
+    return " ".join(filter(None, (f"Of the squared error as delivered{of}: {shares}.", _rises(budget))))
+
+
+def budget_parts(budget: ErrorBudget) -> list[Part]:
+    """Parts of the bar of an error budget, each with its name, share and colour; learned curves as one part."""
+    curves = [one for one in budget.shares if one.cause.startswith(CURVES)]
+    effect_colours = iter((*colours.EFFECTS, *[colours.EFFECTS[-1]] * len(budget.shares)))
+    parts = []
+    for one in budget.shares:
+        if one in curves[1:]:
+            continue
+        if one in curves:
+            parts.append(_curves_part(curves))
+            continue
+        fixed = {LINKS: colours.LINKS, NOISE: colours.NOISE, UNKNOWN: colours.UNEXPLAINED}
+        colour = fixed.get(one.cause.partition(TOGETHER)[0]) or next(effect_colours)
+        parts.append(Part(_name(one.cause, budget), _share(one.share), one.share, colour, numbers.length(one.mm)))
+    return parts
+
+
+def _curves_part(curves: list[BudgetShare]) -> Part:
+    share = sum(one.share for one in curves)
+    joints = [one.cause.removeprefix(CURVES) for one in curves]
+    name = f"learned curves (joint{'s' if len(joints) > 1 else ''} {numbers.listing(joints)})"
+    return Part(name, _share(share), share, colours.CURVES, numbers.length(sum(one.mm**2 for one in curves) ** 0.5))
+
+
+def _name(cause: str, budget: ErrorBudget) -> str:
+    if cause == UNKNOWN:
+        return UNEXPLAINED if budget.noise_is_known else f"{UNEXPLAINED} or noise"
+    return numbers.listing(["links" if one == LINKS else title(one) for one in cause.split(TOGETHER)])
+
+
+def _share(share: float) -> str:
+    if share < _SMALLEST:
+        return "<1 %"
+    return ">99 %" if 1.0 - _SMALLEST <= share < 1.0 - 1e-9 else numbers.share(share)
+
+
+def _heading(budget: ErrorBudget) -> str:
+    at = "test poses" if budget.of_test_poses else "the poses that were fitted; there are no test poses"
+    return f"What made the error as delivered, {numbers.length(budget.delivered_mm)}: shares of its square, at {at}"
+
+
+def _rises(budget: ErrorBudget) -> str:
+    if not budget.raised:
+        return ""
+    rose = numbers.listing([_name(cause, budget) for cause in budget.raised])
+    return f"The error rose with {rose}, which is taken off what was gained before."
+
+
+def budget_document(budget: ErrorBudget | None) -> dict[str, Any]:
+    """JSON keys on an error budget: the share of each cause, and the poses whose errors were divided."""
+    if budget is None:
+        return {"budget": [], "budget_of": None}
+    return {"budget": budget.shares, "budget_of": "test" if budget.of_test_poses else "train"}

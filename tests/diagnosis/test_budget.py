@@ -1,0 +1,115 @@
+"""The error budget: shares that sum to 1 and are the falls of the test error, whatever the order of the errors."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from calib.calibration.noise_level import DECLARED, FIT, NoiseLevel
+from calib.dataset.files.folder import load_dataset
+from calib.diagnosis.budget import CURVES, LINKS, NOISE, UNKNOWN, ErrorBudget, budget_of_stages, error_budget
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.headline import ErrorStage, Headline, headline_of
+from tests.support.golden import SAMPLES
+
+EFFECTS = ("backlash", "joint_compliance", "tool_sag", "joint_dent", "link_bending")
+
+
+def headline(*errors_mm: float, noise_mm: float = 0.05, source: str = DECLARED) -> Headline:
+    """Headline of errors from the arm as delivered on, each stage after the links with one effect."""
+    stages = [ErrorStage("as delivered", errors_mm[0], None)]
+    for k, error_mm in enumerate(errors_mm[1:]):
+        stages.append(ErrorStage("with", error_mm, k, () if k == 0 else (EFFECTS[k - 1],)))
+    return Headline(tuple(stages), NoiseLevel(noise_mm / math.sqrt(3.0), source, 1.0), of_test_poses=True)
+
+
+def budget(*errors_mm: float, noise_mm: float = 0.05, source: str = DECLARED) -> ErrorBudget:
+    found = budget_of_stages(headline(*errors_mm, noise_mm=noise_mm, source=source))
+    assert found is not None
+    return found
+
+
+def shares(found: ErrorBudget) -> dict[str, float]:
+    return {one.cause: one.share for one in found.shares}
+
+
+LENGTH = st.floats(1e-3, 1e3)
+
+
+@given(st.lists(LENGTH, min_size=2, max_size=6), LENGTH, st.sampled_from([DECLARED, FIT]))
+def test_shares_are_positive_and_sum_to_one(errors_mm: list[float], noise_mm: float, source: str) -> None:
+    found = budget(*errors_mm, noise_mm=noise_mm, source=source)
+    assert all(one.share > 0.0 for one in found.shares)
+    assert sum(one.share for one in found.shares) == pytest.approx(1.0)
+    assert sum(one.mm**2 for one in found.shares) == pytest.approx(errors_mm[0] ** 2)
+    assert (NOISE in shares(found)) == (source == DECLARED)
+
+
+def test_each_cause_has_the_fall_of_its_step_and_the_rest_is_noise_and_unknown() -> None:
+    found = shares(budget(10.0, 2.0, 1.0, noise_mm=0.5))
+    assert found == pytest.approx({LINKS: 0.96, "backlash": 0.03, NOISE: 0.0025, UNKNOWN: 0.0075})
+
+
+def test_a_rise_is_taken_off_the_gains_before_it_and_told() -> None:
+    found = budget(10.0, 2.0, 3.0, 1.0, noise_mm=1.0)
+    assert found.raised == ("backlash",)
+    assert shares(found) == pytest.approx({LINKS: 0.91, "joint_compliance": 0.08, NOISE: 0.01})
+    worse = budget(1.0, 2.0, noise_mm=0.1)
+    assert worse.raised == (LINKS,)
+    assert shares(worse) == pytest.approx({NOISE: 0.01, UNKNOWN: 0.99})
+
+
+def test_an_error_below_the_noise_is_all_noise() -> None:
+    assert shares(budget(1.0, 0.1, noise_mm=0.2)) == pytest.approx({LINKS: 0.99, NOISE: 0.01})
+
+
+def test_noise_that_only_the_fit_shows_is_not_told_from_the_unknown() -> None:
+    found = budget(1.0, 0.1, source=FIT)
+    assert not found.noise_is_known
+    assert shares(found) == pytest.approx({LINKS: 0.99, UNKNOWN: 0.01})
+
+
+def test_there_is_none_without_an_error_as_delivered() -> None:
+    assert budget_of_stages(headline(0.0, 0.0)) is None
+    assert budget_of_stages(headline(math.nan, math.nan)) is None
+    assert budget_of_stages(headline(1.0)) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["hidden_effect_a", "hidden_effect_b", "hidden_effect_c", "ur10_ipa"])
+def test_budgets_of_the_samples_are_the_falls_of_their_test_errors(name: str) -> None:
+    diagnosis = diagnose(load_dataset(SAMPLES / name))
+    fits = [step.calibration for step in diagnosis.steps]
+    found, told = diagnosis.budget, headline_of(fits)
+    assert found is not None
+    assert found == error_budget(fits)
+    assert found.of_test_poses
+    assert found.raised == ()
+    assert fits[-1].before.test is not None
+    assert found.delivered_mm == fits[-1].before.test.rmse_mm
+    assert sum(one.share for one in found.shares) == pytest.approx(1.0)
+    of_stage = dict.fromkeys(range(1, len(told.stages)), 0.0)
+    for one in found.shares:
+        for k, stage in enumerate(told.stages[1:], start=1):
+            is_curve = one.cause.startswith(CURVES) and "smooth_joint_error" in stage.effects
+            if is_curve or one.cause in stage.effects or (one.cause == LINKS and k == 1):
+                of_stage[k] += one.mm**2
+    errors = [stage.error_mm for stage in told.stages]
+    for k, (before, after) in enumerate(pairwise(errors), start=1):
+        assert of_stage[k] == pytest.approx(before**2 - after**2)
+    rest = sum(one.mm**2 for one in found.shares if one.cause in (NOISE, UNKNOWN))
+    assert rest == pytest.approx(errors[-1] ** 2)
+
+
+@pytest.mark.slow
+def test_learned_curves_are_divided_between_their_joints() -> None:
+    diagnosis = diagnose(load_dataset(SAMPLES / "ur10_ipa"))
+    assert diagnosis.learned is not None
+    assert diagnosis.budget is not None
+    joints = [int(one.cause.removeprefix(CURVES)) for one in diagnosis.budget.shares if one.cause.startswith(CURVES)]
+    assert set(joints) <= set(diagnosis.learned.joints)
+    assert len(joints) > 1
