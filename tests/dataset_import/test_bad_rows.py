@@ -82,13 +82,14 @@ def test_the_rest_comes_out_and_the_notes_of_import_and_dataset_name_the_rows(tr
     assert made.poses.q == pytest.approx(np.delete(truth.poses.q, gone, axis=0), abs=1e-8)
     assert made.points is not None
     assert len(made.points) == COUNT - len({*gone, *UNMEASURED, BAD_POINT})
-    for part in ("joints.csv: 2 of 20 rows", "line 5, column q3_rad (found 'n/a')", "line 9", "points.csv: 1 of 18 rows",
-                 "line 12 (found 5 cells", "lines 5, 9"):  # fmt: skip
+    for part in (
+        "joints.csv: 2 of 20 rows", "line 5, column q3_rad (found 'n/a')", "line 9", "points.csv: 1 of 18 rows",
+        "line 12 (found 5 cells", "lines 5, 9",
+    ):  # fmt: skip
         for notes in (plan.notes, made.notes, load_dataset(tmp_path / "cell").notes):
             assert any(part in note for note in notes), part
-    assert not any(
-        str(tmp_path) in note for note in tomllib.loads((tmp_path / "cell/dataset.toml").read_text())["notes"]
-    )
+    written = tomllib.loads((tmp_path / "cell" / "dataset.toml").read_text())["notes"]
+    assert not any(str(tmp_path) in note for note in written)
     write_dataset(made, tmp_path / "again")
     assert load_dataset(tmp_path / "again").notes[:3] == made.notes[:3]
 

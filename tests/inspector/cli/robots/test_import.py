@@ -140,8 +140,10 @@ def test_bad_rows_are_left_out_where_asked_with_sigma_and_tool(given: Path, caps
     made = load_dataset(given / "cell")
     assert made.scanner.point_sigma_mm == 0.02
     assert made.robot.own_tool_point is not None
-    assert main([*arguments, "--sigma", "0"]) == 2
-    assert main([*arguments, "--tool", "1,2"]) == 2
+    for wrong in (("--sigma", "0"), ("--tool", "1,2")):
+        with pytest.raises(SystemExit) as ended:
+            main([*arguments, *wrong])
+        assert ended.value.code == 2
 
 
 def test_a_ready_dataset_takes_neither_sigma_nor_tool(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
