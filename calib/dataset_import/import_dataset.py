@@ -17,7 +17,7 @@ from calib.dataset_import.plan import ImportPlan, ImportSources, plan_import
 from calib.dataset_import.user_files import UserFiles, look_through
 from calib.dataset_import.writing import written
 from calib.errors import CalibError, DatasetError
-from calib.kinematics.robot import Robot
+from calib.kinematics.robot import Robot, Vector
 from calib.robot_formats.conventions import RobotReading, robot_readings
 from calib.robot_formats.robot_file import ReadOptions, RobotFile
 
@@ -31,6 +31,9 @@ class ImportChoice:
     joints: Path | None = None
     points: Path | None = None
     mapping: Mapping[str, Meaning] = field(default_factory=dict)
+    point_sigma_mm: float | None = None  # of one measured point, each axis
+    tool_mm: Vector | None = None  # the measured point from the end of the robot's file, see `with_tool_offset`
+    skip_bad_rows: bool = False
 
 
 def plan_of_files(files: UserFiles, choice: ImportChoice) -> ImportPlan:
@@ -40,7 +43,12 @@ def plan_of_files(files: UserFiles, choice: ImportChoice) -> ImportPlan:
     if points is None and (choice.joints is None or choice.joints == files.joints):
         points = files.points
     robots, faults = _robots(files, choice)
-    return plan_import(ImportSources(robots, joints, points, files.scans, choice.mapping, faults))
+    return plan_import(
+        ImportSources(
+            robots, joints, points, files.scans, choice.mapping, faults,
+            point_sigma_mm=choice.point_sigma_mm, tool_mm=choice.tool_mm, skip_bad_rows=choice.skip_bad_rows,
+        )
+    )  # fmt: skip
 
 
 def _robots(files: UserFiles, choice: ImportChoice) -> tuple[tuple[RobotReading, ...], tuple[str, ...]]:
@@ -74,7 +82,11 @@ def without_folder(plan: ImportPlan, folder: Path) -> ImportPlan:
     def short(lines: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(line.replace(f"{folder}/", "") for line in lines)
 
-    return replace(plan, notes=short(plan.notes), doubts=short(plan.doubts), faults=short(plan.faults))
+    rows = tuple(
+        replace(row, path=row.path.relative_to(folder)) if row.path.is_relative_to(folder) else row
+        for row in plan.bad_rows
+    )
+    return replace(plan, notes=short(plan.notes), doubts=short(plan.doubts), faults=short(plan.faults), bad_rows=rows)
 
 
 @dataclass(frozen=True)

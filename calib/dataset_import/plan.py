@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
+from calib.dataset.dataset import Dataset
+from calib.dataset_import.bad_rows import NOTHING_LEFT_OUT, LeftOutRows, left_out_rows, too_many_bad_rows
 from calib.dataset_import.columns import Column, Meaning, Recognised
 from calib.dataset_import.convention import Sheet, settled
 from calib.dataset_import.reading import (
@@ -22,12 +24,14 @@ from calib.dataset_import.reading import (
     require_near_spread,
     rows_of_points,
 )
+from calib.dataset_import.tool_offset import with_tool_offset
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, joint_units, length_unit
-from calib.dataset_import.writing import Content, fault_of, points_text, poses_text
+from calib.dataset_import.writing import Content, checked, points_text, poses_text
 from calib.errors import DatasetError
+from calib.kinematics.robot import Vector
 from calib.robot_formats.conventions import RobotReading
 from calib.robot_formats.robot_file import RobotFile
-from calib.text_files.user_table import UserTable, load_table
+from calib.text_files.user_table import Fault, RowFault, UserTable, load_table
 
 _EXAMPLES = 3
 _MOST_SHOWN = 60  # columns of a table
@@ -43,6 +47,9 @@ class ImportSources:
     scans: Mapping[str, Path] = field(default_factory=dict)  # a file by its stem
     mapping: Mapping[str, Meaning] = field(default_factory=dict)
     faults: tuple[str, ...] = ()  # of a robot that could not be read
+    point_sigma_mm: float | None = None  # of one measured point, each axis; None where it is not known
+    tool_mm: Vector | None = None  # the measured point from the end of the robot's file, see `with_tool_offset`
+    skip_bad_rows: bool = False
 
 
 @dataclass(frozen=True)
@@ -67,6 +74,15 @@ class ImportPlan:
     faults: tuple[str, ...]
     content: Content | None
     poses: int = 0
+    preview: Dataset | None = None  # the dataset that comes out; None where there are faults
+    bad_rows: tuple[RowFault, ...] = ()  # rows that cannot be read, each with its first fault
+    are_left_out: bool = False  # whether the dataset comes out without the bad rows
+    has_too_many_bad_rows: bool = False
+
+    @property
+    def can_leave_out(self) -> bool:
+        """Whether there are bad rows that can be left out, and are not yet."""
+        return bool(self.bad_rows) and not self.are_left_out and not self.has_too_many_bad_rows
 
     def require(self) -> Content:
         """Content to write. Raises DatasetError with all faults, a line each."""
@@ -78,13 +94,70 @@ class ImportPlan:
 
 
 def plan_import(sources: ImportSources) -> ImportPlan:
-    """Plan of an import; mistakes in the user's files are collected in `faults` and not raised."""
-    report = ImportReport(sources.robots[0].robot.robot if sources.robots else None, list(sources.faults))
-    table = _loaded(report, sources.joints)
+    """Plan of an import; mistakes in the user's files are collected in `faults` and not raised.
+
+    With `skip_bad_rows` the rows that cannot be read are left out, and noted, unless they are more than half of a
+    table's rows.
+    """
+    if sources.tool_mm is not None:
+        robots = [replace(each, robot=with_tool_offset(each.robot, sources.tool_mm)) for each in sources.robots]
+        sources = replace(sources, robots=tuple(robots))
+    report = _new_report(sources)
+    report.notes += _tool_note(sources)
+    plan = _plan_of_rows(report, sources, NOTHING_LEFT_OUT)
+    bad = report.row_faults
+    if not bad:
+        return plan
+    tables = _tables_with_rows(sources)
+    too_many = too_many_bad_rows(tables, bad)
+    if too_many or not sources.skip_bad_rows:
+        faults = (*(too_many if sources.skip_bad_rows else ()), *plan.faults)
+        return replace(plan, faults=faults, bad_rows=tuple(bad), has_too_many_bad_rows=bool(too_many))
+    left_out = left_out_rows(tables, bad, _pose_columns(sources, tables))
+    report = _new_report(sources)
+    report.notes += [*left_out.notes, *_tool_note(sources)]
+    plan = _plan_of_rows(report, sources, left_out)
+    return replace(plan, bad_rows=tuple(bad), are_left_out=True)
+
+
+def _new_report(sources: ImportSources) -> ImportReport:
+    """Report for one pass over the sources, with the faults of the robot."""
+    return ImportReport(sources.robots[0].robot.robot if sources.robots else None, list(sources.faults))
+
+
+def _tool_note(sources: ImportSources) -> list[str]:
+    """Note on where the measured point is taken to be, if the user has given it."""
+    if sources.tool_mm is None or not sources.robots:
+        return []
+    chain = sources.robots[0].robot.chain
+    end = "the last joint's frame" if chain is None or not chain.tip else chain.tip
+    x, y, z = sources.tool_mm
+    return [f"{sources.robots[0].robot.robot.name}: the measured point is at {x:g}, {y:g}, {z:g} mm in {end}, as given"]
+
+
+def _tables_with_rows(sources: ImportSources) -> list[UserTable]:
+    """Tables of joints and points, without their faults; () for one that cannot be read."""
+    tables = (_loaded(ImportReport(None), path) for path in (sources.joints, sources.points) if path is not None)
+    return list({table.path.resolve(): table for table in tables if table is not None}.values())
+
+
+def _pose_columns(sources: ImportSources, tables: Sequence[UserTable]) -> list[str]:
+    """Column of each table that names the pose; "" where there is none."""
+    robot = sources.robots[0].robot.robot if sources.robots else None
+    names = []
+    for k, table in enumerate(tables):
+        meant = recognised(ImportReport(robot), table, sources.mapping, positions=k > 0, joints=k == 0)
+        names.append(meant.columns["pose"].name if "pose" in meant.columns else "")
+    return names
+
+
+def _plan_of_rows(report: ImportReport, sources: ImportSources, left_out: LeftOutRows) -> ImportPlan:
+    """Plan of an import without the rows that are left out."""
+    table = _loaded(report, sources.joints, left_out)
     same = sources.points is None or (
         sources.joints is not None and sources.points.resolve() == sources.joints.resolve()
     )
-    other = None if same else _loaded(report, sources.points)
+    other = None if same else _loaded(report, sources.points, left_out)
     tables = [each for each in (table, other) if each is not None]
     for column in sources.mapping:
         if tables and "*" not in column and not any(column in each.columns for each in tables):
@@ -108,15 +181,25 @@ def plan_import(sources: ImportSources) -> ImportPlan:
         columns[other.path] = (other, of_points)
     elif not same:
         return _plan(report, sources, columns, None)
-    return _with_numbers(report, sources, columns, table, meant, other, of_points)
+    return _with_numbers(report, sources, columns, table, meant, other, of_points, left_out)
 
 
-def _loaded(report: ImportReport, path: Path | None) -> UserTable | None:
+def _loaded(report: ImportReport, path: Path | None, left_out: LeftOutRows = NOTHING_LEFT_OUT) -> UserTable | None:
+    """Table of a file without the rows that are left out, its faults reported; None where it cannot be read."""
+    if path is None:
+        return None
+    lines = left_out.lines(path)
+
+    def fault(found: Fault) -> None:
+        if not (isinstance(found, RowFault) and found.line in lines):
+            report.fault(found)
+
     try:
-        return None if path is None else load_table(path, report.fault, any_encoding=True)
+        table = load_table(path, fault, any_encoding=True)
     except DatasetError as error:
         report.fault(str(error))
         return None
+    return table.without(lines) if lines else table
 
 
 def _with_numbers(
@@ -127,6 +210,7 @@ def _with_numbers(
     meant: Recognised,
     other: UserTable | None,
     of_points: Recognised,
+    left_out: LeftOutRows,
 ) -> ImportPlan:
     """Plan of an import from tables with recognised columns: their numbers, units, and the pose of each point."""
     q_file = joint_values(report, table, meant)
@@ -173,13 +257,18 @@ def _with_numbers(
     if report.faults:
         return _plan(report, sources, columns, None, len(table), robot_file)
     points_csv = None if seen is None else points_text(other or table, of_points, [ids[i] for i in row_of], seen)
+    if points_csv is None and sources.point_sigma_mm is not None:
+        report.doubts.append("the sigma of a measured point is not used: these data have scans and no measured points")
     content = Content(
-        report.robot, poses_csv, points_csv, sources.scans, f"imported from {table.path.name}", sources.robots[0].path
-    )
-    fault = fault_of(content)
-    if fault is not None:
-        report.fault(f"{table.path}: {fault}")
-    return _plan(report, sources, columns, content if fault is None else None, len(table), robot_file)
+        report.robot, poses_csv, points_csv, sources.scans, f"imported from {table.path.name}", sources.robots[0].path,
+        point_sigma_mm=None if points_csv is None else sources.point_sigma_mm, notes=left_out.notes,
+    )  # fmt: skip
+    try:
+        preview = checked(content)
+    except DatasetError as error:
+        report.fault(f"{table.path}: {error}")
+        return _plan(report, sources, columns, None, len(table), robot_file)
+    return replace(_plan(report, sources, columns, content, len(table), robot_file), preview=preview)
 
 
 def _short(how: str) -> str:
@@ -210,7 +299,7 @@ def _plan(
     if robot is None and sources.robots:
         robot = sources.robots[0].robot
     return ImportPlan(
-        robot, tuple(columns), tuple(report.notes), tuple(report.doubts), tuple(report.faults), content, poses
+        robot, tuple(columns), tuple(report.notes), tuple(report.doubts), tuple(map(str, report.faults)), content, poses
     )
 
 

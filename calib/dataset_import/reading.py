@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from calib.dataset_import.columns import Meaning, Recognised, recognise
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, length_unit
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
-from calib.text_files.user_table import UserTable
+from calib.text_files.user_table import Fault, RowFault, UserTable
 
 _MOST_FAULTS = 20
 _MOST = 1e9  # degrees, micrometres
@@ -26,19 +27,28 @@ class ImportReport:
     """Notes, doubts and faults that are collected during an import."""
 
     robot: Robot | None
-    faults: list[str] = field(default_factory=list)
+    faults: list[Fault] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
 
-    def fault(self, message: str) -> None:
-        """Add a fault, up to a largest number of faults."""
+    def fault(self, message: Fault) -> None:
+        """Add a fault."""
         self.faults.append(message)
+
+    @property
+    def row_faults(self) -> list[RowFault]:
+        """Faults that concern single rows, each row's first."""
+        first: dict[tuple[Path, int], RowFault] = {}
+        for fault in self.faults:
+            if isinstance(fault, RowFault):
+                first.setdefault((fault.path, fault.line), fault)
+        return list(first.values())
 
     def raise_all(self) -> None:
         """Raise DatasetError with all faults so far, if any."""
         if not self.faults:
             return
-        shown = self.faults[:_MOST_FAULTS]
+        shown = list(map(str, self.faults[:_MOST_FAULTS]))
         if len(self.faults) == 1:
             raise DatasetError(shown[0])
         more = [f"... and {len(self.faults) - len(shown)} more"] if len(self.faults) > len(shown) else []
@@ -110,7 +120,8 @@ def point_values(report: ImportReport, table: UserTable, meant: Recognised, *, n
     blank = np.array([[not cell for cell in table.text(meant.columns[axis].name)] for axis in "xyz"]).T
     for i in np.flatnonzero(blank.any(axis=1) & ~blank.all(axis=1)):
         named = " and ".join(meant.columns["xyz"[k]].name for k in np.flatnonzero(blank[i]))
-        report.fault(f"{table.path}: line {table.lines[i]}: {named} is empty; fill it in, or leave all three empty")
+        found = f"{named} is empty; fill it in, or leave all three empty"
+        report.fault(RowFault(table.path, table.lines[i], found))
     return points
 
 
@@ -118,7 +129,7 @@ def _numbers(report: ImportReport, table: UserTable, name: str) -> Array:
     """Numbers of a column; NaN, with a fault, for cells without a number or with one beyond any arm."""
     values = table.numbers(name, report.fault)
     for i in np.flatnonzero(np.abs(values) > _MOST):
-        report.fault(f"{table.path}: line {table.lines[i]}, column {name}: found {values[i]:g}, which is far too large")
+        report.fault(RowFault(table.path, table.lines[i], f"found {values[i]:g}, which is far too large", name))
     return np.where(np.abs(values) > _MOST, np.nan, values)
 
 
@@ -134,12 +145,12 @@ def _coordinate(report: ImportReport, table: UserTable, name: str) -> Array:
 def pose_ids(report: ImportReport, table: UserTable, meant: Recognised) -> list[str]:
     """Pose names of the rows of joints: from the table, else p1, p2, ..."""
     if "pose" not in meant.columns:
-        return [f"p{i + 1}" for i in range(len(table))]
+        return [f"p{table.position(i) + 1}" for i in range(len(table))]
     ids = table.text(meant.columns["pose"].name)
     first: dict[str, int] = {}
     for i, name in enumerate(ids):
         if not name:
-            report.fault(f"{table.path}: line {table.lines[i]}, column {meant.columns['pose'].name}: the cell is empty")
+            report.fault(RowFault(table.path, table.lines[i], "the cell is empty", meant.columns["pose"].name))
         elif first.setdefault(name, i) != i:
             line = table.lines[first[name]]
             where = f"{table.path}: line {table.lines[i]}: pose {name!r} stands in line {line} too"
@@ -161,10 +172,10 @@ def rows_of_points(
         return list(range(len(table)))
     if "pose" in meant.columns:
         known = {name: i for i, name in enumerate(ids)}
-        known |= {_number_of(name): i for name, i in known.items() if _number_of(name)}
+        known |= {comparable_id(name): i for name, i in known.items()}
         column, out = meant.columns["pose"].name, []
         for i, name in enumerate(other.text(column)):
-            row = known.get(name, known.get(_number_of(name)))
+            row = known.get(name, known.get(comparable_id(name)))
             if row is None:
                 line = other.lines[i]
                 report.fault(f"{other.path}: line {line}, column {column}: pose {name[:40]!r} is not in {table.path}")
@@ -180,13 +191,13 @@ def rows_of_points(
     return list(range(len(table)))
 
 
-def _number_of(name: str) -> str:
-    """Whole number in a pose's name as text, so that 7, 7.0 and 007 are equal; "" for other names."""
+def comparable_id(name: str) -> str:
+    """A pose's name for comparison with another table's, where 7, 7.0 and 007 are equal."""
     try:
         value = float(name)
     except ValueError:
-        return ""
-    return f"#{int(value)}" if abs(value) < 1e15 and value == int(value) else ""
+        return name
+    return f"#{int(value)}" if abs(value) < 1e15 and value == int(value) else name
 
 
 def point_of_each_pose(q_file: Array, seen: Array, row_of: Sequence[int]) -> Array:

@@ -7,8 +7,10 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import tomli_w
 
 from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import ROLES, Dataset
@@ -129,19 +131,20 @@ class Content:
     scans: Mapping[str, Path]  # a file by its stem
     description: str
     template: Path | None = None  # the user's own robot file, kept for a calibrated one of the same form
+    point_sigma_mm: float | None = None
+    notes: tuple[str, ...] = ()
 
 
-def fault_of(content: Content) -> str | None:
-    """Error that reading a dataset with this content would raise; None if readable. Scans are only checked to exist."""
+def checked(content: Content) -> Dataset:
+    """Dataset with this content, scans only checked to exist. Raises DatasetError where it cannot be read."""
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made) / "dataset"
         folder.mkdir()
         _draft(folder, content, with_scans=False)
         try:
-            load_dataset(folder)
+            return load_dataset(folder)
         except CalibError as error:
-            return str(error).replace(f"{folder}/", "as a dataset, ")
-    return None
+            raise DatasetError(str(error).replace(f"{folder}/", "as a dataset, ")) from None
 
 
 def written(out: Path, content: Content) -> Dataset:
@@ -166,10 +169,15 @@ def written(out: Path, content: Content) -> Dataset:
 
 
 def _draft(folder: Path, content: Content, *, with_scans: bool) -> None:
-    lines = ["format = 1", 'name = "imported"']
-    lines += ['points = "points.csv"'] if content.points_csv is not None else []
+    document: dict[str, Any] = {"format": 1, "name": "imported"}
+    if content.points_csv is not None:
+        document["points"] = "points.csv"
+    if content.notes:
+        document["notes"] = list(content.notes)
+    if content.point_sigma_mm is not None:
+        document["scanner"] = {"point_sigma_mm": content.point_sigma_mm}
     if content.scans:
-        lines += ['scans = "scans"', "[jig]"]
+        document |= {"scans": "scans", "jig": {}}
         (folder / "scans").mkdir()
         for path in content.scans.values():
             if with_scans:
@@ -180,4 +188,4 @@ def _draft(folder: Path, content: Content, *, with_scans: bool) -> None:
     (folder / "poses.csv").write_text(content.poses_csv, encoding="utf-8")
     if content.points_csv is not None:
         (folder / "points.csv").write_text(content.points_csv, encoding="utf-8")
-    (folder / "dataset.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / "dataset.toml").write_text(tomli_w.dumps(document), encoding="utf-8")

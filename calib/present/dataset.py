@@ -19,6 +19,7 @@ from calib.present.calibration import calibration_warnings
 from calib.present.corners import scan_sentences
 from calib.present.results import document, presentation
 
+_MOST_NAMED = 8  # poses in a sentence
 NOT_SEARCHED: Mapping[str, CornerSearch] = MappingProxyType({})
 
 
@@ -64,6 +65,38 @@ def facts(
         ("declared noise", _noise(dataset, calibration)),
         ("conditions", numbers.listing(_conditions(dataset)) or "none recorded"),
     ]
+
+
+def preview(dataset: Dataset) -> str:
+    """Sentence on the poses and points of a dataset that is to be imported, and on poses without a point."""
+    poses, points = dataset.poses, dataset.points
+    counts = numbers.count(len(poses), "pose")
+    if points is None:
+        return f"{counts}, {numbers.count(len(set(poses.scan_names)), 'scan')}."
+    targets = len(np.unique(points.target))
+    of_targets = f" of {targets} targets" if targets > 1 else ""
+    without = [poses.ids[i] for i in np.setdiff1d(np.arange(len(poses)), points.pose)]
+    more = [f"{len(without) - _MOST_NAMED} more"] if len(without) > _MOST_NAMED else []
+    have = "have" if len(without) > 1 else "has"
+    missing = f"; {numbers.listing([*without[:_MOST_NAMED], *more])} {have} no point" if without else ""
+    return f"{counts}, {numbers.count(len(points), 'point')}{of_targets}{missing}."
+
+
+def first_rows(dataset: Dataset, count: int = 5) -> Table:
+    """Table of the first poses: role, joint values in deg or mm, and the first point measured at each, mm."""
+    poses, points = dataset.poses, dataset.points
+    turns = dataset.robot.is_revolute
+    q = np.where(turns, np.degrees(poses.q), poses.q)
+    headers = ["pose", "role", *(f"q{k + 1} {'deg' if turning else 'mm'}" for k, turning in enumerate(turns))]
+    headers += ["x mm", "y mm", "z mm"] if points is not None else []
+    rows: list[list[str]] = []
+    for i in range(min(count, len(poses))):
+        row = [poses.ids[i], names.role(str(poses.role[i])), *(f"{value:.3f}" for value in q[i])]
+        if points is not None:
+            at_pose = np.flatnonzero(points.pose == i)
+            row += [f"{v:.3f}" for v in points.xyz_mm[at_pose[0]]] if len(at_pose) else ["", "", ""]
+        rows.append(row)
+    return Table(headers, rows, left=(0, 1))
 
 
 def instrument(dataset: Dataset) -> str:

@@ -25,7 +25,7 @@ from calib.array_types import Array
 from calib.frames import make_transform, rotation_from_rpy
 from calib.robot_formats.chain.five_parameters import row_transform
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
-from calib.text_files.user_table import UserTable, load_table, plain, split_unit
+from calib.text_files.user_table import Fault, UserTable, load_table, plain, split_unit
 
 CONVENTIONS = ("standard", "modified")
 _TIPS = ("tool", "tool0", "flange", "tcp", "ee", "tip", "home", "m")
@@ -116,14 +116,14 @@ class _Table:
     def values(self, column: str, kind: str) -> Array:
         """Values (rows,) of a column: mm or rad as `kind` is "length" or "angle", bare numbers for "none"."""
         name, unit = self._columns[column]
-        faults: list[str] = []
+        faults: list[Fault] = []
         filled = [tuple(cell or "0" for cell in row) for row in self.table.rows]
         if kind == "angle" and unit == "rad":
             k = self.table.columns.index(name)
             filled = [(*row[:k], _without_pi(row[k]), *row[k + 1 :]) for row in filled]
         out = replace(self.table, rows=tuple(filled)).numbers(name, faults.append)
         if faults:
-            raise RobotFileError(faults[0])
+            raise RobotFileError(str(faults[0]))
         units = {"length": _LENGTHS, "angle": _ANGLES, "none": {"": 1.0}}[kind]
         if unit not in units:
             needed = " or ".join(f"{plain(column)}_{known}" for known in list(units)[:2])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +42,27 @@ _SEPARATORS = (",", ";", "\t")
 
 
 @dataclass(frozen=True)
+class RowFault:
+    """Fault of one row of a table, which concerns no other row."""
+
+    path: Path
+    line: int
+    found: str  # the column, what was found there and what is needed
+    column: str = ""  # "" where the whole row is concerned
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.place}: {self.found}"
+
+    @property
+    def place(self) -> str:
+        """Line and column in the file."""
+        return f"line {self.line}, column {self.column}" if self.column else f"line {self.line}"
+
+
+Fault = str | RowFault
+
+
+@dataclass(frozen=True)
 class UserTable:
     """A user's table as text cells, with the line of each row."""
 
@@ -50,6 +71,7 @@ class UserTable:
     rows: tuple[tuple[str, ...], ...]
     lines: tuple[int, ...]
     has_header: bool
+    positions: tuple[int, ...] = ()  # of the rows in the file, from 0; (): rows 0, 1, 2 ...
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -59,19 +81,33 @@ class UserTable:
         k = self.columns.index(column)
         return [row[k] for row in self.rows]
 
-    def numbers(self, column: str, fault: Callable[[str], None]) -> Array:
+    def position(self, row: int) -> int:
+        """Index, from 0, that a row has among all rows of the file."""
+        return self.positions[row] if self.positions else row
+
+    def without(self, lines: Collection[int]) -> UserTable:
+        """Table without the rows of these lines."""
+        kept = [i for i, line in enumerate(self.lines) if line not in lines]
+        return replace(
+            self,
+            rows=tuple(self.rows[i] for i in kept),
+            lines=tuple(self.lines[i] for i in kept),
+            positions=tuple(map(self.position, kept)),
+        )
+
+    def numbers(self, column: str, fault: Callable[[Fault], None]) -> Array:
         """Finite numbers (rows,) of a column; a cell that holds none is reported to `fault` and becomes NaN."""
         out = np.full(len(self), math.nan)
         for i, cell in enumerate(self.text(column)):
             value = as_number(cell)
             if value is None:
-                fault(f"{self.path}: line {self.lines[i]}, column {column}: found {cell[:40]!r}; a number is needed")
+                fault(RowFault(self.path, self.lines[i], f"found {cell[:40]!r}; a number is needed", column))
             else:
                 out[i] = value
         return out
 
 
-def load_table(path: Path, fault: Callable[[str], None] | None = None, *, any_encoding: bool = False) -> UserTable:
+def load_table(path: Path, fault: Callable[[Fault], None] | None = None, *, any_encoding: bool = False) -> UserTable:
     """Read a user's table from a file. Raises DatasetError where it is not one.
 
     `any_encoding` accepts what spreadsheets write besides UTF-8. With `fault`, each mistake in names and rows is
@@ -91,12 +127,12 @@ def load_table(path: Path, fault: Callable[[str], None] | None = None, *, any_en
     )
 
 
-def parse_table(path: Path, text: str, fault: Callable[[str], None] | None = None) -> UserTable:
+def parse_table(path: Path, text: str, fault: Callable[[Fault], None] | None = None) -> UserTable:
     """Parse a user's table from text; `path` names it in errors. Otherwise as `load_table`."""
 
-    def wrong(message: str) -> None:
+    def wrong(message: Fault) -> None:
         if fault is None:
-            raise DatasetError(message)
+            raise DatasetError(str(message))
         fault(message)
 
     first = next((line for line in lines_of(text) if line.strip()), "")
@@ -129,10 +165,8 @@ def parse_table(path: Path, text: str, fault: Callable[[str], None] | None = Non
         raise DatasetError(f"{path}: no row below the header; one row a pose is needed")
     for number, row in body:
         if any(row[len(columns) :]):
-            wrong(
-                f"{path}: line {number}: found {len(row)} cells, the first line has {len(columns)}; name the others or "
-                "remove them"
-            )
+            found = f"found {len(row)} cells, the first line has {len(columns)}; name the others or remove them"
+            wrong(RowFault(path, number, found))
     width = len(columns)
     rows = tuple(tuple((row + [""] * width)[:width]) for _, row in body)
     return UserTable(path, tuple(columns), rows, tuple(number for number, _ in body), has_header)

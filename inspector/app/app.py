@@ -33,9 +33,10 @@ from inspector.panels.input_checks import whole_number
 from inspector.scene.scene_view import LAYERS
 from inspector.server.viser_server import InspectorServer, tell
 from inspector.server.worker import LongWork, Worker
+from inspector.session.dropped import dataset_of_session
 from inspector.session.reopening import Opening
 from inspector.session.scan_cache import ScanCache
-from inspector.session.session_file import Shown
+from inspector.session.session_file import Saved, Shown
 from inspector.session.user_effects import UserEffects, Watch
 from inspector.session.view import RESIDUALS, SIDES, VIEWS
 
@@ -93,7 +94,9 @@ class App:
             panels.downloads,
             root,
         )
-        self.imports = Imports(server, data, panels.own_data, self.worker, on_made=self._imported)
+        self.imports = Imports(
+            server, data, panels.own_data, self.worker, on_made=self._imported, on_session=self._open_session
+        )
         server.requests.on("pose", self.select_id)
         server.requests.on("tabs", self.tabs)
         server.requests.on("look", self.look_from)
@@ -142,12 +145,24 @@ class App:
         if name in self._folders:
             self.worker.submit("open", lambda: self.dataset.open(name))
 
-    def _imported(self, folder: Path) -> None:
-        """Add a dataset that was just written to the list, and open it."""
+    def _imported(self, folder: Path, saved: Saved | None) -> None:
+        """Add a dataset that was just written to the list, and open it, with the session that came with it."""
         name = folder.name if folder.name not in self._folders else str(folder)
         self._folders[name] = folder
         self.panels.review.list_datasets(tuple(self._folders))
+        if saved is not None:
+            self.model.saved[name] = saved
         self.open(name)
+
+    def _open_session(self, saved: Saved) -> bool:
+        """Open a dropped session; False where its dataset is not listed."""
+        folder = dataset_of_session(saved, self._folders.values())
+        name = next((name for name, listed in self._folders.items() if listed == folder), None)
+        if name is None:
+            return False
+        self.model.saved[name] = saved
+        self.open(name)
+        return True
 
     def _opened(self) -> None:
         with self._asking:

@@ -260,5 +260,8 @@ class ImportOptions(RobotFileOptions):
     points: Path | None
     scans: Path | None
     map: Sequence[str]
+    sigma: float | None  # of a measured point, mm
+    tool: tuple[float, float, float] | None  # mm
+    skip_bad_rows: bool
     dry_run: bool
     diagnose: bool

@@ -7,6 +7,8 @@ from typing import Any
 
 from calib.dataset_import.plan import ImportPlan, PlannedColumn
 from calib.dataset_import.user_files import UserFile
+from calib.present.dataset import first_rows, preview
+from calib.present.text import block_text
 
 
 def plan_document(plan: ImportPlan, files: Sequence[UserFile] = ()) -> dict[str, Any]:
@@ -19,6 +21,12 @@ def plan_document(plan: ImportPlan, files: Sequence[UserFile] = ()) -> dict[str,
         "recognised": plan.notes,
         "doubts": plan.doubts,
         "faults": plan.faults,
+        "bad_rows": [
+            {"table": row.path.name, "line": row.line, "column": row.column or None, "found": row.found}
+            for row in plan.bad_rows
+        ],
+        "bad_rows_left_out": plan.are_left_out,
+        "preview": None if plan.preview is None else preview(plan.preview),
     }
 
 
@@ -52,4 +60,5 @@ def plan_lines(plan: ImportPlan) -> list[str]:
     ]
     widths = [min(max(len(row[k]) for row in rows), 24) for k in range(4)]
     table = ["  ".join([*(row[k][:24].ljust(widths[k]) for k in range(4)), row[4]]).rstrip() for row in rows]
-    return [*table, "", *plan.notes, *(f"doubtful: {doubt}" for doubt in plan.doubts)]
+    outcome = [] if plan.preview is None else ["", block_text(first_rows(plan.preview)), "", preview(plan.preview)]
+    return [*table, "", *plan.notes, *(f"doubtful: {doubt}" for doubt in plan.doubts), *outcome]

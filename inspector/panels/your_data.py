@@ -9,26 +9,36 @@ from typing import Any, Protocol
 
 import viser
 
+from calib.dataset.dataset import Dataset
 from calib.dataset_import.columns import Meaning
 from calib.dataset_import.plan import ImportPlan, PlannedColumn
 from calib.dataset_import.user_files import UserFiles
+from calib.present import numbers
 from inspector.markup.measure.your_data import (
     CORRECT,
+    NOTED,
     WIDE,
     columns_html,
     files_html,
     meaning_words,
     plan_html,
+    preview_html,
 )
 from inspector.markup.parts import elements
 from inspector.panels.base import SECONDARY, by_page, put
 
 OWN_DATA = "Open your own data …"
-OWN_HINT = "a zip, or a robot's file and CSV tables of joints and points; or drop them anywhere on the page"
+OWN_HINT = "a zip, a robot's file and CSV tables of joints and points, or a session; or drop them anywhere on the page"
 OPEN = "Import and open"
 CANCEL = "Cancel"
 CHOOSE = "choose …"
 SAME = "in the table of joints"
+SIGMA, TOOL = "Sigma, mm", "Tool offset, mm"
+SIGMA_HELP = "Standard deviation of a measured point, each axis, such as 0.05. Empty: unknown, taken from the residual."
+TOOL_HELP = (
+    "The measured point x, y, z from the flange (a URDF's last link, else the last joint), such as 0, 0, 88.5. Empty: "
+    "as the robot's file has it."
+)
 NOTE = "More files? Drop them on the page; one of the same name replaces the one before."
 HOW = (
     "This server was started without a place for your data. End it (Ctrl-C) and start it with a folder to write "
@@ -66,6 +76,8 @@ class Offer:
     files: UserFiles
     plan: ImportPlan | None  # None: a ready dataset, which needs no plan
     faults: tuple[str, ...]  # of a ready dataset
+    ready: Dataset | None  # the dataset of a plan of None
+    session: str  # words on a session file among the files, "" for none
     robots: tuple[str, ...]
     robot: str
     tips: tuple[str, ...]  # of a URDF with several
@@ -92,6 +104,9 @@ class YourDataWindow:
         with self._modal:
             self._files = gui.add_html(WIDE + elements.note("Reading …"))
             self._said = gui.add_html("")
+            self.skip = gui.add_checkbox(
+                "", False, visible=False, hint="the notes of the dataset will say which rows, and what was found there"
+            )
             self.robot = gui.add_dropdown("Robot", (CHOOSE,))
             self.tip = gui.add_dropdown("Ends at", ("–",), visible=False, hint="the link where the arm ends")
             self.convention = gui.add_dropdown(
@@ -103,6 +118,11 @@ class YourDataWindow:
             self.points = gui.add_dropdown("Points", ("–",), visible=False)
             self._columns = gui.add_html("")
             self._folder = gui.add_folder(CORRECT, expand_by_default=False, visible=False)
+            self._preview = gui.add_html("")
+            self.sigma = gui.add_text(SIGMA, "", visible=False)
+            self._sigma_help = gui.add_html(elements.note(SIGMA_HELP), visible=False)
+            self.tool = gui.add_text(TOOL, "", visible=False)
+            self._tool_help = gui.add_html(elements.note(TOOL_HELP), visible=False)
             self.name = gui.add_text("Name", "")
             self._place = gui.add_html("")
             self.open = gui.add_button(OPEN, disabled=True, icon=viser.Icon.FOLDER_OPEN)
@@ -117,7 +137,10 @@ class YourDataWindow:
             if by_page(event):
                 actions.choose(client)
 
-        for widget in (self.robot, self.tip, self.convention, self.joints, self.points, self.model):
+        for widget in (
+            self.skip, self.robot, self.tip, self.convention, self.model, self.joints, self.points, self.sigma,
+            self.tool,
+        ):  # fmt: skip
             widget.on_update(choose)
         self.open.on_click(lambda _: actions.finish(client))
         self.cancel.on_click(lambda _: actions.cancel(client))
@@ -136,17 +159,32 @@ class YourDataWindow:
         _offer(self.joints, tables or ("–",), offer.joints)
         _offer(self.points, (SAME, *tables), offer.points)
         self.joints.visible = self.points.visible = plan is not None and _is_open(offer)
+        self.tool.visible = self._tool_help.visible = plan is not None and plan.robot is not None
+        has_scans_alone = plan is not None and plan.preview is not None and plan.preview.points is None
+        self.sigma.visible = self._sigma_help.visible = plan is not None and not has_scans_alone
+        outcome = offer.ready if plan is None else plan.preview
+        self._preview.content = "" if outcome is None else preview_html(outcome)
+        told = elements.alert(offer.session, colour=NOTED) if offer.session else ""
         if plan is None:
-            self._said.content = "".join(map(elements.alert, offer.faults))
+            self._said.content = "".join(map(elements.alert, offer.faults)) + told
         else:
             self._columns.content = columns_html(plan.columns)
-            self._said.content = plan_html(plan)
+            self._said.content = plan_html(plan) + told
             self._correct(plan)
+        self._offer_to_skip(plan)
         if self.name.value != offer.name:
             put(self.name, offer.name)
         self._place.content = elements.note(f"It will be written to {offer.place} and listed at the top left.")
         self.open.disabled = not offer.is_ready
         self.open.label = OPEN
+
+    def _offer_to_skip(self, plan: ImportPlan | None) -> None:
+        """Show the tick that leaves bad rows out, where there are some and not too many."""
+        self.skip.visible = plan is not None and (plan.can_leave_out or plan.are_left_out)
+        if plan is not None and self.skip.visible:
+            self.skip.label = f"Leave out {numbers.count(len(plan.bad_rows), 'bad row')}"
+        elif self.skip.value:
+            put(self.skip, False)
 
     def _correct(self, plan: ImportPlan) -> None:
         """Show a dropdown for the meaning of each column."""

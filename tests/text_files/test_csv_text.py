@@ -21,7 +21,7 @@ from calib.effects.catalogue.user_file import load_effects
 from calib.errors import MOST_CHARACTERS, CalibError, DatasetError, is_one_line, printable
 from calib.fitting.observations import nominal_state
 from calib.text_files.csv_text import as_number, csv_rows, frame_csv, rows_csv
-from calib.text_files.user_table import load_table
+from calib.text_files.user_table import Fault, load_table
 from inspector.app.page.dataset_list import names_of
 from tests.support.hidden_dataset import write_hidden
 
@@ -76,9 +76,9 @@ def test_what_python_alone_takes_for_a_number_is_none(tmp_path: Path, cell: str)
     )
     assert as_number(cell) is None
     (tmp_path / "u.csv").write_text(f"pose,a\np1,{cell}\n", "utf-8")
-    faults: list[str] = []
+    faults: list[Fault] = []
     assert np.isnan(load_table(tmp_path / "u.csv").numbers("a", faults.append)).all()
-    assert "line 2, column a" in faults[0]
+    assert "line 2, column a" in str(faults[0])
     rest = TableFile.load(tmp_path / "u.csv").rest(["pose"])
     assert rest["a"].tolist() == [cell]  # a text, not a number that nobody wrote
 

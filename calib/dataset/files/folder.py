@@ -120,7 +120,7 @@ def load_dataset(folder: str | Path) -> Dataset:
         scanner=scanner,
         jig=jig,
         warnings=tuple(warnings),
-        notes=notes,
+        notes=(*_own_notes(top), *notes),
         extra=dict(top.unread()) | ({"jig": jig_extra} if jig_extra else {}),
         jig_is_declared="jig" in top.data and not other,
         about=about,
@@ -177,6 +177,14 @@ def _about(table: TomlTable) -> About:
         if not is_one_line(texts[key]):
             raise table.error(key, f"found {texts[key]!r}", "a text of one line without control characters is needed")
     return About(**texts, extra=table.unread())
+
+
+def _own_notes(top: TomlTable) -> tuple[str, ...]:
+    """Notes that dataset.toml lists under `notes`; any other value of the key is kept as an unknown key is."""
+    notes = top.data.get("notes")
+    if not isinstance(notes, list) or not all(isinstance(note, str) and is_one_line(note) for note in notes):
+        return ()
+    return tuple(notes)
 
 
 def _check_scans(folder: Path, scan_folder: Path, poses: Poses, poses_path: Path, *, needed: bool) -> None:

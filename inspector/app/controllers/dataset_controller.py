@@ -104,8 +104,9 @@ class DatasetController:
         self._show_progress(running=False)
         self._stage.show_corner()  # equal targets have their names only now, by all poses together
         self._stage.aim_again()
-        if self._state.session.calibration is None:
-            fit.update(self._state.now, waiting="Calibrating …")
+        if self._state.session.calibration is None or self._state.name in self._model.saved:
+            if self._state.session.calibration is None:
+                fit.update(self._state.now, waiting="Calibrating …")
             yield
             yield from self._model.start(str(fit.residual.value))
         else:

@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 import viser
 
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import load_dataset
 from calib.dataset_import.columns import Meaning
 from calib.dataset_import.import_dataset import ImportChoice, copy_dataset, plan_of_files, without_folder, write_plan
 from calib.dataset_import.plan import ImportPlan
+from calib.dataset_import.typed_values import typed_length_mm, typed_point_mm
 from calib.dataset_import.user_files import UserFiles, look_through
 from calib.errors import CalibError
 from calib.robot_formats.robot_file import ReadOptions
@@ -18,6 +22,8 @@ from calib.robot_formats.tables import CONVENTIONS
 from inspector.panels.your_data import (
     CHOOSE,
     SAME,
+    SIGMA,
+    TOOL,
     Offer,
     OwnDataButton,
     YourDataWindow,
@@ -29,6 +35,10 @@ from inspector.server.background import Background
 from inspector.server.uploads import Upload, Uploads, answer, plain_name, take_uploads
 from inspector.server.viser_server import InspectorServer, guard_gui
 from inspector.server.worker import LongWork, Worker
+from inspector.session.dropped import dataset_needed, dataset_of_session, is_session_file, read_session
+from inspector.session.session_file import Saved
+
+T = TypeVar("T")
 
 
 @dataclass
@@ -40,6 +50,10 @@ class _Import:
     folder: Path
     files: UserFiles | None = None
     plan: ImportPlan | None = None
+    ready: Dataset | None = None  # a dataset's folder among the files, where it can be opened
+    session: Saved | None = None  # a session on that dataset
+    session_words: str = ""
+    wrong: tuple[str, ...] = ()  # typed values that cannot be read
     choice: ImportChoice = field(default_factory=ImportChoice)
     suggested: str = ""
     tips: tuple[str, ...] = ()
@@ -56,10 +70,15 @@ class Imports:
         button: OwnDataButton,
         worker: Worker,
         *,
-        on_made: Callable[[Path], None],
+        on_made: Callable[[Path, Saved | None], None],
+        on_session: Callable[[Saved], bool],
     ) -> None:
-        """`folder`: where datasets are written, None for nowhere; `on_made`: called with each new dataset."""
-        self._server, self._worker, self._on_made = server, worker, on_made
+        """`folder`: where datasets are written, None for nowhere.
+
+        on_made: called with each new dataset, and with the session that came with it.
+        on_session: called with a session that came alone; whether its dataset is there, and is opened with it.
+        """
+        self._server, self._worker, self._on_made, self._on_session = server, worker, on_made, on_session
         self._folder = folder or Path()
         self._open: dict[int, _Import] = {}
         self._background = Background("import")
@@ -126,6 +145,9 @@ class Imports:
             self._uploads.release(upload.client)
             return
         at = self._open.get(upload.client)
+        if at is None and is_session_file(upload.path):
+            self._take_session(upload)
+            return
         if at is None:
             guard_gui(page.gui)
             with page.atomic():  # all at once, so that the window opens as it will stay
@@ -145,6 +167,18 @@ class Imports:
             else:
                 at.window.say(words)
 
+    def _take_session(self, upload: Upload) -> None:
+        """Open a session that came without its dataset, or tell the page which dataset it needs."""
+        try:
+            saved = read_session(upload.path, upload.name)
+        except CalibError as error:
+            self._tell(upload.client, "That did not work", str(error))
+            return
+        finally:
+            self._uploads.release(upload.client)
+        if not self._on_session(saved):
+            self._tell(upload.client, "The session's dataset is missing", dataset_needed(saved))
+
     def _add(self, upload: Upload, folder: Path) -> None:
         with self._uploads.writing(upload.client) as room_bytes:
             add_file(upload.path, upload.name, folder, room_bytes)
@@ -152,7 +186,7 @@ class Imports:
     def _plan(self, at: _Import) -> LongWork:
         """Recognise the uploaded files, plan the dataset, and show the plan."""
         at.plans += 1
-        number, choice, folder = at.plans, at.choice, at.folder
+        number, choice, folder, wrong = at.plans, at.choice, at.folder, at.wrong
 
         def planned() -> tuple[UserFiles, ImportPlan | None, tuple[str, ...], tuple[str, ...]]:
             files = look_through(folder)
@@ -164,6 +198,8 @@ class Imports:
             if len(tips) > 1 and reading.tip is None:
                 reading = replace(reading, tip=tips[0])  # the longest arm; the list shows it
             plan = without_folder(plan_of_files(files, replace(choice, reading=reading)), folder)
+            if wrong:
+                plan = replace(plan, faults=(*wrong, *plan.faults), content=None, preview=None)
             return files, plan, tips, ()
 
         made = yield from self._background.run(planned, lambda: self._open.get(at.client) is at)
@@ -171,6 +207,10 @@ class Imports:
         if made is None or self._open.get(at.client) is not at or at.plans != number:
             return
         at.files, at.plan, at.tips, faults = made
+        if at.plan is None or not at.plan.bad_rows:  # a tick is for the rows that were there as it was set
+            at.choice = replace(at.choice, skip_bad_rows=False)
+        at.ready = None if at.plan is not None or faults else load_dataset(at.files.datasets[0])
+        at.session, at.session_words = _session_among(folder, at.ready)
         at.window.show(self._offer(at, faults))
 
     def _offer(self, at: _Import, faults: tuple[str, ...]) -> Offer:
@@ -184,9 +224,10 @@ class Imports:
         points = choice.points or (files.points if choice.joints is None else None)
         name = str(at.window.name.value) or self._free_name(at.suggested)
         return Offer(
-            files, at.plan, faults, (CHOOSE, *named), chosen, at.tips, choice.reading.tip or (at.tips or ("–",))[0],
-            suffix == ".csv", suffix == ".conf", "–" if joints is None else joints.name,
-            SAME if points is None else points.name, name, self._folder.resolve() / name,
+            files, at.plan, faults, at.ready, at.session_words, (CHOOSE, *named), chosen,
+            at.tips, choice.reading.tip or (at.tips or ("–",))[0], suffix == ".csv", suffix == ".conf",
+            "–" if joints is None else joints.name, SAME if points is None else points.name, name,
+            self._folder.resolve() / name,
         )  # fmt: skip
 
     def _free_name(self, wanted: str) -> str:
@@ -212,7 +253,13 @@ class Imports:
         )
         joints = by_name.get(str(window.joints.value))
         points = by_name.get(str(window.points.value))
-        at.choice = replace(at.choice, robot=robot, reading=reading, joints=joints, points=points or joints)
+        sigma, wrong_sigma = _typed(SIGMA, str(window.sigma.value), typed_length_mm)
+        tool, wrong_tool = _typed(TOOL, str(window.tool.value), typed_point_mm)
+        at.wrong = (*wrong_sigma, *wrong_tool)
+        at.choice = replace(
+            at.choice, robot=robot, reading=reading, joints=joints, points=points or joints,
+            point_sigma_mm=sigma, tool_mm=tool, skip_bad_rows=bool(window.skip.value),
+        )  # fmt: skip
         yield from self._plan(at)
 
     def _corrected(self, client: int, column: str, words: str) -> LongWork:
@@ -247,11 +294,36 @@ class Imports:
             at.window.say(str(error).replace(f"{at.folder}/", ""))
             at.window.open.disabled = False
             return
+        saved = at.session
         self._end(client)
-        self._on_made(out)
+        self._on_made(out, saved)
 
     def _end(self, client: int) -> None:
         at = self._open.pop(client, None)
         if at is not None:
             at.window.close()
             self._uploads.release(client)
+
+
+def _session_among(folder: Path, ready: Dataset | None) -> tuple[Saved | None, str]:
+    """Session among the files of an import, if it is one on the dataset that is ready, and words on the file."""
+    path = next((path for path in sorted(folder.rglob("*.json")) if is_session_file(path)), None)
+    if path is None:
+        return None, ""
+    try:
+        saved = read_session(path, path.name)
+    except CalibError as error:
+        return None, str(error)
+    if ready is None or ready.folder is None or dataset_of_session(saved, [ready.folder]) is None:
+        return None, f"{dataset_needed(saved)}."
+    return saved, f"{path.name} is a session on this dataset, and is opened with it."
+
+
+def _typed(label: str, text: str, read: Callable[[str], T]) -> tuple[T | None, tuple[str, ...]]:
+    """Value of a field of the window, None where it is empty, and a fault where it cannot be read."""
+    if not text.strip():
+        return None, ()
+    try:
+        return read(text), ()
+    except ValueError as error:
+        return None, (f"{label}: {error}",)

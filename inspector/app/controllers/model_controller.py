@@ -123,7 +123,8 @@ class ModelController:
                 lambda: reopened(self._ranking.with_user_effects(session), saved), session
             )
         except CalibError:
-            yield from self._first_fit(residual)
+            if self._session.calibration is None:
+                yield from self._first_fit(residual)
             raise
         if again is not None and again[0].calibration is not None:
             labels = again[0].face_labels or self._session.face_labels

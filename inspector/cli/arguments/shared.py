@@ -151,6 +151,24 @@ def import_arguments(sub: ArgumentParser) -> None:
         metavar="COLUMN=MEANING",
         help="what a column means: q1_deg, -q2_rad, q3_deg+90, x_mm, pose, role, ignore ...; several times",
     )
+    sub.add_argument(
+        "--sigma",
+        type=values.sigma_mm,
+        metavar="MM",
+        help="standard deviation of a measured point, each axis, in mm (default: unknown, taken from the residual)",
+    )
+    sub.add_argument(
+        "--tool",
+        type=values.tool_mm,
+        metavar="X,Y,Z",
+        help="the measured point from the flange (a URDF's last link, else the last joint), in mm, such as "
+        "--tool=0,0,88.5 (default: as the robot's file has it)",
+    )
+    sub.add_argument(
+        "--skip-bad-rows",
+        action="store_true",
+        help="leave out rows that cannot be read, at most half of a table, and say which",
+    )
     sub.add_argument("--dry-run", action="store_true", help="say what would be made, and write nothing")
     sub.add_argument("--diagnose", action="store_true", help="go on to the first diagnosis at once")
     add_json(sub)

@@ -6,6 +6,8 @@ import argparse
 import math
 from pathlib import Path
 
+from calib.dataset_import.typed_values import typed_length_mm, typed_point_mm
+
 _HEAVIEST_KG = 1e4
 _LONGEST_S = 1e6  # what a lock of the system waits for is bounded
 
@@ -61,6 +63,22 @@ def scanner_place(text: str) -> tuple[float, ...]:
             f"{text!r} is no place; give X,Y,Z in mm, such as 1400,0,500, then the X,Y,Z that it looks at if you like"
         )
     return numbers
+
+
+def sigma_mm(text: str) -> float:
+    """Standard deviation above 0, mm."""
+    try:
+        return typed_length_mm(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def tool_mm(text: str) -> tuple[float, float, float]:
+    """Measured point in the flange's frame, mm, from "x,y,z"."""
+    try:
+        return typed_point_mm(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def rmse_mm(text: str) -> float:

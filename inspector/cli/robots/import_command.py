@@ -45,7 +45,12 @@ def run_import(options: ImportOptions) -> int:
             print(visible(f"inspector: warning: {doubt}"), file=sys.stderr)
         if options.dry_run:
             return _told(options, files, plan)
-        dataset = write_plan(plan, options.path).dataset
+        try:
+            dataset = write_plan(plan, options.path).dataset
+        except CalibError as error:
+            if plan.can_leave_out:
+                raise CalibError(f"{error}\n  {_skip_hint(plan)}") from None
+            raise
     summary = [] if plan.robot is None else [plan.robot.summary]
     document = plan_document(plan, files.files)
     notes = [] if plan.robot is None else plan.robot.notes
@@ -59,14 +64,22 @@ def _named(options: ImportOptions) -> UserFiles:
 
 def _choice(options: ImportOptions) -> ImportChoice:
     reading = reading_of(options, named=options.robot is not None)
-    return ImportChoice(options.robot, reading, options.joints, options.points, parsed_mapping(options.map))
+    return ImportChoice(
+        options.robot, reading, options.joints, options.points, parsed_mapping(options.map),
+        point_sigma_mm=options.sigma, tool_mm=options.tool, skip_bad_rows=options.skip_bad_rows,
+    )  # fmt: skip
+
+
+def _skip_hint(plan: ImportPlan) -> str:
+    rows = "the row that cannot" if len(plan.bad_rows) == 1 else f"the {len(plan.bad_rows)} rows that cannot"
+    return f"--skip-bad-rows leaves out {rows} be read"
 
 
 def _told(options: ImportOptions, files: UserFiles, plan: ImportPlan) -> int:
     """Print the plan alone; returns exit code 1 where the plan has faults."""
     kinds = [f"{file.path.name}: {file.kind}, {file.why}" for file in files.files]
     faults = [f"fault: {fault}" for fault in plan.faults]
-    lines = [*kinds, *plan_lines(plan), *faults]
+    lines = [*kinds, *plan_lines(plan), *faults, *([_skip_hint(plan)] if plan.can_leave_out else [])]
     show(options, {"dataset": None} | plan_document(plan, files.files), "\n".join(lines))
     return 1 if plan.faults else 0
 
@@ -76,6 +89,11 @@ def _ready(options: ImportOptions, files: UserFiles) -> int:
     if len(files.datasets) > 1:
         named = ", ".join(str(folder.relative_to(files.folder)) for folder in files.datasets)
         raise CalibError(f"{options.source}: holds {len(files.datasets)} datasets ({named}); give one of them")
+    if options.sigma is not None or options.tool is not None or options.skip_bad_rows:
+        raise CalibError(
+            f"{options.source}: holds a dataset's folder, which is copied as it is; leave out --sigma, --tool and "
+            "--skip-bad-rows, or change its files"
+        )
     folder = files.datasets[0]
     said = f"{options.source}: holds a dataset's folder, which is copied as it is"
     document: dict[str, Any] = {"files": [], "columns": [], "recognised": [said], "doubts": [], "faults": []}
@@ -92,7 +110,8 @@ def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any]
         print(visible(f"inspector: warning: {warning}"), file=sys.stderr)
     roles = {role: int((dataset.poses.role == role).sum()) for role in ROLES}
     counts = ", ".join(f"{count} {role}" for role, count in roles.items())
-    lines = [*lines, f"{options.path}: {len(dataset.poses)} poses ({counts})"]
+    lines = [line for line in lines if line not in warnings]
+    lines += [f"{options.path}: {len(dataset.poses)} poses ({counts})"]
     made = {
         "dataset": str(options.path),
         "robot": dataset.robot.name,

@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from calib.dataset.dataset import Dataset
 from calib.dataset.input_names import quantity_of
 from calib.dataset_import.columns import Meaning
 from calib.dataset_import.plan import ImportPlan, PlannedColumn
 from calib.dataset_import.user_files import UNUSED, UserFile
+from calib.present.dataset import first_rows, preview
 from inspector.markup.parts import elements
 from inspector.markup.parts.elements import Html
 
 _MOST_FILES, _MOST_UNUSED = 12, 6  # named each
 _MOST_LINES = 30
-_DOUBT = "#E69F00"
+_SHOWN_NOTES = ("is read so", "misses the points", "its table is", "the measured point is at")
+_DOUBT, NOTED = "#E69F00", "#56B4E9"
 # As wide as the table needs; viser makes its windows 440 pixels wide.
 WIDE = (
     "<style>.mantine-Modal-content:has(.inspector-import){flex:0 0 min(54rem,94vw)}"
@@ -90,11 +93,18 @@ def plan_html(plan: ImportPlan) -> str:
         if len(plan.faults) > _MOST_LINES:
             html += elements.note(f"... and {len(plan.faults) - _MOST_LINES} more.")
     html += "".join(elements.alert(_here(line), colour=_DOUBT) for line in plan.doubts[:_MOST_LINES])
-    told = [
-        line for line in plan.notes if "is read so" in line or "misses the points" in line or "its table is" in line
-    ]
-    html += "".join(elements.alert(_here(line), colour="#56B4E9") for line in told)
+    left_out = () if plan.content is None else plan.content.notes
+    html += "".join(elements.alert(line, colour=_DOUBT) for line in left_out)
+    told = [line for line in plan.notes if any(words in line for words in _SHOWN_NOTES)]
+    html += "".join(elements.alert(_here(line), colour=NOTED) for line in told)
     return html
+
+
+def preview_html(dataset: Dataset) -> str:
+    """HTML on the dataset that comes out: a sentence on its poses and points, and its first rows."""
+    rows = first_rows(dataset)
+    table = elements.table(rows.headers, rows.rows, left=len(rows.left))
+    return elements.heading(f"What comes out: {preview(dataset)}") + table
 
 
 def _here(line: str) -> str:

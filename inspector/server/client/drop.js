@@ -158,7 +158,7 @@
     over += 1;
     show(
       input()
-        ? "Drop your data: a zip, a folder, or a robot's file with CSV tables of joints and points"
+        ? "Drop your data: a zip, a folder, a robot's file with CSV tables of joints and points, or a session"
         : "Files go in by “Open your own data …” in the panel Review: open it; the button takes them or says what is missing",
     );
   });

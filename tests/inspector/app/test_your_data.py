@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import json
 import os
 import time
 import zipfile
@@ -21,9 +22,10 @@ from calib.robot_formats.urdf.text import plain_urdf
 from calib.simulation.simulate import simulate_dataset
 from inspector.app.app import App
 from inspector.app.serving import serving
-from inspector.panels.your_data import CANCEL, OPEN, OWN_DATA
+from inspector.panels.your_data import CANCEL, OPEN, OWN_DATA, SIGMA, SIGMA_HELP, TOOL, TOOL_HELP
 from inspector.server.uploads import PART_BYTES
 from inspector.server.viser_server import url_of
+from inspector.session.session_file import session_text
 from tests.support.app import IDLE_S, plain, shows, without_reflections
 from tests.support.browser import MS, open_page, says
 from tests.support.hidden_dataset import write_hidden
@@ -209,6 +211,108 @@ def test_hostile_names_and_values_stay_text_and_change_nothing(app: App, tmp_pat
     while any(files for _, _, files in os.walk(tmp_path / "data")):
         assert time.monotonic() < end
         time.sleep(0.05)
+
+
+def spoilt(given: dict[str, bytes]) -> dict[str, bytes]:
+    """The files with a word in a row of joints, and without two of the points."""
+    joints = given["achsen.csv"].replace(b"\n3;", b"\n3;n/a ", 1)
+    points = b"\n".join(line for line in given["tracker.csv"].split(b"\n") if not line.startswith((b"11,", b"17,")))
+    return given | {"achsen.csv": joints, "tracker.csv": points}
+
+
+def test_bad_rows_are_left_out_by_a_tick_and_told(app: App, given: dict[str, bytes], tmp_path: Path) -> None:
+    tick = "Leave out 1 bad row"
+    with WireClient(app.server.get_port()) as page:
+        send(page, "log.zip", packed(spoilt(given)))
+        page.wait(lambda p: p.has(tick))
+        assert not open_button(page)
+        shows(page, "line 5, column A1")
+        page.set(tick, True)
+        page.wait(open_button)
+        shows(page, "39 poses, 37 points; 11 and 17 have no point", "achsen.csv: 1 of 40 rows is left out")
+        page.set(tick, False)
+        page.wait(lambda p: not open_button(p))
+        page.set(tick, True)
+        page.wait(open_button)
+        page.click(OPEN)
+        page.wait(lambda p: p.value("Dataset") == "log")
+        shows(page, "achsen.csv: 1 of 40 rows is left out")  # in the notes of the dataset
+    made = load_dataset(tmp_path / "data" / "log")
+    assert "3" not in made.poses.ids
+    assert any("line 5, column A1" in note for note in made.notes)
+
+
+def test_sigma_and_tool_offset_are_asked_for(app: App, given: dict[str, bytes], tmp_path: Path) -> None:
+    with WireClient(app.server.get_port()) as page:
+        send(page, "log.zip", packed(given))
+        page.wait(open_button)
+        shows(page, SIGMA_HELP, TOOL_HELP, "40 poses, 40 points.")
+        page.set(SIGMA, "a lot")
+        shows(page, "is no standard deviation")
+        page.wait(lambda p: not open_button(p))
+        page.set(SIGMA, "0,02")
+        page.wait(open_button)
+        page.set(TOOL, "0, 0")
+        shows(page, "is no point")
+        page.set(TOOL, "0, 0, 0.5")
+        shows(page, "the measured point is at 0, 0, 0.5 mm")
+        page.wait(open_button)
+        page.click(OPEN)
+        page.wait(lambda p: p.value("Dataset") == "log")
+    made = load_dataset(tmp_path / "data" / "log")
+    assert made.scanner.point_sigma_mm == 0.02
+    assert made.robot.own_tool_point is not None
+
+
+def without(robot_pose: str, app: App) -> str:
+    """Text of a session in which a pose is left out, as *Take away* writes it; the page then has all poses again."""
+    app.leave_out(robot_pose, True)
+    assert app.worker.wait_idle(IDLE_S)
+    text = session_text(app.state.session, beside=Path("anywhere"))
+    app.leave_out(robot_pose, False)
+    assert app.worker.wait_idle(IDLE_S)
+    return text
+
+
+def test_a_dropped_session_opens_on_the_listed_dataset(app: App) -> None:
+    text = without("p05", app)
+    with WireClient(app.server.get_port()) as page:
+        send(page, "session.json", text.encode())
+        page.wait(lambda p: any("p05 · " in option and "left out" in option for option in p.props("Pose")["options"]))
+        assert app.worker.wait_idle(IDLE_S)
+        assert app.state.session.uncounted == {"p05"}
+        assert not page.has(OPEN)
+        assert page.notifications == []
+
+
+def test_a_session_opens_with_the_dataset_that_it_came_with(app: App, served: Path, tmp_path: Path) -> None:
+    text = without("p05", app)
+    content = {f"cell/{path.name}": path.read_bytes() for path in served.iterdir() if path.is_file()}
+    with WireClient(app.server.get_port()) as page:
+        send(page, "cell.zip", packed(content | {"session.json": text.encode()}))
+        page.wait(open_button)
+        shows(page, "is a session on this dataset", "45 poses, 45 points.")
+        page.click(OPEN)
+        page.wait(lambda p: p.value("Dataset") == "cell")
+        assert app.worker.wait_idle(IDLE_S)
+        assert (app.state.name, app.state.session.uncounted) == ("cell", {"p05"})
+
+
+def test_a_session_whose_dataset_is_not_there_says_which_it_needs(app: App, given: dict[str, bytes]) -> None:
+    document = json.loads(session_text(app.state.session, beside=Path("anywhere")))
+    document["dataset"] = {"name": "cell 9", "folder": "../there/nine", "files": {"dataset.toml": "0"}}
+    text = json.dumps(document).encode()
+    needed = ("session on the dataset 'cell 9' (folder 'nine')", "drop that dataset's folder or zip")
+    with WireClient(app.server.get_port()) as page:
+        send(page, "session.json", text)
+        page.wait(lambda p: any(all(part in n["props"]["body"] for part in needed) for n in p.notifications))
+        assert not page.has(OPEN)
+        send(page, "torn.json", text[: len(text) // 2])
+        page.wait(lambda p: any("torn.json" in n["props"]["body"] for n in p.notifications))
+        send(page, "log.zip", packed(given | {"session.json": text}))
+        page.wait(open_button)
+        shows(page, *needed)
+    assert app.state.session.calibration is not None
 
 
 def test_without_a_place_for_data_the_page_says_how_to_start_it(served: Path, given: dict[str, bytes]) -> None:

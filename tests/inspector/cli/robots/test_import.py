@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.robot_formats.chain.five_parameters import chain_of
 from calib.robot_formats.urdf.text import plain_urdf
@@ -115,3 +116,36 @@ def test_a_ready_dataset_is_copied_as_it_is(given: Path, capsys: pytest.CaptureF
     assert "copied" in capsys.readouterr().out
     for path in (given / "cell").iterdir():
         assert (given / "again" / path.name).read_bytes() == path.read_bytes()
+
+
+@pytest.mark.slow
+def test_bad_rows_are_left_out_where_asked_with_sigma_and_tool(given: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    header, *rows = (given / "log.csv").read_text().splitlines()
+    rows[4] = rows[4].replace(",", ",n/a ", 1)
+    (given / "log.csv").write_text("\n".join([header, *rows]))
+    arguments = ["import", str(given / "cell"), "--robot", str(given / "arm.urdf"), "--joints", str(given / "log.csv")]
+    assert main(arguments) == 2
+    assert "--skip-bad-rows leaves out the row that cannot be read" in capsys.readouterr().err
+    assert main([*arguments, "--dry-run", "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert [(row["table"], row["line"], row["column"]) for row in document["bad_rows"]] == [("log.csv", 6, "joint_2")]
+    assert document["bad_rows_left_out"] is False
+    assert main([*arguments, "--skip-bad-rows", "--sigma", "0.02", "--tool=0,0,0.5", "--json"]) == 0
+    told = capsys.readouterr()
+    document = json.loads(told.out)
+    assert document["bad_rows_left_out"] is True
+    assert document["preview"] == "39 poses, 39 points."
+    for notes in (document["recognised"], document["warnings"], told.err.splitlines()):
+        assert any("log.csv: 1 of 40 rows is left out" in note and "line 6" in note for note in notes)
+    made = load_dataset(given / "cell")
+    assert made.scanner.point_sigma_mm == 0.02
+    assert made.robot.own_tool_point is not None
+    for wrong in (("--sigma", "0"), ("--tool", "1,2")):
+        with pytest.raises(SystemExit) as ended:
+            main([*arguments, *wrong])
+        assert ended.value.code == 2
+
+
+def test_a_ready_dataset_takes_neither_sigma_nor_tool(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["import", str(tmp_path / "cell"), "--from", "sample_data/hidden_effect_a", "--sigma", "0.1"]) == 2
+    assert "--sigma" in capsys.readouterr().err

@@ -1,0 +1,27 @@
+"""Measured point of the tool as the user gives it: its offset from the end of the robot's file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calib import frames
+from calib.kinematics.robot import Vector
+from calib.kinematics.tool_point import ending_at_tool_point, tip_T_last, with_own_tool_point, with_tool_point
+from calib.robot_formats.chain.five_parameters import vector
+from calib.robot_formats.robot_file import RobotFile
+
+
+def with_tool_offset(file: RobotFile, offset_mm: Vector) -> RobotFile:
+    """Robot whose measured point is at an offset, mm, from the end of its file.
+
+    A URDF and other files of a chain end at a flange: the point becomes the target "jig" of robot.toml, at the offset
+    in the flange's frame, and the tool row keeps the flange. A robot.toml ends at the last joint, as its [tool] is the
+    tool: the tool row then ends at the offset in the last joint's frame.
+    """
+    point_mm = np.array(offset_mm, dtype=float)
+    if file.chain is None:
+        return replace(file, robot=with_tool_point(ending_at_tool_point(file.robot), point_mm))
+    in_last_mm = frames.apply(frames.invert(tip_T_last(file.robot)), point_mm)
+    return replace(file, robot=with_own_tool_point(file.robot, vector(in_last_mm)))
