@@ -53,7 +53,7 @@ class FitKnowledge:
         return np.asarray(np.linalg.pinv(stacked, rcond=1e-9) @ turn.reshape(len(stacked), -1))
 
     def _turns(self, model: Model, x: Array, poses: Poses) -> tuple[Array, Array]:
-        """Derivatives of the tool's attitude by the parameters (N, 3, P) and by turns of base and tool common to all poses."""
+        """Derivatives of the tool's attitude by the parameters (N, 3, P) and by turns of base and tool at all poses."""
         _, attitude, by_x = model.linearise_pose(x, poses)
         of_base = np.broadcast_to(np.eye(3), attitude.shape)
         columns = np.concatenate([of_base, attitude], axis=2) if self.full_poses else of_base

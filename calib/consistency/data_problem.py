@@ -355,7 +355,7 @@ class _FittedHypotheses:
         return Suspicions(self._problem(best, as_good))
 
     def _undecided(self) -> Suspicions:
-        """Hypotheses that stay open where none is accepted, with the likeliest fault of the data if its evidence is large."""
+        """Hypotheses still open where none is accepted, with the likeliest fault of the data if it is evident."""
         still_open = tuple(h for h in self.fits if self._is_open(h))
         best = max(still_open, key=self._gain, default=None)
         if best is None or self._gain(best) <= MIN_GAIN:

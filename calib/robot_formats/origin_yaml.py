@@ -175,7 +175,7 @@ def chain_of_yaml(origins: OriginYaml) -> SerialChain:
 
 
 def with_yaml_origins(origins: OriginYaml, chain: SerialChain) -> tuple[str, tuple[str, ...]]:
-    """Text of a YAML of joint origins with the origins of a serial chain in their place, and the names of changed joints."""
+    """Text of a YAML of joint origins with those of a serial chain instead, and the names of the changed joints."""
     wanted = [joint.before_T_joint for joint in chain.joints]
     blocks = list(origins.blocks.items())
     if origins.flange is not None:

@@ -1,7 +1,7 @@
 """Colours of the app, one meaning each, distinguishable for colour-blind readers.
 
-Roles of poses, models and the selected pose are 20 and more apart for all eyes, and stand out from a light page and from
-a dark one with a contrast of 3:1 (docs/guide/page.md).
+Roles of poses and models are 20 and more apart for all eyes, and stand out from a light page and from a dark one with a
+contrast of 3:1 (docs/guide/page.md).
 """
 
 from __future__ import annotations
