@@ -237,7 +237,7 @@ class Verdict(Block):
 
 @dataclass(frozen=True)
 class Drawing(Block):
-    """A picture given as SVG, whose texts are escaped already."""
+    """A picture given as SVG, or a frame of another page, whose texts are escaped already."""
 
     kind: ClassVar[str] = "drawing"
     svg: str

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from datetime import datetime
+from importlib.util import find_spec
 from pathlib import Path
 
 from calib.compensation.target_files import corrected_file, load_targets, require_conditions
@@ -118,10 +119,15 @@ def run_report(options: ReportOptions) -> int:
             given, options.fit_options(), effects=options.effect, user_effects=user_effects, on_step=on_step
         )
     session = with_found(session, found)
-    html = report_html(report_of(session), now=datetime.now())
-    printed = None if pdf is None else pdf_of(html)
+    report, now = report_of(session), datetime.now()
+    printed = None if pdf is None else pdf_of(report_html(report, now=now))
     if page is not None:
-        write_text_atomically(page, html)
+        scene = None
+        if find_spec("viser") is not None:  # an extra: without it the report has no 3D view
+            from inspector.scene.scene_page import scene_of
+
+            scene = scene_of(session)
+        write_text_atomically(page, report_html(report, now=now, scene=scene))
     if pdf is not None and printed is not None:
         write_bytes_atomically(pdf, printed)
     files = {"report": str(options.out), "pdf": None if pdf is None else str(pdf)}

@@ -19,10 +19,14 @@ MARK = '<meta name="generator" content="robot-calibration-inspector">'
 """Tells a report from any other file; among the first characters of the page."""
 
 
-def render(told: Presentation) -> str:
-    """HTML page of a presentation with its figures: the head (the first page when printed), then the sections."""
+def render(told: Presentation, policy: str = "") -> str:
+    """HTML page of a presentation with its figures: the head (the first page when printed), then the sections.
+
+    policy: further directives of its Content-Security-Policy, which otherwise lets nothing load or run.
+    """
     names = (f"figure{number}" for number in count(1))
-    return _templates().get_template("page.html").render(mark=MARK, title=told.title, **drawn(told, draw, names))
+    shown = drawn(told, draw, names)
+    return _templates().get_template("page.html").render(mark=MARK, policy=policy, title=told.title, **shown)
 
 
 @cache

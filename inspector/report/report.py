@@ -10,9 +10,10 @@ from dataclasses import replace
 from datetime import datetime
 from importlib import metadata
 from pathlib import Path
+from typing import Protocol
 
 from calib.calibration.noise_level import check_sigma
-from calib.present.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section
+from calib.present.blocks import Block, Bullets, Drawing, Facts, FigurePlace, Paragraph, Presentation, Section
 from calib.present.calibration import (
     error_tables,
     history_caption,
@@ -61,6 +62,10 @@ REFERENCES = (
     "Park et al. 2022, Kinematic Calibration Based on Position of Robot Manipulator Eliminating Redundancy of "
     "Parameters, JKSPE 39(7) 517-528, doi 10.7736/JKSPE.022.023 (redundancy).",
 )
+SCENE_CAPTION = (
+    "Drag to turn, scroll to zoom. Arrows go from measured to predicted points; thin lines are those of the model "
+    "before. Browsers that run no scripts leave this view out."
+)
 PACKAGES = ("robot-calibration-inspector", "numpy", "scipy", "pandas", "open3d-cpu", "open3d", "plotly")
 
 
@@ -71,12 +76,27 @@ def is_report(path: Path) -> bool:
     return not start or MARK.encode() in start or is_report_pdf(path)
 
 
-def report_html(report: Report, *, now: datetime) -> str:
-    """HTML of a report; `now` is its date."""
+class Embedded(Protocol):
+    """A view that a report embeds: an HTML element, and what its Content-Security-Policy must allow for it."""
+
+    @property
+    def frame(self) -> str: ...
+    @property
+    def policy(self) -> str: ...
+
+
+def report_html(report: Report, *, now: datetime, scene: Embedded | None = None) -> str:
+    """HTML of a report.
+
+    Args:
+        now: its date.
+        scene: the 3D view (`inspector.scene.scene_page.scene_of`); without it there is none.
+    """
     made = now.astimezone().strftime("%Y-%m-%d %H:%M %Z").strip()
     sections = [
         Section(HOW, _reasons(report)),
         Section(HISTORY, _history(report)),
+        *([Section("The arm in 3D", [Drawing(scene.frame, SCENE_CAPTION)])] if scene else []),
         Section(DATASET, measured_blocks(report.calibration, report.session.searches)),
         Section(MISSING, _ranking(report)),
         Section(RESIDUAL, residual_blocks(report.residuals)),
@@ -87,7 +107,10 @@ def report_html(report: Report, *, now: datetime) -> str:
         Section("Method", (Bullets(METHOD), Bullets(REFERENCES))),
         Section("Made with", (Facts(versions()), Paragraph(f"Made {made}.", soft=True))),
     ]
-    return render(Presentation(f"Calibration report: {report.dataset.name}", first_page(report, made), sections))
+    return render(
+        Presentation(f"Calibration report: {report.dataset.name}", first_page(report, made), sections),
+        "" if scene is None else scene.policy,
+    )
 
 
 def versions() -> list[tuple[str, str]]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import html
+import re
 from dataclasses import dataclass, replace
 
 from calib.calibration.result import Calibration
@@ -20,17 +23,38 @@ from inspector.session.view import View
 
 VIEW = "Arm"
 HEIGHT_PX = 480
+_SCRIPT = re.compile(r"<script[^>]*>(.*?)</script>", re.DOTALL)
 NO_SCRIPTS = "This view of the arm needs a browser that runs scripts."
 
 
 @dataclass(frozen=True)
 class Scene3d:
-    """A 3D view that a notebook shows in a cell's output."""
+    """A 3D view as a page of its own, which a report embeds and a notebook shows in a cell's output."""
 
-    page: str  # HTML document without anything from elsewhere
+    page: str  # HTML document, about 0.9 MB, that loads nothing from elsewhere
+
+    @property
+    def frame(self) -> str:
+        """HTML element that shows the view within another page; a sentence where scripts do not run."""
+        document = html.escape(self.page, quote=True)
+        style = f"width:100%;height:{HEIGHT_PX}px;border:1px solid rgba(128,128,128,.4)"
+        return (
+            f'<iframe sandbox="allow-scripts" loading="lazy" title="The arm in 3D" style="{style}" srcdoc="{document}">'
+            f"</iframe><noscript>{NO_SCRIPTS}</noscript>"
+        )
+
+    @property
+    def policy(self) -> str:
+        """Directives of a Content-Security-Policy that let the scripts of this view run, by their hashes, and no others."""
+        digests = (hashlib.sha256(script.encode()).digest() for script in _SCRIPT.findall(self.page))
+        hashes = " ".join(f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests)
+        return (
+            f"script-src {hashes} 'strict-dynamic' 'wasm-unsafe-eval'; worker-src blob:; img-src data: blob:; "
+            "font-src data:; connect-src data: blob:"
+        )
 
     def _repr_html_(self) -> str:
-        return frame(self.page)
+        return self.frame
 
     def __repr__(self) -> str:
         return f"Scene3d({len(self.page) / 1e6:.1f} MB of HTML)"
@@ -45,11 +69,11 @@ def scene_3d(of: Diagnosis | Calibration) -> Scene3d:
         session = with_steps(Session(of.calibration.dataset), of.steps)
     else:
         session = with_steps(Session(of.dataset), (FitStep("model", (), of),))
-    return Scene3d(scene_page(session))
+    return scene_of(session)
 
 
-def scene_page(session: Session) -> str:
-    """HTML document, about 0.9 MB, with the 3D view of a session's latest model; it loads nothing from elsewhere."""
+def scene_of(session: Session) -> Scene3d:
+    """3D view of a session's latest model at the reference pose."""
     session = with_versions(session, session)
     newest = session.versions[-1].name
     view = View(session, pose=session.dataset.poses.reference, chosen=newest, compared=frozenset({newest}))
@@ -64,16 +88,6 @@ def scene_page(session: Session) -> str:
         ArmDrawing(scene, lambda joint: None).draw(view)
         camera.choose(VIEW)
         camera.at(view, {})
-        return server.scene.as_html()
+        return Scene3d(server.scene.as_html())
     finally:
         server.stop()
-
-
-def frame(page: str, height_px: int = HEIGHT_PX) -> str:
-    """HTML element that shows a document within another page; nothing but a sentence where scripts do not run."""
-    document = html.escape(page, quote=True)
-    style = f"width:100%;height:{height_px}px;border:1px solid rgba(128,128,128,.4)"
-    return (
-        f'<iframe sandbox="allow-scripts" loading="lazy" title="The arm in 3D" style="{style}" srcdoc="{document}">'
-        f"</iframe><noscript>{NO_SCRIPTS}</noscript>"
-    )

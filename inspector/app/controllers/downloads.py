@@ -32,6 +32,7 @@ from inspector.panels.downloads import (
 )
 from inspector.panels.input_checks import clamped
 from inspector.report.pdf import find_browser, pdf_of
+from inspector.scene.scene_page import Scene3d, scene_of
 from inspector.server.background import Background
 from inspector.server.worker import LongWork, Worker
 from inspector.session import measuring
@@ -113,14 +114,14 @@ class Downloads:
 
 
 def _report(asked: Asked) -> tuple[str, bytes]:
-    return "report.html", _report_html(asked).encode()
+    return "report.html", _report_html(asked, scene_of(asked.session)).encode()
 
 
 def _report_pdf(asked: Asked) -> tuple[str, bytes]:
     return "report.pdf", pdf_of(_report_html(asked))
 
 
-def _report_html(asked: Asked) -> str:
+def _report_html(asked: Asked, scene: Scene3d | None = None) -> str:
     from inspector.report.content import report_of
     from inspector.report.report import report_html
 
@@ -128,7 +129,7 @@ def _report_html(asked: Asked) -> str:
     assert asked.calibration is not None
     if session.screening is None:
         session = sessions.with_screening(session)
-    return report_html(report_of(session), now=datetime.now())
+    return report_html(report_of(session), now=datetime.now(), scene=scene)
 
 
 def _table(asked: Asked) -> ExportedTable:

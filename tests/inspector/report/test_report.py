@@ -138,6 +138,10 @@ def test_no_name_becomes_markup_and_nothing_is_fetched_or_run(written: Path) -> 
         assert name not in page
         assert str(markupsafe.escape(name)) in page
     assert "<script" not in page
+    page, views = re.subn(r'<iframe sandbox="allow-scripts"[^>]*></iframe>', "", page)
+    assert views == 1  # the 3D view, whose scripts alone may run
+    assert "script-src 'sha256-" in page
+    assert "'unsafe-inline'" not in page.partition("script-src")[2].partition(";")[0]
     assert not re.search(r"<[^>]*\b(?:src|href|on\w+)\s*=", page)
     assert "default-src 'none'" in page
 

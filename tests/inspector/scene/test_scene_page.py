@@ -11,7 +11,7 @@ import pytest
 from calib.calibration.calibrate import calibrate
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.diagnose import diagnose
-from inspector.scene.scene_page import frame, scene_3d
+from inspector.scene.scene_page import Scene3d, scene_3d
 from inspector.scene.scene_view import ROOT
 from tests.support.browser import MS
 from tests.support.hidden_dataset import write_hidden
@@ -36,6 +36,6 @@ def test_the_page_of_a_scene_draws_arm_and_arrows_alone(chromium: Any, tmp_path:
 def test_a_calibration_is_framed_for_a_notebook(tmp_path: Path) -> None:
     scene = scene_3d(calibrate(load_dataset(write_hidden(tmp_path / "hidden"))))
     assert html.escape(scene.page, quote=True) in scene._repr_html_()
-    assert 'sandbox="allow-scripts"' in frame("<b>")
-    assert "<b>" not in frame("<b>")
+    assert 'sandbox="allow-scripts"' in Scene3d("<b>").frame
+    assert "<b>" not in Scene3d("<b>").frame
     assert len(repr(scene)) < 60
