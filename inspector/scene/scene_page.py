@@ -45,7 +45,7 @@ class Scene3d:
 
     @property
     def policy(self) -> str:
-        """Directives of a Content-Security-Policy that let the scripts of this view run, by their hashes, and no others."""
+        """Directives of a Content-Security-Policy that let the scripts of this view run by their hashes, no others."""
         digests = (hashlib.sha256(script.encode()).digest() for script in _SCRIPT.findall(self.page))
         hashes = " ".join(f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests)
         return (
