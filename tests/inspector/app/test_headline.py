@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from html import unescape
 from pathlib import Path
 
 import pytest
 
+from calib.present.budget import budget_parts
 from calib.present.error_headline import stage_error
 from inspector.app.app import App
 from inspector.app.serving import serving
@@ -67,6 +69,19 @@ def test_what_was_found_is_a_stage_and_taking_away_is_next(app: App) -> None:
     told = app.state.session.headline
     assert told is not None
     assert len(told.stages) == 3
+
+
+def test_the_bar_divides_the_error_between_the_causes_of_the_model_on_show(app: App) -> None:
+    session = app.state.session
+    assert session.budget is not None
+    html = headline_html(app.state.now, Doing())
+    bar = html[html.index('class="headline-budget"') : html.index('class="headline-note"')]
+    for part in budget_parts(session.budget):
+        assert f"{part.name} {part.words}: " in unescape(bar)
+        assert part.colour in bar
+    assert bar.count("<i ") == len(session.budget.shares)
+    assert session.budget.shares[0].cause == "geometry"
+    assert "headline-budget" not in headline_html(View(Session(session.dataset)), Doing())
 
 
 def test_before_there_is_a_model_it_says_what_is_done_and_what_comes_next(app: App, tmp_path: Path) -> None:
