@@ -27,13 +27,16 @@ class OutlyingPoses:
         self.button.on_click(lambda _: self.press())
 
     def update(self, session: Session, *, beside_advice: bool = False) -> None:
-        """Show the outlying poses of a session.
+        """Show the poses that a diagnosis, or the advice, says to stand out.
+
+        Before either, an effect that the model lacks may make a good pose stand out.
 
         beside_advice: whether the advised move has its button there; where that leaves the poses out, this one hides.
         """
         tests, advice = session.residual_tests, session.advice
         self._is_advised = session.diagnosis is None and advice is not None and isinstance(advice.move, LeaveOutPoses)
-        outlying = () if tests is None else tests.outlier_poses
+        is_judged = session.diagnosis is not None or self._is_advised
+        outlying = tests.outlier_poses if tests is not None and is_judged else ()
         self._poses = tuple(pose_id for pose_id in outlying if pose_id not in session.uncounted)
         shown = bool(self._poses) and not (beside_advice and self._is_advised)
         self._sentence.visible = self.button.visible = shown

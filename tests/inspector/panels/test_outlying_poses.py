@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from calib.dataset.files.folder import write_dataset
-from calib.diagnosis.moves import LeaveOutPoses
+from calib.diagnosis.moves import AddEffect, LeaveOutPoses
 from inspector.app.app import App
 from inspector.markup.learn.effects import leave_out_label
 from tests.support.app import IDLE_S, idle_app, shows
-from tests.support.hidden_dataset import arm
+from tests.support.hidden_dataset import UNNAMED, arm
 from tests.support.wire_client import WireClient
 
 pytestmark = pytest.mark.slow  # a whole app, running
@@ -21,9 +21,9 @@ pytestmark = pytest.mark.slow  # a whole app, running
 FAR = {7: (0.0, 2.0, 0.0), 21: (1.5, 0.0, 0.5)}  # mm, by which points are off
 
 
-def write_outlying(folder: Path, *effects: tuple[str, float]) -> tuple[Path, list[str]]:
+def write_outlying(folder: Path, seed: int, *effects: tuple[str, float]) -> tuple[Path, list[str]]:
     """64 poses at `folder`, points of two of them far off; the folder, and the ids of these two."""
-    dataset = arm(5, *effects)
+    dataset = arm(seed, *effects)
     assert dataset.points is not None
     xyz_mm = dataset.points.xyz_mm.copy()
     for row, by_mm in FAR.items():
@@ -35,7 +35,7 @@ def write_outlying(folder: Path, *effects: tuple[str, float]) -> tuple[Path, lis
 
 @pytest.fixture(scope="module")
 def outlying(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
-    return write_outlying(tmp_path_factory.mktemp("outlying") / "cell")
+    return write_outlying(tmp_path_factory.mktemp("outlying") / "cell", 5)
 
 
 @pytest.fixture
@@ -67,15 +67,15 @@ def test_the_advised_move_and_the_worst_poses_have_the_same_button(
     page.wait(lambda p: buttons(p, label) == 0)
 
 
-def test_poses_that_stand_out_besides_an_effect_are_left_out_as_one_change(tmp_path: Path) -> None:
-    folder, ids = write_outlying(tmp_path / "soft", ("joint_compliance", 4.0))
+def test_poses_that_a_diagnosis_names_are_left_out_as_one_change(tmp_path: Path) -> None:
+    folder, ids = write_outlying(tmp_path / "uneven", 2004, UNNAMED)
     with idle_app(folder) as app, WireClient(app.server.get_port()) as page:
         session = app.state.session
         assert session.residual_tests is not None
         poses = session.residual_tests.outlier_poses
         assert set(poses) <= set(ids)
-        assert session.advice is not None
-        assert not isinstance(session.advice.move, LeaveOutPoses)
+        assert session.diagnosis is not None
+        assert session.diagnosis.verdict == "unexplained"
         label = leave_out_label(poses)
         assert buttons(page, label) == 2  # in "What is missing" and "Where it fails"
         page.click(label)
@@ -92,6 +92,18 @@ def test_poses_that_stand_out_besides_an_effect_are_left_out_as_one_change(tmp_p
         app.move(-1)
         assert app.worker.wait_idle(IDLE_S)
         assert app.state.session.uncounted == frozenset()
+
+
+def test_a_pose_that_an_effect_may_explain_has_no_button(tmp_path: Path) -> None:
+    folder, _ = write_outlying(tmp_path / "soft", 5, ("backlash", 6.0))
+    with idle_app(folder) as app, WireClient(app.server.get_port()) as page:
+        session = app.state.session
+        assert session.residual_tests is not None
+        assert session.residual_tests.outlier_poses
+        assert session.diagnosis is None
+        assert session.advice is not None
+        assert isinstance(session.advice.move, AddEffect)
+        assert buttons(page, leave_out_label(session.residual_tests.outlier_poses)) == 0
 
 
 def test_a_button_names_a_few_poses() -> None:
