@@ -420,8 +420,13 @@ def residual_tests(tests: ResidualTests) -> Words:
     if tests.fault is not None:
         words = spans(words, " It looks as if ", fault(tests.fault), f" (log evidence {tests.fault.log_evidence:.0f}).")
     if tests.outlier_poses:
-        words = spans(words, " Single poses stand out: ", listed([pose(name) for name in tests.outlier_poses]), ".")
+        words = spans(words, " ", outliers_sentence(tests.outlier_poses))
     return words
+
+
+def outliers_sentence(poses: Sequence[str]) -> Words:
+    """Sentence that names the poses whose residuals stand out of all others."""
+    return spans("Single poses stand out: ", listed([pose(name) for name in poses]), ".")
 
 
 def _pattern(tests: ResidualTests) -> Words:

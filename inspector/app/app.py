@@ -408,6 +408,10 @@ class App:
         if view is not None and pose_id in view.session.dataset.poses.ids:
             self.worker.submit(("leave out", pose_id), lambda: self.model.leave_out(pose_id, out))
 
+    def leave_out_poses(self, pose_ids: Sequence[str]) -> None:
+        """Leave several poses out of all fits and tests, as one change."""
+        self.worker.submit(("leave out", tuple(pose_ids)), lambda: self.model.leave_out_poses(pose_ids))
+
     def move(self, by: int) -> None:
         """Undo (for a negative number) or redo changes of the model; repeated presses add up."""
         with self._asking:

@@ -33,11 +33,11 @@ OPEN = "Import and open"
 CANCEL = "Cancel"
 CHOOSE = "choose …"
 SAME = "in the table of joints"
-SIGMA, TOOL = "Sigma, mm", "Tool offset, mm"
+SIGMA, TOOL = "Sigma, mm", "Tool, mm"
 SIGMA_HELP = "Standard deviation of a measured point, each axis, such as 0.05. Empty: unknown, taken from the residual."
 TOOL_HELP = (
-    "The measured point x, y, z from the flange (a URDF's last link, else the last joint), such as 0, 0, 88.5. Empty: "
-    "as the robot's file has it."
+    "Offset x, y, z of the measured point from the flange (a URDF's last link, else the last joint). Empty: as in the "
+    "robot's file."
 )
 NOTE = "More files? Drop them on the page; one of the same name replaces the one before."
 HOW = (

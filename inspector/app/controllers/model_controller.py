@@ -8,7 +8,7 @@ one they began with.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from calib.errors import CalibError
@@ -180,9 +180,15 @@ class ModelController:
         view = self._state.now
         ids = [view.session.dataset.poses.ids[pose] for pose in view.boxed]
         self._state.change(boxed=())
+        yield from self.leave_out_poses(ids)
+
+    def leave_out_poses(self, pose_ids: Sequence[str]) -> LongWork:
+        """Long work that leaves several poses out as one change, those that the dataset has and that are in use."""
+        session = self._session
+        ids = [i for i in pose_ids if i in session.dataset.poses.ids and i not in session.uncounted]
         if ids:
-            changed = with_poses_left_out(view.session, *ids)
-            (self._shown.replace if view.session.calibration is None else self._shown.change)(changed)
+            changed = with_poses_left_out(session, *ids)
+            (self._shown.replace if session.calibration is None else self._shown.change)(changed)
             yield
         yield from self.rank()
 

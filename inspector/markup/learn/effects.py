@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from calib.calibration.result import Calibration
 from calib.diagnosis.advice import Advice
 from calib.diagnosis.effect_selection import SelectedEffect
 from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPoses, ShapeNoise
 from calib.diagnosis.result import Diagnosis
 from calib.planning.discrimination import NextPoses
-from calib.present import html
+from calib.present import html, numbers
 from calib.present.blocks import Block, Bullets, Facts, Folded, Paragraph, Section, Verdict, plain, spans
 from calib.present.calibration import last_change, state_of_model
 from calib.present.candidates import (
@@ -39,6 +41,7 @@ BELOW = (
     "Below: the residual of each training point, per coordinate, over what the effect would make of it. Points along "
     "the line speak for it."
 )
+MOST_NAMED = 4  # poses on a button
 SETTLE = "Plan the poses that settle it"
 MORE = "Plan poses that tell more of the link errors"
 
@@ -92,9 +95,15 @@ def follow_label(advice: Advice) -> str:
         case DropEffect():
             return f"Remove {advice.effect}"
         case LeaveOutPoses():
-            return f"Leave out {', '.join(advice.move.poses)}"
+            return leave_out_label(advice.move.poses)
         case ShapeNoise():
             return "Weigh the points by their noise"
+
+
+def leave_out_label(poses: Sequence[str]) -> str:
+    """Label of a button that leaves poses out: "Leave out p33 and p46"."""
+    more = len(poses) - MOST_NAMED
+    return f"Leave out {numbers.listing([*poses[:MOST_NAMED], *([f'{more} more'] if more > 0 else [])])}"
 
 
 def ranking_html(session: Session, chosen: str) -> str:

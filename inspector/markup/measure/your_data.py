@@ -18,6 +18,7 @@ _MOST_FILES, _MOST_UNUSED = 12, 6  # named each
 _MOST_LINES = 30
 _SHOWN_NOTES = ("is read so", "misses the points", "its table is", "the measured point is at")
 _DOUBT, NOTED = "#E69F00", "#56B4E9"
+_REASON = "display:inline-block;min-width:12rem;white-space:normal"  # on a phone the table scrolls sideways
 # As wide as the table needs; viser makes its windows 440 pixels wide.
 WIDE = (
     "<style>.mantine-Modal-content:has(.inspector-import){flex:0 0 min(54rem,94vw)}"
@@ -75,7 +76,7 @@ def columns_html(columns: Sequence[PlannedColumn]) -> str:
             column.name,
             column.examples[0][:24] if column.examples else "",
             Html(f"<b>{elements.text(meaning_words(column.meaning))}</b>"),
-            elements.wrapping(column.why or "kept as it is"),
+            Html(f"<span style='{_REASON}'>{elements.text(column.why or 'kept as it is')}</span>"),
         )
         for column in columns
     ]

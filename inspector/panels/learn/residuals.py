@@ -22,6 +22,7 @@ from calib.screening.scan_statistic import Channel
 from inspector.figures.residual_plots import place_views, residual_against, select
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, FollowsModel, by_page, hidden_plot, offer, put
+from inspector.panels.learn.outliers import OutlyingPoses
 from inspector.session.view import View
 
 NOTE = (
@@ -55,6 +56,7 @@ class ResidualsPanel(FollowsModel):
         self._plot = hidden_plot(gui, 0.75, "where it fails")
         self._places = hidden_plot(gui, 1.35, "work space")
         self._state = gui.add_html(elements.note(NOT_YET))
+        self.outliers = OutlyingPoses(gui, actions)
         self.worst = gui.add_dropdown("Worst poses", (NONE,), hint="selects the pose, everywhere on the page")
         self._table = gui.add_html("")
         self._ids: dict[str, str] = {}  # pose id by label
@@ -92,6 +94,7 @@ class ResidualsPanel(FollowsModel):
     def update(self, view: View) -> None:
         """Show the session's residual."""
         pose_errors = self._pose_errors(view)
+        self.outliers.update(view.session)
         if pose_errors is None:
             self._plot.visible = self._places.visible = False
             self._table.content = ""

@@ -363,3 +363,14 @@ def test_in_a_browser_by_drop_and_by_the_file_dialog(
         assert chooser.value.is_multiple()
         chooser.value.set_files([tmp_path / name for name in given])
         says(page, "joint 3, deg, other way round")
+
+
+@pytest.mark.browser
+@pytest.mark.thorough
+def test_in_a_browser_a_dropped_session_opens(chromium: Any, app: App) -> None:
+    text = base64.b64encode(without("p05", app).encode()).decode()
+    with open_page(chromium, url_of(app.server), 900, 650) as page:
+        page.evaluate(DROP, [["session.json", text]])
+        says(page, "left out of these")
+        assert app.worker.wait_idle(IDLE_S)
+        assert app.state.session.uncounted == {"p05"}
