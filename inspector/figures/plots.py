@@ -281,8 +281,9 @@ def _noise_band(floor_mm: float, noise: str, models: int, test_poses: int) -> li
 
 def _dropping(test_poses_mm: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
     """Traces of the single test poses: lines from model to model, and points that select their pose."""
-    ids = list(dict.fromkeys(pose for errors in test_poses_mm for pose in errors))
-    ids = ids[:: max(1, -(-len(ids) // MOST_DROPPING))]
+    every = list(dict.fromkeys(pose for errors in test_poses_mm for pose in errors))
+    ids = every[:: max(1, -(-len(every) // MOST_DROPPING))]
+    name = "each test pose" if ids == every else f"{len(ids)} of {len(every)} test poses"
     offset = {pose: SPREAD * ((k * 0.618034) % 1.0 - 0.5) for k, pose in enumerate(ids)}
     x: list[float | None] = []
     y: list[float | None] = []
@@ -300,7 +301,7 @@ def _dropping(test_poses_mm: Sequence[Mapping[str, float]]) -> list[dict[str, An
     names = [escape(pose) for pose in of]
     return [
         {
-            "type": "scatter", "mode": "lines+markers", "name": "each test pose", "x": x, "y": y,
+            "type": "scatter", "mode": "lines+markers", "name": name, "x": x, "y": y,
             "customdata": names, "meta": {**SELECTS_POSE, "values": names}, "connectgaps": False,
             "line": {"color": colour, "width": 0.6}, "marker": {"color": colour, "size": 4},
             "hovertemplate": "%{customdata}: %{y:.3g} mm<extra></extra>",
