@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import re
 import sys
 import time
 from collections.abc import Iterator
@@ -26,7 +27,7 @@ sys.path.insert(0, str(ROOT))
 from inspector.app.page.tabs import TABS  # noqa: E402
 from inspector.panels.learn.missing_effects import FIND  # noqa: E402
 from inspector.server.viser_server import url_of  # noqa: E402
-from tests.support.app import ADD, idle_app  # noqa: E402
+from tests.support.app import idle_app  # noqa: E402
 from tests.support.browser import browser, open_page, open_tab, says  # noqa: E402
 
 SETTLED_S = 12.0  # fonts, camera and plots, on a machine without a GPU
@@ -75,9 +76,7 @@ def learn(out: Path) -> None:
         page.get_by_role("button", name="with calibrated links").click()
         frames.append(picture(page))
         for effect in ("joint_compliance", "backlash"):
-            page.get_by_label("Effect", exact=True).click()
-            page.get_by_role("option", name=effect).first.click()
-            page.get_by_role("button", name=ADD).click()
+            page.get_by_role("button", name=re.compile(f"^Add {effect}")).click()
             says(page, f"+ {effect}: the test error fell")
             frames.append(picture(page))
     frames[-1].save(out / "learn.png", optimize=True)

@@ -426,6 +426,8 @@ def residual_tests(tests: ResidualTests) -> Words:
 
 def outliers_sentence(poses: Sequence[str]) -> Words:
     """Sentence that names the poses whose residuals stand out of all others."""
+    if len(poses) == 1:
+        return spans("One pose stands out: ", pose(poses[0]), ".")
     return spans("Single poses stand out: ", listed([pose(name) for name in poses]), ".")
 
 

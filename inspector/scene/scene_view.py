@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from calib.array_types import Array, BoolArray, ByteArray, IndexArray
 from calib.workcell.scan_field import ScanField
-from inspector.markup.parts.palette import FACE_COLOURS, MEASURE, SCAN, rgb
+from inspector.markup.parts.palette import FACE_COLOURS, MODEL_BEFORE, SCAN, rgb
 from inspector.scene.box_selection import Sight
 from inspector.scene.shapes import shaded, thin
 
@@ -189,7 +189,7 @@ class SceneView:
         self._field = None
         if len(edges):
             self._field = self._scene.add_line_segments(
-                f"{name}/field", to_scene(edges), rgb(MEASURE), thickness=1.0, thickness_units="screen"
+                f"{name}/field", to_scene(edges), rgb(MODEL_BEFORE), thickness=1.0, thickness_units="screen"
             )
 
     # ---- scans ------------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import pytest
 from inspector.app.app import App
 from inspector.panels.review import DARK_OR_LIGHT
 from inspector.server.viser_server import url_of
-from tests.support.app import IDLE_S, idle_app
+from tests.support.app import IDLE_S, idle_app, shows
 from tests.support.browser import COARSE, MS, open_tab
 from tests.support.hidden_dataset import write_hidden
 from tests.support.wire_client import WireClient
@@ -87,6 +87,7 @@ def test_d_turns_one_page_and_no_figure_is_sent_again(app: App, chromium: Any) -
     assert app.worker.wait_idle(IDLE_S)
     with theme_page(chromium, app, "light") as one, theme_page(chromium, app, "light") as other:
         with WireClient(app.server.get_port()) as wire:
+            shows(wire, "3 pages are open")  # two browsers and this: nothing of their arrival comes later
             assert app.worker.wait_idle(IDLE_S)
             figures = wire.figures()
             one.evaluate("() => window.was = [...document.querySelectorAll('.js-plotly-plot')].map(each => each.data)")
