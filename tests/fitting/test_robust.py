@@ -321,7 +321,7 @@ def test_a_diagnosis_by_robust_fits_tells_the_poses_that_they_left_out() -> None
     found = diagnose(dataset, FitOptions(robust=True))
     assert found.verdict == "outliers"
     assert found.residual_tests.outlier_poses == (dataset.poses.ids[6],)
-    assert f"stand out: {dataset.poses.ids[6]}" in found.summary()
+    assert f"stands out: {dataset.poses.ids[6]}" in found.summary()
 
 
 @pytest.mark.slow

@@ -96,6 +96,9 @@ class PlanPanel:
         """Show a plan for the model on show."""
         plan = planned.plan
         self.say("")
+        carried_kg = plan.poses.payload_kg
+        if carried_kg is not None and float(carried_kg.max(initial=0.0)) > 0.0:
+            put(self.payload, float(carried_kg.max()))  # the box says what the rows say
         self._promise.content = html.panel(plan_head(plan))
         self._plot.figure = error_by_count(plan.curve_mm, len(plan.poses), plan.enough)
         self._plot.visible = self.files.visible = True
