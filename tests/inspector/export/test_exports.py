@@ -22,11 +22,13 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.points_csv import load_points
-from calib.dataset.files.robot_toml import load_robot_toml
+from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml
 from calib.diagnosis.search_space import add_in_turn
 from calib.frames import apply
 from calib.models.exported_table import exported_table
 from calib.models.model_file import load_model
+from calib.robot_formats.robots import load_robot, save_robot
+from calib.simulation.simulate import simulate_dataset
 from inspector.app.app import App
 from inspector.cli.parser import main
 from inspector.export import csv_and_png as exports
@@ -393,3 +395,24 @@ def test_a_browser_downloads_its_picture_and_the_report(chromium: Any, app: App,
         assert picture.width > 200
         assert colours_in((tmp_path / "view.png").read_bytes()) > 20
         assert load_session(tmp_path / "session.json").shown.view is not None
+
+
+def test_a_urdf_comes_back_as_a_urdf(tmp_path: Path) -> None:
+    urdf, log = tmp_path / "my_arm.urdf", tmp_path / "log.csv"
+    save_robot(builtin_robot("rb5"), urdf)
+    made = simulate_dataset(load_robot(urdf), rng=np.random.default_rng(2), poses=40, noise_mm=0.02).dataset
+    assert made.points is not None
+    rows = np.hstack([made.poses.q, 1e-3 * made.points.xyz_mm])
+    np.savetxt(log, rows, delimiter=",", header="q1,q2,q3,q4,q5,q6,x,y,z", comments="")
+    assert main(["import", str(tmp_path / "cell"), "--robot", str(urdf), "--joints", str(log)]) == 0
+    with idle_app(tmp_path / "cell") as app, WireClient(app.server.get_port()) as page:
+        page.click(OWN_FILE)
+        page.wait(lambda p: p.downloads, 30.0)
+        (name, content), *_ = page.downloads.items()
+    assert name == "cell_calibrated.urdf"
+    out = tmp_path / "calibrated.urdf"
+    out.write_bytes(content)
+    before, after = load_robot(urdf), load_robot(out)
+    assert [joint.name for joint in after.joints] == [joint.name for joint in before.joints]
+    assert b"origins calibrated by" in content
+    assert any(a != b for a, b in zip(after.joints, before.joints, strict=True))
