@@ -124,7 +124,7 @@ class WarmUp(ShapedEffect):
                 cls.name,
                 (),
                 known,
-                "not needed: thermal_growth tests the same cause with the measured temperature",
+                "thermal_growth, which takes the measured temperature, tests the same cause",
                 covered=True,
             )
         start_s, last_s = float(poses.time_s.min()), float(poses.time_s.max())
