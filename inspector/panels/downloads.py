@@ -115,7 +115,11 @@ class DownloadsPanel(FollowsModel):
                 self._before_use = gui.add_html(elements.note(NOT_YET))
             for name, item in items.items():
                 button = gui.add_button(
-                    name, icon=item.icon, hint=item.command or None, color=None if name == PRIMARY else SECONDARY
+                    name,
+                    icon=item.icon,
+                    hint=item.command or None,
+                    visible=name != OWN_FILE,
+                    color=None if name == PRIMARY else SECONDARY,
                 )
                 button.on_click(partial(_pressed, actions, name))
                 self._buttons[name], self._notes[name] = button, gui.add_html(elements.note(item.holds))

@@ -23,7 +23,7 @@ from calib.errors import DatasetError
 from inspector.app.app import App
 from inspector.app.controllers import downloads
 from inspector.cli.parser import main
-from inspector.panels.downloads import ITEMS, REPORT_PDF
+from inspector.panels.downloads import ITEMS, OWN_FILE, REPORT_PDF, SCREENSHOT
 from tests.support.app import IDLE_S, idle_app
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.wire_client import WireClient
@@ -168,7 +168,7 @@ def test_the_page_writes_nothing_whatever_is_pressed(app: App, folder: Path, mon
         for uuid in list(page.gui):
             for value in rng.permutation(np.array(garbage, dtype=object))[:4]:
                 page.send(type="GuiUpdateMessage", uuid=uuid, updates={"value": value})
-        made = [name for name in ITEMS if not name.startswith("Screenshot") and name != REPORT_PDF]
+        made = [name for name in ITEMS if name not in (SCREENSHOT, REPORT_PDF, OWN_FILE)]  # no URDF was kept here
         assert app.worker.wait_idle(IDLE_S)  # a button pressed among the garbage makes its file too
         for name in made:
             page.downloads.clear()
