@@ -27,8 +27,8 @@ class Brief:
         inside = " ".join(self._brief().split())
         return f"{type(self).__name__}({inside if len(inside) <= LONGEST else f'{inside[: LONGEST - 4]} ...'})"
 
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
         if "__repr__" not in cls.__dict__:
             cls.__repr__ = Brief.__repr__  # type: ignore[method-assign]  # dataclasses go by the class's own attributes
 

@@ -46,8 +46,8 @@ class Presented(Brief):
     def _repr_pretty_(self, printer: Printer, cycle: bool) -> None:
         printer.text(self.summary())
 
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
         # IPython goes by the class's own attributes: else it would take the repr that dataclasses make beside the HTML.
         cls._repr_pretty_ = Presented._repr_pretty_  # type: ignore[method-assign]
 

@@ -162,8 +162,8 @@ class CatalogueEffect(ABC):
     under_load: ClassVar[bool] = False  # whether it follows gravity's load, so that unknown masses confound it
     changes_arm: ClassVar[bool] = False  # whether it is another before and after a pose; later poses are as the last
 
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
         if not cls.__module__.startswith(_CATALOGUE) or not hasattr(cls, "name"):  # a user's, a test's; abstract
             return
         _MEMBER_KINDS.append(cls)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -32,8 +32,8 @@ class SampledEffect(TrueEffect):
     needs_facing_jig: ClassVar[bool] = False  # the jig turned at a scanner that does not move with the arm
     unrecorded: ClassVar[tuple[str, ...]] = ()  # conditions that its dataset does not have, so that it shows
 
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
         if cls.__module__.startswith(_TRUTH) and "name" in vars(cls):
             if cls.name in _REGISTERED:
                 raise TypeError(f"effect {cls.__qualname__} has the name {cls.name!r} of another")
