@@ -215,10 +215,6 @@ class App:
         if self.state.view is not None:
             self.worker.submit("box", lambda: self.selection.box(is_in_box))
 
-    def leave_out_boxed(self) -> None:
-        """Leave out the poses in the box."""
-        self.worker.submit("leave out boxed", lambda: self.model.leave_out_boxed())
-
     def between(self, share: float) -> None:
         """Draw the arrows between those of the model a step before (0) and those of the model on show (1)."""
         self.worker.submit("between", lambda: self.stage.comparison.residuals.between(share))

@@ -84,6 +84,7 @@ class ReviewPanel:
             LEAVE_OUT, color=SECONDARY, visible=False, hint="fits the model again; Undo takes it back"
         )
         self._boxed = gui.add_html("")
+        self._in_box: tuple[str, ...] = ()  # ids
         self.box = gui.add_button_group("These poses", (LEAVE_BOX, CLEAR_BOX), visible=False)
         self._shown_pose = ""  # id
         self.timeline = TimelinePanel(gui, actions)
@@ -118,7 +119,7 @@ class ReviewPanel:
         self.walk.on_click(lambda e: a.step(1 if e.target.value == NEXT else -1))
         self.view.on_click(lambda e: a.show_view(one_of(VIEW_OF.get(e.target.value, e.target.value), VIEWS, VIEWS[0])))
         self.leave_out.on_click(lambda _: a.leave_out(self._shown_pose, self.leave_out.label == LEAVE_OUT))
-        self.box.on_click(lambda e: a.leave_out_boxed() if e.target.value == LEAVE_BOX else a.box(None))
+        self.box.on_click(lambda e: self._box_pressed(str(e.target.value)))
         self.keep.on_update(lambda e: a.keep_view(bool(e.target.value)) if by_page(e) else None)
         self.search.on_click(lambda _: a.search(self.search.label != "Stop the search"))
         self.grey.on_update(lambda e: a.grey_rejected(bool(e.target.value)) if by_page(e) else None)
@@ -139,6 +140,11 @@ class ReviewPanel:
                 lambda _, side=side: a.look_from(side)  # type: ignore[misc]
             )
         gui.add_command(DARK_OR_LIGHT, hotkey="D", icon=viser.Icon.MOON)
+
+    def _box_pressed(self, button: str) -> None:
+        if button == LEAVE_BOX:
+            self._actions.leave_out_poses(self._in_box)
+        self._actions.box(None)
 
     def _chosen(self, label: str) -> None:
         options = list(self.pose.options)
@@ -230,7 +236,7 @@ class ReviewPanel:
 
     def show_box(self, view: View) -> None:
         """Show which poses lie in the box drawn over the 3D view, and which effects would explain them."""
-        ids = [view.session.dataset.poses.ids[pose] for pose in view.boxed]
+        ids = self._in_box = tuple(view.session.dataset.poses.ids[pose] for pose in view.boxed)
         self.box.visible = bool(ids)
         if not ids:
             self._boxed.content = ""

@@ -165,32 +165,26 @@ class ModelController:
 
     def leave_out(self, pose_id: str, out: bool) -> LongWork:
         """Long work that leaves a pose out, or uses it again; skipped where nothing would change."""
-        session = self._session
-        if (pose_id in session.uncounted) != out:
-            changed = (with_poses_left_out if out else with_pose_taken_in)(session, pose_id)
-            if session.calibration is not None:
-                self._shown.change(changed)
-            else:
-                self._shown.replace(changed)
+        if out:
+            yield from self.leave_out_poses((pose_id,))
+            return
+        if pose_id in self._session.uncounted:
+            self._with_other_poses(with_pose_taken_in(self._session, pose_id))
             yield
         yield from self.rank()
-
-    def leave_out_boxed(self) -> LongWork:
-        """Long work that leaves out the poses in the box that was drawn over the 3D view."""
-        view = self._state.now
-        ids = [view.session.dataset.poses.ids[pose] for pose in view.boxed]
-        self._state.change(boxed=())
-        yield from self.leave_out_poses(ids)
 
     def leave_out_poses(self, pose_ids: Sequence[str]) -> LongWork:
         """Long work that leaves several poses out as one change, those that the dataset has and that are in use."""
         session = self._session
         ids = [i for i in pose_ids if i in session.dataset.poses.ids and i not in session.uncounted]
         if ids:
-            changed = with_poses_left_out(session, *ids)
-            (self._shown.replace if session.calibration is None else self._shown.change)(changed)
+            self._with_other_poses(with_poses_left_out(session, *ids))
             yield
         yield from self.rank()
+
+    def _with_other_poses(self, session: Session) -> None:
+        """Show a session in which other poses count: a change of the model where there is one."""
+        (self._shown.replace if self._session.calibration is None else self._shown.change)(session)
 
     # ---- effects ----------------------------------------------------------------------------------------------------
 

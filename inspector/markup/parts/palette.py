@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from calib.present.colours import BAD as BAD
 from calib.present.colours import DOUBT as DOUBT  # a corner, or a verdict, that deserves a second look
+from calib.present.colours import EFFECTS, LINKS
 from calib.present.colours import GOOD as GOOD
 from calib.present.colours import NEUTRAL as NEUTRAL
 
@@ -24,7 +25,7 @@ GROUP_COLOURS = (
     "#882255",
     "#6699CC",
 )
-MODEL_COLOURS = {"nominal": "#C68004", "link errors": "#6568B9", "with effects": "#109C85"}
+MODEL_COLOURS = {"nominal": "#C68004", "link errors": LINKS, "with effects": EFFECTS[0]}
 MODEL_BEFORE = "#A9B0BA"  # thin lines of the model before the one on show
 BESIDE_COLOURS = ("#0074B5", "#D55E00")  # the calibration on show, and the one beside it
 ARM, JOINT, SLIDE = "#C3C9D1", "#6B7787", "#8C7340"  # links; joints that turn; joints that slide
