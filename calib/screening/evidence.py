@@ -16,6 +16,8 @@ from calib.distributions import f_sf
 
 SCALES = np.geomspace(1e-3, 1e4, 57)  # that are tried, of a member's coefficients over their usual scale
 GAIN = 0.5  # a further member has to raise the log evidence by this, beyond what choosing it costs
+_FIRSTS = 4  # members that are tried as the first of two that replace one
+_TIE = 1e-9  # log evidence, below which two choices are the same
 _SIGN_PRIOR = 0.9  # probability that a coefficient has the sign that physics asks for
 _ROUNDING = 1e-14  # share of a square sum
 
@@ -241,41 +243,98 @@ def scale_penalty(scales: Array) -> Array:
 def _choose_members(
     y: Array, rest: float, triangle: Array, bounds: list[tuple[int, int]], dof: int
 ) -> tuple[Array, float]:
-    """Prior scales (G,) of members added one by one while the evidence grows; evidence less the cost of choosing."""
-    count = len(bounds)
-    cost, most = float(np.log(count)), most_columns(dof)
-    scales, value = np.zeros(count), 0.0
+    """Prior scales (G,) of the members that carry an effect, found one by one; evidence less the cost of choosing.
 
-    def best(member: int) -> tuple[float, float]:
+    Members are added while the evidence grows. After each addition every member may be exchanged for another, and
+    where none is worth adding any more, one may be exchanged for two: a member that resembles the sum of two is chosen
+    before either, and neither shows beside it.
+    """
+    choice = _MemberChoice(y, rest, triangle, bounds, dof)
+    while choice.add() or choice.exchange_for_two():
+        choice.exchange()
+    return choice.scales, choice.value - choice.cost * int(np.count_nonzero(choice.scales))
+
+
+class _MemberChoice:
+    """Members of an effect chosen so far, by their prior scales, which the search for more of them changes."""
+
+    def __init__(self, y: Array, rest: float, triangle: Array, bounds: list[tuple[int, int]], dof: int) -> None:
+        self.y, self.rest, self.triangle, self.bounds, self.dof = y, rest, triangle, bounds, dof
+        self.widths = np.array([b - a for a, b in bounds])
+        self.cost = float(np.log(len(bounds)))  # of choosing a member, as it could have been any
+        self.scales = np.zeros(len(bounds))
+        self.value = 0.0  # log evidence of the members with scales above zero
+
+    def add(self) -> bool:
+        """Add the member that raises the evidence the most, if that is worth its choice; tell whether it was."""
+        tried = self._each()
+        if not tried or max(tried)[0] < self.value + self.cost + GAIN:
+            return False
+        self.value, scale, newest = max(tried)
+        self.scales[newest] = scale
+        self._scale_again()
+        return True
+
+    def exchange(self) -> None:
+        """Exchange each of several members for a better one, where there is one beside the others."""
+        chosen = self._chosen()
+        for member in chosen if len(chosen) > 1 else ():
+            kept, self.scales[member] = self.scales[member], 0.0
+            value, scale, other = max(self._each())
+            if value > self.value + _TIE and other != member:
+                self.value, self.scales[other] = value, scale
+            else:
+                self.scales[member] = kept
+
+    def exchange_for_two(self) -> bool:
+        """Exchange one member for two others where that is worth a further choice; tell whether it was."""
+        for member in self._chosen():
+            kept, self.scales[member] = self.scales[member], 0.0
+            for _, scale, first in sorted(self._each(), reverse=True)[:_FIRSTS]:
+                if first == member:
+                    continue
+                self.scales[first] = scale
+                tried = [one for one in self._each() if one[2] != member]
+                if tried and max(tried)[0] > self.value + self.cost + GAIN:
+                    self.value, scale, second = max(tried)
+                    self.scales[second] = scale
+                    self._scale_again()
+                    return True
+                self.scales[first] = 0.0
+            self.scales[member] = kept
+        return False
+
+    def _chosen(self) -> list[int]:
+        return [int(member) for member in np.flatnonzero(self.scales)]
+
+    def _scale_again(self) -> None:
+        """Scale each chosen member once more, since the earlier ones were scaled without the later ones."""
+        for member in self._chosen():
+            self.value, self.scales[member] = self._best(member)
+
+    def _best(self, member: int) -> tuple[float, float]:
         """Log evidence with one member at its best prior scale, given the other members' scales, and that scale."""
-        alone = np.arange(count) == member
-        spread = np.repeat(scales, [b - a for a, b in bounds])
-        found, scale = _best_scale(y, rest, triangle, spread, alone, bounds, dof)
-        others = scales[~alone & (scales > 0.0)]
-        return found + float(np.sum(scale_penalty(others))), scale
+        alone = np.arange(len(self.bounds)) == member
+        spread = np.repeat(self.scales, self.widths)
+        value, scale = _best_scale(self.y, self.rest, self.triangle, spread, alone, self.bounds, self.dof)
+        return value + self._penalty(~alone), scale
 
-    widths = {b - a for a, b in bounds}
-
-    def each() -> list[tuple[float, float, int]]:
+    def _each(self) -> list[tuple[float, float, int]]:
         """Log evidence, best prior scale and number of every free member that the number of equations allows to add."""
-        room = most - sum(b - a for (a, b), scale in zip(bounds, scales, strict=True) if scale > 0.0)
-        free = [g for g, (a, b) in enumerate(bounds) if scales[g] == 0.0 and b - a <= room]
-        if len(widths) > 1 or not free:
-            return [(*best(g), g) for g in free]
-        width = min(widths)
-        values, found = _best_scales(y, rest, triangle, np.repeat(scales, width), width, dof)
-        values = values + float(np.sum(scale_penalty(scales[scales > 0.0])))
-        return [(float(values[g]), float(found[g]), g) for g in free]
+        chosen = self.scales > 0.0
+        room = most_columns(self.dof) - int(self.widths[chosen].sum())
+        free = np.flatnonzero(~chosen & (self.widths <= room)).tolist()
+        if len(set(self.widths)) > 1 or not free:
+            return [(*self._best(g), g) for g in free]
+        width = int(self.widths[0])
+        spread = np.repeat(self.scales, width)
+        values, scales = _best_scales(self.y, self.rest, self.triangle, spread, width, self.dof)
+        values = values + self._penalty(chosen)
+        return [(float(values[g]), float(scales[g]), g) for g in free]
 
-    for _ in range(count):
-        tried = each()
-        if not tried or max(tried)[0] < value + cost + GAIN:
-            break
-        value, best_scale, newest = max(tried)
-        scales[newest] = best_scale
-        for member in map(int, np.flatnonzero(scales)):  # once around: earlier scales were chosen without this one
-            value, scales[member] = best(member)
-    return scales, value - cost * int(np.count_nonzero(scales))
+    def _penalty(self, members: BoolArray) -> float:
+        """Log prior of the prior scales of those of some members that are chosen."""
+        return float(np.sum(scale_penalty(self.scales[members & (self.scales > 0.0)])))
 
 
 def posterior(columns: Array, residual: Array, spread: Array, one_sided: BoolArray, dof: int) -> tuple[Array, float]:

@@ -26,6 +26,7 @@ from calib.screening.evidence import (
 
 RARITY = 2.0  # log odds against each: what sets in at one pose or sits at one place is rarer than what is always there
 FEWEST_APART = 4  # poses at which two members have to differ
+_MOST_PAIRED = 100  # places of one displacement, evenly taken, of which pairs are tried
 _VISIBLE = 1e-6  # of a member's directions, by length over its longest
 
 
@@ -92,12 +93,26 @@ class _Chosen:
         return _Chosen((*self.members, member), (*self.scales, scale))
 
 
+@dataclass(frozen=True)
+class _Search:
+    """Members chosen so far, their log evidence, and what their choice costs."""
+
+    chosen: _Chosen
+    raw: float
+    paid: float
+
+    @property
+    def worth(self) -> float:
+        return self.raw - self.paid
+
+
 def evaluate_sparse(family: SparseColumns) -> Evidence:
     """F test and evidence of an effect with many members (possible places), of which few are active.
 
     The likelihood of one member is averaged over all, as it could be any of them; each further one, added while the
-    evidence grows, costs log G; and each costs `RARITY`: else a staircase of steps would follow every drift. The F test
-    is the best single member's, its p-value times G.
+    evidence grows, costs log G; and each costs `RARITY`: else a staircase of steps would follow every drift. The search
+    starts from the best member, and from the best pair that goes and comes back, of which neither shows alone. The F
+    test is the best single member's, its p-value times G.
     """
     residual = family.residual
     count, members, width = family.columns.shape
@@ -108,17 +123,15 @@ def evaluate_sparse(family: SparseColumns) -> Evidence:
     p_value, rank = _gate(family)
     values, scales = _each(family, _Chosen())
     best = int(np.argmax(values))
-    chosen, raw = _Chosen((best,), (float(scales[best]),)), float(values[best])
-    paid = raw - mean_likelihood(values) + RARITY
-    cost = float(np.log(members)) + RARITY
-    most = min(family.most, members, most_columns(family.dof) // width)
-    while len(chosen.members) < most:
-        values, scales = _each(family, chosen)
-        best = int(np.argmax(values))
-        if values[best] < raw + cost + GAIN:
-            break
-        chosen, raw = _polished(family, chosen.with_member(best, float(scales[best])), float(values[best]))
-        paid += cost
+    raw = float(values[best])
+    start = _Search(_Chosen((best,), (float(scales[best]),)), raw, raw - mean_likelihood(values) + RARITY)
+    found = _grown(family, start)
+    pair = _there_and_back(family)
+    if pair is not None:
+        p_value = min(1.0, 2.0 * min(p_value, pair.p_value))
+        if pair.search.worth > found.worth + GAIN:
+            found = max(found, _grown(family, pair.search), key=lambda one: one.worth)
+    chosen = found.chosen
     columns = np.concatenate([family.columns[:, m] for m in chosen.members], axis=1)
     spread = np.repeat(chosen.scales, width)
     one_sided = np.full(len(spread), family.positive)
@@ -126,8 +139,80 @@ def evaluate_sparse(family: SparseColumns) -> Evidence:
     coefficients, of_member = nothing.copy(), np.zeros(members)
     coefficients[list(chosen.members)] = weights.reshape(-1, width)
     of_member[list(chosen.members)] = chosen.scales
-    evidence = max(raw - paid + gain, 0.0)
+    evidence = max(found.worth + gain, 0.0)
     return Evidence(p_value, evidence, of_member, tuple(coefficients), columns @ weights, rank)
+
+
+def _cost(family: SparseColumns) -> float:
+    """Log evidence that a further member has to bring, as it could have been any and such causes are rare."""
+    return float(np.log(family.columns.shape[1])) + RARITY
+
+
+def _grown(family: SparseColumns, start: _Search) -> _Search:
+    """Members added one by one to those of a start while the evidence grows by more than each costs."""
+    width = family.columns.shape[2]
+    most = min(family.most, family.columns.shape[1], most_columns(family.dof) // width)
+    found, cost = start, _cost(family)
+    while len(found.chosen.members) < most:
+        values, scales = _each(family, found.chosen)
+        best = int(np.argmax(values))
+        if values[best] < found.raw + cost + GAIN:
+            break
+        more = found.chosen.with_member(best, float(scales[best]))
+        found = _Search(*_polished(family, more, float(values[best])), found.paid + cost)
+    return found
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Start of a search with two members that take each other back, and the p-value of its F test."""
+
+    search: _Search
+    p_value: float  # of one size for both, times the number of pairs
+
+
+def _there_and_back(family: SparseColumns) -> _Pair | None:
+    """Best pair of members of one displacement that take each other back, such as a knock and its correction.
+
+    Each pair is compared by what it explains with one size for both; the best of them is then polished. None where the
+    family has no shapes, what happened cannot be undone (a sign is given), or there are too few equations for two.
+    """
+    width = family.columns.shape[2]
+    too_few = min(family.most, most_columns(family.dof) // width) < 2
+    if family.shapes is None or family.of_same is None or family.positive or too_few:
+        return None
+    along = np.tensordot(family.residual, family.columns, axes=1)  # (G, K)
+    most, pair, pairs = 0.0, (0, 0), 0
+    for kind in np.unique(family.of_same):
+        same = np.flatnonzero(family.of_same == kind)
+        same = same[:: -(-len(same) // _MOST_PAIRED)]
+        one, other = np.triu_indices(len(same), 1)
+        apart = np.abs(family.shapes[same][:, None] - family.shapes[same]) > 0.5
+        kept = np.count_nonzero(apart, axis=2)[one, other] >= FEWEST_APART
+        one, other = one[kept], other[kept]
+        if not len(one):
+            continue
+        pairs += len(one)
+        columns = family.columns[:, same]
+        products = np.einsum("rgk,rhl->ghkl", columns, columns, optimize=True)
+        both = products[one, other]
+        gram = products[one, one] + products[other, other] - both - np.swapaxes(both, 1, 2)
+        gram += _VISIBLE * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(width) + 1e-300 * np.eye(width)
+        change = along[same][one] - along[same][other]
+        explained = np.einsum("pk,pk->p", change, np.linalg.solve(gram, change[..., None])[..., 0])
+        best = int(np.argmax(explained))
+        if explained[best] > most:
+            most, pair = float(explained[best]), (int(same[one[best]]), int(same[other[best]]))
+    if most <= 0.0:
+        return None
+    chosen = _Chosen()
+    for member in pair:
+        values, scales = _each(family, chosen)
+        chosen, raw = chosen.with_member(member, float(scales[member])), float(values[member])
+    rest_dof = family.dof - width
+    ratio = most / width * rest_dof / max(float(family.residual @ family.residual) - most, 1e-300)
+    p_value = min(1.0, pairs * float(special.fdtrc(width, rest_dof, ratio)))
+    return _Pair(_Search(*_polished(family, chosen, raw), 2.0 * _cost(family)), p_value)
 
 
 def _products(left: Array, right: Array) -> Array:

@@ -23,6 +23,19 @@ def test_evidence_and_gate_are_blind_to_the_noises_size_and_order() -> None:
     np.testing.assert_allclose(one.coefficients[2], [0.8, -0.5], atol=0.35)
 
 
+def test_a_member_that_stood_in_for_two_gives_way_to_them() -> None:
+    """The sum of two members looks most like a third, which alone is chosen first and beside both says nothing."""
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        one, two, third = np.sqrt(120.0) * np.linalg.qr(rng.normal(size=(120, 3)))[0].T
+        mixed = one + two + 0.5 * third
+        residual = 3.0 * one + 3.0 * two + rng.normal(size=120)
+        columns = tuple(column[:, None] for column in (*rng.normal(size=(20, 120)), mixed, one, two))
+        alone = [evaluate_family(FamilyColumns(residual, (column,), 120)).log_evidence for column in columns]
+        assert int(np.argmax(alone)) == 20
+        assert np.flatnonzero(evaluate_family(FamilyColumns(residual, columns, 120)).scales).tolist() == [21, 22]
+
+
 @pytest.mark.slow
 def test_p_values_of_pure_noise_are_uniform_or_larger() -> None:
     rng = np.random.default_rng(1)

@@ -77,6 +77,41 @@ def test_noise_has_no_evidence_and_its_p_is_uniform_or_larger() -> None:
     assert np.mean([one.log_evidence > 3.0 for one in found]) < 0.01
 
 
+def steps_of_three_joints(poses: int = 60) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Columns (R, G, 1) of steps of three joints at each pose, their shapes (G, N), and the joint of each."""
+    rng = np.random.default_rng(11)
+    firsts = np.arange(4, poses - 3)
+    steps = (np.arange(poses)[:, None] >= firsts).astype(float)
+    displacements = rng.normal(size=(3 * poses, 3))
+    columns = np.concatenate([displacements[:, [j]] * np.repeat(steps, 3, axis=0) for j in range(3)], axis=1)
+    return columns[:, :, None], np.tile(steps.T, (3, 1)), np.repeat(np.arange(3), len(firsts))
+
+
+def test_a_step_that_comes_back_is_found_as_two() -> None:
+    columns, shapes, of_same = steps_of_three_joints()
+    count = columns.shape[1] // 3
+    there, back = count + 26, count + 33  # of the second joint, seven poses apart in the middle of the session
+    for seed in range(5):
+        noise = np.random.default_rng(seed).normal(size=len(columns))
+        residual = noise + 4.0 * (columns[:, there, 0] - columns[:, back, 0])
+        family = SparseColumns(residual, columns, 180, most=3, shapes=shapes, of_same=of_same)
+        found = evaluate_sparse(family)
+        chosen = np.flatnonzero(found.scales)
+        assert np.abs(chosen - [there, back]).max() <= 1
+        assert found.p_value < 1e-4
+        assert found.coefficients[chosen[0]][0] == pytest.approx(4.0, abs=1.2)
+        assert found.coefficients[chosen[1]][0] == pytest.approx(-4.0, abs=1.2)
+
+
+def test_noise_is_no_step_that_comes_back() -> None:
+    columns, shapes, of_same = steps_of_three_joints()
+    rng = np.random.default_rng(6)
+    families = (SparseColumns(rng.normal(size=180), columns, 180, shapes=shapes, of_same=of_same) for _ in range(200))
+    found = [evaluate_sparse(family) for family in families]
+    assert np.mean([one.p_value < 0.05 for one in found]) < 0.08
+    assert np.mean([one.log_evidence > 3.0 for one in found]) < 0.02
+
+
 def test_steps_that_stand_together_have_poses_between_them() -> None:
     """A step and one back at the next pose are an error of that pose."""
     firsts = np.arange(4, 57)
