@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from calib.calibration.held_out import in_gap_of_step
 from calib.calibration.plausibility import beyond_nature
 from calib.calibration.result import Calibration, is_declared
 from calib.dataset.repeats import repeat_groups
@@ -32,6 +33,7 @@ EQUIVALENT_LOG_BAYES_FACTOR = 8.0  # of the better one over the worse, at most
 EQUIVALENT_REST = 1.15  # sum of squares that the worse one leaves over that of the better one, at most
 CURVES_SHARE = 1.1  # how many times the evidence of a cause of one place or pose curves need to take its place
 MAX_WORSENING = 0.5  # standard errors by which a first effect may not raise the test poses' squared error
+MIN_LEAD_OVER_TEST = 4.0  # log Bayes factor, below which a first effect may not raise that error at all
 MIN_GAIN = 1.0  # standard errors by which an effect has to lower the squared error of poses that no fit used
 
 
@@ -100,11 +102,12 @@ def untestable_names(untestable: Sequence[Untestable]) -> tuple[str, ...]:
 def predicts_worse(before: Calibration, after: Calibration, *, scatter: float = MAX_WORSENING) -> bool:
     """Whether a new fit failed, or predicts the test poses worse than the earlier fit by more than their scatter.
 
-    Paired over test points: the mean change of the squared error against `scatter` standard errors of it.
+    Paired over test points: the mean change of the squared error against `scatter` standard errors of it. Poses of
+    which it is unknown whether they precede or follow a step in the new model test nothing.
     """
     if not after.fit.converged:
         return True
-    rows = before.after.is_test[before.after.pose]
+    rows = (before.after.is_test & ~in_gap_of_step(after))[before.after.pose]
     if rows.sum() < 3:
         return False
     change = np.sum(after.after.error_mm[rows] ** 2, axis=1) - np.sum(before.after.error_mm[rows] ** 2, axis=1)
@@ -117,7 +120,13 @@ def predicts_worse(before: Calibration, after: Calibration, *, scatter: float = 
 
 
 def refusal(
-    candidate: Candidate, screening: Screening, before: Calibration, after: Calibration, *, further: bool
+    candidate: Candidate,
+    screening: Screening,
+    before: Calibration,
+    after: Calibration,
+    *,
+    further: bool,
+    strict: bool,
 ) -> Refusal | None:
     """Reason not to add a candidate effect after its trial fit; None where the effect may be added.
 
@@ -130,11 +139,12 @@ def refusal(
         before: the fit that was screened.
         after: the fit with the candidate.
         further: whether an effect was added before.
+        strict: whether the test poses' error may not rise at all, be it by chance.
     """
     beyond = beyond_nature(after)
     if beyond:
         return Refusal(candidate.name, "nature", beyond)
-    if predicts_worse(before, after, scatter=0.0 if further else MAX_WORSENING):
+    if predicts_worse(before, after, scatter=0.0 if strict else MAX_WORSENING):
         return Refusal(candidate.name, "test poses")
     gain = left_out_gain(before, after)
     helps_nowhere = gain is not None and gain.standard_errors < MIN_GAIN

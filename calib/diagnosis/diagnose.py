@@ -36,6 +36,7 @@ from calib.diagnosis.moves import (
     ShapeNoise,
     Stop,
     Tell,
+    gone,
     next_effect,
     search_stepwise,
     step_of,
@@ -138,7 +139,7 @@ class Model:
         """The model that results from a move (adding or dropping an effect, say)."""
         match move:
             case AddEffect() | DropEffect():
-                dropped = self.dropped | {move.name} if isinstance(move, DropEffect) else self.dropped
+                dropped = self.dropped.union(gone(move))
                 return Model((*self.steps, step_of(self.steps[-1], move)), dropped, suspicions=self.suspicions)
             case LeaveOutPoses() | ShapeNoise() | AddCurves():
                 return Model(move.diagnosis.steps, self.dropped, suspicions=self.suspicions, diagnosis=move.diagnosis)
@@ -250,8 +251,9 @@ def _with_noise_as_shown(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -
     unknown = tests.lack_of_fit_p is None or tests.residual_mm > MAX_SIGMAS_SHAPED * tests.noise_mm
     if diagnosis.verdict == "unexplained" and unknown:
         return None  # no shape of the declared size is that large
-    unproven = next((one for one in diagnosis.added if one.effect == diagnosis.unproven), None)
-    shown = noise_of_residual(last.fitted_dataset, unproven, project_residual(last), tests.outlier_poses)
+    shown = noise_of_residual(
+        last.fitted_dataset, diagnosis.no_more_than_drift, project_residual(last), tests.outlier_poses
+    )
     if shown is None:
         return None
     tell("once more with the noise as it is")

@@ -56,6 +56,11 @@ class FitStep(Brief):
     screening: Screening | None = None  # of every effect that is not in its model, once asked for
     runner_up: str = ""  # the next candidate
 
+    def candidate_named(self, name: str) -> Candidate | None:
+        """Candidate effect of the fit's screening, by name; None where it is none, or nothing was screened."""
+        candidates = () if self.screening is None else self.screening.candidates
+        return next((candidate for candidate in candidates if candidate.name == name), None)
+
     @cached_property
     def curves(self) -> LearnedCurves | None:
         """Error curves of joints that explain the fit's residual, learned on first access; None if there are none."""

@@ -12,12 +12,12 @@ from calib.diagnosis.decision_rules import equivalent_to
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.moves import Stop, next_effect, straight_steps
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.search_space import SearchSpace, step_after
+from calib.diagnosis.search_space import SearchSpace, step_after, without_one
 from calib.diagnosis.verdict import ConfoundedSet, LearnedModel
 from calib.screening.candidates import screen
 from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, formula_text
 from calib.screening.noise_likelihood import scatter_of_repeats
-from calib.screening.noise_search import ShownNoise, first_unproven
+from calib.screening.noise_search import AddedEffect, ShownNoise, first_unproven
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import ResidualTests, run_residual_tests
 
@@ -55,20 +55,43 @@ def diagnosis_of_model(
         held_out=held_out_test(last.calibration, tests.noise_mm, tests.noise_from),
         noise=_noise_taken(last.calibration),
     )
-    return diagnosis if stop.implausible else replace(diagnosis, unproven=_unproven(diagnosis))
+    if stop.implausible:
+        return diagnosis
+    return replace(diagnosis, no_more_than_drift=_no_more_than_drift(space, diagnosis, stop))
 
 
 def _residual_tests(calibration: Calibration) -> ResidualTests:
     return run_residual_tests(calibration.dataset, project_residual(calibration))
 
 
-def _unproven(diagnosis: Diagnosis) -> str:
-    """Name of the first added effect that an instrument drift explains as well; "" where there is none."""
+def _no_more_than_drift(space: SearchSpace, diagnosis: Diagnosis, stop: Stop) -> AddedEffect | None:
+    """First effect that an instrument drift explains as well, among those added and the best contender; else None.
+
+    Each effect of the model is weighed given all others, since one that was added first may have had to stand in for
+    those that came later, and the drift of that moment for them as well.
+    """
     noise = diagnosis.calibration.options.noise
     if noise is not None and noise.wander is not None:
-        return ""  # the drift is part of the noise already
-    unproven = first_unproven(diagnosis.added, diagnosis.all_tests.outlier_poses)
-    return "" if unproven is None else unproven.effect
+        return None  # the drift is part of the noise already
+    last = diagnosis.steps[-1]
+    weighed = [
+        AddedEffect(effect.name, candidate.log_evidence, without.screening.projected)
+        for k, effect in enumerate(last.selected)
+        if (without := _before(space, diagnosis, k)).screening is not None
+        and (candidate := without.candidate_named(effect.name)) is not None
+    ]
+    if stop.contenders and last.screening is not None:
+        best = stop.contenders[0]
+        weighed.append(AddedEffect(best.name, best.log_evidence, last.screening.projected))
+    return first_unproven(weighed, diagnosis.all_tests.outlier_poses)
+
+
+def _before(space: SearchSpace, diagnosis: Diagnosis, k: int) -> FitStep:
+    """The last step's model without its effect number k; of the effect that was added last, the step before."""
+    last = diagnosis.steps[-1]
+    if k == len(last.selected) - 1:
+        return diagnosis.steps[-2]
+    return without_one(space, last, k, everything=False)
 
 
 def _noise_taken(calibration: Calibration) -> ShownNoise | None:

@@ -18,6 +18,7 @@ from calib.calibration.plausibility import beyond_nature, implausibility_reason
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import (
     MAX_WORSENING,
+    MIN_LEAD_OVER_TEST,
     MIN_LOG_EVIDENCE,
     can_stand_for,
     is_convincing,
@@ -29,28 +30,33 @@ from calib.diagnosis.decision_rules import (
 )
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.search_space import SearchSpace, first_fit, step_after, with_candidate
+from calib.diagnosis.search_space import SearchSpace, first_fit, step_after, with_candidate, without_one
 from calib.diagnosis.verdict import Refusal
-from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate, Screening, screen
+from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate, Screening
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.smooth_motions import slow_course
 
 MAX_TRIED_AHEAD = 4  # contenders that are tried with a successor
 MAX_REFUSED = 3  # effects that are tried in a step
+MIN_OVER_SELECTED = 6.0  # log Bayes factor of an effect over one in the model, from which it takes that one's place
 
 Tell = Callable[[str], None]  # called with a line of text before each stage
 
 
 @dataclass(frozen=True)
 class AddEffect:
-    """Move that adds the effect with clearly most evidence; in its fit, earlier effects may change members."""
+    """Move that adds the effect with clearly most evidence; in its fit, earlier effects may change members.
+
+    It may take the place of an effect of the model that explains less, given all others.
+    """
 
     candidate: Candidate
     log_bayes_factor: float | None  # over the next candidate
     runner_up: str  # the next candidate; "" where there is none
     selected: tuple[SelectedEffect, ...]
     calibration: Calibration
+    instead_of: str = ""  # the effect whose place it takes
 
     @property
     def name(self) -> str:
@@ -106,7 +112,7 @@ class Stop:
 def next_effect(
     space: SearchSpace, step: FitStep, dropped: Collection[str] = (), tell: Tell = lambda line: None
 ) -> AddEffect | DropEffect | Stop:
-    """Move that adds an effect to a model or drops one, or a Stop with the reason why there is no such move.
+    """Move that adds, drops or exchanges an effect of a model, or a Stop with the reason why there is no such move.
 
     Args:
         space: settings of all fits.
@@ -124,7 +130,13 @@ def next_effect(
     added = Stop() if len(names) >= space.max_effects else _addition(space, step, dropped, tell)
     if isinstance(added, AddEffect):
         return added
-    return _superfluous(space, step, tell) or added
+    return _revision(space, step, dropped, tell) or added
+
+
+def gone(move: AddEffect | DropEffect) -> list[str]:
+    """Name of the effect that a move takes out of the model, in a list; an empty one where it takes none out."""
+    name = move.name if isinstance(move, DropEffect) else move.instead_of
+    return [name] if name else []
 
 
 def step_of(step: FitStep, move: AddEffect | DropEffect) -> FitStep:
@@ -166,7 +178,9 @@ def _addition(
         best, second, log_bayes_factor = ahead or (best, None, None)
     tell(f"adding {best.name}")
     trial = space.fit((*step.selected, SelectedEffect.of(best)), step.calibration)
-    refused = refusal(best, screening, step.calibration, trial, further=bool(step.selected))
+    lead = best.log_evidence if log_bayes_factor is None else log_bayes_factor
+    strict = bool(step.selected) or lead < MIN_LEAD_OVER_TEST
+    refused = refusal(best, screening, step.calibration, trial, further=bool(step.selected), strict=strict)
     if refused is not None:
         rest = {*dropped, best.name}
         other = _addition(space, step, rest, tell, may_refuse=may_refuse - 1) if may_refuse > 1 else Stop()
@@ -206,23 +220,36 @@ def _look_ahead(
     return (best, second, float(log_bayes_factor)) if leads else None
 
 
-def _superfluous(space: SearchSpace, step: FitStep, tell: Tell) -> DropEffect | None:
-    """Move that drops the effect with the least evidence given all others, where that is too small; else None."""
+def _revision(space: SearchSpace, step: FitStep, dropped: Collection[str], tell: Tell) -> AddEffect | DropEffect | None:
+    """Move that drops what the other effects explain, or exchanges an effect for a better one; None for neither.
+
+    Each effect is weighed again given all others: it may have been added while another cause was not in the model yet.
+    """
     if len(step.selected) < 2:
         return None
-    evidence, fits = [], []
-    for effect in step.selected:
-        others = tuple(other for other in step.selected if other is not effect)
-        family = space.family(effect.name)
-        fits.append(space.fit(others, step.calibration))
-        candidates = () if family is None else screen(fits[-1], [family]).candidates
-        evidence.append(candidates[0].log_evidence if candidates else -np.inf)
+    # The last effect led all others when it was added, so that only its own family is screened.
+    everything = [True] * (len(step.selected) - 1) + [False]
+    weighed = [without_one(space, step, k, everything=every) for k, every in enumerate(everything)]
+    evidence = [_evidence(one, effect.name) for one, effect in zip(weighed, step.selected, strict=True)]
     weakest = int(np.argmin(evidence))
-    if evidence[weakest] > MIN_LOG_EVIDENCE:
-        return None
-    tell("dropping what a later effect made superfluous")
-    kept = tuple(effect for k, effect in enumerate(step.selected) if k != weakest)
-    return DropEffect(step.selected[weakest].name, kept, fits[weakest])
+    if evidence[weakest] <= MIN_LOG_EVIDENCE:
+        tell("dropping what a later effect made superfluous")
+        without = weighed[weakest]
+        return DropEffect(step.selected[weakest].name, without.selected, without.calibration)
+    for without, own, effect in zip(weighed, evidence, step.selected, strict=True):
+        assert without.screening is not None
+        rivals = [c for c in _without(without.screening, [*dropped, effect.name]).candidates if is_convincing(c)]
+        if rivals and rivals[0].log_evidence > own + MIN_OVER_SELECTED:
+            instead = _addition(space, without, dropped, tell)
+            if isinstance(instead, AddEffect) and instead.name != effect.name:
+                return replace(instead, instead_of=effect.name)
+    return None
+
+
+def _evidence(without: FitStep, name: str) -> float:
+    """Log evidence of an effect in the screening of a model without it; -inf where it is no candidate there."""
+    candidate = without.candidate_named(name)
+    return -np.inf if candidate is None else candidate.log_evidence
 
 
 # ---- the stepwise search --------------------------------------------------------------------------------------------
@@ -245,8 +272,7 @@ def search_stepwise(space: SearchSpace, tell: Tell, refused: str = "") -> Search
     steps = [space.ranked(first_fit(space))]
     dropped = [refused]
     while not isinstance(move := next_effect(space, steps[-1], dropped, tell), Stop):
-        if isinstance(move, DropEffect):
-            dropped.append(move.name)
+        dropped += gone(move)
         steps.append(space.ranked(step_of(steps[-1], move)))
     return Search(straight_steps(space, steps), move)
 

@@ -83,6 +83,19 @@ def first_fit(space: SearchSpace) -> FitStep:
     return first_step(space.fit((), None))
 
 
+def without_one(space: SearchSpace, step: FitStep, k: int, *, everything: bool) -> FitStep:
+    """Step without the effect number k, fitted again and screened for every effect or for that effect's family alone.
+
+    What an effect says given all others may differ from what it said when it was added.
+    """
+    selected = (*step.selected[:k], *step.selected[k + 1 :])
+    fitted = space.fit(selected, step.calibration)
+    family = space.family(step.selected[k].name)
+    own = [] if family is None else [family]
+    screening = space.screen(fitted) if everything else screen(fitted, own)
+    return FitStep("", selected, fitted, left_out=step.left_out, screening=screening)
+
+
 def with_candidate(
     space: SearchSpace, step: FitStep, candidate: Candidate, trial: Calibration | None = None
 ) -> tuple[tuple[SelectedEffect, ...], Calibration]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import Literal
 
 from calib.calibration.held_out import HeldOutTest
@@ -96,7 +95,7 @@ class Findings:
     confounded_sets: tuple[ConfoundedSet, ...] = ()  # each with one effect in the model
     refused: Refusal | None = None
     left_to_curves: bool = False  # whether learned curves explain more than the next effect, of one place or pose
-    unproven: str = ""  # an effect in the model that has no more evidence than a correlated drift of the instrument
+    no_more_than_drift: AddedEffect | None = None  # first effect with no more evidence than a drift of the instrument
     held_out: HeldOutTest | None = None  # the test poses against the error that the last fit predicts for them
     noise: ShownNoise | None = None  # where the noise has another shape than was declared
     learned: LearnedModel | None = None  # then its fit is the last step
@@ -126,13 +125,10 @@ class Findings:
         return self.all_tests
 
     @property
-    def added(self) -> tuple[AddedEffect, ...]:
-        """Each effect that the search added, with its evidence and the residual before the addition."""
-        return tuple(
-            AddedEffect(after.effect, after.candidate.log_evidence, before.screening.projected)
-            for before, after in pairwise(self.steps)
-            if after.effect and after.candidate is not None and before.screening is not None
-        )
+    def unproven(self) -> str:
+        """Name of an effect in the model that a correlated drift of the instrument explains as well; "" for none."""
+        effect = "" if self.no_more_than_drift is None else self.no_more_than_drift.effect
+        return effect if effect in self.named else ""
 
     @property
     def screenings(self) -> tuple[Screening, ...]:

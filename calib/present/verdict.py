@@ -330,6 +330,12 @@ def move(made: Move) -> Words:
         case AddEffect():
             factor = made.log_bayes_factor
             leads = "" if factor is None else f", its log Bayes factor over the next {factor:.0f}"
+            if made.instead_of:
+                return spans(
+                    capitalised(with_key(made.name)), " explains more than ", with_key(made.instead_of),
+                    f" given all other effects (log evidence {made.candidate.log_evidence:.0f}{leads}). It takes that "
+                    "effect's place; it is the cause if noise alone is left in the end.",
+                )  # fmt: skip
             return spans(
                 capitalised(with_key(made.name)), f" explains it best: its log evidence is "
                 f"{made.candidate.log_evidence:.0f} ({MIN_LOG_BAYES_FACTOR:g} would do){leads}. Add it; it is the "

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.array_types import Array, IndexArray
+from calib.array_types import Array, BoolArray, IndexArray
+from calib.calibration.held_out import in_gap_of_step
 from calib.calibration.result import Calibration
 from calib.errors import FitError
 from calib.fitting.observations import mean_by_pose
@@ -70,7 +71,8 @@ class LeftOutGain:
 def left_out_gain(before: Calibration, after: Calibration) -> LeftOutGain | None:
     """Gain of one fit over another at left-out poses; None where too few equations are left."""
     try:
-        squared = [_squared_errors(fit) for fit in (before, after)]
+        judged = ~in_gap_of_step(after)
+        squared = [_squared_errors(fit, judged) for fit in (before, after)]
     except FitError:
         return None
     if len(squared[0]) != len(squared[1]):  # of other poses: a robust fit left out some
@@ -81,12 +83,15 @@ def left_out_gain(before: Calibration, after: Calibration) -> LeftOutGain | None
     return LeftOutGain(share, float(fall.mean()) / max(error, 1e-300))
 
 
-def _squared_errors(calibration: Calibration) -> Array:
-    """Squared 3D error (K,), mm^2, at each training pose left out, then at each test pose, averaged over its points."""
+def _squared_errors(calibration: Calibration, judged: BoolArray) -> Array:
+    """Squared 3D error (K,), mm^2, at each training pose left out, then at each test pose, averaged over its points.
+
+    judged: (N,) poses that may serve as test poses.
+    """
     projected = project_residual(calibration)
     squared = np.sum(left_out_errors_mm(projected).reshape(-1, 3) ** 2, axis=1)
     after = calibration.after
-    test = after.is_test[after.pose]
+    test = (after.is_test & judged)[after.pose]
     of_test = np.sum(after.error_mm[test] ** 2, axis=1)
     points = projected.residuals.observed.points
     return np.concatenate([_pose_means(squared, points.pose), _pose_means(of_test, after.pose[test])])

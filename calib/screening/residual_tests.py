@@ -26,6 +26,8 @@ from calib.screening.smooth_motions import JointFault, smooth_motion
 
 DRAWS = 999
 STRUCTURE_LEVEL = 0.01
+WEAK_LEVEL = 0.004  # p of a single pattern, above which the residual's size has to speak too
+NOISES_SIZE = 1.1  # residual over noise, up to which it is as large as noise is
 OUTLIER_LEVEL = 0.002
 FAULT_EVIDENCE = 3.0  # log evidence from which a fault of one joint is reported
 _BLOCK = 3_000_000  # numbers of noise held at once
@@ -58,8 +60,14 @@ class ResidualTests(Brief):
 
     @property
     def structured(self) -> tuple[str, ...]:
-        """Inputs over which the residual has a systematic pattern beyond noise."""
-        return tuple(test.input for test in self.inputs if test.p_value < STRUCTURE_LEVEL)
+        """Inputs over which the residual has a systematic pattern beyond noise.
+
+        A single weak one counts only where the residual is larger than the noise, or no noise is known.
+        """
+        found = tuple(test for test in self.inputs if test.p_value < STRUCTURE_LEVEL)
+        of_noises_size = self.noise_from != "fit" and self.residual_mm < NOISES_SIZE * self.noise_mm
+        weak = len(found) == 1 and found[0].p_value > WEAK_LEVEL
+        return () if weak and of_noises_size else tuple(test.input for test in found)
 
     @property
     def strongest_joint(self) -> int | None:

@@ -21,7 +21,7 @@ from calib.diagnosis.effect_selection import (
     candidate_of,
     recalled,
 )
-from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPoses, Move, ShapeNoise, step_of
+from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPoses, Move, ShapeNoise, gone, step_of
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, step_after, with_candidate, with_curves
 from calib.effects.effect import Family
@@ -162,6 +162,7 @@ def with_effect(session: Session, name: str) -> Session:
     session = replace(session, dropped=session.dropped - {name})
     last = session.steps[-1]
     if isinstance(move, AddEffect):
+        session = replace(session, dropped=session.dropped.union(gone(move)))
         return with_steps(session, (*session.steps, step_of(last, move)))
     if isinstance(move, AddCurves):
         step = move.diagnosis.steps[-1]
@@ -188,7 +189,7 @@ def without_effect(session: Session, name: str) -> Session:
         raise CalibError(f"effect {name} is not in the model; there is {inside}")
     move = _advised(session, name)
     if isinstance(move, DropEffect):
-        session = replace(session, dropped=session.dropped | {name})
+        session = replace(session, dropped=session.dropped.union(gone(move)))
         return with_steps(session, (*session.steps, step_of(session.steps[-1], move)))
     return _changed(session, kept, f"− {name}")
 

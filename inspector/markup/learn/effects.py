@@ -89,7 +89,8 @@ def follow_label(advice: Advice) -> str:
     """Label of the button that makes the advised change of the model."""
     match advice.move:
         case AddEffect():
-            return f"Add {plain(with_joints(SelectedEffect.of(advice.move.candidate)))}"
+            name = plain(with_joints(SelectedEffect.of(advice.move.candidate)))
+            return f"Put {name} in place of {advice.move.instead_of}" if advice.move.instead_of else f"Add {name}"
         case AddCurves():
             return f"Add {plain(with_joints(advice.move.diagnosis.steps[-1].selected[-1]))}"
         case DropEffect():

@@ -1,0 +1,114 @@
+"""Effects that are exchanged: one that resembles the sum of two gives way to them; poses that test no step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from calib.array_types import Array
+from calib.calibration.calibrate import calibrate
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.diagnosis.decision_rules import predicts_worse
+from calib.diagnosis.diagnose import Model, next_move
+from calib.diagnosis.moves import AddEffect, search_stepwise
+from calib.diagnosis.search_space import SearchSpace, first_fit
+from calib.effects.base import Parameter
+from calib.effects.catalogue.order_steps import ChangePoint, JointStep
+from calib.effects.effect import families_from
+from calib.effects.state import RobotState
+from calib.kinematics.chain import target_jacobian
+from calib.present import verdict as told
+from calib.present.text import plain
+from calib.screening.projected_residual import project_residual
+from calib.simulation.simulate import simulate_dataset
+
+
+def bump(q_rad: Array, middle_rad: float) -> Array:
+    """A smooth bump over a joint's angle, one high."""
+    return np.asarray(np.exp(-0.5 * ((q_rad - middle_rad) / 0.5) ** 2))
+
+
+@dataclass(frozen=True)
+class Bumps:
+    """Errors of joints 2, 3 and 5 by a bump of each joint's angle, in fixed shares of one size."""
+
+    name: str
+    shares: tuple[float, float, float]
+    parameters = (Parameter("size_rad", unit="rad", scale=3e-4),)
+
+    def error_rad(self, q_rad: Array) -> Array:
+        """Error (N, 3) of the three joints for a size of one."""
+        return np.stack([s * bump(q_rad[:, j], 0.0) for s, j in zip(self.shares, (1, 2, 4), strict=True)], axis=1)
+
+    def apply(self, state: RobotState, *, size_rad: float) -> RobotState:
+        errors = size_rad * self.error_rad(state.q_rad)
+        for column, joint in enumerate((1, 2, 4)):
+            state = state.add_joint_error(joint, errors[:, column])
+        return state
+
+
+ONE = Bumps("one", (1.0, 0.0, 0.0))
+TWO = Bumps("two", (0.0, 1.0, 0.0))
+BLEND = Bumps("blend", (1.0, 1.0, 1.0))
+
+
+def measured_with(*effects: tuple[Bumps, float]) -> Dataset:
+    """Dataset of an arm of which some joints err by bumps, by the derivative of the nominal arm."""
+    dataset = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(2), poses=80, noise_mm=0.05).dataset
+    assert dataset.points is not None
+    q_rad = dataset.poses.q[dataset.points.pose]
+    frame = project_residual(calibrate(dataset)).residuals.scanner_frames(np.zeros(35))[""]
+    columns = target_jacobian(dataset.robot, q_rad)
+    xyz_mm = dataset.points.xyz_mm
+    for bumps, size_rad in effects:
+        error_rad = size_rad * bumps.error_rad(q_rad)
+        for column, joint in enumerate((1, 2, 4)):
+            by_theta = columns[..., dataset.robot.parameter_names.index(f"theta{joint + 1}")]
+            xyz_mm = xyz_mm + by_theta * error_rad[:, [column]] @ frame[:3, :3].T
+    return dataset.with_points(replace(dataset.points, xyz_mm=xyz_mm))
+
+
+@pytest.mark.slow
+def test_an_effect_that_resembles_two_gives_way_where_two_are_all_that_may_be_added() -> None:
+    dataset = measured_with((ONE, 1e-3), (TWO, 2e-3))
+    families = families_from((ONE, TWO, BLEND))
+    space = replace(SearchSpace.of(dataset, max_effects=2), families=families)
+    model, moves = Model((first_fit(space),)), []
+    while isinstance(move := next_move(space, model), AddEffect):
+        moves.append((move.name, move.instead_of))
+        said = plain(told.move(move))
+        assert ("takes that effect's place" in said) == bool(move.instead_of)
+        model = model.after(move)
+    assert moves == [("blend", ""), ("two", ""), ("one", "blend")]
+    assert "blend" in model.dropped
+    assert move.named == ("two", "one")
+    assert [step.effect for step in move.steps] == [None, "two", "one"]
+    assert move.steps[-1].candidate is not None
+
+
+@pytest.mark.slow
+def test_an_effect_that_resembles_two_is_dropped_once_both_are_in_the_model() -> None:
+    dataset = measured_with((ONE, 1e-3), (TWO, 2e-3))
+    space = replace(SearchSpace.of(dataset), families=families_from((ONE, TWO, BLEND)))
+    assert {effect.name for effect in search_stepwise(space, lambda line: None).steps[-1].selected} == {"one", "two"}
+
+
+def test_poses_inside_the_gap_of_a_step_test_nothing() -> None:
+    """Whether a test pose between the last pose before a step and the first after it is moved, no fit can know."""
+    dataset = measured_with()
+    order = np.arange(len(dataset.poses))
+    in_gap = (order >= 30) & (order < 36)
+    tested = (in_gap | (order % 10 == 5)) & (dataset.poses.role != "reference")
+    role = np.where(tested, "test", np.where(dataset.poses.role == "test", "train", dataset.poses.role))
+    dataset = replace(dataset, poses=replace(dataset.poses, role=role))
+    assert dataset.points is not None
+    before = calibrate(dataset)
+    step = JointStep(1, ChangePoint(30, dataset.poses.ids[36]))
+    after = calibrate(dataset, effects=[step])
+    as_before = before.after.error_mm
+    in_the_gap = as_before + np.where(in_gap[before.after.pose], 5.0, 0.0)[:, None]
+    assert not predicts_worse(before, replace(after, after=replace(after.after, error_mm=in_the_gap)))
+    assert predicts_worse(before, replace(after, after=replace(after.after, error_mm=as_before + 5.0)))
