@@ -14,6 +14,7 @@ from calib.calibration.evaluation import Evaluation, Figures
 from calib.calibration.model_versions import Version
 from calib.calibration.noise_level import SigmaCheck, noise_level
 from calib.calibration.result import Calibration, is_declared
+from calib.calibration.table_doubts import DoubtfulEntry, doubtful_entries
 from calib.calibration.uncertainty import Combination, correlated_pairs, identifiable_combinations
 from calib.consistency.data_problem import DataProblem
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
@@ -144,6 +145,7 @@ def calibration_warnings(calibration: Calibration) -> tuple[str, ...]:
     sentences = [*calibration.fitted_dataset.warnings, *calibration.fitted_dataset.notes, *calibration.after.notes]
     if calibration.tool_shift is not None:
         sentences.append(tool_shift_sentence(calibration.tool_shift))
+    sentences += table_doubts(calibration)
     sentences.append(calibration.hand_eye_ambiguity)
     if not calibration.fit.converged:
         sentences.append(f"the fit did not converge: {calibration.fit.reason}")
@@ -162,6 +164,26 @@ def tool_shift_sentence(shift: ToolShift) -> str:
         f"the tool point is {shift.off_mm:.1f} mm from where robot.toml has it (in the last joint's frame: "
         f"x {x}, y {y}, z {z} mm; from the tip: {from_tip} mm); it is a point of its own, and the tip stays where "
         "robot.toml has it: the measured points tell neither its place nor its attitude"
+    )
+
+
+def table_doubts(calibration: Calibration) -> list[str]:
+    """Sentences on entries of robot.toml that the fit moved much further than links usually are off."""
+    return list(map(table_doubt, doubtful_entries(calibration)))
+
+
+def table_doubt(entry: DoubtfulEntry) -> str:
+    """Sentence on an entry of robot.toml that is far from what was fitted, without capital and full stop."""
+    off, usual = numbers.size(abs(entry.off), entry.unit), numbers.size(entry.usual, entry.unit)
+    question = (
+        "is the tool that long, or is a flange, a spacer or a change of tool missing from the table"
+        if entry.of_tool
+        else "is this the right table, or is it that of another size or series"
+    )
+    side = "less" if entry.off > 0.0 else "more"
+    return (
+        f"in robot.toml {entry.name} is {off} {side} than measured, {entry.times:.0f} times what links of arms usually "
+        f"are off ({usual}): {question}?"
     )
 
 
@@ -559,6 +581,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
             {"parameters": c.coefficients, "value": c.value, "sigma": c.sigma, "worst_part_sigma": c.worst_part_sigma}
             for c in identifiable_combinations(calibration)
         ],
+        "table_doubts": doubtful_entries(calibration),
         "tool": tool_rows(calibration.dataset, residual=calibration.residual, model=calibration.model),
         "correlated": correlated_pairs(calibration),
         "stands": stands_document(calibration),

@@ -8,13 +8,14 @@ from typing import Any
 from calib.calibration.held_out import HeldOutTest
 from calib.calibration.noise_level import FIT
 from calib.calibration.result import Calibration
+from calib.calibration.table_doubts import DoubtfulEntry
 from calib.consistency.data_problem import DataProblem
 from calib.dataset.repeats import repeats_frame
 from calib.diagnosis.result import Diagnosis
 from calib.fitting.tool_point import ToolShift
 from calib.present import numbers
 from calib.present.blocks import Block, Presentation, Section, Table, Verdict, plain
-from calib.present.calibration import fit_sentence, outlier_hint, tool_shift_sentence
+from calib.present.calibration import fit_sentence, outlier_hint, table_doubt, tool_shift_sentence
 from calib.present.colours import BAD, DOUBT, GOOD
 from calib.present.results import document, presentation
 from calib.present.verdict import promise, verdict
@@ -124,6 +125,11 @@ def _(calibration: Calibration) -> str:
 @_sentence.register
 def _(shift: ToolShift) -> str:
     return tool_shift_sentence(shift)
+
+
+@_sentence.register
+def _(entry: DoubtfulEntry) -> str:
+    return table_doubt(entry)
 
 
 @_sentence.register

@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.array_types import BoolArray
 from calib.calibration.result import Calibration, is_declared
+from calib.calibration.table_doubts import doubtful_entries
 from calib.diagnosis.causes import FittedValue, fitted_values, visible_mm
 from calib.diagnosis.decision_rules import left_to_curves
 from calib.diagnosis.effect_selection import GEOMETRY, FitStep
@@ -473,6 +474,7 @@ def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[st
         "left_out": last.fitted_dataset.left_out,
         **found_tool_document(last),
         "worse_than_nominal": worsening_sentence(last) or None,
+        "table_doubts": doubtful_entries(last),
         "verdict": diagnosis.verdict,
         "missing": diagnosis.missing,
         "suspected": diagnosis.suspected,

@@ -16,6 +16,7 @@ from calib.diagnosis.result import Diagnosis
 from calib.effects.effect import describe
 from calib.present import numbers
 from calib.present.blocks import Span, Words, capitalised, effect, joint, listed, pose, spans
+from calib.present.calibration import table_doubts
 from calib.present.effects import meaning, title, with_key
 from calib.present.names import input_name
 from calib.present.noise import noise_sentences
@@ -41,7 +42,8 @@ def verdict(diagnosis: Diagnosis) -> Words:
         "unexplained": _unexplained,
         "outliers": _outliers,
     }[diagnosis.verdict]
-    return tell(diagnosis)
+    doubts = [f" {numbers.capitalised(doubt)}" for doubt in table_doubts(diagnosis.calibration)]
+    return spans(tell(diagnosis), *doubts)
 
 
 def _adequate(diagnosis: Diagnosis) -> Words:

@@ -16,6 +16,7 @@ from calib.calibration.held_out import HeldOutTest, held_out_test
 from calib.calibration.noise_level import FIT, NoiseLevel, check_sigma, noise_level
 from calib.calibration.plausibility import fit_without_outliers, implausibility_reason, too_good
 from calib.calibration.result import Calibration, declared_sigma_mm, is_declared
+from calib.calibration.table_doubts import DoubtfulEntry, doubtful_entries
 from calib.consistency.data_problem import DataProblem
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
@@ -155,6 +156,7 @@ Evidence = (
     | TooFewPoses
     | Calibration
     | ToolShift
+    | DoubtfulEntry
     | OutlyingPoses
     | ErrorsOfTestPoses
     | ErrorRatio
@@ -361,6 +363,7 @@ def _fit(calibration: Calibration, max_test_rmse_mm: float | None) -> list[Check
     return [
         CheckItem("fit", fit.converged, calibration),
         *([] if shift is None else [CheckItem("tool point", None, shift, warning=True)]),
+        *(CheckItem("robot table", None, entry, warning=True) for entry in doubtful_entries(calibration)),
         *([] if robust is None else [CheckItem("outliers", None, OutlyingPoses(calibration, robust), warning=True)]),
         *(CheckItem("fit", None, note) for note in calibration.after.notes),
         *_test_poses(calibration, max_test_rmse_mm),
