@@ -108,6 +108,24 @@ class BaseTilt:
 
 
 @dataclass(frozen=True)
+class PayloadDeflection:
+    """Joints that give way to a mass at the flange: for each the compliance times the mass, rad kg/Nm."""
+
+    joints: tuple[int, ...]  # revolute
+
+    @property
+    def width(self) -> int:
+        return len(self.joints)
+
+    def act(self, state: RobotState, amounts: Array) -> RobotState:
+        """Robot state with each joint turned by the torque of 1 kg times its amount."""
+        gravity = state.loaded.gravity
+        for k, joint in enumerate(self.joints):
+            state = state.add_joint_error(joint, amounts[:, k] * gravity.held_torque(joint))
+        return state
+
+
+@dataclass(frozen=True)
 class Growth:
     """A growth of all lengths: a and d times 1 + amount."""
 

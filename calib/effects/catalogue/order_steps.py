@@ -17,7 +17,7 @@ from calib.dataset.dataset import Dataset
 from calib.effects.catalogue.loads import where_masses_are_known
 from calib.effects.catalogue.scanner import Vector, field_of
 from calib.effects.effect import Family, NaturalBound, Parameter
-from calib.effects.shaped import BaseTilt, JointOffset, ScannerMotion, ShapedEffect, TargetShift
+from calib.effects.shaped import BaseTilt, JointOffset, PayloadDeflection, ScannerMotion, ShapedEffect, TargetShift
 from calib.effects.state import RobotState
 
 _SEEN = 3.0  # multiple of these bounds that is seen with bare eyes
@@ -27,6 +27,8 @@ MOST_CHANGES = 3
 """Most steps of one family in a model: a part that moves more often drifts or is loose, and has not slipped."""
 MOST_STEPS = 200
 """Most poses that are tried as the first after a step; of more poses they are taken evenly."""
+_LOADED_NM = 0.05
+"""Torque of 1 kg at the flange below which a joint does not show that it is there: a lever of 5 mm."""
 
 
 @dataclass(frozen=True)
@@ -286,3 +288,70 @@ class BaseLoosening(Step):
         """Family of this effect with one member for each pose that may be the first after the bolt gave way."""
         family = _family(dataset, cls.name, lambda at: [cls(at)])
         return where_masses_are_known(family, dataset.robot)
+
+
+@dataclass(frozen=True)
+class PayloadStep(Step):
+    """A payload that changes at one pose and that nobody wrote down: joints give way to its torque from then on.
+
+    The mass and the joints' compliances show as their products alone, one for each joint. The products share a sign,
+    that of a mass put on or taken off, which is not asked for.
+    """
+
+    joints: tuple[int, ...]  # that a mass at the flange turns
+    start: ChangePoint
+    name = "payload_step"
+    title = "change of the payload"
+    noun = "a payload that changed unsaid"
+    changes_arm = True
+    equation = "theta_j += (c_j m) torque of 1 kg at the flange about joint j, from pose k on"
+    symbols = (("c_j m", "rad kg/Nm"),)
+    needs = "poses in the order they were measured: time_s, else the rows"
+    helpful_conditions = ("payload_kg",)
+    confirm = "weigh what hangs at the flange, and write it into payload_kg at every pose"
+    bounds = (NaturalBound(5e-2, "rad kg/Nm", "that is 50 kg on the smallest strain wave gear (1 kNm/rad)", _SEEN),)
+    notes = r"""
+    $$ \delta \theta_j = ( c_j \, m ) \; z_j \cdot ( p - o_j ) \times g \quad \text{from pose } k \text{ on} $$
+
+    $p$ is where robot.toml has the payload (`payload_com_mm`), else the tool point; $m$ is below zero for a mass that
+    was taken off. A change back is a second step. Masses in robot.toml are not needed. Compliance and mass cannot be
+    told apart: divide by the compliance, of a data sheet or of {doc}`joint_compliance`, for the mass.
+
+    A {doc}`joint_step` is the same at every pose, and a {doc}`base_loosening` tilts the whole arm, where a mass turns
+    joint by joint as the arm reaches out.
+    """
+    position = 30
+
+    @property
+    def displacement(self) -> PayloadDeflection:
+        return PayloadDeflection(self.joints)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Compliance times the mass, for each joint that a mass at the flange turns."""
+        doc = "compliance times the mass put on, of joint"
+        return tuple(
+            Parameter(f"J{joint + 1}_from_{self.start.word}_rad_kg_per_nm", "rad kg/Nm", 1e-4, f"{doc} {joint + 1}")
+            for joint in self.joints
+        )
+
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        """Largest turn of the joint over all poses, and the first pose with the changed payload, as text."""
+        joint = self.joints[[p.name for p in self.parameters].index(parameter.name)]
+        largest = float(np.abs(state.gravity.held_torque(joint)).max(initial=0.0))
+        turned = f"joint {joint + 1} turns by up to {abs(np.degrees(value)) * largest:.2g}\N{DEGREE SIGN}"
+        return f"{turned} from pose {self.start.pose} on"
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """Family of this effect with one member for each pose that may be the first with another payload."""
+        robot = dataset.robot
+        gravity = RobotState.nominal(robot, dataset.poses).gravity
+        loaded = tuple(
+            j
+            for j, joint in enumerate(robot.joints)
+            if joint.is_revolute and np.abs(gravity.held_torque(j)).max() > _LOADED_NM
+        )
+        if not loaded:
+            return Family(cls.name, (), "a mass at the flange turns no joint", "nothing: no joint gives way to it")
+        return _family(dataset, cls.name, lambda at: [cls(loaded, at)])

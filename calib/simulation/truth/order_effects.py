@@ -113,6 +113,48 @@ class BaseLoosening(SampledEffect):
 
 
 @dataclass(frozen=True, eq=False)
+class PayloadStep(SampledEffect):
+    """A mass hung on the flange and not recorded: dq_j = c_j tau_j, tau_j by that mass alone, from a pose on.
+
+    It may be taken off again before the end. The controller makes up for the weights that it knows of. The mass hangs
+    beside the tool point.
+    """
+
+    name = "payload_step"
+    magnitude_fields = ("mass_kg",)
+    needs_equilibrium = True
+    mass_kg: float
+    c_rad_per_nm: Array  # (n,)
+    beside_mm: Array  # (3,) from the tool point, tool frame
+    first: int
+    back: int  # first pose without it again; the number of poses where it stays
+
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        tool = equilibrium.base_T_frame[-1]
+        place_mm = tool[:, :3, 3] + tool[:, :3, :3] @ self.beside_mm
+        weight_n = self.mass_kg * np.array(arm.robot.gravity_m_s2)
+        turned = np.zeros_like(arm.q)
+        for j, axis in enumerate(equilibrium.base_T_axis):
+            torque_nm = np.einsum("ni,ni->n", axis[:, :3, 2], np.cross(1e-3 * (place_mm - axis[:, :3, 3]), weight_n))
+            turned[:, j] = self.c_rad_per_nm[j] * torque_nm
+        held = _after(len(arm.q), self.first) & ~_after(len(arm.q), self.back)
+        return replace(arm, q=arm.q + held[:, None] * turned)
+
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """A few kg, put on or taken off, once in three times for a while only.
+
+        The joints yield alike, those of the wrist about four times as much.
+        """
+        n = cell.nominal.n_joints
+        c = 1e-5 * np.where(np.arange(n) < n - 3, 1.0, 4.0) * np.exp(0.35 * rng.standard_normal(n))
+        mass_kg = rng.choice([-1.0, 1.0]) * rng.uniform(1.0, 5.0)
+        first, beside_mm = _first_pose(cell, rng), rng.normal(0.0, 20.0, 3)
+        back = first + len(cell.q) // 4 if rng.random() < 1.0 / 3.0 else len(cell.q)
+        return cls(mass_kg, c * cell.nominal.is_revolute, beside_mm, first, back)
+
+
+@dataclass(frozen=True, eq=False)
 class WarmUp(SampledEffect):
     """An arm warmed up by its own motors: all lengths a and d times 1 + g (1 - exp(-t / T)), t from the first pose."""
 
