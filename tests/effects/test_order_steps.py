@@ -10,7 +10,7 @@ import pytest
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import family_of
-from calib.effects.catalogue.order_steps import PayloadStep
+from calib.effects.catalogue.order_steps import LinkStep, PayloadStep
 from calib.effects.effect import apply_values
 from calib.effects.state import RobotState
 from calib.simulation.measured_dataset import Simulation
@@ -65,8 +65,30 @@ def test_a_payload_that_was_taken_off_again_is_two_steps_of_one_cause() -> None:
     assert {m.start.first for m in members if isinstance(m, PayloadStep)} == {true.first, true.back}
     fitted = dict(zip([p.name for p in found.calibration.fit.parameters], found.calibration.fit.x, strict=True))
     put_on, off = (
-        next(x for name, x in fitted.items() if name.startswith(f"payload_step.J2_from_p{at:02d}"))
+        next(x for name, x in fitted.items() if name.startswith(f"payload_step.J2_from_p{at + 1}_"))
         for at in (true.first, true.back)
     )
     assert put_on == pytest.approx(true.mass_kg * true.c_rad_per_nm[1], rel=0.2)
     assert off == pytest.approx(-put_on, rel=0.3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 4])
+def test_a_bent_link_is_told_as_none_of_the_steps_that_are_parts_of_it(seed: int) -> None:
+    """With the size that it has: the frame at the link's end, as the exact law turns and shifts it."""
+    simulation = simulated(seed, ("link_step", 4.0))
+    (true,) = simulation.truth.effects
+    assert isinstance(true, laws.LinkStep)
+    found = diagnose(simulation.dataset)
+    assert found.missing == ("link_step",)
+    (member,) = found.calibration.model.added_effects
+    assert isinstance(member, LinkStep)
+    assert np.any(true.turn_rad[member.joint])
+
+
+def test_links_that_are_short_or_near_the_target_are_not_asked_about() -> None:
+    members = family_of(DATASET, "link_step").members
+    assert {m.joint for m in members if isinstance(m, LinkStep)} == {0, 1, 2, 3}
+    short = replace(DATASET.robot, joints=tuple(replace(j, a_mm=0.0, d_mm=50.0) for j in DATASET.robot.joints))
+    family = family_of(replace(DATASET, robot=short), "link_step")
+    assert family.why_not == "no link with two joints beyond it is 100 mm long"

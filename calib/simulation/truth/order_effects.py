@@ -11,8 +11,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calib.array_types import Array, BoolArray
+from calib.errors import CalibError
 from calib.simulation.truth.effect import needed
-from calib.simulation.truth.mechanism import Arm, Conditions
+from calib.simulation.truth.mechanism import Arm, Conditions, in_frame
 from calib.simulation.truth.sampling import Rng, SampledEffect, carriers, magnitudes, one_joint
 from calib.simulation.truth.visibility import SimulatedCell
 
@@ -152,6 +153,44 @@ class PayloadStep(SampledEffect):
         first, beside_mm = _first_pose(cell, rng), rng.normal(0.0, 20.0, 3)
         back = first + len(cell.q) // 4 if rng.random() < 1.0 / 3.0 else len(cell.q)
         return cls(mass_kg, c * cell.nominal.is_revolute, beside_mm, first, back)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkStep(SampledEffect):
+    """A link bent by a knock: from a pose on its end is turned and shifted, both in the frame at its end."""
+
+    name = "link_step"
+    magnitude_fields = ("turn_rad", "shift_mm")
+    turn_rad: Array  # (n, 3)
+    shift_mm: Array  # (n, 3)
+    first: int
+
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        after = _after(len(arm.q), self.first)[:, None, None]
+        return replace(
+            arm,
+            link_turn_rad=arm.link_turn_rad + after * self.turn_rad,
+            link_shift_mm=arm.link_shift_mm + after * self.shift_mm,
+        )
+
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """One link of 100 mm or more before the wrist's end, bent in its middle, so that its end moves too."""
+        first = _first_pose(cell, rng)
+        rigid = Arm.commanded_to(cell.nominal, cell.q[:1])
+        ends = list(zip(rigid.base_T_axis, rigid.base_T_straight, strict=True))
+        along_mm = np.stack([in_frame(end, end[:, :3, 3] - axis[:, :3, 3])[0] for axis, end in ends])
+        long = np.linalg.norm(along_mm, axis=1) >= 100.0
+        long[-2:] = False
+        if not long.any():
+            raise CalibError(f"link_step: no link of {cell.nominal.name} is 100 mm long")
+        turn_rad = 1e-3 * np.cross(rng.standard_normal(along_mm.shape), along_mm / 400.0)
+
+        def make(size: Array) -> SampledEffect:
+            turned = np.abs(size)[:, None] * long[:, None] * turn_rad
+            return cls(turned, np.cross(turned, 0.5 * along_mm), first)
+
+        return make(one_joint(cell, rng, make))
 
 
 @dataclass(frozen=True, eq=False)
