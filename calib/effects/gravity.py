@@ -98,6 +98,11 @@ class GravityLoads:
         lever_mm = self.chain.base_T_frame[:, joint + 1 :, :3, 3] - origin_mm[:, None]  # (N, K, 3)
         return np.asarray(np.einsum("ni,nki->nk", axis, np.cross(lever_mm * 1e-3, self._gravity_m_s2)))
 
+    def held_torque(self, joint: int) -> Array:
+        """Torque about a revolute joint by 1 kg held where the payload is: (N,) N m per kg."""
+        axis, origin_mm = self._axis(joint)
+        return np.asarray(np.sum(axis * np.cross((self._payload_mm - origin_mm) * 1e-3, self._gravity_m_s2), axis=1))
+
     def payload_torque(self, joint: int) -> Array:
         """Torque of the payload alone about a joint: (N,) N m, or the force along a prismatic one, N."""
         axis, origin_mm = self._axis(joint)

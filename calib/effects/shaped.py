@@ -108,6 +108,42 @@ class BaseTilt:
 
 
 @dataclass(frozen=True)
+class PayloadDeflection:
+    """Joints that give way to a mass at the flange: for each the compliance times the mass, rad kg/Nm."""
+
+    joints: tuple[int, ...]  # revolute
+
+    @property
+    def width(self) -> int:
+        return len(self.joints)
+
+    def act(self, state: RobotState, amounts: Array) -> RobotState:
+        """Robot state with each joint turned by the torque of 1 kg times its amount."""
+        gravity = state.loaded.gravity
+        for k, joint in enumerate(self.joints):
+            state = state.add_joint_error(joint, amounts[:, k] * gravity.held_torque(joint))
+        return state
+
+
+@dataclass(frozen=True)
+class LinkBend:
+    """A shift, mm, and a small turn, rad, of a link's end along and about the axes of the frame at it."""
+
+    joint: int  # that moves the link
+    width = 6
+
+    def act(self, state: RobotState, amounts: Array) -> RobotState:
+        """Robot state with the link's end turned (alpha and beta of the link, theta of the next row) and shifted."""
+        base_R_end = state.loaded.chain.base_T_frame[:, self.joint + 1, :3, :3]
+        return (
+            state.add_link_error(self.joint, "alpha", amounts[:, 3])
+            .add_link_error(self.joint, "beta", amounts[:, 4])
+            .add_link_error(self.joint + 1, "theta", amounts[:, 5])
+            .displace(np.einsum("nij,nj->ni", base_R_end, amounts[:, :3]))
+        )
+
+
+@dataclass(frozen=True)
 class Growth:
     """A growth of all lengths: a and d times 1 + amount."""
 

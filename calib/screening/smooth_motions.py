@@ -101,19 +101,25 @@ def slow_course(projected: ProjectedResidual, step: Candidate) -> float:
     """Log evidence that the displacement explained by a step came slowly instead: creep, settling or oscillation.
 
     The best of an even course, settling with one of four time constants, and any smooth course of four correlation
-    lengths, which are equally likely. 0 where the candidate is no step.
+    lengths, which are equally likely. 0 where the candidate is no step. What the same displacement at all poses adds
+    beside the step counts for the step: it is another cause, as compliance is beside a payload that changed, and slow
+    courses have it in them.
     """
     members = [member for member in step.members if isinstance(member, Step)]
     if not members:
         return 0.0
     columns = displacement_columns(projected, members)  # (M, 3, W)
     row = projected.residuals.observed.used_poses[1]
-    values = []
-    for course in _courses(_moments(projected)):
+
+    def evidence(course: Array) -> float:
+        """Log evidence of the displacement times functions (N, L) of time."""
         moved = course[row][:, None, :, None] * columns[:, :, None, :]
-        visible = projected.visible(moved.reshape(3 * len(row), -1))
-        values.append(evidence_of(-projected.residual, visible, projected.dof))
-    return max(values) - float(np.log(len(values)))
+        return evidence_of(-projected.residual, projected.visible(moved.reshape(3 * len(row), -1)), projected.dof)
+
+    values = [evidence(course) for course in _courses(_moments(projected))]
+    steps = np.concatenate([member.shapes(projected.state) for member in members], axis=1)
+    always = evidence(np.column_stack([steps, np.ones(len(steps))])) - evidence(steps)
+    return max(values) - float(np.log(len(values))) - max(always, 0.0)
 
 
 def _moments(projected: ProjectedResidual) -> Array:

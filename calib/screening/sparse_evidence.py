@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import comb
 
 import numpy as np
 from scipy import special
 
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.distributions import f_sf
 from calib.screening.evidence import (
     GAIN,
     SCALES,
@@ -112,7 +114,7 @@ def evaluate_sparse(family: SparseColumns) -> Evidence:
     The likelihood of one member is averaged over all, as it could be any of them; each further one, added while the
     evidence grows, costs log G; and each costs `RARITY`: else a staircase of steps would follow every drift. The search
     starts from the best member, and from the best pair that goes and comes back, of which neither shows alone. The F
-    test is the best single member's, its p-value times G.
+    test is the best single member's, its p-value times G, or that of all chosen ones, times the ways to choose them.
     """
     residual = family.residual
     count, members, width = family.columns.shape
@@ -127,12 +129,14 @@ def evaluate_sparse(family: SparseColumns) -> Evidence:
     start = _Search(_Chosen((best,), (float(scales[best]),)), raw, raw - mean_likelihood(values) + RARITY)
     found = _grown(family, start)
     pair = _there_and_back(family)
-    if pair is not None:
-        p_value = min(1.0, 2.0 * min(p_value, pair.p_value))
-        if pair.search.worth > found.worth + GAIN:
-            found = max(found, _grown(family, pair.search), key=lambda one: one.worth)
+    if pair is not None and pair.worth > found.worth + GAIN:
+        found = max(found, _grown(family, pair), key=lambda one: one.worth)
     chosen = found.chosen
     columns = np.concatenate([family.columns[:, m] for m in chosen.members], axis=1)
+    if len(chosen.members) > 1:
+        p_together, rank_together = _gate_together(family, columns, len(chosen.members))
+        if p_together < p_value:
+            p_value, rank = p_together, rank_together
     spread = np.repeat(chosen.scales, width)
     one_sided = np.full(len(spread), family.positive)
     weights, gain = posterior(columns, residual, spread, one_sided, family.dof)
@@ -163,15 +167,7 @@ def _grown(family: SparseColumns, start: _Search) -> _Search:
     return found
 
 
-@dataclass(frozen=True)
-class _Pair:
-    """Start of a search with two members that take each other back, and the p-value of its F test."""
-
-    search: _Search
-    p_value: float  # of one size for both, times the number of pairs
-
-
-def _there_and_back(family: SparseColumns) -> _Pair | None:
+def _there_and_back(family: SparseColumns) -> _Search | None:
     """Best pair of members of one displacement that take each other back, such as a knock and its correction.
 
     Each pair is compared by what it explains with one size for both; the best of them is then polished. None where the
@@ -182,7 +178,7 @@ def _there_and_back(family: SparseColumns) -> _Pair | None:
     if family.shapes is None or family.of_same is None or family.positive or too_few:
         return None
     along = np.tensordot(family.residual, family.columns, axes=1)  # (G, K)
-    most, pair, pairs = 0.0, (0, 0), 0
+    most, pair = 0.0, (0, 0)
     for kind in np.unique(family.of_same):
         same = np.flatnonzero(family.of_same == kind)
         same = same[:: -(-len(same) // _MOST_PAIRED)]
@@ -192,7 +188,6 @@ def _there_and_back(family: SparseColumns) -> _Pair | None:
         one, other = one[kept], other[kept]
         if not len(one):
             continue
-        pairs += len(one)
         columns = family.columns[:, same]
         products = np.einsum("rgk,rhl->ghkl", columns, columns, optimize=True)
         both = products[one, other]
@@ -209,10 +204,7 @@ def _there_and_back(family: SparseColumns) -> _Pair | None:
     for member in pair:
         values, scales = _each(family, chosen)
         chosen, raw = chosen.with_member(member, float(scales[member])), float(values[member])
-    rest_dof = family.dof - width
-    ratio = most / width * rest_dof / max(float(family.residual @ family.residual) - most, 1e-300)
-    p_value = min(1.0, pairs * float(special.fdtrc(width, rest_dof, ratio)))
-    return _Pair(_Search(*_polished(family, chosen, raw), 2.0 * _cost(family)), p_value)
+    return _Search(*_polished(family, chosen, raw), 2.0 * _cost(family))
 
 
 def _products(left: Array, right: Array) -> Array:
@@ -238,6 +230,20 @@ def _gate(family: SparseColumns) -> tuple[float, int]:
     p = np.where(tested, special.fdtrc(np.maximum(rank, 1), np.maximum(rest_dof, 1), ratio), 1.0)
     best = int(np.argmin(p))
     return min(1.0, len(p) * float(p[best])), int(rank[best])
+
+
+def _gate_together(family: SparseColumns, columns: Array, count: int) -> tuple[float, int]:
+    """p-value of several members together, times the number of ways to choose as many, and the rank of their columns.
+
+    Twice that, as there was the test of the best one before: one of two steps, there and back, explains little alone.
+    """
+    left, lengths, _ = np.linalg.svd(columns, full_matrices=False)
+    left = left[:, lengths > _VISIBLE * lengths[0]]
+    rank = left.shape[1]
+    explained = float(np.sum((left.T @ family.residual) ** 2))
+    rest = max(float(family.residual @ family.residual) - explained, 1e-300)
+    p = f_sf(explained / rank / (rest / (family.dof - rank)), rank, family.dof - rank)
+    return min(1.0, 2.0 * comb(family.columns.shape[1], count) * p), rank
 
 
 def _each(family: SparseColumns, chosen: _Chosen) -> tuple[Array, Array]:

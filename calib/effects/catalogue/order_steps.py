@@ -17,7 +17,15 @@ from calib.dataset.dataset import Dataset
 from calib.effects.catalogue.loads import where_masses_are_known
 from calib.effects.catalogue.scanner import Vector, field_of
 from calib.effects.effect import Family, NaturalBound, Parameter
-from calib.effects.shaped import BaseTilt, JointOffset, ScannerMotion, ShapedEffect, TargetShift
+from calib.effects.shaped import (
+    BaseTilt,
+    JointOffset,
+    LinkBend,
+    PayloadDeflection,
+    ScannerMotion,
+    ShapedEffect,
+    TargetShift,
+)
 from calib.effects.state import RobotState
 
 _SEEN = 3.0  # multiple of these bounds that is seen with bare eyes
@@ -27,6 +35,10 @@ MOST_CHANGES = 3
 """Most steps of one family in a model: a part that moves more often drifts or is loose, and has not slipped."""
 MOST_STEPS = 200
 """Most poses that are tried as the first after a step; of more poses they are taken evenly."""
+MOST_LINK_STEPS = 100
+"""The same for knocks that bend a link, which have six parameters for each link."""
+_BENDS_MM = 100.0  # a shorter link is as stiff as a housing
+_LOADED_NM = 0.05  # torque of 1 kg at the flange below which a joint does not show it: a lever of 5 mm
 
 
 @dataclass(frozen=True)
@@ -57,10 +69,10 @@ def is_measured_for_training(dataset: Dataset) -> BoolArray:
     return training & np.isin(np.arange(len(dataset.poses)), dataset.points.pose)
 
 
-def change_points(dataset: Dataset) -> list[ChangePoint]:
+def change_points(dataset: Dataset, most: int = MOST_STEPS) -> list[ChangePoint]:
     """Change points before training poses, each with enough training poses on both sides to determine a step.
 
-    None near a change of setup, where the scanner's frame changes too.
+    At most `most`, evenly. None near a change of setup, where the scanner's frame changes too.
     """
     poses = dataset.poses
     sequence = np.argsort(poses.order, kind="stable")
@@ -68,7 +80,7 @@ def change_points(dataset: Dataset) -> list[ChangePoint]:
     count = len(sequence) - 2 * AT_ENDS + 1
     if count < 1:
         return []
-    at = AT_ENDS + np.unique(np.linspace(0, count - 1, min(MOST_STEPS, count)).astype(int))
+    at = AT_ENDS + np.unique(np.linspace(0, count - 1, min(most, count)).astype(int))
     setup = poses.setup[sequence]
     moved = 1 + np.flatnonzero(setup[1:] != setup[:-1])  # the first pose of each setup
     at = at[np.all(np.abs(at[:, None] - moved) >= AT_ENDS, axis=1)]
@@ -79,9 +91,11 @@ def change_points(dataset: Dataset) -> list[ChangePoint]:
     return [ChangePoint(first, pose_id) for first, pose_id in zip(firsts.tolist(), ids, strict=True)]
 
 
-def _family(dataset: Dataset, name: str, members: Callable[[ChangePoint], list[ShapedEffect]]) -> Family:
+def _family(
+    dataset: Dataset, name: str, members: Callable[[ChangePoint], list[ShapedEffect]], most: int = MOST_STEPS
+) -> Family:
     """Family of a step effect with members for each change point; marked as not testable with too few poses."""
-    points = change_points(dataset)
+    points = change_points(dataset, most)
     if not points:
         few = f"fewer than {2 * AT_ENDS} training poses show no step"
         return Family(name, (), few, "measure more poses")
@@ -286,3 +300,132 @@ class BaseLoosening(Step):
         """Family of this effect with one member for each pose that may be the first after the bolt gave way."""
         family = _family(dataset, cls.name, lambda at: [cls(at)])
         return where_masses_are_known(family, dataset.robot)
+
+
+@dataclass(frozen=True)
+class PayloadStep(Step):
+    """A payload that changes at one pose and that nobody wrote down: joints give way to its torque from then on.
+
+    The mass and the joints' compliances show as their products alone, one for each joint. The products share a sign,
+    that of a mass put on or taken off, which is not asked for.
+    """
+
+    joints: tuple[int, ...]  # that a mass at the flange turns
+    start: ChangePoint
+    name = "payload_step"
+    title = "change of the payload"
+    noun = "a payload that changed unsaid"
+    changes_arm = True
+    equation = "theta_j += (c_j m) torque of 1 kg at the flange about joint j, from pose k on"
+    symbols = (("c_j m", "rad kg/Nm"),)
+    needs = "poses in the order they were measured: time_s, else the rows"
+    helpful_conditions = ("payload_kg",)
+    confirm = "weigh what hangs at the flange, and write it into payload_kg at every pose"
+    bounds = (NaturalBound(5e-2, "rad kg/Nm", "that is 50 kg on the smallest strain wave gear (1 kNm/rad)", _SEEN),)
+    notes = r"""
+    $$ \delta \theta_j = ( c_j \, m ) \; z_j \cdot ( p - o_j ) \times g \quad \text{from pose } k \text{ on} $$
+
+    $p$ is where robot.toml has the payload (`payload_com_mm`), else the tool point; $m$ is below zero for a mass that
+    was taken off. A change back is a second step. Masses in robot.toml are not needed. Compliance and mass cannot be
+    told apart: divide by the compliance, of a data sheet or of {doc}`joint_compliance`, for the mass.
+
+    A {doc}`joint_step` is the same at every pose, and a {doc}`base_loosening` tilts the whole arm, where a mass turns
+    joint by joint as the arm reaches out.
+    """
+    position = 30
+
+    @property
+    def displacement(self) -> PayloadDeflection:
+        return PayloadDeflection(self.joints)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Compliance times the mass, for each joint that a mass at the flange turns."""
+        doc = "compliance times the mass put on, of joint"
+        return tuple(
+            Parameter(f"J{joint + 1}_from_{self.start.word}_rad_kg_per_nm", "rad kg/Nm", 1e-4, f"{doc} {joint + 1}")
+            for joint in self.joints
+        )
+
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        """Largest turn of the joint over all poses, and the first pose with the changed payload, as text."""
+        joint = self.joints[[p.name for p in self.parameters].index(parameter.name)]
+        largest = float(np.abs(state.gravity.held_torque(joint)).max(initial=0.0))
+        turned = f"joint {joint + 1} turns by up to {abs(np.degrees(value)) * largest:.2g}\N{DEGREE SIGN}"
+        return f"{turned} from pose {self.start.pose} on"
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """Family of this effect with one member for each pose that may be the first with another payload."""
+        robot = dataset.robot
+        gravity = RobotState.nominal(robot, dataset.poses).gravity
+        loaded = tuple(
+            j
+            for j, joint in enumerate(robot.joints)
+            if joint.is_revolute and np.abs(gravity.held_torque(j)).max() > _LOADED_NM
+        )
+        if not loaded:
+            return Family(cls.name, (), "a mass at the flange turns no joint", "nothing: no joint gives way to it")
+        return _family(dataset, cls.name, lambda at: [cls(loaded, at)])
+
+
+@dataclass(frozen=True)
+class LinkStep(Step):
+    """A link that is bent by a knock: the frame at its end shifts and turns at one pose and stays so."""
+
+    joint: int  # that moves the link
+    start: ChangePoint
+    name = "link_step"
+    title = "step of a link"
+    noun = "a knock that bent the link behind joint"
+    changes_arm = True
+    equation = "end of link j shifts by v and turns by w (a, alpha, d, beta of its row) from pose k on"
+    symbols = (("v", "mm"), ("w", "rad"))
+    needs = "poses in the order they were measured: time_s, else the rows"
+    confirm = "a pose from before the step once more, and the link by eye; fixed marks beside the arm have not moved"
+    bounds = (
+        NaturalBound(10.0, "mm", "a link that a knock bent by more is seen to be bent", _SEEN),
+        NaturalBound(5e-2, "rad", "a link that a knock bent by more is seen to be bent", _SEEN),
+    )
+    notes = r"""
+    $$ \delta x = v + w \times ( x - x_j ) \quad \text{from pose } k \text{ on} $$
+
+    for all that lies beyond the link's end $x_j$. The arm ran into something: $a$, $\alpha$, $d$ and $\beta$ of the
+    link's row change, and what of the bend turns about the joints at both its ends. A {doc}`joint_step` is a part of
+    that, and is told where it says as much; behind the first joint it is nearly a {doc}`scanner_step`. Links shorter
+    than 100 mm are left out, and those with fewer than two joints beyond, where it would be a {doc}`target_step`. With
+    more than 100 poses only 100 of them, evenly, are tried as the first after the knock. Calibrate anew before the arm
+    is used.
+    """
+    position = 31
+
+    @property
+    def displacement(self) -> LinkBend:
+        return LinkBend(self.joint)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Shift of the link's end along, and turn about, the axes of the frame at it."""
+        word = self.start.word
+        return (
+            *(Parameter(f"{a}_from_{word}_mm", "mm", 0.1, f"shift of its end along {a}") for a in "xyz"),
+            *(Parameter(f"about_{a}_from_{word}_rad", "rad", 3e-4, f"turn of its end about {a}") for a in "xyz"),
+        )
+
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        """Row, first pose after the step, and a turn in degrees, as text."""
+        turned = f"{np.degrees(value):+.2g}\N{DEGREE SIGN} " if parameter.unit == "rad" else ""
+        return f"{turned}behind joint {self.joint + 1} from pose {self.start.pose} on"
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """Family of this effect with one member for each long link and each pose that may be the first after a knock.
+
+        Two joints or more have to move what is beyond it: with fewer, it is a step of the target or of a joint.
+        """
+        rows = dataset.robot.table[:-3]
+        links = np.flatnonzero(np.hypot(rows[:, 0], rows[:, 2]) >= _BENDS_MM).tolist()
+        if not links:
+            short = f"no link with two joints beyond it is {_BENDS_MM:g} mm long"
+            return Family(cls.name, (), short, "nothing: a knock that turns so short a link is a step of a joint")
+        return _family(dataset, cls.name, lambda at: [cls(j, at) for j in links], MOST_LINK_STEPS)

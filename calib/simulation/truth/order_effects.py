@@ -11,8 +11,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calib.array_types import Array, BoolArray
+from calib.errors import CalibError
 from calib.simulation.truth.effect import needed
-from calib.simulation.truth.mechanism import Arm, Conditions
+from calib.simulation.truth.mechanism import Arm, Conditions, in_frame
 from calib.simulation.truth.sampling import Rng, SampledEffect, carriers, magnitudes, one_joint
 from calib.simulation.truth.visibility import SimulatedCell
 
@@ -110,6 +111,86 @@ class BaseLoosening(SampledEffect):
     @classmethod
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
         return cls(1e-6 * np.array([*rng.uniform(0.6, 1.4, 2), 0.0]), _first_pose(cell, rng))
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadStep(SampledEffect):
+    """A mass hung on the flange and not recorded: dq_j = c_j tau_j, tau_j by that mass alone, from a pose on.
+
+    It may be taken off again before the end. The controller makes up for the weights that it knows of. The mass hangs
+    beside the tool point.
+    """
+
+    name = "payload_step"
+    magnitude_fields = ("mass_kg",)
+    needs_equilibrium = True
+    mass_kg: float
+    c_rad_per_nm: Array  # (n,)
+    beside_mm: Array  # (3,) from the tool point, tool frame
+    first: int
+    back: int  # first pose without it again; the number of poses where it stays
+
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        tool = equilibrium.base_T_frame[-1]
+        place_mm = tool[:, :3, 3] + tool[:, :3, :3] @ self.beside_mm
+        weight_n = self.mass_kg * np.array(arm.robot.gravity_m_s2)
+        turned = np.zeros_like(arm.q)
+        for j, axis in enumerate(equilibrium.base_T_axis):
+            torque_nm = np.einsum("ni,ni->n", axis[:, :3, 2], np.cross(1e-3 * (place_mm - axis[:, :3, 3]), weight_n))
+            turned[:, j] = self.c_rad_per_nm[j] * torque_nm
+        held = _after(len(arm.q), self.first) & ~_after(len(arm.q), self.back)
+        return replace(arm, q=arm.q + held[:, None] * turned)
+
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """A few kg, put on or taken off, once in three times for a while only.
+
+        The joints yield alike, those of the wrist about four times as much.
+        """
+        n = cell.nominal.n_joints
+        c = 1e-5 * np.where(np.arange(n) < n - 3, 1.0, 4.0) * np.exp(0.35 * rng.standard_normal(n))
+        mass_kg = rng.choice([-1.0, 1.0]) * rng.uniform(1.0, 5.0)
+        first, beside_mm = _first_pose(cell, rng), rng.normal(0.0, 20.0, 3)
+        back = first + len(cell.q) // 4 if rng.random() < 1.0 / 3.0 else len(cell.q)
+        return cls(mass_kg, c * cell.nominal.is_revolute, beside_mm, first, back)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkStep(SampledEffect):
+    """A link bent by a knock: from a pose on its end is turned and shifted, both in the frame at its end."""
+
+    name = "link_step"
+    magnitude_fields = ("turn_rad", "shift_mm")
+    turn_rad: Array  # (n, 3)
+    shift_mm: Array  # (n, 3)
+    first: int
+
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        after = _after(len(arm.q), self.first)[:, None, None]
+        return replace(
+            arm,
+            link_turn_rad=arm.link_turn_rad + after * self.turn_rad,
+            link_shift_mm=arm.link_shift_mm + after * self.shift_mm,
+        )
+
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """One link of 100 mm or more before the wrist's end, bent in its middle, so that its end moves too."""
+        first = _first_pose(cell, rng)
+        rigid = Arm.commanded_to(cell.nominal, cell.q[:1])
+        ends = list(zip(rigid.base_T_axis, rigid.base_T_straight, strict=True))
+        along_mm = np.stack([in_frame(end, end[:, :3, 3] - axis[:, :3, 3])[0] for axis, end in ends])
+        long = np.linalg.norm(along_mm, axis=1) >= 100.0
+        long[-2:] = False
+        if not long.any():
+            raise CalibError(f"link_step: no link of {cell.nominal.name} is 100 mm long")
+        turn_rad = 1e-3 * np.cross(rng.standard_normal(along_mm.shape), along_mm / 400.0)
+
+        def make(size: Array) -> SampledEffect:
+            turned = np.abs(size)[:, None] * long[:, None] * turn_rad
+            return cls(turned, np.cross(turned, 0.5 * along_mm), first)
+
+        return make(one_joint(cell, rng, make))
 
 
 @dataclass(frozen=True, eq=False)
