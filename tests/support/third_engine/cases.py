@@ -139,9 +139,9 @@ CLASSES: dict[str, tuple[Callable[[int, Rng], Plan], int]] = {
     "grid": (lambda k, rng: Plan((_GRID[k % 6],) if k % 6 else (), one_attitude=True, undecidable=True), 6),
     "wrong day": (lambda k, rng: _turn(DAYS, k, setups=3), 9),
     "close orders": (lambda k, rng: Plan((f"close_orders_{k % len(CLOSE_ORDERS)}",)), 6),
-    "invented": (lambda k, rng: _turn(inventions.INVENTIONS, k), 20),
-    "mixture of 2": (_mixture(2), 12),
-    "mixture of 3": (_mixture(3), 12),
+    "invented": (lambda k, rng: _turn(inventions.INVENTIONS, k), 10),
+    "mixture of 2": (_mixture(2), 10),
+    "mixture of 3": (_mixture(3), 8),
 }
 """What is hidden, and how many of each the standard run has."""
 
@@ -260,8 +260,8 @@ def _hidden(plan: Plan, session: Session, sigma_mm: float, rng: Rng) -> tuple[tu
         elif law == "payload_step":
             size = rng.uniform(2.0, 7.0)
         else:
-            size = session.size_for(cause, visible * sigma_mm, hidden)
-        if not np.isfinite(size) or size > MOST.get(law, 30.0) or not _physical(cause, size):
+            size = min(session.size_for(cause, visible * sigma_mm, hidden), MOST.get(law, 30.0))  # nan stays
+        if not np.isfinite(size) or not _physical(cause, size):
             return None
         if not 1.4 < session.visible_mm(cause, size, hidden) / sigma_mm < 26.0:
             return None

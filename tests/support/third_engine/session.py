@@ -167,9 +167,9 @@ class Session:
 
     def size_for(self, cause: Cause, visible_mm: float, given: Hidden = ()) -> float:
         """The size at which a cause is visible by so much; nan where there is none."""
-        size = 1.0
-        for _ in range(4):
-            found = self.visible_mm(cause, size, given)
+        size, before = 1.0, self.reported(given)
+        for _ in range(3):
+            found = self.left_mm(self.reported([*given, (cause, size)]) - before)
             if not np.isfinite(found) or found < 1e-9:
                 return float("nan")
             size *= visible_mm / found
