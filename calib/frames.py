@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from calib.array_types import Array
 
@@ -41,15 +40,49 @@ def apply(a_T_b: ArrayLike, points_b_mm: ArrayLike) -> Array:
 def rotation_from_rotvec(rotvec_rad: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3) that turn by |rotvec| about rotvec (..., 3)."""
     rotvec_rad = np.asarray(rotvec_rad, dtype=float)
-    flat = Rotation.from_rotvec(rotvec_rad.reshape(-1, 3)).as_matrix()
-    return np.asarray(flat).reshape(*rotvec_rad.shape[:-1], 3, 3)
+    half = 0.5 * np.linalg.norm(rotvec_rad, axis=-1, keepdims=True)
+    # np.sinc(x) is sin(pi x) / (pi x), and 1 at zero
+    return rotation_from_quaternion(np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * rotvec_rad], axis=-1))
 
 
 def rotvec_from_rotation(rotation: ArrayLike) -> Array:
     """Rotation vectors (..., 3) of rotation matrices (..., 3, 3)."""
-    rotation = np.asarray(rotation, dtype=float)
-    flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec()
-    return np.asarray(flat).reshape(*rotation.shape[:-2], 3)
+    quaternion = quaternion_from_rotation(rotation)
+    scalar, vector = quaternion[..., :1], quaternion[..., 1:]
+    half = np.arctan2(np.linalg.norm(vector, axis=-1, keepdims=True), scalar)
+    return np.asarray(2.0 * vector / np.sinc(half / np.pi))
+
+
+def rotation_from_quaternion(quaternion: ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3) of quaternions w, x, y, z (..., 4), which are scaled to length 1."""
+    quaternion = np.asarray(quaternion, dtype=float)
+    unit = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    scalar, vector = unit[..., 0, None, None], unit[..., 1:]
+    outer = vector[..., :, None] * vector[..., None, :]
+    square = scalar**2 - np.trace(outer, axis1=-2, axis2=-1)[..., None, None]
+    return np.asarray(square * np.eye(3) + 2.0 * (outer + scalar * skew(vector)))
+
+
+def quaternion_from_rotation(rotation: ArrayLike) -> Array:
+    """Unit quaternions w, x, y, z (..., 4) of rotation matrices (..., 3, 3), w being 0 or above.
+
+    Each row of the table below is 4 q_k q; the one of the largest q_k loses no digits (Markley 2008).
+    """
+    m = np.asarray(rotation, dtype=float)
+    xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    wx, wy, wz = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
+    xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
+    rows = [
+        [1.0 + xx + yy + zz, wx, wy, wz],
+        [wx, 1.0 + xx - yy - zz, xy, xz],
+        [wy, xy, 1.0 - xx + yy - zz, yz],
+        [wz, xz, yz, 1.0 - xx - yy + zz],
+    ]
+    table = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    largest = np.argmax(np.diagonal(table, axis1=-2, axis2=-1), axis=-1)
+    found = np.take_along_axis(table, largest[..., None, None], axis=-2)[..., 0, :]
+    found = found * np.where(found[..., :1] < 0.0, -1.0, 1.0)
+    return np.asarray(found / np.linalg.norm(found, axis=-1, keepdims=True))
 
 
 def rotation_from_rpy(rpy_rad: ArrayLike) -> Array:

@@ -87,6 +87,21 @@ print(json.dumps(loaded))
     assert {name: heavy for name, heavy in loaded.items() if heavy} == {}
 
 
+@pytest.mark.parametrize("more", [[], ["--json"]])
+def test_a_diagnosis_of_measured_points_loads_no_library_that_it_can_do_without(more: list[str]) -> None:
+    # Each takes a quarter of a second or more to load, as long as the diagnosis itself.
+    slow = (*HEAVY, "pandas", "scipy.stats", "scipy.spatial", "scipy.optimize", "jinja2")
+    program = f"""
+import json, sys
+from inspector.cli.parser import main
+code = main({["diagnose", str(ROOT / "sample_data" / "hidden_effect_a"), *more]!r})
+print(json.dumps([code, [name for name in {slow!r} if name in sys.modules]]))
+"""
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout.splitlines()[-1]) == [0, []]
+
+
 IMPORTED_AS = {
     "open3d-cpu": "open3d",
     "pillow": "PIL",

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
@@ -26,6 +25,7 @@ from calib.fitting.observations import (
     with_nominal_scanner_frames,
 )
 from calib.fitting.scanner_frame import fit_scanner_frame
+from calib.lazy_modules import pd
 
 
 @dataclass(frozen=True)

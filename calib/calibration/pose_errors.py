@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from calib import frames
@@ -14,6 +13,7 @@ from calib.calibration.evaluation import Evaluation, scanner_T_base_of_poses
 from calib.calibration.noise_level import NoiseLevel, noise_level
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Poses
+from calib.dataset.further_columns import is_number
 from calib.dataset.input_names import CONDITIONS, ORDER, PLACES, further_inputs
 from calib.distributions import chi2_ppf
 from calib.effects.gravity import has_masses
@@ -22,6 +22,7 @@ from calib.fitting.model import Model
 from calib.fitting.observations import Observations, linearise_points, mean_by_pose, sum_by_pose, with_scanner_frames
 from calib.fitting.scanner_frame import whitener
 from calib.kinematics.robot import Robot
+from calib.lazy_modules import pd
 
 
 def inputs_at(robot: Robot, poses: Poses, state: RobotState) -> dict[str, Array]:
@@ -46,11 +47,15 @@ def inputs_at(robot: Robot, poses: Poses, state: RobotState) -> dict[str, Array]
         inputs |= {axis: seen.scanner_mm[:, k] for k, axis in enumerate(PLACES)}
     inputs[ORDER] = np.arange(len(poses), dtype=float)
     for name, of in further_inputs(poses).items():
-        column = poses.extra[of]
-        inputs[name] = (
-            column.to_numpy(dtype=float) if column.dtype.kind in "fiub" else column.factorize()[0].astype(float)
-        )
+        column = poses.extra.by_name[of]
+        inputs[name] = column.astype(float) if is_number(column) else _order_of_appearance(column)
     return {name: v for name, v in inputs.items() if len(np.unique(v)) > 1}
+
+
+def _order_of_appearance(texts: Array) -> Array:
+    """Number (N,) of each text in the order in which they first appear, from 0."""
+    first: dict[str, int] = {}
+    return np.array([first.setdefault(text, len(first)) for text in texts.tolist()], dtype=float)
 
 
 def directions_at(model: Model, x: Array, observed: Observations, base_to_residual: Array) -> list[Array]:

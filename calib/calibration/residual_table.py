@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 
 from calib.array_types import BoolArray
 from calib.calibration.pose_errors import PoseErrors, pose_errors_of
@@ -11,6 +10,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Poses
 from calib.dataset.input_names import PLACES, further_inputs, joint_input
 from calib.fitting.observations import Observations, mean_by_pose, points_by_pose
+from calib.lazy_modules import pd
 
 
 def residual_table(calibration: Calibration) -> pd.DataFrame:
@@ -53,7 +53,7 @@ def _inputs(pose_errors: PoseErrors, poses: Poses, is_revolute: BoolArray) -> di
     for name, values in pose_errors.inputs.items():
         quantity, joint = joint_input(name) or ("", 0)
         if name in columns:
-            named[columns[name]] = poses.extra[columns[name]].to_numpy()  # texts, not the numbers that replace them
+            named[columns[name]] = poses.extra.by_name[columns[name]]  # texts, not the numbers that replace them
         elif quantity == "q":
             turns = bool(is_revolute[joint])
             named[f"{name}_{'deg' if turns else 'mm'}"] = np.degrees(values) if turns else values

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array
@@ -25,6 +24,7 @@ from calib.fitting.model import Model
 from calib.fitting.observations import Observations, observed_hand_eye
 from calib.fitting.tool_point import ToolShift, tool_shift
 from calib.kinematics.robot import TOOL_POINT, Robot
+from calib.lazy_modules import pd
 from calib.options import FitOptions
 from calib.presented import Presented
 
@@ -270,19 +270,25 @@ class Calibration(FittedResult, Presented):
 
         A parameter is known where its sigma is below half of its tolerance.
         """
-        parameters = self.fit.parameters
-        return pd.DataFrame(
-            {
-                "name": [p.name for p in parameters],
-                "nominal": [p.nominal for p in parameters],
-                "value": [p.nominal + v for p, v in zip(parameters, self.fit.x, strict=True)],
-                "change": self.fit.x,
-                "sigma": self.fit.sigma,
-                "tolerance": [p.scale for p in parameters],
-                "unit": [p.unit for p in parameters],
-                "known": self.fit.sigma < 0.5 * self.model.scales,
-            }
-        )
+        return pd.DataFrame(self._parameter_columns())
+
+    def parameter_rows(self) -> list[dict[str, Any]]:
+        """The rows of `to_frame`, each by column."""
+        columns = self._parameter_columns()
+        return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+    def _parameter_columns(self) -> dict[str, list[Any]]:
+        parameters, x = self.fit.parameters, self.fit.x.tolist()
+        return {
+            "name": [p.name for p in parameters],
+            "nominal": [p.nominal for p in parameters],
+            "value": [p.nominal + v for p, v in zip(parameters, x, strict=True)],
+            "change": x,
+            "sigma": self.fit.sigma.tolist(),
+            "tolerance": [p.scale for p in parameters],
+            "unit": [p.unit for p in parameters],
+            "known": (self.fit.sigma < 0.5 * self.model.scales).tolist(),
+        }
 
     def _brief(self) -> str:
         effects = ", ".join(self.model.family_names) or "none"

@@ -29,7 +29,6 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray
@@ -45,6 +44,7 @@ from calib.fitting.model import Model, geometric_model
 from calib.kinematics import chain as kinematics
 from calib.kinematics.inverse import solve_inverse
 from calib.kinematics.robot import PARAMETER_KINDS, Robot
+from calib.lazy_modules import pd
 from calib.options import CORRECTION_KINDS
 from calib.presented import Presented
 from calib.robot_formats.robots import load_robot
@@ -280,8 +280,8 @@ def needed_columns(model: Model, x: ArrayLike, poses: Poses) -> tuple[str, ...]:
             without[(name,)] = replace(poses, **{name: None})  # type: ignore[arg-type]
     if poses.approach is not None:
         without[tuple(f"approach{k + 1}" for k in range(n))] = replace(poses, approach=None)
-    for name in poses.extra.columns:
-        without[(str(name),)] = replace(poses, extra=poses.extra.drop(columns=name))
+    for name in poses.extra.names:
+        without[(name,)] = replace(poses, extra=poses.extra.without(name))
     model = model.at_tool
     there = _tool_frames(model, x, poses)
     needed: list[str] = []

@@ -30,6 +30,7 @@ from calib.dataset.files.robot_toml import degrees
 from calib.dataset.input_names import CONDITIONS
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
+from calib.lazy_modules import pd
 from calib.robot_formats.programs import JointTarget, is_point_list, point_list, require_point_list
 from calib.text_files.csv_text import frame_csv
 
@@ -86,7 +87,7 @@ def require_conditions(targets: Targets, needed: Sequence[str], families: Sequen
 def corrected_table(targets: Targets, correction: Correction) -> str:
     """The table with corrected joints as CSV text; `reached` is false for missed targets, whose joints are empty."""
     robot = correction.robot
-    cells = targets.file.cells.copy()
+    cells = dict(targets.file.cells)
     commanded = robot.commands_of(correction.q)
     for k, column in enumerate(found_joint_columns(targets.file, robot)):
         q = commanded[:, k]
@@ -95,7 +96,7 @@ def corrected_table(targets: Targets, correction: Correction) -> str:
             for v, reached in zip(q, correction.reached, strict=True)
         ]
     cells["reached"] = ["true" if reached else "false" for reached in correction.reached]
-    return frame_csv(cells)
+    return frame_csv(pd.DataFrame(cells))
 
 
 def corrected_file(path: Path, targets: Targets, correction: Correction) -> str:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from itertools import permutations, product
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from calib.array_types import Array, IndexArray
 from calib.frames import apply, best_fit_transform, make_transform
@@ -29,6 +28,8 @@ def matched_rows(arm_mm: Array, seen_mm: Array) -> IndexArray | None:
         return None
     if count <= _ALL_ORDERS:
         return _best_order(arm_mm, seen_mm)
+    from scipy.optimize import linear_sum_assignment  # slow to load, and rarely needed
+
     best, least = None, np.inf
     for start in _starts(arm_mm, seen_mm):
         frame, source = start, np.zeros(0, dtype=np.int64)

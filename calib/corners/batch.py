@@ -10,7 +10,6 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-import pandas as pd
 
 from calib.blas_threads import one_blas_thread
 from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
@@ -20,6 +19,7 @@ from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.folder import as_dataset
 from calib.errors import CornerError, DatasetError, ScanError
 from calib.jig import Jig
+from calib.lazy_modules import pd
 from calib.parallel import map_as_completed
 from calib.planes.filters import SampleSets
 from calib.presented import Presented

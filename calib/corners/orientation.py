@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from calib import frames
 from calib.array_types import Array
@@ -39,7 +38,7 @@ class Orientation:
 
     def quaternion(self) -> Array:
         """Quaternion (4,) w, x, y, z of scanner_R_jig, w >= 0."""
-        return np.asarray(Rotation.from_matrix(self.scanner_R_jig).as_quat(canonical=True))[[3, 0, 1, 2]]
+        return frames.quaternion_from_rotation(self.scanner_R_jig)
 
     def sigma_rad(self) -> float:
         """Standard deviation of the rotation over all three axes: sqrt(trace of the covariance)."""

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.brief import Brief
+from calib.dataset.further_columns import FurtherColumns
 from calib.errors import DatasetError
 from calib.jig import Jig
 from calib.kinematics.robot import Robot, Vector
@@ -93,7 +93,7 @@ class Poses(Brief):
     temperature_c: Array | None = None  # (N,)
     time_s: Array | None = None  # (N,)
     approach: Array | None = None  # (N, n) of -1, 1
-    extra: pd.DataFrame = field(default_factory=pd.DataFrame)  # unknown columns, kept and offered as inputs
+    extra: FurtherColumns = field(default_factory=FurtherColumns)  # unknown columns, kept and offered as inputs
     order: Array = field(default_factory=lambda: np.zeros(0))
     """(N,) place in the order of measuring, from 0; inf for poses that come after all that were measured. Where it is
     not given: by time_s, else by row."""
@@ -101,6 +101,7 @@ class Poses(Brief):
     """(N, n) joints of the pose measured before, of the first its own. Where it is not given, by `order`."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "extra", FurtherColumns.of(self.extra))
         if len(self.order) != len(self.ids):
             rows = (
                 np.arange(len(self.ids), dtype=float) if self.time_s is None else np.argsort(self.time_s, kind="stable")
@@ -141,7 +142,7 @@ class Poses(Brief):
             temperature_c=pick(self.temperature_c),
             time_s=pick(self.time_s),
             approach=pick(self.approach),
-            extra=self.extra.iloc[rows] if len(self.extra.columns) else self.extra,
+            extra=self.extra.select(rows),
             order=self.order[rows],
             came_from=self.came_from[rows],
         )

@@ -59,4 +59,4 @@ def column_input(column: str) -> str:
 
 def further_inputs(poses: Poses) -> dict[str, str]:
     """Names of the further columns of poses.csv, by input name."""
-    return {column_input(str(column)): str(column) for column in poses.extra.columns}
+    return {column_input(column): column for column in poses.extra.names}

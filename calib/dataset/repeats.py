@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.dataset.dataset import Dataset, Orientations, Points, Poses
 from calib.distributions import chi2_sf
+from calib.lazy_modules import pd
 
 SAME_JOINT = 1e-6  # deg, or mm of a prismatic joint: joint values that differ by less are the same
 SAME_TEMPERATURE_C = 0.2  # accuracy of a reading of the arm's temperature

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import pandas as pd
-
 from calib.brief import errors_in_short
 from calib.calibration.result import FittedResult
 from calib.diagnosis.budget import ErrorBudget, error_budget
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.diagnosis.headline import HeldOutError, held_out_beyond_noise
 from calib.diagnosis.verdict import Conclusion, Findings, conclude
+from calib.lazy_modules import pd
 from calib.presented import Presented
 
 

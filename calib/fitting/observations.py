@@ -309,5 +309,4 @@ def conditions_at(like: Poses, q: Array) -> Poses:
     """Poses at joint vectors q (N, n), under the payload and other conditions of the first of given poses."""
     poses = like.select(np.zeros(len(q), dtype=np.int64))
     ids = tuple(f"q{i + 1}" for i in range(len(q)))
-    extra = poses.extra.reset_index(drop=True)
-    return replace(poses, ids=ids, role=np.full(len(q), "test"), q=q, extra=extra).measured_later()
+    return replace(poses, ids=ids, role=np.full(len(q), "test"), q=q).measured_later()

@@ -6,11 +6,10 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
-import pandas as pd
-
 from calib.dataset.files.atomic_write import write_bytes_atomically
 from calib.errors import CalibError
 from calib.fleet.row import EffectSize, Row
+from calib.lazy_modules import pd
 from calib.text_files.csv_text import frame_csv
 
 SUFFIXES = (".csv", ".parquet")

@@ -14,11 +14,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray
 from calib.errors import FitError
+from calib.lazy_modules import pd
 from calib.presented import Presented
 
 _SAME = 1e-8  # |r| this close to 1 is redundant

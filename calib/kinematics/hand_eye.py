@@ -16,10 +16,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from calib import frames
 from calib.array_types import Array, BoolArray
@@ -244,7 +244,14 @@ def _nearest_rotation(matrix: Array) -> Array:
     return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
 
 
-_START_ROTATIONS = Rotation.create_group("O").as_matrix()  # 24 rotations, none farther than 63 deg from one of them
+def _rotations_of_cube() -> Array:
+    """The 24 rotations (24, 3, 3) that take a cube to itself; no rotation is farther than 63 deg from one of them."""
+    flips = [np.diag(signs) for signs in product((1.0, -1.0), repeat=3)]
+    signed = [flip[list(order)] for order in permutations(range(3)) for flip in flips]
+    return np.array([matrix for matrix in signed if np.linalg.det(matrix) > 0.0])
+
+
+_START_ROTATIONS = _rotations_of_cube()
 
 
 def _least_squares_rotation(form: Array, right: Array, starts: Array) -> Array:

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array
@@ -28,6 +27,7 @@ from calib.errors import FitError
 from calib.fitting.model import Model
 from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.kinematics.tool_point import tool_point_of
+from calib.lazy_modules import pd
 from calib.models.effect_fields import member_document
 from calib.models.model_document import KIND, VERSION, options_document
 from calib.options import FitOptions
@@ -310,4 +310,4 @@ def _has(poses: Poses, column: str) -> bool:
         return getattr(poses, column) is not None
     if quantity_of(column) == "approach" and poses.approach is not None:
         return True
-    return column in poses.extra.columns
+    return column in poses.extra.names

@@ -14,7 +14,6 @@ from typing import Any
 
 import msgspec
 import numpy as np
-import pandas as pd
 
 from calib.array_types import Array
 from calib.calibration.evaluation import Figures
@@ -22,6 +21,7 @@ from calib.calibration.result import FittedResult
 from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Poses
 from calib.dataset.files.robot_toml import refuse_beyond
+from calib.dataset.further_columns import FurtherColumns
 from calib.dataset.trained_range import TrainedRange
 from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Effect
@@ -227,7 +227,7 @@ def _trial_state(robot: Robot, needs: Sequence[str]) -> RobotState:
     """State of the nominal robot at two poses with all conditions, on which a file's effects are tried."""
     q = np.zeros((2, robot.n_joints))
     q[1] = 0.1
-    extra = pd.DataFrame({name: [0.0, 0.0] for name in needs})
+    extra = FurtherColumns({name: np.zeros(2) for name in needs})
     poses: Poses = dataclasses.replace(
         plain_poses(q),
         payload_kg=np.zeros(2),

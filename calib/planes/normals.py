@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.lazy_modules import spatial
 
 NEIGHBOURS = 20
 TRIM_KEPT = 0.7  # share of the neighbours that the second and third PCA see
@@ -57,7 +57,7 @@ def estimate_normals(points_mm: Array, neighbours: int = NEIGHBOURS) -> Neighbou
 
     The trimming keeps a normal near an edge on its own side of the edge.
     """
-    tree = cKDTree(points_mm, balanced_tree=False, compact_nodes=False)
+    tree = spatial.cKDTree(points_mm, balanced_tree=False, compact_nodes=False)
     distance, near = (np.asarray(found) for found in tree.query(points_mm, k=min(neighbours, len(points_mm))))
     return _neighbourhoods(points_mm, near, distance[:, -1])
 

@@ -49,7 +49,8 @@ from calib.present.effects import model_name
 from calib.present.error_headline import error_headline
 from calib.present.redundancy import redundancy_section, tool_sentence
 from calib.present.results import document, presentation
-from calib.screening.curves.fitted_curves import learned_members, without_curves
+from calib.screening.curves.fitted_curves import learned_members
+from calib.screening.curves.smooth_joint_error import LEARNED
 
 FIGURES = (
     ("rmse_mm", "3D RMSE"),
@@ -477,17 +478,17 @@ def _tables(calibration: Calibration, height: str) -> Iterator[Block]:
     undetermined: Counter[str] = Counter()  # of each effect, whose rows would say nothing
     selects: dict[str, list[Reference | None]] = {}
     joints = names.joints_by_parameter(calibration.model.robot, calibration.model.added_effects)
-    for row in without_curves(calibration.to_frame()).to_dict("records"):
+    for row in calibration.parameter_rows():
         full_name = str(row["name"])
         effect, dot, short = full_name.partition(".")
         key = effect if dot else ""
+        if key == LEARNED:
+            continue  # a mode's size says nothing by itself: the curves have a table of their own
         if key and not row["known"]:
             undetermined[key] += 1
             rows.setdefault(key, [])
             continue
-        rows.setdefault(key, []).append(
-            _row({str(key): value for key, value in row.items()}, short if dot else full_name, of_arm=not dot)
-        )
+        rows.setdefault(key, []).append(_row(row, short if dot else full_name, of_arm=not dot))
         joint = joints.get(full_name)
         selects.setdefault(key, []).append(None if joint is None else Reference("joint", joint, full_name))
     columns = ("name", "nominal", "fitted", "change", "sigma", "unit")
@@ -576,7 +577,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "faces_named": None if labelling is None else face_labelling(labelling),
         "sigma_mm": calibration.sigma_mm,
         "degrees_of_freedom": fit.degrees_of_freedom,
-        "parameters": calibration.to_frame(),
+        "parameters": calibration.parameter_rows(),
         "known_sums": [
             {"parameters": c.coefficients, "value": c.value, "sigma": c.sigma, "worst_part_sigma": c.worst_part_sigma}
             for c in identifiable_combinations(calibration)

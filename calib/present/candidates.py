@@ -260,8 +260,7 @@ def fitted_effect(name: str, calibration: Calibration) -> list[Block]:
     """Blocks with the fitted parameters of an effect in the model."""
     members = [e for e in calibration.model.effects if family_name(e) == name]
     mine = {full_name(member, parameter) for member in members for parameter in member.parameters}
-    rows = calibration.to_frame().to_dict("records")
-    values = [(row["name"], row["value"], row["sigma"]) for row in rows if row["name"] in mine]
+    values = [(row["name"], row["value"], row["sigma"]) for row in calibration.parameter_rows() if row["name"] in mine]
     return [
         Paragraph("It is in the model. Fitted together with everything else:", soft=True),
         _values("fitted", members, values, calibration, "260px"),

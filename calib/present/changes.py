@@ -6,9 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import pandas as pd
-
 from calib.calibration.evaluation import Evaluation
+from calib.lazy_modules import pd
 from calib.monitoring.change_models import BASE, NOISE, change_label
 from calib.monitoring.change_tests import Change, Detectable
 from calib.monitoring.control_chart import in_time, size_in_degrees, usual_name

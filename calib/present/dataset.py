@@ -139,7 +139,7 @@ def _conditions(dataset: Dataset) -> list[str]:
         ("time", poses.time_s, "s"),
     )
     out = [f"{name} {v.min():g} to {v.max():g} {unit}" for name, v, unit in ranges if v is not None]
-    return [*out, *(["side of approach"] if poses.approach is not None else []), *map(str, poses.extra.columns)]
+    return [*out, *(["side of approach"] if poses.approach is not None else []), *poses.extra.names]
 
 
 def joint_ranges(dataset: Dataset) -> Table:

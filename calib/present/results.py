@@ -6,16 +6,18 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache, singledispatch
 from importlib import metadata
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
+from calib.lazy_modules import is_frame
 from calib.present import blocks
-from calib.present import html as blocks_html
 from calib.present import text as blocks_text
 from calib.present.blocks import Presentation
 from calib.strict_json import plain
+
+if TYPE_CHECKING:
+    from calib.present.html import Draw
 
 FIGURES = "calib.figures"  # entry points of this group draw figures in notebooks: `Draw` of `present/html.py`
 
@@ -55,8 +57,8 @@ def nested(value: object) -> object:
     """A document in which every dataclass and table is converted to dicts and lists."""
     if is_dataclass(value) and not isinstance(value, type):
         return nested(document(value))
-    if isinstance(value, pd.DataFrame):
-        return value.to_dict(orient="records")
+    if is_frame(value):
+        return value.to_dict(orient="records")  # type: ignore[attr-defined]
     if isinstance(value, Mapping):
         return {str(key): nested(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -79,15 +81,17 @@ def summary(result: object) -> str:
 
 def notebook_html(result: object) -> str:
     """A result as HTML for a notebook's cell, with figures where a plotting library is installed."""
+    from calib.present import html as blocks_html  # with its templates slow to load, and a terminal needs none
+
     return blocks_html.view(presentation(result), _installed_draw())
 
 
 @cache
-def _installed_draw() -> blocks_html.Draw | None:
+def _installed_draw() -> Draw | None:
     """Function that draws figures, provided by `inspector` if installed with plotly; else None."""
     for entry in metadata.entry_points(group=FIGURES):
         try:
-            draw: blocks_html.Draw = entry.load()
+            draw: Draw = entry.load()
         except ModuleNotFoundError:  # the package that draws comes without its plotting library
             continue
         return draw

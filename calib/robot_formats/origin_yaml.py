@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from calib.array_types import Array
 from calib.frames import make_transform, rotation_from_rpy, rpy_from_rotation
@@ -236,8 +235,8 @@ def _intrinsic_differs_mm(origins: OriginYaml, chain: SerialChain) -> float:
     """Largest change of the tip's position, mm, if the file's angles were about moving instead of fixed axes."""
     other = []
     for (name, block), joint in zip(origins.blocks.items(), chain.joints, strict=True):
-        rpy = [_number(origins.file, name, key, block.children[key]) for key in KEYS[3:]]
-        turn = Rotation.from_euler("XYZ", rpy).as_matrix()
+        rpy = np.array([_number(origins.file, name, key, block.children[key]) for key in KEYS[3:]])
+        turn = rotation_from_rpy(-rpy).T  # about x, then about the moved y and z
         other.append(ChainJoint(joint.name, make_transform(turn, joint.before_T_joint[:3, 3])))
     q = np.random.default_rng(0).uniform(-np.pi, np.pi, (100, len(other)))
     tips = [

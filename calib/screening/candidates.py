@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
@@ -21,6 +20,7 @@ from calib.calibration.result import FittedResult
 from calib.dataset.dataset import Dataset
 from calib.effects.catalogue import effects_for
 from calib.effects.effect import Effect, Family, full_name
+from calib.lazy_modules import pd
 from calib.screening.evidence import Evidence, holm, most_columns
 from calib.screening.left_out import cross_validated_rmse_mm
 from calib.screening.member_columns import VisibleColumns, visible_columns

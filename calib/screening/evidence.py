@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from calib.array_types import Array, BoolArray
-from calib.distributions import f_sf
+from calib.distributions import f_sf, normal_cdf
 
 SCALES = np.geomspace(1e-3, 1e4, 57)  # that are tried, of a member's coefficients over their usual scale
 GAIN = 0.5  # a further member has to raise the log evidence by this, beyond what choosing it costs
@@ -114,8 +114,6 @@ def _coefficients(
     one-sided coefficients. The sign is believed with probability `_SIGN_PRIOR`, so that an opposite sign convention, or
     a cause of opposite sign, costs log evidence and is not excluded.
     """
-    from scipy.stats import multivariate_normal  # loads for a second: a page is to be seen before that
-
     active = spread > 0.0
     columns = triangle[:, active]
     precision = columns.T @ columns + np.diag(spread[active] ** -2.0)
@@ -130,12 +128,8 @@ def _coefficients(
     covariance = variance * covariance[np.ix_(bounded, bounded)]
     scale = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(scale, scale)
-    count = int(bounded.sum())
-    positive = multivariate_normal(  # scipy's stubs forget maxpts
-        np.zeros(count), correlation, allow_singular=True, seed=0, maxpts=5000 * count
-    )  # type: ignore[call-overload]
-    share = float(np.clip(positive.cdf(mean[bounded] / scale), 0.0, 1.0))
-    return weights, float(np.log(_SIGN_PRIOR * 2.0**count * share + 1.0 - _SIGN_PRIOR))
+    share = normal_cdf(mean[bounded] / scale, correlation)
+    return weights, float(np.log(_SIGN_PRIOR * 2.0 ** len(scale) * share + 1.0 - _SIGN_PRIOR))
 
 
 def _reduce(residual: Array, groups: tuple[Array, ...]) -> tuple[Array, float, Array, list[tuple[int, int]]]:

@@ -18,12 +18,12 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
 from scipy.special import gammaln
 
 from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import Dataset
 from calib.fitting.noise import student_scale
+from calib.minimisation import descend, minimum_on_line, with_differences
 from calib.noise_shape import IDENTITY, CorrelatedDrift, NoiseShape, Row
 from calib.screening.noise_likelihood import LinearResidual, scatter_of_repeats
 from calib.screening.projected_residual import ProjectedResidual
@@ -241,10 +241,8 @@ def _deep(shape: NoiseShape, log_depth: float) -> NoiseShape:
 
 def _along_line(gain: Callable[[float], float], shape: Callable[[float], NoiseShape], most: float) -> FoundShape:
     """Noise shape with the largest gain over one number, searched within +-`most`."""
-    found = minimize_scalar(
-        lambda v: -gain(float(v)), bounds=(-most, most), method="bounded", options={"xatol": 0.005 * most}
-    )
-    return FoundShape(shape(float(found.x)), -float(found.fun))
+    found = minimum_on_line(lambda v: -gain(v), -most, most, 0.005 * most)
+    return FoundShape(shape(found), gain(found))
 
 
 def _free_axes(gain: Callable[[NoiseShape], float], shape: NoiseShape) -> FoundShape:
@@ -260,8 +258,8 @@ def _free_axes(gain: Callable[[NoiseShape], float], shape: NoiseShape) -> FoundS
 
     at, value = np.zeros(5), 0.0
     for steps in (3, 25):  # a few tell whether there is anything to find
-        found = minimize(loss, at, method="BFGS", tol=0.05, options={"maxiter": steps})
-        at, value = np.asarray(found.x), -float(found.fun)
+        lost, at = descend(with_differences(loss), at, steps=steps, flat=0.05)
+        value = -lost
         if value < 4.0 * _PARAMETER_COST:
             break
     return FoundShape(with_axes(at), value - 4.0 * _PARAMETER_COST)

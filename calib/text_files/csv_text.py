@@ -14,9 +14,8 @@ from collections.abc import Iterator, Sequence
 from io import StringIO
 from pathlib import Path
 
-import pandas as pd
-
 from calib.errors import DatasetError, printable, visible
+from calib.lazy_modules import pd
 
 MOST_BYTES = 200_000_000
 MOST_CELLS = 10_000_000  # a hundred thousand poses with a hundred columns

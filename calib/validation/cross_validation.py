@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Unpack
 
 import numpy as np
-import pandas as pd
 
 from calib.array_types import IndexArray
 from calib.blas_threads import one_blas_thread
@@ -25,6 +24,7 @@ from calib.dataset.dataset import Dataset
 from calib.effects.catalogue import EffectChoice, effects_named
 from calib.errors import FitError
 from calib.fitting.fit import Fit
+from calib.lazy_modules import pd
 from calib.measurement.measured_dataset import measured
 from calib.options import DEFAULT_FOLDS, FitFields, FitOptions, fit_options
 from calib.presented import Presented

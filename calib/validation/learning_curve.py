@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Unpack
 
 import numpy as np
-import pandas as pd
 
 from calib.array_types import IndexArray
 from calib.blas_threads import one_blas_thread
@@ -23,6 +22,7 @@ from calib.dataset.dataset import Dataset
 from calib.effects.catalogue import EffectChoice, effects_named
 from calib.errors import FitError
 from calib.identifiability.structural import structural_rank
+from calib.lazy_modules import pd
 from calib.measurement.measured_dataset import measured
 from calib.options import FitFields, FitOptions, fit_options
 from calib.presented import Presented

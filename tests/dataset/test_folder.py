@@ -76,7 +76,7 @@ def test_round_trip_loses_nothing(seed: int) -> None:
         assert getattr(again.poses, name) == getattr(dataset.poses, name)
     for name in ("role", "setup", "payload_kg", "temperature_c", "time_s", "approach"):
         np.testing.assert_array_equal(getattr(again.poses, name), getattr(dataset.poses, name))
-    pd.testing.assert_frame_equal(again.poses.extra, dataset.poses.extra, check_dtype=False)
+    pd.testing.assert_frame_equal(again.poses.extra.frame, dataset.poses.extra.frame, check_dtype=False)
     for name in ("name", "description", "scanner", "jig", "robot", "extra", "about"):
         assert getattr(again, name) == getattr(dataset, name)
 

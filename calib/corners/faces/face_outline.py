@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.jig import Jig, Outline
+from calib.lazy_modules import spatial
 from calib.planes.robust_fit import TUKEY, PlaneFit
 
 _CELLS = 12  # cells along an edge when a face's area is counted
@@ -224,7 +224,7 @@ def _filled(on: IndexArray, along_mm: Array, face: FaceOutline, spacing_mm: floa
     reach_mm = _NEAR_POINT * spacing_mm
     if reach_mm > 0.5 * cell_mm.min() and len(along_mm):
         empty = np.argwhere(inside & ~filled)
-        tree = cKDTree(along_mm, balanced_tree=False, compact_nodes=False)
+        tree = spatial.cKDTree(along_mm, balanced_tree=False, compact_nodes=False)
         distance = np.asarray(tree.query((empty + 0.5) * cell_mm, distance_upper_bound=reach_mm)[0])
         filled[tuple(empty[distance < reach_mm].T)] = True
     return np.asarray(filled)

@@ -20,11 +20,11 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.corners.faces.face_outline import FaceOutline, along_edges, flat_margin_mm
 from calib.jig import Jig, Outline
+from calib.lazy_modules import spatial
 from calib.planes.robust_fit import TUKEY, PlaneFit
 
 _NEIGHBOURS = (
@@ -83,7 +83,7 @@ def pixel_grid(seen_mm: Array, middle_mm: Array) -> PixelGrid | None:
     ways = seen_mm / np.linalg.norm(seen_mm, axis=1)[:, None]
     across = np.linalg.svd(ways.mean(axis=0)[None])[2][1:]
     seen_at = ways @ across.T
-    tree = cKDTree(seen_at, balanced_tree=False, compact_nodes=False)
+    tree = spatial.cKDTree(seen_at, balanced_tree=False, compact_nodes=False)
     distance, nearest = (np.asarray(found) for found in tree.query(seen_at, k=2))
     pitch_rad = float(np.median(distance[:, 1]))
     if not pitch_rad > 0:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import islice, zip_longest
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from calib.array_types import Array
+from calib.dataset.further_columns import Column, FurtherColumns
 from calib.errors import DatasetError, is_one_line
 from calib.text_files.csv_text import MOST_BYTES, as_number, csv_rows, names_in_short
 from calib.text_files.text_file import read_text
@@ -22,7 +22,7 @@ class TableFile:
     """A CSV file as a table of text cells, with the line of each row."""
 
     path: Path
-    cells: pd.DataFrame
+    cells: dict[str, list[str]]  # by column
     lines: tuple[int, ...] = ()  # where each row ends in the file; without them one row a line, the header above
 
     @classmethod
@@ -59,16 +59,13 @@ class TableFile:
         if repeated is not None:
             raise DatasetError(f"{path}: line 1: column {short(repeated)} stands there twice; rename one")
         columns = zip_longest(*body, fillvalue="")
-        cells = pd.DataFrame(
-            dict(zip_longest(names, islice(columns, len(names)), fillvalue=[""] * len(body))), dtype=str
-        )
-        return cls(path, cells, lines)
+        return cls(path, {name: list(next(columns, [""] * len(body))) for name in names}, lines)
 
     def __len__(self) -> int:
-        return len(self.cells)
+        return len(next(iter(self.cells.values()), ()))
 
     def __contains__(self, column: str) -> bool:
-        return column in self.cells.columns
+        return column in self.cells
 
     def line(self, row: int) -> int:
         """Line number of a row in the file, the first line being 1."""
@@ -81,13 +78,12 @@ class TableFile:
         missing = [name for name in columns if name not in self]
         if missing:
             raise DatasetError(
-                f"{self.path}: line 1: missing column {', '.join(missing)}; found "
-                f"{names_in_short(list(self.cells.columns))}"
+                f"{self.path}: line 1: missing column {', '.join(missing)}; found {names_in_short(list(self.cells))}"
             )
 
     def text(self, column: str, *, allow_empty: bool = False) -> list[str]:
         """Stripped cells of a column. Raises DatasetError for a missing column or, unless allowed, an empty cell."""
-        values = [str(value).strip() for value in self.cells[column]]
+        values = [value.strip() for value in self.cells[column]]
         if not allow_empty and "" in values:
             raise self.error(values.index(""), column, "the cell is empty", "fill it in or remove the row")
         return values
@@ -112,15 +108,21 @@ class TableFile:
                 raise self.error(row, column, f"found {short(value)}", "expected " + ", ".join(allowed))
         return values
 
-    def rest(self, known: Iterable[str]) -> pd.DataFrame:
+    def rest(self, known: Iterable[str]) -> FurtherColumns:
         """All columns except the known ones: as numbers where every cell is a number, else as text."""
         known = set(known)
-        frame = self.cells[[name for name in self.cells.columns if name not in known]].copy()
-        for name in frame.columns:
-            values = list(map(as_number, frame[name]))
-            if values and None not in values:
-                frame[name] = pd.to_numeric(frame[name])
-        return frame
+        return FurtherColumns({name: _column(cells) for name, cells in self.cells.items() if name not in known})
+
+
+def _column(cells: list[str]) -> Column:
+    """Cells as whole numbers or numbers where every cell is one, else as text."""
+    values = list(map(as_number, cells))
+    if not values or None in values:
+        return np.array(cells, dtype=object)
+    try:
+        return np.array(list(map(int, cells)), dtype=np.int64)
+    except (ValueError, OverflowError):  # 1.5, or beyond 64 bits
+        return np.array(values, dtype=float)
 
 
 def _is_number(text: str) -> bool:

@@ -87,6 +87,6 @@ def quaternion_order(file: TableFile, declared: str) -> tuple[str, ...]:
     """Names of the columns that hold w, x, y and z: as named, or from left to right in the declared order."""
     if not declared:
         return QUATERNION_COLUMNS
-    left_to_right = [name for name in file.cells.columns if name in QUATERNION_COLUMNS]
+    left_to_right = [name for name in file.cells if name in QUATERNION_COLUMNS]
     by_part = dict(zip(declared, left_to_right, strict=True))
     return tuple(by_part[part] for part in "wxyz")

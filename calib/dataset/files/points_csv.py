@@ -15,9 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from calib.array_types import Array
 from calib.dataset.dataset import Orientations, Points, Poses
@@ -32,7 +30,10 @@ from calib.dataset.files.declared_units import (
 )
 from calib.dataset.files.points_checks import copied_rows, order_doubt, require_targets, unit_doubt
 from calib.errors import DatasetError
+from calib.frames import quaternion_from_rotation, rotation_from_quaternion
 from calib.kinematics.robot import Robot
+from calib.lazy_modules import pd
+from calib.text_files.csv_text import as_number
 
 COVARIANCE_COLUMNS = ("sxx_mm2", "sxy_mm2", "sxz_mm2", "syy_mm2", "syz_mm2", "szz_mm2")
 TURN_COLUMNS = ("rxx_rad2", "rxy_rad2", "rxz_rad2", "ryy_rad2", "ryz_rad2", "rzz_rad2")
@@ -108,7 +109,9 @@ def _seen(file: TableFile, xyz_columns: Sequence[str]) -> TableFile:
     if len(kept) == len(file):
         return file
     lines = tuple(file.line(row) for row in kept)
-    return replace(file, cells=file.cells.iloc[kept].reset_index(drop=True), lines=lines)
+    return replace(
+        file, cells={name: [column[row] for row in kept] for name, column in file.cells.items()}, lines=lines
+    )
 
 
 def _check_size(file: TableFile, xyz_mm: Array, columns: Sequence[str]) -> None:
@@ -197,9 +200,10 @@ def _load_orientations(
         raise file.error(
             int(row), "qw", f"an orientation of the target {target[row]!r}", "only the jig has one; empty it"
         )
-    filled = file.cells.copy()  # the unknown ones: anything that passes the checks, NaN in the end
+    filled = dict(file.cells)  # the unknown ones: anything that passes the checks, NaN in the end
     for column in cells:
-        filled.loc[~known, column] = "1" if column in (order[0], "rxx_rad2", "ryy_rad2", "rzz_rad2") else "0"
+        anything = "1" if column in (order[0], "rxx_rad2", "ryy_rad2", "rzz_rad2") else "0"
+        filled[column] = [cell if is_known else anything for cell, is_known in zip(filled[column], known, strict=True)]
     file = TableFile(file.path, filled)
     quaternion = file.numbers(list(order))
     length = np.linalg.norm(quaternion, axis=1)
@@ -210,7 +214,7 @@ def _load_orientations(
             f"a quaternion of length {length[row]:.4g}",
             "give a unit quaternion, qw first",
         )
-    scanner_R_jig = Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]).as_matrix()
+    scanner_R_jig = rotation_from_quaternion(quaternion)
     scanner_R_jig[~known] = np.nan
     turn = None
     if _any(file, TURN_COLUMNS):
@@ -234,13 +238,13 @@ def _load_orientations(
 
 def _by_order(file: TableFile) -> dict[str, Array]:
     """Orientations (M, 3, 3) from the four columns, by quaternion order "wxyz" and "xyzw"; NaN where not known."""
-    columns = [name for name in file.cells.columns if name in QUATERNION_COLUMNS]
-    values = np.column_stack([pd.to_numeric(file.cells[name], errors="coerce") for name in columns])
+    columns = [name for name in file.cells if name in QUATERNION_COLUMNS]
+    values = np.array([[as_number(cell) for cell in file.cells[name]] for name in columns], dtype=float).T
     known = np.isfinite(values).all(axis=1)
     filled = np.where(known[:, None], values, 1.0)
     out = {}
     for order in QUATERNION_ORDERS:
-        turn = Rotation.from_quat(filled[:, [order.index(part) for part in "xyzw"]]).as_matrix()
+        turn = rotation_from_quaternion(filled[:, [order.index(part) for part in "wxyz"]])
         out[order] = np.where(known[:, None, None], turn, np.nan)
     return out
 
@@ -267,7 +271,7 @@ def _orientation_columns(orientations: Orientations) -> dict[str, Array]:
         return np.where(known, values, np.nan)
 
     matrices = np.where(known[:, None, None], orientations.scanner_R_jig, np.eye(3))
-    quaternion = Rotation.from_matrix(matrices).as_quat(canonical=True)[:, [3, 0, 1, 2]]
+    quaternion = quaternion_from_rotation(matrices)
     columns = {name: column(quaternion[:, k]) for k, name in enumerate(QUATERNION_COLUMNS)}
     if orientations.covariance_rad2 is not None:
         upper = orientations.covariance_rad2[:, _UPPER[0], _UPPER[1]]

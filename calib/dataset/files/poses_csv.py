@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from calib.array_types import Array
 from calib.dataset.dataset import ROLES, Poses
@@ -17,6 +16,7 @@ from calib.dataset.files.robot_toml import degrees
 from calib.dataset.input_names import CONDITIONS
 from calib.errors import DatasetError, is_one_line
 from calib.kinematics.robot import Robot
+from calib.lazy_modules import pd
 
 _JOINT_LIMITS = {"deg": (-1e5, 1e5), "mm": (-1e6, 1e6), "rad": (-1e4, 1e4), "m": (-1e3, 1e3)}
 _LOOKS_LIKE_DEGREES = 20.0  # rad: no joint turns farther
@@ -180,4 +180,4 @@ def poses_frame(poses: Poses, robot: Robot) -> pd.DataFrame:
     if poses.scan_names != tuple(f"{pose_id}.ply" for pose_id in poses.ids):
         columns["scan"] = poses.scan_names
     frame = pd.DataFrame(columns)
-    return pd.concat([frame, poses.extra.reset_index(drop=True)], axis=1) if len(poses.extra.columns) else frame
+    return pd.concat([frame, poses.extra.frame], axis=1) if poses.extra.names else frame

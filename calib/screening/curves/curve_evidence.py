@@ -17,14 +17,14 @@ nu m_k^2 / quadratic - s_k^2 x_k^T (1 + X S^2 X^T)^-1 x_k, m the posterior mean 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.linalg.lapack import dtrtri
-from scipy.optimize import minimize
 
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.minimisation import descend
 
 _STARTS = ((3.0, 2.0), (20.0, 2.5))  # bandwidth n0 and slope p
 _FIRST_STEPS, _LAST_STEPS = 7, 20
@@ -68,16 +68,21 @@ class Spectrum:
 class CurveEvidence:
     """Log evidence of error curves in a residual as a function of the curves' sizes and spectrum."""
 
-    def __init__(self, curve: CurveColumns, residual: Array, dof: int) -> None:
-        """Take the `residual` (R,), measured minus predicted, whitened and projected, with `dof` degrees of freedom."""
+    def __init__(self, curve: CurveColumns, residual: Array, dof: int, *, before: CurveEvidence | None = None) -> None:
+        """Take the `residual` (R,), measured minus predicted, whitened and projected, with `dof` degrees of freedom.
+
+        before: evidence of the first of these curves, from which products are taken.
+        """
         self.curve, self.residual, self.dof = curve, residual, dof
         self.total = float(residual @ residual)
         self.members = int(curve.member.max()) + 1 if len(curve.member) else 0
         x = curve.columns
         self.square = np.sum(x**2, axis=0)
         rows, count = map(float, x.shape)
-        self.few_rows = 2.0 * rows**2 * count + rows**3 / 3.0 < count**3  # which of two equal ways is less work
-        self.gram = None if self.few_rows else x.T @ x
+        # Which of two equal ways is less work.
+        few_rows = 2.0 * rows**2 * count + rows**3 / 3.0 < count**3
+        self.few_rows: bool = few_rows if before is None else before.few_rows
+        self.gram: Array | None = None if self.few_rows else _gram(x, None if before is None else before.gram)
         self.towards = x.T @ residual
 
     @property
@@ -101,9 +106,7 @@ class CurveEvidence:
         sigma, _ = self.prior_sigma(spectrum)
         if self.few_rows:
             shaped = self.curve.columns * sigma
-            outer = shaped @ shaped.T
-            outer[np.diag_indices_from(outer)] += 1.0
-            factor = cholesky(outer, lower=True, overwrite_a=True, check_finite=False)
+            factor = _factor(shaped @ shaped.T)
             mean = shaped.T @ cho_solve((factor, True), self.residual, check_finite=False)
             half_log_det = _sum_log_diagonal(factor)
             share = np.zeros(0)
@@ -114,9 +117,7 @@ class CurveEvidence:
             share = sigma**2 * self.square
             # A harmonic that moves next to nothing is taken to first order.
             shown = np.flatnonzero(share >= min(_FAINT, float(share.max())))
-            inner = sigma[shown, None] * self.gram[np.ix_(shown, shown)] * sigma[shown]
-            inner[np.diag_indices_from(inner)] += 1.0
-            factor = cholesky(inner, lower=True, overwrite_a=True, check_finite=False)
+            factor = _factor(sigma[shown, None] * self.gram[np.ix_(shown, shown)] * sigma[shown])
             found = cho_solve((factor, True), sigma[shown] * self.towards[shown], check_finite=False)
             mean = sigma * (self.towards - self.gram[:, shown] @ (sigma[shown] * found))
             mean[shown] = found
@@ -131,19 +132,14 @@ class CurveEvidence:
     def best(self, starts: tuple[Spectrum, ...] = ()) -> tuple[float, Spectrum]:
         """Largest log evidence over all sizes and spectra, and the spectrum that attains it."""
         usual = np.log(self.usual_size)
-        bounds = [(usual + _LEAST_LOG_SIZE, usual + _MOST_LOG_SIZE)] * self.members
-        bounds += [(np.log(low), np.log(high)) for low, high in (_BANDWIDTHS, _SLOPES)]
+        bounds = (
+            np.append(np.full(self.members, usual + _LEAST_LOG_SIZE), np.log([_BANDWIDTHS[0], _SLOPES[0]])),
+            np.append(np.full(self.members, usual + _MOST_LOG_SIZE), np.log([_BANDWIDTHS[1], _SLOPES[1]])),
+        )
 
         def climb(start: Array, steps: int) -> tuple[float, Array]:
-            found = minimize(
-                self._falling,
-                start,
-                jac=True,
-                method="L-BFGS-B",
-                bounds=bounds,
-                options={"maxiter": steps, "ftol": _SETTLED},
-            )
-            return -float(found.fun), np.asarray(found.x)
+            fallen, logs = descend(self._falling, start, steps=steps, settled=_SETTLED, bounds=bounds)
+            return -fallen, logs
 
         widest = max(int(self.curve.order.max()), 1)
         tried = [climb(start.logs, _FIRST_STEPS) for start in starts]
@@ -175,17 +171,25 @@ class CurveEvidence:
 
         spectrum: of the curves before; None where there is none yet.
         """
-        if not blocks:
-            return []
+        return self.gains_of(spectrum, self.further(blocks)) if blocks else []
+
+    def further(self, blocks: Sequence[CurveColumns]) -> FurtherCurves:
+        """Some further curves as `gains_of` takes them: products that stay the same whatever the spectrum."""
         shaped = [b.columns / np.sqrt(1.0 + (b.order / _OTHER_BANDWIDTH) ** (2.0 * _OTHER_SLOPE)) for b in blocks]
         stacked = np.concatenate([*shaped, self.residual[:, None]], axis=1)
-        solved = stacked if spectrum is None else self._solve(self.at(spectrum).prior_sigma, stacked)
-        quadratic = float(self.residual @ solved[:, -1])
+        ends = tuple(np.cumsum([b.shape[1] for b in shaped]).tolist())
+        return FurtherCurves(stacked, ends, None if self.few_rows else self.curve.columns.T @ stacked)
+
+    def gains_of(self, spectrum: Spectrum | None, further: FurtherCurves) -> list[tuple[float, float]]:
+        """As `gains`, of curves that were prepared by `further`."""
+        # B^T M^-1 B of each curve's columns B, M being 1 + X S^2 X^T, and of the residual.
+        shown, less = self._whitened(spectrum, further)
+        quadratic = float(shown[:, -1] @ shown[:, -1] - less[:, -1] @ less[:, -1])
         out, start = [], 0
-        for columns in shaped:
-            end = start + columns.shape[1]
-            square, turn = np.linalg.eigh(columns.T @ solved[:, start:end])
-            along = (turn.T @ (columns.T @ solved[:, -1])) ** 2
+        for end in further.ends:
+            mine, mine_less = shown[:, start:end], less[:, start:end]
+            square, turn = np.linalg.eigh(mine.T @ mine - mine_less.T @ mine_less)
+            along = (turn.T @ (mine.T @ shown[:, -1] - mine_less.T @ less[:, -1])) ** 2
             unit = float(np.sqrt(quadratic / max(float(np.sum(square)), 1e-300)))
             s2 = (unit * _BLOCK_SIZES[:, None]) ** 2
             grow = 1.0 + s2 * np.maximum(square, 0.0)
@@ -196,13 +200,53 @@ class CurveEvidence:
             start = end
         return out
 
-    def _solve(self, sigma: Array, rhs: Array) -> Array:
-        """Solution (R, L) of (1 + X S^2 X^T) z = rhs, X being the curves' columns and S their prior sigmas."""
-        shaped = self.curve.columns * sigma
-        inner = shaped.T @ shaped
-        inner[np.diag_indices_from(inner)] += 1.0
-        factor = cholesky(inner, lower=True, overwrite_a=True, check_finite=False)
-        return np.asarray(rhs - shaped @ cho_solve((factor, True), shaped.T @ rhs, check_finite=False))
+    def _whitened(self, spectrum: Spectrum | None, further: FurtherCurves) -> tuple[Array, Array]:
+        """Two matrices U (., L) and V (., L) with B^T (1 + X S^2 X^T)^-1 B = U^T U - V^T V for further columns B.
+
+        By the smaller of two equal systems: of as many rows as the residual has, or as the curves have columns.
+        """
+        columns = further.columns
+        if spectrum is None:
+            return columns, np.zeros((0, columns.shape[1]))
+        sigma, _ = self.prior_sigma(spectrum)
+        if further.towards is None:
+            shaped = self.curve.columns * sigma
+            factor = _factor(shaped @ shaped.T)
+            return solve_triangular(factor, columns, lower=True, check_finite=False), np.zeros((0, columns.shape[1]))
+        assert self.gram is not None
+        factor = _factor(sigma[:, None] * self.gram * sigma)
+        return columns, solve_triangular(factor, sigma[:, None] * further.towards, lower=True, check_finite=False)
+
+    def joined(self, block: CurveColumns) -> CurveEvidence:
+        """Evidence of these curves with further ones."""
+        return CurveEvidence(self.curve.joined(block), self.residual, self.dof, before=self)
+
+
+def _gram(columns: Array, before: Array | None) -> Array:
+    """Gram matrix (K, K) of columns (R, K), of the first of which it is known."""
+    if before is None:
+        return np.asarray(columns.T @ columns)
+    known = len(before)
+    cross = columns.T @ columns[:, known:]
+    return np.block([[before, cross[:known]], [cross[:known].T, cross[known:]]])
+
+
+@dataclass(frozen=True)
+class FurtherCurves:
+    """Columns of further curves, shaped as their spectrum is, then the residual; with their products with the others'.
+
+    Those of the k-th curve end at column `ends[k]`.
+    """
+
+    columns: Array  # (R, L)
+    ends: tuple[int, ...]
+    towards: Array | None  # (K, L) X^T columns; None where there are fewer rows than columns
+
+    def beside(self, block: CurveColumns) -> FurtherCurves:
+        """The same curves, to be added to evidence that `joined` a block."""
+        if self.towards is None:
+            return self
+        return replace(self, towards=np.concatenate([self.towards, block.columns.T @ self.columns]))
 
 
 @dataclass(frozen=True)
@@ -213,6 +257,12 @@ class CurvePosterior:
     prior_sigma: Array  # (K,) s, over the noise
     mean: Array  # (K,) posterior mean of each coefficient over its s
     quadratic: float  # r^T (1 + X S^2 X^T)^-1 r
+
+
+def _factor(inner: Array) -> Array:
+    """Lower Cholesky factor of 1 + `inner` (K, K), which is overwritten."""
+    inner[np.diag_indices_from(inner)] += 1.0
+    return np.asarray(cholesky(inner, lower=True, overwrite_a=True, check_finite=False))
 
 
 def _sum_log_diagonal(factor: Array) -> float:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pprint import pformat
 
 import numpy as np
-import pandas as pd
 
 from calib.array_types import Array, BoolArray
 from calib.calibration.result import Calibration
@@ -14,7 +13,6 @@ from calib.dataset.input_names import joint_input, summed_joints
 from calib.effects.effect import full_name
 from calib.errors import CalibError
 from calib.screening.curves.smooth_joint_error import (
-    LEARNED,
     CurveModes,
     FormulaModes,
     FormulaTerm,
@@ -146,11 +144,6 @@ def shape_text(member: SmoothJointError, calibration: Calibration) -> str:
 def _peak(member: SmoothJointError) -> float | None:
     terms = member.modes.terms if isinstance(member.modes, FormulaModes) else ()
     return terms[0].place if len(terms) == 1 and terms[0].kind == "bump" else None
-
-
-def without_curves(parameters: pd.DataFrame) -> pd.DataFrame:
-    """Table of parameters (column `name`) without those of learned curves."""
-    return parameters[~parameters["name"].str.startswith(f"{LEARNED}.")]
 
 
 def _input_unit(name: str, calibration: Calibration) -> str:

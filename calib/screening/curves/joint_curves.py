@@ -10,6 +10,7 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.result import Calibration
+from calib.dataset.further_columns import is_number
 from calib.dataset.input_names import further_inputs, quantity_of
 from calib.effects.gravity import has_masses
 from calib.screening.curves.curve_evidence import CurveColumns, CurveEvidence, CurvePosterior, Spectrum
@@ -89,7 +90,7 @@ def learn_joint_curves(calibration: Calibration) -> LearnedCurves | None:
         start = np.log([20.0, 2.0]) if spectrum is None else spectrum.logs[-2:]
         sizes = np.zeros(0) if spectrum is None else spectrum.logs[:-2]
         chosen.append(others.pop(best))
-        evidence = _evidence_of(chosen, projected)
+        evidence = evidence.joined(chosen[-1].columns)
         value, spectrum = evidence.best((Spectrum(np.concatenate([sizes, [gains[best][1]], start])),))
     if spectrum is None or value - paid < MIN_LOG_EVIDENCE:
         return None
@@ -131,7 +132,7 @@ def _members(
             curves.append(k)
             continue
         for columns, log_size in found.blocks:
-            evidence = CurveEvidence(evidence.curve.joined(columns), evidence.residual, evidence.dof)
+            evidence = evidence.joined(columns)
             logs = _flat(spectrum, k).logs
             spectrum = Spectrum(np.concatenate([logs[:-2], [log_size], logs[-2:]]))
         noise = float(np.sqrt(evidence.at(spectrum).quadratic / evidence.dof))
@@ -171,7 +172,7 @@ def _over_other_inputs(projected: ProjectedResidual) -> Iterator[_Candidate]:
     """Candidate curves of every joint over its torque, sums of two angles, temperature, time and further columns."""
     robot, poses, directions = projected.residuals.model.robot, projected.state.poses, joint_directions(projected)
     shared = [name for name in ("temperature_c", "time_s", "payload_kg") if getattr(poses, name) is not None]
-    shared += [name for name, of in further_inputs(poses).items() if _is_number(poses.extra[of])]
+    shared += [name for name, of in further_inputs(poses).items() if is_number(poses.extra.by_name[of])]
     for j, joint in enumerate(robot.joints):
         names = [] if joint.is_revolute else [f"q{j + 1}"]
         names += [f"torque{j + 1}"] if has_masses(robot) else []
@@ -254,10 +255,6 @@ def _curve_member(
     return SmoothJointError(candidate.joint, modes, tuple(rms[shows].tolist()))
 
 
-def _is_number(column: object) -> bool:
-    return bool(np.issubdtype(np.asarray(column).dtype, np.number))
-
-
 # ---- short formulas -------------------------------------------------------------------------------------------------
 
 
@@ -305,9 +302,9 @@ def find_formula(
     chosen: list[int] = []
     sizes: list[float] = []
     gain = 0.0
-    given, at = evidence, flat
+    given, at, further = evidence, flat, evidence.further(blocks)
     for _ in range(_MOST_TERMS):
-        gains = given.gains(at, blocks)
+        gains = given.gains_of(at, further)
         best = max(range(len(gains)), key=lambda k: gains[k][0])
         if gains[best][0] < price + 1.0:
             break
@@ -319,7 +316,7 @@ def find_formula(
             found = tuple((blocks[k], size) for k, size in zip(chosen, sizes, strict=True))
             return FoundFormula(modes, tuple(sizes), found, gain)
         logs = np.concatenate([at.logs[:-2], [gains[best][1]], at.logs[-2:]])
-        given = CurveEvidence(given.curve.joined(blocks[best]), evidence.residual, evidence.dof)
+        given, further = given.joined(blocks[best]), further.beside(blocks[best])
         at = Spectrum(logs)
     return None
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from calib.array_types import Array, IndexArray
+from calib.dataset.further_columns import is_number
 from calib.dataset.input_names import CONDITIONS, further_inputs, joint_input, summed_joints
 from calib.effects.effect import Parameter, full_name
 from calib.effects.state import RobotState
@@ -208,8 +209,8 @@ def input_values(state: RobotState, name: str) -> Array:
         values = getattr(poses, name)
     else:
         columns = further_inputs(poses)
-        values = poses.extra[columns[name]].to_numpy() if name in columns else None
-        if values is not None and values.dtype.kind not in "fiub":
+        values = poses.extra.by_name[columns[name]] if name in columns else None
+        if values is not None and not is_number(values):
             raise FitError(f"a learned curve runs over column {columns[name]!r}; found words there, numbers are needed")
     if values is None:
         raise FitError(f"a learned curve runs over {name}; give it for each pose, as poses.csv does")

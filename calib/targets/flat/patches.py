@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from calib.array_types import Array, IndexArray
+from calib.lazy_modules import spatial
 from calib.planes.normals import NEIGHBOURS, estimate_normals
 from calib.planes.point_selection import thin_to_voxels
 from calib.planes.robust_fit import PlaneFit, fit_plane_robustly
@@ -43,7 +43,7 @@ def flat_patches(points: Array, size_mm: float) -> list[PlaneFit]:
     graph = coo_array((np.ones(agree.sum()), (first[agree], second[agree])), shape=(len(thinned), len(thinned)))
     label = connected_components(graph, directed=False)[1]
     count = np.bincount(label)
-    tree = cKDTree(around.points_mm)
+    tree = spatial.cKDTree(around.points_mm)
     large = count[label] >= _FEWEST_THINNED
     if not large.any():
         return []

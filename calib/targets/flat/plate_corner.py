@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.corners.intersection import packed
 from calib.errors import TargetError
+from calib.lazy_modules import spatial
 from calib.planes.point_selection import finite_rows
 from calib.planes.robust_fit import PlaneFit
 from calib.scans.scan import Scan, seeded_generator
@@ -113,7 +113,7 @@ class _Flat:
     def of(plane: PlaneFit, points: Array) -> _Flat:
         """Plane coordinates of a patch's points and of all points (N, 3) of the scan, projected along their rays."""
         uv = (plane.points_mm - plane.centre_mm) @ plane.axes.T
-        tree = cKDTree(uv)
+        tree = spatial.cKDTree(uv)
         distance, near = (np.asarray(a) for a in tree.query(uv, k=min(_NEIGHBOURS + 1, len(uv))))
         way = uv[near[:, 1:]] - uv[:, None]
         angle = np.sort(np.arctan2(way[..., 1], way[..., 0]), axis=1)

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from calib.array_types import Array
+from calib.lazy_modules import spatial
 from calib.planes.normals import Neighbourhoods
 
 _PAIRS_A_POINT = 6
@@ -89,7 +89,7 @@ def _peaks(centres: Array, radii: Array, radii_mm: tuple[float, float], most: in
         inside = np.flatnonzero((radii >= low) & (radii < high))
         if len(inside) >= _FEWEST_VOTES:
             here, reach = centres[inside], _GATHER * np.sqrt(low * high)
-            tree = cKDTree(here)
+            tree = spatial.cKDTree(here)
             some = here[:: max(1, len(here) // 4000)]
             count = np.asarray(tree.query_ball_point(some, reach, return_length=True))
             free = np.ones(len(some), dtype=bool)

@@ -19,9 +19,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.lazy_modules import spatial
 from calib.planes.robust_fit import TUKEY
 from calib.targets.spheres.sphere_noise import NoiseGrowth, growth_of, patch_factor
 
@@ -178,7 +178,7 @@ def _spacing(points: Array, centre: Array, radius: float) -> float:
         inner_share = len(inner) / len(some)
     else:
         inner_share = 1.0
-    near = np.asarray(cKDTree(some).query(some, k=min(5, len(some)))[0])[:, -1]
+    near = np.asarray(spatial.cKDTree(some).query(some, k=min(5, len(some)))[0])[:, -1]
     return float(np.median(near) * np.sqrt(np.pi / 4) / np.sqrt(inner_share))
 
 
@@ -213,7 +213,7 @@ def _clear_of_others(direction: Array, over: Array, sigma: Array) -> BoolArray:
         return np.ones(len(over), dtype=bool)
     k = min(_NEIGHBOURS, len(direction))
     step = max(1, len(direction) // 30_000)
-    tree = cKDTree(direction[::step])
+    tree = spatial.cKDTree(direction[::step])
     near = np.asarray(tree.query(direction, k=k)[1]).reshape(len(direction), k)
     return np.asarray(off[::step][near].mean(axis=1) <= max(_MOST_OFF, 1.5 * off.mean()))
 

@@ -75,7 +75,7 @@ def scan_facts(view: View, scan: Scan | None, drawn: int) -> str:
     ):
         if values is not None:
             rows.append((name, f"{values[i]:g} {unit}"))
-    rows += [(str(column), poses.extra[column].iloc[i]) for column in poses.extra.columns]
+    rows += [(name, column[i]) for name, column in poses.extra.by_name.items()]
     return alert + elements.facts(rows)
 
 
