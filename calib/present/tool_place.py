@@ -22,7 +22,7 @@ def tool_place_blocks(place: ToolPlace) -> list[Block]:
     """Blocks on a place of the tool: whether it is reached, the error there, and whether the joints were trained."""
     if place.error is None:
         missed = numbers.length(place.missed_mm)
-        turned = "" if place.missed_rad < np.radians(0.05) else f" and {numbers.size(place.missed_rad, 'rad')}"
+        turned = "" if place.missed_rad < np.radians(0.5) else f" and {numbers.size(place.missed_rad, 'rad')}"
         return [
             Verdict(f"This place cannot be reached: the nearest posture found misses it by {missed}{turned}.", BAD),
             Paragraph("Drag the tool back, or turn it: joints stay within their limits.", soft=True),

@@ -49,19 +49,21 @@ class PlaceDrawing:
         shape = arm_shape(calibration.model, calibration.fit.x, place.poses, 0).moved(scanner_T_base)
         shape = replace(shape, radius_mm=_THICKER * shape.radius_mm, ball_radius_mm=_THICKER * shape.ball_radius_mm)
         reach = reach_mm(calibration.dataset.robot)
-        text = CANNOT
+        text, said_at = CANNOT, scanner_T_tool[:3, 3]
         arrows = np.zeros((0, 2, 3))
         if error is not None:
             length = numbers.with_sigma(float(error.length_mm[0]), float(error.sigma_mm[0]), "mm")
             text = f"as delivered off by {length}, arrow × {enlarged:g}"
             along = scanner_T_base[:3, :3] @ error.error_mm[0]
-            arrows = np.array([[shape.tip_mm, shape.tip_mm + enlarged * along]])
+            said_at = shape.tip_mm + enlarged * along
+            arrows = np.array([[shape.tip_mm, said_at]])
 
         def make(api: viser.SceneApi, name: str) -> list[viser.SceneNodeHandle]:
             if self._control is None:
                 self._control = self._controlled(api, f"{name}/control", scanner_T_tool, place, reach)
             colour = FAILED if error is None else PROPOSAL
-            nodes = model_nodes.arm(api, f"{name}/arm", self._solids, shape, colour, text, all_in=colour)
+            nodes = model_nodes.arm(api, f"{name}/arm", self._solids, shape, colour, "", all_in=colour)
+            nodes.append(model_nodes.tip_label(api, name, text, said_at, "bottom-center"))
             if len(arrows):
                 radius = _ARROW_SHARE * reach * M_PER_MM
                 nodes.append(

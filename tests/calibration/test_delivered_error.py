@@ -62,7 +62,9 @@ def test_it_errs_as_much_as_it_says(range_rad: float) -> None:
         cell = fit.dataset
         assert cell.points is not None
         exact_mm = elementary_points(true, cell.poses.q)[cell.points.pose]
-        exact = evaluate(fit.model, fit.model.delivered(fit.fit.x), cell.with_points(replace(cell.points, xyz_mm=exact_mm)))
+        exact = evaluate(
+            fit.model, fit.model.delivered(fit.fit.x), cell.with_points(replace(cell.points, xyz_mm=exact_mm))
+        )
         poses = conditions_at(cell.poses, rng.uniform(-1.2 * range_rad, 1.2 * range_rad, (6, 6)))
         nominal_mm = fit.model.predict(fit.model.delivered(fit.fit.x), poses)
         true_mm = frames.apply(exact.scanner_T_base[""], nominal_mm) - elementary_points(true, poses.q)
