@@ -14,7 +14,7 @@ from inspector.panels.review import TRY_PLACE
 from inspector.scene.draw_place import CANNOT
 from inspector.scene.scene_view import ROOT, sight_of
 from tests.support.app import IDLE_S, shows
-from tests.support.browser import node_drawn, says
+from tests.support.browser import close_notices, node_drawn, says
 from tests.support.wire_client import WireClient
 
 CONTROL = f"{ROOT}/place/control"
@@ -68,15 +68,17 @@ def test_a_hand_drags_the_tool(app: App, page: Any) -> None:
     page.get_by_label(TRY_PLACE).check()
     says(page, OFF_BY)
     node_drawn(page, CONTROL)
+    close_notices(page)
     before = app.place.place
     assert before is not None
+    clients = app.server.get_clients()
+    sight = sight_of(clients[max(clients)].camera)  # the page's, which came last
     with WireClient(app.server.get_port()) as wire:
         node, root = wire.scene[CONTROL], wire.scene[ROOT]
     size = float(node["props"]["scale"])
     turn = np.asarray(viser.transforms.SO3(np.asarray(node["wxyz"])).as_matrix())
     middle = np.asarray(root["position"], dtype=float) + np.asarray(node["position"], dtype=float)
     box = page.locator("canvas").first.bounding_box()
-    sight = sight_of(next(iter(app.server.get_clients().values())).camera)
     reach = [sight.on_screen(middle + np.outer([0.8 * size, 0.5 * size], axis)) for axis in turn.T]
     ends = max(reach, key=lambda two: float(np.linalg.norm(two[1] - two[0])))  # not the one that points at the eye
     start, end = ends * [box["width"], box["height"]] + [box["x"], box["y"]]
