@@ -28,7 +28,7 @@ from inspector.app.page.tabs import TABS  # noqa: E402
 from inspector.panels.learn.missing_effects import FIND  # noqa: E402
 from inspector.server.viser_server import url_of  # noqa: E402
 from tests.support.app import idle_app  # noqa: E402
-from tests.support.browser import browser, open_page, open_tab, says  # noqa: E402
+from tests.support.browser import browser, close_notices, open_page, open_tab, says  # noqa: E402
 
 SETTLED_S = 12.0  # fonts, camera and plots, on a machine without a GPU
 COLOURS = 128  # of the animation, all frames alike, so that what does not change is not stored twice
@@ -49,10 +49,7 @@ def page_of(dataset: str, width: int, height: int, scheme: str = "light") -> Ite
 def picture(page: Any, settled_s: float = SETTLED_S) -> Image.Image:
     """Image of the page once nothing on it moves."""
     time.sleep(settled_s)
-    notices = page.locator(".mantine-Notification-closeButton")
-    while notices.count():
-        notices.first.click()
-        time.sleep(0.5)
+    close_notices(page)
     return Image.open(io.BytesIO(page.screenshot())).convert("RGB")
 
 

@@ -262,7 +262,7 @@ def _box(nominal: Robot, model: Model, x: Array, q0: Array) -> tuple[Array, Arra
     off = np.abs(model.calibrated_robot(x).table - nominal.table)[:-1]
     zero = np.where(nominal.is_revolute, off[:, PARAMETER_KINDS.index("theta")], off[:, PARAMETER_KINDS.index("d")])
     change = np.maximum(np.where(nominal.is_revolute, MAX_CHANGE_RAD, MAX_CHANGE_MM), _ZEROS * zero)
-    limits = _limits(nominal)
+    limits = joint_limits(nominal)
     return np.clip(q0 - change, *limits), np.clip(q0 + change, *limits)
 
 
@@ -327,7 +327,8 @@ def _check(nominal: Robot, model: Model, q: Array, conditions: Poses | None) -> 
         raise FitError(f"found conditions of {len(conditions)} targets for {len(q)} joint vectors")
 
 
-def _limits(robot: Robot) -> tuple[Array, Array]:
+def joint_limits(robot: Robot) -> tuple[Array, Array]:
+    """Least and largest value (n,) of each joint, rad or mm; infinite where robot.toml has no limit."""
     low = np.array([-np.inf if joint.min is None else joint.min for joint in robot.joints])
     high = np.array([np.inf if joint.max is None else joint.max for joint in robot.joints])
     return low, high

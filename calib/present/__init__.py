@@ -14,6 +14,7 @@ from calib.present import diagnosis as diagnosis
 from calib.present import fleets as fleets
 from calib.present import plans as plans
 from calib.present import redundancy as redundancy
+from calib.present import tool_place as tool_place
 from calib.present import validation as validation
 from calib.present.results import document, headline, notebook_html, presentation, summary, to_dict
 

@@ -17,5 +17,5 @@ VERDICT_COLOURS = {
 }
 
 # Causes of an error budget: the links, the effects in the order they were found, learned curves; then what is left.
-LINKS, CURVES, NOISE, UNEXPLAINED = "#6568B9", "#A36DFB", NEUTRAL, BAD
+LINKS, CURVES, NOISE, UNEXPLAINED = "#6568B9", "#BF4059", NEUTRAL, BAD
 EFFECTS = ("#109C85", "#56B4E9", "#CC79A7", "#8C7340")

@@ -10,6 +10,7 @@ from calib.diagnosis.headline import ErrorStage, Headline
 from calib.present import error_headline as headlines
 from calib.present import numbers
 from calib.present.budget import budget_parts, budget_sentence
+from calib.present.effects import title
 from inspector.markup.parts import elements
 from inspector.markup.parts.elements import Html, asking, opening
 from inspector.markup.parts.palette import MODEL_COLOURS
@@ -82,8 +83,16 @@ def _stage(told: Headline, stage: ErrorStage, view: View) -> str:
         f'<span class="headline-stage" aria-pressed="{str(shown).lower()}" style="--of-version:{colour}"'
         f'{asking("step", step)} title="Show this model in 3D, tables and plots">'
         f"<strong>{elements.text(headlines.stage_error(told, stage))}</strong>"
-        f"<span>{elements.text(stage.name)}</span></span>"
+        f"<span>{elements.text(_in_words(stage))}</span></span>"
     )
+
+
+def _in_words(stage: ErrorStage) -> str:
+    """Name of a stage with its effects in words, which break between them: "with joint compliance"."""
+    name = stage.name
+    for key in stage.effects:
+        name = name.replace(key, title(key))
+    return name
 
 
 def _steps(progress: Progress, doing: Doing) -> str:

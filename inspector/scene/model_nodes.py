@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 import viser
@@ -20,6 +21,7 @@ AXIS_MM = 150.0  # length of the base's axes
 AXIS_OVER = 1.2  # of a joint's length: how far the selected one's axis stands out on either side
 TOUCH = 3.0  # of what is drawn: how much wider is what takes its clicks, which is not seen
 UNSEEN = 0.004  # opacity: what is not drawn at all takes no clicks
+LabelAnchor = Literal["top-center", "bottom-center", "bottom-left"]
 PARTS = {"revolute": JOINT, "prismatic": SLIDE, "link": ARM}
 
 
@@ -82,7 +84,7 @@ def arm(
     selected: int | None = None,
     all_in: str = "",
 ) -> list[viser.SceneNodeHandle]:
-    """Nodes of an arm's solids in the scanner's frame, except links drawn as meshes, with a label at the tip.
+    """Nodes of an arm's solids in the scanner's frame, except links drawn as meshes, with words at the tip, if any.
 
     selected: the joint, from 0, that stands out. all_in: one colour for all of it.
 
@@ -111,11 +113,16 @@ def arm(
             shape.ball_mm[balls], size, np.tile(np.array(rgb(all_in or ARM), dtype=np.uint8), (len(size), 1)),
             shape.ball_link[balls].tolist(),
         ),
-        api.add_label(
-            f"{name}/label", text, position=tuple(to_scene(shape.tip_mm).astype(float)), font_screen_scale=0.85,
-            anchor="top-center",
-        ),
+        *([tip_label(api, name, text, shape.tip_mm)] if text else []),
     ]  # fmt: skip
+
+
+def tip_label(
+    api: viser.SceneApi, name: str, text: str, at_mm: Array, anchor: LabelAnchor = "top-center"
+) -> viser.LabelHandle:
+    """Node of words at a place (3,)."""
+    place = tuple(to_scene(at_mm).astype(float))
+    return api.add_label(f"{name}/label", text, position=place, font_screen_scale=0.85, anchor=anchor)
 
 
 def joint_axis(api: viser.SceneApi, name: str, shape: ArmShape, joint: int | None) -> list[viser.SceneNodeHandle]:

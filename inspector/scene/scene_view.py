@@ -46,6 +46,7 @@ LAYERS = (
     "arm",
     "scanner",
     "plan",
+    "place",
     "floor",
     "scale",
 )
@@ -75,6 +76,12 @@ def cloud(
         name, to_scene(points_mm), np.asarray(colours, dtype=np.uint8), point_size=size_mm * M_PER_MM,
         precision="float32", point_shape="circle", point_shading="flat",
     )  # fmt: skip
+
+
+def sight_of(camera: viser.CameraHandle) -> Sight:
+    """Sight of a page's camera as it stands."""
+    rotation = np.asarray(viser.transforms.SO3(np.asarray(camera.wxyz)).as_matrix(), dtype=float)
+    return Sight(np.asarray(camera.position, dtype=float), rotation, float(camera.fov), float(camera.aspect))
 
 
 class SceneView:
@@ -141,10 +148,7 @@ class SceneView:
 
         @self._scene.on_rect_select(modifier="shift")
         def _(event: viser.SceneRectSelectEvent) -> None:
-            camera = event.client.camera
-            rotation = np.asarray(viser.transforms.SO3(np.asarray(camera.wxyz)).as_matrix(), dtype=float)
-            place = np.asarray(camera.position, dtype=float)
-            sight = Sight(place, rotation, float(camera.fov), float(camera.aspect))
+            sight = sight_of(event.client.camera)
             middle = np.asarray(self._root.position)
             selected(lambda points: sight.in_box(to_scene(points) + middle, event.screen_min, event.screen_max))
 

@@ -83,6 +83,14 @@ def says(page: Any, text: str) -> None:
     page.get_by_text(text).locator("visible=true").first.wait_for(timeout=MS)
 
 
+def close_notices(page: Any) -> None:
+    """Close what covers the 3D view: that there is no GPU."""
+    notices = page.locator(".mantine-Notification-closeButton")
+    while notices.count():
+        notices.first.click()
+        page.wait_for_timeout(500)
+
+
 def node_drawn(page: Any, name: str) -> None:
     """Wait until the page's 3D view has this node."""
     page.wait_for_function("name => window.__viserMutable?.nodeRefFromName?.[name] != null", arg=name, timeout=MS)

@@ -145,6 +145,9 @@ class WireClient:
         elif kind == "SetPositionMessage":
             if m["name"] in self.scene:
                 self.scene[m["name"]]["position"] = m["position"]
+        elif kind == "SetOrientationMessage":
+            if m["name"] in self.scene:
+                self.scene[m["name"]]["wxyz"] = m["wxyz"]
         elif "props" in m and "name" in m:
             self.scene[m["name"]] = {"visible": True, **m}
 

@@ -15,6 +15,10 @@ from inspector.server.worker import LongWork
 from inspector.session.side_by_side import WatchedCell, measured_dataset, watched_cell
 
 NOT_YET = "Nothing to compare them with yet: the model is fitted when the search has ended."
+ALONE = (
+    "This dataset is open alone: there is nothing that was measured later. Open a folder with a later measurement "
+    "of the same cell, too, or import one: Open your own data."
+)
 CHOOSE = "Choose what was measured later: three poses or more of the same cell."
 
 
@@ -37,7 +41,7 @@ class WatchController:
         self._panel.offer(name, tuple(n for n in self._folders if n != name), forget=forget)
         chosen, moved = self._panel.chosen, self._panel.scanner_moved
         if base is None or not chosen:
-            self._panel.say(NOT_YET if base is None else CHOOSE)
+            self._panel.say(NOT_YET if base is None else CHOOSE if len(self._folders) > 1 else ALONE)
             return
         asked = (chosen, moved)
         if self._last is None or self._last[0] != asked or self._last[1] is not base:

@@ -123,7 +123,7 @@ def group_table(search: CornerSearch, grey: bool) -> str:
                 group_state(search, i),
                 f"{len(group.sets):,}",
                 _vector(group.normal),
-                f"{group.offset_mm:.1f}",
+                numbers.signed(group.offset_mm, ".1f"),
             )
         )
     rest = len(search.groups) - len(rows)
@@ -138,4 +138,4 @@ def group_table(search: CornerSearch, grey: bool) -> str:
 
 def _vector(v: object) -> str:
     x, y, z = (float(c) for c in v)  # type: ignore[attr-defined]
-    return f"{x:+z.2f} {y:+z.2f} {z:+z.2f}"  # z: no minus before zero
+    return " ".join(numbers.signed(value, "+z.2f") for value in (x, y, z))  # z: no minus before zero

@@ -80,7 +80,7 @@ def table(
     scroll = f"max-height:{height};overflow-y:auto;" if height else ""
     return (
         f'<div style="overflow-x:auto;{scroll}margin:2px 10px 6px 10px">'
-        '<table style="border-collapse:collapse;width:100%;font-size:12px;line-height:1.35;'
+        '<table class="compact" style="border-collapse:collapse;width:100%;font-size:12px;line-height:1.35;'
         f'font-variant-numeric:tabular-nums"><thead><tr>{head}</tr></thead><tbody>{"".join(body)}</tbody></table></div>'
     )
 

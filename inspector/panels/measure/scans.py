@@ -65,7 +65,10 @@ def scan_facts(view: View, scan: Scan | None, drawn: int) -> str:
     rows.append(
         (
             "joints",
-            " · ".join(f"{np.degrees(q):.1f}°" if j.type == "revolute" else f"{q:.1f} mm" for j, q in joints),
+            " · ".join(
+                numbers.signed(np.degrees(q), ".1f") + "°" if j.type == "revolute" else numbers.signed(q, ".1f") + " mm"
+                for j, q in joints
+            ),
         )
     )
     for name, values, unit in (

@@ -16,6 +16,7 @@ NOTE = (
     "Is the calibration still right? A few poses measured later tell what changed since, and what they could not have "
     "detected. The arm is not blamed for what a moved instrument explains."
 )
+MOVED = "Instrument moved"
 NONE, ALL = "–", "all other datasets"
 
 
@@ -28,7 +29,7 @@ class WatchPanel:
             "Measured later", (NONE,), hint="another dataset of the folder; choose one after the other"
         )
         self.moved = gui.add_checkbox(
-            "The instrument was set up again", False, hint="its new place is then not reported as a change"
+            MOVED, False, hint="it was set up again: its new place is then not reported as a change"
         )
         self._clear = gui.add_button("Clear", color=SECONDARY, hint="clear the choice", visible=False)
         self._state = gui.add_html("")
@@ -62,6 +63,7 @@ class WatchPanel:
         options = (NONE, *([ALL] if len(left) > 1 else []), *left)
         if options != tuple(self.later.options):
             self.later.options = options
+        self.later.disabled = self.moved.disabled = not others
         if str(self.later.value) != NONE:
             put(self.later, NONE)
         self._clear.visible = bool(chosen)

@@ -11,6 +11,7 @@ import pytest
 
 from calib.dataset.files.folder import write_dataset
 from inspector.app.app import App
+from inspector.panels.model.watch import MOVED
 from tests.support.browser import MS, open_tab, says
 from tests.support.checked_cell import measured_twice
 
@@ -37,7 +38,7 @@ def test_another_dataset_stands_beside(page: Any, app: App) -> None:
 
 def test_another_dataset_is_held_against_the_calibration(page: Any, app: App) -> None:
     open_tab(page, "Watch")
-    page.get_by_text("The instrument was set up again").locator("visible=true").first.click()
+    page.get_by_text(MOVED).locator("visible=true").first.click()
     page.get_by_label("Measured later").locator("visible=true").first.click()
     page.get_by_role("option", name="before").click()
     says(page, "before: changed. the zero of joint 3")
