@@ -41,6 +41,12 @@ class SelectedEffect(Brief):
         """Selected effect made from a candidate of a screening."""
         return cls(candidate.name, candidate.members, candidate.prior_sigmas)
 
+    def without(self, members: Sequence[Effect]) -> SelectedEffect:
+        """The effect without some of its members."""
+        kept = tuple(member for member in self.members if member not in members)
+        names = {full_name(member, parameter) for member in kept for parameter in member.parameters}
+        return SelectedEffect(self.name, kept, {name: s for name, s in self.prior_sigmas.items() if name in names})
+
 
 @dataclass(frozen=True)
 class FitStep(Brief):

@@ -16,6 +16,7 @@ import numpy as np
 
 from calib.calibration.plausibility import beyond_nature, implausibility_reason
 from calib.calibration.result import Calibration
+from calib.diagnosis.causes import main_value, moved_mm
 from calib.diagnosis.decision_rules import (
     MAX_WORSENING,
     MIN_LEAD_OVER_TEST,
@@ -32,14 +33,17 @@ from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, first_fit, step_after, with_candidate, without_one
 from calib.diagnosis.verdict import Refusal
-from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate, Screening
+from calib.effects.effect import Effect, Family
+from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate, Screening, screen
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.smooth_motions import slow_course
 
 MAX_TRIED_AHEAD = 4  # contenders that are tried with a successor
 MAX_REFUSED = 3  # effects that are tried in a step
+MAX_PARTS = 3  # joints of an effect whose part another effect may explain better
 MIN_OVER_SELECTED = 6.0  # log Bayes factor of an effect over one in the model, from which it takes that one's place
+_SURE = 5.0  # sigmas, from which an effect surely acts on a joint
 
 Tell = Callable[[str], None]  # called with a line of text before each stage
 
@@ -130,7 +134,10 @@ def next_effect(
     added = Stop() if len(names) >= space.max_effects else _addition(space, step, dropped, tell)
     if isinstance(added, AddEffect):
         return added
-    return _revision(space, step, dropped, tell) or added
+    revised = _revision(space, step, dropped, tell)
+    if revised is None and len(names) < space.max_effects:
+        revised = _part_for_another(space, step, dropped, tell)
+    return revised or added
 
 
 def gone(move: AddEffect | DropEffect) -> list[str]:
@@ -244,6 +251,48 @@ def _revision(space: SearchSpace, step: FitStep, dropped: Collection[str], tell:
             if isinstance(instead, AddEffect) and instead.name != effect.name:
                 return replace(instead, instead_of=effect.name)
     return None
+
+
+def _part_for_another(space: SearchSpace, step: FitStep, dropped: Collection[str], tell: Tell) -> AddEffect | None:
+    """Move that gives an effect's part on one joint to another effect, which explains it better; None for none.
+
+    Waves of every joint's gear, say, also follow what gravity does to one of them. Such an effect leads as a whole, and
+    leaves nothing to add.
+    """
+    for k, effect in enumerate(step.selected):
+        family = space.family(effect.name)
+        for part in [] if family is None or family.sparse else _parts(effect, step.calibration):
+            selected = (*step.selected[:k], effect.without(part), *step.selected[k + 1 :])
+            without = space.ranked(FitStep("", selected, space.fit(selected, step.calibration), left_out=step.left_out))
+            assert without.screening is not None
+            rivals = [c for c in _without(without.screening, dropped).candidates if is_convincing(c)]
+            if not rivals:
+                continue
+            own = screen(without.calibration, [Family(f"{effect.name} of one joint", part)]).candidates
+            if own and rivals[0].log_evidence < own[0].log_evidence + MIN_LOG_BAYES_FACTOR:
+                continue
+            instead = _addition(space, without, dropped, tell)
+            if isinstance(instead, AddEffect):
+                return instead
+    return None
+
+
+def _parts(effect: SelectedEffect, calibration: Calibration) -> list[tuple[Effect, ...]]:
+    """Members of an effect on each joint where it surely acts, those that move the tool the most first.
+
+    None for an effect that acts on one joint alone: it was compared with all others when it was added.
+    """
+    by_joint: dict[int, list[Effect]] = {}
+    for member in effect.members:
+        joint = getattr(member, "joint", None)
+        main = main_value(member, calibration)
+        if joint is not None and main is not None and abs(main.value) > _SURE * main.sigma:
+            by_joint.setdefault(joint, []).append(member)
+    if len(by_joint) < 2:
+        return []
+    moved = {joint: sum(moved_mm(members, calibration)) for joint, members in by_joint.items()}
+    largest = sorted(by_joint, key=lambda joint: -moved[joint])[:MAX_PARTS]
+    return [tuple(m for m in effect.members if getattr(m, "joint", None) == joint) for joint in largest]
 
 
 def _evidence(without: FitStep, name: str) -> float:
