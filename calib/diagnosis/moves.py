@@ -16,7 +16,6 @@ import numpy as np
 
 from calib.calibration.plausibility import beyond_nature, implausibility_reason
 from calib.calibration.result import Calibration
-from calib.diagnosis.causes import main_value, moved_mm
 from calib.diagnosis.decision_rules import (
     MAX_WORSENING,
     MIN_LEAD_OVER_TEST,
@@ -33,7 +32,7 @@ from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, first_fit, step_after, with_candidate, without_one
 from calib.diagnosis.verdict import Refusal
-from calib.effects.effect import Effect, Family
+from calib.effects.effect import Effect, Family, full_name
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate, Screening, screen
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.curves.smooth_joint_error import LEARNED
@@ -278,21 +277,29 @@ def _part_for_another(space: SearchSpace, step: FitStep, dropped: Collection[str
 
 
 def _parts(effect: SelectedEffect, calibration: Calibration) -> list[tuple[Effect, ...]]:
-    """Members of an effect on each joint where it surely acts, those that move the tool the most first.
+    """Members of an effect on each joint where it surely acts, those that are surest first.
 
     None for an effect that acts on one joint alone: it was compared with all others when it was added.
     """
     by_joint: dict[int, list[Effect]] = {}
     for member in effect.members:
         joint = getattr(member, "joint", None)
-        main = main_value(member, calibration)
-        if joint is not None and main is not None and abs(main.value) > _SURE * main.sigma:
+        if joint is not None:
             by_joint.setdefault(joint, []).append(member)
-    if len(by_joint) < 2:
-        return []
-    moved = {joint: sum(moved_mm(members, calibration)) for joint, members in by_joint.items()}
-    largest = sorted(by_joint, key=lambda joint: -moved[joint])[:MAX_PARTS]
-    return [tuple(m for m in effect.members if getattr(m, "joint", None) == joint) for joint in largest]
+    distance = {joint: _sigmas_from_zero(members, calibration) for joint, members in by_joint.items()}
+    sure = sorted((joint for joint in by_joint if distance[joint] > _SURE), key=lambda joint: -distance[joint])
+    return [tuple(by_joint[joint]) for joint in sure[:MAX_PARTS]] if len(sure) > 1 else []
+
+
+def _sigmas_from_zero(members: Sequence[Effect], calibration: Calibration) -> float:
+    """Mahalanobis distance of some members' fitted parameters from zero, over the root of their number."""
+    fit = calibration.fit
+    names = {full_name(member, parameter) for member in members for parameter in member.parameters}
+    rows = [k for k, parameter in enumerate(fit.parameters) if parameter.name in names and not fit.undetermined[k]]
+    if not rows:
+        return 0.0
+    precision = np.linalg.pinv(fit.covariance[np.ix_(rows, rows)], hermitian=True)
+    return float(np.sqrt(fit.x[rows] @ precision @ fit.x[rows] / len(rows)))
 
 
 def _evidence(without: FitStep, name: str) -> float:

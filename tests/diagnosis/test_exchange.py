@@ -17,7 +17,7 @@ from calib.diagnosis.moves import AddEffect, search_stepwise
 from calib.diagnosis.search_space import SearchSpace, first_fit
 from calib.effects.base import Parameter
 from calib.effects.catalogue.order_steps import ChangePoint, JointStep
-from calib.effects.effect import families_from
+from calib.effects.effect import Family, families_from
 from calib.effects.state import RobotState
 from calib.kinematics.chain import target_jacobian
 from calib.present import verdict as told
@@ -37,11 +37,14 @@ class Bumps:
 
     name: str
     shares: tuple[float, float, float]
+    middle_rad: float = 0.0
     parameters = (Parameter("size_rad", unit="rad", scale=3e-4),)
 
     def error_rad(self, q_rad: Array) -> Array:
         """Error (N, 3) of the three joints for a size of one."""
-        return np.stack([s * bump(q_rad[:, j], 0.0) for s, j in zip(self.shares, (1, 2, 4), strict=True)], axis=1)
+        return np.stack(
+            [s * bump(q_rad[:, j], self.middle_rad) for s, j in zip(self.shares, (1, 2, 4), strict=True)], axis=1
+        )
 
     def apply(self, state: RobotState, *, size_rad: float) -> RobotState:
         errors = size_rad * self.error_rad(state.q_rad)
@@ -94,6 +97,36 @@ def test_an_effect_that_resembles_two_is_dropped_once_both_are_in_the_model() ->
     dataset = measured_with((ONE, 1e-3), (TWO, 2e-3))
     space = replace(SearchSpace.of(dataset), families=families_from((ONE, TWO, BLEND)))
     assert {effect.name for effect in search_stepwise(space, lambda line: None).steps[-1].selected} == {"one", "two"}
+
+
+@dataclass(frozen=True)
+class Waves:
+    """Error of one joint by two bumps of its angle: a family with a member for each of two joints."""
+
+    joint: int
+    name = "waves"
+    parameters = (
+        Parameter("low_rad", unit="rad", scale=3e-4),
+        Parameter("high_rad", unit="rad", scale=3e-4),
+    )
+
+    def apply(self, state: RobotState, *, low_rad: float, high_rad: float) -> RobotState:
+        q_rad = state.q_rad[:, self.joint]
+        return state.add_joint_error(self.joint, low_rad * bump(q_rad, -0.2) + high_rad * bump(q_rad, 0.2))
+
+
+@pytest.mark.slow
+def test_a_family_that_follows_another_cause_on_one_joint_gives_that_joint_up() -> None:
+    """Waves of two joints explain waves of the one and the other's single bump, all at once and so best."""
+    of_waves = ((replace(ONE, middle_rad=-0.2), 3e-3), (replace(ONE, middle_rad=0.2), -2e-3))
+    dataset = measured_with(*of_waves, (TWO, 2e-3))
+    families = (Family("waves", (Waves(1), Waves(2))), *families_from((TWO,)))
+    space = replace(SearchSpace.of(dataset), families=families)
+    steps = search_stepwise(space, lambda line: None).steps
+    assert [step.effect for step in steps] == [None, "waves", "two"]
+    waves, two = steps[-1].selected
+    assert [member.joint for member in waves.members] == [1]
+    assert two.members == (TWO,)
 
 
 def test_poses_inside_the_gap_of_a_step_test_nothing() -> None:
