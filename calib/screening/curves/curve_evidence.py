@@ -142,6 +142,9 @@ class CurveEvidence:
             return -fallen, logs
 
         widest = max(int(self.curve.order.max()), 1)
+        if len(starts) == 1:
+            value, logs = climb(starts[0].logs, _FIRST_STEPS + _LAST_STEPS)
+            return value, Spectrum(logs)
         tried = [climb(start.logs, _FIRST_STEPS) for start in starts]
         for bandwidth, slope in () if starts else _STARTS:
             size = usual + 0.5 * np.log(widest / min(bandwidth, widest))
