@@ -23,6 +23,7 @@ from calib.screening.nuisance import Nuisance, load_columns
 
 _KNOWN = 0.1  # a direction counts as fitted where the data determine it a tenth as well as the prior, or better
 _MOST_POSES_KEPT = 5000
+_MANY_ROWS = 600
 _KNOWN_OF_CURVES = 1.0  # with learned curves, which may have more parameters than there are equations
 
 
@@ -78,6 +79,21 @@ class ProjectedResidual(Brief):
             return self.basis, fitted
         uncertain = self.nuisance.directions
         return np.concatenate([self.basis, uncertain], axis=1), np.concatenate([fitted, self.nuisance.removed])
+
+    def in_free(self, columns: Array) -> Array:
+        """Projected columns (R, K), or a residual (R,), by fewer rows of the same lengths and angles, where these help.
+
+        They are coordinates in the directions that the fit leaves free.
+        """
+        free = self._free_directions
+        return columns if free is None else np.asarray(free.T @ columns)
+
+    @cached_property
+    def _free_directions(self) -> Array | None:
+        """Orthonormal directions (R, R - rank) besides the fitted ones; None for many rows, of which few would go."""
+        if len(self.basis) > _MANY_ROWS:
+            return None
+        return np.asarray(np.linalg.qr(self.basis, mode="complete")[0][:, self.basis.shape[1] :])
 
     def motion_columns(self, direction: Array, motion: Array) -> Array:
         """Changes (R, K) of the projected residual by K motions (N, K) of a joint at the used poses.
