@@ -133,7 +133,7 @@ class Worsening(Brief):
     after_mm: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Calibration(FittedResult, Presented):
     """A fitted model with its dataset, options, fit, and errors at the measurements before and after."""
 

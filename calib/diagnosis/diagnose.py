@@ -11,7 +11,7 @@ are learned.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Unpack
@@ -33,6 +33,7 @@ from calib.diagnosis.moves import (
     DropEffect,
     LeaveOutPoses,
     Move,
+    Search,
     ShapeNoise,
     Stop,
     Tell,
@@ -52,7 +53,7 @@ from calib.screening.candidates import MIN_LOG_BAYES_FACTOR
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.noise_search import noise_of_repeats, noise_of_residual
 from calib.screening.projected_residual import project_residual
-from calib.screening.residual_tests import ResidualTests
+from calib.screening.residual_tests import ResidualTests, is_too_large
 
 MAX_SIGMAS_SHAPED = 2.0  # residual over noise, up to which its shape may explain it
 MAX_OUTLIER_SHARE = 0.1  # share of poses that may stand out and still be called outliers
@@ -117,7 +118,7 @@ def whole_diagnosis(space: SearchSpace, tell: Tell) -> Diagnosis:
     first = first_fit(space)
     tell("holding joints, points and table against each other")
     model = Model((first,), suspicions=data_suspicions(space, first))
-    while not isinstance(move := next_move(space, model, tell), Diagnosis):
+    while not isinstance(move := next_move(space, model := model.ranked(space), tell), Diagnosis):
         model = model.after(move)
     return move
 
@@ -134,6 +135,10 @@ class Model:
     tests: ResidualTests | None = None  # of its residual, where they were done already
     suspicions: Suspicions | None = None  # on the data, where they were asked for already
     diagnosis: Diagnosis | None = None  # of it, where a move brought one
+
+    def ranked(self, space: SearchSpace) -> Model:
+        """The model with its last step screened, which all that follows then shares."""
+        return replace(self, steps=(*self.steps[:-1], space.ranked(self.steps[-1])))
 
     def after(self, move: Move) -> Model:
         """The model that results from a move (adding or dropping an effect, say)."""
@@ -220,18 +225,37 @@ def _closing_move(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> Move 
         # Only now, with the effects in: a few wrong points bend the fit and hide or feign a pattern in all others.
         tell("once more without the poses that stand out")
         rival = diagnosis.noise.rival if diagnosis.noise is not None else ""
-        rest = _searched(space.without(outliers), tell, rival)
-        if rest.is_clean and set(diagnosis.named) <= set(rest.named):
+        rest = _clean_after_search(space.without(outliers), tell, rival, diagnosis.named)
+        if rest is not None:
             return LeaveOutPoses(_of_all_poses(rest, outliers), outliers)
     return _curves_to_add(space.without(last.left_out), diagnosis, tell)
 
 
 def _searched(space: SearchSpace, tell: Tell, rival: str = "") -> Diagnosis:
     """Diagnosis at the end of a stepwise search that must not add the effect `rival`."""
-    search = search_stepwise(space, tell, rival)
+    return _judged(space, search_stepwise(space, tell, rival), tell, rival)
+
+
+def _judged(space: SearchSpace, search: Search, tell: Tell, rival: str) -> Diagnosis:
+    """Diagnosis of the model at which a search ended."""
     tell("judging what is left")
     diagnosis = diagnosis_of_model(space, search.steps, search.stop)
     return diagnosis if diagnosis.noise is None else replace(diagnosis, noise=replace(diagnosis.noise, rival=rival))
+
+
+def _clean_after_search(space: SearchSpace, tell: Tell, rival: str, named: Collection[str] = ()) -> Diagnosis | None:
+    """Diagnosis at the end of a search, as `_searched` makes it; None where it is not clean or lacks an effect.
+
+    named: effects that have to be in its model.
+    """
+    search = search_stepwise(space, tell, rival)
+    last, stop = search.steps[-1], search.stop
+    if not set(named) <= {effect.name for effect in last.selected} or stop.implausible or stop.left_to_curves:
+        return None
+    if not stop.contenders and is_too_large(last.calibration.dataset, project_residual(last.calibration)):
+        return None  # known before the long tests of its patterns
+    diagnosis = _judged(space, search, tell, rival)
+    return diagnosis if diagnosis.is_clean else None
 
 
 def _with_noise_as_shown(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> Diagnosis | None:
@@ -257,8 +281,8 @@ def _with_noise_as_shown(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -
     if shown is None:
         return None
     tell("once more with the noise as it is")
-    again = _searched(space.with_noise(shown.shape, start), tell, shown.rival)
-    return again if noise_is_believed(diagnosis, again) else None
+    again = _clean_after_search(space.with_noise(shown.shape, start), tell, shown.rival)
+    return again if again is not None and noise_is_believed(diagnosis, again) else None
 
 
 def noise_is_believed(before: Diagnosis, again: Diagnosis) -> bool:

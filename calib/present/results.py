@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache, singledispatch
-from importlib import metadata
+from importlib import import_module, metadata
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,9 +23,29 @@ if TYPE_CHECKING:
 FIGURES = "calib.figures"  # entry points of this group draw figures in notebooks: `Draw` of `present/html.py`
 
 
+_MAKERS = tuple(
+    f"calib.present.{name}"
+    for name in (
+        *("calibration", "changes", "checks", "corners", "correction", "dataset", "diagnosis", "fleets", "plans"),
+        *("redundancy", "tool_place", "validation"),
+    )
+)
+"""Modules that register what they make of a result; whoever tells of one kind has loaded its module alone."""
+
+
+def _loads_makers() -> bool:
+    """Load all modules that make presentations and documents; whether any was not loaded yet."""
+    missing = [name for name in _MAKERS if name not in sys.modules]
+    for name in missing:
+        import_module(name)
+    return bool(missing)
+
+
 @singledispatch
 def presentation(result: object) -> Presentation:
     """Presentation of a result as blocks."""
+    if _loads_makers():
+        return presentation(result)
     raise TypeError(f"nothing is told of a {type(result).__name__}")
 
 
@@ -35,6 +56,8 @@ def document(result: object) -> Mapping[str, Any]:
     A dataclass is the document of its fields. A field's metadata may give its key (`key="name"`), or keep it out
     (`key=None`).
     """
+    if _loads_makers():
+        return document(result)
     if not is_dataclass(result):
         raise TypeError(f"a {type(result).__name__} has no document")
     keys = {field.name: field.metadata.get("key", field.name) for field in fields(result)}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -21,6 +22,8 @@ from calib.fitting.position_residuals import PositionResiduals
 from calib.screening.nuisance import Nuisance, load_columns
 
 _KNOWN = 0.1  # a direction counts as fitted where the data determine it a tenth as well as the prior, or better
+_MOST_POSES_KEPT = 5000
+_MANY_ROWS = 600
 _KNOWN_OF_CURVES = 1.0  # with learned curves, which may have more parameters than there are equations
 
 
@@ -64,8 +67,33 @@ class ProjectedResidual(Brief):
 
     def visible(self, columns: Array) -> Array:
         """Columns (R, K) as the residual shows them: whitened, fitted directions out, uncertain ones scaled."""
-        projected = self.project(columns if self.whitening is None else self.whitening.apply(columns))
-        return projected if self.nuisance is None else self.nuisance.whitened(projected)
+        columns = columns if self.whitening is None else self.whitening.apply(columns)
+        directions, less = self._removed
+        return np.asarray(columns - directions @ (less[:, None] * (directions.T @ columns)))
+
+    @cached_property
+    def _removed(self) -> tuple[Array, Array]:
+        """Orthonormal directions (R, K), fitted and uncertain ones, and the share (K,) of each that is taken away."""
+        fitted = np.ones(self.basis.shape[1])
+        if self.nuisance is None:
+            return self.basis, fitted
+        uncertain = self.nuisance.directions
+        return np.concatenate([self.basis, uncertain], axis=1), np.concatenate([fitted, self.nuisance.removed])
+
+    def in_free(self, columns: Array) -> Array:
+        """Projected columns (R, K), or a residual (R,), by fewer rows of the same lengths and angles, where these help.
+
+        They are coordinates in the directions that the fit leaves free.
+        """
+        free = self._free_directions
+        return columns if free is None else np.asarray(free.T @ columns)
+
+    @cached_property
+    def _free_directions(self) -> Array | None:
+        """Orthonormal directions (R, R - rank) besides the fitted ones; None for many rows, of which few would go."""
+        if len(self.basis) > _MANY_ROWS:
+            return None
+        return np.asarray(np.linalg.qr(self.basis, mode="complete")[0][:, self.basis.shape[1] :])
 
     def motion_columns(self, direction: Array, motion: Array) -> Array:
         """Changes (R, K) of the projected residual by K motions (N, K) of a joint at the used poses.
@@ -80,8 +108,20 @@ class ProjectedResidual(Brief):
 def project_residual(calibration: Calibration) -> ProjectedResidual:
     """Projected residual of a calibration's measured positions, whichever kind of residual was fitted.
 
+    Screening, curves, gains and tests of one fit ask for it in turn, so the latest few are kept, unless they are large.
+
     Raises FitError where no degree of freedom is left.
     """
+    few = len(calibration.fitted_dataset.poses) <= _MOST_POSES_KEPT
+    return _kept_projection(calibration) if few else _projected(calibration)
+
+
+@lru_cache(maxsize=4)
+def _kept_projection(calibration: Calibration) -> ProjectedResidual:
+    return _projected(calibration)
+
+
+def _projected(calibration: Calibration) -> ProjectedResidual:
     model, x, dataset = calibration.model, calibration.fit.x, calibration.fitted_dataset
     observed = with_scanner_frames(Observations.of(dataset), model, x)
     residuals = PositionResiduals(model, observed)

@@ -29,6 +29,7 @@ STRUCTURE_LEVEL = 0.01
 WEAK_LEVEL = 0.004  # p of a single pattern, above which the residual's size has to speak too
 NOISES_SIZE = 1.1  # residual over noise, up to which it is as large as noise is
 OUTLIER_LEVEL = 0.002
+_TOO_LARGE_P = 0.01
 FAULT_EVIDENCE = 3.0  # log evidence from which a fault of one joint is reported
 _BLOCK = 3_000_000  # numbers of noise held at once
 
@@ -79,7 +80,7 @@ class ResidualTests(Brief):
     @property
     def too_large(self) -> bool:
         """Whether the residual is larger than noise, a declared sigma being taken as accurate to 25 %."""
-        return self.lack_of_fit_p is not None and self.lack_of_fit_p < 0.01
+        return self.lack_of_fit_p is not None and self.lack_of_fit_p < _TOO_LARGE_P
 
 
 @one_blas_thread()
@@ -100,6 +101,12 @@ def run_residual_tests(dataset: Dataset, projected: ProjectedResidual, *, draws:
         fault=fault if fault is not None and fault.log_evidence > FAULT_EVIDENCE else None,
         masses_evidence=0.0 if projected.nuisance is None else projected.nuisance.log_evidence,
     )
+
+
+def is_too_large(dataset: Dataset, projected: ProjectedResidual) -> bool:
+    """Whether a residual is larger than noise, as `ResidualTests.too_large`, without the other tests."""
+    lack = _lack_of_fit(dataset, projected)[0]
+    return lack is not None and lack < _TOO_LARGE_P
 
 
 def _noise(projected: ProjectedResidual, draws: int) -> Iterator[Array]:

@@ -22,18 +22,8 @@ from calib.present.correction import correction_blocks, correction_document
 from calib.present.diagnosis import diagnosis_document, diagnosis_presentation
 from calib.present.text import block_text
 from calib.present.text import text as plain_text
-from calib.present.validation import (
-    cross_validation_blocks,
-    cross_validation_verdict,
-    learning_curve_blocks,
-    learning_curve_verdict,
-    validation_document,
-)
 from calib.robot_formats.programs import is_point_list, require_point_list
 from calib.screening.curves.fitted_curves import effect_file_text
-from calib.validation.acceptance import check
-from calib.validation.cross_validation import cross_validate
-from calib.validation.learning_curve import learning_curve
 from inspector.cli.calibrate_command import fitted, loaded_effects, require_plausible
 from inspector.cli.dataset_commands import found_corners, load, measured, searched, show, without
 from inspector.cli.model_commands import correct_by_model, validate_model
@@ -57,6 +47,11 @@ def run_validate(options: ValidateOptions) -> int:
     """Cross-validate over poses, and measure the learning curve."""
     if options.model is not None:
         return validate_model(options, options.model)
+    # No other command here needs these
+    from calib.present import validation as told
+    from calib.validation.cross_validation import cross_validate
+    from calib.validation.learning_curve import learning_curve
+
     dataset = measured(load(options.path, options.leave_out, options.finder), orientation=options.residual == "pose")
     asked = options.fit_options()
     effects = effects_named(dataset, options.effect, loaded_effects(options.effects_file, dataset))
@@ -64,9 +59,9 @@ def run_validate(options: ValidateOptions) -> int:
         folds = cross_validate(dataset, asked, folds=options.folds, effects=effects, on_progress=on_progress)
         curve = learning_curve(dataset, asked, effects=effects, on_progress=on_progress)
     plan = [] if curve.flat_since is not None else [f"next: inspector plan {options.path} chooses those that help most"]
-    validated = block_text(*cross_validation_blocks(folds), cross_validation_verdict(folds))
-    learned = block_text(*learning_curve_blocks(curve), learning_curve_verdict(curve))
-    show(options, validation_document(folds, curve), "\n".join([validated, "", learned, *plan, *without(dataset)]))
+    validated = block_text(*told.cross_validation_blocks(folds), told.cross_validation_verdict(folds))
+    learned = block_text(*told.learning_curve_blocks(curve), told.learning_curve_verdict(curve))
+    show(options, told.validation_document(folds, curve), "\n".join([validated, "", learned, *plan, *without(dataset)]))
     return 0
 
 
@@ -187,6 +182,8 @@ def diagnosis_text(result: Diagnosis, poses: NextPoses | None) -> str:
 
 def run_check(options: CheckOptions) -> int:
     """Check corners, fit and diagnosis of each dataset; exit code 1 where one does not pass."""
+    from calib.validation.acceptance import check  # no other command here needs it
+
     results = []
     for folder in find_datasets(options.path):
         dataset = load_dataset(folder).leave_out(options.leave_out)

@@ -11,7 +11,6 @@ from calib.models.model_file import load_model
 from calib.options import DEFAULT_FOLDS
 from calib.present.correction import correction_blocks, correction_document
 from calib.present.text import block_text
-from calib.present.validation import saved_model_blocks, saved_model_document
 from calib.robot_formats.programs import is_point_list, require_point_list
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options import CorrectOptions, ValidateOptions
@@ -20,6 +19,8 @@ from inspector.cli.output_paths import check_outputs
 
 def validate_model(options: ValidateOptions, path: Path) -> int:
     """Print the errors of a saved model at a dataset's points, training and test poses apart."""
+    from calib.present.validation import saved_model_blocks, saved_model_document  # no other command here needs these
+
     _refuse_fit_options(options)
     dataset = load(options.path, finder=options.finder)
     model = load_model(path, options.effects_file)

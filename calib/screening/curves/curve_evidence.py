@@ -142,6 +142,9 @@ class CurveEvidence:
             return -fallen, logs
 
         widest = max(int(self.curve.order.max()), 1)
+        if len(starts) == 1:
+            value, logs = climb(starts[0].logs, _FIRST_STEPS + _LAST_STEPS)
+            return value, Spectrum(logs)
         tried = [climb(start.logs, _FIRST_STEPS) for start in starts]
         for bandwidth, slope in () if starts else _STARTS:
             size = usual + 0.5 * np.log(widest / min(bandwidth, widest))
@@ -185,19 +188,24 @@ class CurveEvidence:
         # B^T M^-1 B of each curve's columns B, M being 1 + X S^2 X^T, and of the residual.
         shown, less = self._whitened(spectrum, further)
         quadratic = float(shown[:, -1] @ shown[:, -1] - less[:, -1] @ less[:, -1])
-        out, start = [], 0
-        for end in further.ends:
-            mine, mine_less = shown[:, start:end], less[:, start:end]
-            square, turn = np.linalg.eigh(mine.T @ mine - mine_less.T @ mine_less)
-            along = (turn.T @ (mine.T @ shown[:, -1] - mine_less.T @ less[:, -1])) ** 2
-            unit = float(np.sqrt(quadratic / max(float(np.sum(square)), 1e-300)))
-            s2 = (unit * _BLOCK_SIZES[:, None]) ** 2
-            grow = 1.0 + s2 * np.maximum(square, 0.0)
-            rest = quadratic - np.sum(along * s2 / grow, axis=1)
-            values = -0.5 * self.dof * np.log(rest / quadratic) - 0.5 * np.sum(np.log(grow), axis=1)
-            best = int(np.argmax(values))
-            out.append((float(values[best]), float(np.log(unit * _BLOCK_SIZES[best]))))
-            start = end
+        towards = shown.T @ shown[:, -1] - less.T @ less[:, -1]
+        starts, widths = np.array([0, *further.ends[:-1]]), np.diff([0, *further.ends])
+        out = [(0.0, 0.0)] * len(widths)
+        for width in np.unique(widths):  # all curves of as many columns at once
+            alike = np.flatnonzero(widths == width)
+            own = starts[alike, None] + np.arange(width)  # (curves, width)
+            inner = _squares(shown[:, own]) - _squares(less[:, own])
+            square, turn = np.linalg.eigh(inner)
+            along = np.einsum("gwv,gw->gv", turn, towards[own]) ** 2
+            unit = np.sqrt(quadratic / np.maximum(np.sum(square, axis=1), 1e-300))
+            s2 = (unit[:, None] * _BLOCK_SIZES)[..., None] ** 2  # (curves, sizes, 1)
+            grow = 1.0 + s2 * np.maximum(square, 0.0)[:, None]
+            rest = quadratic - np.sum(along[:, None] * s2 / grow, axis=2)
+            values = -0.5 * self.dof * np.log(rest / quadratic) - 0.5 * np.sum(np.log(grow), axis=2)
+            best = np.argmax(values, axis=1)
+            log_sizes = np.log(unit * _BLOCK_SIZES[best])
+            for k, value, log_size in zip(alike, values.max(axis=1).tolist(), log_sizes.tolist(), strict=True):
+                out[k] = (value, log_size)
         return out
 
     def _whitened(self, spectrum: Spectrum | None, further: FurtherCurves) -> tuple[Array, Array]:
@@ -257,6 +265,12 @@ class CurvePosterior:
     prior_sigma: Array  # (K,) s, over the noise
     mean: Array  # (K,) posterior mean of each coefficient over its s
     quadratic: float  # r^T (1 + X S^2 X^T)^-1 r
+
+
+def _squares(columns: Array) -> Array:
+    """Gram matrices (G, W, W) of G sets of W columns (R, G, W)."""
+    by_set = np.moveaxis(columns, 0, 1)
+    return np.asarray(np.swapaxes(by_set, 1, 2) @ by_set)
 
 
 def _factor(inner: Array) -> Array:

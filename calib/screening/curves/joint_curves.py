@@ -148,10 +148,10 @@ def _members(
 
 def _evidence_of(chosen: list[_Candidate], projected: ProjectedResidual) -> CurveEvidence:
     empty = np.zeros(0, dtype=np.int64)
-    curve = CurveColumns(np.zeros((len(projected.residual), 0)), empty, empty, empty.astype(bool))
+    curve = CurveColumns(np.zeros((len(projected.in_free(projected.residual)), 0)), empty, empty, empty.astype(bool))
     for candidate in chosen:
         curve = curve.joined(candidate.columns)
-    return CurveEvidence(curve, -projected.residual, projected.dof)
+    return CurveEvidence(curve, -projected.in_free(projected.residual), projected.dof)
 
 
 def _over_angles(projected: ProjectedResidual) -> Iterator[_Candidate]:
@@ -196,7 +196,8 @@ def _candidate(
     projected: ProjectedResidual, direction: Array, joint: int, modes: CurveModes, shares: bool
 ) -> Iterator[_Candidate]:
     """Candidate curve; None where geometry could produce the same displacements."""
-    columns = projected.motion_columns(direction, modes.at(input_values(projected.state, modes.input)))
+    motions = modes.at(input_values(projected.state, modes.input))
+    columns = projected.in_free(projected.motion_columns(direction, motions))
     if float(np.linalg.norm(columns)) <= 1e-6 * float(np.linalg.norm(direction)):
         return
     order: IndexArray = np.repeat(modes.orders, 2)
@@ -232,7 +233,7 @@ def _formula(
         worth,
         name,
         input_values(projected.state, name),
-        lambda motions: projected.motion_columns(direction, motions),
+        lambda motions: projected.in_free(projected.motion_columns(direction, motions)),
     )
 
 
