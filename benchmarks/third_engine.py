@@ -156,7 +156,8 @@ def tell(rows: pd.DataFrame) -> None:
     of the installed catalogue, each is claimed; else what is not told is not passed over under a calm verdict. A cause
     that looks like noise is told by a shape of the noise, too. Undecidable by its data: also an open set that holds the
     truth. A table of a sister: also the finding that the table is wrong. left open: not exact, ambiguous with the truth
-    in the set. wrong suspect: an untrue name suspected, or an open set without a true one. calm, wrong: adequate, named or outliers with a wrong name or a cause untold.
+    in the set. wrong suspect: an untrue name suspected, or an open set without a true one. calm, wrong: adequate, named
+    or outliers with a wrong name or a cause untold.
     """
     print(
         f"{'class':16s}{'sets':>5s}" + "".join(f"{head:>15s}" for head in COLUMNS.values()) + f"{'held-out/true':>15s}"

@@ -124,7 +124,7 @@ def _mixture(count: int) -> Callable[[int, Rng], Plan]:
 
 
 CLASSES: dict[str, tuple[Callable[[int, Rng], Plan], int]] = {
-    "null": (lambda k, rng: Plan(tour=k % 3 == 1, setups=1 + k % 2), 12),
+    "nothing": (lambda k, rng: Plan(tour=k % 3 == 1, setups=1 + k % 2), 12),
     "catalogue": (lambda k, rng: _turn(CATALOGUE, k), 21),
     "deceptive": (lambda k, rng: _DECEPTIVE[k % len(_DECEPTIVE)], 10),
     "knocks": (lambda k, rng: _turn(KNOCKS, k), 10),
