@@ -134,6 +134,7 @@ def judged(row: pd.Series) -> pd.Series:
     return pd.Series(
         {
             "exact": exact,
+            "told": complete and not wrong and row["verdict"] in (CALM if count else ("adequate",)),
             "left_open": open_holds and not exact,
             "wrong_claim": wrong,
             "wrong_suspicion": bool(set(row["suspected"]) - right) or bool(open_set and not open_set & right),
@@ -144,6 +145,7 @@ def judged(row: pd.Series) -> pd.Series:
 
 COLUMNS = {
     "exact": "exact",
+    "told": "told",
     "left_open": "left open",
     "wrong_claim": "wrong claim",
     "wrong_suspicion": "wrong suspect",
@@ -166,8 +168,9 @@ def tell(rows: pd.DataFrame) -> None:
     of the installed catalogue, each is claimed; else what is not told is not passed over under a calm verdict. A cause
     that looks like noise is told by a shape of the noise, too. Undecidable by its data: also an open set that holds the
     truth. A table of a sister: also the finding that the table is wrong. left open: not exact, ambiguous with the truth
-    in the set. wrong suspect: an untrue name suspected, or an open set without a true one. calm, wrong: adequate, named
-    or outliers with a wrong name or a cause untold.
+    in the set. told: every cause claimed by a true name under a calm verdict, whatever the catalogue has today. wrong
+    suspect: an untrue name suspected, or an open set without a true one. calm, wrong: adequate, named or outliers with a
+    wrong name or a cause untold.
     """
     print(
         f"{'class':16s}{'sets':>5s}" + "".join(f"{head:>15s}" for head in COLUMNS.values()) + f"{'held-out/true':>15s}"
