@@ -169,8 +169,8 @@ def tell(rows: pd.DataFrame) -> None:
     that looks like noise is told by a shape of the noise, too. Undecidable by its data: also an open set that holds the
     truth. A table of a sister: also the finding that the table is wrong. left open: not exact, ambiguous with the truth
     in the set. told: every cause claimed by a true name under a calm verdict, whatever the catalogue has today. wrong
-    suspect: an untrue name suspected, or an open set without a true one. calm, wrong: adequate, named or outliers with a
-    wrong name or a cause untold.
+    suspect: an untrue name suspected, or an open set without a true one. calm, wrong: adequate, named or outliers with
+    a wrong name or a cause untold.
     """
     print(
         f"{'class':16s}{'sets':>5s}" + "".join(f"{head:>15s}" for head in COLUMNS.values()) + f"{'held-out/true':>15s}"
