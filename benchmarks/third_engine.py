@@ -16,6 +16,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -38,6 +39,15 @@ from tests.support.third_engine.folder import write_folder
 
 CALM = ("adequate", "named", "outliers")
 FRESH_SEED = 1000
+NOT_DIAGNOSED = {
+    "reason": "",
+    "noise_shaped": False,
+    "data_problem": False,
+    "error_over_true": np.nan,
+    "held_out_ratio": np.nan,
+    "parameters": "[]",
+    "seconds": np.nan,
+}
 
 
 def run(case: Case) -> dict[str, object]:
@@ -68,7 +78,7 @@ def run(case: Case) -> dict[str, object]:
     try:
         found = diagnose(dataset)
     except CalibError as error:
-        return row | {"verdict": f"refused: {error}", "missing": (), "suspected": (), "open": ()}
+        return row | {"verdict": f"refused: {error}", "missing": (), "suspected": (), "open": ()} | NOT_DIAGNOSED
     seconds = time.process_time() - start
     test, reachable = found.calibration.after.test, calibrate(freed).after.test
     return row | {
@@ -124,6 +134,7 @@ def judged(row: pd.Series) -> pd.Series:
     return pd.Series(
         {
             "exact": exact,
+            "told": complete and not wrong and row["verdict"] in (CALM if count else ("adequate",)),
             "left_open": open_holds and not exact,
             "wrong_claim": wrong,
             "wrong_suspicion": bool(set(row["suspected"]) - right) or bool(open_set and not open_set & right),
@@ -134,6 +145,7 @@ def judged(row: pd.Series) -> pd.Series:
 
 COLUMNS = {
     "exact": "exact",
+    "told": "told",
     "left_open": "left open",
     "wrong_claim": "wrong claim",
     "wrong_suspicion": "wrong suspect",
@@ -156,7 +168,9 @@ def tell(rows: pd.DataFrame) -> None:
     of the installed catalogue, each is claimed; else what is not told is not passed over under a calm verdict. A cause
     that looks like noise is told by a shape of the noise, too. Undecidable by its data: also an open set that holds the
     truth. A table of a sister: also the finding that the table is wrong. left open: not exact, ambiguous with the truth
-    in the set. wrong suspect: an untrue name suspected, or an open set without a true one. calm, wrong: adequate, named or outliers with a wrong name or a cause untold.
+    in the set. told: every cause claimed by a true name under a calm verdict, whatever the catalogue has today. wrong
+    suspect: an untrue name suspected, or an open set without a true one. calm, wrong: adequate, named or outliers with
+    a wrong name or a cause untold.
     """
     print(
         f"{'class':16s}{'sets':>5s}" + "".join(f"{head:>15s}" for head in COLUMNS.values()) + f"{'held-out/true':>15s}"
@@ -205,22 +219,27 @@ def tell_failures(rows: pd.DataFrame) -> None:
         print(f"{mark:6s}{row.kind} {row.number}: {hidden} | {at} -> {row.verdict}: {told}")
 
 
-def results(asked: Iterable[Case], workers: int = 1) -> pd.DataFrame:
-    """Judged rows of all cases."""
-    asked = list(asked)
-    if workers > 1:
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            found = list(pool.map(run, asked, chunksize=2))
-    else:
-        found = []
-        for k, case in enumerate(asked):
+def results(asked: Iterable[Case], workers: int = 1, out: Path | None = None) -> pd.DataFrame:
+    """Judged rows of all cases, the first number of every class before the second. `out` is written after each case."""
+    asked = sorted(asked, key=lambda case: case.number)
+    found: list[dict[str, object]] = []
+    rows = pd.DataFrame()
+    with ExitStack() as stack:
+        if workers > 1:
+            pool = stack.enter_context(ProcessPoolExecutor(workers, mp_context=get_context("spawn")))
+            done: Iterable[dict[str, object]] = pool.map(run, asked, chunksize=2)
+        else:
+            done = map(run, asked)
+        for row in done:
+            found.append(row)
+            rows = pd.DataFrame(found)
+            rows = pd.concat([rows, rows.apply(judged, axis=1)], axis=1)
+            if out is not None:
+                told = rows.map(lambda value: " ".join(map(str, value)) if isinstance(value, tuple) else value)
+                told.to_csv(out, index=False)
             if sys.stderr.isatty():
-                print(f"\r{k} of {len(asked)}", end="", file=sys.stderr)
-            found.append(run(case))
-    rows = pd.DataFrame(found)
-    for column in ("noise_shaped", "data_problem"):
-        rows[column] = rows[column].eq(True)
-    return pd.concat([rows, rows.apply(judged, axis=1)], axis=1)
+                print(f"\r{len(found)} of {len(asked)}", end="", file=sys.stderr)
+    return rows
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -243,10 +262,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             print(write_folder(simulate(case), options.folders / name))
         return
     start = time.perf_counter()
-    rows = results(asked, options.workers)
-    if options.out:
-        told = rows.map(lambda value: " ".join(map(str, value)) if isinstance(value, tuple) else value)
-        told.to_csv(options.out, index=False)
+    rows = results(asked, options.workers, options.out)
     tell(rows)
     tell_failures(rows)
     print(f"{len(rows)} sets in {time.perf_counter() - start:.0f} s, seed {options.seed}")

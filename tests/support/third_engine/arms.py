@@ -84,7 +84,7 @@ def erring(build: Build, rng: np.random.Generator, length_mm: float, angle_rad: 
         build,
         axis=Motion.about(turn, np.zeros(3)).pointing(build.axis),
         through=build.through + length_mm * rng.standard_normal((n, 3)),
-        zero=np.where(build.slides, length_mm, angle_rad) * rng.standard_normal(n),
+        zero=build.zero + np.where(build.slides, length_mm, angle_rad) * rng.standard_normal(n),
         tool=build.tool + length_mm * rng.standard_normal(3),
     )
 

@@ -72,6 +72,7 @@ class Plan:
     narrow: float = 1.0
     mass_factor: float = 1.0
     sister: str = ""  # "link" or "flange": the table of another make of the same family
+    visible: float = 3.5  # median size of a cause, in sigmas
     undecidable: bool = False  # by these data: an open set that holds the truth is right too
 
 
@@ -124,12 +125,12 @@ def _mixture(count: int) -> Callable[[int, Rng], Plan]:
 
 
 CLASSES: dict[str, tuple[Callable[[int, Rng], Plan], int]] = {
-    "null": (lambda k, rng: Plan(tour=k % 3 == 1, setups=1 + k % 2), 12),
+    "nothing": (lambda k, rng: Plan(tour=k % 3 == 1, setups=1 + k % 2), 12),
     "catalogue": (lambda k, rng: _turn(CATALOGUE, k), 21),
     "deceptive": (lambda k, rng: _DECEPTIVE[k % len(_DECEPTIVE)], 10),
     "knocks": (lambda k, rng: _turn(KNOCKS, k), 10),
     "payload unsaid": (lambda k, rng: Plan(("joint_compliance", "payload_step")), 8),
-    "bent link": (lambda k, rng: Plan(("link_step",)), 8),
+    "bent link": (lambda k, rng: Plan(("link_step",), visible=2.2), 8),
     "counterbalance": (lambda k, rng: Plan(("joint_compliance", "counterbalance"), undecidable=True), 8),
     "path friction": (_friction, 8),
     "motor heat": (lambda k, rng: Plan(("motor_heat",), tour=k % 2 == 1), 8),
@@ -247,7 +248,7 @@ def _hidden(plan: Plan, session: Session, sigma_mm: float, rng: Rng) -> tuple[tu
     hidden: list[tuple[Cause, float]] = []
     unsaid = bool(set(plan.laws) & set(UNSAID))
     for law in plan.laws:
-        visible = float(np.clip(3.5 * np.exp(0.6 * rng.standard_normal()), 1.5, 12.0))
+        visible = float(np.clip(plan.visible * np.exp(0.6 * rng.standard_normal()), 1.5, 12.0))
         if law == "joint_compliance" and unsaid:
             joints = rng.uniform(0.6, 1.4, session.make.n)
             cause, visible = load_laws.joint_compliance(session, rng, joints=joints), rng.uniform(6.0, 25.0)
@@ -258,7 +259,7 @@ def _hidden(plan: Plan, session: Session, sigma_mm: float, rng: Rng) -> tuple[tu
         if law == "counterbalance":
             size = hidden[0][1] * rng.uniform(0.3, 0.8)
         elif law == "payload_step":
-            size = rng.uniform(2.0, 7.0)
+            size = float(np.exp(rng.uniform(np.log(0.7), np.log(7.0))))  # 7 to 70 % of what the arm may carry
         else:
             size = min(session.size_for(cause, visible * sigma_mm, hidden), MOST.get(law, 30.0))  # nan stays
         if not np.isfinite(size) or not _physical(cause, size):

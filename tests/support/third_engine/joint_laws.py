@@ -143,7 +143,7 @@ def following(session: Session, rng: Rng) -> Cause:
     way = -np.sign(session.travel) * (mix + (1.0 - mix) * far ** rng.uniform(0.6, 1.0))
     share = carriers(session, rng, way, most=3)
     names = ("following_error", "backlash", "path_friction")
-    return joint_cause("following", lambda s, here: share * way, names)
+    return joint_cause("following", lambda s, here: share * way, names, outside=True)
 
 
 def _along_path(session: Session, step: Callable[[Array, Array], Array]) -> Array:
@@ -181,7 +181,7 @@ def dahl_friction(session: Session, rng: Rng) -> Cause:
 
 def play_operator(session: Session, rng: Rng) -> Cause:
     """A spring and a dry slider, several of different widths (Maxwell's slip): hysteresis without rate."""
-    width = np.array([0.2, 0.6, 1.5])[:, None] * np.median(np.abs(session.travel), axis=0)
+    width = np.array([0.15, 0.4, 0.9])[:, None] * np.median(np.abs(session.travel), axis=0)
     total = np.zeros_like(session.q)
     for w in width + 1e-9:
         total -= _along_path(session, lambda state, move, w=w: np.clip(state + move, -w, w)) / w / len(width)

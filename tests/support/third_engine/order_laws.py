@@ -184,14 +184,14 @@ def lagging_growth(session: Session, rng: Rng) -> Cause:
         step = session.time_s[k] - session.time_s[max(k - 1, 0)]
         state = session.temperature_c[k] + (state - session.temperature_c[k]) * np.exp(-step / lag)
         course[k] = state - 20.0
-    return _grown("lagging_growth", course)
+    return _grown("lagging_growth", course, outside=True)
 
 
-def _grown(law: str, course: Array) -> Cause:
+def _grown(law: str, course: Array, *, outside: bool = False) -> Cause:
     def flex(s: Session, here: Stance, size: float) -> Flex:
         return replace(s.still, growth=1e-5 * size * course)
 
-    return Cause(law, ("thermal_growth",), flex)
+    return Cause(law, ("thermal_growth",), flex, outside=outside)
 
 
 def motor_heat(session: Session, rng: Rng) -> Cause:
