@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from concurrent.futures import Future
+from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass, replace
 
 from calib.calibration.result import Calibration
@@ -89,7 +89,7 @@ class Ranking:
             return None
         try:
             known = yield from until_done(ahead.judged, lambda: self._shown.session.calibration is session.calibration)
-        except CalibError:  # it is told where the model itself is judged
+        except (CalibError, CancelledError):  # an error is told where the model itself is judged
             return None
         return None if known is None else sessions.judged_as(session, known)
 
