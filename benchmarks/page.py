@@ -6,9 +6,10 @@ The server runs in a process of its own; but for frames, this one is a page that
 (tests/support/wire_client.py) and takes the time until the last message of an answer is there and decoded. The
 browser's own time comes on top. Scans are corners of 60 mm edges with 0.02 mm noise, at the places of a simulated RB5,
 written straight to a temporary folder: it is the server that is tried, not the scanner. `peak` is the server's largest
-resident memory, interpreter and libraries included. Frames are those of requestAnimationFrame while the mouse turns the camera; the renderer is named, since one
-without a graphics card says little of one with. "after 3 s": the advised model is judged while its advice is read.
-`processor` is the time that the server itself used, whoever else was busy on the machine."""
+resident memory, interpreter and libraries included. Frames are those of requestAnimationFrame while the mouse turns the
+camera; the renderer is named, since one without a graphics card says little of one with. "after 3 s": the advised model
+is judged while its advice is read. `processor` is the time that the server itself used, whoever else was busy on the
+machine."""
 
 from __future__ import annotations
 
