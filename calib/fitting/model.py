@@ -133,9 +133,11 @@ class Model(Brief):
         start = RobotState.nominal(self.robot, poses, seen)
         if self.loads_of is None:
             return start
-        if not self._loaded or self._loaded[0].poses is not poses:  # a fit asks for the same poses again and again
-            self._loaded[:] = [RobotState.nominal(self.loads_of, poses)]
-        return start.with_loads_at(self._loaded[0])
+        loaded = self._loaded[0] if self._loaded else None
+        if loaded is None or loaded.poses is not poses:  # a fit asks for the same poses again and again
+            loaded = RobotState.nominal(self.loads_of, poses)
+            self._loaded[:] = [loaded]
+        return start.with_loads_at(loaded)
 
     def _states(self, x: ArrayLike, poses: Poses, seen: Seen | None) -> list[RobotState]:
         """Robot states before each effect is applied, in order, and after the last effect."""

@@ -102,6 +102,28 @@ def _with_next_move(session: Session, model: Model) -> Session:
     return replace(session, advice=advice, diagnosis=None, next_poses=None)
 
 
+def after_advised(session: Session) -> Session:
+    """Session after the advised effect was added, with its ranking, its tests and its own advice or verdict."""
+    assert session.advice is not None
+    return with_residual_tests(with_ranking(with_effect(session, session.advice.effect)))
+
+
+def judged_as(session: Session, known: Session) -> Session:
+    """Session with ranking, tests and verdict that are known of the same fit."""
+    assert session.calibration is known.calibration
+    return replace(
+        session,
+        screening=known.screening,
+        steps=(*session.steps[:-1], replace(session.steps[-1], screening=known.screening)),
+        pose_errors=known.pose_errors,
+        residual_tests=known.residual_tests,
+        advice=known.advice,
+        diagnosis=known.diagnosis,
+        next_poses=known.next_poses,
+        separations={},
+    )
+
+
 def search_space(session: Session) -> SearchSpace:
     """Search space for the automatic diagnosis, with the data, options and effects of the model on show."""
     options = _calibrated(session).options

@@ -61,6 +61,7 @@ class ModelController:
     def close(self) -> None:
         """End the threads."""
         self._shown.close()
+        self._ranking.close()
         self._labelling.close()
 
     @property

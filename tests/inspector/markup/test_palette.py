@@ -6,6 +6,7 @@ from itertools import combinations, product
 
 import pytest
 
+from calib.present.colours import CURVES, EFFECTS, LINKS, NOISE, UNEXPLAINED
 from inspector.markup.parts.palette import (
     BESIDE_COLOURS,
     HIGHLIGHT,
@@ -44,6 +45,14 @@ def test_colours_of_one_kind_are_told_apart_at_a_glance(colours: dict[str, str],
 def test_points_are_told_from_arrows(eyes: str) -> None:
     for one, other in product(ROLE_COLOURS.values(), MODEL_COLOURS.values()):
         assert difference(one, other, eyes) >= 20.0, (one, other)
+
+
+@pytest.mark.parametrize("eyes", EYES)
+def test_learned_curves_are_told_from_their_neighbours_and_from_the_roles_of_poses(eyes: str) -> None:
+    for other in (LINKS, *EFFECTS[:2], NOISE, UNEXPLAINED, *ROLE_COLOURS.values()):
+        assert difference(CURVES, other, eyes) >= 20.0, other
+    assert contrast(CURVES, LIGHT) >= 3.0
+    assert contrast(CURVES, DARK_PANEL) >= 3.0
 
 
 def test_eyes_see_what_is_known_of_them() -> None:
