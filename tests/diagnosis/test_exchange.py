@@ -99,20 +99,21 @@ def test_an_effect_that_resembles_two_is_dropped_once_both_are_in_the_model() ->
     assert {effect.name for effect in search_stepwise(space, lambda line: None).steps[-1].selected} == {"one", "two"}
 
 
+MIDDLES_RAD = (-0.6, -0.2, 0.2, 0.6)
+
+
 @dataclass(frozen=True)
 class Waves:
-    """Error of one joint by two bumps of its angle: a family with a member for each of two joints."""
+    """Error of one joint by four bumps of its angle: a family with a member for each of two joints."""
 
     joint: int
     name = "waves"
-    parameters = (
-        Parameter("low_rad", unit="rad", scale=3e-4),
-        Parameter("high_rad", unit="rad", scale=3e-4),
-    )
+    parameters = tuple(Parameter(f"bump{k}_rad", unit="rad", scale=3e-4) for k in range(len(MIDDLES_RAD)))
 
-    def apply(self, state: RobotState, *, low_rad: float, high_rad: float) -> RobotState:
+    def apply(self, state: RobotState, **sizes_rad: float) -> RobotState:
         q_rad = state.q_rad[:, self.joint]
-        return state.add_joint_error(self.joint, low_rad * bump(q_rad, -0.2) + high_rad * bump(q_rad, 0.2))
+        error_rad = sum(size * bump(q_rad, at) for size, at in zip(sizes_rad.values(), MIDDLES_RAD, strict=True))
+        return state.add_joint_error(self.joint, np.asarray(error_rad))
 
 
 @pytest.mark.slow
