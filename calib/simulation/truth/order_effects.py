@@ -182,6 +182,7 @@ class LinkStep(SampledEffect):
         along_mm = np.stack([in_frame(end, end[:, :3, 3] - axis[:, :3, 3])[0] for axis, end in ends])
         long = np.linalg.norm(along_mm, axis=1) >= 100.0
         long[-2:] = False
+        long &= np.cumsum(cell.nominal.is_revolute) > 0  # on slides alone it is a knock of the scanner
         if not long.any():
             raise CalibError(f"link_step: no link of {cell.nominal.name} is 100 mm long")
         turn_rad = 1e-3 * np.cross(rng.standard_normal(along_mm.shape), along_mm / 400.0)
