@@ -366,7 +366,7 @@ class Counterbalance(ShapedEffect):
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Turns by the parts of the force that grow with the spring's length, and that do not."""
-        place = f"{'minus' if self.dead_centre_deg < 0 else ''}{abs(self.dead_centre_deg)}deg_{self.ratio_pct}pct"
+        place = f"{self.dead_centre_deg}deg_{self.ratio_pct}pct"
         return (
             Parameter(f"spring_from_{place}_rad", "rad", 3e-4, "turn by the spring's rate"),
             Parameter(f"force_from_{place}_rad", "rad", 3e-4, "turn by its constant force"),
@@ -387,7 +387,7 @@ class Counterbalance(ShapedEffect):
             return Family(
                 cls.name, (), "joint 2 does not turn across joint 1", "nothing: no weight has to be balanced there"
             )
-        members = tuple(cls(1, deg, pct) for deg in range(-180, 180, 10) for pct in BALANCER_RATIOS_PCT)
+        members = tuple(cls(1, deg, pct) for deg in range(0, 360, 10) for pct in BALANCER_RATIOS_PCT)
         return Family(cls.name, members, sparse=True, most_members=1)
 
 

@@ -217,6 +217,39 @@ class WarmUp(SampledEffect):
 
 
 @dataclass(frozen=True, eq=False)
+class PathFriction(SampledEffect):
+    """Friction that remembers: dq_j = h_j z_j, z_j driven in small steps along straight ways through all poses.
+
+    dz/dq = (1 - z sign(dq)) / length, integrated by Runge and Kutta's midpoint rule.
+    """
+
+    name = "path_friction"
+    magnitude_fields = ("h_rad",)
+    h_rad: Array  # (n,)
+    length_rad: float
+
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        wound = np.zeros_like(arm.q)
+        for j in np.flatnonzero(self.h_rad).tolist():
+            z = 0.0
+            for k in range(1, len(arm.commanded)):
+                way = arm.commanded[k, j] - arm.commanded[k - 1, j]
+                steps = 1 + int(50.0 * abs(way) / self.length_rad)
+                step, side = way / steps / self.length_rad, np.sign(way)
+                for _ in range(steps):
+                    middle = z + 0.5 * step * (1.0 - z * side)
+                    z += step * (1.0 - middle * side)
+                wound[k, j] = z
+        return replace(arm, q=arm.q + self.h_rad * wound)
+
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """Friction in one joint, forgotten after a way of 10 to 60 degrees."""
+        length_rad = float(np.radians(np.exp(rng.uniform(np.log(10.0), np.log(60.0)))))
+        return cls(one_joint(cell, rng, lambda size: cls(size, length_rad)), length_rad)
+
+
+@dataclass(frozen=True, eq=False)
 class FollowingError(SampledEffect):
     """Joints read while still moving: dq_j = k_j times the motion from the previous pose, 0 at the first."""
 
