@@ -11,6 +11,7 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import family_of
 from calib.effects.catalogue.friction import PathFriction, hysteresis
+from calib.effects.catalogue.thermal import workload
 from calib.effects.effect import Parameter, families_from
 from calib.effects.state import RobotState
 from calib.simulation.simulate import simulate_dataset
@@ -83,3 +84,29 @@ def test_friction_is_told_from_following_and_a_users_effect_knows_as_much() -> N
     own = families_from([WoundUp(joint) for joint in range(6)])
     candidates = {c.name: c for c in diagnose(dataset, user_effects=own).steps[0].screening.candidates}  # type: ignore[union-attr]
     assert candidates["wound_up"].log_evidence > 0.8 * candidates["path_friction"].log_evidence
+
+
+def test_heat_is_a_running_average_of_speed() -> None:
+    """The response to one move, and to even work for a long time."""
+    time_s = np.array([0.0, 10.0, 310.0])
+    heat = workload(np.array([0.0, 1.0, 1.0]), time_s, 300.0)
+    assert heat[0] == 0.0
+    assert heat[1] == pytest.approx(0.1 * (1.0 - np.exp(-10.0 / 300.0)))
+    assert heat[2] == pytest.approx(heat[1] * np.exp(-1.0))
+    even = workload(0.02 * np.arange(0.0, 9000.0, 30.0), np.arange(0.0, 9000.0, 30.0), 300.0)
+    assert even[-1] == pytest.approx(0.02)
+
+
+@pytest.mark.slow
+def test_the_heat_of_one_motor_is_told_from_drift_and_steps() -> None:
+    dataset = simulate_dataset(
+        builtin_robot("panda"),
+        rng=np.random.default_rng([77, 3]),
+        effects=(("motor_heat", 2.0),),
+        poses=80,
+        conditions=True,
+        noise_mm=0.05,
+    ).dataset
+    assert diagnose(dataset).missing == ("motor_heat",)
+    without = replace(dataset, poses=replace(dataset.poses, time_s=None))
+    assert family_of(without, "motor_heat").why_not == "poses.csv has no time_s"

@@ -250,6 +250,50 @@ class PathFriction(SampledEffect):
 
 
 @dataclass(frozen=True, eq=False)
+class MotorHeat(SampledEffect):
+    """Motors heated by their own moves: each move of w rad warms motor j by w, which cools off exponentially.
+
+    A share of the heat goes with a fast time constant, the winding's, the rest with a slow one, the casting's. Its
+    joint turns by `turn_rad` and its link's end moves out along the link by `growth` of its length, times the heat.
+    """
+
+    name = "motor_heat"
+    needs_conditions = True
+    magnitude_fields = ("turn_rad", "growth")
+    turn_rad: Array  # (n,)
+    growth: Array  # (n,)
+    cooling_s: Array  # (2,) winding, casting
+    fast: float  # share of the winding
+
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        time_s = needed(arm.conditions.time_s, "the time", self)
+        moved = np.abs(np.diff(arm.commanded, axis=0))  # (N - 1, n)
+        middle_s = 0.5 * (time_s[1:] + time_s[:-1])  # a move's heat comes in the middle of its time
+        since_s = time_s[:, None] - middle_s
+        rates = [np.where(since_s > 0.0, np.exp(-since_s / s) / s, 0.0) @ moved for s in self.cooling_s]
+        heat = self.fast * rates[0] + (1.0 - self.fast) * rates[1]
+        shift_mm = arm.link_shift_mm.copy()
+        rigid = Arm.commanded_to(arm.robot, arm.commanded, arm.conditions)
+        for j in np.flatnonzero(self.growth).tolist():
+            end = rigid.base_T_straight[j]
+            shift_mm[:, j] += (self.growth[j] * heat[:, j])[:, None] * in_frame(
+                end, end[:, :3, 3] - rigid.base_T_axis[j][:, :3, 3]
+            )
+        return replace(arm, q=arm.q + self.turn_rad * heat, link_shift_mm=shift_mm)
+
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """Heat of one motor, most of it in its winding or most of it in the casting."""
+        cooling_s = np.array([rng.uniform(200.0, 500.0), rng.uniform(2000.0, 4000.0)])
+        fast, growth = float(rng.choice([0.15, 0.85])), rng.uniform(0.3, 1.0)
+
+        def make(size: Array) -> SampledEffect:
+            return cls(size, growth * np.abs(size), cooling_s, fast)
+
+        return make(one_joint(cell, rng, make))
+
+
+@dataclass(frozen=True, eq=False)
 class FollowingError(SampledEffect):
     """Joints read while still moving: dq_j = k_j times the motion from the previous pose, 0 at the first."""
 
