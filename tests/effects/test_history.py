@@ -12,6 +12,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import family_of
 from calib.effects.catalogue.friction import PathFriction, hysteresis
 from calib.effects.catalogue.thermal import workload
+from calib.effects.catalogue.user_file import check_effects
 from calib.effects.effect import Parameter, families_from
 from calib.effects.state import RobotState
 from calib.simulation.simulate import simulate_dataset
@@ -110,3 +111,21 @@ def test_the_heat_of_one_motor_is_told_from_drift_and_steps() -> None:
     assert diagnose(dataset).missing == ("motor_heat",)
     without = replace(dataset, poses=replace(dataset.poses, time_s=None))
     assert family_of(without, "motor_heat").why_not == "poses.csv has no time_s"
+
+
+class Wave:
+    """As in a user's file: at size zero the phase does nothing."""
+
+    parameters = (Parameter("size_rad", unit="rad", scale=1e-4), Parameter("phase_rad", unit="rad", scale=1.0))
+
+    def apply(self, state: RobotState, *, size_rad: float, phase_rad: float) -> RobotState:
+        return state.add_joint_error(0, size_rad * np.sin(state.q_rad[:, 0] + phase_rad))
+
+
+def test_a_users_parameter_without_a_derivative_at_zero_is_noted() -> None:
+    state = RobotState.nominal(DATASET.robot, DATASET.poses)
+    (wave,) = check_effects([Wave()], state)
+    assert wave.note.startswith("phase_rad changes nothing to first order while all parameters are zero")
+    assert "sine and a cosine" in wave.note
+    (wound,) = check_effects([WoundUp(1)], state)
+    assert wound.note == ""
