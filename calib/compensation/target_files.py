@@ -63,6 +63,7 @@ def load_targets(path: Path, robot: Robot) -> Targets:
         setup=np.full(len(file), ""),
         scan_names=("",) * len(file),
         extra=file.rest(["pose", *columns, *CONDITIONS, *approach_columns(robot)]),
+        selected_from=None,
         **load_conditions(file, robot),
     )
     return Targets(poses.measured_later(), file)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -99,6 +100,8 @@ class Poses(Brief):
     not given: by time_s, else by row."""
     came_from: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """(N, n) joints of the pose measured before, of the first its own. Where it is not given, by `order`."""
+    selected_from: Poses | None = None
+    """All poses of the measurement, where these are some of them; dropped where `came_from` is not given."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "extra", FurtherColumns.of(self.extra))
@@ -108,6 +111,7 @@ class Poses(Brief):
             )
             object.__setattr__(self, "order", np.argsort(rows).astype(float))
         if len(self.came_from) != len(self.ids):
+            object.__setattr__(self, "selected_from", None)
             sequence = np.argsort(self.order, kind="stable")
             came_from = np.array(self.q, dtype=float)
             came_from[sequence[1:]] = self.q[sequence[:-1]]
@@ -145,7 +149,25 @@ class Poses(Brief):
             extra=self.extra.select(rows),
             order=self.order[rows],
             came_from=self.came_from[rows],
+            selected_from=self.selected_from or self,
         )
+
+    @cached_property
+    def sequence(self) -> Poses:
+        """All poses of the measurement in the order they were measured, used or not: what a history is made of.
+
+        Those that a fit does without are in it: test poses, poses that were left out, poses without a point.
+        """
+        measured = self.selected_from or self
+        return replace(measured.select(np.argsort(measured.order, kind="stable")), selected_from=None)
+
+    def from_sequence(self, values: Array) -> Array:
+        """Rows (N, ...) of values (L, ...) of `sequence` at these poses; 0 at poses `measured_later`."""
+        place = np.searchsorted(self.sequence.order, self.order)
+        later = ~np.isfinite(self.order)
+        found = np.array(values[np.where(later, 0, np.minimum(place, len(values) - 1))], dtype=float)
+        found[later] = 0.0
+        return found
 
     def measured_later(self) -> Poses:
         """These poses as if measured after all fitted ones, so that effects of pose order keep their last value."""

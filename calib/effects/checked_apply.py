@@ -104,6 +104,7 @@ def _arrays_of(state: RobotState) -> tuple[np.ndarray, ...]:
         poses.q,
         poses.order,
         poses.came_from,
+        poses.sequence.q,
     )
     return (*arrays, *(array for array in optional if array is not None))
 

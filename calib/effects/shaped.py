@@ -144,6 +144,23 @@ class LinkBend:
 
 
 @dataclass(frozen=True)
+class HeatOfMotor:
+    """A motor's heat at its own joint: an offset of theta, rad, and a growth of the link's a and d."""
+
+    joint: int  # revolute
+    width = 2
+
+    def act(self, state: RobotState, amounts: Array) -> RobotState:
+        """Robot state with the joint's error added and its link longer."""
+        nominal = state.robot.table[self.joint]
+        state = state.add_joint_error(self.joint, amounts[:, 0])
+        for column, kind in ((0, "a"), (2, "d")):
+            if nominal[column] != 0.0:
+                state = state.add_link_error(self.joint, kind, amounts[:, 1] * nominal[column])
+        return state
+
+
+@dataclass(frozen=True)
 class Growth:
     """A growth of all lengths: a and d times 1 + amount."""
 

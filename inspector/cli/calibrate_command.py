@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from calib.diagnosis.search_space import add_in_turn
 from calib.effects.catalogue import effects_named
 from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Family
-from calib.errors import CalibError
+from calib.errors import CalibError, visible
 from calib.fitting.observations import nominal_state
 from calib.models.exported_table import ExportedTable, exported_table, require_template_of
 from calib.present.calibration import (
@@ -42,10 +43,14 @@ SCENE_ARROWS = 100.0  # how many times longer residuals are drawn in a scene's f
 
 
 def loaded_effects(effects_file: Path | None, dataset: Dataset) -> tuple[Family, ...]:
-    """Families of the file given by --effects-file."""
+    """Families of the file given by --effects-file; what it does not do well is told on stderr."""
     if effects_file is None:
         return ()
-    return load_effects(effects_file, nominal_state(dataset))
+    families = load_effects(effects_file, nominal_state(dataset))
+    for family in families:
+        if family.note:
+            print(visible(f"inspector: warning: {effects_file}: effect {family.name}: {family.note}"), file=sys.stderr)
+    return families
 
 
 def fitted(

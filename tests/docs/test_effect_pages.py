@@ -18,6 +18,7 @@ from calib.effects.effect import CatalogueEffect
 from calib.simulation.simulate import simulate_dataset
 
 DOCS = Path(__file__).parents[2] / "docs"
+HAVE_TWINS = ("counterbalance",)  # that waves of the same joint follow exactly, so that an open set is right
 pytestmark = pytest.mark.slow
 
 
@@ -62,6 +63,9 @@ def test_what_a_page_has_one_try_finds_the_effect(kind: type[CatalogueEffect]):
     """The commands of *Try it*: what they simulate shares no code with what looks for it."""
     simulated = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(1), effects=(kind.name,))
     found = diagnose(simulated.dataset)
+    if kind.name in HAVE_TWINS and found.verdict == "ambiguous":
+        assert kind.name in found.ambiguous_set
+        return
     assert found.missing == ((kind.name,) if kind.testable else ())
     assert found.verdict == ("named" if kind.testable else "adequate")
 

@@ -89,6 +89,7 @@ def load_poses(path: Path, robot: Robot, units: DeclaredUnits = NOT_DECLARED) ->
         setup=np.array(names(file, "setup", allow_empty=True) if "setup" in file else [""] * len(ids)),
         scan_names=tuple(names(file, "scan") if "scan" in file else [f"{pose_id}.ply" for pose_id in ids]),
         extra=file.rest(known),
+        selected_from=None,
         **conditions,
     )
     return poses, warnings

@@ -18,6 +18,7 @@ from calib.kinematics.robot import Robot
 
 DENT_WIDTHS_DEG = (4, 7, 12, 20)  # standard deviations of a dent's shape
 FEWEST_INSIDE = 3  # training poses within 1.2 of them: with fewer a dent is only an outlier
+BALANCER_RATIOS_PCT = (20, 30, 40, 55, 70)  # of the distances of a balancing spring's ends from the joint's axis
 HIGH_ORDERS = range(4, 21)
 _COUNTED = "gear ratios are whole numbers of teeth, and encoders count them to 1e-3 and better"
 
@@ -324,6 +325,70 @@ class CableDrag(ShapedEffect):
             return Family(cls.name, (), "no two neighbouring joints turn", "nothing: no cable runs so")
         members = [cls(j, k, sign, order) for j, k in pairs for sign in (1, -1) for order in (1, 2)]
         return Family(cls.name, tuple(members), sparse=True)
+
+
+@dataclass(frozen=True)
+class Counterbalance(ShapedEffect):
+    """A spring or gas cylinder that balances gravity at joint 2, and that the controller does not know well enough.
+
+    It acts between a point behind the joint and one on the link: with the distances R and rho R of both from the axis,
+    its length is R l, l^2 = 1 + rho^2 - 2 rho cos u, its lever R rho sin u / l. A force F + K l gives the torque's law.
+    """
+
+    joint: int  # 1, the second
+    dead_centre_deg: int  # q at which the spring's line passes through the axis and the spring is at its shortest
+    ratio_pct: int  # rho
+    name = "counterbalance"
+    title = "balancing spring"
+    noun = "the balancing spring of joint"
+    equation = "theta_j += (K + F / l(u)) sin u, u = q_j - q_0, l^2 = 1 + rho^2 - 2 rho cos u"
+    symbols = (("K", "rad"), ("F", "rad"))
+    needs = "a joint 2 that turns across joint 1, over a good part of its range"
+    confirm = (
+        "the spring's pressure or preload by its gauge; the same poses after it was set as the maker's manual says"
+    )
+    bounds = (NaturalBound(5e-3, "rad", "a spring that balances 3 kNm turns a drive of 600 kNm/rad by so much"),)
+    notes = r"""
+    $$ \delta \theta_2 = \left( K + \frac{F}{\ell} \right) \sin u, \qquad u = q_2 - q_0, \quad
+    \ell^2 = 1 + \rho^2 - 2 \rho \cos u $$
+
+    Heavy arms carry a coil spring ($K$) or a gas cylinder ($F$) at joint 2; its torque turns the drive as a weight
+    does, and the controller reckons with its nominal force. All of it is a function of one angle, so that
+    {doc}`transmission_error` of joint 2 with $n = 1, 2$ follows it nearly exactly: expect both to stay open, and look
+    at the spring before a gear is opened.
+    """
+    position = 32
+
+    @property
+    def displacement(self) -> JointOffset:
+        return JointOffset(self.joint)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Turns by the parts of the force that grow with the spring's length, and that do not."""
+        place = f"{self.dead_centre_deg}deg_{self.ratio_pct}pct"
+        return (
+            Parameter(f"spring_from_{place}_rad", "rad", 3e-4, "turn by the spring's rate"),
+            Parameter(f"force_from_{place}_rad", "rad", 3e-4, "turn by its constant force"),
+        )
+
+    def shapes(self, state: RobotState) -> Array:
+        u, rho = state.q_rad[:, self.joint] - np.radians(self.dead_centre_deg), 0.01 * self.ratio_pct
+        length = np.sqrt(1.0 + rho**2 - 2.0 * rho * np.cos(u))
+        return np.column_stack([np.sin(u), np.sin(u) / length])
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """Family of this effect for joint 2, with a member for each of 36 dead centres and five ratios."""
+        robot = dataset.robot
+        if robot.n_joints < 2 or not all(joint.is_revolute for joint in robot.joints[:2]):
+            return Family(cls.name, (), "joints 1 and 2 do not both turn", "nothing: such an arm has no such spring")
+        if abs(np.cos(robot.table[0, 1])) > 0.5:
+            return Family(
+                cls.name, (), "joint 2 does not turn across joint 1", "nothing: no weight has to be balanced there"
+            )
+        members = tuple(cls(1, deg, pct) for deg in range(0, 360, 10) for pct in BALANCER_RATIOS_PCT)
+        return Family(cls.name, members, sparse=True, most_members=1)
 
 
 @dataclass(frozen=True)

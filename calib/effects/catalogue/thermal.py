@@ -10,7 +10,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.effects.effect import CatalogueEffect, Family, NaturalBound, Parameter
-from calib.effects.shaped import Growth, ShapedEffect
+from calib.effects.shaped import Growth, HeatOfMotor, ShapedEffect
 from calib.effects.state import RobotState
 
 REFERENCE_C = 20.0
@@ -132,3 +132,97 @@ class WarmUp(ShapedEffect):
             return Family(cls.name, (), "time_s is the same at every pose", "write down when each pose was measured")
         minutes = [m for m in WARM_UP_MINUTES if 60.0 * m <= 3.0 * (last_s - start_s)] or [WARM_UP_MINUTES[0]]
         return Family(cls.name, tuple(cls(m, start_s, last_s) for m in minutes), sparse=True)
+
+
+HEAT_SECONDS = (200, 300, 450, 700, 1500, 3000)
+"""Time constants of a motor's heat: of its winding, of its housing, of the casting around it."""
+
+
+def workload(q_rad: Array, time_s: Array, settling_s: float) -> Array:
+    """Recent speed (L,), rad/s, of a joint that goes through angles (L,) at given times.
+
+    An average that forgets with a time constant. Each move is spread evenly over the time that it had; before the first
+    pose the joint stood still.
+    """
+    recent = np.zeros(len(q_rad))
+    for k, (way, took_s) in enumerate(zip(np.abs(np.diff(q_rad)), np.diff(time_s), strict=True), start=1):
+        if took_s <= 0.0:  # two poses at one time: the way counts, the time does not
+            recent[k] = recent[k - 1] + way / settling_s
+            continue
+        kept = np.exp(-took_s / settling_s)
+        recent[k] = kept * recent[k - 1] + (1.0 - kept) * way / took_s
+    return recent
+
+
+@dataclass(frozen=True)
+class MotorHeat(ShapedEffect):
+    """A motor that its own work heats: its joint's theta and its link's lengths follow the recent speed of the joint.
+
+    Poses after all measured ones, such as the targets of a correction, are taken as cold.
+    """
+
+    joint: int
+    seconds: int  # time constant
+    name = "motor_heat"
+    title = "heat of a motor"
+    noun = "the heat of the motor of joint"
+    changes_arm = True
+    equation = "theta_j += b H_j, a_j and d_j times 1 + g H_j, H_j the recent speed of joint j"
+    symbols = (("b", "rad/(rad/s)"), ("g", "1/(rad/s)"))
+    needs = "time_s in poses.csv, and work that differs over the session"
+    confirm = "one pose before and after the joint alone ran to and fro for half an hour"
+    bounds = (
+        NaturalBound(0.1, "rad/(rad/s)", "a housing that twists a joint by 2e-3 rad at 0.02 rad/s is warped"),
+        NaturalBound(0.1, "1/(rad/s)", "aluminium grows by 1.4e-3 for 60 K, at 0.02 rad/s and more"),
+    )
+    notes = r"""
+    $$ \delta \theta_j = b \, H_j, \qquad a_j, \, d_j \; \to \; a_j, \, d_j \, ( 1 + g \, H_j ), \qquad
+    T \, \dot H_j = | \dot q_j | - H_j, \quad T = 200, \, 300, \, 450, \, 700, \, 1500, \, 3000 \text{ s} $$
+
+    $H_j$ is the joint's speed, averaged over about the last $T$, through all poses that were measured. With two time
+    constants, of winding and casting, two members stand side by side. A session in which all joints work alike heats
+    them alike: then {doc}`warm_up` is nearly the same. Torque heats a motor too, as its square; it is left out, as it
+    hardly varies from one such average to the next.
+    """
+    position = 34
+
+    @property
+    def displacement(self) -> HeatOfMotor:
+        return HeatOfMotor(self.joint)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Turn and growth by a recent speed of 1 rad/s, with the time constant in their names."""
+        return (
+            Parameter(
+                f"turn_in_{self.seconds}s_rad_s_per_rad", "rad/(rad/s)", 5e-3, "turn by a recent speed of 1 rad/s"
+            ),
+            Parameter(f"growth_in_{self.seconds}s_s_per_rad", "1/(rad/s)", 5e-3, "growth of its link by the same"),
+        )
+
+    def shapes(self, state: RobotState) -> Array:
+        poses = state.poses
+        if poses.sequence.time_s is None:
+            return np.zeros((len(poses), 1))
+        recent = workload(poses.sequence.q[:, self.joint], poses.sequence.time_s, self.seconds)
+        return poses.from_sequence(recent)[:, None]
+
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        """Largest change over all poses, as text."""
+        largest = value * float(self.shapes(state).max(initial=0.0))
+        if parameter.unit == "1/(rad/s)":
+            return f"{1e3 * largest:+.2g} mm a metre at most"
+        return f"{np.degrees(largest):+.2g}\N{DEGREE SIGN} at most"
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """Family of this effect with one member for each revolute joint and each of six time constants."""
+        poses = dataset.poses
+        if poses.time_s is None:
+            return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")
+        if float(np.ptp(poses.time_s)) <= 0.0:
+            return Family(cls.name, (), "time_s is the same at every pose", "write down when each pose was measured")
+        turning = [j for j, joint in enumerate(dataset.robot.joints) if joint.is_revolute]
+        if not turning:
+            return Family(cls.name, (), "no joint turns", "nothing: it is a matter of motors at joints that turn")
+        return Family(cls.name, tuple(cls(j, s) for j in turning for s in HEAT_SECONDS), sparse=True)

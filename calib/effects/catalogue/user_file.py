@@ -12,6 +12,7 @@ import sys
 import traceback
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -30,10 +31,13 @@ from calib.effects.effect import (
     families_from,
     has_meaning,
     meaning_of,
+    state_derivative,
 )
 from calib.effects.state import RobotState
 from calib.errors import CalibError, is_one_line
 from calib.strict_json import MOST_SIZE
+
+_UNSEEN = 1e-2  # share of what a parameter changes beside others, below which its derivative at zero is none
 
 
 def load_effects(path: Path, state: RobotState) -> tuple[Family, ...]:
@@ -49,11 +53,14 @@ def load_effects(path: Path, state: RobotState) -> tuple[Family, ...]:
 
 
 def check_effects(effects: Iterable[Effect], state: RobotState, where: str = "effects") -> tuple[Family, ...]:
-    """Effect families of a user's effects, after a trial on a robot state. Raises CalibError in one line."""
+    """Effect families of a user's effects, after a trial on a robot state. Raises CalibError in one line.
+
+    A family's `note` says which of its parameters have no derivative at zero, where the ranking looks.
+    """
     effects = tuple(effects)
     for effect in effects:
         _check(effect, state, where)
-    families = families_from(effects)
+    families = tuple(_with_note(family, state) for family in families_from(effects))
     for family in families:
         if not is_one_line(family.name):
             raise CalibError(
@@ -190,6 +197,37 @@ def _check(effect: Any, state: RobotState, where: str) -> None:
         if has_meaning(effect):
             with _errors_from(where):
                 meaning_of(effect, p, p.scale, state)
+
+
+def _with_note(family: Family, state: RobotState) -> Family:
+    """A user's family, with a note on parameters that the ranking cannot see, if there are any."""
+    unseen = list(dict.fromkeys(name for member in family.members for name in _unseen(member, state)))
+    if not unseen:
+        return family
+    several = len(unseen) > 1
+    note = (
+        f"{' and '.join(unseen)} {'change' if several else 'changes'} nothing to first order while all parameters are "
+        f"zero, so that the ranking does not see {'them' if several else 'it'} and a fit does not find "
+        f"{'them' if several else 'it'}; use parameters that act on their own, such as the amplitudes of a sine and a "
+        "cosine in place of amplitude and phase"
+    )
+    return replace(family, note=note)
+
+
+def _unseen(effect: Effect, state: RobotState) -> Iterator[str]:
+    """Names of a user's parameters whose derivative at zero is none, though they change something elsewhere."""
+    scales = np.array([p.scale for p in effect.parameters])
+    each = np.diag(scales)
+    try:
+        derivatives = list(state_derivative(effect, state, np.zeros(len(scales))))
+        everywhere = apply_values(effect, state, scales).vector
+        without = [apply_values(effect, state, scales - one).vector for one in each]
+    except CalibError:  # a mistake away from zero is told where a fit comes to it
+        return
+    for parameter, derivative, others in zip(effect.parameters, derivatives, without, strict=True):
+        changed = np.abs(everywhere - others).max()
+        if changed > 0.0 and np.abs(derivative).max() * parameter.scale < _UNSEEN * changed:
+            yield parameter.name
 
 
 def _applied(effect: Effect, state: RobotState, values: Array, where: str) -> Array:

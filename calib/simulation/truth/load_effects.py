@@ -195,6 +195,49 @@ class BearingClearance(SampledEffect):
 
 
 @dataclass(frozen=True, eq=False)
+class Counterbalance(SampledEffect):
+    """A spring, or gas cylinder, from the link before joint 2 to the link behind: dq_2 = c times its torque.
+
+    Its ends are points of the plane across the joint's axis; its force along the line between them is
+    `force_n + rate_n_per_mm * length`, and its torque about the axis that of this force at the end on the link.
+    """
+
+    name = "counterbalance"
+    magnitude_fields = ("c_rad_per_nm",)
+    c_rad_per_nm: float
+    anchor_mm: Array  # (2,) before the joint
+    held_mm: Array  # (2,) on the link at q = 0
+    force_n: float
+    rate_n_per_mm: float
+    joint: int = 1
+
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        q = arm.commanded[:, self.joint]
+        c, s = np.cos(q), np.sin(q)
+        x, y = self.held_mm
+        held_mm = np.column_stack([c * x - s * y, s * x + c * y])
+        span_mm = self.anchor_mm - held_mm
+        length_mm = np.linalg.norm(span_mm, axis=1, keepdims=True)
+        pull_n = (self.force_n + self.rate_n_per_mm * length_mm) * span_mm / length_mm
+        torque_nm = 1e-3 * (held_mm[:, 0] * pull_n[:, 1] - held_mm[:, 1] * pull_n[:, 0])
+        turned = np.zeros_like(arm.q)
+        turned[:, self.joint] = self.c_rad_per_nm * torque_nm
+        return replace(arm, q=arm.q + turned)
+
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """A coil or a gas cylinder whose end on the link is nearer to the axis than the other."""
+        turns, across = cell.nominal.is_revolute, abs(np.cos(cell.nominal.table[0, 1])) < 0.5
+        if len(turns) < 2 or not (turns[0] and turns[1] and across):
+            raise CalibError(f"counterbalance: joint 2 of {cell.nominal.name} does not turn across joint 1")
+        at, held = rng.uniform(0.0, 2.0 * np.pi, 2)
+        anchor_mm = rng.uniform(300.0, 600.0) * np.array([np.cos(at), np.sin(at)])
+        held_mm = rng.uniform(0.2, 0.7) * np.linalg.norm(anchor_mm) * np.array([np.cos(held), np.sin(held)])
+        force_n, rate_n_per_mm = (3000.0, 0.5) if rng.random() < 0.5 else (-1000.0, 10.0)
+        return cls(1e-6, anchor_mm, held_mm, force_n, rate_n_per_mm)
+
+
+@dataclass(frozen=True, eq=False)
 class BaseCompliance(SampledEffect):
     """A floor that yields: the arm turns about its base's origin by c M, the overturning moment of all weights."""
 

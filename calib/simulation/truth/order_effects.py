@@ -182,6 +182,7 @@ class LinkStep(SampledEffect):
         along_mm = np.stack([in_frame(end, end[:, :3, 3] - axis[:, :3, 3])[0] for axis, end in ends])
         long = np.linalg.norm(along_mm, axis=1) >= 100.0
         long[-2:] = False
+        long &= np.cumsum(cell.nominal.is_revolute) > 0  # on slides alone it is a knock of the scanner
         if not long.any():
             raise CalibError(f"link_step: no link of {cell.nominal.name} is 100 mm long")
         turn_rad = 1e-3 * np.cross(rng.standard_normal(along_mm.shape), along_mm / 400.0)
@@ -213,6 +214,83 @@ class WarmUp(SampledEffect):
     def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
         """Warm-up by 10 K, with a random time constant of 10 to 40 minutes and the expansion of steel to aluminium."""
         return cls(10.0 * rng.uniform(12e-6, 24e-6), rng.uniform(600.0, 2400.0))
+
+
+@dataclass(frozen=True, eq=False)
+class PathFriction(SampledEffect):
+    """Friction that remembers: dq_j = h_j z_j, z_j driven in small steps along straight ways through all poses.
+
+    dz/dq = (1 - z sign(dq)) / length, integrated by Runge and Kutta's midpoint rule.
+    """
+
+    name = "path_friction"
+    magnitude_fields = ("h_rad",)
+    h_rad: Array  # (n,)
+    length_rad: float
+
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        wound = np.zeros_like(arm.q)
+        for j in np.flatnonzero(self.h_rad).tolist():
+            z = 0.0
+            for k in range(1, len(arm.commanded)):
+                way = arm.commanded[k, j] - arm.commanded[k - 1, j]
+                steps = 1 + int(50.0 * abs(way) / self.length_rad)
+                step, side = way / steps / self.length_rad, np.sign(way)
+                for _ in range(steps):
+                    middle = z + 0.5 * step * (1.0 - z * side)
+                    z += step * (1.0 - middle * side)
+                wound[k, j] = z
+        return replace(arm, q=arm.q + self.h_rad * wound)
+
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """Friction in one joint, forgotten after a way of 10 to 60 degrees."""
+        length_rad = float(np.radians(np.exp(rng.uniform(np.log(10.0), np.log(60.0)))))
+        return cls(one_joint(cell, rng, lambda size: cls(size, length_rad)), length_rad)
+
+
+@dataclass(frozen=True, eq=False)
+class MotorHeat(SampledEffect):
+    """Motors heated by their own moves: each move of w rad warms motor j by w, which cools off exponentially.
+
+    A share of the heat goes with a fast time constant, the winding's, the rest with a slow one, the casting's. Its
+    joint turns by `turn_rad` and its link's end moves out along the link by `growth` of its length, times the heat.
+    """
+
+    name = "motor_heat"
+    needs_conditions = True
+    magnitude_fields = ("turn_rad", "growth")
+    turn_rad: Array  # (n,)
+    growth: Array  # (n,)
+    cooling_s: Array  # (2,) winding, casting
+    fast: float  # share of the winding
+
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        time_s = needed(arm.conditions.time_s, "the time", self)
+        moved = np.abs(np.diff(arm.commanded, axis=0))  # (N - 1, n)
+        middle_s = 0.5 * (time_s[1:] + time_s[:-1])  # a move's heat comes in the middle of its time
+        since_s = time_s[:, None] - middle_s
+        rates = [np.where(since_s > 0.0, np.exp(-since_s / s) / s, 0.0) @ moved for s in self.cooling_s]
+        heat = self.fast * rates[0] + (1.0 - self.fast) * rates[1]
+        shift_mm = arm.link_shift_mm.copy()
+        rigid = Arm.commanded_to(arm.robot, arm.commanded, arm.conditions)
+        for j in np.flatnonzero(self.growth).tolist():
+            end = rigid.base_T_straight[j]
+            shift_mm[:, j] += (self.growth[j] * heat[:, j])[:, None] * in_frame(
+                end, end[:, :3, 3] - rigid.base_T_axis[j][:, :3, 3]
+            )
+        return replace(arm, q=arm.q + self.turn_rad * heat, link_shift_mm=shift_mm)
+
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """Heat of one motor, most of it in its winding or most of it in the casting."""
+        cooling_s = np.array([rng.uniform(200.0, 500.0), rng.uniform(2000.0, 4000.0)])
+        fast, growth = float(rng.choice([0.15, 0.85])), rng.uniform(0.3, 1.0)
+
+        def make(size: Array) -> SampledEffect:
+            return cls(size, growth * np.abs(size), cooling_s, fast)
+
+        return make(one_joint(cell, rng, make))
 
 
 @dataclass(frozen=True, eq=False)
