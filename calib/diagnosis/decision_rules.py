@@ -80,6 +80,13 @@ def are_equivalent(one: Candidate, other: Candidate, dof: int) -> bool:
     return bool(aligned and near and rest[1] < EQUIVALENT_REST * rest[0] and same_fit)
 
 
+def is_tied(own: Candidate, rival: Candidate) -> bool:
+    """Whether a rival explains the same part of a residual as an effect's part on one joint, about equally well."""
+    size = float(own.explained @ own.explained) * float(rival.explained @ rival.explained)
+    aligned = float(own.explained @ rival.explained) ** 2 > EQUIVALENT_ALIGNMENT * size > 0.0
+    return aligned and rival.log_evidence > own.log_evidence - MIN_LOG_BAYES_FACTOR
+
+
 def can_stand_for(best: Candidate, others: Sequence[Candidate], dof: int) -> bool:
     """Whether the best candidate may represent all other effects of its confounded set in the model."""
     return all(other.name in best.family.confounded_with or are_equivalent(best, other, dof) for other in others)

@@ -10,7 +10,7 @@ from calib.calibration.held_out import held_out_test
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import equivalent_to
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
-from calib.diagnosis.moves import Stop, next_effect, straight_steps
+from calib.diagnosis.moves import Stop, Tie, next_effect, straight_steps
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, step_after, without_one
 from calib.diagnosis.verdict import ConfoundedSet, LearnedModel
@@ -49,7 +49,7 @@ def diagnosis_of_model(
         implausible=stop.implausible,
         contenders=tuple(candidate.name for candidate in stop.contenders),
         tests_with_contender=_tests_with_contender(space, last, stop),
-        confounded_sets=confounded_sets(space, straight),
+        confounded_sets=confounded_sets(space, straight, stop.ties),
         refused=stop.refused,
         left_to_curves=stop.left_to_curves,
         held_out=held_out_test(last.calibration, tests.noise_mm, tests.noise_from),
@@ -112,7 +112,9 @@ def _tests_with_contender(space: SearchSpace, last: FitStep, stop: Stop) -> Resi
 # ---- confounded effects ---------------------------------------------------------------------------------------------
 
 
-def confounded_sets(space: SearchSpace, steps: Sequence[FitStep]) -> tuple[ConfoundedSet, ...]:
+def confounded_sets(
+    space: SearchSpace, steps: Sequence[FitStep], ties: Sequence[Tie] = ()
+) -> tuple[ConfoundedSet, ...]:
     """Sets of effects that the data cannot distinguish, each with one effect that is in the last model.
 
     Equivalent effects explain the same at these poses, so that only the prior would decide between them. Effects that
@@ -122,6 +124,7 @@ def confounded_sets(space: SearchSpace, steps: Sequence[FitStep]) -> tuple[Confo
     Args:
         space: settings of all fits.
         steps: from the link errors to the model, effect by effect, each with its screening.
+        ties: effects of the model whose part on one joint others explain as well.
     """
     last = steps[-1]
     out: list[ConfoundedSet] = []
@@ -131,6 +134,8 @@ def confounded_sets(space: SearchSpace, steps: Sequence[FitStep]) -> tuple[Confo
         if name is None or family is None or any(name in one.names for one in out):
             continue
         equivalent = _equivalent_in_model(space, last, name, equivalent_to(name, before.screening))
+        tied = [other for tie in ties if tie.effect == name for other in tie.others]
+        equivalent = tuple(dict.fromkeys([*equivalent, *tied]))
         untested = [f for f in space.families if f.name in family.confounded_with and not f.never_testable]
         if equivalent or untested:
             would_help = next((f.would_help for f in untested if f.would_help), "")

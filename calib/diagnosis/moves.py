@@ -22,6 +22,7 @@ from calib.diagnosis.decision_rules import (
     MIN_LOG_EVIDENCE,
     can_stand_for,
     is_convincing,
+    is_tied,
     may_be_curves,
     predicts_worse,
     rank_candidates,
@@ -103,6 +104,14 @@ Move = AddEffect | DropEffect | LeaveOutPoses | ShapeNoise | AddCurves
 
 
 @dataclass(frozen=True)
+class Tie:
+    """An effect of the model whose part on one joint other effects explain as well."""
+
+    effect: str
+    others: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Stop:
     """End of a search: no effect is to be added or dropped, with the reason."""
 
@@ -110,6 +119,7 @@ class Stop:
     contenders: tuple[Candidate, ...] = ()  # effects of which none leads the others
     refused: Refusal | None = None  # an effect with evidence at the training poses, and something against it
     left_to_curves: bool = False  # learned curves have more evidence than the best effect, of one place or pose
+    ties: tuple[Tie, ...] = ()
 
 
 def next_effect(
@@ -133,10 +143,8 @@ def next_effect(
     added = Stop() if len(names) >= space.max_effects else _addition(space, step, dropped, tell)
     if isinstance(added, AddEffect):
         return added
-    revised = _revision(space, step, dropped, tell)
-    if revised is None and len(names) < space.max_effects:
-        revised = _part_for_another(space, step, dropped, tell)
-    return revised or added
+    revised = _revision(space, step, dropped, tell) or _parts_given_up(space, step, dropped, tell)
+    return replace(added, ties=revised) if isinstance(revised, tuple) else revised
 
 
 def gone(move: AddEffect | DropEffect) -> list[str]:
@@ -252,12 +260,15 @@ def _revision(space: SearchSpace, step: FitStep, dropped: Collection[str], tell:
     return None
 
 
-def _part_for_another(space: SearchSpace, step: FitStep, dropped: Collection[str], tell: Tell) -> AddEffect | None:
-    """Move that gives an effect's part on one joint to another effect, which explains it better; None for none.
+def _parts_given_up(
+    space: SearchSpace, step: FitStep, dropped: Collection[str], tell: Tell
+) -> AddEffect | tuple[Tie, ...]:
+    """Move that gives an effect's part on one joint to another effect that explains it better; else the ties.
 
     Waves of every joint's gear, say, also follow what gravity does to one of them. Such an effect leads as a whole, and
     leaves nothing to add.
     """
+    ties: list[Tie] = []
     for k, effect in enumerate(step.selected):
         family = space.family(effect.name)
         for part in [] if family is None or family.sparse else _parts(effect, step.calibration):
@@ -268,12 +279,14 @@ def _part_for_another(space: SearchSpace, step: FitStep, dropped: Collection[str
             if not rivals:
                 continue
             own = screen(without.calibration, [Family(f"{effect.name} of one joint", part)]).candidates
-            if own and rivals[0].log_evidence < own[0].log_evidence + MIN_LOG_BAYES_FACTOR:
-                continue
-            instead = _addition(space, without, dropped, tell)
-            if isinstance(instead, AddEffect):
-                return instead
-    return None
+            if not own or rivals[0].log_evidence > own[0].log_evidence + MIN_LOG_BAYES_FACTOR:
+                instead = _addition(space, without, dropped, tell)
+                if isinstance(instead, AddEffect) and len(selected) < space.max_effects:
+                    both = (*selected, SelectedEffect.of(instead.candidate))  # the part is not to come back beside it
+                    return replace(instead, selected=both, calibration=space.fit(both, instead.calibration))
+            elif tied := [c.name for c in rivals if is_tied(own[0], c)]:
+                ties.append(Tie(effect.name, tuple(tied)))
+    return tuple(ties)
 
 
 def _parts(effect: SelectedEffect, calibration: Calibration) -> list[tuple[Effect, ...]]:
