@@ -16,6 +16,7 @@ from calib.diagnosis.search_space import SearchSpace, step_after, without_one
 from calib.diagnosis.verdict import ConfoundedSet, LearnedModel
 from calib.screening.candidates import screen
 from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, formula_text
+from calib.screening.left_out import far_test_poses
 from calib.screening.noise_likelihood import scatter_of_repeats
 from calib.screening.noise_search import AddedEffect, ShownNoise, first_unproven
 from calib.screening.projected_residual import project_residual
@@ -53,6 +54,7 @@ def diagnosis_of_model(
         refused=stop.refused,
         left_to_curves=stop.left_to_curves,
         held_out=held_out_test(last.calibration, tests.noise_mm, tests.noise_from),
+        far_test_poses=far_test_poses(last.calibration),
         noise=_noise_taken(last.calibration),
     )
     if stop.implausible:

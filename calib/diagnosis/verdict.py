@@ -97,6 +97,7 @@ class Findings:
     left_to_curves: bool = False  # whether learned curves explain more than the next effect, of one place or pose
     no_more_than_drift: AddedEffect | None = None  # first effect with no more evidence than a drift of the instrument
     held_out: HeldOutTest | None = None  # the test poses against the error that the last fit predicts for them
+    far_test_poses: tuple[str, ...] = ()  # ids, off by more than any training pose left out
     noise: ShownNoise | None = None  # where the noise has another shape than was declared
     learned: LearnedModel | None = None  # then its fit is the last step
     data_problem: DataProblem | None = None  # wrong signs, order, units, rows or robot table
@@ -110,6 +111,11 @@ class Findings:
     def named(self) -> tuple[str, ...]:
         """Names of all effects that the search added, whether claimed, suspected or open; without learned curves."""
         return tuple(effect.name for effect in self.steps[-1].selected if effect.name != LEARNED)
+
+    @property
+    def promise_is_broken(self) -> bool:
+        """Whether the test poses are off by more than the fit predicts, or many by more than any training pose."""
+        return bool(self.far_test_poses) or (self.held_out is not None and self.held_out.is_broken)
 
     @cached_property
     def residual_tests(self) -> ResidualTests:
@@ -212,9 +218,8 @@ def _verdict(findings: Findings, ambiguous_set: tuple[str, ...]) -> str:
     if findings.contenders:
         return "ambiguous"
     only_refused = refused is not None and refused.leaves_doubt and not findings.named
-    promise_broken = findings.held_out is not None and findings.held_out.is_broken
     not_noise = tests.fault is not None or tests.structured or tests.too_large
-    if findings.implausible or only_refused or findings.left_to_curves or promise_broken or not_noise:
+    if findings.implausible or only_refused or findings.left_to_curves or findings.promise_is_broken or not_noise:
         return "unexplained"
     if findings.confounded_sets:
         return "ambiguous"
@@ -245,6 +250,6 @@ def _reason(findings: Findings) -> str:
         "order": bool(tests.structured),
         "wander": bool(findings.unproven) and not tests.too_large,
         "size": tests.too_large,
-        "promise": findings.held_out is not None and findings.held_out.is_broken,
+        "promise": findings.promise_is_broken,
     }
     return next((reason for reason, holds in reasons.items() if holds), "refused")

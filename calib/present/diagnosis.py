@@ -482,6 +482,7 @@ def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[st
         "open_sets": diagnosis.confounded_sets,
         "refused": None if refused is None else refused.effect,
         "refused_why": None if refused is None else refused.why,
+        "far_test_poses": diagnosis.far_test_poses,
         "promise": None if held_out is None else asdict(held_out) | {"kept": not held_out.is_broken},
         "steps": diagnosis.steps,
         **budget_document(diagnosis.budget),

@@ -26,7 +26,12 @@ from calib.screening.residual_tests import ResidualTests
 from calib.screening.smooth_motions import JointFault
 
 SMALL_CHANGE = 0.03  # share of the test poses' error below which a change of it counts for nothing
+_OTHER_POSES = (
+    "They were measured in another way or on another day, or they show what the training poses do not. Measure "
+    "training poses like them."
+)
 _SHOWN_INPUTS = 3
+_SHOWN_POSES = 4
 _SHOWN_UNTESTABLE = 5
 
 
@@ -153,8 +158,12 @@ def _left_unexplained(diagnosis: Diagnosis) -> Words:
             return "more than noise is left, without a systematic dependence on any input."
         case "wander":
             return "a slow drift of the instrument explains it as well. Measure one pose again and again meanwhile."
-        case "promise" if diagnosis.held_out is not None:
+        case "promise" if diagnosis.held_out is not None and diagnosis.held_out.is_broken:
             return promise(diagnosis.held_out)
+        case "promise":
+            far, more = diagnosis.far_test_poses, len(diagnosis.far_test_poses) - _SHOWN_POSES
+            shown = listed([*(pose(name) for name in far[:_SHOWN_POSES]), *([f"{more} more"] if more > 0 else [])])
+            return spans("test poses are far more off than any training pose that is left out: ", shown, f". {_OTHER_POSES}")
     if refused is not None and refused.why == "nature":
         return "what would explain it is larger than such a cause can be."
     return "what was found makes the test poses worse."
@@ -164,8 +173,7 @@ def promise(test: HeldOutTest) -> str:
     """Sentence on test poses whose error exceeds the model's predicted error, with possible reasons."""
     return (
         f"the test poses are off by {numbers.length(test.rmse_mm)}, where noise and the uncertainty of the fit predict "
-        f"{numbers.length(test.promised_mm)}: they were measured in another way or on another day, or they show what "
-        "the training poses do not. Measure training poses like them."
+        f"{numbers.length(test.promised_mm)}. {_OTHER_POSES}"
     )
 
 

@@ -10,7 +10,7 @@ import pytest
 from calib.calibration.calibrate import calibrate
 from calib.calibration.held_out import HeldOutTest, held_out_test
 from calib.dataset.dataset import Dataset, Scanner
-from calib.screening.left_out import left_out_gain
+from calib.screening.left_out import far_test_poses, left_out_gain
 from tests.support.arms import dataset_of, jang_arm, perturbed, random_transform
 
 NOISE_MM = 0.05
@@ -31,6 +31,23 @@ def judged(dataset: Dataset, noise_from: str = "dataset") -> HeldOutTest:
     test = held_out_test(calibrate(dataset), NOISE_MM, noise_from)
     assert test is not None
     return test
+
+
+@pytest.mark.slow
+def test_poses_far_off_are_found_without_any_promise_and_others_are_not() -> None:
+    found = [far_test_poses(calibrate(arm(seed))) for seed in range(20)]
+    assert not any(found)
+    dataset = arm(3)
+    points = dataset.points
+    assert points is not None
+    off = np.flatnonzero(dataset.poses.is_test)[::4]  # a quarter of them measured after a knock
+    xyz_mm = points.xyz_mm + np.where(np.isin(points.pose, off), 1.5, 0.0)[:, None]
+    far = far_test_poses(calibrate(dataset.with_points(replace(points, xyz_mm=xyz_mm))))
+    assert set(far) <= {dataset.poses.ids[k] for k in off}
+    assert len(far) > 0.8 * len(off)
+    two = np.isin(points.pose, off[:2])
+    few = points.xyz_mm + np.where(two, 1.5, 0.0)[:, None]
+    assert far_test_poses(calibrate(dataset.with_points(replace(points, xyz_mm=few)))) == ()
 
 
 @pytest.mark.slow

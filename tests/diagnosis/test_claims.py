@@ -106,6 +106,8 @@ def left(residual_mm: float, noise_from: str = "dataset") -> ResidualTests:
         (left(0.05), {"contenders": ("a", "b"), "tests_with_contender": left(0.071, "fit")}, "ambiguous", True),
         (left(0.05), {"no_more_than_drift": AS_A_DRIFT}, "unexplained", False),
         (left(0.05), {"no_more_than_drift": AS_A_DRIFT, "contenders": ("a", "b")}, "ambiguous", False),
+        (left(0.05), {"far_test_poses": ("p1", "p2", "p3")}, "unexplained", False),
+        (replace(left(0.05), outlier_poses=("p1",)), {"far_test_poses": ("p1", "p2", "p3")}, "unexplained", False),
         (left(0.05), {"left_to_curves": True}, "unexplained", False),
         (left(0.05), {"implausible": "the points do not belong to these poses"}, "unexplained", False),
     ],
