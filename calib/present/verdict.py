@@ -163,7 +163,8 @@ def _left_unexplained(diagnosis: Diagnosis) -> Words:
         case "promise":
             far, more = diagnosis.far_test_poses, len(diagnosis.far_test_poses) - _SHOWN_POSES
             shown = listed([*(pose(name) for name in far[:_SHOWN_POSES]), *([f"{more} more"] if more > 0 else [])])
-            return spans("test poses are far more off than any training pose that is left out: ", shown, f". {_OTHER_POSES}")
+            beyond = "test poses are far more off than any training pose that is left out: "
+            return spans(beyond, shown, f". {_OTHER_POSES}")
     if refused is not None and refused.why == "nature":
         return "what would explain it is larger than such a cause can be."
     return "what was found makes the test poses worse."

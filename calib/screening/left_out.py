@@ -13,7 +13,7 @@ from calib.errors import FitError
 from calib.fitting.observations import mean_by_pose
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 
-_FAR = 1.5  # times the largest error of a training pose left out
+_FAR, _VERY_FAR = 1.5, 3.0  # times the largest error of a training pose left out
 _FEWEST_FAR, _FEW = 3, 0.15  # test poses that are far off, in number and as a share of them: fewer are single poses
 _BY_CHANCE = 0.001
 
@@ -67,10 +67,10 @@ def cross_validated_rmse_mm(
 def far_test_poses(calibration: Calibration) -> tuple[str, ...]:
     """Test poses (ids) that are far more off than any training pose left out, the furthest first; () where few are.
 
-    Far is half as much again. If test poses are like training poses, all orders of their errors are about equally
-    likely: that the k largest of all are those of test poses has the probability of k draws without replacement.
-    Nothing is assumed of the noise, nor that the fit determines every parameter. Poses count from three and a share of
-    `_FEW` on.
+    Far is three times as much, or half as much again where so many cannot be chance: if test poses are like training
+    poses, all orders of their errors are about equally likely, so that the k largest of all are those of test poses
+    with the probability of k draws without replacement. Nothing is assumed of the noise, nor that the fit determines
+    every parameter. Poses count from three and a share of `_FEW` on.
     """
     try:
         projected = project_residual(calibration)
@@ -82,10 +82,13 @@ def far_test_poses(calibration: Calibration) -> tuple[str, ...]:
     tested = np.unique(after.pose[judged])
     squared = _pose_means(np.sum(after.error_mm[judged] ** 2, axis=1), after.pose[judged])
     order = np.argsort(-squared)
-    far = int(np.count_nonzero(squared > _FAR**2 * left_out.max(initial=0.0)))
+    most = left_out.max(initial=0.0)
+    far, very_far = (int(np.count_nonzero(squared > times**2 * most)) for times in (_FAR, _VERY_FAR))
     drawn = np.arange(far)
     by_chance = float(np.prod((len(tested) - drawn) / (len(tested) + len(left_out) - drawn)))
-    if far < _FEWEST_FAR or far <= _FEW * len(tested) or by_chance > _BY_CHANCE:
+    if by_chance > _BY_CHANCE:
+        far = very_far
+    if far < _FEWEST_FAR or far <= _FEW * len(tested):
         return ()
     return tuple(calibration.dataset.poses.ids[tested[k]] for k in order[:far])
 
