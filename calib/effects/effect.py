@@ -160,6 +160,7 @@ class CatalogueEffect(ABC):
     position: ClassVar[int] = 1000  # in the catalogue's order; equal ones follow by module and order of definition
     testable: ClassVar[bool] = True  # False where no dataset of this format can test it
     under_load: ClassVar[bool] = False  # whether it follows gravity's load, so that unknown masses confound it
+    outside_arm: ClassVar[bool] = False  # whether its cause is no part of the arm: instrument, target, load
     changes_arm: ClassVar[bool] = False  # whether it is another before and after a pose; later poses are as the last
 
     def __init_subclass__(cls) -> None:
@@ -209,6 +210,7 @@ class Description:
     symbols: tuple[tuple[str, str], ...] = ()  # name, unit
     needs: str = ""
     confirm: str = ""
+    outside_arm: bool = False
     needed_conditions: tuple[PoseCondition, ...] = ()
     helpful_conditions: tuple[PoseCondition, ...] = ()
 
@@ -240,6 +242,7 @@ def describe(effect: Effect | type[CatalogueEffect]) -> Description:
     return Description(
         name,
         symbols=getattr(effect, "symbols", ()),
+        outside_arm=getattr(effect, "outside_arm", False) is True,
         needed_conditions=_conditions(effect, "needed_conditions"),
         helpful_conditions=_conditions(effect, "helpful_conditions"),
         **texts,

@@ -13,6 +13,7 @@ from calib.diagnosis.decision_rules import untestable_names
 from calib.diagnosis.headline import HeldOutError
 from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPoses, Move, ShapeNoise
 from calib.diagnosis.result import Diagnosis
+from calib.effects.catalogue import descriptions
 from calib.effects.effect import describe
 from calib.present import numbers
 from calib.present.blocks import Span, Words, capitalised, effect, joint, listed, pose, spans
@@ -258,10 +259,13 @@ def _suspicion(keys: Sequence[str]) -> Words:
     if not keys:
         return ()
     are, their, them = ("are", "their", "them") if len(keys) > 1 else ("is", "its", "it")
+    described = {one.name: one for one in descriptions()}
+    outside = all(key in described and described[key].outside_arm for key in keys)
+    leave = f"Do not dismantle anything because of {them}."
+    advice = "Either way that would lie outside the arm: leave the arm closed." if outside else leave
     return spans(
         " ", listed([effect(key) for key in keys]),
-        f" {are} suspected, not shown: what causes the rest may cause {their} part too. Do not dismantle anything ",
-        f"because of {them}.",
+        f" {are} suspected, not shown: what causes the rest may cause {their} part too. {advice}",
     )  # fmt: skip
 
 

@@ -172,6 +172,7 @@ class TargetStep(Step):
 
     start: ChangePoint
     name = "target_step"
+    outside_arm = True
     title = "step of a target"
     noun = "a shift of the target on the tool"
     changes_arm = True
@@ -214,6 +215,7 @@ class ScannerStep(Step):
     centre_mm: Vector
     half_mm: float
     name = "scanner_step"
+    outside_arm = True
     title = "step of the scanner"
     noun = "a move of the instrument"
     equation = "p += v + w x p from pose k on"
@@ -313,6 +315,7 @@ class PayloadStep(Step):
     joints: tuple[int, ...]  # that a mass at the flange turns
     start: ChangePoint
     name = "payload_step"
+    outside_arm = True
     title = "change of the payload"
     noun = "a payload that changed unsaid"
     changes_arm = True
