@@ -273,11 +273,13 @@ def _parts_given_up(
         family = space.family(effect.name)
         for part in [] if family is None or family.sparse else _parts(effect, step.calibration):
             selected = (*step.selected[:k], effect.without(part), *step.selected[k + 1 :])
-            without = space.ranked(FitStep("", selected, space.fit(selected, step.calibration), left_out=step.left_out))
-            assert without.screening is not None
-            rivals = [c for c in _without(without.screening, dropped).candidates if is_convincing(c)]
+            fitted = space.fit(selected, step.calibration)
+            # Of one joint, what acts at one place or from one pose on is no rival: waves were chosen before that.
+            screening = screen(fitted, [family for family in space.families if not family.sparse])
+            rivals = [c for c in _without(screening, dropped).candidates if is_convincing(c)]
             if not rivals:
                 continue
+            without = FitStep("", selected, fitted, left_out=step.left_out, screening=screening)
             own = screen(without.calibration, [Family(f"{effect.name} of one joint", part)]).candidates
             if not own or rivals[0].log_evidence > own[0].log_evidence + MIN_LOG_BAYES_FACTOR:
                 instead = _addition(space, without, dropped, tell)

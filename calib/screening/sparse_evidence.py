@@ -29,6 +29,7 @@ from calib.screening.evidence import (
 RARITY = 2.0  # log odds against each: what sets in at one pose or sits at one place is rarer than what is always there
 FEWEST_APART = 4  # poses at which two members have to differ
 _MOST_PAIRED = 100  # places of one displacement, evenly taken, of which pairs are tried
+_ROUNDING = 1e-14  # share of a square sum
 _VISIBLE = 1e-6  # of a member's directions, by length over its longest
 
 
@@ -198,7 +199,9 @@ def _there_and_back(family: SparseColumns) -> _Search | None:
         best = int(np.argmax(explained))
         if explained[best] > most:
             most, pair = float(explained[best]), (int(same[one[best]]), int(same[other[best]]))
-    if most <= 0.0:
+    total = float(family.residual @ family.residual)
+    likeliest = -0.5 * family.dof * float(np.log(max(1.0 - most / total, _ROUNDING)))
+    if most <= 0.0 or likeliest < 2.0 * _cost(family):  # the best sizes of all could not pay for two members
         return None
     chosen = _Chosen()
     for member in pair:
