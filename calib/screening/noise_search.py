@@ -95,7 +95,8 @@ def noise_of_residual(
 ) -> ShownNoise | None:
     """Noise shape that fits a residual better than the shape used in the fit; None where none does.
 
-    Where repeated measurements show the shape, only its drift is searched for.
+    Where repeated measurements show the shape, only its drift is searched for. The repeats of a fitted dataset may be
+    averaged already: then its noise is what they showed.
 
     Args:
         dataset: that was fitted, with the noise as it was taken.
@@ -109,7 +110,7 @@ def noise_of_residual(
     shown = find_shape(
         residual,
         outlier,
-        points=scatter_of_repeats(dataset) is None,
+        points=dataset.noise is None and scatter_of_repeats(dataset) is None,
         start=DECLARED if drift is None else drift.shape,
     )
     if shown is None:
