@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.diagnose import diagnose, noise_is_believed
 from calib.diagnosis.effect_selection import SelectedEffect
 from calib.diagnosis.result import Diagnosis
+from calib.screening.noise_search import noise_of_residual
 from tests.support.odd_noise import SIGMA_MM, odd_arm
+from tests.support.third_engine.cases import Case, simulate
+from tests.support.third_engine.folder import write_folder
 
 pytestmark = pytest.mark.slow
 
@@ -129,3 +134,23 @@ def test_a_wander_that_explains_as_much_keeps_a_drift_from_being_claimed() -> No
     assert rival in ("scanner_drift", "scanner_step")
     assert rival not in found.named
     assert f"so {rival} is not claimed" in shape_words(found)
+
+
+def test_what_repeats_show_ends_the_search_for_the_noise_of_single_points(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The means of these repeats seem to scatter more with the distance, which the repeats do not."""
+    repeats = load_dataset(write_folder(simulate(Case("nothing", 0, seed=1)), tmp_path / "cell"))
+    asked: list[int] = []
+
+    def counted(*arguments: object) -> object:
+        asked.append(1)
+        assert len(asked) < 5, "the search for the noise does not end"
+        return noise_of_residual(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("calib.diagnosis.diagnose.noise_of_residual", counted)
+    found = diagnose(repeats)
+    assert asked
+    assert found.verdict == "adequate"
+    assert found.noise is not None
+    assert found.noise.from_repeats
