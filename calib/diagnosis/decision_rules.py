@@ -81,10 +81,13 @@ def are_equivalent(one: Candidate, other: Candidate, dof: int) -> bool:
 
 
 def is_tied(own: Candidate, rival: Candidate) -> bool:
-    """Whether a rival explains the same part of a residual as an effect's part on one joint, about equally well."""
+    """Whether a rival explains the same as an effect's part on one joint, by no more than a little less.
+
+    Both may be the cause: what they differ by is what their laws leave out, and how finely a law's constants are tried.
+    """
     size = float(own.explained @ own.explained) * float(rival.explained @ rival.explained)
     aligned = float(own.explained @ rival.explained) ** 2 > EQUIVALENT_ALIGNMENT * size > 0.0
-    return aligned and rival.log_evidence > own.log_evidence - MIN_LOG_BAYES_FACTOR
+    return aligned and rival.log_evidence > own.log_evidence - EQUIVALENT_LOG_BAYES_FACTOR
 
 
 def can_stand_for(best: Candidate, others: Sequence[Candidate], dof: int) -> bool:

@@ -266,22 +266,28 @@ def _parts_given_up(
     """Move that gives an effect's part on one joint to another effect that explains it better; else the ties.
 
     Waves of every joint's gear, say, also follow what gravity does to one of them. Such an effect leads as a whole, and
-    leaves nothing to add.
+    leaves nothing to add. An effect of one joint was compared with all others when it was added, but those of one law
+    with a grid of constants, a spring's geometry say, come near the best fit only.
     """
     ties: list[Tie] = []
+    one_law = [family for family in space.families if family.sparse and family.most_members == 1]
+    # Of one joint, what acts at one place or from one pose on is no rival: waves were chosen before that.
+    lasting = [family for family in space.families if not family.sparse]
     for k, effect in enumerate(step.selected):
         family = space.family(effect.name)
-        for part in [] if family is None or family.sparse else _parts(effect, step.calibration):
-            selected = (*step.selected[:k], effect.without(part), *step.selected[k + 1 :])
+        parts = [] if family is None or family.sparse else _parts(effect, step.calibration)
+        families = [*lasting, *one_law] if len(parts) > 1 else one_law
+        for part in parts if families else []:
+            kept = effect.without(part)
+            selected = (*step.selected[:k], *([kept] if kept.members else []), *step.selected[k + 1 :])
             fitted = space.fit(selected, step.calibration)
-            # Of one joint, what acts at one place or from one pose on is no rival: waves were chosen before that.
-            screening = screen(fitted, [family for family in space.families if not family.sparse])
+            screening = screen(fitted, families)
             rivals = [c for c in _without(screening, dropped).candidates if is_convincing(c)]
             if not rivals:
                 continue
             without = FitStep("", selected, fitted, left_out=step.left_out, screening=screening)
             own = screen(without.calibration, [Family(f"{effect.name} of one joint", part)]).candidates
-            if not own or rivals[0].log_evidence > own[0].log_evidence + MIN_LOG_BAYES_FACTOR:
+            if not own or (kept.members and rivals[0].log_evidence > own[0].log_evidence + MIN_LOG_BAYES_FACTOR):
                 instead = _addition(space, without, dropped, tell)
                 if isinstance(instead, AddEffect) and len(selected) < space.max_effects:
                     both = (*selected, SelectedEffect.of(instead.candidate))  # the part is not to come back beside it
@@ -292,10 +298,7 @@ def _parts_given_up(
 
 
 def _parts(effect: SelectedEffect, calibration: Calibration) -> list[tuple[Effect, ...]]:
-    """Members of an effect on each joint where it surely acts, those that are surest first.
-
-    None for an effect that acts on one joint alone: it was compared with all others when it was added.
-    """
+    """Members of an effect on each joint where it surely acts, those that are surest first."""
     by_joint: dict[int, list[Effect]] = {}
     for member in effect.members:
         joint = getattr(member, "joint", None)
@@ -303,7 +306,7 @@ def _parts(effect: SelectedEffect, calibration: Calibration) -> list[tuple[Effec
             by_joint.setdefault(joint, []).append(member)
     distance = {joint: _sigmas_from_zero(members, calibration) for joint, members in by_joint.items()}
     sure = sorted((joint for joint in by_joint if distance[joint] > _SURE), key=lambda joint: -distance[joint])
-    return [tuple(by_joint[joint]) for joint in sure[:MAX_PARTS]] if len(sure) > 1 else []
+    return [tuple(by_joint[joint]) for joint in sure[:MAX_PARTS]]
 
 
 def _sigmas_from_zero(members: Sequence[Effect], calibration: Calibration) -> float:

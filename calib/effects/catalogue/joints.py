@@ -379,7 +379,7 @@ class Counterbalance(ShapedEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Family of this effect for joint 2, with a member for each of 36 dead centres and five ratios."""
+        """Family of this effect for joint 2, with a member for each of 72 dead centres and five ratios."""
         robot = dataset.robot
         if robot.n_joints < 2 or not all(joint.is_revolute for joint in robot.joints[:2]):
             return Family(cls.name, (), "joints 1 and 2 do not both turn", "nothing: such an arm has no such spring")
@@ -387,7 +387,7 @@ class Counterbalance(ShapedEffect):
             return Family(
                 cls.name, (), "joint 2 does not turn across joint 1", "nothing: no weight has to be balanced there"
             )
-        members = tuple(cls(1, deg, pct) for deg in range(0, 360, 10) for pct in BALANCER_RATIOS_PCT)
+        members = tuple(cls(1, deg, pct) for deg in range(0, 360, 5) for pct in BALANCER_RATIOS_PCT)
         return Family(cls.name, members, sparse=True, most_members=1)
 
 
