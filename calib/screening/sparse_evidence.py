@@ -28,6 +28,7 @@ from calib.screening.evidence import (
 
 RARITY = 2.0  # log odds against each: what sets in at one pose or sits at one place is rarer than what is always there
 FEWEST_APART = 4  # poses at which two members have to differ
+_APART = 0.1  # of a member's largest amount, by which it differs from another at a pose
 _MOST_PAIRED = 100  # places of one displacement, evenly taken, of which pairs are tried
 _ROUNDING = 1e-14  # share of a square sum
 _VISIBLE = 1e-6  # of a member's directions, by length over its longest
@@ -60,7 +61,8 @@ class SparseColumns:
             out = np.arange(self.columns.shape[1]) != member
             if self.shapes is not None and self.of_same is not None:
                 same = np.flatnonzero(self.of_same == self.of_same[member])
-                off = np.abs(self.shapes[same] - self.shapes[member]) > 0.5
+                largest = float(np.abs(self.shapes[member]).max(initial=0.0))
+                off = np.abs(self.shapes[same] - self.shapes[member]) > _APART * largest
                 out[same] &= np.count_nonzero(off, axis=1) >= FEWEST_APART
             self._distinct[member] = out
         return self._distinct[member]

@@ -134,7 +134,7 @@ class WarmUp(ShapedEffect):
         return Family(cls.name, tuple(cls(m, start_s, last_s) for m in minutes), sparse=True)
 
 
-HEAT_SECONDS = (200, 300, 450, 700, 1500, 3000)
+HEAT_SECONDS = (100, 150, 220, 320, 470, 700, 1000, 1500, 2200, 3200)
 """Time constants of a motor's heat: of its winding, of its housing, of the casting around it."""
 
 
@@ -177,7 +177,7 @@ class MotorHeat(ShapedEffect):
     )
     notes = r"""
     $$ \delta \theta_j = b \, H_j, \qquad a_j, \, d_j \; \to \; a_j, \, d_j \, ( 1 + g \, H_j ), \qquad
-    T \, \dot H_j = | \dot q_j | - H_j, \quad T = 200, \, 300, \, 450, \, 700, \, 1500, \, 3000 \text{ s} $$
+    T \, \dot H_j = | \dot q_j | - H_j, \quad T = 100 \ldots 3200 \text{ s} $$
 
     $H_j$ is the joint's speed, averaged over about the last $T$, through all poses that were measured. With two time
     constants, of winding and casting, two members stand side by side. A session in which all joints work alike heats
@@ -216,7 +216,7 @@ class MotorHeat(ShapedEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Family of this effect with one member for each revolute joint and each of six time constants."""
+        """Family of this effect with one member for each revolute joint and each of ten time constants."""
         poses = dataset.poses
         if poses.time_s is None:
             return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")

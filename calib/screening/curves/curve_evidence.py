@@ -35,6 +35,7 @@ _SETTLED = 1e-5  # relative change of log E that ends the climb
 _FAINT = 1e-5  # share of the noise that a harmonic moves: all of them together stay below 0.01 in log E
 _LEAST_LOG_SIZE = -20.0  # of the usual size: it moves nothing
 _MOST_LOG_SIZE = 4.6
+_UNSEEN = 1e-200  # squared length of columns
 _BLOCK_SIZES = np.geomspace(1e-3, 1e2, 26)
 
 
@@ -197,7 +198,10 @@ class CurveEvidence:
             inner = _squares(shown[:, own]) - _squares(less[:, own])
             square, turn = np.linalg.eigh(inner)
             along = np.einsum("gwv,gw->gv", turn, towards[own]) ** 2
-            unit = np.sqrt(quadratic / np.maximum(np.sum(square, axis=1), 1e-300))
+            seen = np.sum(np.maximum(square, 0.0), axis=1)
+            unit = np.sqrt(
+                quadratic / np.where(seen > _UNSEEN, seen, quadratic)
+            )  # a curve that shows nowhere: any size
             s2 = (unit[:, None] * _BLOCK_SIZES)[..., None] ** 2  # (curves, sizes, 1)
             grow = 1.0 + s2 * np.maximum(square, 0.0)[:, None]
             rest = quadratic - np.sum(along[:, None] * s2 / grow, axis=2)

@@ -197,7 +197,9 @@ def _grown(law: str, course: Array, *, outside: bool = False) -> Cause:
 def motor_heat(session: Session, rng: Rng) -> Cause:
     """A motor warms by its own work, the housing fast, the link slowly; a warm link is longer and turns a little."""
     n, spent = session.make.n, np.diff(session.time_s, prepend=-30.0)
-    busy = 1.0 + 2.5 * (np.sin(session.part * rng.uniform(4.0, 9.0) + rng.uniform(0.0, 6.28)) > 0.0)  # moves asked for
+    shifts = np.sin(session.part * rng.uniform(4.0, 9.0) + rng.uniform(0.0, 6.28)) > 0.0
+    unsaid = rng.random() < 0.5  # whether it also worked between the poses, at times, as no sheet says
+    busy = 1.0 + 2.5 * shifts * unsaid
     work = np.abs(session.travel) / np.maximum(session.span, 1e-9) * (busy / spent)[:, None]
     work = work / work.mean(axis=0)
     heat = np.zeros_like(session.q)
@@ -217,4 +219,4 @@ def motor_heat(session: Session, rng: Rng) -> Cause:
         joint[:, carrier] = turn * size * s.units[carrier] * heat[:, carrier]
         return replace(s.still, give=give, joint=joint)
 
-    return Cause("motor_heat", ("motor_heat", "warm_up"), flex)
+    return Cause("motor_heat", ("motor_heat", "warm_up"), flex, outside=unsaid)
