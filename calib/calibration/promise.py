@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.brief import Brief
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.calibration.uncertainty import JointKnowledge, covariance_root, prediction_covariance_at
@@ -48,7 +49,7 @@ _GRID = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 61)])  # discrepancies th
 
 
 @dataclass(frozen=True, eq=False)
-class Discrepancy:
+class Discrepancy(Brief):
     """Variance per coordinate of what a model is known to miss: a + b r, r the distance to the nearest training pose.
 
     The distance of two joint vectors is the root mean square over the joints of their difference, each over its scale.
@@ -73,7 +74,7 @@ def _distances(q: Array, others: Array, scale: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class FitUncertainty:
+class FitUncertainty(Brief):
     """What a prediction needs of a fit: model, values and covariance of its P parameters, noise, discrepancy."""
 
     model: Model
@@ -85,7 +86,7 @@ class FitUncertainty:
 
 
 @dataclass(frozen=True)
-class PointPromise:
+class PointPromise(Brief):
     """Errors of M measured points with the standard deviations promised for them, in the instrument's frame."""
 
     pose: IndexArray  # (M,)

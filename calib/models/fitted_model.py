@@ -190,10 +190,10 @@ class FittedModel(Presented):
                 raise FitError(f"dataset {dataset.name}: the model has no target {unknown[0]!r}")
         self.require_conditions(dataset.poses)
         xs = [self.model.delivered(self.x), self.x]
-        before, after = evaluate_all(self.model, xs, self._as_measured(dataset))
+        before, after = evaluate_all(self.model, xs, self.as_measured(dataset))
         return before, after
 
-    def _as_measured(self, dataset: Dataset) -> Dataset:
+    def as_measured(self, dataset: Dataset) -> Dataset:
         """Dataset whose poses count as measured after those of the fit, unless it is the one that was fitted."""
         if self.source.files and not self.is_fitted_to(dataset):  # another day: what changed has changed
             return replace(dataset, poses=dataset.poses.measured_later())
@@ -207,7 +207,7 @@ class FittedModel(Presented):
         ratio = self.sigma_mm / declared_sigma_mm(dataset) if np.isfinite(self.sigma_mm) else 1.0
         none = Discrepancy(0.0, 0.0, np.zeros((1, self.model.robot.n_joints)), np.ones(self.model.robot.n_joints))
         known = FitUncertainty(self.model, self.x, self.covariance, ratio, ratio, self.discrepancy or none)
-        return promised_at_points(known, self._as_measured(dataset), after)
+        return promised_at_points(known, self.as_measured(dataset), after)
 
     def require_same_arm(self, dataset: Dataset) -> None:
         """Raise FitError where a dataset's nominal robot differs from the nominal robot of the model."""
@@ -256,7 +256,9 @@ class FittedModel(Presented):
 
     def is_fitted_to(self, dataset: Dataset) -> bool:
         """Whether the model was fitted to exactly the files of a dataset."""
-        return bool(self.source.files) and dict(self.source.files) == fingerprint(dataset)
+        if not self.source.files or dataset.folder is None:
+            return False
+        return dict(self.source.files) == fingerprint(dataset)
 
     def save(self, path: str | Path) -> None:
         """Write the model as model.json, whole or not at all; `calib.load_model` reads it.
