@@ -30,9 +30,11 @@ from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.brief import Brief
 from calib.calibration.evaluation import Evaluation
+from calib.calibration.noise_level import FIT, noise_level
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.calibration.uncertainty import JointKnowledge, covariance_root, prediction_covariance_at
 from calib.dataset.dataset import Dataset, Poses
+from calib.dataset.repeats import SIGMA_DOUBT
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, linearise_points
 from calib.fitting.scanner_frame import frame_motion, whitener
@@ -172,6 +174,19 @@ def promised_covariance(calibration: Calibration, poses: Poses, setup: str | Non
     fit = fit_uncertainty(calibration)
     variance = fit.single_ratio**2 * declared_sigma_mm(calibration.dataset) ** 2 + fit.discrepancy.variance_mm2(poses.q)
     return prediction_covariance_at(calibration, poses, setup) + variance[:, None, None] * np.eye(3)
+
+
+def missed_variance(calibration: Calibration, q: Array) -> Array:
+    """Variance (N,), mm^2 per coordinate, by which the model itself is off at joint vectors (N, n), without noise.
+
+    It is the discrepancy and, where the noise is known, what the residual has beyond it: sigma^2 - (1.25 noise)^2, the
+    noise being taken as accurate to 25 %. What the parameters' covariance says is not in it.
+    """
+    level = noise_level(calibration)
+    beyond = 0.0
+    if level.source != FIT and np.isfinite(calibration.sigma_mm):
+        beyond = max(calibration.sigma_mm**2 - (SIGMA_DOUBT * level.sigma_mm) ** 2, 0.0)
+    return beyond + learned_discrepancy(calibration).variance_mm2(q)
 
 
 def _rows(fit: FitUncertainty, observed: Observations, fitted: BoolArray) -> _Rows:
