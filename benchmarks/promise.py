@@ -3,8 +3,8 @@
     python benchmarks/promise.py [FOLDER ...] [--arms 40] [--diagnosed 12]
 
 FOLDER: recordings of real arms, by link errors alone (`calibrate`) and by the last model of `diagnose`, beside the rms
-of the training errors taken for sigma. Then simulated arms with 20, 50 and 200 training poses, nothing hidden and with an
-effect that the fit does not have, and diagnosed ones.
+of the training errors taken for sigma. Then simulated arms with 20, 50 and 200 training poses, nothing hidden and with
+an effect that the fit does not have, and diagnosed ones.
 """
 
 from __future__ import annotations
