@@ -47,6 +47,8 @@ of their own (docs/measured.md), between 1.08 and 1.35 where the recordings of a
 _GROUPS = (1, 2, 4, 8, 16, 32)  # poses that are left out together
 _MOST_GROUPS = 400  # of each size, spread evenly over the poses
 _LEAST_LEFT = 0.5  # share of the poses that has to be left for the fit without a group
+_REGIONS = (4, 8, 16)  # of joint space, that are left out one by one
+_MOST_MEANS = 20  # iterations of k-means
 _GRID = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 61)])  # discrepancies that are tried, in units of the noise
 
 
@@ -242,9 +244,7 @@ def learned_discrepancy(calibration: Calibration) -> Discrepancy:
     dataset, fit = calibration.fitted_dataset, calibration.fit
     observed = replace(Observations.of(dataset), scanner_T_base=calibration.after.scanner_T_base)
     used = np.unique(observed.points.pose)
-    trained = dataset.poses.q[used]
-    scale = np.maximum(trained.max(axis=0) - trained.min(axis=0), 1e-3)
-    none = Discrepancy(0.0, 0.0, trained, scale)
+    none = _joint_space(dataset.poses.q[used])
     if not np.isfinite(fit.reduced_chi) or not fit.reduced_chi > 0.0 or len(used) < 4:
         return none
     parts = list(_left_out(calibration, observed, none))
@@ -256,15 +256,8 @@ def learned_discrepancy(calibration: Calibration) -> Discrepancy:
 def _left_out(calibration: Calibration, observed: Observations, known: Discrepancy) -> Iterator[_LeftOut]:
     """Left-out errors of the training poses, by the number of poses left out together."""
     noise = calibration.fit.reduced_chi
-    fit = fit_uncertainty(calibration, known)
-    at_mm = linearise_points(fit.model, fit.x, observed)[0]
-    assert observed.scanner_T_base is not None
-    placed = np.stack([observed.scanner_T_base[str(name)] for name in observed.setup])
-    error_mm = np.einsum("mij,mj->mi", placed[:, :3, :3], at_mm) + placed[:, :3, 3] - observed.points.xyz_mm
-    whiten = whitener(observed.covariance_mm2)
+    whiten, residual, root = _whitened(calibration, observed, known)
     colour = np.linalg.inv(whiten)
-    residual = np.einsum("mij,mj->mi", whiten, error_mm)
-    root = whiten @ _rows(fit, observed, np.ones(len(at_mm), dtype=bool)).root_mm / noise
     poses, row = observed.used_poses
     points = np.split(np.argsort(row, kind="stable"), np.cumsum(np.bincount(row))[:-1])
     tried = np.unique(np.linspace(0, len(poses) - 1, min(len(poses), _MOST_GROUPS)).astype(int))
@@ -290,6 +283,66 @@ def _left_out(calibration: Calibration, observed: Observations, known: Discrepan
             expected[k] = noise**2 * max(known_mm2, np.mean(np.sum(turn**2, axis=2)))
             distance[k] = away[order[count]]
         yield _LeftOut(squared, expected, distance, np.full(len(tried), 1.0 / count))
+
+
+def _whitened(calibration: Calibration, observed: Observations, known: Discrepancy) -> tuple[Array, Array, Array]:
+    """Whitening matrices (M, 3, 3) of the fitted points, their residual (M, 3), and a root L (M, 3, K) of H = L L^T."""
+    fit = fit_uncertainty(calibration, known)
+    at_mm = linearise_points(fit.model, fit.x, observed)[0]
+    assert observed.scanner_T_base is not None
+    placed = np.stack([observed.scanner_T_base[str(name)] for name in observed.setup])
+    error_mm = np.einsum("mij,mj->mi", placed[:, :3, :3], at_mm) + placed[:, :3, 3] - observed.points.xyz_mm
+    whiten = whitener(observed.covariance_mm2)
+    root = whiten @ _rows(fit, observed, np.ones(len(at_mm), dtype=bool)).root_mm / fit.noise_ratio
+    return whiten, np.einsum("mij,mj->mi", whiten, error_mm), root
+
+
+@lru_cache(maxsize=4)
+def misfit_inflation(calibration: Calibration) -> float:
+    """Factor, at least 1, of the parameters' covariance where what the model misses is alike at neighbouring poses.
+
+    The poses are divided into regions G of the joint space. Without a region the parameters and frames move, in units
+    of their covariance, by L_G^T (1 - H_GG)^-1 r_G, of expected square s^2 tr L_G^T (1 - H_GG)^-1 L_G where errors are
+    independent. The factor is the ratio of the sums over all regions, its mean over 4, 8 and 16 regions.
+    """
+    dataset, noise = calibration.fitted_dataset, calibration.fit.reduced_chi
+    observed = replace(Observations.of(dataset), scanner_T_base=calibration.after.scanner_T_base)
+    used, row = np.unique(observed.points.pose, return_inverse=True)
+    joints = _joint_space(dataset.poses.q[used])
+    if not noise > 0.0 or len(used) < 2 * _REGIONS[-1]:
+        return 1.0
+    _, residual, root = _whitened(calibration, observed, joints)
+    ratios = []
+    for count in _REGIONS:
+        region = _regions(joints.trained / joints.scale, count)[row]
+        moved = expected = 0.0
+        for k in np.unique(region):
+            points = np.flatnonzero(region == k)
+            flat = root[points].reshape(3 * len(points), -1)
+            solved = np.linalg.solve((1.0 + 1e-9) * np.eye(len(flat)) - flat @ flat.T, flat)
+            moved += float(np.sum((solved.T @ residual[points].ravel()) ** 2))
+            expected += noise**2 * float(np.sum(flat * solved))
+        ratios.append(moved / max(expected, 1e-300))
+    return max(1.0, float(np.mean(ratios)))
+
+
+def _regions(places: Array, count: int) -> IndexArray:
+    """Region (N,) of each of N places (N, n): k-means, from places that are as far apart as possible."""
+    centres = places[[int(np.argmin(np.sum((places - places.mean(axis=0)) ** 2, axis=1)))]]
+    for _ in range(count - 1):
+        nearest = np.min(np.sum((places[:, None] - centres) ** 2, axis=2), axis=1)
+        centres = np.concatenate([centres, places[[int(np.argmax(nearest))]]])
+    region = np.zeros(len(places), dtype=np.int64)
+    for _ in range(_MOST_MEANS):
+        region = np.argmin(np.sum((places[:, None] - centres) ** 2, axis=2), axis=1)
+        kept = np.unique(region)
+        centres = np.stack([places[region == k].mean(axis=0) for k in kept])
+    return np.argmin(np.sum((places[:, None] - centres) ** 2, axis=2), axis=1)
+
+
+def _joint_space(trained: Array) -> Discrepancy:
+    """No discrepancy, with the joint vectors (T, n) of the training poses and each joint's range over them."""
+    return Discrepancy(0.0, 0.0, trained, np.maximum(trained.max(axis=0) - trained.min(axis=0), 1e-3))
 
 
 def _most_likely(left: _LeftOut) -> tuple[float, float]:

@@ -14,6 +14,7 @@ from calib.calibration.promise import (
     Discrepancy,
     fit_uncertainty,
     learned_discrepancy,
+    misfit_inflation,
     promise,
     promised_at_points,
     promised_covariance,
@@ -79,6 +80,19 @@ def test_a_fit_without_prior_promises_finite_errors(robust: bool) -> None:
     sigma_mm = promise(calibrate(arm(1, train=40), prior=False, robust=robust)).sigma_mm
     assert np.all(np.isfinite(sigma_mm))
     assert np.all(sigma_mm > 0.5 * NOISE_MM)
+
+
+def test_parameters_are_moved_by_misfit_that_is_alike_at_neighbouring_poses_not_by_noise() -> None:
+    complete = [misfit_inflation(calibrate(arm(seed, train=100))) for seed in range(12)]
+    assert np.mean(complete) < 1.25
+    hidden = [
+        misfit_inflation(
+            calibrate(simulate_dataset("rb5", rng=seed, effects=[("joint_scale", 8.0)], poses=130).dataset)
+        )
+        for seed in range(4)
+    ]
+    assert np.median(hidden) > 1.4 * np.mean(complete)
+    assert misfit_inflation(calibrate(arm(0, train=20))) == 1.0  # too few poses for sixteen regions
 
 
 def away(calibration: Calibration, turn_rad: float) -> float:
