@@ -16,6 +16,9 @@ RESIDUAL_KINDS = ("position", "distance", "pairs", "pose")
 """Residuals that a fit can minimise, defined in `calib.fitting.residual_kinds`."""
 CORRECTION_KINDS = ("position", "pose")
 """Parts of the tool frame that a correction can meet, see `calib.compensation.target_correction`."""
+REFITS = ("frame", "links")
+"""What a refit of a saved model fits anew besides the instrument's frame: the tool, or the links too
+(`calib.models.refit`)."""
 PLAN_REGIONS = ("auto", "test", "measurable", "all")
 """Regions over which a plan minimises the predicted error, see `calib.planning.plan`."""
 PLAN_CRITERIA = ("I", "D")

@@ -2,7 +2,8 @@
 
 Both predictions stand in the measuring device's frame, as in every evaluation: the arm as delivered by the frame that
 fits it best, the calibrated arm by its own. Noise of the measured points moves both frames alike, so the difference is
-as uncertain as the fitted parameters are, the calibrated arm's frame moving with them.
+as uncertain as the fitted parameters are, the calibrated arm's frame moving with them, and by what the model is known
+to miss (`calib.calibration.promise`).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array
+from calib.calibration.promise import missed_variance
 from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import JointKnowledge
 from calib.dataset.dataset import Poses
@@ -26,7 +28,7 @@ class DeliveredError:
     """Predicted error of an arm as delivered at N poses: delivered minus calibrated, in the calibrated base's frame."""
 
     error_mm: Array  # (N, 3)
-    covariance_mm2: Array  # (N, 3, 3) by the fitted parameters' covariance; no noise, and no effect the model lacks
+    covariance_mm2: Array  # (N, 3, 3) by the fitted parameters and what the model is known to miss; no noise
 
     @property
     def length_mm(self) -> Array:
@@ -74,7 +76,8 @@ def delivered_error(calibration: Calibration, poses: Poses, setup: str) -> Deliv
     delivered_mm = model.predict(model.delivered(x), poses, target)
     base_T_delivered = frames.invert(calibrated) @ delivered
     error_mm = frames.apply(base_T_delivered, delivered_mm) - fitted_mm
-    return DeliveredError(error_mm, delivered_error_covariance(calibration, poses, setup, target))
+    missed = missed_variance(calibration, poses.q)[:, None, None] * np.eye(3)
+    return DeliveredError(error_mm, delivered_error_covariance(calibration, poses, setup, target) + missed)
 
 
 def delivered_error_covariance(calibration: Calibration, poses: Poses, setup: str, target: str) -> Array:

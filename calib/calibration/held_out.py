@@ -8,6 +8,7 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.calibration.promise import NEW_PLACE, Discrepancy
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.calibration.uncertainty import JointKnowledge
 from calib.dataset.repeats import SIGMA_DOUBT
@@ -43,6 +44,7 @@ class _Rows:
 
     error: Array  # (R,)
     root: Array  # (R, K)
+    unit_mm: Array  # (R,) length of one unit of the errors
     pose: IndexArray  # (R,)
     spent: int  # rows that frames of setups without training poses took
 
@@ -54,7 +56,9 @@ class _Rows:
         return float(error @ error - along @ inner), len(error) * (1.0 - self.spent / len(self.error))
 
 
-def held_out_test(calibration: Calibration, noise_mm: float, noise_from: str) -> HeldOutTest | None:
+def held_out_test(
+    calibration: Calibration, noise_mm: float, noise_from: str, discrepancy: Discrepancy | None = None
+) -> HeldOutTest | None:
     """Chi-squared test of the test poses' errors; None with fewer than four test poses.
 
     With e the errors and L a root of their covariance by uncertain parameters and frames, all in units of the noise,
@@ -68,6 +72,8 @@ def held_out_test(calibration: Calibration, noise_mm: float, noise_from: str) ->
         noise_mm: sigma of a coordinate.
         noise_from: source of that sigma, "repeats", "dataset" or "fit". Each is taken as accurate to 25 %; the fit's
             own has its degrees of freedom in addition.
+        discrepancy: what the model is known to miss (`calib.calibration.promise`), which then counts as noise; None to
+            test against noise and the fit's uncertainty alone.
     """
     dataset, fit = calibration.fitted_dataset, calibration.fit
     noise = dataset.noise if calibration.options.noise is None else calibration.options.noise
@@ -80,7 +86,7 @@ def held_out_test(calibration: Calibration, noise_mm: float, noise_from: str) ->
     if len(poses) < _LEAST_POSES:
         return None
     observed = replace(Observations.of(dataset, tested), scanner_T_base=calibration.after.scanner_T_base)
-    rows = _whitened(calibration, observed, noise_mm)
+    rows = _whitened(calibration, observed, noise_mm, discrepancy)
     everything = np.ones(len(rows.error), dtype=bool)
     square, dof = rows.square_and_dof(everything)
     worst = max(poses, key=lambda pose: float(np.mean(rows.error[rows.pose == pose] ** 2)))
@@ -91,10 +97,10 @@ def held_out_test(calibration: Calibration, noise_mm: float, noise_from: str) ->
     else:
         p_value = chi2_sf(doubted, less_dof)
     points = len(observed.points)
-    variance = noise_mm**2 * (1.0 + np.sum(rows.root**2, axis=1))
+    variance = rows.unit_mm**2 * (1.0 + np.sum(rows.root**2, axis=1))
     return HeldOutTest(
         poses=len(poses),
-        rmse_mm=noise_mm * float(np.sqrt(np.sum(rows.error**2) / points)),
+        rmse_mm=float(np.sqrt(np.sum((rows.unit_mm * rows.error) ** 2) / points)),
         promised_mm=float(np.sqrt(np.sum(variance) / points)),
         ratio=float(np.sqrt(square / dof)),
         p_value=p_value,
@@ -113,12 +119,23 @@ def in_gap_of_step(calibration: Calibration) -> BoolArray:
     return gap & poses.is_test
 
 
-def _whitened(calibration: Calibration, observed: Observations, noise_mm: float) -> _Rows:
-    """Errors of observed points in units of the noise, and a root of their covariance from the fit's uncertainty."""
+def _whitened(
+    calibration: Calibration, observed: Observations, noise_mm: float, discrepancy: Discrepancy | None
+) -> _Rows:
+    """Errors of observed points in units of the noise, and a root of their covariance from the fit's uncertainty.
+
+    With a discrepancy the noise includes it, and errors in a setup without training poses are those of a new place.
+    """
     model, fit, after = calibration.model, calibration.fit, calibration.after
     variance, turn = np.linalg.eigh(fit.covariance)
     parameters_root = turn * np.sqrt(np.maximum(variance, 0.0))
-    whiten = whitener(observed.covariance_mm2) * (declared_sigma_mm(calibration.fitted_dataset) / noise_mm)
+    covariance_mm2 = observed.covariance_mm2 * (noise_mm / declared_sigma_mm(calibration.fitted_dataset)) ** 2
+    missed_mm2 = np.zeros(len(observed.points))
+    if discrepancy is not None:
+        missed_mm2 = discrepancy.variance_mm2(observed.poses.q)[observed.points.pose]
+    whiten = whitener(covariance_mm2 + missed_mm2[:, None, None] * np.eye(3))
+    unit_mm = np.sqrt(noise_mm**2 + missed_mm2)
+    new_place = 1.0 if discrepancy is None else NEW_PLACE
     at_mm, by_x = linearise_points(model, fit.x, observed)
     trained = set(map(str, Observations.of(calibration.fitted_dataset).setup))
     count = len(observed.points)
@@ -145,7 +162,9 @@ def _whitened(calibration: Calibration, observed: Observations, noise_mm: float)
             spent += basis.shape[1]
             flat = columns.reshape(3 * len(rows), -1)
             columns = (flat - basis @ (basis.T @ flat)).reshape(columns.shape)
-            missed = (missed.ravel() - basis @ (basis.T @ missed.ravel())).reshape(-1, 3)
+            missed = (missed.ravel() - basis @ (basis.T @ missed.ravel())).reshape(-1, 3) / new_place
+            unit_mm[rows] *= new_place
         error[rows], root[rows] = missed, columns
     stacked = root.reshape(3 * count, -1) @ parameters_root
-    return _Rows(error.ravel(), np.concatenate([stacked, *own], axis=1), np.repeat(observed.points.pose, 3), spent)
+    columns = np.concatenate([stacked, *own], axis=1)
+    return _Rows(error.ravel(), columns, np.repeat(unit_mm, 3), np.repeat(observed.points.pose, 3), spent)

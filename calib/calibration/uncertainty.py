@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from calib import frames
 from calib.array_types import Array
 from calib.calibration.result import Calibration
+from calib.dataset.dataset import Poses
 from calib.errors import FitError
 from calib.fitting.observations import Observations, conditions_at, linearise_points
 from calib.fitting.scanner_frame import frame_motion, whitener
@@ -136,9 +137,9 @@ class JointKnowledge:
         """
         fit = calibration.fit
         n = len(fit.x)
-        covariance = np.zeros((n + 6, n + 6))
-        covariance[:n, :n] = fit.covariance
         if setup is None:
+            covariance = np.zeros((n + 6, n + 6))
+            covariance[:n, :n] = fit.covariance
             return cls(covariance, np.zeros(3), np.zeros((6, n)), np.zeros((6, 0)))
         observed = Observations.of(calibration.fitted_dataset)
         rows = observed.setup == setup
@@ -149,17 +150,36 @@ class JointKnowledge:
         at_mm, by_x = linearise_points(calibration.model, fit.x, observed)
         scanner_T_base = calibration.after.scanner_T_base[setup]
         seen_mm = frames.apply(scanner_T_base, at_mm[rows])
+        noise = fit.reduced_chi if np.isfinite(fit.reduced_chi) else 1.0
+        turned = scanner_T_base[:3, :3] @ by_x[rows]
+        return cls.of_points(fit.covariance, noise, seen_mm, turned, observed.covariance_mm2[rows])
+
+    @classmethod
+    def of_points(
+        cls, parameters: Array, noise_ratio: float, seen_mm: Array, by_x: Array, covariance_mm2: Array
+    ) -> JointKnowledge:
+        """Covariance of parameters and of a frame that is fitted to M points.
+
+        Args:
+            parameters: (P, P) covariance of the parameters.
+            noise_ratio: sigma of the points over what their covariances say.
+            seen_mm: (M, 3) predicted points, scanner frame.
+            by_x: (M, 3, P) their derivative by the parameters, the frame at rest.
+            covariance_mm2: (M, 3, 3) of the measured points.
+        """
+        n, count = len(parameters), len(seen_mm)
+        covariance = np.zeros((n + 6, n + 6))
+        covariance[:n, :n] = parameters
         centre_mm = seen_mm.mean(axis=0)
-        whiten = whitener(observed.covariance_mm2[rows])
-        columns = (whiten @ scanner_T_base[:3, :3] @ by_x[rows]).reshape(3 * int(rows.sum()), -1)
-        motion = (whiten @ frame_motion(seen_mm, centre_mm)).reshape(3 * int(rows.sum()), 6)
+        whiten = whitener(covariance_mm2)
+        columns = (whiten @ by_x).reshape(3 * count, -1)
+        motion = (whiten @ frame_motion(seen_mm, centre_mm)).reshape(3 * count, 6)
         pseudo = np.linalg.pinv(motion, rcond=1e-9)
         follows = -pseudo @ columns  # (6, P)
-        noise = fit.reduced_chi if np.isfinite(fit.reduced_chi) else 1.0
-        covariance[n:, :n] = follows @ covariance[:n, :n]
+        covariance[n:, :n] = follows @ parameters
         covariance[:n, n:] = covariance[n:, :n].T
-        frame_root = np.asarray(np.linalg.qr((noise * pseudo).T, mode="r")).T
-        covariance[n:, n:] = follows @ covariance[:n, :n] @ follows.T + frame_root @ frame_root.T
+        frame_root = np.asarray(np.linalg.qr((noise_ratio * pseudo).T, mode="r")).T
+        covariance[n:, n:] = follows @ parameters @ follows.T + frame_root @ frame_root.T
         return cls(covariance, centre_mm, follows, frame_root)
 
 
@@ -180,14 +200,17 @@ def prediction_covariance(calibration: Calibration, q: ArrayLike, setup: str | N
         (N, 3, 3) mm^2.
     """
     q = np.atleast_2d(np.asarray(q, dtype=float))
+    return prediction_covariance_at(calibration, conditions_at(calibration.dataset.poses, q), setup)
+
+
+def prediction_covariance_at(calibration: Calibration, poses: Poses, setup: str | None = None) -> Array:
+    """Covariance (N, 3, 3), mm^2, as `prediction_covariance`, at N poses with conditions of their own."""
     observed = Observations.of(calibration.fitted_dataset)
     name = str(observed.setup[0]) if setup is None else setup
     known = JointKnowledge.of(calibration, name)
     scanner_T_base = calibration.after.scanner_T_base[name]
     target = observed.first_target if calibration.model.robot.carries_scanner else "jig"
-    points_mm, by_q = calibration.model.linearise(
-        calibration.fit.x, conditions_at(calibration.dataset.poses, q), target
-    )
+    points_mm, by_q = calibration.model.linearise(calibration.fit.x, poses, target)
     motion = frame_motion(frames.apply(scanner_T_base, points_mm), known.centre_mm)
     rows = np.concatenate([scanner_T_base[:3, :3] @ by_q, motion], axis=-1)
     spread = rows @ covariance_root(known.covariance)

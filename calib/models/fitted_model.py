@@ -14,7 +14,14 @@ from numpy.typing import ArrayLike
 from calib.array_types import Array
 from calib.brief import Brief, errors_in_short
 from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
-from calib.calibration.result import Calibration
+from calib.calibration.promise import (
+    Discrepancy,
+    FitUncertainty,
+    PointPromise,
+    fit_uncertainty,
+    promised_at_points,
+)
+from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.compensation.attitude import FitKnowledge
 from calib.compensation.target_correction import Correction, corrected_joints, needed_columns, plain_poses
 from calib.dataset.dataset import Dataset, Poses
@@ -74,6 +81,7 @@ class FittedModel(Presented):
     sigma_mm: float  # residual of one coordinate; nan without degrees of freedom
     source: Source
     trained: TrainedRange | None = None  # of the joints; None where a file has none
+    discrepancy: Discrepancy | None = None  # what the model is known to miss; None where a file has none
 
     @classmethod
     def of(cls, calibration: Calibration) -> FittedModel:
@@ -93,6 +101,7 @@ class FittedModel(Presented):
             sigma_mm=calibration.sigma_mm,
             source=_source(dataset, calibration.outliers),
             trained=calibration.trained,
+            discrepancy=fit_uncertainty(calibration).discrepancy,
         )
 
     @property
@@ -180,10 +189,25 @@ class FittedModel(Presented):
             if unknown:
                 raise FitError(f"dataset {dataset.name}: the model has no target {unknown[0]!r}")
         self.require_conditions(dataset.poses)
-        if self.source.files and not self.is_fitted_to(dataset):  # another day: what changed has changed
-            dataset = replace(dataset, poses=dataset.poses.measured_later())
-        before, after = evaluate_all(self.model, [self.model.delivered(self.x), self.x], dataset)
+        xs = [self.model.delivered(self.x), self.x]
+        before, after = evaluate_all(self.model, xs, self.as_measured(dataset))
         return before, after
+
+    def as_measured(self, dataset: Dataset) -> Dataset:
+        """Dataset whose poses count as measured after those of the fit, unless it is the one that was fitted."""
+        if self.source.files and not self.is_fitted_to(dataset):  # another day: what changed has changed
+            return replace(dataset, poses=dataset.poses.measured_later())
+        return dataset
+
+    def promise(self, dataset: Dataset, after: Evaluation) -> PointPromise:
+        """Errors at a dataset's points (`evaluate`), each with the standard deviation promised for an unseen pose.
+
+        The points' noise is that which the model's own fit left; a file without discrepancy promises without it.
+        """
+        ratio = self.sigma_mm / declared_sigma_mm(dataset) if np.isfinite(self.sigma_mm) else 1.0
+        none = Discrepancy(0.0, 0.0, np.zeros((1, self.model.robot.n_joints)), np.ones(self.model.robot.n_joints))
+        known = FitUncertainty(self.model, self.x, self.covariance, ratio, ratio, self.discrepancy or none)
+        return promised_at_points(known, self.as_measured(dataset), after)
 
     def require_same_arm(self, dataset: Dataset) -> None:
         """Raise FitError where a dataset's nominal robot differs from the nominal robot of the model."""
@@ -232,7 +256,9 @@ class FittedModel(Presented):
 
     def is_fitted_to(self, dataset: Dataset) -> bool:
         """Whether the model was fitted to exactly the files of a dataset."""
-        return bool(self.source.files) and dict(self.source.files) == fingerprint(dataset)
+        if not self.source.files or dataset.folder is None:
+            return False
+        return dict(self.source.files) == fingerprint(dataset)
 
     def save(self, path: str | Path) -> None:
         """Write the model as model.json, whole or not at all; `calib.load_model` reads it.
@@ -265,6 +291,7 @@ class FittedModel(Presented):
             "loads_table": None if loads is None else loads.table,
             "found_tool_mm": None if tool_found is None else tool_point_of(tool_found),
             "trained": None if self.trained is None else asdict(self.trained),
+            "discrepancy": None if self.discrepancy is None else asdict(self.discrepancy),
             "effects": [member_document(effect) for effect in model.effects],
             "held": sorted(model.fixed),
             "parameters": [

@@ -90,6 +90,15 @@ class SavedRange(msgspec.Struct, frozen=True):
     high: Row
 
 
+class SavedDiscrepancy(msgspec.Struct, frozen=True):
+    """What a model is known to miss, by the distance from its training poses."""
+
+    constant_mm2: NotNegative
+    growth_mm2: NotNegative
+    trained: tuple[Row, ...]
+    scale: Row
+
+
 class ModelDocument(msgspec.Struct, frozen=True):
     """Content of model.json, apart from its format and version."""
 
@@ -109,5 +118,6 @@ class ModelDocument(msgspec.Struct, frozen=True):
     loads_table: tuple[Row, ...] | None = None  # links with which gravity's loads are computed
     found_tool_mm: Row | None = None  # tool point in the last joint's frame, where that of the robot is far off
     trained: SavedRange | None = None  # of the joints at the training poses
+    discrepancy: SavedDiscrepancy | None = None
     sigma_mm: NotNegative | None = None
     scanner_T_flange: dict[str, Any] = {}  # in place of scanner_T_base where the arm carries the scanner

@@ -17,6 +17,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.calibration.evaluation import Figures
+from calib.calibration.promise import Discrepancy
 from calib.calibration.result import FittedResult
 from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Poses
@@ -106,6 +107,7 @@ def load_model(path: str | Path, effects_file: str | Path | None = None) -> Fitt
             document.dataset.left_out,
         ),
         trained=_trained(file, document, robot),
+        discrepancy=_discrepancy(file, document, robot),
     )
 
 
@@ -120,6 +122,19 @@ def _trained(file: JsonFile, document: ModelDocument, robot: Robot) -> TrainedRa
             f"a range of each of {robot.n_joints} joints is needed",
         )
     return TrainedRange(low, high)
+
+
+def _discrepancy(file: JsonFile, document: ModelDocument, robot: Robot) -> Discrepancy | None:
+    saved = document.discrepancy
+    if saved is None:
+        return None
+    if not saved.trained or any(len(row) != robot.n_joints for row in saved.trained):
+        file.fail(
+            ["discrepancy", "trained"], "other joint vectors", f"one or more of {robot.n_joints} joints are needed"
+        )
+    if len(saved.scale) != robot.n_joints or min(saved.scale) <= 0.0:
+        file.fail(["discrepancy", "scale"], f"{list(saved.scale)}", f"{robot.n_joints} numbers above 0 are needed")
+    return Discrepancy(saved.constant_mm2, saved.growth_mm2, np.array(saved.trained), np.array(saved.scale))
 
 
 def _robot(file: JsonFile, document: ModelDocument) -> Robot:

@@ -114,7 +114,8 @@ def plan_poses(
     q = candidate_poses(start.cell, candidates + _REGION, rng=rng)  # the last of which are the region's
     offered = criterion.prepared(start, start.poses_at(q[:candidates]))
     unknowns = start.unknowns(_members(start, offered, criterion.effects, user_effects))
-    region_at = Region.of(*_region(start, start.poses_at(q[candidates:]), region, rng), unknowns)
+    named, poses_there = _region(start, start.poses_at(q[candidates:]), region, rng)
+    region_at = Region.of(named, poses_there, unknowns, start.missed_mm2(poses_there))
     problem = DesignProblem(start, unknowns, offered, unknowns.rows(offered), region_at)
     chosen = criterion.choose(problem, count)
     curve_mm = _curve(problem, chosen)
@@ -211,7 +212,7 @@ def _curve(problem: DesignProblem, chosen: IndexArray) -> Array:
     further = min(_BEYOND, len(some) - len(chosen))
     beyond = replace(region, rows=region.rows[some], prior_information=problem.information(chosen))
     more = best_poses([beyond], further, exclude=np.isin(some, chosen), exchange=False)
-    return np.exp(0.5 * np.array([*logs, *more.greedy_log_values]))
+    return np.asarray(np.sqrt(np.exp(np.array([*logs, *more.greedy_log_values])) + problem.region.missed_mm2))
 
 
 def _order(problem: DesignProblem, chosen: IndexArray) -> IndexArray:

@@ -3,7 +3,7 @@
 The fitted model's error at a region's points is linear in the unknowns' errors, of covariance C: its mean square over
 the points is e^T G e with e ~ N(0, C), G the mean of columns^T columns. Its mean over all arms is trace(G C). For one
 arm it is a sum of chi-square variables, weighted by the eigenvalues of L^T G L (C = L L^T). Few of these are large, so
-it varies from arm to arm.
+it varies from arm to arm. What the fit is known to miss (`calib.calibration.promise`) is added to each.
 """
 
 from __future__ import annotations
@@ -32,11 +32,12 @@ class Region:
     poses: Poses
     columns_mm: Array  # (T, 3 t, K) `Unknowns.columns_mm` for T poses, t targets
     noise_mm2: float  # mean square of a point's noise, three dimensions
+    missed_mm2: float = 0.0  # mean square of what the model is known to miss, three dimensions
 
     @classmethod
-    def of(cls, name: str, poses: Poses, unknowns: Unknowns) -> Region:
+    def of(cls, name: str, poses: Poses, unknowns: Unknowns, missed_mm2: float = 0.0) -> Region:
         """Region made of some poses, with the derivatives of their points by the unknowns."""
-        return cls(name, poses, unknowns.columns_mm(poses), unknowns.noise_mm2(poses))
+        return cls(name, poses, unknowns.columns_mm(poses), unknowns.noise_mm2(poses), missed_mm2)
 
     @property
     def target_combinations(self) -> Array:
@@ -62,7 +63,7 @@ class Prediction:
 def predicted(region: Region, information: Array, noise_dof: float, rng: np.random.Generator) -> Prediction:
     """Predicted error over a region of a fit with information matrix (K, K), whose noise has `noise_dof`."""
     root = covariance_root(inverse(information))
-    return _of_weights(_weights(region.target_combinations.T @ root), region.noise_mm2, noise_dof, rng)
+    return _of_weights(_weights(region.target_combinations.T @ root), region, noise_dof, rng)
 
 
 def predicted_once_placed(region: Region, unknowns: Unknowns, noise_dof: float, rng: np.random.Generator) -> Prediction:
@@ -75,7 +76,7 @@ def predicted_once_placed(region: Region, unknowns: Unknowns, noise_dof: float, 
     frame = targets[:, p:]
     parameters = targets[:, :p] - frame @ (np.linalg.pinv(frame, rcond=1e-9) @ targets[:, :p])
     root = np.linalg.cholesky(inverse(unknowns.prior_information)[:p, :p])
-    return _of_weights(_weights(parameters @ root), region.noise_mm2, noise_dof, rng)
+    return _of_weights(_weights(parameters @ root), region, noise_dof, rng)
 
 
 def _weights(combinations: Array) -> Array:
@@ -83,14 +84,18 @@ def _weights(combinations: Array) -> Array:
     return np.asarray(np.linalg.svd(combinations, compute_uv=False) ** 2)
 
 
-def _of_weights(weights: Array, noise_mm2: float, noise_dof: float, rng: np.random.Generator) -> Prediction:
-    """Prediction whose mean square error is a sum of chi-square variables with given weights, mm^2."""
-    mean = float(weights.sum())
+def _of_weights(weights: Array, region: Region, noise_dof: float, rng: np.random.Generator) -> Prediction:
+    """Prediction whose mean square error is a sum of chi-square variables with given weights, mm^2, and what is missed.
+
+    What the model misses has many independent causes over a region, so that its mean square hardly varies.
+    """
+    mean = float(weights.sum()) + region.missed_mm2
     drawn = rng.chisquare(1.0, (_DRAWS, len(weights))) @ weights
     if np.isfinite(noise_dof) and noise_dof > 2.0:
         drawn *= noise_dof / rng.chisquare(noise_dof, _DRAWS)
+    drawn += region.missed_mm2
     low, high = np.sqrt(np.quantile(drawn, [0.5 - 0.5 * SHARE, 0.5 + 0.5 * SHARE]))
-    return Prediction(float(np.sqrt(mean)), float(low), float(high), float(np.sqrt(mean + noise_mm2)))
+    return Prediction(float(np.sqrt(mean)), float(low), float(high), float(np.sqrt(mean + region.noise_mm2)))
 
 
 def enough_poses(curve: Array, first: int = 0) -> int | None:

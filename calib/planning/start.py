@@ -14,6 +14,7 @@ from calib.array_types import Array
 from calib.brief import Brief
 from calib.calibration.calibrate import calibrate
 from calib.calibration.noise_level import check_sigma
+from calib.calibration.promise import missed_variance
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset, Poses
 from calib.diagnosis.diagnose import diagnose
@@ -64,6 +65,10 @@ class Start(Protocol):
 
     def poses_at(self, q: Array) -> Poses:
         """Poses to be measured at joints q (N, n), rad or mm, under the usual conditions."""
+        ...
+
+    def missed_mm2(self, poses: Poses) -> float:
+        """Mean square 3D error, mm^2, that the model is known to miss at given poses."""
         ...
 
 
@@ -141,6 +146,10 @@ class FromFit(Brief):
         later = None if time_s is None else np.full(len(q), time_s.max())
         return replace(poses, role=np.full(len(q), "train"), setup=np.full(len(q), self.setup), time_s=later)
 
+    def missed_mm2(self, poses: Poses) -> float:
+        """Mean square 3D error, mm^2, that the fit's left-out poses show it to miss at given poses."""
+        return 3.0 * float(np.mean(missed_variance(self.calibration, poses.q)))
+
 
 @dataclass(frozen=True)
 class FromRobot:
@@ -185,6 +194,10 @@ class FromRobot:
         n = len(q)
         ids = tuple(f"q{i + 1}" for i in range(n))
         return Poses(ids, np.full(n, "train"), q, np.full(n, ""), ids)
+
+    def missed_mm2(self, poses: Poses) -> float:
+        """Zero, as nothing shows yet what a model of the arm will miss."""
+        return 0.0
 
 
 def start_of_dataset(

@@ -13,6 +13,7 @@ import numpy as np
 from calib.calibration.evaluation import Evaluation, Figures
 from calib.calibration.model_versions import Version
 from calib.calibration.noise_level import SigmaCheck, noise_level
+from calib.calibration.promise import promise
 from calib.calibration.result import Calibration, is_declared
 from calib.calibration.table_doubts import DoubtfulEntry, doubtful_entries
 from calib.calibration.uncertainty import Combination, correlated_pairs, identifiable_combinations
@@ -47,6 +48,7 @@ from calib.present.corners import face_labelling
 from calib.present.curves import curve_table, formulas
 from calib.present.effects import model_name
 from calib.present.error_headline import error_headline
+from calib.present.promise import COVERAGE, coverage_words, promise_document
 from calib.present.redundancy import redundancy_section, tool_sentence
 from calib.present.results import document, presentation
 from calib.screening.curves.fitted_curves import learned_members
@@ -117,6 +119,9 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
     if np.isfinite(calibration.sigma_mm):
         times = f", {numbers.times(fit.reduced_chi)} the declared" if is_declared(calibration.dataset) else ""
         facts.append(("residual sigma", f"{numbers.length(calibration.sigma_mm)} per coordinate{times}"))
+    covered = coverage_words(promise(calibration))
+    if covered:
+        facts.append((COVERAGE, covered))
     if calibration.face_labelling is not None:
         facts.append(("faces of the jig", face_labelling(calibration.face_labelling)))
     return facts
@@ -589,6 +594,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "outliers": calibration.outliers,
         "left_out": calibration.fitted_dataset.left_out,
         "warnings": calibration_warnings(calibration),
+        **promise_document(promise(calibration), calibration.dataset.poses),
     }
 
 

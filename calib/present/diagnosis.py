@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from calib.array_types import BoolArray
+from calib.calibration.promise import promise
 from calib.calibration.result import Calibration, is_declared
 from calib.calibration.table_doubts import doubtful_entries
 from calib.diagnosis.causes import FittedValue, fitted_values, visible_mm
@@ -54,6 +55,7 @@ from calib.present.effects import meaning, with_key
 from calib.present.error_headline import error_headline
 from calib.present.names import input_name
 from calib.present.noise import noise_document, noise_sentences
+from calib.present.promise import coverage_sentence, promise_document
 from calib.present.redundancy import redundancy_section
 from calib.present.residuals import residual_blocks, residuals_of
 from calib.present.results import document, headline, presentation, to_dict
@@ -113,7 +115,7 @@ def diagnosis_presentation(diagnosis: Diagnosis, poses: NextPoses | None) -> Pre
         [*diagnosis_head(diagnosis), history],
         [
             Section(HOW, reasons(diagnosis, poses), brief=True),
-            Section(HISTORY, [steps(diagnosis)], brief=True),
+            Section(HISTORY, [steps(diagnosis), *_coverage(last)], brief=True),
             Section(DATASET, measured_blocks(last, NOT_SEARCHED)),
             Section(MISSING, ranked_effects(diagnosis), brief=True),
             Section(RESIDUAL, residual_blocks(residuals_of(diagnosis))),
@@ -123,6 +125,11 @@ def diagnosis_presentation(diagnosis: Diagnosis, poses: NextPoses | None) -> Pre
             Section(PARAMETERS, parameters(last)),
         ],
     )
+
+
+def _coverage(calibration: Calibration) -> list[Block]:
+    words = coverage_sentence(promise(calibration))
+    return [Paragraph(words)] if words else []
 
 
 def learned_section(calibration: Calibration) -> list[Section]:
@@ -505,6 +512,7 @@ def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[st
         "learned": diagnosis.learned,
         "noise": noise_document(diagnosis),
         "data_problem": diagnosis.data_problem,
+        **promise_document(promise(last), last.dataset.poses),
     })  # fmt: skip
 
 

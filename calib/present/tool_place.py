@@ -41,8 +41,9 @@ def tool_place_blocks(place: ToolPlace) -> list[Block]:
         Facts([("joints", " · ".join(_joint_values(place)))]),
         Paragraph(
             spans(
-                "Delivered minus calibrated model; ± is one standard deviation by the fitted parameters, without "
-                "noise. Payload and other conditions as at pose ", pose(place.like), ".",
+                "Delivered minus calibrated model; ± is one standard deviation by the fitted parameters and what the "
+                "model is known to miss, without noise. Payload and other conditions as at pose ",
+                pose(place.like), ".",
             ),
             soft=True,
         ),

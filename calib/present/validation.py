@@ -14,6 +14,7 @@ from calib.present import numbers
 from calib.present.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Table, Verdict
 from calib.present.calibration import error_table, sigma_sentence
 from calib.present.colours import BAD, DOUBT, GOOD
+from calib.present.promise import coverage_sentence, promise_document
 from calib.present.results import document, presentation
 from calib.validation.cross_validation import SUSPICIOUS, CrossValidation
 from calib.validation.learning_curve import FAR, LearningCurve
@@ -173,10 +174,12 @@ def saved_model_blocks(fitted: FittedModel, dataset: Dataset, before: Evaluation
     trained = fitted.trained
     outside = trained.words(dataset.robot, dataset.poses.q, dataset.poses.ids) if trained is not None else ""
     remarks = [*([f"{numbers.capitalised(outside)}."] if outside else []), *after.notes]
+    covered = coverage_sentence(fitted.promise(dataset, after))
     return [
         *model_blocks(fitted),
         Paragraph(f"At {dataset.name}, {which}:"),
         error_table(before, after),
+        *([Paragraph(covered)] if covered else []),
         *([Bullets(remarks)] if remarks else []),
     ]
 
@@ -236,6 +239,13 @@ def _model_document(fitted: FittedModel) -> dict[str, Any]:
     }
 
 
+def _poses_of_model(fitted: FittedModel, dataset: Dataset, after: Evaluation) -> dict[str, Any]:
+    """Keys `poses` and `coverage_90`, each pose with setup, predicted minus measured by axis, and distance error."""
+    promised = promise_document(fitted.promise(dataset, after), dataset.poses)
+    rows = after.to_frame(dataset).drop(columns="error_mm").to_dict("records")
+    return promised | {"poses": [row | own for row, own in zip(rows, promised["poses"], strict=True)]}
+
+
 def saved_model_document(
     fitted: FittedModel, dataset: Dataset, before: Evaluation, after: Evaluation
 ) -> dict[str, Any]:
@@ -245,7 +255,7 @@ def saved_model_document(
         "model": {**document(fitted), "same_measurements": fitted.is_fitted_to(dataset)},
         "before": before,
         **document(after),
-        "poses": after.to_frame(dataset),
+        **_poses_of_model(fitted, dataset, after),
         "outside": fitted.outside(dataset),
         "notes": after.notes,
     }

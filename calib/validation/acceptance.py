@@ -15,6 +15,7 @@ from calib.calibration.evaluation import Figures
 from calib.calibration.held_out import HeldOutTest, held_out_test
 from calib.calibration.noise_level import FIT, NoiseLevel, check_sigma, noise_level
 from calib.calibration.plausibility import fit_without_outliers, implausibility_reason, too_good
+from calib.calibration.promise import learned_discrepancy
 from calib.calibration.result import Calibration, declared_sigma_mm, is_declared
 from calib.calibration.table_doubts import DoubtfulEntry, doubtful_entries
 from calib.consistency.data_problem import DataProblem
@@ -385,12 +386,15 @@ def _test_poses(calibration: Calibration, max_test_rmse_mm: float | None) -> lis
 
 
 def _promise(diagnosis: Diagnosis) -> list[CheckItem]:
-    """Check item on whether the test poses' error exceeds the error that the diagnosed model predicts."""
+    """Check item on whether the test poses' error exceeds what the diagnosed model promises for unseen poses.
+
+    The promise is that of `calib.calibration.promise`: noise, parameters, and what the model is known to miss.
+    """
     last, tests = diagnosis.calibration, diagnosis.residual_tests
     noise_mm, noise_from = tests.noise_mm, tests.noise_from
     if last.sigma_mm > noise_mm:  # an excess over the noise has an item of its own; the promise includes it
         noise_mm, noise_from = last.sigma_mm, "fit"
-    test = held_out_test(last, noise_mm, noise_from)
+    test = held_out_test(last, noise_mm, noise_from, learned_discrepancy(last))
     if test is None:
         return []
     return [CheckItem("promise", not test.is_broken, test)]

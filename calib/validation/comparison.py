@@ -6,8 +6,10 @@ alike, so that the covariance of their difference where the arms are the same is
 
     D = M1 C1 + M2 C2 + (M1 - M2) L^-1 (M1 - M2)'
 
-which is far less than C1 + C2 along directions that only the prior knows. A change of one parameter of the second arm
-moves the difference by M2's column: that is how one change is told from the many parameters that it moves.
+with C as the noise makes it, times the factor by which misfit that is alike at neighbouring poses moves parameters more
+than noise does (`calib.calibration.promise.misfit_inflation`). Without misfit it is far less than C1 + C2 along
+directions that only the prior knows. A change of one parameter of the second arm moves the difference by M2's column:
+that is how one change is told from the many parameters that it moves.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from calib import frames
 from calib.array_types import Array
 from calib.calibration.calibrate import as_calibration
 from calib.calibration.evaluation import Evaluation
+from calib.calibration.promise import misfit_inflation
 from calib.calibration.result import Calibration, FittedResult
 from calib.dataset.dataset import Dataset
 from calib.distributions import chi2_sf
@@ -169,7 +172,7 @@ class _Side:
     sigma: Array  # (P,)
     scales: Array  # (P,)
     kernel: Array  # (P, P) derivative of the fitted values by the true ones
-    noise: Array  # (P, P) the noise's part of their covariance
+    noise: Array  # (P, P) the part of noise and misfit in their covariance
 
     @classmethod
     def of(cls, calibration: Calibration, names: list[str]) -> _Side:
@@ -180,7 +183,7 @@ class _Side:
         known = ~fit.undetermined
         whole = np.where(np.outer(known, known), fit.covariance / np.outer(scales, scales), 0.0)
         kernel = np.eye(len(scales)) - whole if calibration.options.prior else np.diag(known.astype(float))
-        noise = kernel @ whole
+        noise = misfit_inflation(calibration) * kernel @ whole
         block = np.ix_(rows, rows)
         nominal = np.array([p.nominal for p in fit.parameters])
         return cls(

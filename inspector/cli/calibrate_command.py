@@ -10,14 +10,16 @@ from calib.calibration.plausibility import fit_without_outliers, implausibility_
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
-from calib.diagnosis.effect_selection import FitStep
+from calib.diagnosis.effect_selection import FitStep, first_step
 from calib.diagnosis.search_space import add_in_turn
 from calib.effects.catalogue import effects_named
 from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Family
-from calib.errors import CalibError, visible
+from calib.errors import CalibError, FitError, visible
 from calib.fitting.observations import nominal_state
 from calib.models.exported_table import ExportedTable, exported_table, require_template_of
+from calib.models.model_file import load_model
+from calib.models.refit import refit
 from calib.present.calibration import (
     calibration_document,
     calibration_head,
@@ -72,9 +74,9 @@ def run_calibrate(options: CalibrateOptions) -> int:
     check_outputs(dataset, outputs, [options.effects_file, *options.template])
     templates = _templates(options, dataset)
     dataset = measured(dataset, orientation=options.residual == "pose")
-    steps = fitted(options, dataset)
+    steps = _steps(options, dataset)
     result = steps[-1].calibration
-    table = exported_table(result, steps[0].calibration)
+    table = _table(options, steps)
     if options.out is not None or options.model_out is not None or templates:
         require_plausible(result, options.force)
     if options.out is not None or templates:
@@ -115,6 +117,35 @@ def run_calibrate(options: CalibrateOptions) -> int:
             write_text_atomically(path, content)
     show(options, document, text)
     return 0
+
+
+def _steps(options: CalibrateOptions, dataset: Dataset) -> tuple[FitStep, ...]:
+    """Fits of a calibration; with --model the one refit of that model."""
+    if options.model is None:
+        if options.refit is not None:
+            raise CalibError("--refit goes together with --model FILE.json, the model that is refitted")
+        return fitted(options, dataset)
+    given = {"--effect": options.effect, "--add": options.add, "--session": options.session}
+    used = [name for name, value in given.items() if value]
+    if used:
+        raise CalibError(f"--model: the effects are those of the model; leave out {used[0]}")
+    if options.refit is None:
+        raise CalibError("--model goes together with --refit frame or --refit links: what is to be fitted anew")
+    model = load_model(options.model, options.effects_file)
+    return (first_step(refit(model, dataset, options.refit, options.fit_options())),)
+
+
+def _table(options: CalibrateOptions, steps: Sequence[FitStep]) -> ExportedTable:
+    """Table to be written; of a refit to few poses, which tell of no table without effects, that of robot.toml."""
+    result = steps[-1].calibration
+    if options.model is None:
+        return exported_table(result, steps[0].calibration)
+    try:
+        return exported_table(result)
+    except FitError:
+        if options.out is not None or options.template:
+            raise
+        return ExportedTable(result, None)
 
 
 def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:

@@ -82,6 +82,8 @@ class CalibrateOptions(_FittingOptions):
     """Options of `calibrate`."""
 
     add: Sequence[str]
+    model: Path | None  # a model.json whose effects are held
+    refit: str | None
     out: Path | None
     model_out: Path | None
     urdf_out: Path | None

@@ -9,6 +9,7 @@ import pytest
 
 from calib.calibration.calibrate import calibrate
 from calib.calibration.held_out import HeldOutTest, held_out_test
+from calib.calibration.promise import learned_discrepancy
 from calib.dataset.dataset import Dataset, Scanner
 from calib.screening.left_out import far_test_poses, left_out_gain
 from tests.support.arms import dataset_of, jang_arm, perturbed, random_transform
@@ -107,3 +108,15 @@ def test_a_fit_gains_nothing_over_itself_and_much_over_the_nominal_arm() -> None
     back = left_out_gain(fitted, held)
     assert back is not None
     assert back.standard_errors == pytest.approx(-gain.standard_errors)
+
+
+def test_what_the_model_is_known_to_miss_counts_as_promised() -> None:
+    calibration = calibrate(arm(2))
+    plain = held_out_test(calibration, NOISE_MM, "dataset")
+    missed = replace(learned_discrepancy(calibration), constant_mm2=3.0 * NOISE_MM**2, growth_mm2=0.0)
+    wider = held_out_test(calibration, NOISE_MM, "dataset", missed)
+    assert plain is not None
+    assert wider is not None
+    assert wider.rmse_mm == pytest.approx(plain.rmse_mm)
+    assert wider.promised_mm**2 == pytest.approx(plain.promised_mm**2 + 9.0 * NOISE_MM**2, rel=0.1)
+    assert 0.4 * plain.ratio < wider.ratio < 0.75 * plain.ratio

@@ -201,7 +201,7 @@ class CurveEvidence:
             seen = np.sum(np.maximum(square, 0.0), axis=1)
             unit = np.sqrt(
                 quadratic / np.where(seen > _UNSEEN, seen, quadratic)
-            )  # a curve that shows nowhere: any size
+            )
             s2 = (unit[:, None] * _BLOCK_SIZES)[..., None] ** 2  # (curves, sizes, 1)
             grow = 1.0 + s2 * np.maximum(square, 0.0)[:, None]
             rest = quadratic - np.sum(along[:, None] * s2 / grow, axis=2)

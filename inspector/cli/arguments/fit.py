@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from pathlib import Path
 
-from calib.options import CORRECTION_KINDS, DEFAULT_FOLDS
+from calib.options import CORRECTION_KINDS, DEFAULT_FOLDS, REFITS
 from inspector.cli.arguments.shared import (
     add_adding,
     add_effects,
@@ -46,6 +46,10 @@ def calibrate_arguments(sub: ArgumentParser) -> None:
     sub.add_argument("--scene", type=Path, metavar="FILE.glb", help="write arm, points and residuals (x 100) in 3D")
     sub.add_argument("--session", type=Path, metavar="FILE.json", help="write a session that serve --session opens")
     add_learned_out(sub)
+    add_model(sub, "hold the effects and curves of this saved model, with --refit")
+    sub.add_argument(
+        "--refit", choices=REFITS, help="what is fitted anew with --model: frame and tool, or links too (links)"
+    )
     add_adding(sub)
     add_fit(sub)
     add_json(sub)
