@@ -19,8 +19,8 @@ from calib.array_types import Array, BoolArray, IndexArray
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.effects.effect import Effect
-from calib.effects.state import RobotState
-from calib.fitting.model import effect_columns, geometric_model, point_by_state
+from calib.effects.state import RobotState, Seen
+from calib.fitting.model import effect_columns, geometric_model, place_of_target, point_by_state
 from calib.fitting.observations import Observations, predict_points, with_scanner_frames
 from calib.fitting.scanner_frame import fit_scanner_frame, whitener
 from calib.intervention.pairs import APPROACH, PairedPoses
@@ -221,13 +221,19 @@ def _states_at_places(
 ) -> tuple[dict[str, RobotState], IndexArray]:
     """States by target at the used poses, each with the joint values of its place's first, and the points' rows.
 
-    So functions of the joints alone are the same at all poses of a place to the last bit.
+    So functions of the joints alone are the same at all poses of a place to the last bit. So are errors of an instrument
+    that did not move: it sees the target where the robot should have it, not where this point's noise put it.
     """
     poses, row = observed.used_poses
     of_pose = place[np.unique(observed.points.pose)]
     first = np.unique(of_pose, return_index=True)[1][np.unique(of_pose, return_inverse=True)[1].reshape(-1)]
     at_place = replace(poses, q=poses.q[first])
-    states = {name: RobotState.nominal(robot, at_place, observed.seen(name)) for name in observed.targets}
+    scanner_T_base = observed.scanner_T_base_at(poses)[first]
+    states = {}
+    for name in observed.targets:
+        state = RobotState.nominal(robot, at_place)
+        seen_mm = frames.apply(scanner_T_base, place_of_target(state, name)[:, None])[:, 0]
+        states[name] = replace(state, seen=Seen(seen_mm, scanner_T_base))
     return states, row
 
 

@@ -26,7 +26,7 @@ from calib.intervention.differences import Differences, differences_of
 from calib.intervention.loaded_tool import ToolSagUnderPayload
 from calib.intervention.pairs import APPROACH, PAYLOAD, SETUP, TARGET, TIME, PairedPoses, find_pairs
 from calib.kinematics.robot import Robot
-from calib.screening.evidence import Evidence, FamilyColumns, evaluate_family
+from calib.screening.evidence import FamilyColumns, evaluate_family
 
 MIN_LEAD = 3.0
 """Log evidence by which the best explanation without a cause has to be worse."""
@@ -96,18 +96,18 @@ def _proofs_of_condition(
     if differences is None:
         return ()
     candidates = _candidates(differences, _members(calibration.dataset, paired, user_effects))
-    own = [c for c in candidates if family_name(c.member) not in _NEXT_TERM]
-    best, chosen = _chosen(differences, own)
-    beside = {(_joint(c.member), family_name(c.member)) for c in chosen}
+    found = _Explanation.of(differences, [c for c in candidates if family_name(c.member) not in _NEXT_TERM])
+    beside = {(_joint(c.member), family_name(c.member)) for c in found.chosen}
     further = [c for c in candidates if (_joint(c.member), _NEXT_TERM.get(family_name(c.member), "")) in beside]
     if further:
-        own = [*own, *further]
-        best, chosen = _chosen(differences, own)
+        with_next = _Explanation.of(differences, [*found.candidates, *further])
+        if with_next.log_evidence > found.log_evidence + MIN_LEAD:
+            found = with_next
     return tuple(
         proof
-        for one in chosen
+        for one in found.chosen
         if _can_be_moved(one.member, paired.conditions)
-        for proof in _proof(differences, own, chosen, best, one)
+        for proof in _proof(differences, found, one)
     )
 
 
@@ -149,34 +149,34 @@ def _candidates(differences: Differences, members: Sequence[Effect]) -> list[_Ca
     return out
 
 
-def _evidence(differences: Differences, candidates: Sequence[_Candidate]) -> Evidence:
-    positive = tuple(c.positive for c in candidates)
-    groups = tuple(c.visible for c in candidates)
-    return evaluate_family(FamilyColumns(differences.visible_residual, groups, differences.dof, positive))
+@dataclass(frozen=True)
+class _Explanation:
+    """The members that explain the differences best, chosen among all candidates."""
+
+    candidates: tuple[_Candidate, ...]
+    chosen: tuple[_Candidate, ...]
+    log_evidence: float  # over noise alone
+
+    @classmethod
+    def of(cls, differences: Differences, candidates: Sequence[_Candidate]) -> _Explanation:
+        """The best explanation by some candidates; none chosen where noise alone is as good."""
+        if not candidates:
+            return cls((), (), 0.0)
+        positive = tuple(c.positive for c in candidates)
+        columns = tuple(c.visible for c in candidates)
+        found = evaluate_family(FamilyColumns(differences.visible_residual, columns, differences.dof, positive))
+        if found.log_evidence <= 0.0:
+            return cls(tuple(candidates), (), 0.0)
+        chosen = tuple(candidates[k] for k in np.flatnonzero(found.scales).tolist())
+        return cls(tuple(candidates), chosen, found.log_evidence)
 
 
-def _chosen(differences: Differences, candidates: Sequence[_Candidate]) -> tuple[float, list[_Candidate]]:
-    """Highest log evidence over noise alone, and the members that reach it."""
-    if not candidates:
-        return 0.0, []
-    found = _evidence(differences, candidates)
-    if found.log_evidence <= 0.0:
-        return 0.0, []
-    return found.log_evidence, [candidates[k] for k in np.flatnonzero(found.scales).tolist()]
-
-
-def _proof(
-    differences: Differences,
-    candidates: Sequence[_Candidate],
-    chosen: Sequence[_Candidate],
-    best: float,
-    one: _Candidate,
-) -> list[Proof]:
+def _proof(differences: Differences, found: _Explanation, one: _Candidate) -> list[Proof]:
     """The parameters of a chosen member as proofs; [] where it is not proven."""
-    others = [c for c in chosen if c is not one]
-    without = _chosen(differences, [c for c in candidates if c is not one])[0]
-    lead = best - without
-    if lead < MIN_LEAD or _p_value(differences, others, one) * len(candidates) > MAX_P:
+    others = [c for c in found.chosen if c is not one]
+    rivals = [c for c in found.candidates if c is not one and not _is_next_term_of(c, one)]
+    lead = found.log_evidence - _Explanation.of(differences, rivals).log_evidence
+    if lead < MIN_LEAD or _p_value(differences, others, one) * len(found.candidates) > MAX_P:
         return []
     values, sigmas = _fitted(differences, [*others, one])
     for parameter, value, sigma in zip(one.parameters, values, sigmas, strict=True):
@@ -264,6 +264,12 @@ def _can_be_moved(member: Effect, conditions: Sequence[str]) -> bool:
     if getattr(member, "under_load", False):
         named.add(PAYLOAD)
     return any(condition in named for condition in conditions)
+
+
+def _is_next_term_of(candidate: _Candidate, one: _Candidate) -> bool:
+    """Whether a candidate is the next term of another's law, on the same joint."""
+    own = (_joint(one.member), family_name(one.member))
+    return (_joint(candidate.member), _NEXT_TERM.get(family_name(candidate.member), "")) == own
 
 
 def _joint(member: Effect) -> int | None:

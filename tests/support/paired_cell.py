@@ -17,6 +17,8 @@ from tests.support.engine.load_causes import bent_rod
 from tests.support.engine.mechanics import Array, Deformation, Posture
 
 SHORT_MM = 100.0  # a shorter link does not bend
+LARGEST = {"joint_compliance": 1e-3, "link_bending": 1e-4, "base_compliance": 1e-4}
+"""rad/Nm, that a part of a real arm yields by at the most."""
 
 
 def panda() -> ArmTable:
@@ -84,9 +86,9 @@ def base(soft: Sequence[float]) -> Member:
 
 
 def members_of(arm: ArmTable) -> list[Member]:
-    """Every joint and every long link that may give way; the pedestal apart."""
-    rods = np.hypot(*np.array(arm.rows)[:-1, [0, 2]].T)
-    return [compliance(j) for j in range(arm.n)] + [bending(j) for j in range(arm.n) if rods[j] > SHORT_MM]
+    """Every joint and every long link that may give way; the pedestal apart, and the last link, which is the tool's."""
+    rods = np.hypot(*np.array(arm.rows)[:-2, [0, 2]].T)
+    return [compliance(j) for j in range(arm.n)] + [bending(j) for j in range(arm.n - 1) if rods[j] > SHORT_MM]
 
 
 def draw_pairs(
