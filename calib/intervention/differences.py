@@ -221,8 +221,8 @@ def _states_at_places(
 ) -> tuple[dict[str, RobotState], IndexArray]:
     """States by target at the used poses, each with the joint values of its place's first, and the points' rows.
 
-    So functions of the joints alone are the same at all poses of a place to the last bit. So are errors of an instrument
-    that did not move: it sees the target where the robot should have it, not where this point's noise put it.
+    So functions of the joints alone are the same at all poses of a place to the last bit. So are errors of an
+    instrument that did not move: it sees the target where the robot should have it, not where noise put this point.
     """
     poses, row = observed.used_poses
     of_pose = place[np.unique(observed.points.pose)]

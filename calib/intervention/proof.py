@@ -8,7 +8,7 @@ bounds agree. The noise is estimated with each explanation, so a wrongly declare
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +19,16 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.distributions import f_sf
 from calib.effects.catalogue import effects_for
-from calib.effects.effect import Effect, Family, Parameter, describe, exceeded_bound, family_name, full_name
+from calib.effects.effect import (
+    CatalogueEffect,
+    Effect,
+    Family,
+    Parameter,
+    describe,
+    exceeded_bound,
+    family_name,
+    full_name,
+)
 from calib.effects.gravity import has_masses
 from calib.errors import FitError
 from calib.intervention.differences import Differences, differences_of
@@ -30,12 +39,13 @@ from calib.screening.evidence import FamilyColumns, evaluate_family
 
 MIN_LEAD = 3.0
 """Log evidence by which the best explanation without a cause has to be worse."""
-MAX_P = 0.01  # of the F test of a member beside the others, times the number of members
+MAX_P = 0.003  # of the F test of a member beside the others, times the number of candidates
 _FEWEST_PAIRS = 4
 _NONLINEAR = ("nonlinear_stiffness", "gravity_backlash", "bearing_clearance")
 """Effects for which the whole load counts, not its change alone."""
 _NEXT_TERM = {"nonlinear_stiffness": "joint_compliance"}
 """Effects that are the next term of another's law: no rival of it, and looked for beside it."""
+_LEVELS_OF_NEXT_TERM = 3  # of the condition: two show a slope, three its change
 
 
 @dataclass(frozen=True)
@@ -50,13 +60,34 @@ class Proof(Brief):
     unit: str
     pairs: int  # that were fitted
     condition: str  # column of poses.csv that was changed; several joined by ", "
-    levels: tuple[float, ...]  # of the condition, where it is a number for the whole arm
     lead: float  # log evidence over the best explanation without it
-    held_out: int  # pairs of test poses, which confirm it
     full_name: str  # of the parameter in a model
 
     def _brief(self) -> str:
         return f"{self.full_name} = {self.value:.3g} +- {self.sigma:.2g} {self.unit}, {self.pairs} pairs"
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect, and the joint that carries it, counted from 1; None where it is of the whole arm."""
+
+    effect: str
+    joint: int | None
+
+
+@dataclass(frozen=True)
+class Intervention(Brief):
+    """A condition that was changed at paired poses, and what the differences prove."""
+
+    conditions: tuple[str, ...]
+    levels: tuple[float, ...]  # of the condition, where it is one number for the whole arm
+    pairs: int  # that were fitted
+    held_out: int  # pairs of test poses
+    proofs: tuple[Proof, ...]
+    open_causes: tuple[Cause, ...]  # that the differences call for, but do not tell apart; the likeliest first
+
+    def _brief(self) -> str:
+        return f"{', '.join(self.conditions)}, {self.pairs} pairs: {len(self.proofs)} values proven"
 
 
 @dataclass(frozen=True)
@@ -73,41 +104,53 @@ class _Candidate:
         return all(p.positive for p in self.parameters)
 
 
+def interventions_of(calibration: Calibration, user_effects: Sequence[Family] = ()) -> tuple[Intervention, ...]:
+    """What the paired poses of a calibration's dataset prove, condition by condition.
+
+    Poses that differ in setup, target or time alone say nothing of an effect: the instrument or the tool was moved.
+    """
+    acting = [p for p in find_pairs(calibration.dataset) if p.conditions[0] not in (SETUP, TARGET, TIME)]
+    found = (_intervention(calibration, paired, user_effects) for paired in acting)
+    return tuple(one for one in found if one is not None)
+
+
 def proofs_of(calibration: Calibration, user_effects: Sequence[Family] = ()) -> tuple[Proof, ...]:
-    """Causes that the paired poses of a calibration's dataset prove, condition by condition."""
-    out: list[Proof] = []
-    for paired in find_pairs(calibration.dataset):
-        if paired.conditions[0] in (SETUP, TARGET, TIME):  # these move the instrument or the tool, and no effect
-            continue
-        out += _proofs_of_condition(calibration, paired, user_effects)
-    return tuple(out)
+    """Causes that the paired poses of a calibration's dataset prove."""
+    return tuple(proof for one in interventions_of(calibration, user_effects) for proof in one.proofs)
 
 
-def _proofs_of_condition(
-    calibration: Calibration, paired: PairedPoses, user_effects: Sequence[Family]
-) -> tuple[Proof, ...]:
-    if len(paired.pairs) < _FEWEST_PAIRS:
-        return ()
+def _intervention(calibration: Calibration, paired: PairedPoses, user_effects: Sequence[Family]) -> Intervention | None:
+    """What the pairs of one condition prove; None where they are too few to prove anything."""
     robot = calibration.model.calibrated_robot(calibration.fit.x)
     try:
         differences = differences_of(calibration, paired, _with_masses(robot))
     except FitError:
-        return ()
-    if differences is None:
-        return ()
+        return None
+    if differences is None or differences.pairs < _FEWEST_PAIRS:
+        return None
     candidates = _candidates(differences, _members(calibration.dataset, paired, user_effects))
     found = _Explanation.of(differences, [c for c in candidates if family_name(c.member) not in _NEXT_TERM])
     beside = {(_joint(c.member), family_name(c.member)) for c in found.chosen}
     further = [c for c in candidates if (_joint(c.member), _NEXT_TERM.get(family_name(c.member), "")) in beside]
-    if further:
+    if further and len(paired.levels) >= _LEVELS_OF_NEXT_TERM:
         with_next = _Explanation.of(differences, [*found.candidates, *further])
         if with_next.log_evidence > found.log_evidence + MIN_LEAD:
             found = with_next
-    return tuple(
-        proof
-        for one in found.chosen
-        if _can_be_moved(one.member, paired.conditions)
-        for proof in _proof(differences, found, one)
+    proofs: list[Proof] = []
+    open_causes: list[Cause] = []
+    for one in found.chosen:
+        rivals = _Explanation.of(differences, [c for c in found.candidates if _is_rival(c, one)])
+        proven = _proof(differences, found, rivals, one) if follows(one.member, paired.conditions) else []
+        proofs += proven
+        if not proven:
+            open_causes += [_cause(one), *(_cause(rival) for rival in rivals.chosen if rival not in found.chosen)]
+    return Intervention(
+        conditions=paired.conditions,
+        levels=paired.levels,
+        pairs=differences.pairs,
+        held_out=len(paired.pairs) - differences.pairs,
+        proofs=tuple(proofs),
+        open_causes=tuple(dict.fromkeys(open_causes)),
     )
 
 
@@ -171,11 +214,12 @@ class _Explanation:
         return cls(tuple(candidates), chosen, found.log_evidence)
 
 
-def _proof(differences: Differences, found: _Explanation, one: _Candidate) -> list[Proof]:
-    """The parameters of a chosen member as proofs; [] where it is not proven."""
+def _proof(differences: Differences, found: _Explanation, rivals: _Explanation, one: _Candidate) -> list[Proof]:
+    """The parameters of a chosen member as proofs; [] where it is not proven against the best rival explanation."""
     others = [c for c in found.chosen if c is not one]
-    rivals = [c for c in found.candidates if c is not one and not _is_next_term_of(c, one)]
-    lead = found.log_evidence - _Explanation.of(differences, rivals).log_evidence
+    lead = found.log_evidence - rivals.log_evidence
+    if not rivals.chosen:  # against nothing at all, the F test counts the choice
+        lead += float(np.log(len(found.candidates)))
     if lead < MIN_LEAD or _p_value(differences, others, one) * len(found.candidates) > MAX_P:
         return []
     values, sigmas = _fitted(differences, [*others, one])
@@ -202,9 +246,7 @@ def _proof(differences: Differences, found: _Explanation, one: _Candidate) -> li
             unit=parameter.unit,
             pairs=differences.pairs,
             condition=f"{APPROACH}{joint + 1}" if is_side and joint is not None else ", ".join(paired.conditions),
-            levels=paired.levels,
             lead=lead,
-            held_out=len(paired.pairs) - differences.pairs,
             full_name=full_name(one.member, parameter),
         )
         for parameter, value, sigma in zip(one.parameters, values, sigmas, strict=True)
@@ -257,19 +299,24 @@ def _held_out_is_worse(differences: Differences, others: Sequence[_Candidate], o
     return before is not None and after is not None and after > before
 
 
-def _can_be_moved(member: Effect, conditions: Sequence[str]) -> bool:
-    """Whether an effect follows one of the conditions by what is said of it; others may move with it by chance."""
-    told = describe(member)
+def follows(effect: Effect | type[CatalogueEffect], conditions: Collection[str]) -> bool:
+    """Whether an effect follows one of some conditions by what is said of it; others may move with it by chance."""
+    told = describe(effect)
     named: set[str] = {*told.needed_conditions, *told.helpful_conditions}
-    if getattr(member, "under_load", False):
+    if getattr(effect, "under_load", False):
         named.add(PAYLOAD)
-    return any(condition in named for condition in conditions)
+    return not named.isdisjoint(conditions)
 
 
-def _is_next_term_of(candidate: _Candidate, one: _Candidate) -> bool:
-    """Whether a candidate is the next term of another's law, on the same joint."""
-    own = (_joint(one.member), family_name(one.member))
-    return (_joint(candidate.member), _NEXT_TERM.get(family_name(candidate.member), "")) == own
+def _is_rival(candidate: _Candidate, one: _Candidate) -> bool:
+    """Whether a candidate may explain what another does: any but itself and the next term of its own law."""
+    next_term_of = (_joint(candidate.member), _NEXT_TERM.get(family_name(candidate.member), ""))
+    return candidate is not one and next_term_of != (_joint(one.member), family_name(one.member))
+
+
+def _cause(candidate: _Candidate) -> Cause:
+    joint = _joint(candidate.member)
+    return Cause(family_name(candidate.member), None if joint is None else joint + 1)
 
 
 def _joint(member: Effect) -> int | None:
