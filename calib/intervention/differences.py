@@ -139,7 +139,7 @@ def differences_of(calibration: Calibration, paired: PairedPoses, robot: Robot |
     predicted_mm = predict_points(model, zero, observed)
     placed = _frames_of_runs(observed, predicted_mm, run)
     whiten = whitener(observed.covariance_mm2) @ placed[:, :3, :3]
-    measured_mm = frames.apply(frames.invert(placed), observed.points.xyz_mm[:, None])[:, 0]
+    measured_mm = frames.apply(frames.invert(placed), observed.points.xyz_mm)
     residual = (whiten @ (measured_mm - predicted_mm)[:, :, None])[..., 0]
     states, row = _states_at_places(robot, observed, place)
     nuisance = _nuisance(states, row, observed, predicted_mm, run)
@@ -232,7 +232,7 @@ def _states_at_places(
     states = {}
     for name in observed.targets:
         state = RobotState.nominal(robot, at_place)
-        seen_mm = frames.apply(scanner_T_base, place_of_target(state, name)[:, None])[:, 0]
+        seen_mm = frames.apply(scanner_T_base, place_of_target(state, name))
         states[name] = replace(state, seen=Seen(seen_mm, scanner_T_base))
     return states, row
 

@@ -1,4 +1,4 @@
-"""Cells of `tests.support.engine` measured twice at each pose: without and with a weight on the flange."""
+"""Cells of `tests.support.engine` measured again at each pose: under a weight, from the other side, warm."""
 
 from __future__ import annotations
 
@@ -108,10 +108,15 @@ def draw_pairs(
     )
 
 
+def places_of(cell: Cell) -> int:
+    """Number of joint vectors, each measured in every run."""
+    return len(np.unique(cell.q, axis=0))
+
+
 def difference_mm(cell: Cell, causes: Sequence[tuple[Cause, float]]) -> Array:
-    """What causes add to the last load's points less the first's, (places, 3) mm."""
+    """What causes add to the last run's points less the first's, (places, 3) mm."""
     seen = cell.reported(causes)["jig"] - cell.reported([])["jig"]
-    places = int(np.count_nonzero(cell.payload_kg == cell.payload_kg[0]))
+    places = places_of(cell)
     return np.asarray(seen[-places:] - seen[:places])
 
 
@@ -131,17 +136,19 @@ def measured(
 ) -> Dataset:
     """Dataset of one noisy point a pose; the last places are of test poses."""
     count = cell.poses
-    places = int(np.count_nonzero(cell.payload_kg == cell.payload_kg[0]))
+    places = places_of(cell)
     held_out = np.arange(count) % places >= places - test_places
     role = np.where(held_out, "test", "train").astype("<U9")
     role[0] = "reference"
     poses = Poses(
-        ids=tuple(f"p{i % places + 1:02}_{cell.payload_kg[i]:g}kg" for i in range(count)),
+        ids=tuple(f"p{i % places + 1:02}_run{i // places + 1}" for i in range(count)),
         role=role,
         q=cell.q,
         setup=np.full(count, ""),
         scan_names=tuple(f"{i}.ply" for i in range(count)),
-        payload_kg=cell.payload_kg,
+        payload_kg=cell.payload_kg if np.ptp(cell.payload_kg) > 0.0 else None,
+        temperature_c=cell.temperature_c if np.ptp(cell.temperature_c) > 0.0 else None,
+        approach=cell.approach if np.ptp(cell.approach[::places], axis=0).any() else None,
     )
     xyz_mm = cell.reported(causes)["jig"] + noise_mm * rng.standard_normal((count, 3))
     points = Points(np.arange(count), xyz_mm, np.full(count, "jig"))
