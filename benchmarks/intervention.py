@@ -35,12 +35,11 @@ from tests.support.paired_cell import (
     draw_pairs,
     measured,
     members_of,
-    size_of,
+    places_of,
 )
 
 SIZES = (1.0, 2.0, 3.0)
 LEAD = 3.0
-STEP = 1.0  # size of a part for its column: 1e-6 rad/Nm, so small that it is a derivative
 SCALES_MM = NOISE_MM * np.geomspace(0.03, 30.0, 41)  # of a part's root mean square, that the bound tries
 
 
@@ -61,24 +60,33 @@ def judged(task: Task) -> tuple[str, str]:
     rng = np.random.default_rng(key)
     arm = ARMS[task.arm]
     cell = draw_pairs(arm, rng, task.places)
-    parts = [part for part in [*members_of(arm), base(rng.uniform(0.5, 1.5, 2))] if shows(cell, part)]
+    soft = rng.uniform(0.5, 1.5, 2)
+    nuisance = nuisance_of(cell)
+    parts = [(part, columns_of(cell, part)) for part in [*members_of(arm), base(soft)]]
+    parts = [(part, columns) for part, columns in parts if shows(columns, nuisance)]
     truth, causes = set(), []
     if task.size:
-        part, size = part_that_yields(cell, parts, task, rng)
+        part, size = part_that_yields(parts, soft, task, rng)
         truth, causes = {(part.effect, part.joint)}, [(part.cause, size)]
     dataset = measured(cell, causes, rng, noise_mm=NOISE_MM)
     found = {(proof.effect, proof.joint) for proof in proofs_of(calibrate(dataset))}
     assert dataset.points is not None
-    bound = best_part(cell, parts, dataset.points.xyz_mm)
+    bound = best_part(parts, nuisance, dataset.points.xyz_mm)
     return verdict(set() if bound is None else {bound}, truth), verdict(found, truth)
 
 
-def part_that_yields(cell: Cell, parts: Sequence[Member], task: Task, rng: np.random.Generator) -> tuple[Member, float]:
+def part_that_yields(
+    parts: Sequence[tuple[Member, Array]], soft: Array, task: Task, rng: np.random.Generator
+) -> tuple[Member, float]:
     """A part and its size, joints, links and the pedestal equally often where they may be so soft."""
     kinds = sorted(LARGEST)
     kind = kinds[task.number % len(kinds)]
-    sizes = [(part, size_of(cell, part.cause, task.size * NOISE_MM)) for part in parts]
-    natural = [(part, size) for part, size in sizes if size * 1e-6 < LARGEST[part.effect]]
+    natural = []
+    for part, columns in parts:
+        shift = columns[:, 0] if part.joint is not None else columns @ soft
+        size = task.size * NOISE_MM / float(np.sqrt(np.mean(shift**2)))
+        if size * 1e-6 < LARGEST[part.effect]:
+            natural.append((part, size))
     of_kind = [one for one in natural if one[0].effect == kind] or natural
     return of_kind[int(rng.integers(len(of_kind)))]
 
@@ -88,23 +96,21 @@ def verdict(found: set[tuple[str, int | None]], truth: set[tuple[str, int | None
     return "open" if not found else "right" if found == truth else "wrong"
 
 
-def shows(cell: Cell, part: Member) -> bool:
+def shows(columns: Array, nuisance: Array) -> bool:
     """Whether a part's yielding moves the tool otherwise than the instrument or the tool may have moved."""
-    if not np.any(difference_mm(cell, [(part.cause, STEP)])):
-        return False
-    columns, nuisance = columns_of(cell, [part])
-    raw = columns[0]
-    left = raw - nuisance @ (nuisance.T @ raw)
-    return bool(np.linalg.norm(left) > 0.1 * np.linalg.norm(raw))
+    left = columns - nuisance @ (nuisance.T @ columns)
+    return bool(np.linalg.norm(left) > max(0.1 * np.linalg.norm(columns), 1e-12))
 
 
-def columns_of(cell: Cell, parts: Sequence[Member]) -> tuple[list[Array], Array]:
-    """Differences (R, K) by each part, and orthonormal directions of the instrument's motion and the tool's shift."""
-    columns = []
-    for part in parts:
-        causes = [part.cause] if part.joint is not None else [base((1.0, 0.0)).cause, base((0.0, 1.0)).cause]
-        columns.append(np.column_stack([difference_mm(cell, [(cause, STEP)]).ravel() for cause in causes]))
-    places = len(columns[0]) // 3
+def columns_of(cell: Cell, part: Member) -> Array:
+    """Differences (R, K), mm, by a size of 1 of a part; of the pedestal about x and about y."""
+    causes = [part.cause] if part.joint is not None else [base((1.0, 0.0)).cause, base((0.0, 1.0)).cause]
+    return np.column_stack([difference_mm(cell, [(cause, 1.0)]).ravel() for cause in causes])
+
+
+def nuisance_of(cell: Cell) -> Array:
+    """Orthonormal directions (R, 9) of the differences by a motion of the instrument and a shift of the tool."""
+    places = places_of(cell)
     here = cell.plain
     point = cell.seen(here.point)[:places]
     flange = np.einsum("ij,njk->nik", cell.scanner_T_base[0, :3, :3], here.end[-1][:places, :3, :3])
@@ -112,21 +118,16 @@ def columns_of(cell: Cell, parts: Sequence[Member]) -> tuple[list[Array], Array]
     rigid += [np.cross(axis, (point - point.mean(axis=0)) / 1000.0) for axis in np.eye(3)]
     rigid += [flange[:, :, k] for k in range(3)]
     u, s, _ = np.linalg.svd(np.column_stack([one.ravel() for one in rigid]), full_matrices=False)
-    return columns, u[:, s > 1e-9 * s[0]]
+    return np.asarray(u[:, s > 1e-9 * s[0]])
 
 
-def best_part(cell: Cell, parts: Sequence[Member], xyz_mm: Array) -> tuple[str, int | None] | None:
+def best_part(parts: Sequence[tuple[Member, Array]], nuisance: Array, xyz_mm: Array) -> tuple[str, int | None] | None:
     """The part that leads every other one and none at all by `LEAD`, the noise known; None where none does."""
-    columns, nuisance = columns_of(cell, parts)
     places = len(xyz_mm) // 2
-    residual = (
-        xyz_mm[places:]
-        - xyz_mm[:places]
-        - (cell.seen(cell.plain.point)[places:] - cell.seen(cell.plain.point)[:places])
-    ).ravel()
+    residual = (xyz_mm[places:] - xyz_mm[:places]).ravel()
     residual = (residual - nuisance @ (nuisance.T @ residual)) / (np.sqrt(2.0) * NOISE_MM)
     evidence = []
-    for raw in columns:
+    for _, raw in parts:
         unit = raw / np.sqrt(np.mean(raw**2))  # root mean square 1 mm a coordinate
         visible = (unit - nuisance @ (nuisance.T @ unit)) / (np.sqrt(2.0) * NOISE_MM)
         u, s, _ = np.linalg.svd(visible, full_matrices=False)
@@ -136,7 +137,8 @@ def best_part(cell: Cell, parts: Sequence[Member], xyz_mm: Array) -> tuple[str, 
     order = np.argsort(evidence)[::-1]
     if evidence[order[0]] - max(evidence[order[1]], 0.0) < LEAD:
         return None
-    return parts[order[0]].effect, parts[order[0]].joint
+    best = parts[order[0]][0]
+    return best.effect, best.joint
 
 
 def main() -> None:

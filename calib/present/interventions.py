@@ -45,6 +45,9 @@ def _proven(intervention: Intervention, proof: Proof) -> Words:
 
 def _not_proven(intervention: Intervention) -> list[Words]:
     pairs = f"{numbers.count(intervention.pairs, 'pair')}, {_change(intervention)}, "
+    if len(intervention.open_causes) == 1:
+        only = _cause(intervention.open_causes[0])
+        return [spans(f"{numbers.capitalised(pairs)}speak for ", only, ", but not clearly enough to prove it.")]
     if intervention.open_causes:
         between = listed([_cause(cause) for cause in intervention.open_causes], "or")
         return [spans(f"{numbers.capitalised(pairs)}do not settle what moves the arm: ", between, ".")]
