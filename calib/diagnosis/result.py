@@ -8,9 +8,12 @@ from functools import cached_property
 from calib.brief import errors_in_short
 from calib.calibration.result import FittedResult
 from calib.diagnosis.budget import ErrorBudget, error_budget
+from calib.diagnosis.contradictions import Contradiction, contradictions
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.diagnosis.headline import HeldOutError, held_out_beyond_noise
 from calib.diagnosis.verdict import Conclusion, Findings, conclude
+from calib.effects.catalogue import CATALOGUE, catalogue_names
+from calib.intervention.proof import Intervention, Proof, follows, interventions_of
 from calib.lazy_modules import pd
 from calib.presented import Presented
 
@@ -63,6 +66,31 @@ class Diagnosis(Presented, Findings, FittedResult):
     def budget(self) -> ErrorBudget | None:
         """Squared error of the arm as delivered, divided between its causes; None where there is no such error."""
         return error_budget([step.calibration for step in self.steps])
+
+    @cached_property
+    def interventions(self) -> tuple[Intervention, ...]:
+        """What poses that were measured again under another condition prove; () where the data are wrong."""
+        if self.data_problem is not None or self.implausible:
+            return ()
+        known = set(catalogue_names())
+        own = tuple(c.family for c in self.candidates if c.name not in known)
+        return interventions_of(self.steps[0].calibration, own)
+
+    @property
+    def proven(self) -> tuple[Proof, ...]:
+        """Causes that differences of paired poses prove, without any fit of the whole."""
+        return tuple(proof for one in self.interventions for proof in one.proofs)
+
+    @property
+    def contradictions(self) -> tuple[Contradiction, ...]:
+        """Proven causes that the fit of all poses contradicts."""
+        return contradictions(self.proven, self.calibration, self.missing, self._moved_by_conditions)
+
+    @property
+    def _moved_by_conditions(self) -> tuple[str, ...]:
+        """Effects of the catalogue that the changed conditions move."""
+        changed = {name for one in self.interventions for name in one.conditions}
+        return tuple(kind.name for kind in CATALOGUE if follows(kind, changed))
 
     @property
     def held_out_beyond_noise(self) -> HeldOutError | None:

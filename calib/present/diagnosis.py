@@ -53,6 +53,7 @@ from calib.present.curves import BAND_NOTE, curve_blocks
 from calib.present.dataset import NOT_SEARCHED, measured_blocks
 from calib.present.effects import meaning, with_key
 from calib.present.error_headline import error_headline
+from calib.present.interventions import intervention_sections, intervention_sentences, proven_document
 from calib.present.names import input_name
 from calib.present.noise import noise_document, noise_sentences
 from calib.present.promise import coverage_sentence, promise_document
@@ -115,6 +116,7 @@ def diagnosis_presentation(diagnosis: Diagnosis, poses: NextPoses | None) -> Pre
         [*diagnosis_head(diagnosis), history],
         [
             Section(HOW, reasons(diagnosis, poses), brief=True),
+            *intervention_sections(diagnosis),
             Section(HISTORY, [steps(diagnosis), *_coverage(last)], brief=True),
             Section(DATASET, measured_blocks(last, NOT_SEARCHED)),
             Section(MISSING, ranked_effects(diagnosis), brief=True),
@@ -172,6 +174,7 @@ def ranked_effects(diagnosis: Diagnosis) -> list[Block]:
 def explanation(diagnosis: Diagnosis, poses: NextPoses | None) -> str:
     """The reasons and the verdict as plain text, a paragraph each, the verdict last."""
     why = [plain(paragraph.words) for paragraph in reasons(diagnosis, poses)]
+    why += [plain(words) for words in intervention_sentences(diagnosis)]
     return "\n\n".join([*why, f"Verdict: {plain(verdict(diagnosis))}"])
 
 
@@ -493,6 +496,7 @@ def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[st
         "promise": None if held_out is None else asdict(held_out) | {"kept": not held_out.is_broken},
         "steps": diagnosis.steps,
         **budget_document(diagnosis.budget),
+        **proven_document(diagnosis),
         "candidates": diagnosis.candidates,
         "untestable": [{"effect": u.name, "why": u.why, "would_help": u.would_help} for u in diagnosis.untestable],
         "leftover": {

@@ -83,6 +83,7 @@ def simulate_dataset(
     tolerances: Tolerances = TYPICAL,
     scan_model: ScanModel = STRUCTURED_LIGHT,
     payloads_kg: Sequence[float] = (),
+    every_payload: bool = False,
     repeats: int = 1,
     setups: int = 1,
     orientation_sigma_rad: float | None = None,
@@ -103,6 +104,7 @@ def simulate_dataset(
         noise_mm: standard deviation of a measured point along each axis; scans have that of `scan_model` instead.
         scans: poses keep the jig in the scanner's field, and scans are cast. Otherwise points over the work space.
         payloads_kg: each pose carries one of these; (): no payload and no such column, or those of `conditions`.
+        every_payload: all poses are measured under each of `payloads_kg`, in one run a payload: `poses` of each.
         repeats: measurements of each pose (points only).
         setups: number of placements of the scanner that share the poses (points only).
         orientation_sigma_rad: noise about each axis of the jig's orientation at each point; None: no orientations.
@@ -120,6 +122,10 @@ def simulate_dataset(
     if not np.isfinite(noise_mm) or noise_mm < 0:
         raise CalibError(f"noise_mm is {noise_mm:g}; a standard deviation is 0 or more")
     check_effects(effects)
+    if every_payload and len(payloads_kg) < 2:
+        raise CalibError(
+            f"found {len(payloads_kg)} payloads; every_payload takes 2 or more, such as payloads_kg=(0, 2.5)"
+        )
     if setups < 1 or (setups > 1 and (scans or 4 * setups > poses)):
         raise CalibError(
             f"found {setups} setups for {poses} poses; simulate points, with 4 poses or more for each setup"
@@ -149,12 +155,19 @@ def simulate_dataset(
     else:
         q = random_poses(robot, poses, rng=rng)
     q = rounded(robot, q)
+    role = draw_roles(poses, rng=rng) if every_payload else None
+    if role is not None:
+        again = np.tile(np.where(role == "reference", "train", role), len(payloads_kg) - 1)
+        q, role = np.tile(q, (len(payloads_kg), 1)), np.concatenate([role, again])
+    poses = len(q)
     if conditions is None:
         conditions = any(kind.needs_conditions for kind in kinds)
     drawn = draw_conditions(robot, poses, rng=rng) if conditions else Conditions()
     drawn = replace(drawn, **{column: None for kind in kinds for column in kind.unrecorded})
     if len(payloads_kg):
-        drawn = replace(drawn, payload_kg=rng.choice(np.asarray(payloads_kg, float), poses))
+        loads_kg = np.asarray(payloads_kg, dtype=float)
+        each = len(q) // len(loads_kg)
+        drawn = replace(drawn, payload_kg=np.repeat(loads_kg, each) if every_payload else rng.choice(loads_kg, poses))
     if robot.carries_scanner and base_T_jig is None:
         placed, base_T_jig = draw_flange_mount(rng=rng), draw_jig_place(robot, rng=rng)
     scanners = {"": placed}
@@ -177,7 +190,7 @@ def simulate_dataset(
     ids = tuple(f"p{i + 1:0{width}d}" for i in range(poses))
     table = Poses(
         ids=ids,
-        role=draw_roles(poses, rng=rng),
+        role=draw_roles(poses, rng=rng) if role is None else role,
         q=q,
         setup=np.full(poses, "") if drawn.setup is None else drawn.setup,
         scan_names=tuple(f"{pose_id}.ply" for pose_id in ids),

@@ -37,6 +37,7 @@ from calib.present.diagnosis import (
     reasons,
     verdict_block,
 )
+from calib.present.interventions import intervention_sections
 from calib.present.redundancy import redundancy_section
 from calib.present.residuals import residual_blocks
 from inspector.report.content import Report
@@ -95,6 +96,7 @@ def report_html(report: Report, *, now: datetime, scene: Embedded | None = None)
     made = now.astimezone().strftime("%Y-%m-%d %H:%M %Z").strip()
     sections = [
         Section(HOW, _reasons(report)),
+        *([] if report.diagnosis is None else intervention_sections(report.diagnosis)),
         Section(HISTORY, _history(report)),
         *([Section("The arm in 3D", [Drawing(scene.frame, SCENE_CAPTION)])] if scene else []),
         Section(DATASET, measured_blocks(report.calibration, report.session.searches)),

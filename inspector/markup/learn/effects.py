@@ -27,6 +27,7 @@ from calib.present.colours import VERDICT_COLOURS
 from calib.present.curves import offered_curves
 from calib.present.diagnosis import HOW, reasons
 from calib.present.effects import not_testable
+from calib.present.interventions import intervention_sections
 from calib.present.verdict import advice as advice_sentence
 from calib.present.verdict import residual_of, verdict
 from calib.screening.candidates import Candidate, Screening, Untestable
@@ -77,7 +78,9 @@ def verdict_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None) -> s
 
 def reasons_html(diagnosis: Diagnosis | None, next_poses: NextPoses | None) -> str:
     """HTML of the reasons for the verdict, a paragraph each."""
-    return "" if diagnosis is None else html.panel([Section(HOW, reasons(diagnosis, next_poses))])
+    if diagnosis is None:
+        return ""
+    return html.panel([Section(HOW, reasons(diagnosis, next_poses)), *intervention_sections(diagnosis)])
 
 
 def advice_html(advice: Advice) -> str:

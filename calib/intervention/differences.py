@@ -1,0 +1,252 @@
+"""Differences of paired poses: what measured points and predicted effects do between the poses of one place.
+
+At a place every error of geometry is the same under each condition, so the mean over the place's poses is taken away
+from the residual and from each effect's columns: for two poses that is their difference over sqrt(2), for more it
+counts none twice. Between conditions the instrument may have been moved and the tool put on anew. Each run under equal
+conditions therefore has a rigid motion of the instrument's frame and a shift of the tool of its own, nine unknowns,
+which are projected out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib import frames
+from calib.array_types import Array, BoolArray, IndexArray
+from calib.calibration.result import Calibration
+from calib.dataset.dataset import Dataset
+from calib.effects.effect import Effect
+from calib.effects.state import RobotState, Seen
+from calib.fitting.model import effect_columns, geometric_model, place_of_target, point_by_state
+from calib.fitting.observations import Observations, predict_points, with_scanner_frames
+from calib.fitting.scanner_frame import fit_scanner_frame, whitener
+from calib.intervention.pairs import APPROACH, PairedPoses
+from calib.kinematics.robot import Robot
+
+_FEWEST_OF_RUN = 6
+"""Points from which a run gets a motion of the instrument and a shift of the tool of its own."""
+_LEVER_MM = 1000.0  # that makes the unknowns of a turn as large as those of a shift
+_SAME = 1e-6  # share of a column that is rounding
+_HIDDEN = 0.02  # share of a column that projection has to leave: below it, the instrument and the tool do the same
+
+
+@dataclass(frozen=True)
+class Differences:
+    """Whitened points of paired poses, less the mean of their place. M points, R = 3 M rows."""
+
+    paired: PairedPoses
+    states: Mapping[str, RobotState]  # by target, of the used poses, with the joints of their place
+    by_state: Mapping[str, Array]  # by target (N, 3, S): derivative of the point by the state
+    target: Mapping[str, BoolArray]  # masks (M,)
+    row: IndexArray  # (M,) used pose of each point
+    place: IndexArray  # (N,) number of the place of each used pose
+    whiten: Array  # (M, 3, 3) from the base frame to sigmas
+    cell: IndexArray  # (M,) number of the place and target, of which the mean is taken away
+    train: BoolArray  # (R,) rows of the pairs that are fitted; the others are held out
+    residual: Array  # (R,) measured minus predicted
+    nuisance: Array  # (R, K) the instrument's motions and the tool's shifts
+    basis: Array  # (R_train, rank) orthonormal, of the nuisance at the fitted pairs
+    dof: int  # degrees of freedom of the fitted pairs
+
+    @property
+    def pairs(self) -> int:
+        """Number of fitted pairs, neighbouring levels at each place."""
+        train = self.train[::3]
+        return len(np.unique(self.row[train])) - len(np.unique(self.place[self.row[train]]))
+
+    @property
+    def visible_residual(self) -> Array:
+        """The residual (R_train,) of the fitted pairs with the nuisance projected out."""
+        return self._projected(self.residual[self.train])
+
+    def columns(self, member: Effect) -> Array:
+        """Derivative (R, K) of the whitened points by an effect's parameters per usual size, less the place's mean."""
+        values = np.zeros(len(member.parameters))
+        out = np.empty((len(self.row), 3, len(values)))
+        for target, state in self.states.items():
+            by_value = effect_columns(self.by_state[target], member, state, values)
+            out[self.target[target]] = by_value[self.row[self.target[target]]]
+        raw = self.whiten @ (out * np.array([p.scale for p in member.parameters]))
+        moved = without_mean(raw, self.whiten, self.cell)
+        raw = raw.reshape(-1, len(values))
+        moved = moved.reshape(-1, len(values))
+        moved[:, np.linalg.norm(moved, axis=0) <= _SAME * np.linalg.norm(raw, axis=0)] = 0.0
+        return np.asarray(moved)
+
+    def visible(self, columns: Array) -> Array:
+        """Columns (R, K) at the fitted pairs (R_train, K), nuisance projected out; zero where hardly any is left."""
+        of_train = columns[self.train]
+        visible = self._projected(of_train)
+        hidden = np.linalg.norm(visible, axis=0) <= _HIDDEN * np.linalg.norm(of_train, axis=0)
+        visible[:, hidden] = 0.0
+        return visible
+
+    def held_out_square(self, columns: Array, coefficients: Array) -> float | None:
+        """Squared error, in sigmas, of the held-out pairs with given coefficients (K,) of columns (R, K).
+
+        The nuisance is that of the fitted pairs. None where nothing is held out, or under conditions of its own.
+        """
+        left = self.residual - columns @ coefficients
+        test = ~self.train
+        seen = np.linalg.norm(self.nuisance[self.train], axis=0) > 0.0
+        test &= ~np.any(np.abs(self.nuisance[:, ~seen]) > 0.0, axis=1)
+        if not test.any():
+            return None
+        amounts = np.linalg.lstsq(self.nuisance[self.train], left[self.train], rcond=1e-9)[0]
+        error = left[test] - self.nuisance[test] @ amounts
+        return float(error @ error)
+
+    def _projected(self, values: Array) -> Array:
+        return np.asarray(values - self.basis @ (self.basis.T @ values))
+
+
+def without_mean(values: Array, whiten: Array, cell: IndexArray) -> Array:
+    """Whitened values (M, 3, K) less what a common shift of all points of each cell would explain of them."""
+    cells = int(cell.max(initial=-1)) + 1
+    square, along = np.zeros((cells, 3, 3)), np.zeros((cells, 3, values.shape[2]))
+    turned = np.swapaxes(whiten, 1, 2)
+    np.add.at(square, cell, turned @ whiten)
+    np.add.at(along, cell, turned @ values)
+    return np.asarray(values - whiten @ np.linalg.solve(square, along)[cell])
+
+
+def differences_of(calibration: Calibration, paired: PairedPoses, robot: Robot | None = None) -> Differences | None:
+    """Differences of the paired poses of a calibration's dataset; None where too few are left to judge anything by.
+
+    Args:
+        calibration: its link errors and tool give the places; its effects are not used.
+        paired: the poses.
+        robot: the calibrated arm with other masses, where those of robot.toml are not known.
+    """
+    dataset = calibration.dataset
+    robot = calibration.model.calibrated_robot(calibration.fit.x) if robot is None else robot
+    model = geometric_model(robot)
+    zero = np.zeros(len(model.parameters))
+    chosen = np.isin(np.arange(len(dataset.poses)), paired.poses)
+    observed = Observations.of(dataset, chosen)
+    if dataset.poses.is_test[observed.points.pose].all():
+        return None
+    place = np.full(len(dataset.poses), -1)
+    place[paired.poses] = paired.place
+    observed, cell = _with_cells(observed, place)
+    if not len(cell):
+        return None
+    run = _runs(dataset, paired, observed.points.pose)
+    observed = with_scanner_frames(observed, model, zero)
+    predicted_mm = predict_points(model, zero, observed)
+    placed = _frames_of_runs(observed, predicted_mm, run)
+    whiten = whitener(observed.covariance_mm2) @ placed[:, :3, :3]
+    measured_mm = frames.apply(frames.invert(placed), observed.points.xyz_mm)
+    residual = (whiten @ (measured_mm - predicted_mm)[:, :, None])[..., 0]
+    states, row = _states_at_places(robot, observed, place)
+    nuisance = _nuisance(states, row, observed, predicted_mm, run)
+    held_out = np.zeros(len(dataset.poses), dtype=bool)
+    held_out[paired.poses] = paired.is_held_out
+    train = ~held_out[observed.points.pose]
+    residual = without_mean(residual[:, :, None], whiten, cell).reshape(-1)
+    nuisance = without_mean(whiten @ nuisance, whiten, cell).reshape(len(residual), -1)
+    of_train = np.repeat(train, 3)
+    u, s, _ = np.linalg.svd(nuisance[of_train], full_matrices=False)
+    basis = u[:, s > 1e-9 * max(float(s.max(initial=0.0)), 1e-300)]
+    dof = 3 * (int(np.count_nonzero(train)) - len(np.unique(cell[train]))) - basis.shape[1]
+    if dof < 3:
+        return None
+    return Differences(
+        paired=paired,
+        states=states,
+        by_state={target: point_by_state(state, target)[1] for target, state in states.items()},
+        target=observed.targets,
+        row=row,
+        place=place[np.unique(observed.points.pose)],
+        whiten=whiten,
+        cell=cell,
+        train=of_train,
+        residual=residual,
+        nuisance=nuisance,
+        basis=basis,
+        dof=dof,
+    )
+
+
+def _with_cells(observed: Observations, place: IndexArray) -> tuple[Observations, IndexArray]:
+    """Observations with the cell (M,), place and target, of each point; cells measured at one pose only are left out.
+
+    Where no target was measured at two poses of a place, a cell is the place: the target itself was exchanged.
+    """
+    points = observed.points
+    target = np.unique(points.target, return_inverse=True)[1]
+    for keys in (np.column_stack([place[points.pose], target]), place[points.pose][:, None]):
+        cell = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+        of_pose = np.unique(np.column_stack([cell, points.pose]), axis=0)[:, 0]
+        several = np.bincount(of_pose, minlength=int(cell.max(initial=-1)) + 1) > 1
+        if several.any():
+            kept = several[cell]
+            return observed.select(kept), np.unique(cell[kept], return_inverse=True)[1].reshape(-1)
+    return observed.select(np.zeros(len(points), dtype=bool)), np.zeros(0, dtype=np.int64)
+
+
+def _runs(dataset: Dataset, paired: PairedPoses, pose: IndexArray) -> IndexArray:
+    """Number (M,) of the run of each point: the poses under equal conditions, in one setup.
+
+    Sides of approach that were drawn anew at each pose split the poses into runs of a few points each; no motion of the
+    instrument goes with them, and they count for none.
+    """
+    level = np.zeros(len(dataset.poses), dtype=np.int64)
+    level[paired.poses] = paired.level
+    setup = np.unique(dataset.poses.setup, return_inverse=True)[1]
+    keys = np.column_stack([setup, level])[pose]
+    run = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+    if APPROACH in paired.conditions and np.bincount(run).min() < _FEWEST_OF_RUN:
+        run = np.unique(setup[pose], return_inverse=True)[1]
+    return np.asarray(run)
+
+
+def _frames_of_runs(observed: Observations, predicted_mm: Array, run: IndexArray) -> Array:
+    """Transform scanner_T_base (M, 4, 4) at each point, fitted to its run; that of its setup where a run is short."""
+    assert observed.scanner_T_base is not None
+    placed = np.stack([observed.scanner_T_base[str(name)] for name in observed.setup])
+    for number in range(int(run.max()) + 1):
+        rows = run == number
+        if np.count_nonzero(rows) >= _FEWEST_OF_RUN:
+            xyz_mm, covariance = observed.points.xyz_mm[rows], observed.covariance_mm2[rows]
+            placed[rows] = fit_scanner_frame(predicted_mm[rows], xyz_mm, covariance)
+    return placed
+
+
+def _states_at_places(
+    robot: Robot, observed: Observations, place: IndexArray
+) -> tuple[dict[str, RobotState], IndexArray]:
+    """States by target at the used poses, each with the joint values of its place's first, and the points' rows.
+
+    So functions of the joints alone are the same at all poses of a place to the last bit. So are errors of an
+    instrument that did not move: it sees the target where the robot should have it, not where noise put this point.
+    """
+    poses, row = observed.used_poses
+    of_pose = place[np.unique(observed.points.pose)]
+    first = np.unique(of_pose, return_index=True)[1][np.unique(of_pose, return_inverse=True)[1].reshape(-1)]
+    at_place = replace(poses, q=poses.q[first])
+    scanner_T_base = observed.scanner_T_base_at(poses)[first]
+    states = {}
+    for name in observed.targets:
+        state = RobotState.nominal(robot, at_place)
+        seen_mm = frames.apply(scanner_T_base, place_of_target(state, name))
+        states[name] = replace(state, seen=Seen(seen_mm, scanner_T_base))
+    return states, row
+
+
+def _nuisance(
+    states: Mapping[str, RobotState], row: IndexArray, observed: Observations, predicted_mm: Array, run: IndexArray
+) -> Array:
+    """Columns (M, 3, 9 L) of the motions of the instrument's frame and the shifts of the tool, for each of L runs."""
+    runs = int(run.max()) + 1
+    out = np.zeros((len(row), 3, runs, 9))
+    own = np.empty((len(row), 3, 9))
+    own[..., :3] = np.eye(3)
+    own[..., 3:6] = -frames.skew(predicted_mm - predicted_mm.mean(axis=0)) / _LEVER_MM
+    for target, of_target in observed.targets.items():
+        own[of_target, :, 6:] = states[target].attitude[row[of_target]]
+    out[np.arange(len(row)), :, run] = own
+    return out.reshape(len(row), 3, -1)

@@ -1,0 +1,108 @@
+"""Presentation of what paired poses prove: a section of a diagnosis, its sentences, and the key of `--json`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from calib.diagnosis.contradictions import Contradiction
+from calib.diagnosis.result import Diagnosis
+from calib.intervention.pairs import APPROACH, PAYLOAD, SPEED
+from calib.intervention.proof import MIN_LEAD, Cause, Intervention, Proof
+from calib.present import numbers
+from calib.present.blocks import Paragraph, Section, Words, effect, joint, listed, spans
+from calib.present.effects import title, with_key
+
+PROVEN = "Proven by changing one thing"
+
+
+def intervention_sections(diagnosis: Diagnosis) -> list[Section]:
+    """Section on what poses measured again under another condition prove; [] where there are none."""
+    sentences = intervention_sentences(diagnosis)
+    return [Section(PROVEN, [Paragraph(words) for words in sentences], brief=True)] if sentences else []
+
+
+def intervention_sentences(diagnosis: Diagnosis) -> list[Words]:
+    """Sentences on each condition that was changed: what is proven, what stays open, and what the fit contradicts."""
+    words: list[Words] = []
+    for one in diagnosis.interventions:
+        words += [_proven(one, proof) for proof in one.proofs]
+        words += _not_proven(one)
+    return [*words, *(_contradicted(one) for one in diagnosis.contradictions)]
+
+
+def _proven(intervention: Intervention, proof: Proof) -> Words:
+    confirmed = ""
+    if intervention.held_out:
+        pairs = numbers.count(intervention.held_out, "pair")
+        confirmed = f" It predicts {pairs} of test poses, which no fit saw, no worse."
+    return spans(
+        f"Proven by {numbers.count(proof.pairs, 'pair')}, {_change(intervention)}: ", with_key(proof.effect),
+        _of_joint(proof.joint), f", {proof.parameter} = {numbers.with_sigma(proof.value, proof.sigma, proof.unit)}. "
+        "Without it nothing in the catalogue explains the differences, in which all geometry cancels (log evidence "
+        f"lower by {proof.lead:.1f}; {MIN_LEAD:g} is required).{confirmed}",
+    )  # fmt: skip
+
+
+def _not_proven(intervention: Intervention) -> list[Words]:
+    pairs = f"{numbers.count(intervention.pairs, 'pair')}, {_change(intervention)}, "
+    if len(intervention.open_causes) == 1:
+        only = _cause(intervention.open_causes[0])
+        return [spans(f"{numbers.capitalised(pairs)}speak for ", only, ", but not clearly enough to prove it.")]
+    if intervention.open_causes:
+        between = listed([_cause(cause) for cause in intervention.open_causes], "or")
+        return [spans(f"{numbers.capitalised(pairs)}do not settle what moves the arm: ", between, ".")]
+    if intervention.proofs:
+        return []
+    return [f"{numbers.capitalised(pairs)}show no effect beyond noise, a moved instrument and a moved tool."]
+
+
+def _contradicted(contradiction: Contradiction) -> Words:
+    proof = contradiction.proof
+    subject = spans("The fit of all poses contradicts the pairs on ", effect(proof.effect), _of_joint(proof.joint))
+    if contradiction.fitted is None:
+        instead = listed([effect(name) for name in contradiction.instead])
+        return spans(subject, ": it names ", instead, " instead. Believe the pairs, in which all geometry cancels.")
+    fitted = numbers.with_sigma(*contradiction.fitted, proof.unit)
+    return spans(subject, f": it has {fitted}. Believe the pairs, in which all geometry cancels.")
+
+
+def _change(intervention: Intervention) -> str:
+    """Phrase on what was done between the poses of a pair: "hanging 2.5 kg on the flange"."""
+    levels = [f"{level:.4g}" for level in intervention.levels]
+    if intervention.conditions == (PAYLOAD,):
+        hung = [level for level in levels if level != "0"] if intervention.levels[0] == 0.0 else levels
+        return f"hanging {numbers.listing(hung)} kg on the flange"
+    if intervention.conditions == (APPROACH,):
+        return "coming to the pose from the other side"
+    if intervention.conditions == (SPEED,):
+        return f"at speeds from {levels[0]} to {levels[-1]}"
+    if levels:
+        return f"{intervention.conditions[0]} from {levels[0]} to {levels[-1]}"
+    return f"changing {numbers.listing(intervention.conditions)} together"
+
+
+def _cause(cause: Cause) -> Words:
+    return spans(effect(cause.effect, title(cause.effect)), _of_joint(cause.joint))
+
+
+def _of_joint(number: int | None) -> Words:
+    return () if number is None else spans(" of ", joint(number, f"joint {number}"))
+
+
+def proven_document(diagnosis: Diagnosis) -> dict[str, Any]:
+    """JSON key on what paired poses prove."""
+    return {
+        "proven": [
+            {
+                "effect": proof.effect,
+                "joint": proof.joint,
+                "parameter": proof.parameter,
+                "value": proof.value,
+                "sigma": proof.sigma,
+                "unit": proof.unit,
+                "pairs": proof.pairs,
+                "condition": proof.condition,
+            }
+            for proof in diagnosis.proven
+        ]
+    }
