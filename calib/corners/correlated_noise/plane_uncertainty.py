@@ -1,4 +1,4 @@
-"""Covariance of three fitted planes where the errors of neighbouring points are correlated.
+"""Covariance of three fitted planes where the errors of neighbouring points are correlated, and their weighting by it.
 
 A structured-light scanner's error is white noise and a correlated part that is smooth over some millimetres to
 decimetres. A covariance for independent points is then too small, the more so the more points there are. The size and
@@ -15,6 +15,11 @@ The covariance is the posterior mean over no correlated part at all, or any size
 lenses or as rough as speckle. Lengths of which nothing in the scan would show anything are left out: there only repeats
 tell, or what is declared of the scanner (`declared.py`). The prior of a kernel and size grows with what the scan would
 show of it, against the harm it does to the apex.
+
+Where a correlated error is found or declared, the planes are then fitted anew by generalised least squares to the means
+of smaller patches, with the posterior mean of the errors' covariance over them (Aitken 1936): points that share an
+error count less. A Gaussian kernel alone would say that the error between two points is known from those around them,
+and would weigh by differences that a slightly rougher error drowns, so a part of each is taken as exponential.
 """
 
 from __future__ import annotations
@@ -30,8 +35,8 @@ from calib.corners.correlated_noise.declared import (
     NOTHING_DECLARED,
     DeclaredNoise,
     apex_variance_mm2,
-    at_least_declared,
     registration_covariance,
+    share_of_declared,
 )
 from calib.corners.correlated_noise.likelihood import (
     LENGTHS,
@@ -39,7 +44,9 @@ from calib.corners.correlated_noise.likelihood import (
     SHAPES,
     CorrelationEvidence,
     evidence_of,
+    exponential,
     gaussian_kernels,
+    partly_rough,
 )
 from calib.corners.correlated_noise.patches import Patches, ScannerView, joined, patches_of
 from calib.corners.correlated_noise.surroundings import patches_of_surroundings
@@ -49,6 +56,9 @@ from calib.planes.robust_fit import PlaneFit
 
 _PATCHES_AN_EDGE = 6
 _PATCHES_A_FACE = 36  # at most, of a triangle; a cube's face has 18, that of a long box had hundreds
+_FINE_PATCHES = 10, 100  # an edge, and at most a face, to weigh points by: with 14 an edge the error is the same
+_LEAST_SHARE = 3e-4  # of the variance of the correlated error: kernels with less are left out of the weighting
+_FOUND = 0.5  # probability of a correlated error from which on the planes are fitted with it
 _POINTS_A_PATCH = 4  # at least, on average: otherwise the patches are larger
 _POINTS_OF_OTHERS = 3
 _SIZES = np.geomspace(0.02, 60.0, 32)  # of the points' scatter
@@ -67,8 +77,9 @@ _OUT_OF_SQUARE = 3.0  # times that: a jig that is off by more says nothing about
 
 @dataclass(frozen=True)
 class PlaneUncertainty:
-    """Joint covariance of the three planes, and the correlated part of the scanner's error."""
+    """Joint covariance of the three planes, their fit with it, and the correlated part of the scanner's error."""
 
+    planes: tuple[PlaneFit, ...]  # as given, or fitted by generalised least squares where errors are correlated
     covariance: Array  # (9, 9) of height (mm) and two slopes (rad) of each plane in turn, as in PlaneFit.design
     white_covariance: Array  # (9, 9) as if all residuals were white noise
     correlated_sigma_mm: float  # standard deviation of the correlated part; near 0 where there is none
@@ -144,10 +155,19 @@ def plane_uncertainty(
     share = np.exp(log_odds - np.logaddexp(0.0, np.logaddexp.reduce(log_odds, axis=None)))
     size_mm2 = share @ sizes_mm**2  # (2, S)
     smooth = np.einsum("fs,sl,flij->ij", size_mm2, SHAPES, moved)
+    declared_mm2 = 0.0
     if declared.correlated_sigma_mm > 0:
         kernel = faces.along_sight(np.array([declared.correlation_length_mm]))
-        smooth = at_least_declared(planes, smooth, declared.correlated_sigma_mm**2 * faces.moved(kernel)[0])
-    covariance = faces.white + smooth + registration_covariance(planes, declared.registration_sigma_mm)
+        by_declared = declared.correlated_sigma_mm**2 * faces.moved(kernel)[0]
+        declared_mm2 = declared.correlated_sigma_mm**2 * share_of_declared(planes, smooth, by_declared)
+        smooth = smooth + declared_mm2 / declared.correlated_sigma_mm**2 * by_declared
+    covariance, fitted = faces.white + smooth, tuple(planes)
+    if float(share.sum()) > _FOUND or declared_mm2 > 0:
+        fine = _patches_of_faces(planes, view, edge_mm, *_FINE_PATCHES)
+        correlated = _correlated(fine, size_mm2, declared_mm2, declared.correlation_length_mm, edge_mm)
+        moves, covariance = _generalised_fit(fine, correlated)
+        fitted = tuple(plane.moved(moves[3 * i : 3 * i + 3]) for i, plane in enumerate(planes))
+    covariance = covariance + registration_covariance(fitted, declared.registration_sigma_mm)
     total_mm2 = float(size_mm2.sum())
     length_mm = float(np.exp(size_mm2.sum(axis=0) @ np.log(SHAPE_LENGTHS) / max(total_mm2, 1e-300))) * edge_mm
     # Of a length that the scan shows, a size that makes the apex twice less certain would be seen.
@@ -156,7 +176,7 @@ def plane_uncertainty(
     shown_mm = float(SHAPE_LENGTHS[shown].max(initial=0.0)) * edge_mm
     short = float(share[:, np.flatnonzero(LENGTHS < _AS_IN_MESHES)].sum()) > _LIKELY
     notes = (MESH_NOTE,) if short and declared == NOTHING_DECLARED else ()
-    return PlaneUncertainty(covariance, faces.white, float(np.sqrt(total_mm2)), length_mm, shown_mm, notes)
+    return PlaneUncertainty(fitted, covariance, faces.white, float(np.sqrt(total_mm2)), length_mm, shown_mm, notes)
 
 
 def _prior(harm: Array, expected_loss: Array, surroundings: bool) -> Array:
@@ -175,8 +195,50 @@ def _prior(harm: Array, expected_loss: Array, surroundings: bool) -> Array:
     return np.asarray(whole * np.minimum(1.0, _MOST_HARM / np.maximum(harm * np.exp(-expected_loss), 1e-300)))
 
 
-def _patches_of_faces(planes: Sequence[PlaneFit], view: ScannerView, edge_mm: float) -> _Faces:
-    """Patches of the three faces, with their white noise.
+def _correlated(
+    faces: _Faces, size_mm2: Array, declared_mm2: float, declared_length_mm: float, edge_mm: float
+) -> Array:
+    """(B, B) covariance of the patches' means by correlated errors, Gaussian kernels being taken as partly rough.
+
+    size_mm2  # (2, S) variances of the errors by form and kernel shape; declared_mm2 is that of the declared error,
+    along the sight
+    """
+    count = len(LENGTHS)
+    smooth, rough = partly_rough(size_mm2[:, :count])
+    of_length = smooth + exponential(rough, LENGTHS) + size_mm2[:, count:] @ SHAPES[count:]  # (2, L)
+    covariance = np.zeros((len(faces.face), len(faces.face)))
+    if declared_mm2 > 0:
+        one, rest = partly_rough(np.array([declared_mm2]))
+        covariance += one * faces.along_sight(np.array([declared_length_mm]))[0]
+        of_length[0] += exponential(rest, np.array([declared_length_mm / edge_mm]))
+    of_length[of_length < _LEAST_SHARE * (of_length.sum() + declared_mm2)] = 0
+    for variances, form in zip(of_length, (faces.along_sight, faces.uneven), strict=True):
+        on = np.flatnonzero(variances)
+        if len(on):
+            covariance += np.einsum("l,lbc->bc", variances[on], form(LENGTHS[on] * edge_mm))
+    return covariance
+
+
+def _generalised_fit(faces: _Faces, correlated: Array) -> tuple[Array, Array]:
+    """Moves (9,) of the planes' heights and slopes, and their covariance, by generalised least squares on the patches.
+
+    correlated is the covariance (B, B) of the patches' means by correlated errors, to which white noise is added.
+    """
+    root = np.linalg.cholesky(correlated + np.diag(faces.variance_mm2))
+    whitened = np.linalg.solve(root, np.column_stack([faces.design, faces.mean_mm]))
+    design, mean = whitened[:, :-1], whitened[:, -1]
+    covariance = np.linalg.inv(design.T @ design)
+    return covariance @ design.T @ mean, covariance
+
+
+def _patches_of_faces(
+    planes: Sequence[PlaneFit],
+    view: ScannerView,
+    edge_mm: float,
+    patches_an_edge: int = _PATCHES_AN_EDGE,
+    patches_a_face: int = _PATCHES_A_FACE,
+) -> _Faces:
+    """Patches of the three faces, at most so many of each, with their white noise.
 
     The noise of a face of ten points is hardly known from them: the largest variance of the faces counts as that of
     three further points.
@@ -189,8 +251,8 @@ def _patches_of_faces(planes: Sequence[PlaneFit], view: ScannerView, edge_mm: fl
         along = np.column_stack([plane.points_mm @ p.normal - p.offset_mm for p in planes if p is not plane])
         area = 0.5 * float(np.prod(np.ptp(along, axis=0)))
         total = len(plane.psi_mm)
-        least_mm2 = max(_POINTS_A_PATCH / total, 1 / _PATCHES_A_FACE) * area
-        side_mm = max(edge_mm / _PATCHES_AN_EDGE, float(np.sqrt(least_mm2)))
+        least_mm2 = max(_POINTS_A_PATCH / total, 1 / patches_a_face) * area
+        side_mm = max(edge_mm / patches_an_edge, float(np.sqrt(least_mm2)))
         patches = patches_of(plane, view, along, side_mm)
         # Differences within a patch have no smooth part, so this is the white one; the plane is subtracted already.
         squares = float(np.sum(patches.within_mm2)) + _POINTS_OF_OTHERS * max(variances)
