@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
-from calib.corners.correlated_noise import plane_uncertainty
+from calib.corners.correlated_noise import plane_uncertainty, posterior
 from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.corners.correlated_noise.likelihood import LENGTHS, ROUGH_FROM, SHAPES, evidence_of, gaussian_kernels
 from calib.corners.correlated_noise.patches import PatchPlaces
@@ -145,7 +145,7 @@ def test_points_that_share_their_errors_count_less(kernel: str, monkeypatch: pyt
         return [corner(seed, smooth_mm=0.05, length_mm=15.0, kernel=kernel) for seed in range(24)]
 
     found = corners()
-    monkeypatch.setattr(plane_uncertainty, "_FOUND", 2.0)  # no probability reaches it
+    monkeypatch.setattr(posterior, "_FOUND", 2.0)  # no probability reaches it
     error, equal = (np.sqrt(np.mean([np.sum((one.xyz_mm - APEX) ** 2) for one in each])) for each in (found, corners()))
     assert error < 0.85 * equal
     assert 1.5 < np.mean([squared(one) for one in found]) < 5.0
@@ -155,7 +155,7 @@ def test_white_noise_leaves_all_points_the_same_weight(monkeypatch: pytest.Monke
     def never(*arguments: object) -> None:
         raise AssertionError
 
-    monkeypatch.setattr(plane_uncertainty, "_generalised_fit", never)
+    monkeypatch.setattr(plane_uncertainty, "generalised_fit", never)
     for seed in range(4):
         corner(seed)
     with pytest.raises(AssertionError):

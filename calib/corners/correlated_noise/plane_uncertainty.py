@@ -1,4 +1,4 @@
-"""Covariance of three fitted planes where the errors of neighbouring points are correlated, and their weighting by it.
+"""Covariance of three fitted planes where the errors of neighbouring points are correlated, and their fit with it.
 
 A structured-light scanner's error is white noise and a correlated part that is smooth over some millimetres to
 decimetres. A covariance for independent points is then too small, the more so the more points there are. The size and
@@ -11,15 +11,10 @@ the length of the correlated part show in a scan in three ways:
   face differently: the angles between the faces differ from the jig's;
 - it is continuous beyond the jig: a wall behind shows it over a longer range (`surroundings.py`).
 
-The covariance is the posterior mean over no correlated part at all, or any size and length, as smooth as the errors of
-lenses or as rough as speckle. Lengths of which nothing in the scan would show anything are left out: there only repeats
-tell, or what is declared of the scanner (`declared.py`). The prior of a kernel and size grows with what the scan would
-show of it, against the harm it does to the apex.
-
-Where a correlated error is found or declared, the planes are then fitted anew by generalised least squares to the means
-of smaller patches, with the posterior mean of the errors' covariance over them (Aitken 1936): points that share an
-error count less. A Gaussian kernel alone would say that the error between two points is known from those around them,
-and would weigh by differences that a slightly rougher error drowns, so a part of each is taken as exponential.
+The covariance is the posterior mean over no correlated part at all, or any size and length (`posterior.py`). Lengths of
+which nothing in the scan would show anything are left out: there only repeats tell, or what is declared of the scanner
+(`declared.py`). Where a correlated error is found or declared, the planes are then fitted anew by generalised least
+squares to the means of smaller patches.
 """
 
 from __future__ import annotations
@@ -44,11 +39,10 @@ from calib.corners.correlated_noise.likelihood import (
     SHAPES,
     CorrelationEvidence,
     evidence_of,
-    exponential,
     gaussian_kernels,
-    partly_rough,
 )
 from calib.corners.correlated_noise.patches import Patches, ScannerView, joined, patches_of
+from calib.corners.correlated_noise.posterior import SIZES, generalised_fit, patch_covariance, posterior_variances
 from calib.corners.correlated_noise.surroundings import patches_of_surroundings
 from calib.corners.faces.certified_angles import angle_derivative, fitted_angles_deg
 from calib.jig import FACE_PAIRS, Jig
@@ -57,17 +51,10 @@ from calib.planes.robust_fit import PlaneFit
 _PATCHES_AN_EDGE = 6
 _PATCHES_A_FACE = 36  # at most, of a triangle; a cube's face has 18, that of a long box had hundreds
 _FINE_PATCHES = 10, 100  # an edge, and at most a face, to weigh points by: with 14 an edge the error is the same
-_LEAST_SHARE = 3e-4  # of the variance of the correlated error: kernels with less are left out of the weighting
-_FOUND = 0.5  # probability of a correlated error from which on the planes are fitted with it
 _POINTS_A_PATCH = 4  # at least, on average: otherwise the patches are larger
 _POINTS_OF_OTHERS = 3
-_SIZES = np.geomspace(0.02, 60.0, 32)  # of the points' scatter
-_MOST_SIZE = 5.0  # larger smooth errors than so many times a face's scatter leave more scatter than that
 _PRIOR = 0.5, 0.2  # of a correlated error along the sight, and of uneven faces
 _LONGEST_ON_FACE = 0.6  # edges: longer ones leave too little in a face's residuals to be distinguished
-# The harm that white noise alone leaves of any one kernel and size, as a share of the apex's variance; with 0.3 the
-# covariance under white noise comes out a tenth larger, with 1 a fifth.
-_MOST_HARM = 0.3
 _DOUBLED, _SEEN = 3.0, 1.0  # variance added to that by white noise; expected loss of log likelihood
 _AS_IN_MESHES, _LIKELY = 1 / 14, 0.4  # edges, of a smooth error; its probability
 _PRIOR_FLAT = 0.8  # of a surface near the jig, apart from a bow
@@ -135,7 +122,7 @@ def plane_uncertainty(
     view = ScannerView.of(origin_mm, edge_mm)
     faces = _patches_of_faces(planes, view, edge_mm)
     flat = [p for p in (patches_of_surroundings(plane, view, edge_mm) for plane in surroundings) if p]
-    sizes_mm = _SIZES * max(plane.sigma_mm for plane in planes)
+    sizes_mm = SIZES * max(plane.sigma_mm for plane in planes)
     kernels = faces.along_sight(LENGTHS * edge_mm), faces.uneven(LENGTHS * edge_mm)
     moved = np.array([faces.moved(kernel) for kernel in kernels])  # (2, L, 9, 9)
     along, uneven = (_evidence_of_faces(faces, planes, jig, kernel, sizes_mm) for kernel in kernels)
@@ -149,11 +136,10 @@ def plane_uncertainty(
         white += none
     harm = (apex_variance_mm2(planes, moved) @ SHAPES.T)[:, :, None] * sizes_mm**2  # (2, S, W)
     harm /= apex_variance_mm2(planes, faces.white)
-    prior = _prior(harm, loss, bool(flat))
-    with np.errstate(divide="ignore"):
-        log_odds = likelihood + np.log(prior) - white - np.log(1 - prior.sum())
-    share = np.exp(log_odds - np.logaddexp(0.0, np.logaddexp.reduce(log_odds, axis=None)))
-    size_mm2 = share @ sizes_mm**2  # (2, S)
+    on_face = SHAPE_LENGTHS < _LONGEST_ON_FACE
+    allowed = np.array([on_face | bool(flat), on_face])
+    posterior = posterior_variances(likelihood, white, harm, loss, _PRIOR, allowed, sizes_mm)
+    size_mm2 = posterior.size_mm2
     smooth = np.einsum("fs,sl,flij->ij", size_mm2, SHAPES, moved)
     declared_mm2 = 0.0
     if declared.correlated_sigma_mm > 0:
@@ -162,10 +148,12 @@ def plane_uncertainty(
         declared_mm2 = declared.correlated_sigma_mm**2 * share_of_declared(planes, smooth, by_declared)
         smooth = smooth + declared_mm2 / declared.correlated_sigma_mm**2 * by_declared
     covariance, fitted = faces.white + smooth, tuple(planes)
-    if float(share.sum()) > _FOUND or declared_mm2 > 0:
+    if posterior.found or declared_mm2 > 0:
         fine = _patches_of_faces(planes, view, edge_mm, *_FINE_PATCHES)
-        correlated = _correlated(fine, size_mm2, declared_mm2, declared.correlation_length_mm, edge_mm)
-        moves, covariance = _generalised_fit(fine, correlated)
+        correlated = patch_covariance(
+            (fine.along_sight, fine.uneven), size_mm2, declared_mm2, declared.correlation_length_mm, edge_mm
+        )
+        moves, covariance = generalised_fit(fine.design, fine.mean_mm, correlated + np.diag(fine.variance_mm2))
         fitted = tuple(plane.moved(moves[3 * i : 3 * i + 3]) for i, plane in enumerate(planes))
     covariance = covariance + registration_covariance(fitted, declared.registration_sigma_mm)
     total_mm2 = float(size_mm2.sum())
@@ -174,61 +162,9 @@ def plane_uncertainty(
     at = np.argmin(np.abs(np.log(harm[0] / _DOUBLED)), axis=1)
     shown = loss[0][np.arange(len(SHAPES)), at] > _SEEN
     shown_mm = float(SHAPE_LENGTHS[shown].max(initial=0.0)) * edge_mm
-    short = float(share[:, np.flatnonzero(LENGTHS < _AS_IN_MESHES)].sum()) > _LIKELY
+    short = float(posterior.probability[:, np.flatnonzero(LENGTHS < _AS_IN_MESHES)].sum()) > _LIKELY
     notes = (MESH_NOTE,) if short and declared == NOTHING_DECLARED else ()
     return PlaneUncertainty(fitted, covariance, faces.white, float(np.sqrt(total_mm2)), length_mm, shown_mm, notes)
-
-
-def _prior(harm: Array, expected_loss: Array, surroundings: bool) -> Array:
-    """Prior probability (2, S, W) of forms, kernel shapes and sizes of correlated error; the rest is of white noise.
-
-    harm is the variance of the apex over that by white noise, expected_loss that of log likelihood where the noise is
-    white, both (2, S, W). Kernels that would harm much and show little are all but left out: otherwise white noise
-    alone would make the covariance larger than it is.
-    """
-    on_face = SHAPE_LENGTHS < _LONGEST_ON_FACE
-    shape = np.array([on_face | surroundings, on_face])
-    # Uniform in the standard deviation (Gelman 2006); the steps are equal in its logarithm.
-    size = np.where(_SIZES <= _MOST_SIZE, _SIZES, 0.0)
-    of_form = np.array(_PRIOR)[:, None] * shape / shape.sum(axis=1, keepdims=True)
-    whole = np.multiply.outer(of_form, size / size.sum())
-    return np.asarray(whole * np.minimum(1.0, _MOST_HARM / np.maximum(harm * np.exp(-expected_loss), 1e-300)))
-
-
-def _correlated(
-    faces: _Faces, size_mm2: Array, declared_mm2: float, declared_length_mm: float, edge_mm: float
-) -> Array:
-    """(B, B) covariance of the patches' means by correlated errors, Gaussian kernels being taken as partly rough.
-
-    size_mm2  # (2, S) variances of the errors by form and kernel shape; declared_mm2 is that of the declared error,
-    along the sight
-    """
-    count = len(LENGTHS)
-    smooth, rough = partly_rough(size_mm2[:, :count])
-    of_length = smooth + exponential(rough, LENGTHS) + size_mm2[:, count:] @ SHAPES[count:]  # (2, L)
-    covariance = np.zeros((len(faces.face), len(faces.face)))
-    if declared_mm2 > 0:
-        one, rest = partly_rough(np.array([declared_mm2]))
-        covariance += one * faces.along_sight(np.array([declared_length_mm]))[0]
-        of_length[0] += exponential(rest, np.array([declared_length_mm / edge_mm]))
-    of_length[of_length < _LEAST_SHARE * (of_length.sum() + declared_mm2)] = 0
-    for variances, form in zip(of_length, (faces.along_sight, faces.uneven), strict=True):
-        on = np.flatnonzero(variances)
-        if len(on):
-            covariance += np.einsum("l,lbc->bc", variances[on], form(LENGTHS[on] * edge_mm))
-    return covariance
-
-
-def _generalised_fit(faces: _Faces, correlated: Array) -> tuple[Array, Array]:
-    """Moves (9,) of the planes' heights and slopes, and their covariance, by generalised least squares on the patches.
-
-    correlated is the covariance (B, B) of the patches' means by correlated errors, to which white noise is added.
-    """
-    root = np.linalg.cholesky(correlated + np.diag(faces.variance_mm2))
-    whitened = np.linalg.solve(root, np.column_stack([faces.design, faces.mean_mm]))
-    design, mean = whitened[:, :-1], whitened[:, -1]
-    covariance = np.linalg.inv(design.T @ design)
-    return covariance @ design.T @ mean, covariance
 
 
 def _patches_of_faces(
@@ -314,10 +250,10 @@ def _evidence_of_surroundings(patches: Patches, edge_mm: float, sizes_mm: Array)
     bow = np.column_stack([patches.design, u * u, u * v, v * v])
     evidence = evidence_of(patches.mean_mm, max(variance, 1e-24) / patches.count, bow, kernels, sizes_mm)
     likelihood = evidence.log_likelihood
-    step = np.log(_SIZES[1] / _SIZES[0])
-    place = np.arange(len(_SIZES))
+    step = np.log(SIZES[1] / SIZES[0])
+    place = np.arange(len(SIZES))
     flat = [_interpolated(likelihood, place + power * np.log(patches.depth) / step) for power in (0, 1, 2)]
-    larger = np.logaddexp.accumulate(likelihood[:, ::-1], axis=1)[:, ::-1] - np.log(len(_SIZES) - place)
+    larger = np.logaddexp.accumulate(likelihood[:, ::-1], axis=1)[:, ::-1] - np.log(len(SIZES) - place)
     anything = np.logaddexp.reduce(likelihood, axis=None) - np.log(likelihood.size)
     waves = np.logaddexp(
         np.log(_PRIOR_FLAT) + np.logaddexp.reduce(flat, axis=0) - np.log(len(flat)),
