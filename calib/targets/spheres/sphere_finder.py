@@ -18,6 +18,7 @@ from calib.target_shapes import SPHERE_MM, Sphere, Spheres
 from calib.targets.protocol.finder import FoundPoint, Wanted
 from calib.targets.spheres.candidates import SphereCandidate, sphere_candidates
 from calib.targets.spheres.cap_fit import CapFit, fit_cap
+from calib.targets.spheres.correlated_cap import with_correlated_errors
 from calib.targets.spheres.doubts import FEWEST_POINTS, doubts_of, why_no_sphere
 
 _VOXELS_A_RADIUS = (7.0, 12.0, 4.0)  # of the passes, until one finds as many as are wanted
@@ -75,7 +76,8 @@ def find_spheres(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
         best = max(refused, key=lambda tried: tried.score)
         raise TargetError(best.refusal)
     finite = np.flatnonzero(finite_rows(scan.points_mm))
-    return [_found(tried.fit, finite, len(scan.points_mm), shape) for tried in accepted[:most]]
+    fits = [with_correlated_errors(points, tried.fit, wanted.declared) for tried in accepted[:most]]
+    return [_found(fit, finite, len(scan.points_mm), shape) for fit in fits]
 
 
 def _shape_text(shape: Sphere | Spheres) -> str:
