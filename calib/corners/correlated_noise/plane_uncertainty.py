@@ -43,7 +43,7 @@ from calib.corners.correlated_noise.likelihood import (
 )
 from calib.corners.correlated_noise.patches import Patches, ScannerView, joined, patches_of
 from calib.corners.correlated_noise.posterior import SIZES, generalised_fit, patch_covariance, posterior_variances
-from calib.corners.correlated_noise.surroundings import patches_of_surroundings
+from calib.corners.correlated_noise.surroundings import evidence_of_surroundings, patches_of_surroundings
 from calib.corners.faces.certified_angles import angle_derivative, fitted_angles_deg
 from calib.jig import FACE_PAIRS, Jig
 from calib.planes.robust_fit import PlaneFit
@@ -57,7 +57,6 @@ _PRIOR = 0.5, 0.2  # of a correlated error along the sight, and of uneven faces
 _LONGEST_ON_FACE = 0.6  # edges: longer ones leave too little in a face's residuals to be distinguished
 _DOUBLED, _SEEN = 3.0, 1.0  # variance added to that by white noise; expected loss of log likelihood
 _AS_IN_MESHES, _LIKELY = 1 / 14, 0.4  # edges, of a smooth error; its probability
-_PRIOR_FLAT = 0.8  # of a surface near the jig, apart from a bow
 _MADE_TO_DEG = 0.02  # angles of a jig
 _OUT_OF_SQUARE = 3.0  # times that: a jig that is off by more says nothing about the scanner
 
@@ -130,7 +129,7 @@ def plane_uncertainty(
     loss = np.array([along.expected_loss, uneven.expected_loss])
     white = 0.0
     for patches in flat:
-        waves, none, expected_loss = _evidence_of_surroundings(patches, edge_mm, sizes_mm)
+        waves, none, expected_loss = evidence_of_surroundings(patches, edge_mm, sizes_mm)
         likelihood += np.array([waves, np.full_like(waves, none)])
         loss[0] += expected_loss
         white += none
@@ -234,37 +233,3 @@ def _evidence_of_faces(
         design = np.vstack([design, angle_derivative(planes)])
         kernels = np.pad(kernels, ((0, 0), (0, 3), (0, 3)))
     return evidence_of(mean_mm, variance_mm2, design, kernels, sizes_mm)
-
-
-def _evidence_of_surroundings(patches: Patches, edge_mm: float, sizes_mm: Array) -> tuple[Array, float, Array]:
-    """Log likelihood of a surface near the jig with (S, W) and without correlated error, and expected loss (S, W).
-
-    Walls and tables are bowed, so a quadratic part of their shape is left free. Apart from that the surface is flat and
-    shows the scanner's error alone, which grows with no, the first or the second power of the depth, or it is uneven by
-    itself and shows that error or anything larger.
-    """
-    variance = float(np.sum(patches.within_mm2) / np.sum(patches.count - 1))
-    kernels = gaussian_kernels(patches.image, LENGTHS * edge_mm)
-    kernels *= np.outer(patches.cosine, patches.cosine)
-    u, v = (patches.design[:, 1:] / np.maximum(np.std(patches.design[:, 1:], axis=0), 1e-9)).T
-    bow = np.column_stack([patches.design, u * u, u * v, v * v])
-    evidence = evidence_of(patches.mean_mm, max(variance, 1e-24) / patches.count, bow, kernels, sizes_mm)
-    likelihood = evidence.log_likelihood
-    step = np.log(SIZES[1] / SIZES[0])
-    place = np.arange(len(SIZES))
-    flat = [_interpolated(likelihood, place + power * np.log(patches.depth) / step) for power in (0, 1, 2)]
-    larger = np.logaddexp.accumulate(likelihood[:, ::-1], axis=1)[:, ::-1] - np.log(len(SIZES) - place)
-    anything = np.logaddexp.reduce(likelihood, axis=None) - np.log(likelihood.size)
-    waves = np.logaddexp(
-        np.log(_PRIOR_FLAT) + np.logaddexp.reduce(flat, axis=0) - np.log(len(flat)),
-        np.log(1 - _PRIOR_FLAT) + larger,
-    )
-    none = float(np.logaddexp(np.log(_PRIOR_FLAT), np.log(1 - _PRIOR_FLAT) + anything))
-    return waves, none, evidence.expected_loss
-
-
-def _interpolated(values: Array, place: Array) -> Array:
-    """Columns of `values` (S, W), interpolated linearly at fractional indices `place` (W,), clamped to the range."""
-    place = np.clip(place, 0, values.shape[1] - 1)
-    low = np.minimum(place.astype(np.int64), values.shape[1] - 2)
-    return np.asarray(values[:, low] + (place - low) * (values[:, low + 1] - values[:, low]))

@@ -6,6 +6,7 @@ surface has its share cos i. What the points show of it is estimated from their 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,13 @@ from calib.corners.correlated_noise.declared import DeclaredNoise
 from calib.corners.correlated_noise.likelihood import LENGTHS, SHAPE_LENGTHS, SHAPES, evidence_of, gaussian_kernels
 from calib.corners.correlated_noise.patches import PatchPlaces, ScannerView
 from calib.corners.correlated_noise.posterior import SIZES, generalised_fit, patch_covariance, posterior_variances
+from calib.corners.correlated_noise.surroundings import (
+    evidence_of_surroundings,
+    flat_surroundings,
+    patches_of_surroundings,
+)
+from calib.planes.clustering import PlaneGroup
+from calib.planes.robust_fit import PlaneFit
 from calib.targets.spheres.cap_fit import CapFit
 
 _PATCHES_A_DIAMETER = 12
@@ -24,14 +32,26 @@ _PRIOR = 0.5  # of a correlated error
 _LONGEST = 1.2  # diameters: longer errors leave nothing in the residuals
 
 
-def with_correlated_errors(points: Array, fit: CapFit, declared: DeclaredNoise) -> CapFit:
+def surroundings_of(points: Array, flat: Sequence[PlaneFit], fit: CapFit) -> tuple[PlaneFit, ...]:
+    """Flat surfaces around a sphere that show the scanner's errors over more than its cap, about its centre.
+
+    points  # (N, 3) scanner frame; flat are planes through some of them, those with the most points first
+    """
+    groups = [PlaneGroup(np.zeros(1, dtype=np.int64), p.centre_mm, p.normal, p.offset_mm) for p in flat]
+    return flat_surroundings(points, groups, (), fit.centre_mm, 2 * fit.radius_mm, fit.sigma_mm)
+
+
+def with_correlated_errors(
+    points: Array, fit: CapFit, declared: DeclaredNoise, surroundings: Sequence[PlaneFit] = ()
+) -> CapFit:
     """Fit with the covariance of correlated errors and, where they are found or declared, fitted anew with it.
 
-    points  # (N, 3) scanner frame, those that `fit` counts its indices in
+    points  # (N, 3) scanner frame, those that `fit` counts its indices in; surroundings as from `surroundings_of`
     """
     on = points[fit.indices]
     diameter_mm = 2 * fit.radius_mm
-    image = ScannerView.of(fit.centre_mm, diameter_mm).image_mm(on - fit.centre_mm)
+    view = ScannerView.of(fit.centre_mm, diameter_mm)
+    image = view.image_mm(on - fit.centre_mm)
     area_mm2 = float(np.prod(np.ptp(image, axis=0)))
     side_mm = max(diameter_mm / _PATCHES_A_DIAMETER, float(np.sqrt(area_mm2 * _POINTS_A_PATCH / len(on))))
     patch = _cells(image, side_mm)
@@ -66,10 +86,13 @@ def with_correlated_errors(points: Array, fit: CapFit, declared: DeclaredNoise) 
     evidence = evidence_of(values, white_mm2, design, kernels, sizes_mm)
     of_kernel = moved(kernels)
     harm = np.multiply.outer(SHAPES @ _centre_mm2(of_kernel), sizes_mm**2) / _centre_mm2(white)
-    posterior = posterior_variances(
-        evidence.log_likelihood[None], 0.0, harm[None], evidence.expected_loss[None], (_PRIOR,),
-        (SHAPE_LENGTHS < _LONGEST)[None], sizes_mm,
-    )  # fmt: skip
+    likelihood, loss, flat = evidence.log_likelihood, evidence.expected_loss, 0.0
+    beside = [p for p in (patches_of_surroundings(plane, view, diameter_mm) for plane in surroundings) if p]
+    for patches in beside:
+        waves, none, expected_loss = evidence_of_surroundings(patches, diameter_mm, sizes_mm)
+        likelihood, loss, flat = likelihood + waves, loss + expected_loss, flat + none
+    allowed = (SHAPE_LENGTHS < _LONGEST) | bool(beside)
+    posterior = posterior_variances(likelihood[None], flat, harm[None], loss[None], (_PRIOR,), allowed[None], sizes_mm)
     shown = np.einsum("s,sl,lij->ij", posterior.size_mm2[0], SHAPES, of_kernel)
     declared_mm2 = 0.0
     covariance, moves = white + shown, np.zeros(design.shape[1])
