@@ -98,6 +98,7 @@ def refine(
         points_mm, groups, chosen, origin, jig.shortest_mm, max(plane.sigma_mm for plane in planes)
     )
     known = plane_uncertainty(planes, jig, origin, surroundings, options.declared)
+    planes = list(known.planes)
     require_faces(RefinedFaces(planes, known.covariance, local, origin, jig, outline))
     covariance, moves = known.covariance, np.zeros(9)
     notes: tuple[str, ...] = ()

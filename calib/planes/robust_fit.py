@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -39,6 +39,19 @@ class PlaneFit:
     def design(self, points_mm: Array) -> Array:
         """Rows (K, 3) of (1, u, v): derivatives of the plane's height at each point by its height and two slopes."""
         return np.column_stack([np.ones(len(points_mm)), (points_mm - self.centre_mm) @ self.axes.T])
+
+    def moved(self, move: Array) -> PlaneFit:
+        """Plane moved by a height, mm, and two slopes, rad (3,), which keeps its points and their pseudo-values."""
+        turned = self.normal - move[1:] @ self.axes
+        normal = turned / np.linalg.norm(turned)
+        offset_mm = float(normal @ self.centre_mm + move[0])
+        return replace(
+            self,
+            normal=normal,
+            offset_mm=offset_mm,
+            centre_mm=self.centre_mm + move[0] * normal,
+            axes=self.axes - np.outer(self.axes @ normal, normal),
+        )
 
 
 class PlaneAxes(Protocol):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
+from calib.corners.correlated_noise import plane_uncertainty, posterior
 from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.corners.correlated_noise.likelihood import LENGTHS, ROUGH_FROM, SHAPES, evidence_of, gaussian_kernels
 from calib.corners.correlated_noise.patches import PatchPlaces
@@ -18,18 +20,13 @@ from tests.support.smooth_fields import smooth_field
 APEX = np.array([15.0, -10.0, 650.0])
 WALL_MM = 950.0
 WHITE_MM = 0.02
+UNTURNED = np.eye(3)
 
 
-def corner(
-    seed: int,
-    *,
-    smooth_mm: float = 0.0,
-    length_mm: float = 60.0,
-    wall: bool = True,
-    bent_mm: float = 0.0,
-    declared: DeclaredNoise = NOTHING_DECLARED,
-) -> Corner:
-    """Corner of a jig of 60 mm, 600 points a face, before a wall 160 mm wide that may itself be bent."""
+def cloud(
+    seed: int, smooth_mm: float, length_mm: float, wall: bool, bent_mm: float, kernel: str
+) -> tuple[np.ndarray, list[PlaneGroup]]:
+    """Points of a jig of 60 mm, 600 a face, before a wall 160 mm wide that may itself be bent, and their planes."""
     rng = np.random.default_rng(seed)
     edges, normals = jig_geometry(Jig())
     share = rng.uniform(0, 1, (3, 600, 2))
@@ -43,10 +40,27 @@ def corner(
         xyz, surface = np.vstack([xyz, on]), np.vstack([surface, np.tile([0, 0, -1.0], (4000, 1))])
         groups.append(PlaneGroup(np.zeros(50, dtype=np.int64), on[0], np.array([0, 0, -1.0]), -WALL_MM))
     rays = xyz / np.linalg.norm(xyz, axis=1, keepdims=True)
-    along = smooth_mm * smooth_field(xyz[:, :2] / xyz[:, 2:] * 650, length_mm, rng)
+    along = smooth_mm * smooth_field(xyz[:, :2] / xyz[:, 2:] * 650, length_mm, rng, kernel)
     white = surface * WHITE_MM * rng.standard_normal((len(xyz), 1))
+    return xyz + rays * along[:, None] + white, groups
+
+
+def corner(
+    seed: int,
+    *,
+    smooth_mm: float = 0.0,
+    length_mm: float = 60.0,
+    wall: bool = True,
+    bent_mm: float = 0.0,
+    kernel: str = "gaussian",
+    declared: DeclaredNoise = NOTHING_DECLARED,
+    turn: np.ndarray = UNTURNED,
+) -> Corner:
+    """Corner of the jig in `cloud`, turned about the scanner."""
+    xyz, groups = cloud(seed, smooth_mm, length_mm, wall, bent_mm, kernel)
+    turned = [PlaneGroup(g.sets, turn @ g.centre_mm, turn @ g.normal, g.offset_mm) for g in groups]
     return refine(
-        xyz + rays * along[:, None] + white, groups, (0, 1, 2), Jig(), Jig().outlines()[0], WHITE_MM,
+        xyz @ turn.T, turned, (0, 1, 2), Jig(), Jig().outlines()[0], WHITE_MM,
         RefinementOptions(declared=declared), WHITE_MM,
     )  # fmt: skip
 
@@ -116,11 +130,48 @@ def test_what_is_declared_of_the_scanner_is_the_least_that_a_corner_has() -> Non
     for smooth_mm in (0.0, 0.1):
         bare = corner(3, smooth_mm=smooth_mm, wall=False)
         held = corner(3, smooth_mm=smooth_mm, wall=False, declared=declared)
-        np.testing.assert_array_equal(held.xyz_mm, bare.xyz_mm)
         assert held.sigma_mm() == pytest.approx(max(bare.sigma_mm(), 0.03), rel=0.25)
-        assert np.linalg.eigvalsh(held.covariance_mm2 - bare.covariance_mm2)[0] > -1e-12
+        assert np.linalg.norm(held.xyz_mm - bare.xyz_mm) < held.sigma_mm()
     along = APEX / np.linalg.norm(APEX)
     assert along @ held.covariance_mm2 @ along > 0.5 * np.trace(held.covariance_mm2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kernel", ["gaussian", "exponential"])
+def test_points_that_share_their_errors_count_less(kernel: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Weighed by their covariance the points give a better corner than by equal weights, and an honest covariance."""
+
+    def corners() -> list[Corner]:
+        return [corner(seed, smooth_mm=0.05, length_mm=15.0, kernel=kernel) for seed in range(24)]
+
+    found = corners()
+    monkeypatch.setattr(posterior, "_FOUND", 2.0)  # no probability reaches it
+    error, equal = (np.sqrt(np.mean([np.sum((one.xyz_mm - APEX) ** 2) for one in each])) for each in (found, corners()))
+    assert error < 0.85 * equal
+    assert 1.5 < np.mean([squared(one) for one in found]) < 5.0
+
+
+def test_white_noise_leaves_all_points_the_same_weight(monkeypatch: pytest.MonkeyPatch) -> None:
+    def never(*arguments: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(plane_uncertainty, "generalised_fit", never)
+    for seed in range(4):
+        corner(seed)
+    with pytest.raises(AssertionError):
+        corner(0, smooth_mm=0.05, length_mm=15.0)
+
+
+def test_a_scan_turned_about_the_scanner_turns_its_corner() -> None:
+    """Errors that neighbours share are weighed in the scanner's image, which turns with the scan."""
+    turn = Rotation.from_rotvec([0.1, -0.2, 0.5]).as_matrix()
+    first = corner(2, smooth_mm=0.05, length_mm=20.0)
+    second = corner(2, smooth_mm=0.05, length_mm=20.0, turn=turn)
+    assert first.quality.smooth_factor > 2
+    # The wall's patches are squares along the image's axes, so what it shows of the noise differs a little.
+    np.testing.assert_allclose(second.xyz_mm, turn @ first.xyz_mm, atol=0.05 * first.sigma_mm())
+    covariance = turn @ first.covariance_mm2 @ turn.T
+    np.testing.assert_allclose(second.covariance_mm2, covariance, atol=0.05 * first.sigma_mm() ** 2)
 
 
 def test_joined_views_shift_the_corner_in_each_axis_by_what_is_told() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.corners.correlated_noise import likelihood, plane_uncertainty
+from calib.corners.correlated_noise import likelihood, posterior
 from calib.dataset.repeats import SIGMA_DOUBT
 from calib.diagnosis import decision_rules, diagnose, search_space, verdict
 from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD
@@ -51,7 +51,7 @@ SAID = [
     ("corners", f"$s$ = {robust_fit.MAD_TO_SIGMA:g} times the median"),
     ("corners", f"( h / {robust_fit.TUKEY:g} s )^2"),
     ("corners", f"$h$ of {row(clustering._NARROWING)} sigmas"),
-    ("corners", f"{len(likelihood.LENGTHS)} lengths $l$ and {len(plane_uncertainty._SIZES)} sizes"),
+    ("corners", f"{len(likelihood.LENGTHS)} lengths $l$ and {len(posterior.SIZES)} sizes"),
     ("redundancy", rf"$|r| \ge 1 - 10^{{{np.log10(redundancy._SAME):.0f}}}$"),
     ("redundancy", f"$10^{{{np.log10(redundancy._ZERO):.0f}}}$ of the largest"),
     ("redundancy", f"A rest below $10^{{{np.log10(redundancy._DEPENDENT):.0f}}}$"),

@@ -35,15 +35,15 @@ def apex_variance_mm2(planes: Sequence[PlaneFit], covariance: Array) -> Array:
     return np.einsum("jk,...jk->...", moved.T @ moved, covariance)
 
 
-def at_least_declared(planes: Sequence[PlaneFit], shown: Array, declared: Array) -> Array:
-    """Covariance (9, 9) of three planes by a correlated error, as estimated from a scan but no less than declared.
+def share_of_declared(planes: Sequence[PlaneFit], shown: Array, declared: Array) -> float:
+    """Share of the covariance (9, 9) by the declared correlated error that is added to that which a scan shows.
 
-    `shown` grows by a share of `declared` where it makes the apex more certain than `declared` alone would.
+    It is above 0 where `shown` makes the apex more certain than `declared` alone would, and 1 where a scan shows none.
     """
     declared_mm2 = float(apex_variance_mm2(planes, declared))
     if declared_mm2 <= 0:
-        return shown
-    return np.asarray(shown + max(0.0, 1 - float(apex_variance_mm2(planes, shown) / declared_mm2)) * declared)
+        return 0.0
+    return max(0.0, 1 - float(apex_variance_mm2(planes, shown) / declared_mm2))
 
 
 def registration_covariance(planes: Sequence[PlaneFit], sigma_mm: float) -> Array:

@@ -1,4 +1,4 @@
-"""Covariance of three fitted planes where the errors of neighbouring points are correlated.
+"""Covariance of three fitted planes where the errors of neighbouring points are correlated, and their fit with it.
 
 A structured-light scanner's error is white noise and a correlated part that is smooth over some millimetres to
 decimetres. A covariance for independent points is then too small, the more so the more points there are. The size and
@@ -11,10 +11,10 @@ the length of the correlated part show in a scan in three ways:
   face differently: the angles between the faces differ from the jig's;
 - it is continuous beyond the jig: a wall behind shows it over a longer range (`surroundings.py`).
 
-The covariance is the posterior mean over no correlated part at all, or any size and length, as smooth as the errors of
-lenses or as rough as speckle. Lengths of which nothing in the scan would show anything are left out: there only repeats
-tell, or what is declared of the scanner (`declared.py`). The prior of a kernel and size grows with what the scan would
-show of it, against the harm it does to the apex.
+The covariance is the posterior mean over no correlated part at all, or any size and length (`posterior.py`). Lengths of
+which nothing in the scan would show anything are left out: there only repeats tell, or what is declared of the scanner
+(`declared.py`). Where a correlated error is found or declared, the planes are then fitted anew by generalised least
+squares to the means of smaller patches.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from calib.corners.correlated_noise.declared import (
     NOTHING_DECLARED,
     DeclaredNoise,
     apex_variance_mm2,
-    at_least_declared,
     registration_covariance,
+    share_of_declared,
 )
 from calib.corners.correlated_noise.likelihood import (
     LENGTHS,
@@ -42,33 +42,30 @@ from calib.corners.correlated_noise.likelihood import (
     gaussian_kernels,
 )
 from calib.corners.correlated_noise.patches import Patches, ScannerView, joined, patches_of
-from calib.corners.correlated_noise.surroundings import patches_of_surroundings
+from calib.corners.correlated_noise.posterior import SIZES, generalised_fit, patch_covariance, posterior_variances
+from calib.corners.correlated_noise.surroundings import evidence_of_surroundings, patches_of_surroundings
 from calib.corners.faces.certified_angles import angle_derivative, fitted_angles_deg
 from calib.jig import FACE_PAIRS, Jig
 from calib.planes.robust_fit import PlaneFit
 
 _PATCHES_AN_EDGE = 6
 _PATCHES_A_FACE = 36  # at most, of a triangle; a cube's face has 18, that of a long box had hundreds
+_FINE_PATCHES = 10, 100  # an edge, and at most a face, to weigh points by: with 14 an edge the error is the same
 _POINTS_A_PATCH = 4  # at least, on average: otherwise the patches are larger
 _POINTS_OF_OTHERS = 3
-_SIZES = np.geomspace(0.02, 60.0, 32)  # of the points' scatter
-_MOST_SIZE = 5.0  # larger smooth errors than so many times a face's scatter leave more scatter than that
 _PRIOR = 0.5, 0.2  # of a correlated error along the sight, and of uneven faces
 _LONGEST_ON_FACE = 0.6  # edges: longer ones leave too little in a face's residuals to be distinguished
-# The harm that white noise alone leaves of any one kernel and size, as a share of the apex's variance; with 0.3 the
-# covariance under white noise comes out a tenth larger, with 1 a fifth.
-_MOST_HARM = 0.3
 _DOUBLED, _SEEN = 3.0, 1.0  # variance added to that by white noise; expected loss of log likelihood
 _AS_IN_MESHES, _LIKELY = 1 / 14, 0.4  # edges, of a smooth error; its probability
-_PRIOR_FLAT = 0.8  # of a surface near the jig, apart from a bow
 _MADE_TO_DEG = 0.02  # angles of a jig
 _OUT_OF_SQUARE = 3.0  # times that: a jig that is off by more says nothing about the scanner
 
 
 @dataclass(frozen=True)
 class PlaneUncertainty:
-    """Joint covariance of the three planes, and the correlated part of the scanner's error."""
+    """Joint covariance of the three planes, their fit with it, and the correlated part of the scanner's error."""
 
+    planes: tuple[PlaneFit, ...]  # as given, or fitted by generalised least squares where errors are correlated
     covariance: Array  # (9, 9) of height (mm) and two slopes (rad) of each plane in turn, as in PlaneFit.design
     white_covariance: Array  # (9, 9) as if all residuals were white noise
     correlated_sigma_mm: float  # standard deviation of the correlated part; near 0 where there is none
@@ -124,7 +121,7 @@ def plane_uncertainty(
     view = ScannerView.of(origin_mm, edge_mm)
     faces = _patches_of_faces(planes, view, edge_mm)
     flat = [p for p in (patches_of_surroundings(plane, view, edge_mm) for plane in surroundings) if p]
-    sizes_mm = _SIZES * max(plane.sigma_mm for plane in planes)
+    sizes_mm = SIZES * max(plane.sigma_mm for plane in planes)
     kernels = faces.along_sight(LENGTHS * edge_mm), faces.uneven(LENGTHS * edge_mm)
     moved = np.array([faces.moved(kernel) for kernel in kernels])  # (2, L, 9, 9)
     along, uneven = (_evidence_of_faces(faces, planes, jig, kernel, sizes_mm) for kernel in kernels)
@@ -132,51 +129,51 @@ def plane_uncertainty(
     loss = np.array([along.expected_loss, uneven.expected_loss])
     white = 0.0
     for patches in flat:
-        waves, none, expected_loss = _evidence_of_surroundings(patches, edge_mm, sizes_mm)
+        waves, none, expected_loss = evidence_of_surroundings(patches, edge_mm, sizes_mm)
         likelihood += np.array([waves, np.full_like(waves, none)])
         loss[0] += expected_loss
         white += none
     harm = (apex_variance_mm2(planes, moved) @ SHAPES.T)[:, :, None] * sizes_mm**2  # (2, S, W)
     harm /= apex_variance_mm2(planes, faces.white)
-    prior = _prior(harm, loss, bool(flat))
-    with np.errstate(divide="ignore"):
-        log_odds = likelihood + np.log(prior) - white - np.log(1 - prior.sum())
-    share = np.exp(log_odds - np.logaddexp(0.0, np.logaddexp.reduce(log_odds, axis=None)))
-    size_mm2 = share @ sizes_mm**2  # (2, S)
+    on_face = SHAPE_LENGTHS < _LONGEST_ON_FACE
+    allowed = np.array([on_face | bool(flat), on_face])
+    posterior = posterior_variances(likelihood, white, harm, loss, _PRIOR, allowed, sizes_mm)
+    size_mm2 = posterior.size_mm2
     smooth = np.einsum("fs,sl,flij->ij", size_mm2, SHAPES, moved)
+    declared_mm2 = 0.0
     if declared.correlated_sigma_mm > 0:
         kernel = faces.along_sight(np.array([declared.correlation_length_mm]))
-        smooth = at_least_declared(planes, smooth, declared.correlated_sigma_mm**2 * faces.moved(kernel)[0])
-    covariance = faces.white + smooth + registration_covariance(planes, declared.registration_sigma_mm)
+        by_declared = declared.correlated_sigma_mm**2 * faces.moved(kernel)[0]
+        declared_mm2 = declared.correlated_sigma_mm**2 * share_of_declared(planes, smooth, by_declared)
+        smooth = smooth + declared_mm2 / declared.correlated_sigma_mm**2 * by_declared
+    covariance, fitted = faces.white + smooth, tuple(planes)
+    if posterior.found or declared_mm2 > 0:
+        fine = _patches_of_faces(planes, view, edge_mm, *_FINE_PATCHES)
+        correlated = patch_covariance(
+            (fine.along_sight, fine.uneven), size_mm2, declared_mm2, declared.correlation_length_mm, edge_mm
+        )
+        moves, covariance = generalised_fit(fine.design, fine.mean_mm, correlated + np.diag(fine.variance_mm2))
+        fitted = tuple(plane.moved(moves[3 * i : 3 * i + 3]) for i, plane in enumerate(planes))
+    covariance = covariance + registration_covariance(fitted, declared.registration_sigma_mm)
     total_mm2 = float(size_mm2.sum())
     length_mm = float(np.exp(size_mm2.sum(axis=0) @ np.log(SHAPE_LENGTHS) / max(total_mm2, 1e-300))) * edge_mm
     # Of a length that the scan shows, a size that makes the apex twice less certain would be seen.
     at = np.argmin(np.abs(np.log(harm[0] / _DOUBLED)), axis=1)
     shown = loss[0][np.arange(len(SHAPES)), at] > _SEEN
     shown_mm = float(SHAPE_LENGTHS[shown].max(initial=0.0)) * edge_mm
-    short = float(share[:, np.flatnonzero(LENGTHS < _AS_IN_MESHES)].sum()) > _LIKELY
+    short = float(posterior.probability[:, np.flatnonzero(LENGTHS < _AS_IN_MESHES)].sum()) > _LIKELY
     notes = (MESH_NOTE,) if short and declared == NOTHING_DECLARED else ()
-    return PlaneUncertainty(covariance, faces.white, float(np.sqrt(total_mm2)), length_mm, shown_mm, notes)
+    return PlaneUncertainty(fitted, covariance, faces.white, float(np.sqrt(total_mm2)), length_mm, shown_mm, notes)
 
 
-def _prior(harm: Array, expected_loss: Array, surroundings: bool) -> Array:
-    """Prior probability (2, S, W) of forms, kernel shapes and sizes of correlated error; the rest is of white noise.
-
-    harm is the variance of the apex over that by white noise, expected_loss that of log likelihood where the noise is
-    white, both (2, S, W). Kernels that would harm much and show little are all but left out: otherwise white noise
-    alone would make the covariance larger than it is.
-    """
-    on_face = SHAPE_LENGTHS < _LONGEST_ON_FACE
-    shape = np.array([on_face | surroundings, on_face])
-    # Uniform in the standard deviation (Gelman 2006); the steps are equal in its logarithm.
-    size = np.where(_SIZES <= _MOST_SIZE, _SIZES, 0.0)
-    of_form = np.array(_PRIOR)[:, None] * shape / shape.sum(axis=1, keepdims=True)
-    whole = np.multiply.outer(of_form, size / size.sum())
-    return np.asarray(whole * np.minimum(1.0, _MOST_HARM / np.maximum(harm * np.exp(-expected_loss), 1e-300)))
-
-
-def _patches_of_faces(planes: Sequence[PlaneFit], view: ScannerView, edge_mm: float) -> _Faces:
-    """Patches of the three faces, with their white noise.
+def _patches_of_faces(
+    planes: Sequence[PlaneFit],
+    view: ScannerView,
+    edge_mm: float,
+    patches_an_edge: int = _PATCHES_AN_EDGE,
+    patches_a_face: int = _PATCHES_A_FACE,
+) -> _Faces:
+    """Patches of the three faces, at most so many of each, with their white noise.
 
     The noise of a face of ten points is hardly known from them: the largest variance of the faces counts as that of
     three further points.
@@ -189,8 +186,8 @@ def _patches_of_faces(planes: Sequence[PlaneFit], view: ScannerView, edge_mm: fl
         along = np.column_stack([plane.points_mm @ p.normal - p.offset_mm for p in planes if p is not plane])
         area = 0.5 * float(np.prod(np.ptp(along, axis=0)))
         total = len(plane.psi_mm)
-        least_mm2 = max(_POINTS_A_PATCH / total, 1 / _PATCHES_A_FACE) * area
-        side_mm = max(edge_mm / _PATCHES_AN_EDGE, float(np.sqrt(least_mm2)))
+        least_mm2 = max(_POINTS_A_PATCH / total, 1 / patches_a_face) * area
+        side_mm = max(edge_mm / patches_an_edge, float(np.sqrt(least_mm2)))
         patches = patches_of(plane, view, along, side_mm)
         # Differences within a patch have no smooth part, so this is the white one; the plane is subtracted already.
         squares = float(np.sum(patches.within_mm2)) + _POINTS_OF_OTHERS * max(variances)
@@ -236,37 +233,3 @@ def _evidence_of_faces(
         design = np.vstack([design, angle_derivative(planes)])
         kernels = np.pad(kernels, ((0, 0), (0, 3), (0, 3)))
     return evidence_of(mean_mm, variance_mm2, design, kernels, sizes_mm)
-
-
-def _evidence_of_surroundings(patches: Patches, edge_mm: float, sizes_mm: Array) -> tuple[Array, float, Array]:
-    """Log likelihood of a surface near the jig with (S, W) and without correlated error, and expected loss (S, W).
-
-    Walls and tables are bowed, so a quadratic part of their shape is left free. Apart from that the surface is flat and
-    shows the scanner's error alone, which grows with no, the first or the second power of the depth, or it is uneven by
-    itself and shows that error or anything larger.
-    """
-    variance = float(np.sum(patches.within_mm2) / np.sum(patches.count - 1))
-    kernels = gaussian_kernels(patches.image, LENGTHS * edge_mm)
-    kernels *= np.outer(patches.cosine, patches.cosine)
-    u, v = (patches.design[:, 1:] / np.maximum(np.std(patches.design[:, 1:], axis=0), 1e-9)).T
-    bow = np.column_stack([patches.design, u * u, u * v, v * v])
-    evidence = evidence_of(patches.mean_mm, max(variance, 1e-24) / patches.count, bow, kernels, sizes_mm)
-    likelihood = evidence.log_likelihood
-    step = np.log(_SIZES[1] / _SIZES[0])
-    place = np.arange(len(_SIZES))
-    flat = [_interpolated(likelihood, place + power * np.log(patches.depth) / step) for power in (0, 1, 2)]
-    larger = np.logaddexp.accumulate(likelihood[:, ::-1], axis=1)[:, ::-1] - np.log(len(_SIZES) - place)
-    anything = np.logaddexp.reduce(likelihood, axis=None) - np.log(likelihood.size)
-    waves = np.logaddexp(
-        np.log(_PRIOR_FLAT) + np.logaddexp.reduce(flat, axis=0) - np.log(len(flat)),
-        np.log(1 - _PRIOR_FLAT) + larger,
-    )
-    none = float(np.logaddexp(np.log(_PRIOR_FLAT), np.log(1 - _PRIOR_FLAT) + anything))
-    return waves, none, evidence.expected_loss
-
-
-def _interpolated(values: Array, place: Array) -> Array:
-    """Columns of `values` (S, W), interpolated linearly at fractional indices `place` (W,), clamped to the range."""
-    place = np.clip(place, 0, values.shape[1] - 1)
-    low = np.minimum(place.astype(np.int64), values.shape[1] - 2)
-    return np.asarray(values[:, low] + (place - low) * (values[:, low + 1] - values[:, low]))

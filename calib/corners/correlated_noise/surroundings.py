@@ -11,7 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.array_types import Array, IndexArray
+from calib.corners.correlated_noise.likelihood import LENGTHS, evidence_of, gaussian_kernels
 from calib.corners.correlated_noise.patches import Patches, ScannerView, patches_of
+from calib.corners.correlated_noise.posterior import SIZES
 from calib.planes.clustering import PlaneGroup
 from calib.planes.robust_fit import PlaneFit, fit_plane_robustly
 
@@ -30,6 +32,7 @@ _FEWEST_IN_PATCH = 8
 _EMPTIEST = 0.15  # times the usual number of points
 _ROUGHEST = 2.0  # times the usual variance within a patch; more where another surface crosses the plane
 _FEWEST_PATCHES = 10
+_PRIOR_FLAT = 0.8  # of a surface near the jig, apart from a bow
 
 
 def flat_surroundings(
@@ -81,3 +84,37 @@ def patches_of_surroundings(plane: PlaneFit, view: ScannerView, edge_mm: float) 
         return None
     rows: IndexArray = np.flatnonzero(full & (variance < _ROUGHEST * np.median(variance[full])))
     return patches.chosen(rows) if len(rows) >= _FEWEST_PATCHES else None
+
+
+def evidence_of_surroundings(patches: Patches, edge_mm: float, sizes_mm: Array) -> tuple[Array, float, Array]:
+    """Log likelihood of a surface near the jig with (S, W) and without correlated error, and expected loss (S, W).
+
+    Walls and tables are bowed, so a quadratic part of their shape is left free. Apart from that the surface is flat and
+    shows the scanner's error alone, which grows with no, the first or the second power of the depth, or it is uneven by
+    itself and shows that error or anything larger.
+    """
+    variance = float(np.sum(patches.within_mm2) / np.sum(patches.count - 1))
+    kernels = gaussian_kernels(patches.image, LENGTHS * edge_mm)
+    kernels *= np.outer(patches.cosine, patches.cosine)
+    u, v = (patches.design[:, 1:] / np.maximum(np.std(patches.design[:, 1:], axis=0), 1e-9)).T
+    bow = np.column_stack([patches.design, u * u, u * v, v * v])
+    evidence = evidence_of(patches.mean_mm, max(variance, 1e-24) / patches.count, bow, kernels, sizes_mm)
+    likelihood = evidence.log_likelihood
+    step = np.log(SIZES[1] / SIZES[0])
+    place = np.arange(len(SIZES))
+    flat = [_interpolated(likelihood, place + power * np.log(patches.depth) / step) for power in (0, 1, 2)]
+    larger = np.logaddexp.accumulate(likelihood[:, ::-1], axis=1)[:, ::-1] - np.log(len(SIZES) - place)
+    anything = np.logaddexp.reduce(likelihood, axis=None) - np.log(likelihood.size)
+    waves = np.logaddexp(
+        np.log(_PRIOR_FLAT) + np.logaddexp.reduce(flat, axis=0) - np.log(len(flat)),
+        np.log(1 - _PRIOR_FLAT) + larger,
+    )
+    none = float(np.logaddexp(np.log(_PRIOR_FLAT), np.log(1 - _PRIOR_FLAT) + anything))
+    return waves, none, evidence.expected_loss
+
+
+def _interpolated(values: Array, place: Array) -> Array:
+    """Columns of `values` (S, W), interpolated linearly at fractional indices `place` (W,), clamped to the range."""
+    place = np.clip(place, 0, values.shape[1] - 1)
+    low = np.minimum(place.astype(np.int64), values.shape[1] - 2)
+    return np.asarray(values[:, low] + (place - low) * (values[:, low + 1] - values[:, low]))

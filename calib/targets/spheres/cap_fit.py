@@ -54,6 +54,9 @@ class CapFit:
     sigma_mm: float  # of the distances, seen squarely: 1.4826 MAD
     growth: NoiseGrowth
     smooth_factor: float  # sigma of the centre over what white noise alone would make it
+    design: Array  # (K, P) derivatives of the distances by centre, radius where it is free, blur where there is one
+    pseudo_mm: Array  # (K,) distances as the fit takes them: times Tukey's weight, over the mean of psi'
+    fixed: bool  # whether the radius was given
 
     @property
     def cap_deg(self) -> float:
@@ -144,6 +147,7 @@ def fit_cap(points: Array, centre: Array, radius: float, band_mm: float, *, fixe
     covariance[:known, :known] = white[:known, :known] * factor**2
     return CapFit(
         centre, radius, covariance, indices, over[on][kept], sine[on][kept], growth.sigma_mm, growth, factor,
+        rows, psi * sigma / slope, fixed,
     )  # fmt: skip
 
 

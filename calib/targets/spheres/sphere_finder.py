@@ -15,15 +15,18 @@ from calib.planes.normals import NEIGHBOURS, estimate_normals
 from calib.planes.point_selection import finite_rows, thin_to_voxels
 from calib.scans.scan import Scan, seeded_generator
 from calib.target_shapes import SPHERE_MM, Sphere, Spheres
+from calib.targets.flat.patches import flat_patches
 from calib.targets.protocol.finder import FoundPoint, Wanted
 from calib.targets.spheres.candidates import SphereCandidate, sphere_candidates
 from calib.targets.spheres.cap_fit import CapFit, fit_cap
+from calib.targets.spheres.correlated_cap import surroundings_of, with_correlated_errors
 from calib.targets.spheres.doubts import FEWEST_POINTS, doubts_of, why_no_sphere
 
 _VOXELS_A_RADIUS = (7.0, 12.0, 4.0)  # of the passes, until one finds as many as are wanted
 _MOST_TRIED = 12
 _RANGE_STEP = 4.0  # of the radii that are looked for at one size of voxels
 _LEAST_BAND = 0.012  # of the radius
+_MOST_FLAT = 20_000  # points of the scan in which flat surroundings are looked for
 _MOST_OVER_DECLARED = 1.5  # times the declared noise, that a scan may have
 
 
@@ -75,7 +78,10 @@ def find_spheres(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
         best = max(refused, key=lambda tried: tried.score)
         raise TargetError(best.refusal)
     finite = np.flatnonzero(finite_rows(scan.points_mm))
-    return [_found(tried.fit, finite, len(scan.points_mm), shape) for tried in accepted[:most]]
+    chosen = [tried.fit for tried in accepted[:most]]
+    flat = flat_patches(points[:: max(1, len(points) // _MOST_FLAT)], 2 * chosen[0].radius_mm)
+    fits = [with_correlated_errors(points, fit, wanted.declared, surroundings_of(points, flat, fit)) for fit in chosen]
+    return [_found(fit, finite, len(scan.points_mm), shape) for fit in fits]
 
 
 def _shape_text(shape: Sphere | Spheres) -> str:
