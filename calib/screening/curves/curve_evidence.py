@@ -199,9 +199,7 @@ class CurveEvidence:
             square, turn = np.linalg.eigh(inner)
             along = np.einsum("gwv,gw->gv", turn, towards[own]) ** 2
             seen = np.sum(np.maximum(square, 0.0), axis=1)
-            unit = np.sqrt(
-                quadratic / np.where(seen > _UNSEEN, seen, quadratic)
-            )
+            unit = np.sqrt(quadratic / np.where(seen > _UNSEEN, seen, quadratic))
             s2 = (unit[:, None] * _BLOCK_SIZES)[..., None] ** 2  # (curves, sizes, 1)
             grow = 1.0 + s2 * np.maximum(square, 0.0)[:, None]
             rest = quadratic - np.sum(along[:, None] * s2 / grow, axis=2)
