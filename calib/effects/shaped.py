@@ -96,6 +96,17 @@ class ScannerMotion:
 
 
 @dataclass(frozen=True)
+class ScannerScaling:
+    """A scaling of the reported points from the scanner's origin, relative."""
+
+    width = 1
+
+    def act(self, state: RobotState, amounts: Array) -> RobotState:
+        """Robot state with the reported points moved along their lines of sight."""
+        return state if state.seen is None else state.displace_in_scanner(amounts * state.seen.scanner_mm)
+
+
+@dataclass(frozen=True)
 class BaseTilt:
     """A tilt of the base about its x and y under a unit of the overturning moment: rad/Nm."""
 

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.array_types import Array, BoolArray
-from calib.dataset.dataset import Dataset
+from calib.dataset.dataset import Dataset, Poses
 from calib.effects.catalogue.loads import where_masses_are_known
 from calib.effects.catalogue.scanner import Vector, field_of
 from calib.effects.effect import Family, NaturalBound, Parameter
@@ -23,6 +23,7 @@ from calib.effects.shaped import (
     LinkBend,
     PayloadDeflection,
     ScannerMotion,
+    ScannerScaling,
     ShapedEffect,
     TargetShift,
 )
@@ -69,10 +70,11 @@ def is_measured_for_training(dataset: Dataset) -> BoolArray:
     return training & np.isin(np.arange(len(dataset.poses)), dataset.points.pose)
 
 
-def change_points(dataset: Dataset, most: int = MOST_STEPS) -> list[ChangePoint]:
+def change_points(dataset: Dataset, most: int = MOST_STEPS, *, at_setups: bool = True) -> list[ChangePoint]:
     """Change points before training poses, each with enough training poses on both sides to determine a step.
 
-    At most `most`, evenly. None near a change of setup, where the scanner's frame changes too.
+    At most `most`, evenly, and none near a change of setup, where the scanner's frame changes too. With `at_setups`
+    those just at a change of setup as well: what was done overnight or while the scanner was moved.
     """
     poses = dataset.poses
     sequence = np.argsort(poses.order, kind="stable")
@@ -83,19 +85,38 @@ def change_points(dataset: Dataset, most: int = MOST_STEPS) -> list[ChangePoint]
     at = AT_ENDS + np.unique(np.linspace(0, count - 1, min(most, count)).astype(int))
     setup = poses.setup[sequence]
     moved = 1 + np.flatnonzero(setup[1:] != setup[:-1])  # the first pose of each setup
-    at = at[np.all(np.abs(at[:, None] - moved) >= AT_ENDS, axis=1)]
-    firsts = poses.order[sequence[at - 1]].astype(int) + 1
+    if at_setups:
+        at = np.union1d(at, moved[(moved >= AT_ENDS) & (moved <= len(sequence) - AT_ENDS)])
+    apart = np.abs(at[:, None] - moved)
+    at = at[np.all((apart >= AT_ENDS) | (at_setups & (apart == 0)), axis=1)]
+    firsts = np.array([_first_after(poses, sequence[k - 1], sequence[k]) for k in at], dtype=int)
     ids = [poses.ids[k] for k in sequence[at]]
     if len({re.sub(r"\W", "_", pose_id) for pose_id in ids}) < len(ids):  # two names would be one
         ids = [f"row{k + 1}" for k in sequence[at]]
     return [ChangePoint(first, pose_id) for first, pose_id in zip(firsts.tolist(), ids, strict=True)]
 
 
+def _first_after(poses: Poses, last: int, first: int) -> int:
+    """Place in the order of measuring from which poses count as after a change between two training poses.
+
+    Where the setup changes between them, it is that of the first pose with the new setup.
+    """
+    if poses.setup[last] == poses.setup[first]:
+        return int(poses.order[last]) + 1
+    between = (poses.order > poses.order[last]) & (poses.order <= poses.order[first])
+    return int(poses.order[between & (poses.setup == poses.setup[first])].min())
+
+
 def _family(
-    dataset: Dataset, name: str, members: Callable[[ChangePoint], list[ShapedEffect]], most: int = MOST_STEPS
+    dataset: Dataset,
+    name: str,
+    members: Callable[[ChangePoint], list[ShapedEffect]],
+    most: int = MOST_STEPS,
+    *,
+    at_setups: bool = True,
 ) -> Family:
     """Family of a step effect with members for each change point; marked as not testable with too few poses."""
-    points = change_points(dataset, most)
+    points = change_points(dataset, most, at_setups=at_setups)
     if not points:
         few = f"fewer than {2 * AT_ENDS} training poses show no step"
         return Family(name, (), few, "measure more poses")
@@ -256,7 +277,49 @@ class ScannerStep(Step):
     def family(cls, dataset: Dataset) -> Family:
         """Family of this effect with one member for each pose that may be the first after a step."""
         centre_mm, half_mm = field_of(dataset)
-        return _family(dataset, cls.name, lambda at: [cls(at, centre_mm, half_mm)])
+        return _family(dataset, cls.name, lambda at: [cls(at, centre_mm, half_mm)], at_setups=False)
+
+
+@dataclass(frozen=True)
+class ScaleStep(Step):
+    """An instrument whose scale changes at one pose: other air, a warm camera, a compensation that was switched."""
+
+    start: ChangePoint
+    name = "scale_step"
+    outside_arm = True
+    title = "step of the instrument's scale"
+    noun = "a change of the instrument's scale"
+    equation = "p times 1 + s from pose k on"
+    symbols = (("s", "1"),)
+    needs = "poses in the order they were measured: time_s, else the rows"
+    confirm = "a certified length (a ball bar) on both days; the tracker's weather station"
+    bounds = (NaturalBound(2e-3, "1", "a camera's scale moves by 1e-4 a kelvin, a tracker's by 1e-6", _SEEN),)
+    notes = r"""
+    $$ \delta p = s \, p \quad 	ext{from pose } k 	ext{ on}, \qquad p 	ext{ from the instrument's origin} $$
+
+    What a laser tracker makes of 10 K or 40 hPa that its weather station does not know is 1e-5, ten micrometres a
+    metre; a photogrammetric camera that warms up is off by ten times as much. A scale that never changes cannot be told
+    from longer links ({doc}`scanner_scale`); one that changes can.
+    """
+    position = 35
+
+    @property
+    def displacement(self) -> ScannerScaling:
+        return ScannerScaling()
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Relative change of the scale."""
+        return (Parameter(f"from_{self.start.word}", "1", 1e-5, "relative change of all distances"),)
+
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        """Change in mm a metre and first pose after it, as text."""
+        return f"{1e3 * value:+.2g} mm a metre from pose {self.start.pose} on"
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """Family of this effect with one member for each pose that may be the first after the change."""
+        return _family(dataset, cls.name, lambda at: [cls(at)])
 
 
 @dataclass(frozen=True)
@@ -322,7 +385,6 @@ class PayloadStep(Step):
     equation = "theta_j += (c_j m) torque of 1 kg at the flange about joint j, from pose k on"
     symbols = (("c_j m", "rad kg/Nm"),)
     needs = "poses in the order they were measured: time_s, else the rows"
-    helpful_conditions = ("payload_kg",)
     confirm = "weigh what hangs at the flange, and write it into payload_kg at every pose"
     bounds = (NaturalBound(5e-2, "rad kg/Nm", "that is 50 kg on the smallest strain wave gear (1 kNm/rad)", _SEEN),)
     notes = r"""
@@ -433,4 +495,4 @@ class LinkStep(Step):
         if not links:
             short = f"no link that turns and has two joints beyond it is {_BENDS_MM:g} mm long"
             return Family(cls.name, (), short, "nothing: a knock that turns so short a link is a step of a joint")
-        return _family(dataset, cls.name, lambda at: [cls(j, at) for j in links], MOST_LINK_STEPS)
+        return _family(dataset, cls.name, lambda at: [cls(j, at) for j in links], MOST_LINK_STEPS, at_setups=False)

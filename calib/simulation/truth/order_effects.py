@@ -94,6 +94,26 @@ class ScannerStep(SampledEffect):
 
 
 @dataclass(frozen=True, eq=False)
+class ScaleStep(SampledEffect):
+    """An instrument that reports all distances from itself too long by a share from a pose on."""
+
+    name = "scale_step"
+    magnitude_fields = ("share",)
+    share: float
+    first: int
+
+    def change_measurement(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
+        out = scanner_T_target.copy()
+        out[self.first :, :3, 3] *= 1.0 + self.share
+        return out
+
+    @classmethod
+    def draw(cls, cell: SimulatedCell, rng: Rng) -> SampledEffect:
+        """Change of the scale by 1e-4 or so."""
+        return cls(float(1e-4 * rng.standard_normal()), _first_pose(cell, rng))
+
+
+@dataclass(frozen=True, eq=False)
 class BaseLoosening(SampledEffect):
     """A bolt of the foot gives way: from a pose on the arm turns by c M about its base's origin."""
 

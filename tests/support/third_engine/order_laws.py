@@ -59,7 +59,7 @@ def other_air(session: Session, rng: Rng) -> Cause:
     def report(s: Session, here: Stance, seen: Array, size: float) -> Array:
         return 1e-4 * size * (s.setup == day)[:, None] * seen
 
-    return Cause("wrong_day_air", ("scanner_scale",), outside=True, report=report)
+    return Cause("wrong_day_air", ("scale_step", "scanner_scale"), report=report)
 
 
 def _target(session: Session, rng: Rng, law: str, when: Array) -> Cause:
