@@ -147,7 +147,7 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=100, help="of each arm and size")
     parser.add_argument("--nothing", type=int, default=100, help="of each arm, in which nothing gives way")
     parser.add_argument("--places", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=2000)
     parser.add_argument("--jobs", type=int, default=1)
     asked = parser.parse_args()
     with ProcessPoolExecutor(asked.jobs) as pool:

@@ -37,8 +37,8 @@ from calib.intervention.pairs import APPROACH, PAYLOAD, SETUP, TARGET, TIME, Pai
 from calib.kinematics.robot import Robot
 from calib.screening.evidence import FamilyColumns, evaluate_family
 
-MIN_LEAD = 3.0
-"""Log evidence by which the best explanation without a cause has to be worse."""
+MIN_LEAD = 3.5
+"""Log evidence by which the best explanation without a cause has to be worse; with 3.5 one of 400 cases is wrong."""
 MAX_P = 0.003  # of the F test of a member beside the others, times the number of candidates
 _FEWEST_PAIRS = 4
 _NONLINEAR = ("nonlinear_stiffness", "gravity_backlash", "bearing_clearance")

@@ -330,3 +330,15 @@ def test_draw_truth_follows_the_tolerances() -> None:
     assert np.degrees(errors[..., [1, 3, 4]].std()) == pytest.approx(0.1, rel=0.05)
     with pytest.raises(CalibError, match="there are"):
         draw_truth(robot, np.eye(4), q, rng=rng, effects=("nothing",))
+
+
+def test_every_payload_is_hung_on_at_every_pose() -> None:
+    made = simulate_dataset("rb5", rng=1, poses=20, payloads_kg=(0.0, 1.0, 2.5), every_payload=True).dataset
+    poses = made.poses
+    assert poses.payload_kg is not None
+    assert poses.payload_kg.tolist() == [0.0] * 20 + [1.0] * 20 + [2.5] * 20
+    assert np.array_equal(poses.q[:20], poses.q[20:40])
+    assert np.array_equal(poses.is_test[:20], poses.is_test[40:])
+    assert np.count_nonzero(poses.role == "reference") == 1
+    with pytest.raises(CalibError, match="2 or more"):
+        simulate_dataset("rb5", rng=1, payloads_kg=(2.5,), every_payload=True)
