@@ -324,8 +324,8 @@ def misfit_inflation(calibration: Calibration) -> float:
             flat = root[points].reshape(3 * len(points), -1)
             # (1 - L L^T)^-1 L = L (1 - L^T L)^-1, which is small however many poses a region has
             solved = flat @ np.linalg.inv((1.0 + 1e-9) * np.eye(flat.shape[1]) - flat.T @ flat)
-            moved += float(np.sum((solved.T @ residual[points].ravel()) ** 2))
-            expected += noise**2 * float(np.sum(flat * solved))
+            moved += float(np.sum((solved.T @ (residual[points].ravel() / noise)) ** 2))
+            expected += float(np.sum(flat * solved))
         ratios.append(moved / max(expected, 1e-300))
     return max(1.0, float(np.mean(ratios)))
 
