@@ -19,7 +19,6 @@ next. Its standard deviations are multiplied by `NEW_PLACE`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -47,6 +46,7 @@ of their own (docs/measured.md), between 1.08 and 1.35 where the recordings of a
 _GROUPS = (1, 2, 4, 8, 16, 32)  # poses that are left out together
 _MOST_GROUPS = 400  # of each size, spread evenly over the poses
 _LEAST_LEFT = 0.5  # share of the poses that has to be left for the fit without a group
+_MANY_PAIRS = 10_000_000  # of poses, from which a tree finds the nearest
 _REGIONS = (4, 8, 16)  # of joint space, that are left out one by one
 _MOST_MEANS = 20  # iterations of k-means
 _GRID = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 61)])  # discrepancies that are tried, in units of the noise
@@ -66,6 +66,11 @@ class Discrepancy(Brief):
 
     def distance(self, q: Array) -> Array:
         """Distance (N,) of joint vectors (N, n) from the nearest training pose."""
+        if len(q) * len(self.trained) > _MANY_PAIRS:
+            from scipy.spatial import cKDTree  # of so many poses only: it takes a while to load
+
+            nearest = cKDTree(self.trained / self.scale).query(q / self.scale)[0]
+            return np.asarray(nearest / np.sqrt(self.trained.shape[1]))
         return np.array([_distances(joints, self.trained, self.scale).min() for joints in q])
 
     def variance_mm2(self, q: Array) -> Array:
@@ -247,42 +252,40 @@ def learned_discrepancy(calibration: Calibration) -> Discrepancy:
     none = _joint_space(dataset.poses.q[used])
     if not np.isfinite(fit.reduced_chi) or not fit.reduced_chi > 0.0 or len(used) < 4:
         return none
-    parts = list(_left_out(calibration, observed, none))
-    left = _LeftOut(*(np.concatenate([getattr(part, name) for part in parts]) for name in _LeftOut.__match_args__))
-    constant, growth = _most_likely(left)
+    constant, growth = _most_likely(_left_out(calibration, observed, none))
     return replace(none, constant_mm2=constant, growth_mm2=growth)
 
 
-def _left_out(calibration: Calibration, observed: Observations, known: Discrepancy) -> Iterator[_LeftOut]:
-    """Left-out errors of the training poses, by the number of poses left out together."""
+def _left_out(calibration: Calibration, observed: Observations, known: Discrepancy) -> _LeftOut:
+    """Errors of training poses left out with 0, 1, 3 ... of their nearest neighbours."""
     noise = calibration.fit.reduced_chi
     whiten, residual, root = _whitened(calibration, observed, known)
     colour = np.linalg.inv(whiten)
     poses, row = observed.used_poses
     points = np.split(np.argsort(row, kind="stable"), np.cumsum(np.bincount(row))[:-1])
     tried = np.unique(np.linspace(0, len(poses) - 1, min(len(poses), _MOST_GROUPS)).astype(int))
-    for count in _GROUPS:
-        if count > 1 and count > (1.0 - _LEAST_LEFT) * len(poses):
-            return
-        squared, expected, distance = np.empty((3, len(tried)))
-        for k, pose in enumerate(tried):
-            away = _distances(known.trained[pose], known.trained, known.scale)
-            away[pose] = -1.0  # before any other at the same joints
-            order = np.argsort(away, kind="stable")
+    counts = [count for count in _GROUPS if count == 1 or count <= (1.0 - _LEAST_LEFT) * len(poses)]
+    squared, expected, distance = np.empty((3, len(tried), len(counts)))
+    for k, pose in enumerate(tried):
+        away = _distances(known.trained[pose], known.trained, known.scale)
+        away[pose] = -1.0  # before any other at the same joints
+        nearest = np.argpartition(away, counts[-1])[: counts[-1] + 1]
+        order = nearest[np.argsort(away[nearest], kind="stable")]
+        own = len(points[pose])
+        turn = colour[points[pose]]
+        for j, count in enumerate(counts):
             group = np.concatenate([points[i] for i in order[:count]])
-            own = len(points[pose])
             flat = root[group].reshape(3 * len(group), -1)
             # A pose that alone determines a direction makes 1 - H singular; the floor keeps its error finite.
-            less = (1.0 + 1e-9) * np.eye(len(flat)) - flat @ flat.T
-            solved = np.linalg.inv(less)
+            solved = np.linalg.inv((1.0 + 1e-9) * np.eye(len(flat)) - flat @ flat.T)
             missed = (solved[: 3 * own] @ residual[group].ravel()).reshape(own, 3)
             blocks = np.stack([solved[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(own)])
-            turn = colour[group[:own]]
-            squared[k] = np.mean(np.einsum("mij,mj->mi", turn, missed) ** 2)
             known_mm2 = np.mean(np.einsum("mij,mjk,mik->mi", turn, blocks, turn))
-            expected[k] = noise**2 * max(known_mm2, np.mean(np.sum(turn**2, axis=2)))
-            distance[k] = away[order[count]]
-        yield _LeftOut(squared, expected, distance, np.full(len(tried), 1.0 / count))
+            squared[k, j] = np.mean(np.einsum("mij,mj->mi", turn, missed) ** 2)
+            expected[k, j] = noise**2 * max(known_mm2, np.mean(np.sum(turn**2, axis=2)))
+            distance[k, j] = away[order[count]]
+    weight = np.broadcast_to(1.0 / np.array(counts), squared.shape)
+    return _LeftOut(squared.ravel(), expected.ravel(), distance.ravel(), weight.ravel())
 
 
 def _whitened(calibration: Calibration, observed: Observations, known: Discrepancy) -> tuple[Array, Array, Array]:
@@ -319,9 +322,10 @@ def misfit_inflation(calibration: Calibration) -> float:
         for k in np.unique(region):
             points = np.flatnonzero(region == k)
             flat = root[points].reshape(3 * len(points), -1)
-            solved = np.linalg.solve((1.0 + 1e-9) * np.eye(len(flat)) - flat @ flat.T, flat)
-            moved += float(np.sum((solved.T @ residual[points].ravel()) ** 2))
-            expected += noise**2 * float(np.sum(flat * solved))
+            # (1 - L L^T)^-1 L = L (1 - L^T L)^-1, which is small however many poses a region has
+            solved = flat @ np.linalg.inv((1.0 + 1e-9) * np.eye(flat.shape[1]) - flat.T @ flat)
+            moved += float(np.sum((solved.T @ (residual[points].ravel() / noise)) ** 2))
+            expected += float(np.sum(flat * solved))
         ratios.append(moved / max(expected, 1e-300))
     return max(1.0, float(np.mean(ratios)))
 
