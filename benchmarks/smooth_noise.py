@@ -16,7 +16,8 @@ calib. Tables:
     scanners the second simulator: mixed pixels, stickers on a face, joined views; "told": their registration is
 
 A cell has the mean and the median of error . C^-1 . error over the scans; a chi-squared of three degrees of freedom has
-3 and 2.4. Each row ends with the median of the corner's error and of its sigma, in mm.
+3 and 2.4. Each row ends with the median of the corner's error and of its sigma, in mm; in the tables waves and alone a
+second line has the RMS of the error over the Cramer-Rao bound of a fit that knows the kernel.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from calib.corners.search import CornerOptions, find_corner  # noqa: E402
 from calib.jig import Jig  # noqa: E402
 from calib.scans.scan import Scan  # noqa: E402
 from tests.support.mesh_cases import KINDS  # noqa: E402
-from tests.support.scan_scene import make_scene  # noqa: E402
+from tests.support.scan_scene import make_scene, smooth_bound_mm  # noqa: E402
 from tests.support.smooth_fields import KERNELS  # noqa: E402
 
 WHITE_MM = 0.02
@@ -50,11 +51,17 @@ FIRST_SEED = 3000
 TABLES = ("waves", "alone", "faces", "wall", "scanners")
 MESH_KINDS = ("light", "flight", "flight, edge 60", "sticker 0.1", "sticker 0.3", "fused", "fused, views off")
 REGISTRATION_MM = 0.03  # of each view of "fused, views off"
-Outcome = tuple[float, float, float]  # squared error in units of the covariance, error and sigma in mm
+# squared error in units of the covariance; error, sigma and the bound in mm (nan where it is not known)
+Outcome = tuple[float, float, float, float]
 
 
 def judged(
-    scan: Scan, jig: Jig, apex_mm: NDArray, scan_sigma_mm: float | None, declared: DeclaredNoise
+    scan: Scan,
+    jig: Jig,
+    apex_mm: NDArray,
+    scan_sigma_mm: float | None,
+    declared: DeclaredNoise,
+    bound_mm: float = np.nan,
 ) -> Outcome | None:
     """Error of one scan's corner in units of its covariance; None where there is no corner."""
     options = CornerOptions(refinement=RefinementOptions(declared=declared))
@@ -63,7 +70,7 @@ def judged(
         return None
     error = corner.xyz_mm - apex_mm
     squared = float(error @ np.linalg.solve(corner.covariance_mm2, error))
-    return squared, float(np.linalg.norm(error)), corner.sigma_mm()
+    return squared, float(np.linalg.norm(error)), corner.sigma_mm(), bound_mm
 
 
 def of_scenes(
@@ -73,7 +80,9 @@ def of_scenes(
     found = []
     for seed in range(FIRST_SEED, FIRST_SEED + scans):
         made = make_scene(np.random.default_rng(seed), points, sigma_mm=WHITE_MM, **scene)  # type: ignore[arg-type]
-        found.append(judged(made.scan, Jig(), made.apex_mm, WHITE_MM, declared))
+        waves = float(scene.get("waves_mm", 0.0)), float(scene.get("wave_length_mm", 15.0))
+        bound_mm = smooth_bound_mm(made, WHITE_MM, *waves, str(scene.get("wave_kernel", "gaussian")))
+        found.append(judged(made.scan, Jig(), made.apex_mm, WHITE_MM, declared, bound_mm))
     return [outcome for outcome in found if outcome is not None]
 
 
@@ -98,19 +107,24 @@ def row(name: str, cells: list[list[Outcome]]) -> str:
     return f"{name:30}{text}{middle[0]:10.4f}{middle[1]:9.4f}   of {len(every)}"
 
 
+def over_bound(cells: list[list[Outcome]]) -> str:
+    """Line of the table with the RMS of the error over the bound, a cell each."""
+    rms = (np.sqrt(np.mean([(o[1] / o[3]) ** 2 for o in cell])) if cell else np.nan for cell in cells)
+    return f"{'  RMS over the bound':30}" + "".join(f"{ratio:8.2f}{'':6}" for ratio in rms)
+
+
 def waves(arguments: argparse.Namespace) -> Iterator[str]:
     """Print the table for smooth errors along the ray."""
     scans, points = arguments.scans, arguments.points
     yield row("white noise alone", [of_scenes(3 * scans, points)])
     for size in arguments.sizes:
         for kernel in arguments.kernels:
-            yield row(
-                f"{kernel}, {size} mm",
-                [
-                    of_scenes(scans, points, waves_mm=size, wave_length_mm=length, wave_kernel=kernel)
-                    for length in arguments.lengths
-                ],
-            )
+            cells = [
+                of_scenes(scans, points, waves_mm=size, wave_length_mm=length, wave_kernel=kernel)
+                for length in arguments.lengths
+            ]
+            yield row(f"{kernel}, {size} mm", cells)
+            yield over_bound(cells)
 
 
 def alone(arguments: argparse.Namespace) -> Iterator[str]:
@@ -131,6 +145,7 @@ def alone(arguments: argparse.Namespace) -> Iterator[str]:
                 for length in arguments.lengths
             ]
             yield row(f"gaussian, {size} mm{', told' if tell else ''}", cells)
+            yield over_bound(cells)
 
 
 def faces(arguments: argparse.Namespace) -> Iterator[str]:

@@ -29,3 +29,11 @@ def smooth_field(points_mm: NDArray, length_mm: float, rng: np.random.Generator,
         turns = turns * rough
     phase = points_mm @ turns + rng.uniform(0, 2 * np.pi, _WAVES)
     return np.asarray(np.sqrt(2 / _WAVES) * np.cos(phase).sum(axis=1))
+
+
+def correlation(apart_mm: NDArray, length_mm: float, kernel: str = "gaussian") -> NDArray:
+    """Correlation of such a field between points that are so far apart."""
+    smooth, rough = np.exp(-(apart_mm**2) / 2 / length_mm**2), np.exp(-apart_mm / length_mm)
+    if kernel == "measured":
+        return np.asarray(0.5 * smooth + 0.5 * np.exp(-apart_mm / (length_mm * 35 / 27)))
+    return smooth if kernel == "gaussian" else rough

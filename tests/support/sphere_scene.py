@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from calib.scans.scan import Scan
 from tests.support.scan_scene import Cylinder, Patch, box, jig_rotation
+from tests.support.smooth_fields import smooth_field
 
 MIXED = 0.35  # share of the pixels at a jump of depth that lie between both sides
 
@@ -103,8 +104,15 @@ def scan_of(
     distance_mm: float = 700.0,
     sigma_mm: float = 0.02,
     stray: float = 0.0,
+    smooth_mm: float = 0.0,
+    smooth_length_mm: float = 15.0,
+    smooth_kernel: str = "gaussian",
 ) -> BallScan:
-    """A scan of balls; `stray` is the share of points that lie anywhere in the box of the balls' surroundings."""
+    """A scan of balls; `stray` is the share of points that lie anywhere in the box of the balls' surroundings.
+
+    `smooth_mm` adds an error along the ray that is smooth across the view (`smooth_fields.py`); the bounds do not know
+    of it.
+    """
     n = round(np.sqrt(rays))
     grid = ((np.arange(n) + 0.5) / n - 0.5) * field_mm / distance_mm
     x, y = np.meshgrid(grid, grid, indexing="xy")
@@ -129,6 +137,8 @@ def scan_of(
     between = image.ravel() * (1 - share) + other.ravel() * share
 
     sigma_ray = sigma_mm * (0.5 + 0.5 / cosine**2)
+    if smooth_mm > 0:
+        t = t + smooth_mm * smooth_field(direction[:, :2] * distance_mm, smooth_length_mm, rng, smooth_kernel)
     with np.errstate(invalid="ignore"):
         noisy = np.where(mixed, between, t + sigma_ray * rng.standard_normal(n * n))
     keep = np.isfinite(noisy) & (rng.random(n * n) < np.clip(cosine / np.cos(np.radians(70)), 0, 1) ** 2)
@@ -167,6 +177,7 @@ def one_ball(
     sigma_mm: float = 0.02,
     absent: bool = False,
     field_mm: float = 200.0,
+    smooth: tuple[float, float, str] = (0.0, 15.0, "gaussian"),
 ) -> BallScan:
     """A ball on a flange among wall, table, box and rod, some 700 mm away; `absent`: all but the ball."""
     ball = Ball(np.array([*rng.uniform(-15, 15, 2), 700 + rng.uniform(-20, 20)]), diameter_mm / 2)
@@ -175,4 +186,8 @@ def one_ball(
         others.append(cover(ball, hidden, rng))
     if absent:
         others = others[1:]  # without the stem too: its end would float
-    return scan_of(rng, [] if absent else [ball], others, rays=rays, stray=stray, sigma_mm=sigma_mm, field_mm=field_mm)
+    smooth_mm, length_mm, kernel = smooth
+    return scan_of(
+        rng, [] if absent else [ball], others, rays=rays, stray=stray, sigma_mm=sigma_mm, field_mm=field_mm,
+        smooth_mm=smooth_mm, smooth_length_mm=length_mm, smooth_kernel=kernel,
+    )  # fmt: skip

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.errors import TargetError
 from calib.scans.scan import Scan
 from calib.target_shapes import Sphere
@@ -55,6 +56,22 @@ def test_many_centres_are_at_their_bound(diameter_mm: float, known: bool) -> Non
     ratio, squared = judged(scenes, known=known)
     assert ratio < MOST_RATIO
     assert 1.8 < squared < 4.5  # 3 is honest; of 25 scenes it scatters by 0.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("hidden", "known"), [(0.0, True), (0.5, False)])
+@pytest.mark.parametrize("declared", [NOTHING_DECLARED, DeclaredNoise(0.03, 15.0)], ids=["shown", "declared"])
+def test_a_centre_knows_of_errors_that_neighbours_share(declared: DeclaredNoise, hidden: float, known: bool) -> None:
+    """The covariance of independent points would be exceeded 40 to 500 times."""
+    squared = []
+    for seed in range(8):
+        scene = one_ball(np.random.default_rng(seed), rays=RAYS, hidden=hidden, smooth=(0.03, 15.0, "exponential"))
+        ball = scene.balls[0]
+        asked = replace(wanted(2 * ball.radius if known else None), declared=declared)
+        found = find_spheres(scene.scan, asked)[0]
+        error = found.xyz_mm - ball.centre
+        squared.append(error @ np.linalg.solve(found.covariance_mm2, error))
+    assert 1.0 < np.mean(squared) < 6.0  # 3 is honest; of 8 scenes it scatters by 0.9
 
 
 @pytest.mark.thorough

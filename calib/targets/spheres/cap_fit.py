@@ -32,6 +32,7 @@ _MARGINS_PIXELS = (0.35, 1.6)  # left out along the silhouette, in distances bet
 _RING_SIGMAS = 3.5  # the mean distance of the points between those two margins that makes the margin the wider one
 _MARGIN_ROUND, _RING_ROUND, _BLUR_ROUND = 2, 5, 8
 _BLUR_SIGMAS = 3.5  # of a blur that is taken for one
+_TYPICAL_BLUR = 0.25  # squared distances between neighbouring points: variance of a pixel's footprint
 _LEAST_COSINE = 0.2
 _BAND_SIGMA = 12.0
 _FEWEST_POINTS = 12
@@ -57,6 +58,7 @@ class CapFit:
     design: Array  # (K, P) derivatives of the distances by centre, radius where it is free, blur where there is one
     pseudo_mm: Array  # (K,) distances as the fit takes them: times Tukey's weight, over the mean of psi'
     fixed: bool  # whether the radius was given
+    unfitted_mm2: Array  # (4, 4) share of the covariance by a blur that the distances neither show nor rule out
 
     @property
     def cap_deg(self) -> float:
@@ -145,9 +147,16 @@ def fit_cap(points: Array, centre: Array, radius: float, band_mm: float, *, fixe
     covariance = np.zeros((4, 4))
     known = 3 if fixed else 4
     covariance[:known, :known] = white[:known, :known] * factor**2
+    unfitted = np.zeros((4, 4))
+    if not blurred:
+        noise = sigma * np.sqrt(float(psi @ psi) / freedom) / slope
+        bent = _bend(sine[on][kept], radius)
+        typical_mm2 = _TYPICAL_BLUR * (pixel * radius) ** 2
+        unfitted[:known, :known] = _unfitted_blur(rows, bent, psi * sigma / slope, noise, typical_mm2)
+        covariance += unfitted
     return CapFit(
         centre, radius, covariance, indices, over[on][kept], sine[on][kept], growth.sigma_mm, growth, factor,
-        rows, psi * sigma / slope, fixed,
+        rows, psi * sigma / slope, fixed, unfitted,
     )  # fmt: skip
 
 
@@ -161,6 +170,26 @@ def _shows_blur(rows: Array, over: Array, weight: Array) -> bool:
     """Whether the coefficient of the blur, last column of the weighted design (K, p), is significantly above 0."""
     step, inverse = _step(rows.T @ (rows * weight[:, None]), rows.T @ (weight * over))
     return step is not None and bool(step[-1] > _BLUR_SIGMAS * np.sqrt(inverse[-1, -1]))
+
+
+def _unfitted_blur(rows: Array, bend: Array, values: Array, sigma: Array, typical_mm2: float) -> Array:
+    """Covariance (P, P) of the parameters by a blur that was left out, from the distances' design (K, P) and `bend`.
+
+    Expected squared blur times the squares of what it moves: the blur is either 0 or has a normal prior of
+    `typical_mm2`, with the same probability, and its estimate from the residuals (K,) gives the odds.
+    """
+    weighted = rows / sigma[:, None] ** 2
+    _, inverse = _step(weighted.T @ rows, np.zeros(rows.shape[1]))
+    moves = inverse @ (weighted.T @ bend)
+    left = bend - rows @ moves
+    information = float(left @ (left / sigma**2))
+    if information <= 0 or typical_mm2 <= 0:
+        return np.zeros_like(inverse)
+    estimate, variance = float(left @ (values / sigma**2)) / information, 1 / information
+    shrunk = typical_mm2**2 / (typical_mm2**2 + variance)
+    odds = np.sqrt(1 - shrunk) * np.exp(min(0.5 * shrunk * estimate**2 / variance, 100.0))
+    squared = odds / (1 + odds) * ((shrunk * estimate) ** 2 + shrunk * variance)
+    return np.asarray(squared * np.outer(moves, moves))
 
 
 def _within(points: Array, centre: Array, radius: float, band_mm: float) -> BoolArray:

@@ -107,8 +107,8 @@ def with_correlated_errors(
         moves, covariance = generalised_fit(design, values, correlated + np.diag(white_mm2))
     factor = float(np.sqrt(_centre_mm2(covariance) / _centre_mm2(white)))
     known = 3 if fit.fixed else 4
-    whole = np.zeros((4, 4))
-    whole[:known, :known] = covariance[:known, :known]
+    whole = fit.unfitted_mm2.copy()
+    whole[:known, :known] += covariance[:known, :known]
     whole[:3, :3] += declared.registration_sigma_mm**2 * np.eye(3)
     return replace(
         fit,

@@ -27,6 +27,7 @@ _MOST_TRIED = 12
 _RANGE_STEP = 4.0  # of the radii that are looked for at one size of voxels
 _LEAST_BAND = 0.012  # of the radius
 _MOST_FLAT = 20_000  # points of the scan in which flat surroundings are looked for
+_FLAT_SIZE = 6.0  # radii, of those
 _MOST_OVER_DECLARED = 1.5  # times the declared noise, that a scan may have
 
 
@@ -79,7 +80,7 @@ def find_spheres(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
         raise TargetError(best.refusal)
     finite = np.flatnonzero(finite_rows(scan.points_mm))
     chosen = [tried.fit for tried in accepted[:most]]
-    flat = flat_patches(points[:: max(1, len(points) // _MOST_FLAT)], 2 * chosen[0].radius_mm)
+    flat = flat_patches(points[:: max(1, len(points) // _MOST_FLAT)], _FLAT_SIZE * chosen[0].radius_mm)
     fits = [with_correlated_errors(points, fit, wanted.declared, surroundings_of(points, flat, fit)) for fit in chosen]
     return [_found(fit, finite, len(scan.points_mm), shape) for fit in fits]
 
