@@ -83,11 +83,14 @@ def are_equivalent(one: Candidate, other: Candidate, dof: int) -> bool:
 def is_tied(own: Candidate, rival: Candidate) -> bool:
     """Whether a rival explains the same as an effect's part on one joint, by no more than a little less.
 
-    Both may be the cause: what they differ by is what their laws leave out, and how finely a law's constants are tried.
+    Both may be the cause. A rival of one law with a grid of constants comes near its best fit only, and may be further
+    behind.
     """
     size = float(own.explained @ own.explained) * float(rival.explained @ rival.explained)
     aligned = float(own.explained @ rival.explained) ** 2 > EQUIVALENT_ALIGNMENT * size > 0.0
-    return aligned and rival.log_evidence > own.log_evidence - EQUIVALENT_LOG_BAYES_FACTOR
+    one_law = rival.family.sparse and rival.family.most_members == 1
+    behind = EQUIVALENT_LOG_BAYES_FACTOR if one_law else MIN_LOG_BAYES_FACTOR
+    return aligned and rival.log_evidence > own.log_evidence - behind
 
 
 def can_stand_for(best: Candidate, others: Sequence[Candidate], dof: int) -> bool:

@@ -105,7 +105,7 @@ Move = AddEffect | DropEffect | LeaveOutPoses | ShapeNoise | AddCurves
 
 @dataclass(frozen=True)
 class Tie:
-    """An effect of the model whose part on one joint other effects explain as well."""
+    """An effect of the model of which other effects explain the part on each joint as well."""
 
     effect: str
     others: tuple[str, ...]
@@ -267,7 +267,8 @@ def _parts_given_up(
 
     Waves of every joint's gear, say, also follow what gravity does to one of them. Such an effect leads as a whole, and
     leaves nothing to add. An effect of one joint was compared with all others when it was added, but those of one law
-    with a grid of constants, a spring's geometry say, come near the best fit only.
+    with a grid of constants, a spring's geometry say, come near the best fit only. It is tied where every part is: one
+    that surely acts on another joint is the simplest cause of all its parts.
     """
     ties: list[Tie] = []
     one_law = [family for family in space.families if family.sparse and family.most_members == 1]
@@ -277,6 +278,7 @@ def _parts_given_up(
         family = space.family(effect.name)
         parts = [] if family is None or family.sparse else _parts(effect, step.calibration)
         families = [*lasting, *one_law] if len(parts) > 1 else one_law
+        tied: list[tuple[str, ...]] = []
         for part in parts if families else []:
             kept = effect.without(part)
             selected = (*step.selected[:k], *([kept] if kept.members else []), *step.selected[k + 1 :])
@@ -287,13 +289,14 @@ def _parts_given_up(
                 continue
             without = FitStep("", selected, fitted, left_out=step.left_out, screening=screening)
             own = screen(without.calibration, [Family(f"{effect.name} of one joint", part)]).candidates
-            if not own or (kept.members and rivals[0].log_evidence > own[0].log_evidence + MIN_LOG_BAYES_FACTOR):
+            if not own or (kept.members and rivals[0].log_evidence > own[0].log_evidence + MIN_OVER_SELECTED):
                 instead = _addition(space, without, dropped, tell)
                 if isinstance(instead, AddEffect) and len(selected) < space.max_effects:
                     both = (*selected, SelectedEffect.of(instead.candidate))  # the part is not to come back beside it
                     return replace(instead, selected=both, calibration=space.fit(both, instead.calibration))
-            elif tied := [c.name for c in rivals if is_tied(own[0], c)]:
-                ties.append(Tie(effect.name, tuple(tied)))
+            tied += [names for names in [tuple(c.name for c in rivals if own and is_tied(own[0], c))] if names]
+        if tied and len(tied) == len(parts):
+            ties.append(Tie(effect.name, tuple(dict.fromkeys(name for names in tied for name in names))))
     return tuple(ties)
 
 
