@@ -103,6 +103,7 @@ def test_d_turns_one_page_and_no_figure_is_sent_again(app: App, chromium: Any) -
         )
 
 
+@pytest.mark.thorough
 def test_a_choice_is_kept_by_the_browser_and_the_address_begins_dark(app: App, chromium: Any) -> None:
     with theme_page(chromium, app, "light") as page:
         press_d(page)
@@ -118,6 +119,7 @@ def test_a_choice_is_kept_by_the_browser_and_the_address_begins_dark(app: App, c
         becomes(page, "light")
 
 
+@pytest.mark.thorough
 def test_button_and_command_turn_their_page(app: App, chromium: Any) -> None:
     with theme_page(chromium, app, "light") as page, theme_page(chromium, app, "light") as other:
         page.get_by_text("Display", exact=True).locator("visible=true").first.click()
