@@ -26,6 +26,7 @@ from calib.kinematics.robot import Robot
 from calib.simulation.simulate import simulate_dataset
 from tests.support import SHARED_DATA
 from tests.support.arms import dataset_of, jang_arm, perturbed, random_transform
+from tests.support.sweeps import sweep
 
 TRACKED = ("ur10_ipa", "jacobi_ur5", "jacobi_wam")
 TRAINING_RMS_COVERS = {"ur10_ipa": 0.906, "jacobi_ur5": 0.868, "jacobi_wam": 0.811}
@@ -49,7 +50,7 @@ def coverage(calibration: Calibration) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("train", [20, 50, 200])
+@pytest.mark.parametrize("train", sweep([20, 50, 200], every_run=[50]))
 def test_intervals_of_90_percent_hold_90_percent_where_nothing_is_missing(train: int) -> None:
     shares = [coverage(calibrate(arm(seed, train=train))) for seed in range(24)]
     # 24 fits, each a draw of its own: three standard errors of their mean, at least 2 % for the noise's own sigma.

@@ -99,6 +99,7 @@ def test_ctrl_z_and_ctrl_y_go_through_it_and_the_key_is_off_where_it_does_nothin
     assert session(app).redundancy is not None
 
 
+@pytest.mark.thorough
 def test_the_session_leaves_with_its_undo(app: App, page: WireClient, folder: Path, tmp_path: Path) -> None:
     """A pose left out, another residual, an effect: all of it can be taken back in the reopened session."""
     if POSE not in session(app).uncounted:

@@ -83,6 +83,7 @@ def test_a_page_is_as_its_browser_prefers(app: App, chromium: Any, scheme: str) 
         becomes(page, other)
 
 
+@pytest.mark.thorough
 def test_d_turns_one_page_and_no_figure_is_sent_again(app: App, chromium: Any) -> None:
     assert app.worker.wait_idle(IDLE_S)
     with theme_page(chromium, app, "light") as one, theme_page(chromium, app, "light") as other:

@@ -61,6 +61,7 @@ def test_the_error_is_read_where_the_tool_is_dragged(app: App, page: WireClient)
     assert app.place.place is None
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.browser
 def test_a_hand_drags_the_tool(app: App, page: Any) -> None:
