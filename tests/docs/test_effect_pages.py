@@ -18,7 +18,7 @@ from calib.effects.effect import CatalogueEffect
 from calib.simulation.simulate import simulate_dataset
 
 DOCS = Path(__file__).parents[2] / "docs"
-HAVE_TWINS = ("counterbalance",)  # that waves of the same joint follow exactly, so that an open set is right
+HAVE_TWINS = ("counterbalance", "transmission_error")  # a spring and a wave of joint 2: an open set is right
 pytestmark = pytest.mark.slow
 
 

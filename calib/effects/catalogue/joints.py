@@ -62,7 +62,8 @@ class TransmissionError(CatalogueEffect):
     $$ \delta \theta_j = A \sin(n q_j) + B \cos(n q_j), \qquad n = 1, 2, 3 $$
 
     An encoder or a ring that sits eccentric errs once a turn, an oval one twice. Over a narrow range of the joint the
-    cosine of $n = 1$ is nearly a joint offset, and the sine nearly a wrong ratio ({doc}`joint_scale`).
+    cosine of $n = 1$ is nearly a joint offset, and the sine nearly a wrong ratio ({doc}`joint_scale`). On joint 2 of an
+    arm that stands, once a turn, a balancing spring does nearly the same ({doc}`counterbalance`): both are left open.
     """
     position = 3
     linear = True
