@@ -72,12 +72,16 @@ def are_equivalent(one: Candidate, other: Candidate, dof: int) -> bool:
     better, worse = sorted((one, other), key=lambda candidate: -candidate.log_evidence)
     if better.overlaps.get(worse.name, 0.0) < EQUIVALENT_OVERLAP:
         return False
-    size = float(one.explained @ one.explained) * float(other.explained @ other.explained)
-    aligned = float(one.explained @ other.explained) ** 2 > EQUIVALENT_ALIGNMENT * size > 0.0
     rest = sorted((max(1.0 - one.explained_share, 1e-300), max(1.0 - other.explained_share, 1e-300)))
     near = abs(one.log_evidence - other.log_evidence) < EQUIVALENT_LOG_BAYES_FACTOR
     same_fit = dof * np.log(rest[1] / rest[0]) < 2.0 * MIN_LOG_BAYES_FACTOR
-    return bool(aligned and near and rest[1] < EQUIVALENT_REST * rest[0] and same_fit)
+    return bool(_are_aligned(one, other) and near and rest[1] < EQUIVALENT_REST * rest[0] and same_fit)
+
+
+def _are_aligned(one: Candidate, other: Candidate) -> bool:
+    """Whether two candidates explain the same part of a residual, up to its size."""
+    size = float(one.explained @ one.explained) * float(other.explained @ other.explained)
+    return float(one.explained @ other.explained) ** 2 > EQUIVALENT_ALIGNMENT * size > 0.0
 
 
 def is_tied(own: Candidate, rival: Candidate) -> bool:
@@ -86,11 +90,9 @@ def is_tied(own: Candidate, rival: Candidate) -> bool:
     Both may be the cause. A rival of one law with a grid of constants comes near its best fit only, and may be further
     behind.
     """
-    size = float(own.explained @ own.explained) * float(rival.explained @ rival.explained)
-    aligned = float(own.explained @ rival.explained) ** 2 > EQUIVALENT_ALIGNMENT * size > 0.0
     one_law = rival.family.sparse and rival.family.most_members == 1
     behind = EQUIVALENT_LOG_BAYES_FACTOR if one_law else MIN_LOG_BAYES_FACTOR
-    return aligned and rival.log_evidence > own.log_evidence - behind
+    return _are_aligned(own, rival) and rival.log_evidence > own.log_evidence - behind
 
 
 def can_stand_for(best: Candidate, others: Sequence[Candidate], dof: int) -> bool:

@@ -126,7 +126,7 @@ def confounded_sets(
     Args:
         space: settings of all fits.
         steps: from the link errors to the model, effect by effect, each with its screening.
-        ties: effects of the model whose part on one joint others explain as well.
+        ties: effects of the model of which others explain the part on each joint as well.
     """
     last = steps[-1]
     out: list[ConfoundedSet] = []

@@ -294,7 +294,8 @@ def _parts_given_up(
                 if isinstance(instead, AddEffect) and len(selected) < space.max_effects:
                     both = (*selected, SelectedEffect.of(instead.candidate))  # the part is not to come back beside it
                     return replace(instead, selected=both, calibration=space.fit(both, instead.calibration))
-            tied += [names for names in [tuple(c.name for c in rivals if own and is_tied(own[0], c))] if names]
+            as_good = tuple(rival.name for rival in rivals if own and is_tied(own[0], rival))
+            tied += [as_good] if as_good else []
         if tied and len(tied) == len(parts):
             ties.append(Tie(effect.name, tuple(dict.fromkeys(name for names in tied for name in names))))
     return tuple(ties)

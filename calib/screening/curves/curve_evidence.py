@@ -185,7 +185,7 @@ class CurveEvidence:
         return FurtherCurves(stacked, ends, None if self.few_rows else self.curve.columns.T @ stacked)
 
     def gains_of(self, spectrum: Spectrum | None, further: FurtherCurves) -> list[tuple[float, float]]:
-        """As `gains`, of curves that were prepared by `further`."""
+        """Log evidence that each further curve adds, and the log of its best size, for curves prepared by `further`."""
         # B^T M^-1 B of each curve's columns B, M being 1 + X S^2 X^T, and of the residual.
         shown, less = self._whitened(spectrum, further)
         quadratic = float(shown[:, -1] @ shown[:, -1] - less[:, -1] @ less[:, -1])
