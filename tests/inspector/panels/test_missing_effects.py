@@ -68,7 +68,7 @@ def test_add_undo_redo_and_remove(app: App, page: WireClient) -> None:
     assert result is not None
     fitted = [row for row in result.to_frame().to_dict("records") if row["name"].startswith(HIDDEN)]
     assert fitted
-    assert all(numbers.with_sigma(row["value"], row["sigma"], row["unit"]) in plain(page) for row in fitted)
+    shows(page, *(numbers.with_sigma(row["value"], row["sigma"], row["unit"]) for row in fitted))
     page.press("Model", UNDO)
     page.wait(lambda p: history(p) == start)
     page.press("Model", REDO)
