@@ -127,6 +127,21 @@ class DiagnoseOptions(_FittingOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class FollowOptions(Output):
+    """Options of `follow`."""
+
+    path: Path
+    residual: str
+    tolerance_mm: float | None  # predicted error that is asked for
+    once: bool
+    until_enough: bool
+
+    def fit_options(self) -> FitOptions:
+        """Fit options given by --residual."""
+        return FitOptions(residual=self.residual)
+
+
+@dataclass(frozen=True, kw_only=True)
 class CompareOptions(Output):
     """Options of `compare`, for the fits of both datasets."""
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from calib.options import BUILTIN_ROBOTS
+from calib.options import BUILTIN_ROBOTS, RESIDUAL_KINDS
 from inspector.cli import options
 from inspector.cli.arguments import values
 from inspector.cli.arguments.fit import (
@@ -132,6 +132,21 @@ def _simulate(sub: ArgumentParser) -> None:
     add_json(sub)
 
 
+def _follow(sub: ArgumentParser) -> None:
+    sub.add_argument(
+        "--tolerance-mm", type=values.rmse_mm, metavar="X", help="enough is where the predicted error is within this"
+    )
+    sub.add_argument("--once", action="store_true", help="end when all that is there was judged, do not wait for more")
+    sub.add_argument("--until-enough", action="store_true", help="end when more poses no longer pay")
+    sub.add_argument(
+        "--residual",
+        choices=[kind for kind in RESIDUAL_KINDS if kind not in ("pose", "distance")],
+        default="position",
+        help="as of calibrate (position)",
+    )
+    sub.add_argument("--json", action="store_true", help="a JSON object for each pose, a line each, on stdout")
+
+
 def _check(sub: ArgumentParser) -> None:
     sub.add_argument("--max-test-rmse-mm", type=values.rmse_mm, metavar="X", help="what the test poses' error may be")
     add_fit(sub)
@@ -196,6 +211,14 @@ SUBCOMMANDS = (
         watch_arguments,
         "what changed in a cell since a calibration, by a few check poses",
         path="dataset folder of the earlier calibration",
+    ),
+    Subcommand(
+        "follow",
+        "follow_command.run_follow",
+        options.FollowOptions,
+        _follow,
+        "a campaign while it is measured: each pose judged as it arrives, the error predicted, the next pose named",
+        path="dataset folder that is being filled: points.csv grows, or scans arrive",
     ),
     Subcommand(
         "plan",

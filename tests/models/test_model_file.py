@@ -100,6 +100,7 @@ def test_the_same_model_comes_back(fitted: Calibration, dataset: Dataset, saved:
     assert json.loads(again.read_text()) == json.loads(saved.read_text())
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_it_predicts_and_corrects_the_same(fitted: Calibration, dataset: Dataset, saved: Path) -> None:
     loaded = load_model(saved)

@@ -121,6 +121,7 @@ def test_another_arm_and_an_unknown_part_are_refused(earlier: Calibration, later
         refit(earlier.fitted_model, later, "tool")
 
 
+@pytest.mark.thorough
 def test_the_command_refits_and_says_what_goes_together(
     earlier: Calibration, later: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

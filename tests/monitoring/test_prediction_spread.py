@@ -100,6 +100,7 @@ def watch_itself(numbers: range) -> None:
     assert watched > 0.6 * len(numbers)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_an_arm_against_itself_is_unchanged_whatever_the_noise() -> None:
     watch_itself(range(40))

@@ -58,6 +58,7 @@ def test_the_errors_of_a_strong_first_effect_are_given_no_second_name(effect: st
     assert "masses or centres of mass that differ from robot.toml" in found.summary()
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_true_second_effect_is_found_beside_wrong_masses() -> None:
     found = diagnose(simulated([("joint_compliance", 20.0), ("backlash", 3.0)]))

@@ -254,6 +254,7 @@ def test_what_counts_as_right(
     assert (found["exact"], found["wrong_claim"], found["calm_wrong"]) == (exact, wrong, calm)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_small_run_prints_its_table_and_writes_its_rows(
     benchmark: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -165,9 +165,15 @@ class WireClient:
                 self._changed.wait(POLL_S)
 
     def find(self, label: str) -> str:
-        """The uuid of the widget with this label."""
-        with self._changed:
-            return next(u for u, m in self.gui.items() if m["props"].get("label") == label)
+        """The uuid of the widget with this label, waited for where the page is being built anew."""
+        found: list[str] = []
+
+        def there(page: WireClient) -> bool:
+            found[:] = [u for u, m in page.gui.items() if m["props"].get("label") == label]
+            return bool(found)
+
+        self.wait(there, 10.0)
+        return found[0]
 
     def has(self, label: str) -> bool:
         with self._changed:

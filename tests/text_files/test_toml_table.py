@@ -68,6 +68,7 @@ def depth(value: object) -> int:
     return 1 + max(map(depth, inside), default=-1) if isinstance(value, dict | list) else 0
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_no_mixture_of_quotes_hides_a_long_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(toml_table, "MOST_PARTS", 3)

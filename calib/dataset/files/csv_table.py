@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
 
@@ -26,9 +26,17 @@ class TableFile:
     lines: tuple[int, ...] = ()  # where each row ends in the file; without them one row a line, the header above
 
     @classmethod
-    def load(cls, path: Path, *, pipe: bool = False) -> TableFile:
-        """Read a CSV file; `pipe` says whether it may be a pipe. Raises DatasetError."""
+    def load(cls, path: Path, *, pipe: bool = False, growing: bool = False) -> TableFile:
+        """Read a CSV file. Raises DatasetError.
+
+        Args:
+            path: of the file.
+            pipe: whether it may be a pipe.
+            growing: whether it is still being written, so that a last line without its end is not read yet.
+        """
         text = read_text(path, missing="dataset.toml names it", kind="CSV", most_bytes=MOST_BYTES, pipe=pipe)
+        if growing:
+            text = text[: text.rfind("\n") + 1]
         numbered = csv_rows(path, text)
         if not numbered:
             raise DatasetError(f"{path}: the file is empty; a header line with column names is needed")
@@ -66,6 +74,11 @@ class TableFile:
 
     def __contains__(self, column: str) -> bool:
         return column in self.cells
+
+    def select(self, rows: Sequence[int]) -> TableFile:
+        """The table with some of its rows, each with its line in the file."""
+        cells = {name: [column[row] for row in rows] for name, column in self.cells.items()}
+        return replace(self, cells=cells, lines=tuple(map(self.line, rows)))
 
     def line(self, row: int) -> int:
         """Line number of a row in the file, the first line being 1."""

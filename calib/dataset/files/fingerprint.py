@@ -43,14 +43,15 @@ def fingerprint(dataset: Dataset) -> dict[str, str]:
     return hashes
 
 
-def table_hashes(folder: Path) -> dict[str, str]:
+def table_hashes(folder: Path, *, so_far: bool = False) -> dict[str, str]:
     """Hashes of dataset.toml, the robot, the poses and, where named, the points; by path below the folder.
 
-    Raises DatasetError.
+    `so_far`: only of those that exist by now. Raises DatasetError.
     """
     top = TomlTable.load(folder / "dataset.toml")
     named = (top.text("robot", "robot.toml"), top.text("poses", "poses.csv"), top.text("points"))
-    return {name: content_hash(folder / name) for name in ("dataset.toml", *named) if name}
+    names = [name for name in ("dataset.toml", *named) if name and (not so_far or (folder / name).is_file())]
+    return {name: content_hash(folder / name) for name in names}
 
 
 def changed(before: Mapping[str, str], now: Mapping[str, str]) -> tuple[str, ...]:

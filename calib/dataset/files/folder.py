@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import replace
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from calib.dataset.files.csv_table import TableFile
 from calib.dataset.files.declared_units import load_units
 from calib.dataset.files.fingerprint import table_hashes
 from calib.dataset.files.points_checks import unmeasured_note
-from calib.dataset.files.points_csv import load_points, points_frame
+from calib.dataset.files.points_csv import load_arrived_points, load_points, points_frame
 from calib.dataset.files.poses_csv import load_poses, poses_frame
 from calib.dataset.files.robot_toml import load_robot_toml, refuse_beyond, robot_to_toml
 from calib.dataset.files.target_tables import load_targets, target_document
@@ -61,7 +62,33 @@ def load_dataset(folder: str | Path) -> Dataset:
     >>> calib.load_dataset("sample_data/hidden_effect_a")
     Dataset(hidden_effect_a: RB5-850, 6 joints; 64 poses (1 reference, 50 train, 13 test); 64 points)
     """
-    folder = Path(folder)
+    return _read(Path(folder), None).dataset
+
+
+@dataclass(frozen=True)
+class ArrivingDataset:
+    """A dataset that is still being measured: its `points` are those that have arrived, none where it has scans."""
+
+    dataset: Dataset
+    unseen: tuple[str, ...] = ()  # poses with a row in points.csv whose coordinates are empty
+    unknown: tuple[str, ...] = ()  # names in points.csv that poses.csv does not have (yet)
+
+
+def load_arriving_dataset(folder: Path, growing: Collection[str] = ()) -> ArrivingDataset:
+    """Read a dataset folder that is still being filled: points, scans, even poses may come later.
+
+    Args:
+        folder: of the dataset, whose dataset.toml and robot.toml are complete.
+        growing: names of the tables whose last line may be half written; without its end it is not read yet.
+
+    Raises:
+        DatasetError: as `load_dataset`, but not for what has not arrived.
+    """
+    return _read(folder, growing)
+
+
+def _read(folder: Path, growing: Collection[str] | None) -> ArrivingDataset:
+    """A dataset folder that is complete, where `growing` is None, or still being filled."""
     top = TomlTable.load(folder / "dataset.toml")
     version = top.number("format")
     if version != FORMAT:
@@ -77,25 +104,31 @@ def load_dataset(folder: str | Path) -> Dataset:
     refuse_beyond(robot, robot_path)
     poses_path = _inside(folder, top.text("poses", "poses.csv") or "", top, "poses")
     units = load_units(top.table("units"))
-    poses, warnings = load_poses(poses_path, robot, units)
+    poses, warnings = load_poses(poses_path, robot, units, growing=poses_path.name in (growing or ()))
     points_name, scan_folder = top.text("points"), top.text("scans")
     if points_name is None and scan_folder is None:
         raise top.error("points", "neither points nor scans is given", 'add points = "points.csv" or scans = "scans"')
     points = None
     notes: tuple[str, ...] = ()
-    if points_name is not None:
+    unseen: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
+    if points_name is not None and growing is not None:
+        points_path = _inside(folder, points_name, top, "points")
+        arrived = load_arrived_points(points_path, robot, poses, units, growing=points_path.name in growing)
+        points, unseen, unknown = arrived.points, arrived.unseen, arrived.unknown
+    elif points_name is not None:
         points_path = _inside(folder, points_name, top, "points")
         points, point_warnings = load_points(points_path, robot, poses, units)
         warnings += point_warnings
         notes = unmeasured_note(points_path, poses, points)
     if scan_folder is not None:
         scans = _inside(folder, scan_folder, top, "scans")
-        if not scans.is_dir():
+        if growing is None and not scans.is_dir():
             missing = top.error("scans", f"found {scan_folder!r}, no such folder", "name the folder of the scans")
             if points is None:
                 raise missing
             warnings.append(str(missing))
-        _check_scans(folder, scans, poses, poses_path, needed=points is None)
+        _check_scans(folder, scans, poses, poses_path, needed=points is None and growing is None)
     jig_table = top.table("jig")
     targets = load_targets(jig_table, top.tables("targets"), robot)
     other = jig_table.data.get("shape") if targets and targets[0].name == "jig" else None
@@ -109,7 +142,7 @@ def load_dataset(folder: str | Path) -> Dataset:
             f"found {scanner.scan_sigma_mm:g} mm",
             f"of a jig of {jig.edges_text()} nothing is seen above {jig.shortest_mm / 10.0:g} mm",
         )
-    return Dataset(
+    dataset = Dataset(
         name=name,
         robot=robot,
         poses=poses,
@@ -126,8 +159,9 @@ def load_dataset(folder: str | Path) -> Dataset:
         about=about,
         surroundings=surroundings,
         targets=targets,
-        read_files=table_hashes(folder),
+        read_files=table_hashes(folder, so_far=growing is not None),
     )
+    return ArrivingDataset(dataset, unseen, unknown)
 
 
 def as_dataset(dataset: Dataset | str | Path) -> Dataset:

@@ -10,7 +10,7 @@ point was not seen.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -52,11 +52,54 @@ def load_points(
     path: Path, robot: Robot, poses: Poses, units: DeclaredUnits = NOT_DECLARED
 ) -> tuple[Points, list[str]]:
     """The measured points, and warnings about suspicious values. Raises DatasetError."""
-    file = TableFile.load(path)
-    unit = unit_of(file, {u: _in_length(_XYZ_COLUMNS, u) for u in ("mm", "m")}, units.length)
+    return _points_of(TableFile.load(path), robot, poses, units)
+
+
+@dataclass(frozen=True)
+class ArrivedPoints:
+    """Points of a table that is still being written, with the poses whose row has no point or no pose yet."""
+
+    points: Points
+    unseen: tuple[str, ...]  # poses with a row whose coordinates are empty: the instrument saw nothing
+    unknown: tuple[str, ...]  # names that poses.csv does not have (yet)
+
+
+def load_arrived_points(
+    path: Path, robot: Robot, poses: Poses, units: DeclaredUnits = NOT_DECLARED, *, growing: bool = False
+) -> ArrivedPoints:
+    """Points that have arrived so far: none where the file does not exist yet. Raises DatasetError.
+
+    Of a `growing` file whole lines are read. Rows of poses that poses.csv does not have yet wait for them.
+    """
+    none = ArrivedPoints(Points(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0, dtype=np.str_)), (), ())
+    if not path.exists() or path.stat().st_size == 0:
+        return none
+    file = TableFile.load(path, growing=growing)
+    if not len(file):
+        return none
+    file.require(["pose"])
+    ids = file.text("pose")
+    known = file.select([row for row, pose_id in enumerate(ids) if pose_id in poses.ids])
+    unknown = tuple(dict.fromkeys(pose_id for pose_id in ids if pose_id not in poses.ids))
+    seen = _seen(known, _xyz_columns(known, units))
+    unseen = tuple(dict.fromkeys(i for i in known.text("pose") if i not in set(seen.text("pose"))))
+    points = _points_of(seen, robot, poses, units)[0] if len(seen) else none.points
+    return ArrivedPoints(points, unseen, unknown)
+
+
+def _xyz_columns(file: TableFile, units: DeclaredUnits) -> tuple[str, ...]:
+    """Names of the three coordinates' columns, in mm or in m. Raises DatasetError where one is missing."""
+    columns = _in_length(_XYZ_COLUMNS, unit_of(file, {u: _in_length(_XYZ_COLUMNS, u) for u in _IN_MM}, units.length))
+    file.require(["pose", *columns])
+    return columns
+
+
+def _points_of(file: TableFile, robot: Robot, poses: Poses, units: DeclaredUnits) -> tuple[Points, list[str]]:
+    """Points of a table's rows that have coordinates, and warnings. Raises DatasetError."""
+    path = file.path
+    xyz_columns = _xyz_columns(file, units)
+    unit = xyz_columns[0].rpartition("_")[2]
     _refuse_mixed(file, unit)
-    xyz_columns = _in_length(_XYZ_COLUMNS, unit)
-    file.require(["pose", *xyz_columns])
     file = _seen(file, xyz_columns)
     if len(file) == 0:
         raise DatasetError(f"{path}: no row with a point; one row a measured point is needed")
@@ -106,12 +149,7 @@ def _seen(file: TableFile, xyz_columns: Sequence[str]) -> TableFile:
         for row, values in enumerate(zip(*cells, strict=True))
         if any(value.lower() not in ("", "nan") for value in values)
     ]
-    if len(kept) == len(file):
-        return file
-    lines = tuple(file.line(row) for row in kept)
-    return replace(
-        file, cells={name: [column[row] for row in kept] for name, column in file.cells.items()}, lines=lines
-    )
+    return file if len(kept) == len(file) else file.select(kept)
 
 
 def _check_size(file: TableFile, xyz_mm: Array, columns: Sequence[str]) -> None:

@@ -60,9 +60,11 @@ def _within(file: TableFile, column: str, limits: tuple[float, float]) -> Array:
     return values
 
 
-def load_poses(path: Path, robot: Robot, units: DeclaredUnits = NOT_DECLARED) -> tuple[Poses, list[str]]:
-    """The poses, and warnings about suspicious values. Raises DatasetError."""
-    file = TableFile.load(path)
+def load_poses(
+    path: Path, robot: Robot, units: DeclaredUnits = NOT_DECLARED, *, growing: bool = False
+) -> tuple[Poses, list[str]]:
+    """The poses, and warnings about suspicious values; of a `growing` file its whole lines. Raises DatasetError."""
+    file = TableFile.load(path, growing=growing)
     q_columns = found_joint_columns(file, robot, units)
     file.require(["pose", "role", *q_columns])
     if len(file) == 0:

@@ -34,6 +34,7 @@ def until(page: Any, holds: Any) -> None:
     raise AssertionError("it never came true")
 
 
+@pytest.mark.thorough
 def test_the_headline_stands_over_the_view_and_its_stages_show_their_model(page: Any, app: App) -> None:
     bar = page.locator(BAR)
     view = page.locator("canvas").first.bounding_box()

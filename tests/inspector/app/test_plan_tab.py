@@ -30,6 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.thorough
 def test_an_open_set_is_planned_for_in_one_click(app: App, page: Any) -> None:
     found = app.state.session.diagnosis
     assert found is not None

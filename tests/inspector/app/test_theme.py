@@ -74,6 +74,7 @@ def press_d(page: Any) -> None:
     page.keyboard.press("d")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_page_is_as_its_browser_prefers(app: App, chromium: Any, scheme: str) -> None:
     other = "light" if scheme == "dark" else "dark"

@@ -128,6 +128,7 @@ def test_a_zip_becomes_a_dataset_that_is_open_listed_and_found_again(
         assert set(page.props("Dataset")["options"]) == {"hidden", "cell 7"}
 
 
+@pytest.mark.thorough
 def test_files_come_one_by_one_and_faults_go_as_they_are_mended(app: App, given: dict[str, bytes]) -> None:
     broken = given["achsen.csv"].replace(b"3;", b"3;n/a;", 1).replace(b"A6", b"", 1)
     with WireClient(app.server.get_port()) as page:
@@ -189,6 +190,7 @@ def test_what_is_no_data_is_told_to_the_page_that_sent_it(app: App, tmp_path: Pa
     assert not list(tmp_path.rglob("evil*"))
 
 
+@pytest.mark.thorough
 def test_hostile_names_and_values_stay_text_and_change_nothing(app: App, tmp_path: Path) -> None:
     header = f"{EVIL},q1,q2,q3,q4,q5,q6,x,y,z"
     rows = np.random.default_rng(0).uniform(-2, 2, (30, 9))
@@ -220,6 +222,7 @@ def spoilt(given: dict[str, bytes]) -> dict[str, bytes]:
     return given | {"achsen.csv": joints, "tracker.csv": points}
 
 
+@pytest.mark.thorough
 def test_bad_rows_are_left_out_by_a_tick_and_told(app: App, given: dict[str, bytes], tmp_path: Path) -> None:
     tick = "Leave out 1 bad row"
     with WireClient(app.server.get_port()) as page:
@@ -242,6 +245,7 @@ def test_bad_rows_are_left_out_by_a_tick_and_told(app: App, given: dict[str, byt
     assert any("line 5, column A1" in note for note in made.notes)
 
 
+@pytest.mark.thorough
 def test_sigma_and_tool_offset_are_asked_for(app: App, given: dict[str, bytes], tmp_path: Path) -> None:
     with WireClient(app.server.get_port()) as page:
         send(page, "log.zip", packed(given))
@@ -274,6 +278,7 @@ def without(robot_pose: str, app: App) -> str:
     return text
 
 
+@pytest.mark.thorough
 def test_a_dropped_session_opens_on_the_listed_dataset(app: App) -> None:
     text = without("p05", app)
     with WireClient(app.server.get_port()) as page:
@@ -285,6 +290,7 @@ def test_a_dropped_session_opens_on_the_listed_dataset(app: App) -> None:
         assert page.notifications == []
 
 
+@pytest.mark.thorough
 def test_a_session_opens_with_the_dataset_that_it_came_with(app: App, served: Path, tmp_path: Path) -> None:
     text = without("p05", app)
     content = {f"cell/{path.name}": path.read_bytes() for path in served.iterdir() if path.is_file()}

@@ -210,6 +210,7 @@ def test_a_pose_that_is_left_out_counts_for_nothing_and_is_told(
     assert "no pose named 'nix'" in refused(capsys, "calibrate", points_folder, "--leave-out", "nix")
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_diagnose_writes_its_model_and_the_report_fits_as_asked(
     capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
@@ -373,6 +374,7 @@ def test_a_scan_file_that_cannot_be_read_is_a_failed_search_beside_others_and_ba
     assert not out.exists()
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_an_unreadable_scan_costs_its_own_pose_and_no_other(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     cell = write_tiny(tmp_path) / "cell"

@@ -89,6 +89,7 @@ def test_every_command_ends_well_for_few_joints(
         assert len(answered) == 3, codes
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize("declared", sweep([True, False], every_run=[True]))
 def test_every_command_ends_well_for_data_without_noise(

@@ -72,6 +72,7 @@ def test_validate_tells_the_errors_of_the_model_as_it_is(
     assert "not the files" in capsys.readouterr().out
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_correct_gives_the_same_targets_and_needs_no_measurements(folder: Path, model: Path, tmp_path: Path) -> None:
     targets = tmp_path / "targets.csv"

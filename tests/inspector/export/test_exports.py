@@ -314,6 +314,7 @@ def test_a_page_that_leaves_or_sends_no_picture_does_no_harm(app: App, monkeypat
         assert taken(page, "Redundancy (CSV)")
 
 
+@pytest.mark.thorough
 def test_fifty_quick_presses_are_a_few_files(app: App) -> None:
     with WireClient(app.server.get_port()) as page:
         for _ in range(50):
@@ -379,6 +380,7 @@ def test_a_session_of_a_dataset_that_changed_says_so_on_the_page(app: App, folde
         page.wait(lambda p: "has changed since the session was saved" in p.text())
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_a_browser_downloads_its_picture_and_the_report(chromium: Any, app: App, tmp_path: Path) -> None:
     with open_page(chromium, url_of(app.server), 1000, 700, dpr=1) as page:

@@ -152,6 +152,7 @@ def test_the_residual_against_what_the_candidate_makes_of_it(app: App, page: Wir
     assert np.corrcoef(points["x"], points["y"])[0, 1] > 0.9
 
 
+@pytest.mark.thorough
 def test_fifty_quick_clicks_add_it_once(app: App, page: WireClient) -> None:
     for _ in range(50):
         page.click(ADD)
@@ -200,6 +201,7 @@ def test_two_pages_that_press_at_once_end_up_alike(app: App, page: WireClient) -
         assert not other.notifications
 
 
+@pytest.mark.thorough
 def test_a_page_that_vanishes_in_the_middle_harms_no_one(app: App, page: WireClient) -> None:
     other = WireClient(app.server.get_port())
     other.click(FIND)
@@ -214,6 +216,7 @@ def test_a_page_that_vanishes_in_the_middle_harms_no_one(app: App, page: WireCli
     assert not page.notifications
 
 
+@pytest.mark.thorough
 def test_an_effect_that_does_not_help_is_shown_as_such(app: App, page: WireClient) -> None:
     page.click(ADD)
     shows(page, f"+ {HIDDEN}: the test error fell")
@@ -254,6 +257,7 @@ def test_unlisted_effects_are_told_or_ignored(app: App, page: WireClient) -> Non
     assert session(app) is before
 
 
+@pytest.mark.thorough
 def test_what_is_left_is_judged_after_each_change_without_find(app: App, page: WireClient) -> None:
     shows(page, HIDDEN, "What is left")
     page.click(ADD)
@@ -388,6 +392,7 @@ def test_a_pose_chosen_among_the_worst_is_selected_everywhere(app: App, page: Wi
     page.wait(lambda p: ring(p)[1] < pose_errors.error_length_mm.max())
 
 
+@pytest.mark.thorough
 def test_arrows_go_from_measured_to_predicted_and_say_how_far_they_exaggerate(app: App, page: WireClient) -> None:
     result = session(app).calibration
     assert result is not None

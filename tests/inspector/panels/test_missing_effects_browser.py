@@ -37,6 +37,7 @@ def steps_drawn(page: Any, count: int) -> None:
     )  # fmt: skip
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_points_alone_open_on_the_model_with_points_and_arrows(page: Any) -> None:
     first = page.get_by_role("tab", name="Learn", exact=True)
@@ -68,6 +69,7 @@ def test_the_loop_add_fall_undo_redo(page: Any, folder: Path) -> None:
     steps_drawn(page, 4)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_find_what_is_missing_ends_with_the_commands_verdict(page: Any, app: App, folder: Path) -> None:
     told = command("diagnose", folder)

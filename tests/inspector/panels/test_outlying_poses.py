@@ -67,6 +67,7 @@ def test_the_advised_move_and_the_worst_poses_have_the_same_button(
     page.wait(lambda p: buttons(p, label) == 0)
 
 
+@pytest.mark.thorough
 def test_poses_that_a_diagnosis_names_are_left_out_as_one_change(tmp_path: Path) -> None:
     folder, ids = write_outlying(tmp_path / "uneven", 2004, UNNAMED)
     with idle_app(folder) as app, WireClient(app.server.get_port()) as page:

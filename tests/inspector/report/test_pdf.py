@@ -32,6 +32,7 @@ def program(path: Path, script: str) -> Path:
     return path
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_both_files_are_written_and_the_pdf_has_pages_of_a4(tmp_path: Path) -> None:
     need_chromium()

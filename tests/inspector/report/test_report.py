@@ -177,6 +177,7 @@ def test_no_path_of_this_machine_is_told(written: Path, folder: Path) -> None:
     assert folder.name not in page
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_later_pages_have_the_figures_of_the_first(tmp_path: Path) -> None:
     out = tmp_path / "report.html"
@@ -203,6 +204,7 @@ def test_a_word_that_is_too_long_for_a_column_is_broken_and_others_are_not() -> 
     assert drawn.count('class="wide"') == 2  # the heading and the short one
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_model_put_together_by_hand_is_told_as_such(folder: Path) -> None:
     ranked = sessions.with_screening(sessions.with_calibration(measuring.open_session(folder / "hidden")))
@@ -228,6 +230,7 @@ def test_effects_that_are_given_stand_in_the_first_step(folder: Path, tmp_path: 
     assert f"model of link errors + {HIDDEN}" in plain(out.read_text())
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_data_without_test_poses_or_declared_noise_make_a_report_too(folder: Path, tmp_path: Path) -> None:
     dataset = load_dataset(folder / "hidden")

@@ -198,6 +198,7 @@ def test_no_message_makes_the_server_take_or_give_a_file(app: App, folder: Path)
     assert paths == []
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_commands_write_where_they_are_told_and_nowhere_else(folder: Path, tmp_path: Path) -> None:
     data, out = str(folder / "served" / EVIL), tmp_path / "out"

@@ -99,6 +99,7 @@ def test_the_advice_followed_to_its_end_is_the_diagnosis(name: str) -> None:
     assert_same_end(followed(dataset), diagnose(dataset))
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name", sweep(["hidden_effect_a", "hidden_effect_b", "hidden_effect_c"], every_run=["hidden_effect_b"])
@@ -119,6 +120,7 @@ def test_names_added_in_the_order_of_the_search_are_its_model() -> None:
     np.testing.assert_allclose(steps[-1].calibration.fit.x, found.calibration.fit.x, rtol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_wrong_first_choice_is_taken_out_again_on_the_way() -> None:
     dataset = case("two effects")

@@ -77,6 +77,7 @@ def test_taken_in_again_the_fit_is_that_of_before(fitted: Session, without: Sess
     assert labels(back)[-2:] == [f"+ pose {TRAIN}", f"+ pose {TEST}"]
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_what_follows_does_without_the_pose(fitted: Session, without: Session) -> None:
     """Another residual, an effect added, the ranking, redundancy, and the versions side by side."""
@@ -165,6 +166,7 @@ def test_the_session_file_keeps_it(without: Session, folder: Path, tmp_path: Pat
     assert list(map(asked_out, again.steps)) == list(map(asked_out, partly.steps))
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_diagnosis_without_it_comes_back(without: Session, folder: Path, tmp_path: Path) -> None:
     found = sessions.with_diagnosis(without)

@@ -19,6 +19,7 @@ SLIPPED = ROOT / "sample_data" / "hidden_effect_c"
 NOISE_MM = 0.05
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_slip_is_advised_added_and_opened_again(tmp_path: Path) -> None:
     before = sessions.with_screening(sessions.with_calibration(measuring.open_session(SLIPPED)))

@@ -113,6 +113,7 @@ def session(app: App) -> Session:
     return app.state.now.session
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_own_effects_are_ranked_added_and_removed_like_any_other(served: tuple[App, Path]) -> None:
     app, _ = served
@@ -132,6 +133,7 @@ def test_own_effects_are_ranked_added_and_removed_like_any_other(served: tuple[A
         assert not page.notifications
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_changed_file_is_taken_and_a_broken_one_told_in_a_line(served: tuple[App, Path]) -> None:
     app, path = served

@@ -1,0 +1,90 @@
+"""The command `follow`: a dataset folder while it is being measured, judged pose by pose."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from calib.campaign.campaign import Campaign
+from calib.campaign.follower import CampaignFollower, News
+from calib.errors import DatasetError, visible
+from calib.present import to_dict
+from calib.present.campaign import campaign_head, judgement_document, judgement_line, shift_sentence
+from calib.present.text import block_text
+from calib.strict_json import to_json
+from inspector.cli.options import FollowOptions
+from inspector.cli.progress import MIN_SCANS_FOR_PROCESSES, processes
+
+_LOOK_S = 0.2  # between two looks
+
+
+def run_follow(options: FollowOptions) -> int:
+    """Follow a folder until Ctrl-C, or until it is at rest (--once) or good enough (--until-enough)."""
+    if not options.path.is_dir():
+        raise DatasetError(f"{options.path}: no such folder; give the dataset folder that is being filled")
+    scans = _waiting_scans(options.path)
+    with processes(scans if scans >= MIN_SCANS_FOR_PROCESSES else 0) as executor:
+        follower = CampaignFollower(options.path, options.fit_options(), executor)
+        try:
+            for _ in _looks():
+                news = follower.look(time.monotonic())
+                _tell(options, follower.campaign, news)
+                if options.once and follower.is_at_rest:
+                    break
+                if options.until_enough and _is_enough(options, follower.campaign):
+                    break
+        except KeyboardInterrupt:
+            pass
+    campaign = follower.campaign
+    if follower.fault:
+        raise DatasetError(follower.fault)
+    if campaign is None or not campaign.judged:
+        raise DatasetError(f"{options.path}: nothing was measured; points.csv, or the scans, are what is followed")
+    if not options.json:
+        print(visible(block_text(*campaign_head(campaign, options.tolerance_mm))))
+    return 0 if _is_enough(options, campaign) else 1
+
+
+def _waiting_scans(folder: Path) -> int:
+    """Number of files in the folder of the scans, as far as one can tell before dataset.toml is read."""
+    return sum(1 for path in folder.glob("*/*") if path.is_file())
+
+
+def _looks() -> Iterator[None]:
+    """A step for each look at the folder, at once and then from time to time.
+
+    Events of the file system would tell of a change earlier, but a file has to rest before it is read, and network
+    drives, to which scanners write, send none.
+    """
+    while True:
+        yield
+        time.sleep(_LOOK_S)
+
+
+def _is_enough(options: FollowOptions, campaign: Campaign | None) -> bool:
+    if campaign is None:
+        return False
+    if options.tolerance_mm is not None:
+        return campaign.is_within(options.tolerance_mm)
+    return campaign.has_enough
+
+
+def _tell(options: FollowOptions, campaign: Campaign | None, news: News) -> None:
+    """Print what a look brought: a line for each pose, faults of the tables on stderr."""
+    if news.fault and not options.once:
+        print(visible(f"inspector: warning: {news.fault}"), file=sys.stderr, flush=True)
+    if campaign is None:
+        return
+    for judged in news.judged:
+        if options.json:
+            line = to_json(to_dict(judgement_document(campaign, judged, options.tolerance_mm)))
+        else:
+            line = visible(judgement_line(campaign, judged))
+        print(line, file=options.stdout, flush=True)
+    if news.moved and not options.json:
+        print(visible(shift_sentence(campaign.shifts[-1])), flush=True)
+    elif news.judged and not options.json and campaign.outlook is not None and campaign.outlook.next:
+        first = campaign.outlook.next[0].pose
+        print(f"    next: {first}" if first else "", end="\n" if first else "", flush=True)
