@@ -21,6 +21,7 @@ from calib.errors import CalibError
 from calib.identifiability.structural import fewest_poses
 from calib.measurement.measured_points import with_corners
 from calib.options import FitOptions
+from calib.planning.prediction import Prediction
 from calib.planning.start import FromFit
 from calib.presented import Presented
 from calib.workcell.workcell import Workcell
@@ -39,7 +40,7 @@ class Campaign(Presented):
     outlook: Outlook | None = None
     shifts: tuple[Shift, ...] = ()  # of the instrument or the target, which the files do not tell
     drawn: DrawnPoses | None = None
-    history_mm: tuple[tuple[int, float], ...] = ()  # number of good poses and predicted error, after each arrival
+    history: tuple[tuple[int, Prediction], ...] = ()  # number of good poses and the error predicted then
 
     @property
     def good(self) -> tuple[str, ...]:
@@ -130,7 +131,7 @@ def with_arrivals(
             now = replace(now, drawn=drawn_poses(calibration))
         now = replace(now, outlook=outlook_of(calibration, _to_come(placed, now), now.open_poses, now.drawn))
     if now.outlook is not None:
-        now = replace(now, history_mm=(*campaign.history_mm, (len(now.good), now.outlook.now.geometry_mm)))
+        now = replace(now, history=(*campaign.history, (len(now.good), now.outlook.now)))
     before = campaign.judged
     news = tuple(j for i, j in judged.items() if i not in before or before[i].told != j.told)
     return now, news

@@ -15,7 +15,7 @@ from calib.dataset.files.poses_csv import in_unit_of, joint_columns
 from calib.kinematics.robot import Robot
 from calib.planning.prediction import PAYS, STEP
 from calib.present import numbers
-from calib.present.blocks import Block, Paragraph, Presentation, Section, Table, Verdict, pose
+from calib.present.blocks import Block, Coloured, Paragraph, Presentation, Section, Table, Verdict, pose
 from calib.present.colours import BAD, DOUBT, GOOD
 from calib.present.results import document, presentation
 
@@ -28,7 +28,7 @@ def _campaign(campaign: Campaign) -> Presentation:
     return Presentation(
         f"Campaign {campaign.dataset.name}",
         campaign_head(campaign),
-        [Section("The poses, as they arrived", [_table(campaign)], True)] if campaign.judged else [],
+        [Section("The poses, the latest first", [latest_first(campaign)], True)] if campaign.judged else [],
     )
 
 
@@ -46,8 +46,10 @@ def campaign_head(campaign: Campaign, tolerance_mm: float | None = None) -> list
     return [*blocks, *[Paragraph(sentence) for sentence in sentences]]
 
 
-def _table(campaign: Campaign) -> Table:
-    rows = [(pose(j.pose), j.state, _said(campaign, j)) for j in campaign.judged.values()]
+def latest_first(campaign: Campaign) -> Table:
+    """Table of the poses with their states, the latest first."""
+    judged = reversed(list(campaign.judged.values()))
+    rows = [(pose(j.pose), Coloured(j.state, _COLOURS[j.state]), _said(campaign, j)) for j in judged]
     return Table(("pose", "state", "found"), rows, left=(0, 1, 2))
 
 

@@ -19,6 +19,7 @@ from calib.errors import CalibError
 from inspector.app.controllers.dataset_controller import DatasetController
 from inspector.app.controllers.downloads import Downloads
 from inspector.app.controllers.imports import Imports
+from inspector.app.controllers.live_controller import LiveController
 from inspector.app.controllers.model_controller import ModelController
 from inspector.app.controllers.place_controller import PlaceController
 from inspector.app.controllers.plan_controller import PlanController
@@ -82,6 +83,9 @@ class App:
         self.planning = PlanController(self.state, self.stage.scene, panels.plan)
         self.place = PlaceController(self.state, self.stage, panels.review, self._tool_moved)
         self.watching = WatchController(named, self.state, panels.watch)
+        self.live = LiveController(
+            named, self.state, panels.live, lambda: None if self.worker.running("live") else self._look_live()
+        )
         self.worker = Worker(self._failed)
         self._playback = Playback(
             panels.review.timeline, times=self._times, wanted=lambda: self._wanted,
@@ -128,6 +132,7 @@ class App:
         self.side_by_side.close()
         self.planning.close()
         self.watching.close()
+        self.live.close()
         self.server.stop()
 
     def _failed(self, key: Hashable, error: Exception) -> None:
@@ -146,6 +151,17 @@ class App:
         """Open another dataset of the list."""
         if name in self._folders:
             self.worker.submit("open", lambda: self.dataset.open(name))
+
+    def open_again(self) -> None:
+        """Read the dataset on show again from its folder."""
+        self.worker.submit("open", lambda: self.dataset.open(self.state.name, again=True))
+
+    def follow_folder(self, on: bool) -> None:
+        """Follow the folder of the dataset on show while it is filled, or end that."""
+        self.worker.submit("follow folder", lambda: self.live.switch(on))
+
+    def _look_live(self) -> None:
+        self.worker.submit("live", self.live.show)
 
     def _imported(self, folder: Path, saved: Saved | None) -> None:
         """Add a dataset that was just written to the list, and open it, with the session that came with it."""
@@ -170,6 +186,7 @@ class App:
         with self._asking:
             self._wanted = 0  # another dataset starts at its first pose
         self._playback.stop()
+        self.live.opened()
         self.beside()
         self.show_plan()
         self._show_place()

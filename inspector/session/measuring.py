@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from calib.corners.batch import declared_noise
-from calib.dataset.files.folder import load_dataset
+from calib.dataset.files.folder import load_arriving_dataset, load_dataset
 from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import Observations
 from calib.fitting.pose_residuals import require_orientations
@@ -19,8 +19,16 @@ from inspector.session.session import Session, untested
 
 
 def open_session(folder: Path) -> Session:
-    """New session on a dataset folder. Raises DatasetError."""
-    return Session(load_dataset(folder))
+    """New session on a dataset folder, which may still be being filled. Raises DatasetError.
+
+    What a complete dataset would have and this one has not (yet) is a warning in it.
+    """
+    try:
+        return Session(load_dataset(folder))
+    except DatasetError as error:
+        tables = [path.name for path in folder.glob("*.csv")]
+        arrived = load_arriving_dataset(folder, tables).dataset  # raises for any other fault
+        return Session(replace(arrived, warnings=(*arrived.warnings, f"still being measured? {error}")))
 
 
 def with_search(session: Session, pose: int) -> Session:

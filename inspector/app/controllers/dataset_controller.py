@@ -46,13 +46,13 @@ class DatasetController:
 
     # ---- datasets ---------------------------------------------------------------------------------------------------
 
-    def open(self, name: str) -> LongWork:
-        """Show a dataset at once, then search its scans and fit the arm."""
+    def open(self, name: str, *, again: bool = False) -> LongWork:
+        """Show a dataset at once, then search its scans and fit the arm; `again`: as its files are now."""
         state, review = self._state, self._panels.review
         review.show_problem("")
         self._panels.headline.opening(name)
         try:
-            session = state.known(name) or measuring.open_session(self._folders[name])
+            session = (None if again else state.known(name)) or measuring.open_session(self._folders[name])
         except CalibError:
             if state.view is None:
                 review.show_nothing()
@@ -62,7 +62,7 @@ class DatasetController:
             raise
         self._search_s = 0.0
         self._scans.open(session.dataset)
-        self._first = state.known(name) is None
+        self._first = again or state.known(name) is None
         state.open(name, session)
         for panel in (self._panels.fit, self._panels.redundancy, self._panels.missing_effects):
             panel.open(name, state.now)

@@ -17,6 +17,7 @@ from inspector.panels.learn.missing_effects import MissingEffectsPanel
 from inspector.panels.learn.plan import PlanPanel
 from inspector.panels.learn.residuals import ResidualsPanel
 from inspector.panels.measure.corner import CornerPanel
+from inspector.panels.measure.live import LivePanel
 from inspector.panels.measure.planes import PlanesPanel
 from inspector.panels.measure.scans import ScansPanel
 from inspector.panels.model.compare import ComparePanel
@@ -54,6 +55,7 @@ class Panels:
     scans: Annotated[ScansPanel, Tab("Measure", "Scans", view="Scan")]
     planes: Annotated[PlanesPanel, Tab("Measure", "Planes", view="Planes")]
     corner: Annotated[CornerPanel, Tab("Measure", "Corner", view="Corner")]
+    live: Annotated[LivePanel, Tab("Measure", "Live")]
     compare: Annotated[ComparePanel, Tab("Model", "Compare", view="Arm")]
     fit: Annotated[FitPanel, Tab("Model", "Fit", view="Arm")]
     redundancy: Annotated[RedundancyPanel, Tab("Model", "Redundancy")]
