@@ -13,12 +13,14 @@ from __future__ import annotations
 import argparse
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from promise import half
 from scipy.stats import chi2, ncx2
 from simulated import unit, ur10e
 
@@ -27,7 +29,9 @@ from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.robot_toml import builtin_robot
+from calib.diagnosis.diagnose import diagnose
 from calib.fitting.observations import conditions_at
 from calib.kinematics.joint_range import random_poses
 from calib.monitoring.watch import ChangeReport, watch
@@ -224,6 +228,30 @@ def run(
     return [alarms, total, blamed, total_moved]
 
 
+def recorded(folders: Sequence[Path], diagnosed: bool, draws: int) -> None:
+    """Print the alarms of unchanged cells: two splits of each recording into a calibration and checks of 8 poses."""
+    counts = np.zeros(2, dtype=int)
+    for folder in folders:
+        dataset, alarms, total = load_dataset(folder), 0, 0
+        setup = np.array(list(map(str, dataset.poses.setup)))
+        for seed in range(2):
+            rng = np.random.default_rng(seed)
+            order = rng.permutation(len(setup))
+            first, rest = np.sort(order[: 2 * len(order) // 3]), np.sort(order[2 * len(order) // 3 :])
+            part = half(dataset, first, dataset.name)
+            base = diagnose(part).calibration if diagnosed else calibrate(part)
+            for _ in range(draws):
+                pool = rest[setup[rest] == rng.choice(np.unique(setup[rest]))]
+                if len(pool) < 4:
+                    continue
+                rows = np.sort(rng.choice(pool, min(CHECK_POSES, len(pool)), replace=False))
+                seen = watch(base, half(dataset, rows, "check"))
+                alarms, total = alarms + (seen.verdict != "unchanged"), total + 1
+        print(f"{dataset.name}: {alarms} alarms of {total} unchanged cells", flush=True)
+        counts += alarms, total
+    print(f"all: {counts[0]} alarms of {counts[1]} unchanged cells")
+
+
 def main() -> None:
     """Print the rates of each robot."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -235,7 +263,12 @@ def main() -> None:
     parser.add_argument("--planned", action="store_true", help="check poses as `plan --for watch` chooses them")
     parser.add_argument("--shots", type=int, default=1, help="measurements of each check pose")
     parser.add_argument("--tell", action="store_true", help="print each wrong alarm")
+    parser.add_argument("--recordings", type=Path, nargs="+", metavar="FOLDER", help="real recordings, split, instead")
+    parser.add_argument("--diagnosed", action="store_true", help="these by the last model of a diagnosis")
     args = parser.parse_args()
+    if args.recordings:
+        recorded(args.recordings, args.diagnosed, draws=20)
+        return
     counts = np.zeros(4, dtype=int)
     choose = planned_checks if args.planned else random_checks
     for name in args.robot or ROBOTS:

@@ -71,14 +71,15 @@ class Discrepancy(Brief):
 
             nearest = cKDTree(self.trained / self.scale).query(q / self.scale)[0]
             return np.asarray(nearest / np.sqrt(self.trained.shape[1]))
-        return np.array([_distances(joints, self.trained, self.scale).min() for joints in q])
+        return np.array([distances(joints, self.trained, self.scale).min() for joints in q])
 
     def variance_mm2(self, q: Array) -> Array:
         """Variance (N,) per coordinate at joint vectors (N, n)."""
         return np.asarray(self.constant_mm2 + self.growth_mm2 * self.distance(q))
 
 
-def _distances(q: Array, others: Array, scale: Array) -> Array:
+def distances(q: Array, others: Array, scale: Array) -> Array:
+    """Distance (N,) of a joint vector (n,) from others (N, n): RMS over the joints, each over its scale."""
     return np.asarray(np.sqrt(np.mean(((others - q) / scale) ** 2, axis=-1)))
 
 
@@ -239,21 +240,31 @@ class _LeftOut:
     weight: Array  # (K,) one over the poses left out together, which tell of one place
 
 
-@lru_cache(maxsize=4)
 def learned_discrepancy(calibration: Calibration) -> Discrepancy:
     """Discrepancy by the training poses left out with 0, 1, 3 ... 31 of their nearest neighbours in joint space.
 
     a and b maximise the likelihood of the left-out errors, each group counting once. Without a degree of freedom left
     both are zero.
     """
+    return learned_with_gain(calibration)[0]
+
+
+@lru_cache(maxsize=4)
+def learned_with_gain(calibration: Calibration) -> tuple[Discrepancy, float]:
+    """Discrepancy of `learned_discrepancy`, and by how much it raises the log likelihood over none.
+
+    The sizes of groups tell of the same errors: the gain is a mean over them.
+    """
     dataset, fit = calibration.fitted_dataset, calibration.fit
     observed = replace(Observations.of(dataset), scanner_T_base=calibration.after.scanner_T_base)
     used = np.unique(observed.points.pose)
     none = _joint_space(dataset.poses.q[used])
     if not np.isfinite(fit.reduced_chi) or not fit.reduced_chi > 0.0 or len(used) < 4:
-        return none
-    constant, growth = _most_likely(_left_out(calibration, observed, none))
-    return replace(none, constant_mm2=constant, growth_mm2=growth)
+        return none, 0.0
+    left = _left_out(calibration, observed, none)
+    constant, growth, fall = _most_likely(left)
+    gain = 1.5 * fall * len(used) / float(left.weight.sum())
+    return replace(none, constant_mm2=constant, growth_mm2=growth), gain
 
 
 def _left_out(calibration: Calibration, observed: Observations, known: Discrepancy) -> _LeftOut:
@@ -267,7 +278,7 @@ def _left_out(calibration: Calibration, observed: Observations, known: Discrepan
     counts = [count for count in _GROUPS if count == 1 or count <= (1.0 - _LEAST_LEFT) * len(poses)]
     squared, expected, distance = np.empty((3, len(tried), len(counts)))
     for k, pose in enumerate(tried):
-        away = _distances(known.trained[pose], known.trained, known.scale)
+        away = distances(known.trained[pose], known.trained, known.scale)
         away[pose] = -1.0  # before any other at the same joints
         nearest = np.argpartition(away, counts[-1])[: counts[-1] + 1]
         order = nearest[np.argsort(away[nearest], kind="stable")]
@@ -349,17 +360,22 @@ def _joint_space(trained: Array) -> Discrepancy:
     return Discrepancy(0.0, 0.0, trained, np.maximum(trained.max(axis=0) - trained.min(axis=0), 1e-3))
 
 
-def _most_likely(left: _LeftOut) -> tuple[float, float]:
-    """a and b, mm^2, at least zero, most likely by left-out errors of variance expected + a + b r."""
+def _most_likely(left: _LeftOut) -> tuple[float, float, float]:
+    """a and b, mm^2, at least zero, most likely by left-out errors of variance expected + a + b r.
+
+    Third, by how much the weighted surprise (twice the negative log likelihood per coordinate) falls below that of
+    zero a and b.
+    """
     unit = float(np.median(left.expected_mm2))
     farthest = float(left.distance.max())
     if not unit > 0.0 or not farthest > 0.0:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     share = left.distance / farthest
-    best = (np.inf, 0.0, 0.0)
+    best, none = (np.inf, 0.0, 0.0), 0.0
     for constant in _GRID * unit:
         variance = left.expected_mm2 + constant + np.outer(_GRID * unit, share)
         surprise = (np.log(variance) + left.squared_mm2 / variance) @ left.weight
         i = int(np.argmin(surprise))
+        none = float(surprise[0]) if constant == 0.0 else none
         best = min(best, (float(surprise[i]), float(constant), float(_GRID[i] * unit / farthest)))
-    return best[1], best[2]
+    return best[1], best[2], none - best[0]

@@ -308,6 +308,12 @@ def is_declared(dataset: Dataset) -> bool:
     return dataset.scanner.point_sigma_mm is not None or (points is not None and points.covariance_mm2 is not None)
 
 
+def times_declared_noise(calibration: Calibration) -> float | None:
+    """Residual of a fit over the noise that dataset.toml declares; None where it declares none."""
+    ratio = calibration.fit.reduced_chi
+    return float(ratio) if is_declared(calibration.dataset) and np.isfinite(ratio) else None
+
+
 def declared_sigma_mm(dataset: Dataset) -> float:
     """Declared sigma per coordinate, mm, RMS over the measured points."""
     covariance = Observations.of(dataset).covariance_mm2

@@ -11,6 +11,7 @@ from calib.diagnosis.budget import ErrorBudget, error_budget
 from calib.diagnosis.contradictions import Contradiction, contradictions
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.diagnosis.headline import HeldOutError, held_out_beyond_noise
+from calib.diagnosis.probabilities import CauseProbabilities, cause_probabilities
 from calib.diagnosis.verdict import Conclusion, Findings, conclude
 from calib.effects.catalogue import CATALOGUE, catalogue_names
 from calib.intervention.proof import Intervention, Proof, follows, interventions_of
@@ -66,6 +67,11 @@ class Diagnosis(Presented, Findings, FittedResult):
     def budget(self) -> ErrorBudget | None:
         """Squared error of the arm as delivered, divided between its causes; None where there is no such error."""
         return error_budget([step.calibration for step in self.steps])
+
+    @cached_property
+    def probabilities(self) -> CauseProbabilities:
+        """Probability of each set of causes that remains, "something outside the catalogue" among them."""
+        return cause_probabilities(self)
 
     @cached_property
     def interventions(self) -> tuple[Intervention, ...]:

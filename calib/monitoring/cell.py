@@ -15,7 +15,7 @@ from calib.distributions import chi2_sf
 from calib.errors import FitError
 from calib.fitting.observations import Observations, linearise_points, with_nominal_scanner_frames
 from calib.fitting.scanner_frame import fit_scanner_frame, frame_motion, whitener
-from calib.monitoring.change_models import BASE, SCANNER, ChangeModel, change_models_of_arm
+from calib.monitoring.change_models import BASE, LARGEST_BY_UNIT, SCANNER, ChangeModel, change_models_of_arm
 from calib.monitoring.change_tests import (
     ALARM,
     ALONE,
@@ -26,9 +26,12 @@ from calib.monitoring.change_tests import (
     most_likely,
 )
 from calib.monitoring.check_errors import CheckErrors
+from calib.monitoring.misfit import Misfit
 from calib.monitoring.prediction_spread import Spread
 
 _FEWEST = 3  # check poses
+_HIDDEN = 10.0  # times the RMSE, by which a change has to move the points to be refused where it is large
+_FEWEST_DOF = 8.0  # of the noise, whatever its errors are like
 _CHANCE = 1e-4  # probability of residuals as small as the fit's, below which the noise is less than declared
 _FINEST = 1e-9  # least noise as a share of the largest coordinate: exact data leave nothing but rounding
 
@@ -67,9 +70,15 @@ class CellTests:
         anew = fit_scanner_frame(at_mm, measured_mm, observed.covariance_mm2)
         before = base.after.scanner_T_base[str(setups[0])] if known else anew
         noise, dof, scale = _noise(base)
+        misfit = Misfit.of(base)
+        # Errors that are alike, or few of them large, tell less of their size.
+        dof = max(dof / (misfit.tails * misfit.inflation), min(dof, _FEWEST_DOF))
         noise = max(noise, _finest(measured_mm, observed.covariance_mm2))
         prior = JointKnowledge.of(base, str(setups[0]) if known else None)
-        prior = replace(prior, covariance=scale**2 * prior.covariance)
+        prior = replace(prior, covariance=scale**2 * misfit.inflation * prior.covariance)
+
+        used, row = observed.used_poses
+        missed = np.kron(misfit.root_mm(used.q), np.eye(3)).reshape(len(used), 3, -1)[row]  # (M, 3, L) base frame
 
         def linearised(scanner_T_base: Array) -> tuple[Array, Array, Array]:
             """Whitened residual (3 M,), and its derivatives by x (3 M, P) and by the frame's motion (3 M, 6)."""
@@ -79,14 +88,22 @@ class CellTests:
             motion = (whiten @ frame_motion(predicted_mm, prior.centre_mm)).reshape(len(residual), 6)
             return residual, columns, motion
 
+        def with_missed(columns: Array, covariance: Array, scanner_T_base: Array) -> tuple[Array, Array]:
+            """Derivatives and covariance of the unknowns with those of what the model misses at the new poses."""
+            alike = (whiten @ scanner_T_base[:3, :3] @ missed).reshape(len(columns), -1)
+            whole = np.eye(len(covariance) + alike.shape[1])
+            whole[: len(covariance), : len(covariance)] = covariance
+            return np.concatenate([columns, alike], axis=1), whole
+
         residual, columns, motion = linearised(before)
-        spread_fixed = Spread.of(np.concatenate([columns, motion], axis=1), prior.covariance, noise)
-        fixed = ChangeTests.of(residual, spread_fixed, whiten @ before[:3, :3], dof)
+        both = np.concatenate([columns, motion], axis=1)
+        spread_fixed = Spread.of(*with_missed(both, prior.covariance, before), noise)
+        fixed = ChangeTests.of(residual, spread_fixed, whiten @ before[:3, :3], dof, misfit.tails)
 
         residual, columns, motion = linearised(anew)
         n = columns.shape[1]
-        spread_free = Spread.of(columns, prior.covariance[:n, :n], noise, blind=motion)
-        free = ChangeTests.of(residual, spread_free, whiten @ anew[:3, :3], dof)
+        spread_free = Spread.of(*with_missed(columns, prior.covariance[:n, :n], anew), noise, blind=motion)
+        free = ChangeTests.of(residual, spread_free, whiten @ anew[:3, :3], dof, misfit.tails)
 
         points, predicted_mm = observed.points, frames.apply(before, at_mm)
         colour = np.asarray(np.linalg.inv(whiten), dtype=float)
@@ -149,6 +166,15 @@ class CellTests:
             as_well=(*self.confounded_with_scanner, *others),
         )
 
+    def no_part_makes(self, change: Change, model: ChangeModel) -> bool:
+        """Whether a change is beyond what a part can do, though the points are hardly off.
+
+        A tool 369 mm away at points 0.1 mm off takes a scanner that moved along to hide it.
+        """
+        if abs(change.size) <= LARGEST_BY_UNIT[change.unit]:
+            return False
+        return model.moves_mm(np.array(change.vector or (change.size,))) > _HIDDEN * self.errors.rmse_mm
+
     def size_given(self, model: ChangeModel, arm: list[ChangeModel], *, scanner_moved: bool) -> Change:
         """Size and sigma of one change, given changes of the arm; infinite sigma where no pose shows it."""
         tests = self.free if scanner_moved or not self.scanner_known else self.fixed
@@ -164,14 +190,19 @@ class CellTests:
 
     def change_with_scanner_fixed(self) -> list[Change]:
         """Most likely change where arm and scanner cannot be separated; [] where noise explains it."""
-        tests = self.fixed.tests(self.models_with_scanner)
-        best = most_likely(tests)
-        if best is None or self.fixed.noise_explains([], best.model):
-            return []
-        if best.model.what == SCANNER:
-            moved = self.scanner_moved([])
-            return [] if moved is None else [moved]
-        change = self.fixed.estimate(best.model, [best.model])
+        models = self.models_with_scanner
+        while True:
+            tests = self.fixed.tests(models)
+            best = most_likely(tests)
+            if best is None or self.fixed.noise_explains([], best.model):
+                return []
+            if best.model.what == SCANNER:
+                moved = self.scanner_moved([])
+                return [] if moved is None else [moved]
+            change = self.fixed.estimate(best.model, [best.model])
+            if not self.no_part_makes(change, best.model):
+                break
+            models = tuple(model for model in models if model is not best.model)
         others = dict.fromkeys((*confounded_with(tests, best), SCANNER))
         return [replace(change, p_value=self.fixed.family_wise_p_value(tests), as_well=tuple(others))]
 

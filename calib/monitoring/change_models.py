@@ -19,6 +19,10 @@ JIG = "jig"  # fixed in the world where the arm carries the scanner; takes the t
 LENGTH, ANGLE, COMPLIANCE, NOISE = "length", "angle", "compliance", "noise"
 
 
+LARGEST_BY_UNIT = {"mm": 50.0, "rad": np.radians(10.0), "rad/Nm": 1e-3, "mm/N": 1.0}
+"""Size of a change, by its unit, from which the points have to move as it says: no part changes so much unseen."""
+
+
 @dataclass(frozen=True)
 class ChangeModel:
     """Linear model of one possible change of a cell: the motion of the measured points by K numbers."""
@@ -33,6 +37,10 @@ class ChangeModel:
     def count(self) -> int:
         """Number K of the model's parameters."""
         return int(self.columns.shape[-1])
+
+    def moves_mm(self, vector: Array) -> float:
+        """RMS motion of the points by a change (K,), mm, the scanner at rest."""
+        return float(np.sqrt(np.mean(np.sum((self.columns @ vector) ** 2, axis=1))))
 
     @property
     def key(self) -> tuple[str, int | None, str]:

@@ -105,11 +105,12 @@ class ChangeTests:
     spread: Spread
     blocks: Array  # (M, 3, 3) from movements in the base frame, mm, to the residuals before they are whitened
     noise_dof: float  # degrees of freedom of the noise, from the earlier fit
+    tails: float = 1.0  # variance of squared errors over that of normal ones
 
     @classmethod
-    def of(cls, residual: Array, spread: Spread, blocks: Array, noise_dof: float) -> ChangeTests:
+    def of(cls, residual: Array, spread: Spread, blocks: Array, noise_dof: float, tails: float = 1.0) -> ChangeTests:
         """Tests for residuals (3 M,) whose covariance is `spread`."""
-        return cls(spread.whiten(residual), spread, blocks, noise_dof)
+        return cls(spread.whiten(residual), spread, blocks, noise_dof, tails)
 
     def rows(self, model: ChangeModel) -> Array:
         """Derivatives (3 M, K) of the whitened residuals by a change's parameters."""
@@ -163,7 +164,7 @@ class ChangeTests:
     def p_rest(self, given: list[ChangeModel]) -> float:
         """p-value of the residual left after fitting the given changes, under the expected noise."""
         dof = self.dof(given)
-        return f_sf(self.noise_ratio(given) ** 2, dof, self.noise_dof) if dof >= 1.0 else 1.0
+        return f_sf(self.noise_ratio(given) ** 2, dof / self.tails, self.noise_dof) if dof >= 1.0 else 1.0
 
     @property
     def p_noise(self) -> float:

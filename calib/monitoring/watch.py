@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.calibration.calibrate import as_calibration
-from calib.calibration.result import FittedResult
+from calib.calibration.result import FittedResult, times_declared_noise
 from calib.consistency.data_problem import DataProblem
 from calib.dataset.dataset import Dataset
 from calib.errors import FitError
@@ -57,6 +57,7 @@ class ChangeReport(Presented):
     data_problem: DataProblem | None = None  # what is wrong with the sheet, then the only change
     outside: tuple[str, ...] = ()  # check poses with joints outside the ranges of the training poses
     outside_words: str = ""
+    times_noise: float | None = None  # residual of the earlier fit over the declared noise; None where none is declared
 
     @property
     def rmse_mm(self) -> float:
@@ -120,6 +121,7 @@ def watch(
         data_problem=problem,
         outside=tuple(new.poses.ids[i] for i in np.flatnonzero(trained.outside(new.robot, new.poses.q))),
         outside_words=trained.words(new.robot, new.poses.q, new.poses.ids),
+        times_noise=times_declared_noise(base),
     )
 
 
@@ -156,14 +158,18 @@ def _changes(tests: CellTests, *, alarmed: bool) -> tuple[Change, ...]:
 
 def _of_arm_and_scanner(tests: CellTests) -> list[Change]:
     """Significant changes of the arm, added one by one, and the scanner's motion given these changes."""
+    models = tests.models
     arm: list[ChangeModel] = []
     p_values: list[float] = []
     confounded: list[tuple[str, ...]] = []
     while len(arm) < MAX_ARM_CHANGES:
-        of_each = tests.free.tests(tests.models, given=arm)
+        of_each = tests.free.tests(models, given=arm)
         best = most_likely(of_each)
         if best is None:
             break
+        if tests.no_part_makes(tests.free.estimate(best.model, [*arm, best.model]), best.model):
+            models = tuple(model for model in models if model is not best.model)
+            continue
         p_value = tests.free.family_wise_p_value(of_each)
         limit = NAMED if not arm and tests.explains_alone(best.model) else NAMED_GIVEN_OTHERS
         if not tests.scanner_known and not arm:

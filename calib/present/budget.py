@@ -9,7 +9,6 @@ from calib.present import colours, numbers
 from calib.present.blocks import Part, Shares
 from calib.present.effects import title
 
-_SMALLEST = 0.005  # share that rounds to 1 %
 UNEXPLAINED = "unexplained"
 
 
@@ -43,7 +42,9 @@ def budget_parts(budget: ErrorBudget) -> list[Part]:
             continue
         fixed = {LINKS: colours.LINKS, NOISE: colours.NOISE, UNKNOWN: colours.UNEXPLAINED}
         colour = fixed.get(one.cause.partition(TOGETHER)[0]) or next(effect_colours)
-        parts.append(Part(_name(one.cause, budget), _share(one.share), one.share, colour, numbers.length(one.mm)))
+        parts.append(
+            Part(_name(one.cause, budget), numbers.bounded_share(one.share), one.share, colour, numbers.length(one.mm))
+        )
     return parts
 
 
@@ -51,19 +52,19 @@ def _curves_part(curves: list[BudgetShare]) -> Part:
     share = sum(one.share for one in curves)
     joints = [one.cause.removeprefix(CURVES) for one in curves]
     name = f"learned curves (joint{'s' if len(joints) > 1 else ''} {numbers.listing(joints)})"
-    return Part(name, _share(share), share, colours.CURVES, numbers.length(sum(one.mm**2 for one in curves) ** 0.5))
+    return Part(
+        name,
+        numbers.bounded_share(share),
+        share,
+        colours.CURVES,
+        numbers.length(sum(one.mm**2 for one in curves) ** 0.5),
+    )
 
 
 def _name(cause: str, budget: ErrorBudget) -> str:
     if cause == UNKNOWN:
         return UNEXPLAINED if budget.noise_is_known else f"{UNEXPLAINED} or noise"
     return numbers.listing(["links" if one == LINKS else title(one) for one in cause.split(TOGETHER)])
-
-
-def _share(share: float) -> str:
-    if share < _SMALLEST:
-        return "<1 %"
-    return ">99 %" if 1.0 - _SMALLEST <= share < 1.0 - 1e-9 else numbers.share(share)
 
 
 def _heading(budget: ErrorBudget) -> str:

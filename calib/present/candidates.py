@@ -12,6 +12,7 @@ import numpy as np
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import is_convincing
 from calib.diagnosis.effect_selection import SelectedEffect
+from calib.diagnosis.probabilities import CauseProbabilities
 from calib.effects.effect import (
     Description,
     Effect,
@@ -77,6 +78,7 @@ _COLUMNS: Mapping[str, _Column] = MappingProxyType(
         "could also be made by": _Column(lambda c, _: alike(c) or numbers.MISSING, is_words=True),
     }
 )
+PROBABILITY = "likely"
 BRIEF_RANKING = ("log evidence", "p (Holm)", "explains, %")
 FULL_RANKING = (*BRIEF_RANKING, "held-out error, mm", "could also be made by")
 PANEL_RANKING = ("evidence", "held-out error")  # as narrow as a panel
@@ -88,6 +90,7 @@ def ranking(
     *,
     most: int | None = None,
     mark: Collection[str] = (),
+    likely: CauseProbabilities | None = None,
 ) -> Table | Paragraph:
     """Table of the evidence of each candidate effect, the best first; a sentence where there are no candidates.
 
@@ -95,10 +98,11 @@ def ranking(
         columns: beside the effect's name, of `_COLUMNS`.
         most: candidates at most; None: all of them.
         mark: names of effects of which the first row is emphasised.
+        likely: probabilities of the causes by a diagnosis, for a column of their own.
     """
     candidates = screening.candidates[:most]
     names = {c.name: c.name for c in candidates}
-    return _ranking(screening, candidates, names, columns, mark) if candidates else Paragraph(_NONE_RANKED)
+    return _ranking(screening, candidates, names, columns, mark, likely) if candidates else Paragraph(_NONE_RANKED)
 
 
 def ranking_to_choose_from(
@@ -107,6 +111,7 @@ def ranking_to_choose_from(
     passed_over: Collection[str] = (),
     chosen: Collection[str] = (),
     own: Collection[str] = (),
+    likely: CauseProbabilities | None = None,
 ) -> list[Block]:
     """Ranking whose rows choose an effect: names with their keys, evidence as bars, convincing effects ticked.
 
@@ -116,6 +121,7 @@ def ranking_to_choose_from(
         passed_over: names of effects of single places for which learned curves have clearly more evidence.
         chosen: names of effects of which the first row is emphasised.
         own: names of effects from the user's file, marked as such.
+        likely: probabilities of the causes by a diagnosis, for a column of their own.
     """
     candidates = [c for c in screening.candidates if c.members]
     if not candidates:
@@ -127,7 +133,7 @@ def ranking_to_choose_from(
     names = {c.name: _named(c, own) for c in candidates}
 
     def table(of: Sequence[Candidate]) -> Block:
-        return _ranking(screening, of, names, PANEL_RANKING, chosen)
+        return _ranking(screening, of, names, PANEL_RANKING, chosen, likely)
 
     blocks: list[Block] = [table(first) if first else Paragraph("No effect has evidence that counts.")]
     if over:
@@ -145,11 +151,17 @@ def _ranking(
     names: Mapping[str, Words],
     columns: Sequence[str],
     mark: Collection[str],
+    likely: CauseProbabilities | None,
 ) -> Table:
+    def row(candidate: Candidate) -> tuple[Words, ...]:
+        share = () if likely is None else (numbers.bounded_share(likely.of(candidate.name)),)
+        return (names[candidate.name], *share, *(_COLUMNS[name].cell(candidate, screening) for name in columns))
+
+    more = () if likely is None else (PROBABILITY,)
     return Table(
-        ("effect", *columns),
-        [(names[c.name], *(_COLUMNS[name].cell(c, screening) for name in columns)) for c in candidates],
-        left=(0, *(k for k, name in enumerate(columns, 1) if _COLUMNS[name].is_words)),
+        ("effect", *more, *columns),
+        [row(candidate) for candidate in candidates],
+        left=(0, *(k for k, name in enumerate(columns, 1 + len(more)) if _COLUMNS[name].is_words)),
         mark=next((k for k, c in enumerate(candidates) if c.name in mark), None),
         rows_select=[effect(c.name) for c in candidates],
     )

@@ -19,6 +19,7 @@ from calib.present.colours import DOUBT, GOOD, VERDICT_COLOURS
 from calib.present.results import document, presentation
 from calib.validation.comparison import ALPHA, Comparison, ParameterChange, ParameterDifference
 
+_MANY = 2.0  # times the declared noise, from which a fit is said to leave much
 APART = 2.0  # sigmas from which a parameter is listed as different
 
 # ---- two calibrations -----------------------------------------------------------------------------------------------
@@ -41,7 +42,19 @@ def comparison_head(compared: Comparison) -> list[Block]:
         if effects
     ]
     head: list[Block] = [Verdict(comparison_verdict(compared), DOUBT if compared.differs else GOOD)]
-    return [*head, *map(Paragraph, only)]
+    left = map(misfit_sentence, compared.names, compared.times_noise)
+    return [*head, *(Paragraph(sentence) for sentence in (*only, *left) if sentence)]
+
+
+def misfit_sentence(name: str, times_noise: float | None) -> str:
+    """Sentence on a fit that leaves many times the declared noise, in which small changes hide; "" for any other."""
+    if times_noise is None or times_noise < _MANY:
+        return ""
+    return (
+        f"The fit of {name} leaves {numbers.times(times_noise)} the declared noise: what it misses counts as "
+        "uncertainty here, and small changes hide in it. What `diagnose` finds can be taken into the fit by --effect "
+        "and --add."
+    )
 
 
 def comparison_verdict(compared: Comparison) -> str:
@@ -122,6 +135,7 @@ def _comparison_document(compared: Comparison) -> dict[str, Any]:
         "changes": compared.changes,
         "parameters": compared.parameters,
         "only_in": compared.only_in,
+        "times_noise": compared.times_noise,
         "tool_point": {"rms_mm": compared.rms_mm, "max_mm": compared.largest_mm, "pose": compared.largest_pose},
         "errors": [{"before": before, "after": after} for before, after in compared.errors],
         "explanation": comparison_verdict(compared),
@@ -154,7 +168,9 @@ def _change_report(report: ChangeReport) -> Presentation:
 
 def change_verdict(reports: Sequence[ChangeReport]) -> list[Block]:
     """Blocks with the verdict on the last of several measurements of a cell."""
-    return [Verdict(change_headline(reports[-1]), VERDICT_COLOURS[reports[-1].verdict])]
+    left = misfit_sentence("the earlier recording", reports[-1].times_noise)
+    verdict = Verdict(change_headline(reports[-1]), VERDICT_COLOURS[reports[-1].verdict])
+    return [verdict, *([Paragraph(left)] if left else [])]
 
 
 def change_headline(report: ChangeReport) -> str:
@@ -315,6 +331,7 @@ def series(reports: Sequence[ChangeReport]) -> pd.DataFrame:
             "likely_mm": report.errors.likely_mm,
             "limit_mm": report.errors.limit_mm,
             "p_unchanged": report.p_unchanged,
+            "times_noise": report.times_noise,
             "changes": "; ".join(change_phrases(report)),
         }
         for usual in report.usual:

@@ -56,6 +56,7 @@ from calib.present.error_headline import error_headline
 from calib.present.interventions import intervention_sections, intervention_sentences, proven_document
 from calib.present.names import input_name
 from calib.present.noise import noise_document, noise_sentences
+from calib.present.probabilities import probability_document, probability_sentence
 from calib.present.promise import coverage_sentence, promise_document
 from calib.present.redundancy import redundancy_section
 from calib.present.residuals import residual_blocks, residuals_of
@@ -168,7 +169,10 @@ def steps(diagnosis: Diagnosis) -> Table:
 
 def ranked_effects(diagnosis: Diagnosis) -> list[Block]:
     """Blocks on the evidence of each candidate effect at the first decision, and on untestable effects."""
-    return [ranking(diagnosis.screenings[0], most=RANKED), *untestable_blocks(diagnosis.untestable)]
+    return [
+        ranking(diagnosis.screenings[0], most=RANKED, likely=diagnosis.probabilities),
+        *untestable_blocks(diagnosis.untestable),
+    ]
 
 
 def explanation(diagnosis: Diagnosis, poses: NextPoses | None) -> str:
@@ -202,6 +206,8 @@ def reasons(diagnosis: Diagnosis, poses: NextPoses | None) -> list[Paragraph]:
         words.append(noise_sentences(diagnosis))
     if diagnosis.learned is not None:
         words.append(_learned(diagnosis.learned))
+    if diagnosis.data_problem is None:
+        words.append(probability_sentence(diagnosis.probabilities))
     return [Paragraph(sentence) for sentence in words]
 
 
@@ -497,7 +503,8 @@ def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[st
         "steps": diagnosis.steps,
         **budget_document(diagnosis.budget),
         **proven_document(diagnosis),
-        "candidates": diagnosis.candidates,
+        **probability_document(diagnosis.probabilities),
+        "candidates": [to_dict(c) | {"probability": diagnosis.probabilities.of(c.name)} for c in diagnosis.candidates],
         "untestable": [{"effect": u.name, "why": u.why, "would_help": u.would_help} for u in diagnosis.untestable],
         "leftover": {
             "lack_of_fit_p": tests.lack_of_fit_p,

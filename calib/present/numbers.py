@@ -16,6 +16,7 @@ MISSING = "–"
 MINUS = "\N{MINUS SIGN}"
 _MICRO_BELOW_MM = 0.0995  # what is nearer to a tenth of a millimetre is written as that
 _NOTHING_MM = 1e-6  # a nanometre: less is rounding
+_SMALLEST_SHARE = 0.005  # that rounds to 1 %
 _UNSEEN = 1e6  # a sigma from which a size says nothing, in its unit
 
 
@@ -107,6 +108,13 @@ def _unit(unit: str) -> str:
 def share(fraction: float) -> str:
     """Text of a share in percent: "12 %"."""
     return f"{100 * fraction:.0f} %"
+
+
+def bounded_share(fraction: float) -> str:
+    """A share in percent that is 0 % or 100 % only where it is exactly so: "<1 %", "42 %", ">99 %"."""
+    if 0.0 < fraction < _SMALLEST_SHARE:
+        return "<1 %"
+    return ">99 %" if 1.0 - _SMALLEST_SHARE <= fraction < 1.0 - 1e-9 else share(fraction)
 
 
 def reduction(before: float, after: float) -> str:

@@ -24,7 +24,7 @@ from calib.array_types import Array
 from calib.calibration.calibrate import as_calibration
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.promise import misfit_inflation
-from calib.calibration.result import Calibration, FittedResult
+from calib.calibration.result import Calibration, FittedResult, times_declared_noise
 from calib.dataset.dataset import Dataset
 from calib.distributions import chi2_sf
 from calib.errors import FitError
@@ -81,6 +81,7 @@ class Comparison(Presented):
     rms_mm: float  # RMS distance of the tool points at all poses of both, after the best rigid motion
     largest_mm: float
     largest_pose: str
+    times_noise: tuple[float | None, float | None] = (None, None)  # residual over the declared noise, of each
 
     @property
     def differs(self) -> bool:
@@ -131,6 +132,7 @@ def compare(
         rms_mm,
         largest_mm,
         pose,
+        (times_declared_noise(one), times_declared_noise(other)),
     )
 
 

@@ -154,9 +154,10 @@ def _ranking(report: Report) -> list[Block]:
         caption = f"{best.name}: its coefficients as that ranking estimates them"
         values = [replace(estimated_values(best, report.calibration), caption=caption)]
     untestable = report.diagnosis.untestable if report.diagnosis else report.ranking.untestable
+    likely = None if report.diagnosis is None else report.diagnosis.probabilities
     return [
         Paragraph(f"{tested} {held_out_sentence(report.ranking)}"),
-        ranking(report.ranking, FULL_RANKING, mark=report.calibration.model.family_names),
+        ranking(report.ranking, FULL_RANKING, mark=report.calibration.model.family_names, likely=likely),
         *values,
         *untestable_blocks(untestable),
     ]

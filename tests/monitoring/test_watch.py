@@ -166,10 +166,12 @@ def test_residuals_that_happened_to_be_small_make_no_alarms() -> None:
     rng = np.random.default_rng([0, *b"UR10e"])
     cell = Cell.drawn(rng)
     base = calibrate(cell.measured(rng, 64, "base"))
-    lucky = replace(
-        base, fit=replace(base.fit, reduced_chi=0.8, covariance=(0.8 / base.fit.reduced_chi) ** 2 * base.fit.covariance)
-    )
-    poses = cell.measured(rng)
+
+    def with_residuals(reduced_chi: float) -> Calibration:
+        covariance = (reduced_chi / base.fit.reduced_chi) ** 2 * base.fit.covariance
+        return replace(base, fit=replace(base.fit, reduced_chi=reduced_chi, covariance=covariance))
+
+    lucky, poses = with_residuals(0.8), cell.measured(rng)
     assert watch(lucky, poses).expected_mm == pytest.approx(0.05 * np.sqrt(3.0))
-    quiet = replace(base, fit=replace(base.fit, reduced_chi=0.3))  # no chance: the scanner is better than declared
+    quiet = with_residuals(0.3)  # no chance: the scanner is better than declared
     assert watch(quiet, poses).expected_mm == pytest.approx(0.3 * 0.05 * np.sqrt(3.0))

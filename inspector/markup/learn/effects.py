@@ -116,7 +116,10 @@ def ranking_html(session: Session, chosen: str) -> str:
     if screening is None:
         return ""
     own = {family.name for family in session.user_effects}
-    blocks = ranking_to_choose_from(screening, passed_over=session.left_to_curves, chosen=(chosen,), own=own)
+    likely = None if session.diagnosis is None else session.diagnosis.probabilities
+    blocks = ranking_to_choose_from(
+        screening, passed_over=session.left_to_curves, chosen=(chosen,), own=own, likely=likely
+    )
     notes = f"{ticks_sentence()} {held_out_sentence(screening)} {nothing_shows(screening)}"
     return html.panel(
         [
