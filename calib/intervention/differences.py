@@ -16,7 +16,6 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
-from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.effects.effect import Effect
 from calib.effects.state import RobotState, Seen
@@ -56,6 +55,10 @@ class Differences:
         """Number of fitted pairs, neighbouring levels at each place."""
         train = self.train[::3]
         return len(np.unique(self.row[train])) - len(np.unique(self.place[self.row[train]]))
+
+    def simulated(self, explained: Array, noise: Array) -> Differences:
+        """The same differences with other measurements: what a cause adds (R,), and white noise (M, 3), in sigmas."""
+        return replace(self, residual=explained + without_mean(noise[:, :, None], self.whiten, self.cell).reshape(-1))
 
     @property
     def visible_residual(self) -> Array:
@@ -113,16 +116,14 @@ def without_mean(values: Array, whiten: Array, cell: IndexArray) -> Array:
     return np.asarray(values - whiten @ np.linalg.solve(square, along)[cell])
 
 
-def differences_of(calibration: Calibration, paired: PairedPoses, robot: Robot | None = None) -> Differences | None:
-    """Differences of the paired poses of a calibration's dataset; None where too few are left to judge anything by.
+def differences_of(dataset: Dataset, paired: PairedPoses, robot: Robot) -> Differences | None:
+    """Differences of the paired poses of a dataset; None where too few are left to judge anything by.
 
     Args:
-        calibration: its link errors and tool give the places; its effects are not used.
+        dataset: with points at the paired poses.
         paired: the poses.
-        robot: the calibrated arm with other masses, where those of robot.toml are not known.
+        robot: the calibrated arm, which gives the places.
     """
-    dataset = calibration.dataset
-    robot = calibration.model.calibrated_robot(calibration.fit.x) if robot is None else robot
     model = geometric_model(robot)
     zero = np.zeros(len(model.parameters))
     chosen = np.isin(np.arange(len(dataset.poses)), paired.poses)

@@ -40,7 +40,7 @@ from calib.screening.evidence import FamilyColumns, evaluate_family
 MIN_LEAD = 3.5
 """Log evidence by which the best explanation without a cause has to be worse; with 3.5 one of 400 cases is wrong."""
 MAX_P = 0.003  # of the F test of a member beside the others, times the number of candidates
-_FEWEST_PAIRS = 4
+FEWEST_PAIRS = 4
 _NONLINEAR = ("nonlinear_stiffness", "gravity_backlash", "bearing_clearance")
 """Effects for which the whole load counts, not its change alone."""
 _NEXT_TERM = {"nonlinear_stiffness": "joint_compliance"}
@@ -91,7 +91,7 @@ class Intervention(Brief):
 
 
 @dataclass(frozen=True)
-class _Candidate:
+class PairCandidate:
     """A member of an effect with its columns in the differences."""
 
     member: Effect
@@ -121,14 +121,19 @@ def proofs_of(calibration: Calibration, user_effects: Sequence[Family] = ()) -> 
 
 def _intervention(calibration: Calibration, paired: PairedPoses, user_effects: Sequence[Family]) -> Intervention | None:
     """What the pairs of one condition prove; None where they are too few to prove anything."""
-    robot = calibration.model.calibrated_robot(calibration.fit.x)
+    robot = with_masses(calibration.model.calibrated_robot(calibration.fit.x))
     try:
-        differences = differences_of(calibration, paired, _with_masses(robot))
+        differences = differences_of(calibration.dataset, paired, robot)
     except FitError:
         return None
-    if differences is None or differences.pairs < _FEWEST_PAIRS:
+    if differences is None or differences.pairs < FEWEST_PAIRS:
         return None
-    candidates = _candidates(differences, _members(calibration.dataset, paired, user_effects))
+    return decided(differences, candidates_of(differences, calibration.dataset, user_effects))
+
+
+def decided(differences: Differences, candidates: Sequence[PairCandidate], *, name_open: bool = True) -> Intervention:
+    """What differences prove, with all candidates competing for them; without the open causes where none asks."""
+    paired = differences.paired
     found = _Explanation.of(differences, [c for c in candidates if family_name(c.member) not in _NEXT_TERM])
     beside = {(_joint(c.member), family_name(c.member)) for c in found.chosen}
     further = [c for c in candidates if (_joint(c.member), _NEXT_TERM.get(family_name(c.member), "")) in beside]
@@ -139,8 +144,11 @@ def _intervention(calibration: Calibration, paired: PairedPoses, user_effects: S
     proofs: list[Proof] = []
     open_causes: list[Cause] = []
     for one in found.chosen:
+        may_be_proven = follows(one.member, paired.conditions) and _is_significant(differences, found, one)
+        if not may_be_proven and not name_open:
+            continue
         rivals = _Explanation.of(differences, [c for c in found.candidates if _is_rival(c, one)])
-        proven = _proof(differences, found, rivals, one) if follows(one.member, paired.conditions) else []
+        proven = _proof(differences, found, rivals, one) if may_be_proven else []
         proofs += proven
         if not proven:
             open_causes += [_cause(one), *(_cause(rival) for rival in rivals.chosen if rival not in found.chosen)]
@@ -150,14 +158,31 @@ def _intervention(calibration: Calibration, paired: PairedPoses, user_effects: S
         pairs=differences.pairs,
         held_out=len(paired.pairs) - differences.pairs,
         proofs=tuple(proofs),
-        open_causes=tuple(dict.fromkeys(open_causes)),
+        open_causes=tuple(dict.fromkeys(open_causes)) if name_open else (),
     )
+
+
+def candidates_of(
+    differences: Differences, dataset: Dataset, user_effects: Sequence[Family] = ()
+) -> list[PairCandidate]:
+    """Members of all effects that move with the condition otherwise than the instrument and the tool may have moved."""
+    out = []
+    for member in _members(dataset, differences.paired, user_effects):
+        columns = differences.columns(member)
+        if not columns.any():
+            continue
+        visible = differences.visible(columns)
+        shown = np.any(visible, axis=0)
+        if shown.any():
+            parameters = tuple(p for p, is_shown in zip(member.parameters, shown, strict=True) if is_shown)
+            out.append(PairCandidate(member, parameters, columns[:, shown], visible[:, shown]))
+    return out
 
 
 def _members(dataset: Dataset, paired: PairedPoses, user_effects: Sequence[Family]) -> list[Effect]:
     """Members of all effects that compete: those of single places or poses apart, which have hundreds."""
     known = has_masses(dataset.robot)
-    families = effects_for(replace(dataset, robot=_with_masses(dataset.robot)))
+    families = effects_for(replace(dataset, robot=with_masses(dataset.robot)))
     members = [
         member
         for family in (*families, *user_effects)
@@ -169,7 +194,7 @@ def _members(dataset: Dataset, paired: PairedPoses, user_effects: Sequence[Famil
     return members
 
 
-def _with_masses(robot: Robot) -> Robot:
+def with_masses(robot: Robot) -> Robot:
     """The robot with weightless links where their masses are not known: what does not change cancels in differences."""
     if has_masses(robot):
         return robot
@@ -177,31 +202,16 @@ def _with_masses(robot: Robot) -> Robot:
     return replace(robot, joints=joints)
 
 
-def _candidates(differences: Differences, members: Sequence[Effect]) -> list[_Candidate]:
-    """Members that move with the condition otherwise than the instrument and the tool may have moved."""
-    out = []
-    for member in members:
-        columns = differences.columns(member)
-        if not columns.any():
-            continue
-        visible = differences.visible(columns)
-        shown = np.any(visible, axis=0)
-        if shown.any():
-            parameters = tuple(p for p, is_shown in zip(member.parameters, shown, strict=True) if is_shown)
-            out.append(_Candidate(member, parameters, columns[:, shown], visible[:, shown]))
-    return out
-
-
 @dataclass(frozen=True)
 class _Explanation:
     """The members that explain the differences best, chosen among all candidates."""
 
-    candidates: tuple[_Candidate, ...]
-    chosen: tuple[_Candidate, ...]
+    candidates: tuple[PairCandidate, ...]
+    chosen: tuple[PairCandidate, ...]
     log_evidence: float  # over noise alone
 
     @classmethod
-    def of(cls, differences: Differences, candidates: Sequence[_Candidate]) -> _Explanation:
+    def of(cls, differences: Differences, candidates: Sequence[PairCandidate]) -> _Explanation:
         """The best explanation by some candidates; none chosen where noise alone is as good."""
         if not candidates:
             return cls((), (), 0.0)
@@ -214,13 +224,13 @@ class _Explanation:
         return cls(tuple(candidates), chosen, found.log_evidence)
 
 
-def _proof(differences: Differences, found: _Explanation, rivals: _Explanation, one: _Candidate) -> list[Proof]:
+def _proof(differences: Differences, found: _Explanation, rivals: _Explanation, one: PairCandidate) -> list[Proof]:
     """The parameters of a chosen member as proofs; [] where it is not proven against the best rival explanation."""
     others = [c for c in found.chosen if c is not one]
     lead = found.log_evidence - rivals.log_evidence
     if not rivals.chosen:  # against nothing at all, the F test counts the choice
         lead += float(np.log(len(found.candidates)))
-    if lead < MIN_LEAD or _p_value(differences, others, one) * len(found.candidates) > MAX_P:
+    if lead < MIN_LEAD:
         return []
     values, sigmas = _fitted(differences, [*others, one])
     for parameter, value, sigma in zip(one.parameters, values, sigmas, strict=True):
@@ -254,7 +264,13 @@ def _proof(differences: Differences, found: _Explanation, rivals: _Explanation, 
     ]
 
 
-def _fitted(differences: Differences, candidates: Sequence[_Candidate]) -> tuple[list[float], list[float]]:
+def _is_significant(differences: Differences, found: _Explanation, one: PairCandidate) -> bool:
+    """Whether the F test says that a chosen member is needed beside the other chosen ones."""
+    others = [c for c in found.chosen if c is not one]
+    return _p_value(differences, others, one) * len(found.candidates) <= MAX_P
+
+
+def _fitted(differences: Differences, candidates: Sequence[PairCandidate]) -> tuple[list[float], list[float]]:
     """Least-squares values and sigmas of the last candidate's parameters, beside all others."""
     columns = np.concatenate([c.visible for c in candidates], axis=1)
     scales = np.array([p.scale for c in candidates for p in c.parameters])
@@ -274,7 +290,7 @@ def _least_squares(differences: Differences, columns: Array) -> tuple[Array, flo
     return x, float(rest @ rest), np.asarray(inverse)
 
 
-def _p_value(differences: Differences, others: Sequence[_Candidate], one: _Candidate) -> float:
+def _p_value(differences: Differences, others: Sequence[PairCandidate], one: PairCandidate) -> float:
     """F test of a member beside other members."""
     nothing = np.zeros((len(one.visible), 0))
     before = np.concatenate([nothing, *(c.visible for c in others)], axis=1)
@@ -287,7 +303,7 @@ def _p_value(differences: Differences, others: Sequence[_Candidate], one: _Candi
     return float(f_sf(gain / width / max(square / dof, 1e-300), width, dof))
 
 
-def _held_out_is_worse(differences: Differences, others: Sequence[_Candidate], one: _Candidate) -> bool:
+def _held_out_is_worse(differences: Differences, others: Sequence[PairCandidate], one: PairCandidate) -> bool:
     """Whether the pairs of test poses are predicted worse with a member than by the others alone."""
     errors = []
     for candidates in ([*others], [*others, one]):
@@ -308,13 +324,13 @@ def follows(effect: Effect | type[CatalogueEffect], conditions: Collection[str])
     return not named.isdisjoint(conditions)
 
 
-def _is_rival(candidate: _Candidate, one: _Candidate) -> bool:
+def _is_rival(candidate: PairCandidate, one: PairCandidate) -> bool:
     """Whether a candidate may explain what another does: any but itself and the next term of its own law."""
     next_term_of = (_joint(candidate.member), _NEXT_TERM.get(family_name(candidate.member), ""))
     return candidate is not one and next_term_of != (_joint(one.member), family_name(one.member))
 
 
-def _cause(candidate: _Candidate) -> Cause:
+def _cause(candidate: PairCandidate) -> Cause:
     joint = _joint(candidate.member)
     return Cause(family_name(candidate.member), None if joint is None else joint + 1)
 

@@ -35,6 +35,7 @@ from calib.planning.effect_hypotheses import (
     predict,
 )
 from calib.planning.offered_poses import OFFERED, offered_poses
+from calib.planning.proof_plan import WORTH_A_CHANGE, NextChange, next_change
 from calib.screening.candidates import MIN_CONFOUNDED_OVERLAP, MIN_LOG_BAYES_FACTOR, Candidate, Screening
 
 NEXT_POSES = 5  # poses that are advised where effects are confounded
@@ -57,26 +58,33 @@ class DiscriminatingPose:
 class NextPoses:
     """Poses to measure next, which discriminate between the hypotheses of a diagnosis."""
 
-    discrimination: Discrimination
+    discrimination: Discrimination | None  # None where no poses under the same conditions discriminate
     poses: tuple[DiscriminatingPose, ...]  # the largest separation first
+    change: NextChange | None = None  # of one condition, where that is likely to prove which hypothesis is true
 
 
 def next_poses(diagnosis: Diagnosis) -> NextPoses | None:
-    """Next poses to measure, which discriminate between the first set of effects left confounded by a diagnosis.
+    """Next poses to measure, which tell effects that a diagnosis left confounded apart.
 
-    None where no effects are confounded, or no pose discriminates between them.
+    They discriminate between the first set of these effects, or prove one of them by a change of conditions. None where
+    no effects are confounded, or neither promises anything.
     """
+    discrimination = _next_discrimination(diagnosis)
+    change = next_change(diagnosis, least=WORTH_A_CHANGE)
+    if discrimination is None:
+        return None if change is None else NextPoses(None, (), change)
+    return NextPoses(discrimination, commanded_poses(discrimination, diagnosis.calibration), change)
+
+
+def _next_discrimination(diagnosis: Diagnosis) -> Discrimination | None:
     sets = hypothesis_sets(diagnosis)
     if not sets or len(sets[0].hypotheses) < 2:
         return None
     first = sets[0]
     try:
-        discrimination = discriminate(first.calibration, first.hypotheses, offered_poses(first.calibration), NEXT_POSES)
+        return discriminate(first.calibration, first.hypotheses, offered_poses(first.calibration), NEXT_POSES)
     except FitError:  # too few poses to fit a hypothesis at all
         return None
-    if discrimination is None:
-        return None
-    return NextPoses(discrimination, commanded_poses(discrimination, diagnosis.calibration))
 
 
 def discriminating_poses(

@@ -153,6 +153,61 @@ def predict(calibration: Calibration, hypotheses: Sequence[EffectHypothesis], po
 
     Raises FitError where no degree of freedom is left.
     """
+    fits = _fits(calibration, hypotheses)
+    new = _NewRows.of(fits.projected, poses, fits.centre)
+    predictions = []
+    for hypothesis, (root, mean) in zip(hypotheses, fits.posteriors, strict=True):
+        rows = np.concatenate([new.common(fits.common) / fits.noise, new.of_effect(hypothesis)], axis=2)
+        flat = rows.reshape(-1, rows.shape[2])
+        spread = np.linalg.solve(root.T, flat.T).T.reshape(rows.shape)
+        # The fit's own prediction is the zero of all hypotheses; their geometry counts from there.
+        at_poses = (flat @ mean).reshape(rows.shape[:2])
+        predictions.append(HypothesisPrediction(hypothesis.name, hypothesis.log_evidence, at_poses, spread))
+    return HypothesisPredictions(tuple(predictions), fits.noise * new.sigma_mm, fits.projected.dof)
+
+
+@dataclass(frozen=True)
+class CoefficientPosteriors:
+    """Posterior of the coefficients of each hypothesis' effect by the measured poses, and the noise that they leave."""
+
+    means: tuple[Array, ...]  # (K,) each, in the parameters' units
+    roots: tuple[Array, ...]  # (K, K) each, of the covariance
+    sigma_mm: float  # noise per coordinate of a measured point
+
+    def draw(self, number: int, rng: np.random.Generator) -> Array:
+        """Coefficients (K,) of one hypothesis, drawn from their posterior."""
+        root = self.roots[number]
+        return np.asarray(self.means[number] + root @ rng.standard_normal(len(root)))
+
+
+def coefficient_posteriors(calibration: Calibration, hypotheses: Sequence[EffectHypothesis]) -> CoefficientPosteriors:
+    """Posterior of the coefficients of hypotheses' effects, whatever the link errors are.
+
+    Raises FitError where no degree of freedom is left.
+    """
+    fits = _fits(calibration, hypotheses)
+    means, roots = [], []
+    for hypothesis, (root, mean) in zip(hypotheses, fits.posteriors, strict=True):
+        sigmas = hypothesis.sigmas * fits.noise  # columns are per prior sigma, the residual in units of its noise
+        width = len(sigmas)
+        means.append(mean[-width:] * sigmas)
+        roots.append(sigmas[:, None] * np.linalg.inv(root[-width:, -width:]))
+    sigma2 = np.trace(fits.projected.residuals.observed.covariance_mm2, axis1=1, axis2=2) / 3.0
+    return CoefficientPosteriors(tuple(means), tuple(roots), fits.noise * float(np.sqrt(np.median(sigma2))))
+
+
+@dataclass(frozen=True)
+class _Fits:
+    """Linear models of the hypotheses, fitted to the measured poses."""
+
+    projected: ProjectedResidual
+    common: BoolArray  # parameters of the fit that all hypotheses share
+    noise: float  # over the declared one
+    centre: dict[str, Array]  # by station, of the measured points
+    posteriors: tuple[tuple[Array, Array], ...]  # `_posterior` of each hypothesis
+
+
+def _fits(calibration: Calibration, hypotheses: Sequence[EffectHypothesis]) -> _Fits:
     projected = project_residual(calibration)
     of_effects = {name for hypothesis in hypotheses for name in hypothesis.names}
     common = np.array([p.name not in of_effects for p in projected.residuals.model.parameters], dtype=bool)
@@ -161,9 +216,8 @@ def predict(calibration: Calibration, hypotheses: Sequence[EffectHypothesis], po
         square *= min(1.0 - hypothesis.explained_share for hypothesis in hypotheses)
     noise = max(float(np.sqrt(square / projected.dof)), _FINEST)
     measured, residual, centre = _measured_rows(projected, common)
-    new = _NewRows.of(projected, poses, centre)
     nominal = np.concatenate([-(projected.x / projected.residuals.model.scales)[common], np.zeros(6 * len(centre))])
-    predictions = []
+    posteriors = []
     for hypothesis in hypotheses:
         effect = [member_columns(projected, member) for member in hypothesis.members]
         scaled = _whitened(projected, np.concatenate(effect, axis=1)) * hypothesis.sigmas
@@ -171,14 +225,8 @@ def predict(calibration: Calibration, hypotheses: Sequence[EffectHypothesis], po
         prior = np.concatenate([nominal, np.zeros(scaled.shape[1])])
         weight = np.ones(len(prior))
         weight[: np.sum(common)] = _PRIOR_WEIGHT if calibration.options.prior else _NO_PRIOR
-        root, mean = _posterior(columns, residual / noise, prior, weight)
-        rows = np.concatenate([new.common(common) / noise, new.of_effect(hypothesis)], axis=2)
-        flat = rows.reshape(-1, rows.shape[2])
-        spread = np.linalg.solve(root.T, flat.T).T.reshape(rows.shape)
-        # The fit's own prediction is the zero of all hypotheses; their geometry counts from there.
-        at_poses = (flat @ mean).reshape(rows.shape[:2])
-        predictions.append(HypothesisPrediction(hypothesis.name, hypothesis.log_evidence, at_poses, spread))
-    return HypothesisPredictions(tuple(predictions), noise * new.sigma_mm, projected.dof)
+        posteriors.append(_posterior(columns, residual / noise, prior, weight))
+    return _Fits(projected, common, noise, centre, tuple(posteriors))
 
 
 def _posterior(columns: Array, residual: Array, prior: Array, weight: Array) -> tuple[Array, Array]:

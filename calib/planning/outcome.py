@@ -29,7 +29,16 @@ class SeparationReason:
     separation_mm: float
 
 
-PoseReason = ParameterReason | ChangeReason | SeparationReason
+@dataclass(frozen=True)
+class PairReason:
+    """Reason for a pose: it is measured under a changed condition, at the joints of another one."""
+
+    again: str | None  # the pose measured before that it repeats; None where both are new
+    condition: str  # column of poses.csv
+    level: float | None  # its value; None for sides of approach
+
+
+PoseReason = ParameterReason | ChangeReason | SeparationReason | PairReason
 
 
 @dataclass(frozen=True)
@@ -88,4 +97,20 @@ class DiscriminationOutcome:
         return self.power_by_count[-1]
 
 
-Outcome = EffectOutcome | CheckOutcome | DiscriminationOutcome
+@dataclass(frozen=True)
+class ProofOutcome:
+    """A change of one condition, and the probability that pairs of poses then prove which hypothesis is true."""
+
+    hypotheses: tuple[str, ...]
+    condition: str  # column of poses.csv; "approach" for those of all joints
+    before: float | None  # None for sides of approach
+    after: float | None
+    again: tuple[str, ...]  # measured poses to measure again; () where all are new
+    assumed: bool  # whether no column has the condition of the measured poses, which is taken for `before`
+    pairs: int
+    power: float
+    others: tuple[tuple[str, float | None, float | None, float], ...]
+    """Other conditions with their values before and after, and nearly the probability that changing these reaches."""
+
+
+Outcome = EffectOutcome | CheckOutcome | DiscriminationOutcome | ProofOutcome

@@ -28,8 +28,9 @@ from calib.planning.criterion import CALIBRATION, WATCH, DesignCriterion, Design
 from calib.planning.discrimination_criterion import SPLIT, for_confounded
 from calib.planning.effect_criterion import ForEffects
 from calib.planning.exchange import best_poses
-from calib.planning.outcome import DiscriminationOutcome, Outcome, PoseReason
+from calib.planning.outcome import DiscriminationOutcome, Outcome, PoseReason, ProofOutcome
 from calib.planning.prediction import Prediction, Region, enough_poses, predicted, predicted_once_placed
+from calib.planning.proof_criterion import PROVE, ForProof, for_proof, for_proof_of_robot
 from calib.planning.start import FromFit, FromRobot, Start, start_of_dataset
 from calib.planning.unknowns import DEFAULT_NOISE_MM
 from calib.planning.watch_criterion import CHECK_POSES, ForWatch
@@ -41,6 +42,7 @@ from calib.workcell.order import clear_ways, order_poses
 
 FIRST_SET, FURTHER = 20, 5
 """Numbers of poses to plan where none is given: for a robot that was never measured, and beyond a dataset."""
+PROOF_POSES = 40  # of a robot that was never measured: 20 pairs
 CANDIDATES = 800
 LEAST_ERROR = ForCalibration()
 _REGION = 300  # poses of a region that is drawn
@@ -71,8 +73,8 @@ class Plan(Presented):
 
     @property
     def power(self) -> float | None:
-        """Probability that confounded effects are discriminated; None for criteria without hypotheses."""
-        return self.outcome.power if isinstance(self.outcome, DiscriminationOutcome) else None
+        """Probability that it is told which hypothesis is true; None for criteria without hypotheses."""
+        return self.outcome.power if isinstance(self.outcome, DiscriminationOutcome | ProofOutcome) else None
 
     def _brief(self) -> str:
         error = f"predicted RMSE {self.now.geometry_mm:.3g} -> {self.then.geometry_mm:.3g} mm"
@@ -129,7 +131,8 @@ def plan_poses(
     then = predicted(problem.region, problem.information(chosen), unknowns.noise_dof, rng)
     reasons = criterion.reasons(problem, chosen)
     order = _order(problem, chosen)
-    planned = _to_measure(problem, chosen[order], own_dataset=criterion.name == WATCH)
+    is_proof = isinstance(criterion, ForProof)
+    planned = _to_measure(problem, chosen[order], own_dataset=criterion.name == WATCH, keep_temperature=is_proof)
     return Plan(
         start=start,
         criterion=criterion,
@@ -229,10 +232,13 @@ def _order(problem: DesignProblem, chosen: IndexArray) -> IndexArray:
     return np.array(order, dtype=np.int64)
 
 
-def _to_measure(problem: DesignProblem, rows: IndexArray, *, own_dataset: bool) -> Poses:
+def _to_measure(
+    problem: DesignProblem, rows: IndexArray, *, own_dataset: bool, keep_temperature: bool = False
+) -> Poses:
     """Chosen candidates with new names, and joints rounded to 0.001 deg or mm as a person would type them.
 
     The first is the reference where the poses are a dataset of their own: from scratch, or `own_dataset` (check poses).
+    A temperature that all share is left out, unless it is to be kept.
     """
     measured = problem.start.measured
     ids = new_ids(len(rows), () if measured is None else measured.ids)
@@ -243,7 +249,7 @@ def _to_measure(problem: DesignProblem, rows: IndexArray, *, own_dataset: bool) 
     step = np.where(problem.start.dataset.robot.is_revolute, np.radians(_TYPED), _TYPED)
     poses = replace(poses, q=step * np.round(poses.q / step))
     temperature_c = poses.temperature_c
-    if temperature_c is not None and not np.ptp(temperature_c) > 0.0:
+    if not keep_temperature and temperature_c is not None and not np.ptp(temperature_c) > 0.0:
         temperature_c = None  # irrelevant to these poses; the value measured then counts, as for the time
     poses = replace(poses, temperature_c=temperature_c, time_s=None)
     return replace(poses, ids=ids, role=role, scan_names=tuple(f"{pose_id}.ply" for pose_id in ids))
@@ -263,7 +269,7 @@ def new_ids(count: int, taken: Sequence[str]) -> tuple[str, ...]:
 def criterion_of(name: str, optimality: str = "I", *, payload_kg: float | None = None) -> DesignCriterion:
     """Criterion for a name: "calibration", "watch", or effects separated by commas.
 
-    Raises CalibError where the name is of none. "split" takes a diagnosis, see `for_confounded`.
+    Raises CalibError where the name is of none. "split" and "prove" take a diagnosis: `for_confounded`, `for_proof`.
     """
     if optimality not in PLAN_CRITERIA:
         raise CalibError(f"no criterion {optimality!r}; there are {' and '.join(PLAN_CRITERIA)}")
@@ -300,10 +306,11 @@ def plan(
 
     Args:
         known: a calibration or diagnosis, a dataset or its folder, or a robot, its file or its name.
-        count: number of poses; None: 20 for a robot, 8 check poses, else 5.
+        count: number of poses; None: 20 for a robot, 8 check poses, to prove as many as it takes, else 5.
         options: options of the fit of a dataset or robot.
-        purpose: "calibration", "watch" (check poses), "split" (effects that a diagnosis left confounded), or names of
-            effects with commas between.
+        purpose: "calibration", "watch" (check poses), "split" (effects that a diagnosis left confounded), "prove" (one
+            of them, by changing a condition; of a robot, what gives way under a payload), or names of effects with
+            commas between.
         criterion: "I" (least error over the region) or "D" (best known parameters), for a calibration.
         region: poses at which the error is predicted: "auto", "test", "measurable" or "all", see `plan_poses`.
         effects: effects that the model of a dataset has; the diagnosis is then left out.
@@ -326,9 +333,20 @@ def plan(
     options = fit_options(options, keywords)
     scanner = None if base_T_scanner is None else np.asarray(base_T_scanner, dtype=float)
     start: FromFit | FromRobot
-    design = None if purpose == SPLIT else criterion_of(purpose, criterion, payload_kg=payload_kg)
+    design = None if purpose in (SPLIT, PROVE) else criterion_of(purpose, criterion, payload_kg=payload_kg)
     if isinstance(known, str | Path) and Path(known).is_dir():
         known = measured(known, orientation=options.residual == "pose")
+    if purpose == PROVE:
+        if isinstance(known, Diagnosis | Dataset):
+            proof = for_proof(_diagnosed(known, options, effects, user_effects, on_step), payload_kg, count)
+        elif isinstance(known, FittedResult):
+            raise CalibError(f'purpose "{PROVE}" is for effects left confounded by a diagnosis; give one, or a dataset')
+        else:
+            cell = workcell_of_robot(load_robot(known), base_T_scanner=scanner)
+            proof = for_proof_of_robot(FromRobot(cell, noise_mm, options), count or PROOF_POSES, payload_kg, seed)
+        return plan_poses(
+            proof.start, proof.count, criterion=proof, region=region, user_effects=user_effects, seed=seed
+        )
     if design is None:
         design = for_confounded(_diagnosed(known, options, effects, user_effects, on_step), payload_kg)
         start, usual = design.start, FURTHER

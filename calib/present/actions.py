@@ -16,8 +16,10 @@ from calib.models.exported_table import ExportedTable
 from calib.planning.discrimination import NextPoses
 from calib.present import error_headline as headlines
 from calib.present import numbers
+from calib.present.blocks import plain
 from calib.present.diagnosis import poses_to_measure
 from calib.present.effects import title
+from calib.present.interventions import change_sentence
 from calib.screening.curves.smooth_joint_error import LEARNED
 
 _AGAIN = 3  # poses to measure once more
@@ -97,7 +99,9 @@ def _to_measure(
 ) -> list[str]:
     actions = []
     dataset, after = calibration.dataset, calibration.after
-    if diagnosis is not None and next_poses is not None:
+    if next_poses is not None and next_poses.change is not None:
+        actions.append(plain(change_sentence(next_poses.change)))
+    if diagnosis is not None and next_poses is not None and next_poses.poses:
         poses = poses_to_measure(next_poses.poses[:_AGAIN], dataset.robot.is_revolute)
         open_causes = numbers.listing([title(key) for key in diagnosis.undecided], "from")
         actions.append(

@@ -53,7 +53,13 @@ from calib.present.curves import BAND_NOTE, curve_blocks
 from calib.present.dataset import NOT_SEARCHED, measured_blocks
 from calib.present.effects import meaning, with_key
 from calib.present.error_headline import error_headline
-from calib.present.interventions import intervention_sections, intervention_sentences, proven_document
+from calib.present.interventions import (
+    change_document,
+    change_sentence,
+    intervention_sections,
+    intervention_sentences,
+    proven_document,
+)
 from calib.present.names import input_name
 from calib.present.noise import noise_document, noise_sentences
 from calib.present.probabilities import probability_document, probability_sentence
@@ -199,6 +205,8 @@ def reasons(diagnosis: Diagnosis, poses: NextPoses | None) -> list[Paragraph]:
     words += [confounded(one, confirm) for one in diagnosis.confounded_sets]
     if diagnosis.conclusion.undecided:
         words.append(_undecided(diagnosis, poses))
+    if poses is not None and poses.change is not None:
+        words.append(change_sentence(poses.change))
     if diagnosis.refused is not None:
         words.append(refusal(diagnosis.refused))
     words.append(residual_tests(diagnosis.residual_tests))
@@ -383,7 +391,7 @@ def _undecided(diagnosis: Diagnosis, poses: NextPoses | None) -> Words:
         )
     if any(confirm.get(key) for key in names):
         words = spans(words, " ", _to_tell_apart(names, confirm))
-    if poses is not None:
+    if poses is not None and poses.discrimination is not None:
         shown = poses_to_measure(poses.poses[:_SHOWN_POSES], diagnosis.calibration.dataset.robot.is_revolute)
         settle = f" {len(poses.poses)} planned poses settle it with a probability of "
         power = f"{settle}{numbers.share(poses.discrimination.power)}."
@@ -518,6 +526,7 @@ def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[st
         },
         "simpler": None,  # was a dent or a slip, which are effects now
         "measure_next": () if poses is None else poses.poses,
+        "prove_next": None if poses is None else change_document(poses.change),
         "explanation": explanation(diagnosis, poses),
         "outside": last.outside,
         "learned": diagnosis.learned,

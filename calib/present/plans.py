@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.calibration.noise_level import check_sigma
 from calib.dataset.files.poses_csv import joint_columns, poses_frame
+from calib.intervention.pairs import PAYLOAD
 from calib.planning.criterion import WATCH, ForCalibration
 from calib.planning.outcome import (
     ChangeReason,
@@ -16,8 +17,11 @@ from calib.planning.outcome import (
     DetectableChange,
     DiscriminationOutcome,
     EffectOutcome,
+    Outcome,
+    PairReason,
     ParameterReason,
     PoseReason,
+    ProofOutcome,
     SeparationReason,
 )
 from calib.planning.plan import Plan
@@ -37,6 +41,7 @@ from calib.present.blocks import (
     Verdict,
 )
 from calib.present.colours import DOUBT, GOOD
+from calib.present.interventions import condition_change
 from calib.present.results import document, presentation
 
 SURELY = 0.8  # power from which a set of hypotheses counts as good as discriminated
@@ -85,6 +90,9 @@ def plan_headline(plan: Plan) -> str:
         aim, error = "to watch the cell", ""
     elif isinstance(plan.outcome, DiscriminationOutcome):
         aim = f"to discriminate between {numbers.listing(plan.outcome.hypotheses)}"
+        error = f"the probability that they do is {numbers.share(plan.outcome.power)}"
+    elif isinstance(plan.outcome, ProofOutcome):
+        aim = f"to prove which is true of {numbers.listing(plan.outcome.hypotheses)}"
         error = f"the probability that they do is {numbers.share(plan.outcome.power)}"
     elif isinstance(criterion, ForCalibration):
         at = f"to be right at {plan.region} (I-optimal)"
@@ -136,6 +144,8 @@ def outcome_sentences(plan: Plan) -> list[str]:
             return _detected(plan.outcome.changes)
         case DiscriminationOutcome():
             return _discriminated(plan.outcome)
+        case ProofOutcome():
+            return _proven(plan.outcome)
         case None:
             return []
 
@@ -203,6 +213,31 @@ def _discriminated(outcome: DiscriminationOutcome) -> list[str]:
     return lines
 
 
+def _proven(outcome: ProofOutcome) -> list[str]:
+    what = condition_change(outcome.condition, outcome.before, outcome.after)
+    if outcome.again:
+        lines = [f"{what}, leave all else as it is, and measure {numbers.listing(outcome.again)} again, joints as then"]
+    else:
+        lines = [f"measure {outcome.pairs} poses, {what}, leave all else as it is, and measure the same poses again"]
+    if outcome.assumed:
+        level = f"{outcome.condition} {outcome.before:.4g}"
+        lines.append(f"no column has the condition of the poses measured so far: write {level} for them in poses.csv")
+    lines.append(
+        "where instrument or tool were moved since, that does no harm; the instrument then has a setup of its own"
+    )
+    lines += [
+        f"{numbers.share(power)} instead, if you {condition_change(condition, before, after)}"
+        for condition, before, after, power in outcome.others
+    ]
+    if outcome.power < SURELY:
+        lines.append(
+            "the others stay open: more pairs (--add) or a heavier payload (--payload-kg) tell more"
+            if outcome.condition == PAYLOAD
+            else "the others stay open: more pairs (--add) tell more"
+        )
+    return lines
+
+
 # ---- the poses ------------------------------------------------------------------------------------------------------
 
 
@@ -255,6 +290,9 @@ def reason_phrase(reason: PoseReason) -> str:
             return f"{far}{', '.join(reason.parameters) or 'a little of everything'}"
         case ChangeReason():
             return ", ".join(names.change(*key) for key in reason.changes) or "a little of everything"
+        case PairReason():
+            level = "from the other side" if reason.level is None else f"{reason.condition} {reason.level:.4g}"
+            return level if reason.again is None else f"{reason.again} again, {level}"
         case SeparationReason():
             return f"the hypotheses differ by {numbers.length(reason.separation_mm)} here, refitted"
 
@@ -320,7 +358,7 @@ def _plan_document(plan: Plan) -> dict[str, Any]:
         "poses": [
             {
                 "pose": row["pose"], "role": row["role"], "q": [row[name] for name in columns],
-                "why": reason_phrase(reason), "worth": worth,
+                "why": reason_phrase(reason), "worth": worth, **_again_document(reason),
                 **{str(name): value for name, value in row.items() if name not in ("pose", "role", *columns)},
             }
             for row, reason, worth in each
@@ -334,11 +372,23 @@ def _plan_document(plan: Plan) -> dict[str, Any]:
         "curve_mm": plan.curve_mm,
         "enough": plan.enough,
         "settles": plan.power,
+        **_change_document(plan.outcome),
         "shots": 1,  # every pose is measured once
         "model": plan.model,
         "told": outcome_sentences(plan),
         "notes": assumptions(plan),
     }  # fmt: skip
+
+
+def _again_document(reason: PoseReason) -> dict[str, Any]:
+    return {"again": reason.again} if isinstance(reason, PairReason) else {}
+
+
+def _change_document(outcome: Outcome | None) -> dict[str, Any]:
+    if not isinstance(outcome, ProofOutcome):
+        return {}
+    change = {"condition": outcome.condition, "before": outcome.before, "after": outcome.after}
+    return {"change": change, "hypotheses": outcome.hypotheses, "pairs": outcome.pairs}
 
 
 def _band(prediction: Prediction) -> list[float]:

@@ -22,15 +22,15 @@ def plan_arguments(sub: ArgumentParser) -> None:
         "--add",
         type=values.pose_count,
         metavar="K",
-        help="K more poses for a dataset (default 5; 8 to watch)",
+        help="K more poses for a dataset (default 5; 8 to watch; as many as it takes to prove)",
     )
     sub.add_argument(
         "--for",
         dest="purpose",
         default="calibration",
         metavar="WHAT",
-        help="calibration (default), split (settle a set that a diagnosis left open), watch (8 check poses), or "
-        "effects with commas between",
+        help="calibration (default), split (settle a set that a diagnosis left open), prove (the same by changing one "
+        "condition; of a robot, what gives way under a payload), watch (8 check poses), or effects with commas between",
     )
     sub.add_argument(
         "--criterion",
@@ -60,7 +60,7 @@ def plan_arguments(sub: ArgumentParser) -> None:
         "--payload-kg",
         type=values.mass_kg,
         metavar="X",
-        help="a known payload that some poses may carry, for --for split and effects",
+        help="a known payload that some poses may carry, for --for split, prove (default 2) and effects",
     )
     sub.add_argument("--seed", type=int, default=0, help="of the poses to choose from (default 0)")
     sub.add_argument(

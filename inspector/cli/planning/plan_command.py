@@ -10,13 +10,15 @@ from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.result import Diagnosis
 from calib.effects.effect import Family
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
 from calib.planning.criterion import WATCH, DesignCriterion
-from calib.planning.discrimination_criterion import SPLIT, ForDiscrimination, for_confounded
-from calib.planning.plan import FIRST_SET, FURTHER, criterion_of, plan_poses
+from calib.planning.discrimination_criterion import SPLIT, for_confounded
+from calib.planning.plan import FIRST_SET, FURTHER, PROOF_POSES, criterion_of, plan_poses
+from calib.planning.proof_criterion import PROVE, ForProof, for_proof, for_proof_of_robot
 from calib.planning.start import FromFit, FromRobot, start_of_dataset
 from calib.planning.unknowns import DEFAULT_NOISE_MM
 from calib.planning.watch_criterion import CHECK_POSES
@@ -42,8 +44,11 @@ def run_plan(options: PlanOptions) -> int:
     user_effects: Sequence[Family] = ()
     criterion: DesignCriterion
     watched = options.purpose == WATCH
-    if options.path.is_dir() and options.purpose == SPLIT:
-        criterion = _confounded_effects(options)
+    if options.purpose == PROVE:
+        proof = _proof(options)
+        criterion, start, count = proof, proof.start, proof.count
+    elif options.path.is_dir() and options.purpose == SPLIT:
+        criterion = for_confounded(_diagnosis(options), options.payload_kg)
         start, count = criterion.start, options.add or FURTHER
     elif options.path.is_dir() and options.poses is None:
         criterion = criterion_of(options.purpose, options.criterion, payload_kg=options.payload_kg)
@@ -78,18 +83,26 @@ def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
     return dataset, loaded_effects(options.effects_file, dataset)
 
 
-def _confounded_effects(options: PlanOptions) -> ForDiscrimination:
-    """Criterion that discriminates between the effects that a dataset's diagnosis leaves confounded."""
+def _proof(options: PlanOptions) -> ForProof:
+    """Criterion that proves what a dataset's diagnosis leaves open, or what of a robot gives way."""
+    if options.path.is_dir() and options.poses is None:
+        return for_proof(_diagnosis(options), options.payload_kg, options.add)
+    start = _first_start(options)
+    return for_proof_of_robot(start, options.poses or PROOF_POSES, options.payload_kg, options.seed)
+
+
+def _diagnosis(options: PlanOptions) -> Diagnosis:
+    """Diagnosis of a dataset, whose confounded effects are to be told apart."""
     if options.scanner is not None:
         raise CalibError(
-            f"{options.path}: a set is settled from where the scanner stood; leave out --scanner with --for {SPLIT}"
+            f"{options.path}: a set is settled from where the scanner stood; leave out --scanner with --for "
+            f"{options.purpose}"
         )
     dataset, user_effects = _dataset_of(options)
     with stages() as on_step:
-        found = diagnose(
+        return diagnose(
             dataset, options.fit_options(), effects=options.effect, user_effects=user_effects, on_step=on_step
         )
-    return for_confounded(found, options.payload_kg)
 
 
 def _dataset_start(options: PlanOptions) -> tuple[FromFit, Sequence[Family]]:

@@ -8,6 +8,7 @@ import viser
 
 from calib.planning.criterion import CALIBRATION, WATCH
 from calib.planning.discrimination_criterion import SPLIT
+from calib.planning.proof_criterion import PROVE
 from calib.present import html
 from calib.present.blocks import Bullets, Section
 from calib.present.plans import assumptions, plan_head, poses_table
@@ -29,6 +30,7 @@ NONE = "–"
 WORDS = {  # of what is planned for
     CALIBRATION: "a smaller error",
     SPLIT: "settle what the diagnosis left open",
+    PROVE: "prove it by changing one condition",
     WATCH: "check poses that show a change",
 }
 FILES = {"poses.csv": "planned_poses.csv", "URScript": "planned_poses.script", "ROS": "planned_poses.yaml"}

@@ -1,0 +1,502 @@
+"""The cheapest change of one condition that proves which of several causes is true, and its probability.
+
+A change is another payload, the other side of approach, or another temperature. Poses measured already are measured
+again under the changed condition, where theirs is known; else both poses of each pair are new. The probability is found
+by simulation: a cause is drawn with its sizes, as the measured poses leave them possible, the pairs are measured with
+noise, and `calib.intervention.proof.decided` judges them as it will judge the real ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from calib import frames
+from calib.array_types import Array, IndexArray
+from calib.blas_threads import one_blas_thread
+from calib.calibration.result import Calibration
+from calib.dataset.dataset import Dataset, Points, Poses
+from calib.diagnosis.result import Diagnosis
+from calib.effects.effect import Effect, family_name, full_name
+from calib.errors import CalibError, FitError
+from calib.fitting.model import geometric_model
+from calib.intervention.differences import Differences, differences_of
+from calib.intervention.pairs import APPROACH, PAYLOAD, find_pairs
+from calib.intervention.proof import FEWEST_PAIRS, candidates_of, decided, follows, with_masses
+from calib.kinematics.robot import Robot
+from calib.planning.effect_hypotheses import HypothesisSet, coefficient_posteriors, hypothesis_sets
+from calib.planning.offered_poses import offered_poses
+from calib.planning.pair_design import PairDesign, exchanged_pairs, greedy_pairs
+from calib.planning.start import FromRobot
+from calib.workcell.candidates import candidate_poses
+from calib.workcell.measurable import measurable
+from calib.workcell.pose_conditions import COLD_C, WARM_C
+from calib.workcell.workcell import Workcell
+
+TEMPERATURE = "temperature_c"
+PROOF_PAYLOAD_KG = 2.0
+"""Payload that is hung on the flange, where the user has no other."""
+WORTH_A_CHANGE = 0.5
+"""Probability from which a change is advised."""
+_COUNTS = (8, 12, 20, 40)  # measurements that are tried, the fewest first
+_NEARLY = 0.9  # of what the most measurements reach, from which fewer are enough
+_BETTER = 0.15  # of probability, by which new pairs have to be better than poses measured again
+_EASE = {APPROACH: 0.0, PAYLOAD: 0.02, TEMPERATURE: 0.1}  # of probability, that a change's trouble counts as
+_TRIALS = 60  # simulated follow-ups
+_CAUSES = 30  # drawn causes that pairs are chosen for
+_NEW = 200  # new poses that are offered
+GIVES_WAY = ("joint_compliance", "link_bending", "base_compliance")
+"""Effects of which one is thought true where nothing is known of an arm."""
+_STEPS_DEG = (60.0, 30.0, 15.0, 8.0)  # by which chosen poses of a free choice are moved, to find better ones
+_NEIGHBOURS = 10
+_SIGNS = 20  # draws of a size that has to be positive
+
+
+@dataclass(frozen=True)
+class ConditionChange:
+    """A condition that is changed between the poses of a pair, as a column of poses.csv; None for sides of approach."""
+
+    condition: str
+    before: float | None
+    after: float | None
+
+
+@dataclass(frozen=True)
+class DrawnCause:
+    """A cause that may be true: members of one effect with their coefficients."""
+
+    effect: str
+    coefficients: Mapping[Effect, Array]
+
+    @property
+    def carriers(self) -> set[tuple[str, int | None]]:
+        """Effect and joint, counted from 1, of each member."""
+        return {(self.effect, _joint(member)) for member in self.coefficients}
+
+
+@dataclass(frozen=True)
+class NextChange:
+    """Poses to measure under a changed condition, and the probability that their differences prove the true cause."""
+
+    calibration: Calibration | None  # fit that left the hypotheses open; None for an arm that was never measured
+    hypotheses: tuple[str, ...]
+    change: ConditionChange
+    poses: Poses  # to measure, in their conditions, the most informative first
+    again: tuple[str, ...]  # measured poses that these repeat, one for each; () where both poses of a pair are new
+    assumed: bool  # whether the condition of the measured poses is taken for `change.before`, as no column has it
+    pairs: int
+    probability: float
+    others: tuple[tuple[ConditionChange, float], ...]  # further changes, and what they would reach
+
+
+@dataclass(frozen=True)
+class _Offer:
+    """Pairs that can be measured under one change: before and after it, one row each."""
+
+    change: ConditionChange
+    before: Poses
+    after: Poses
+    is_again: bool
+    assumed: bool = False
+
+    def take(self, rows: IndexArray) -> _Offer:
+        return replace(self, before=self.before.select(rows), after=self.after.select(rows))
+
+    @property
+    def both(self) -> Poses:
+        """Poses before the change, then those after it."""
+        return joined_poses(self.before, self.after)
+
+    @property
+    def to_measure(self) -> Poses:
+        """Poses to measure, the most informative first."""
+        if self.is_again:
+            return self.after
+        return self.both.select(np.arange(2 * len(self.before)).reshape(2, -1).T.ravel())
+
+
+# ---- what stays open ------------------------------------------------------------------------------------------------
+
+
+def next_change(
+    diagnosis: Diagnosis, *, payload_kg: float | None = None, count: int | None = None, least: float = 0.0
+) -> NextChange | None:
+    """Change that most probably proves which effect of a diagnosis' first confounded set is true; the easiest first.
+
+    None where nothing is confounded, or no change moves any of the effects.
+
+    Args:
+        diagnosis: that left effects confounded.
+        payload_kg: payload to hang on the flange.
+        count: number of poses to measure; None: the fewest that are nearly as good as 40.
+        least: probability below which a change is worth nothing; an estimate of half of that ends the search.
+    """
+    for hypothesis_set in hypothesis_sets(diagnosis):
+        try:
+            found = change_for(hypothesis_set, payload_kg=payload_kg, count=count, least=least)
+        except FitError:  # too few poses to fit a hypothesis at all
+            continue
+        if found is not None:
+            return found
+    return None
+
+
+@one_blas_thread()
+def change_for(
+    hypothesis_set: HypothesisSet, *, payload_kg: float | None = None, count: int | None = None, least: float = 0.0
+) -> NextChange | None:
+    """Change that most probably proves which hypothesis is true; None where no change does, see `next_change`.
+
+    Raises FitError where no degree of freedom is left.
+    """
+    calibration = hypothesis_set.calibration
+    hypotheses = [hypothesis for hypothesis in hypothesis_set.hypotheses if hypothesis.members]
+    if not hypotheses:
+        return None
+    posteriors = coefficient_posteriors(calibration, hypotheses)
+    rng = np.random.default_rng(0)
+    evidence = np.array([hypothesis.log_evidence for hypothesis in hypotheses])
+    likely = np.exp(evidence - evidence.max())
+    drawn = []
+    for k in rng.choice(len(hypotheses), max(_CAUSES, _TRIALS), p=likely / likely.sum()):
+        one = hypotheses[k]
+        drawn.append(_drawn(one.name, one.members, partial(posteriors.draw, int(k), rng)))
+    robot = with_masses(calibration.model.calibrated_robot(calibration.fit.x))
+    scanner_T_base = calibration.after.scanner_T_base
+    cell = PairCell(calibration.dataset, robot, dict(scanner_T_base), posteriors.sigma_mm)
+    members = [member for hypothesis in hypotheses for member in hypothesis.members]
+    found: list[tuple[float, _Offer]] = []
+    for change in _changes(calibration.dataset, members, payload_kg):
+        best = _best_offer(cell, _offers(calibration, change), drawn[:_CAUSES], count)
+        if best is not None:
+            found.append(best)
+    if not found:
+        return None
+    found.sort(key=lambda one: _EASE[one[1].change.condition] - one[0])
+    reached, offer = found[0]
+    if reached < 0.5 * least:
+        return None
+    probability = settled_share(cell.measured(offer.both), drawn[:_TRIALS], rng)
+    if probability < least:
+        return None
+    return NextChange(
+        calibration=calibration,
+        hypotheses=tuple(hypothesis.name for hypothesis in hypotheses),
+        change=offer.change,
+        poses=offer.to_measure,
+        again=offer.before.ids if offer.is_again else (),
+        assumed=offer.assumed,
+        pairs=len(offer.before),
+        probability=probability,
+        others=tuple((other.change, reached) for reached, other in found[1:]),
+    )
+
+
+def _drawn(effect: str, members: Sequence[Effect], draw: Callable[[], Array]) -> DrawnCause:
+    """Cause with coefficients that have the signs they should have, where such are found."""
+    positive = np.array([p.positive for member in members for p in member.parameters])
+    for _ in range(_SIGNS):
+        values = draw()
+        if not np.any(values[positive] < 0.0):
+            break
+    values = np.where(positive, np.abs(values), values)
+    ends = np.cumsum([len(member.parameters) for member in members])[:-1]
+    return DrawnCause(effect, dict(zip(members, np.split(values, ends), strict=True)))
+
+
+def _changes(dataset: Dataset, members: Sequence[Effect], payload_kg: float | None) -> list[ConditionChange]:
+    """Changes of one condition that move any of some effects."""
+    poses = dataset.poses
+    out = []
+    if any(follows(member, (APPROACH,)) for member in members):
+        out.append(ConditionChange(APPROACH, None, None))
+    if any(follows(member, (PAYLOAD,)) for member in members):
+        low, high = _ends(poses.payload_kg, 0.0, payload_kg or PROOF_PAYLOAD_KG)
+        out.append(ConditionChange(PAYLOAD, low, high))
+    if any(follows(member, (TEMPERATURE,)) for member in members):
+        cold = COLD_C if poses.temperature_c is None else float(np.median(poses.temperature_c))
+        out.append(ConditionChange(TEMPERATURE, cold, cold + WARM_C - COLD_C))
+    return out
+
+
+def _ends(values: Array | None, low: float, more: float) -> tuple[float, float]:
+    """Least and largest recorded value of a condition, or `more` above the only one."""
+    if values is None:
+        return low, more
+    least, most = float(values.min()), float(values.max())
+    return (least, most) if most > least else (least, least + more)
+
+
+# ---- an arm that was never measured ---------------------------------------------------------------------------------
+
+
+@one_blas_thread()
+def change_for_robot(start: FromRobot, count: int, *, payload_kg: float | None = None, seed: int = 0) -> NextChange:
+    """Pairs of poses without and with a payload that prove which joint, link or other part gives way.
+
+    The probability is over arms of which one part gives way, by as much as is usual.
+
+    Args:
+        start: the arm and its cell.
+        count: number of measurements, two a pair.
+        payload_kg: payload to hang on the flange.
+        seed: of the candidate poses.
+
+    Raises:
+        CalibError: fewer than eight measurements, or too few poses that can be measured.
+    """
+    if count < 2 * FEWEST_PAIRS:
+        raise CalibError(f"found {count} poses to prove a cause by; {FEWEST_PAIRS} pairs are {2 * FEWEST_PAIRS}")
+    rng = np.random.default_rng(seed)
+    change = ConditionChange(PAYLOAD, 0.0, payload_kg or PROOF_PAYLOAD_KG)
+    base_T_scanner = start.cell.base_T_scanner
+    scanner_T_base = np.eye(4) if base_T_scanner is None else frames.invert(base_T_scanner)
+    cell = PairCell(start.dataset, with_masses(start.cell.robot), {start.setup: scanner_T_base}, start.noise_mm)
+    offer = new_pairs(start.poses_at(candidate_poses(start.cell, _NEW, rng=rng)), change)
+    drawn = _usual_causes(cell, offer, rng)
+    chosen: IndexArray | None = None
+    for degrees in (None, *_STEPS_DEG):
+        if degrees is not None:
+            near = _near(start.cell, offer.before.q[: count // 2], degrees, rng)
+            offer, chosen = new_pairs(start.poses_at(near), change), np.arange(count // 2)
+        made = cell.measured(offer.both)
+        design = None if made is None else _design(made, drawn[:_CAUSES])
+        if design is None:
+            raise CalibError(f"robot {start.cell.robot.name}: no part shows by a payload of {change.after:g} kg")
+        start_from = greedy_pairs(design[0], count // 2) if chosen is None else chosen
+        offer = offer.take(exchanged_pairs(design[0], start_from))
+    return NextChange(
+        calibration=None,
+        hypotheses=tuple(dict.fromkeys(cause.effect for cause in drawn)),
+        change=change,
+        poses=offer.to_measure,
+        again=(),
+        assumed=False,
+        pairs=len(offer.before),
+        probability=settled_share(cell.measured(offer.both), drawn[:_TRIALS], rng),
+        others=(),
+    )
+
+
+def _usual_causes(cell: PairCell, offer: _Offer, rng: np.random.Generator) -> list[DrawnCause]:
+    """Causes of one part each, families equally often, whose size is usual."""
+    made = cell.measured(offer.both)
+    members: dict[str, list[Effect]] = {}
+    for candidate in [] if made is None else candidates_of(made.differences, made.dataset):
+        name = family_name(candidate.member)
+        if name in GIVES_WAY:
+            members.setdefault(name, []).append(candidate.member)
+    drawn = []
+    for k in range(_TRIALS if members else 0):
+        name = list(members)[k % len(members)]
+        member = members[name][int(rng.integers(len(members[name])))]
+        scales = np.array([parameter.scale for parameter in member.parameters])
+        drawn.append(DrawnCause(name, {member: scales * np.abs(rng.standard_normal(len(scales)))}))
+    return drawn
+
+
+def _near(cell: Workcell, q: Array, degrees: float, rng: np.random.Generator) -> Array:
+    """Joint vectors (K, n) and, after them, some near them that can be measured."""
+    step = np.where(cell.robot.is_revolute, np.radians(degrees), 4.0 * degrees)
+    moved = np.repeat(q, _NEIGHBOURS, axis=0)
+    moves = rng.random(moved.shape) < 0.5
+    moves[~moves.any(axis=1)] = True
+    moved = np.clip(moved + moves * step * rng.standard_normal(moved.shape), cell.low, cell.high)
+    return np.concatenate([q, moved[measurable(cell, moved).ok]])
+
+
+# ---- pairs that can be measured -------------------------------------------------------------------------------------
+
+
+def _offers(calibration: Calibration, change: ConditionChange) -> list[_Offer]:
+    """Pairs that can be measured: poses measured again, and new ones."""
+    offers = []
+    again = _again(calibration, change)
+    if again is not None:
+        offers.append(again)
+    return [*offers, new_pairs(offered_poses(calibration, count=_NEW), change)]
+
+
+def new_pairs(offered: Poses, change: ConditionChange) -> _Offer:
+    """Pairs of new poses, before and after a change."""
+    n, rng = len(offered), np.random.default_rng(1)
+    before = replace(offered, order=np.zeros(0), came_from=np.zeros((0, 0)), selected_from=None, time_s=None)
+    if change.condition == APPROACH:
+        side = rng.choice([-1.0, 1.0], offered.q.shape)
+        sides = (side, -side)
+    else:
+        assert change.before is not None
+        assert change.after is not None
+        sides = (np.full(n, change.before), np.full(n, change.after))
+    one, other = (_under(before, change.condition, values) for values in sides)
+    return _Offer(change, one, other, is_again=False)
+
+
+def _under(poses: Poses, condition: str, values: Array) -> Poses:
+    """Poses with other values of one condition."""
+    if condition == APPROACH:
+        return replace(poses, approach=values)
+    return replace(poses, payload_kg=values) if condition == PAYLOAD else replace(poses, temperature_c=values)
+
+
+def _again(calibration: Calibration, change: ConditionChange) -> _Offer | None:
+    """Training poses to be measured again under the changed condition; None where theirs is not known."""
+    dataset, poses = calibration.fitted_dataset, calibration.fitted_dataset.poses
+    assert dataset.points is not None
+    recorded = getattr(poses, change.condition)
+    if recorded is None and change.condition != PAYLOAD:
+        return None
+    paired = {int(i) for one in find_pairs(dataset) if change.condition in one.conditions for i in one.poses}
+    trained = [i for i in np.unique(dataset.points.pose).tolist() if not poses.is_test[i] and i not in paired]
+    if len(trained) < FEWEST_PAIRS:
+        return None
+    last = poses.setup[trained[int(np.argmax(poses.order[trained]))]]
+    before = replace(
+        poses.select(np.array(trained)), time_s=None, order=np.zeros(0), came_from=np.zeros((0, 0)), selected_from=None
+    )
+    if change.condition == APPROACH:
+        assert before.approach is not None
+        changed = -before.approach
+    else:
+        assert change.before is not None
+        assert change.after is not None
+        if recorded is None:
+            before = replace(before, payload_kg=np.full(len(before), change.before))
+        now = np.zeros(len(before)) if recorded is None else recorded[trained]
+        is_low = now < 0.5 * (change.before + change.after)
+        changed = np.where(is_low, change.after, change.before)
+    after = replace(_under(before, change.condition, changed), setup=np.full(len(before), last))
+    return _Offer(change, before, after, is_again=True, assumed=recorded is None)
+
+
+def joined_poses(one: Poses, other: Poses) -> Poses:
+    """Poses of two lists with the same conditions, the second's ids told apart from the first's."""
+
+    def both(name: str) -> Array | None:
+        first, second = getattr(one, name), getattr(other, name)
+        return None if first is None or second is None else np.concatenate([first, second])
+
+    return Poses(
+        ids=(*one.ids, *(f"{name}'" for name in other.ids)),
+        role=np.full(len(one) + len(other), "train", dtype="<U9"),
+        q=np.concatenate([one.q, other.q]),
+        setup=np.concatenate([one.setup, other.setup]),
+        scan_names=(*one.scan_names, *(f"{name}'.ply" for name in other.ids)),
+        payload_kg=both("payload_kg"),
+        temperature_c=both("temperature_c"),
+        approach=both("approach"),
+    )
+
+
+def _best_offer(
+    cell: PairCell, offers: Sequence[_Offer], drawn: Sequence[DrawnCause], count: int | None
+) -> tuple[float, _Offer] | None:
+    """Chosen pairs with nearly their probability; measured poses again, unless new ones are clearly better."""
+    best: tuple[float, _Offer] | None = None
+    for offer in offers:
+        found = chosen_from(cell, offer, drawn, count)
+        if found is not None and (best is None or found[0] > best[0] + _BETTER):
+            best = found
+    return best
+
+
+def chosen_from(
+    cell: PairCell, offer: _Offer, drawn: Sequence[DrawnCause], count: int | None
+) -> tuple[float, _Offer] | None:
+    """The best pairs of an offer by number of measurements, with nearly their probability."""
+    made = cell.measured(offer.both)
+    found = None if made is None else _design(made, drawn)
+    if found is None:
+        return None
+    design, shown = found
+    cost = 1 if offer.is_again else 2
+    counts = [max(n // cost, FEWEST_PAIRS) for n in ((count,) if count is not None else _COUNTS)]
+    greedy = greedy_pairs(design, counts[-1])
+    reached = [design.probability_of(greedy[:n]) for n in counts]
+    enough = next(n for n, probability in zip(counts, reached, strict=True) if probability >= _NEARLY * max(reached))
+    chosen = exchanged_pairs(design, greedy[:enough])
+    return shown * design.probability_of(chosen), offer.take(chosen)
+
+
+def _design(made: _MeasuredPairs, drawn: Sequence[DrawnCause]) -> tuple[PairDesign, float] | None:
+    """Design for the causes drawn, each by the member that shows most, and the share of causes that show at all."""
+    candidates = candidates_of(made.differences, made.dataset)
+    names = [full_name(c.member, p) for c in candidates for p in c.parameters]
+    column = {name: k for k, name in enumerate(names)}
+    visible = np.concatenate(
+        [np.zeros((int(made.differences.train.sum()), 0)), *(c.visible for c in candidates)], axis=1
+    )
+    causes = []
+    for cause in drawn:
+        parts = []
+        for member, values in cause.coefficients.items():
+            part = np.zeros(len(column))
+            for parameter, value in zip(member.parameters, values, strict=True):
+                if (name := full_name(member, parameter)) in column:
+                    part[column[name]] = value / parameter.scale
+            parts.append(part)
+        causes.append(max(parts, key=lambda part: float(np.linalg.norm(visible @ part))))
+    shown = [cause for cause in causes if cause.any()]
+    if not shown:
+        return None
+    return PairDesign.of(made.differences, candidates, np.array(shown)), len(shown) / len(causes)
+
+
+# ---- simulated follow-ups -------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _MeasuredPairs:
+    """Pairs measured without any cause or noise."""
+
+    dataset: Dataset
+    differences: Differences
+
+
+@dataclass(frozen=True)
+class PairCell:
+    """An arm before its instrument, in which pairs are measured by simulation."""
+
+    dataset: Dataset
+    robot: Robot  # calibrated
+    scanner_T_base: Mapping[str, Array]
+    sigma_mm: float
+
+    def measured(self, poses: Poses) -> _MeasuredPairs | None:
+        """Poses measured without any cause or noise; None where they pair too few."""
+        model, n = geometric_model(self.robot), len(poses)
+        placed = np.stack([self.scanner_T_base[str(name)] for name in poses.setup])
+        points = self.dataset.points
+        target = "jig" if points is None else str(points.target[0])
+        xyz_mm = frames.apply(placed, model.predict(np.zeros(len(model.parameters)), poses, target))
+        covariance = np.tile(self.sigma_mm**2 * np.eye(3), (n, 1, 1))
+        made = replace(self.dataset, poses=poses, points=Points(np.arange(n), xyz_mm, np.full(n, target), covariance))
+        paired = next((one for one in find_pairs(made) if one.conditions[0] in _EASE), None)
+        differences = None if paired is None else differences_of(made, paired, self.robot)
+        return None if differences is None else _MeasuredPairs(made, differences)
+
+
+def settled_share(made: _MeasuredPairs | None, drawn: Sequence[DrawnCause], rng: np.random.Generator) -> float:
+    """Share of drawn causes that are proven, and nothing else is, by pairs that are measured in simulation."""
+    if made is None:
+        return 0.0
+    differences = made.differences
+    candidates = candidates_of(differences, made.dataset)
+    settled = 0
+    for cause in drawn:
+        explained = np.zeros(len(differences.residual))
+        for member, values in cause.coefficients.items():
+            explained += differences.columns(member) @ (values / np.array([p.scale for p in member.parameters]))
+        noise = rng.standard_normal((len(differences.row), 3))
+        found = decided(differences.simulated(explained, noise), candidates, name_open=False).proofs
+        proven = {(proof.effect, proof.joint) for proof in found}
+        settled += bool(proven) and proven <= cause.carriers
+    return settled / len(drawn)
+
+
+def _joint(member: Effect) -> int | None:
+    joint = getattr(member, "joint", None)
+    return None if joint is None else int(joint) + 1
