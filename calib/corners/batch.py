@@ -13,6 +13,8 @@ import numpy as np
 
 from calib.blas_threads import one_blas_thread
 from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
+from calib.corners.intersection import Corner
+from calib.corners.jig_angles import JigAngles, with_common_angles
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
 from calib.dataset.dataset import Dataset, Scanner
@@ -30,12 +32,18 @@ from calib.scans.scan import PointCount, load_scan
 class CornerBatch(dict[str, CornerSearch], Presented):
     """Corner searches of a dataset's scans, by pose id, in the dataset's order."""
 
-    def __init__(self, dataset: Dataset, searches: Mapping[str, CornerSearch] = MappingProxyType({})) -> None:
+    def __init__(
+        self,
+        dataset: Dataset,
+        searches: Mapping[str, CornerSearch] = MappingProxyType({}),
+        jig_angles: JigAngles | None = None,
+    ) -> None:
         super().__init__(searches)
         self.dataset = dataset
+        self.jig_angles = jig_angles
 
-    def __reduce__(self) -> tuple[type[CornerBatch], tuple[Dataset, dict[str, CornerSearch]]]:
-        return CornerBatch, (self.dataset, dict(self))
+    def __reduce__(self) -> tuple[type[CornerBatch], tuple[Dataset, dict[str, CornerSearch], JigAngles | None]]:
+        return CornerBatch, (self.dataset, dict(self), self.jig_angles)
 
     def to_frame(self) -> pd.DataFrame:
         """Table with a row for each scan: corner in the scanner's frame, its sigma, rms of the faces, failure.
@@ -77,7 +85,8 @@ def find_corners(
 
     Each job loads its own scan, so no more scans are in memory than jobs run at a time, and uses one BLAS thread
     wherever it runs, so the result is the same to the bit. A scan that cannot be read becomes a failed search with
-    `unreadable` set.
+    `unreadable` set. Where all scans are searched for one jig, the angles between its faces are estimated once from all
+    of them (`calib.corners.jig_angles`).
 
     Args:
         dataset: a dataset with scans, or its folder.
@@ -123,7 +132,17 @@ def find_corners(
             f"dataset {dataset.name!r}: a process died after {len(searches)} of {len(ids)} scans, perhaps for want of "
             "memory; search with fewer processes"
         ) from None
-    return CornerBatch(dataset, {pose_id: searches[pose] for pose, pose_id in enumerate(ids)})
+    return CornerBatch(dataset, *of_one_jig({pose_id: searches[pose] for pose, pose_id in enumerate(ids)}, dataset.jig))
+
+
+def of_one_jig(searches: Mapping[str, CornerSearch], jig: Jig) -> tuple[dict[str, CornerSearch], JigAngles | None]:
+    """Searches for the corner of one jig, with the angles between its faces that all scans tell, and these angles.
+
+    Searches for several targets stay as they are.
+    """
+    corners = {name: s.corner for name, s in searches.items() if s.corner is not None and type(s) is CornerSearch}
+    held, angles = with_common_angles(corners, jig)
+    return {name: replace(s, corner=held.get(name, s.corner)) for name, s in searches.items()}, angles
 
 
 def declared_noise(scanner: Scanner) -> DeclaredNoise:
@@ -157,10 +176,17 @@ def search_file(
 
 def brief(search: CornerSearch) -> CornerSearch:
     """Corner search without its arrays of points: the corner, the counts and the reason stay."""
-    none, no_bits = np.zeros((0, 3)), np.zeros(0, dtype=np.uint8)
+    none = np.zeros((0, 3))
     corner = search.corner
     if corner is not None:
-        one, two, three = (replace(face, inlier_bits=no_bits) for face in corner.faces)
-        corner = replace(corner, faces=(one, two, three))
+        free = None if corner.free is None else _without_bits(corner.free)
+        corner = replace(_without_bits(corner), free=free)
     sets = SampleSets(np.zeros((0, 4, 3)), none, none, search.sets.rejected_by)
     return replace(search, voxel_points_mm=none, voxel_normals=none, sets=sets, corner=corner)
+
+
+def _without_bits(corner: Corner) -> Corner:
+    """Corner whose faces do not say which points are theirs."""
+    no_bits = np.zeros(0, dtype=np.uint8)
+    one, two, three = (replace(face, inlier_bits=no_bits) for face in corner.faces)
+    return replace(corner, faces=(one, two, three))

@@ -26,6 +26,7 @@ _MOST_VOTERS = 100_000
 _SAME_RAD = np.radians(0.5)  # planes of two passes that differ less are the same
 _SETS_TO_COUNT = 3  # a group of fewer sets is mostly a part of another plane
 _CLEAR = 0.015  # of the edge: voters keep this distance from the other two faces and the far edge
+_MOSTLY_MIRRORED = 0.1  # share of the points on and behind three planes
 _NEAR_END = 0.12  # of the edge: how far from where the two other faces end the third may be
 
 
@@ -168,6 +169,15 @@ def _reason_by_planes(planes: Planes, triples: Sequence[FaceTriple], jig: Jig) -
     filled = ", ".join(f"{max(w, 0):.0%}" for w in np.sort(best.score))
     return (
         f"found {len(planes.perpendicular_triples)} triples of perpendicular planes, but none with the outline of "
-        f"a jig of {jig.edges_text()} (the best fills {filled} of its faces); check edge_mm, and that the jig is in "
-        "full view"
+        f"a jig of {jig.edges_text()} (the best fills {filled} of its faces); {_remedy(best)}"
     )
+
+
+def _remedy(best: FaceTriple) -> str:
+    """Advice for a scan whose best triple of planes has not the jig's outline."""
+    if best.mirrored > _MOSTLY_MIRRORED:
+        return (
+            f"{best.mirrored:.0%} of the points on and behind these planes are mirror images of one in another: the "
+            "faces are shiny; make them matt"
+        )
+    return "check edge_mm, and that the jig is in full view"

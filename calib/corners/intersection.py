@@ -56,6 +56,7 @@ class Corner(Brief):
     plane_covariance: Array  # (9, 9) of the faces' (h, s_1, s_2) in turn; a correlated scanner error is shared by faces
     quality: CornerQuality
     outline: Outline  # of the faces in this order
+    free: Corner | None = None  # the same with its three planes fitted freely, where angles are held between them
 
     def sigma_mm(self) -> float:
         """Standard deviation of the apex over all three axes: sqrt(trace of the covariance)."""

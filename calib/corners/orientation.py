@@ -17,7 +17,7 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array
-from calib.corners.faces.certified_angles import MOST_MISFIT
+from calib.corners.faces.angles import MOST_MISFIT
 from calib.corners.intersection import Corner
 from calib.jig import Jig, jig_normals
 from calib.planes.robust_fit import height_lever
@@ -84,10 +84,11 @@ def _orient(corner: Corner, known: Array, order: tuple[int, int, int]) -> Orient
     w changes s_k by -(R m x e_k) . w. Under certified angles the covariance has rank 3; the weight is its
     pseudo-inverse.
     """
-    normals = np.array([corner.faces[i].normal for i in order])
-    axes = np.array([corner.faces[i].axes for i in order])  # (3, 2, 3)
+    free = corner.free or corner  # held angles would count twice
+    normals = np.array([free.faces[i].normal for i in order])
+    axes = np.array([free.faces[i].axes for i in order])  # (3, 2, 3)
     slopes = np.array([[3 * i + 1, 3 * i + 2] for i in order]).ravel()
-    covariance = corner.plane_covariance[np.ix_(slopes, slopes)]
+    covariance = free.plane_covariance[np.ix_(slopes, slopes)]
     weight = np.linalg.pinv(0.5 * (covariance + covariance.T), rcond=_NULL, hermitian=True)
     scanner_R_jig = frames.best_fit_rotation(known, normals)
     for _ in range(_STEPS):

@@ -8,13 +8,13 @@ planes: along an edge, away from the apex, the height over the plane that the ed
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.array_types import Array, IndexArray
+from calib.array_types import Array, BoolArray, IndexArray
 from calib.corners.faces.face_outline import FaceOutline, filled_share, outline_shares
 from calib.corners.intersection import intersect
 from calib.jig import Jig, Outline
@@ -26,6 +26,7 @@ _MOST_GROUPS = 60
 _MOST_SCORED = 40
 _ENOUGH_TO_COUNT = 1000  # of a plane's points, to know its share within reach of two others
 _MOST_PAIRS = 20  # for which a third face is voted
+_WORTH_A_WORD = 0.02  # share of mirrored points
 _WALL = 3.0  # largest rectangles between two of the jig's edges; a plane with more area is no face of it
 
 
@@ -54,6 +55,16 @@ class FaceTriple:
     score: Array  # (3,) share of the face that has points, less the share that is wrong
     outline: Outline  # the jig's that fits best; edge i leaves the plane chosen[i]
     wrong: Array  # (3,) area seen through the face, or of points of its plane beyond its edges, as a share of the face
+    mirrored: float = 0.0  # share of the points on and behind the faces that are mirror images of other faces
+
+    def note_on_mirroring(self) -> tuple[str, ...]:
+        """Warning on points that one face mirrors in another; () where there are few."""
+        if self.mirrored < _WORTH_A_WORD:
+            return ()
+        return (
+            f"{self.mirrored:.0%} of the thinned points on and behind the faces are mirror images of one face in "
+            "another, and are left out; make the faces matt",
+        )
 
     def is_jig(self, tolerances: SelectionTolerances) -> bool:
         """Whether points fill enough of every face, and few are beyond a face's edges or seen through it."""
@@ -196,7 +207,9 @@ class Planes:
         faces = [self.faces[g] for g in chosen if g < len(self.faces)]
         if voted is not None:
             faces.append(self._face(voted))
-        on = [self._along(faces, face) for face in range(3)]
+        normals = np.array([groups[g].normal for g in chosen])
+        mirrored = self._mirrored(faces, normals)
+        on = [self._along(faces, face, mirrored) for face in range(3)]
         at = np.concatenate([points for _, points in on])
         spacing_mm = self.around.spacing_mm(at) if len(at) else 0.0
         # What costs least is counted first: no score is higher than the area that has points.
@@ -206,9 +219,11 @@ class Planes:
             self.outlines,
             lambda i, face: (filled_share(on[i][0], face, spacing_mm), 0.0, 0.0),
         )
+        count = int(np.count_nonzero(mirrored))
+        share = count / max(len(at) + count, 1)
+        triples = [replace(triple, mirrored=share) for triple in triples]
         if not (outlines := self._like(triples)):
             return self._best(triples)
-        normals = np.array([groups[g].normal for g in chosen])
         agrees = [
             self.around.normals.take(points, axis=0) @ normal >= self._least_cosine()
             for (_, points), normal in zip(on, normals, strict=True)
@@ -227,16 +242,39 @@ class Planes:
         near = (self.around.points_mm @ apex) ** 2 > (self.squared_mm2 - (1.5 * self.jig.longest_mm) ** 2) * (
             apex @ apex
         )
-        behind = self.solid[near[self.solid]]
+        behind = self.solid[(near & ~mirrored)[self.solid]]
         through = [self._through(faces, face, behind) for face in range(3)]
-        return self._best(
-            self._scored(
-                groups,
-                chosen,
-                outlines,
-                lambda i, face: outline_shares(on[i][0], agrees[i], through[i], face, spacing_mm),
-            )
+        triples = self._scored(
+            groups,
+            chosen,
+            outlines,
+            lambda i, face: outline_shares(on[i][0], agrees[i], through[i], face, spacing_mm),
         )
+        return replace(self._best(triples), mirrored=share)
+
+    def _mirrored(self, faces: Sequence[_Face], normals: Array) -> BoolArray:
+        """(V,) mask of the points that a concave jig's shiny faces put behind one of them.
+
+        A ray that a face reflects meets another face, and its point is measured as far along the ray: at the mirror
+        image of that other face in the first. Mirrored back in the planes that it is behind, it lies in the face.
+        """
+        mirrored = np.zeros(len(self.around.points_mm), dtype=bool)
+        if not self.jig.convex:
+            heights = np.stack([face.heights for face in faces])
+            offsets = np.array([face.offset_mm for face in faces])
+            behind = np.flatnonzero((heights < -2 * self.tolerances.height_mm).any(axis=0))
+            heights = heights[:, behind]
+            # The ray to a point of height h over the plane n . p = d meets it at the share d / (h + d) of its length.
+            met = np.where(heights < 0, offsets[:, None] / np.minimum(heights + offsets[:, None], -1e-9), np.inf)
+            first = np.argmin(met, axis=0)
+            there = heights[first, np.arange(len(behind))]
+            back = np.abs(heights - 2 * there * (normals @ normals.T)[:, first])
+            low, middle, high = np.sort(back, axis=0)
+            of_face = (low < 2 * self.tolerances.height_mm) & (middle + high < 1.1 * self.jig.longest_mm)
+            if self.outlines[0].rectangular:
+                of_face = (low < 2 * self.tolerances.height_mm) & (high < 1.1 * self.jig.longest_mm)
+            mirrored[behind[of_face]] = True
+        return mirrored
 
     def _scored(
         self,
@@ -268,13 +306,14 @@ class Planes:
         """Triple with the highest sum of scores, among those that satisfy `FaceTriple.is_jig` if any does."""
         return max(triples, key=lambda triple: (triple.is_jig(self.tolerances), float(triple.score.sum())))
 
-    def _along(self, faces: Sequence[_Face], face: int) -> tuple[Array, IndexArray]:
+    def _along(self, faces: Sequence[_Face], face: int, mirrored: BoolArray) -> tuple[Array, IndexArray]:
         """Coordinates (K, 2), along a face's two edges, of points on its plane near these edges; and their indices."""
         at = faces[face]
-        one, other = (self.sign * o.heights.take(at.on) for o in faces if o is not at)
+        on = at.on[~mirrored[at.on]]
+        one, other = (self.sign * o.heights.take(on) for o in faces if o is not at)
         least, most = -0.5 * self.jig.longest_mm, 2 * self.jig.longest_mm
         near = np.flatnonzero((np.minimum(one, other) > least) & (np.maximum(one, other) < most))
-        return np.stack([one[near], other[near]]).T, at.on[near]
+        return np.stack([one[near], other[near]]).T, on[near]
 
     def _through(self, faces: Sequence[_Face], face: int, behind: IndexArray) -> Array:
         """Coordinates (M, 2), along a face's edges, where the rays of the points `behind` went through its plane.

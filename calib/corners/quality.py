@@ -46,11 +46,16 @@ class CornerQuality(Brief):
     smooth_error_mm: float  # standard deviation of the correlated part of the scanner's error
     smooth_length_mm: float  # its correlation length
     smooth_factor: float  # sigma of the apex over what white noise alone would make it
-    rigid: bool  # whether the faces were fitted under the certified angles
     margin_mm: float  # strip left out along every edge: rounding, blurred and flying pixels
     notes: tuple[str, ...] = field(default=())  # from the search itself
     smooth_declared_mm: float = 0.0  # as dataset.toml declares it; 0: not declared
     smooth_shown_mm: float = 0.0  # the longest correlation length of which this scan shows anything
+    angles_held: str = ""  # as in `JigAngles.held`
+
+    @property
+    def rigid(self) -> bool:
+        """Whether the angles between the faces are held at those of the jig."""
+        return self.angles_held == "jig"
 
     def doubts(self) -> tuple[str, ...]:
         """Warnings about the corner, each with its number and what would help; () where there are none."""

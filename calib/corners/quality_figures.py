@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.corners.correlated_noise.plane_uncertainty import PlaneUncertainty
-from calib.corners.faces.certified_angles import angle_derivative, fitted_angles_deg
+from calib.corners.faces.angles import angle_derivative, fitted_angles_deg
 from calib.corners.faces.face_outline import FaceOutline, outline_shares
 from calib.corners.intersection import intersection_covariance
 from calib.corners.quality import CornerQuality, FaceQuality, angle_errors, incidence_deg
@@ -25,7 +25,6 @@ def height_covariance(planes: Sequence[PlaneFit], covariance: Array, point_mm: A
 def quality_figures(
     planes: Sequence[PlaneFit],
     known: PlaneUncertainty,
-    covariance: Array,
     origin: Array,
     apex: Array,
     jig: Jig,
@@ -33,12 +32,10 @@ def quality_figures(
     margin_mm: float,
     scan_sigma_mm: float | None,
     smooth_declared_mm: float,
-    notes: tuple[str, ...],
 ) -> CornerQuality:
-    """Quality figures of a refined corner.
+    """Quality figures of a refined corner of three free planes.
 
-    covariance  # (9, 9) of the planes as the corner takes them; known.covariance is the one before certified angles
-    constrain them. origin, apex  # (3,) the first apex in the scanner's frame, and the last one about it.
+    origin, apex  # (3,) the first apex in the scanner's frame, and the last one about it.
     """
     normals = np.array([p.normal for p in planes])
 
@@ -70,13 +67,12 @@ def quality_figures(
         angle_sigmas_deg=tuple(sigmas.tolist()),
         angle_errors_deg=tuple(angle_errors(angles, jig.face_angles_deg).tolist()),
         condition=float(np.linalg.cond(normals)),
-        amplification=apex_sigma_mm(covariance) / float(middles),
+        amplification=apex_sigma_mm(known.covariance) / float(middles),
         smooth_error_mm=known.correlated_sigma_mm,
         smooth_length_mm=known.correlation_length_mm,
         smooth_factor=apex_sigma_mm(known.covariance) / apex_sigma_mm(known.white_covariance),
-        rigid=jig.certified and not notes,
         margin_mm=margin_mm,
-        notes=(*notes, *known.notes),
+        notes=known.notes,
         smooth_declared_mm=smooth_declared_mm,
         smooth_shown_mm=known.shown_to_mm,
     )

@@ -16,10 +16,6 @@ from calib.array_types import Array, IndexArray
 from calib.corners.correlated_noise.declared import NOTHING_DECLARED, DeclaredNoise
 from calib.corners.correlated_noise.plane_uncertainty import plane_uncertainty
 from calib.corners.correlated_noise.surroundings import flat_surroundings
-from calib.corners.faces.certified_angles import (
-    constrain_to_angles,
-    turned_normals,
-)
 from calib.corners.faces.face_outline import (
     along_edges,
     face_points,
@@ -28,6 +24,7 @@ from calib.corners.faces.face_outline import (
 )
 from calib.corners.faces.mixed_pixels import refit_narrow_faces
 from calib.corners.intersection import Corner, Face, intersect, intersection_covariance, packed
+from calib.corners.jig_angles import with_common_angles
 from calib.corners.quality_figures import height_covariance, quality_figures
 from calib.corners.refusals import RefinedFaces, require_faces
 from calib.errors import CornerError
@@ -100,27 +97,24 @@ def refine(
     known = plane_uncertainty(planes, jig, origin, surroundings, options.declared)
     planes = list(known.planes)
     require_faces(RefinedFaces(planes, known.covariance, local, origin, jig, outline))
-    covariance, moves = known.covariance, np.zeros(9)
-    notes: tuple[str, ...] = ()
-    if jig.certified:
-        rigid = constrain_to_angles(planes, known.covariance, jig.face_angles_deg)
-        covariance, moves = rigid.covariance, rigid.moves
-        notes = (rigid.note,) if rigid.note else ()
-    normals = turned_normals(planes, moves)
-    offsets = np.array([normals[i] @ p.centre_mm + moves[3 * i] for i, p in enumerate(planes)])
-    apex = intersect(normals, offsets)
-    return Corner(
+    covariance = known.covariance
+    normals = np.array([plane.normal for plane in planes])
+    apex = intersect(normals, np.array([plane.offset_mm for plane in planes]))
+    one, two, three = (
+        _face(plane, origin, group, covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3], len(points_mm))
+        for i, (plane, group) in enumerate(zip(planes, chosen, strict=True))
+    )
+    declared_mm = options.declared.correlated_sigma_mm
+    corner = Corner(
         origin + apex,
         intersection_covariance(normals, height_covariance(planes, covariance, apex)),
-        tuple(_face(p, normals[i], offsets[i], origin, group, covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3],
-                    len(points_mm))
-            for i, (p, group) in enumerate(zip(planes, chosen, strict=True))),  # type: ignore[arg-type]
+        (one, two, three),
         covariance,
-        quality_figures(planes, known, covariance, origin, apex, jig, outline, margin_mm,
-                 scan_sigma_mm and float(np.hypot(scan_sigma_mm, options.declared.correlated_sigma_mm)),
-                 options.declared.correlated_sigma_mm, notes),
+        quality_figures(planes, known, origin, apex, jig, outline, margin_mm,
+                        scan_sigma_mm and float(np.hypot(scan_sigma_mm, declared_mm)), declared_mm),
         outline,
     )  # fmt: skip
+    return with_common_angles({"": corner}, jig)[0][""]
 
 
 def _fit_faces(
@@ -213,25 +207,16 @@ def _lack_of_points(points: Array, on: IndexArray, jig: Jig, options: Refinement
     return ""
 
 
-def _face(
-    plane: PlaneFit,
-    normal: Array,
-    offset_mm: float,
-    origin: Array,
-    group: int,
-    covariance: Array,
-    scan_points: int,
-) -> Face:
-    """Face of the corner from its fitted plane, with the final normal and offset."""
-    centre = plane.centre_mm + (offset_mm - normal @ plane.centre_mm) * normal
+def _face(plane: PlaneFit, origin: Array, group: int, covariance: Array, scan_points: int) -> Face:
+    """Face of the corner from its fitted plane."""
     return Face(
-        normal=normal,
-        offset_mm=float(offset_mm + normal @ origin),
-        centre_mm=centre + origin,
+        normal=plane.normal,
+        offset_mm=float(plane.offset_mm + plane.normal @ origin),
+        centre_mm=plane.centre_mm + origin,
         points=len(plane.indices),
         rms_mm=plane.sigma_mm,
         inlier_bits=packed(plane.indices, scan_points),
         group=group,
-        axes=plane.axes - np.outer(plane.axes @ normal, normal),
+        axes=plane.axes,
         covariance=covariance,
     )

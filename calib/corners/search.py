@@ -224,7 +224,8 @@ def _search_pass(
         except CornerError as error:
             failed.append(replace(search, failure=str(error)))
         else:
-            return replace(search, corner=corner), planes
+            notes = (*corner.quality.notes, *triple.note_on_mirroring())
+            return replace(search, corner=replace(corner, quality=replace(corner.quality, notes=notes))), planes
     return (failed or [search])[0], planes
 
 

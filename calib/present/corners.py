@@ -11,6 +11,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.corners.batch import CornerBatch
 from calib.corners.intersection import Corner
+from calib.corners.jig_angles import JigAngles
 from calib.corners.quality import CornerQuality
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset, FaceLabelling
@@ -42,6 +43,11 @@ _SEEN_AT = (
 )
 _NO_DOUBT = "Nothing about this corner deserves a second look."
 _PLAIN = 1.05  # a smooth error that makes the sigma larger by less than this factor is not worth a word
+_ANGLES_HELD = {
+    "jig": "held at the jig's",
+    "scans": "held at those that all scans have in common",
+    "": "free, or nearly so: this scan does not agree with the jig's",
+}
 _LABELLED_BY = {
     "robot": "the nominal robot",
     "angles": "the jig's unequal angles",
@@ -55,7 +61,7 @@ _LABELLED_BY = {
 @presentation.register
 def _batch(batch: CornerBatch) -> Presentation:
     named = assign_targets(batch.dataset, batch)
-    head = [*batch_head(batch.dataset, batch, named), *failures(batch, named)]
+    head = [*batch_head(batch.dataset, batch, named), *_angles_paragraph(batch.jig_angles), *failures(batch, named)]
     tables = {"corner": corner_table(batch), "target": target_table(named)}
     sections = [
         Section(f"Each {what}, in the scanner's frame", [table]) for what, table in tables.items() if table.rows
@@ -63,9 +69,7 @@ def _batch(batch: CornerBatch) -> Presentation:
     return Presentation(f"Corners of {batch.dataset.name}", head, sections)
 
 
-def batch_blocks(
-    dataset: Dataset, searches: Mapping[str, CornerSearch], named: Assignment, labels: FaceLabels | None
-) -> list[Block]:
+def batch_blocks(searches: CornerBatch, named: Assignment, labels: FaceLabels | None) -> list[Block]:
     """Blocks on a search of scans: corners and targets, failures with reasons, counts, and the jig's face labels."""
     failed = failed_searches(searches)
     counted = [Paragraph(f"No corner: {counted_reasons(failed)}.")] if len(failed) > 1 else []
@@ -73,9 +77,33 @@ def batch_blocks(
         *(table for table in (corner_table(searches), target_table(named)) if table.rows),
         *failures(searches, named),
         *counted,
-        *batch_head(dataset, searches, named),
+        *batch_head(searches.dataset, searches, named),
+        *_angles_paragraph(searches.jig_angles),
         *([] if labels is None else [Paragraph(f"{numbers.capitalised(face_labelling(labels.labelling))}.")]),
     ]
+
+
+def _angles_paragraph(angles: JigAngles | None) -> list[Block]:
+    """Paragraph on the angles between the jig's faces that all scans tell together; none for less than two scans."""
+    if angles is None or angles.scans < 2:
+        return []
+    meet = ", ".join(f"{angle:.4g}°" if angles.held == "jig" else f"{angle:.4f}°" for angle in angles.angles_deg or ())
+    scans = numbers.count(angles.scans, "scan")
+    if angles.held == "jig":
+        text = f"{scans} agree with the jig's angles ({meet}), which are held in every corner"
+    elif angles.held == "scans" and angles.sigmas_deg is not None:
+        text = (
+            f"{scans} have the jig's faces meet at {meet} (sigma {max(angles.sigmas_deg):.2g}°), not at the angles of "
+            "dataset.toml; these are held in every corner: give them as face_angles_deg"
+        )
+    else:
+        text = (
+            f"{scans} neither agree with the jig's angles in dataset.toml nor on others: each corner's faces are "
+            "fitted with little regard to them"
+        )
+    if angles.outlying:
+        text += f"; not counted, since their angles are far from all others': {', '.join(angles.outlying)}"
+    return [Paragraph(f"{text}.")]
 
 
 def face_labelling(found: FaceLabelling) -> str:
@@ -276,7 +304,7 @@ def _origins(quality: CornerQuality) -> list[tuple[str, object]]:
         ("left out along every edge", f"{quality.margin_mm:.2f} mm"),
         ("apex, against the planes at their middles", f"{quality.amplification:.1f} times less certain"),
         ("error that neighbours share", smooth if quality.smooth_factor > _PLAIN else "next to none"),
-        ("angles between the faces", "fixed to the jig's, which are certified" if quality.rigid else "free"),
+        ("angles between the faces", _ANGLES_HELD[quality.angles_held]),
     ]
 
 
@@ -288,7 +316,7 @@ def _quality_document(quality: CornerQuality) -> dict[str, Any]:
     figures = asdict(quality)
     figures.pop("notes")
     figures["smooth_told_mm"] = figures.pop("smooth_declared_mm")
-    return {**figures, "doubts": quality.doubts()}
+    return {**figures, "rigid": quality.rigid, "doubts": quality.doubts()}
 
 
 @document.register
@@ -317,10 +345,13 @@ def _labels_document(labels: FaceLabels) -> dict[str, Any]:
 
 @document.register
 def _batch_document(batch: CornerBatch) -> dict[str, Any]:
-    return corners_document(batch, label_faces(batch.dataset, batch), assign_targets(batch.dataset, batch))
+    labels = label_faces(batch.dataset, batch)
+    return corners_document(batch, labels, assign_targets(batch.dataset, batch), batch.jig_angles)
 
 
-def corners_document(searches: Mapping[str, CornerSearch], labels: FaceLabels, named: Assignment) -> dict[str, Any]:
+def corners_document(
+    searches: Mapping[str, CornerSearch], labels: FaceLabels, named: Assignment, angles: JigAngles | None
+) -> dict[str, Any]:
     """Document that `corners --json` prints: corners with their planes, the jig's orientations, failures with reasons.
 
     `targets` are all that have a name, where a dataset has others than one jig.
@@ -340,7 +371,7 @@ def corners_document(searches: Mapping[str, CornerSearch], labels: FaceLabels, n
         for pose_id, reasons in named.refused.items()
         for name, reason in reasons.items()
     ]
-    corners = {"corners": found, "failed": failed, "orientations": labels}
+    corners = {"corners": found, "failed": failed, "orientations": labels, "jig_angles": angles}
     return corners | ({"targets": targets, "targets_failed": refused} if targets or refused else {})
 
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from calib.corners.batch import CornerBatch
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
@@ -78,8 +79,8 @@ def run_corners(options: CornersOptions) -> int:
     if options.out is not None:
         found = with_corners(dataset, searches, orientation=labels if options.orientation else False)
         write_text_atomically(options.out, corners_csv(found))
-    blocks = batch_blocks(dataset, searches, named, labels if dataset.shows_faces else None)
-    show(options, corners_document(searches, labels, named), block_text(*blocks))
+    blocks = batch_blocks(searches, named, labels if dataset.shows_faces else None)
+    show(options, corners_document(searches, labels, named, searches.jig_angles), block_text(*blocks))
     return 0
 
 
@@ -145,7 +146,7 @@ def searched(dataset: Dataset) -> dict[str, CornerSearch]:
     return searches
 
 
-def found_corners(dataset: Dataset, wanted: int | None = None) -> dict[str, CornerSearch]:
+def found_corners(dataset: Dataset, wanted: int | None = None) -> CornerBatch:
     """Corner searches on a number of processes; None for one process per core."""
     scans = 0 if dataset.scan_folder is None else len(dataset.poses)
     with progress("corners") as on_progress, processes(scans, wanted) as executor:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from calib.corners.batch import declared_noise
+from calib.corners.batch import declared_noise, of_one_jig
 from calib.dataset.files.folder import load_arriving_dataset, load_dataset
 from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import Observations
@@ -44,7 +44,7 @@ def with_search(session: Session, pose: int) -> Session:
         finder_of(dataset),
         declared=declared_noise(dataset.scanner),
     )
-    searches = {**session.searches, session.dataset.poses.ids[pose]: search}
+    searches, _ = of_one_jig({**session.searches, session.dataset.poses.ids[pose]: search}, dataset.jig)
     if session.dataset.points is not None:
         return replace(session, searches=searches)
     return untested(replace(session, searches=searches, face_labels=None, calibration=None, effects=(), steps=()))

@@ -23,7 +23,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.corners.batch import find_corners
+from calib.corners.batch import find_corners, search_file
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Scanner
 from calib.errors import CornerError
@@ -113,7 +113,7 @@ def test_another_name_changes_nothing_and_more_blas_threads_only_the_covariances
         "found = search_file(Path(sys.argv[1]), Jig(), 0.02).corner\n"
         "print(found.xyz_mm.tobytes().hex(), found.covariance_mm2.tobytes().hex())"
     )
-    corner = alone["p0"].corner
+    corner = search_file(dataset.scan_path(0), Jig(), 0.02).corner
     assert corner is not None
     threads = {"OPENBLAS_NUM_THREADS": "2", "OMP_NUM_THREADS": "2"}  # conftest.py sets 1
     said = subprocess.run(

@@ -118,19 +118,20 @@ def test_plane_covariance_is_what_repeats_show(free: list[Corner]) -> None:
 
 @pytest.mark.slow
 @pytest.mark.thorough
-def test_a_certified_jig_gains_what_its_covariance_says(free: list[Corner]) -> None:
-    rigid = [corner(np.random.default_rng(s), Jig(certified=True)) for s in range(len(free))]
-    assert all(r.quality.rigid for r in rigid)
-    assert not any(f.quality.rigid for f in free)
+@pytest.mark.parametrize("certified", [False, True])
+def test_held_angles_gain_what_the_covariance_says(free: list[Corner], certified: bool) -> None:
+    held = [corner(np.random.default_rng(s), Jig(certified=certified)) for s in range(len(free))]
+    assert np.mean([r.quality.rigid for r in held]) > 0.9
+    loose = [one.free for one in held if one.free is not None]
     gain = np.sqrt(
-        np.sum([np.sum((r.xyz_mm - APEX) ** 2) for r in rigid]) / np.sum([np.sum((f.xyz_mm - APEX) ** 2) for f in free])
+        np.sum([np.sum((r.xyz_mm - APEX) ** 2) for r in held]) / np.sum([np.sum((f.xyz_mm - APEX) ** 2) for f in loose])
     )
     said = np.sqrt(
-        np.sum([np.trace(r.covariance_mm2) for r in rigid]) / np.sum([np.trace(f.covariance_mm2) for f in free])
+        np.sum([np.trace(r.covariance_mm2) for r in held]) / np.sum([np.trace(f.covariance_mm2) for f in loose])
     )
-    assert said < 0.8
+    assert said < 0.85
     assert gain == pytest.approx(said, rel=0.2)
-    assert 2.2 < np.mean([squared(r) for r in rigid]) < 3.9
+    assert 2.0 < np.mean([squared(r) for r in held]) < 3.9
 
 
 def test_a_certified_jig_has_its_angles_to_the_bit() -> None:
@@ -146,20 +147,22 @@ def test_a_certified_jig_has_its_angles_to_the_bit() -> None:
 
 
 def test_a_wrong_certificate_is_not_believed() -> None:
-    """Angles a tenth of a degree off the certified ones leave the planes free, with the reason."""
+    """Angles a tenth of a degree off the certified ones leave the planes as good as free, with the reason."""
     skew = Jig(face_angles_deg=(90.1, 90.0, 89.9))
     found = corner(np.random.default_rng(2), skew, told=Jig(certified=True), points=2000)
-    free = corner(np.random.default_rng(2), skew, points=2000)
-    np.testing.assert_array_equal(found.xyz_mm, free.xyz_mm)
+    assert found.free is not None
+    assert np.linalg.norm(found.xyz_mm - found.free.xyz_mm) < 0.3 * found.sigma_mm()
     assert not found.quality.rigid
-    assert "left free" in found.quality.doubts()[0]
+    assert "contradicts the certified face_angles_deg" in found.quality.doubts()[0]
 
 
-def test_angles_too_alike_to_name_the_faces_are_not_used() -> None:
-    jig = Jig(face_angles_deg=(90.001, 90.0, 89.999), certified=True)
+def test_angles_too_alike_to_name_the_faces_are_held_as_far_as_they_are_known() -> None:
+    jig = Jig(face_angles_deg=(90.02, 90.0, 89.98), certified=True)
     found = corner(np.random.default_rng(3), jig, points=200)
-    assert not found.quality.rigid
-    assert "which face is which" in found.quality.doubts()[0]
+    assert found.quality.rigid
+    assert found.free is not None
+    assert found.sigma_mm() < 0.95 * found.free.sigma_mm()
+    assert squared(found) < 12
 
 
 def test_exact_points_have_no_uncertainty_to_speak_of() -> None:

@@ -56,3 +56,12 @@ def test_a_round_plate_and_a_small_one_have_no_corner() -> None:
         scene = placed(np.random.default_rng(2), pieces, rays=12_000, others=0)
         with pytest.raises(TargetError, match="none of which meet at 90 deg"):
             find_plate_corner(scene.scan, Wanted(Plate(60.0), scan_sigma_mm=0.02))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_where_the_field_ends_is_no_corner_of_a_plate(seed: int) -> None:
+    """A plate whose own corner is out of view, before a wall: its borders and the wall's are the rim of the scan."""
+    plate_out_of_view = [Patch(np.array([-150.0, -20.0, 0.0]), np.array([600.0, 0, 0]), np.array([0.0, 600.0, 0]))]
+    scene = placed(np.random.default_rng(seed), plate_out_of_view, rays=12_000, others=1)
+    with pytest.raises(TargetError, match="none of which meet at 90 deg"):
+        find_plate_corner(scene.scan, Wanted(Plate(35.0), ("a", "b", "c", "d"), 0.02))

@@ -48,6 +48,18 @@ def test_a_centre_is_at_its_bound(case: dict[str, float], known: bool) -> None:
     assert ratio < 1.6  # of three scenes; the mean over many is below 1.2
 
 
+def test_stray_points_in_the_shadow_of_what_hides_half_a_sphere_do_not_disprove_it() -> None:
+    """As many strays as points, all within 80 mm: there are more of them behind the sphere than points on it."""
+    rng = np.random.default_rng(4)
+    scene = one_ball(rng, rays=RAYS, hidden=0.5)
+    points, ball = scene.scan.points_mm, scene.balls[0]
+    strays = ball.centre + rng.uniform(-80, 80, points.shape)
+    found = find_spheres(Scan("strays", np.vstack([points, strays])), wanted(2 * ball.radius))[0]
+    error = found.xyz_mm - ball.centre
+    assert np.linalg.norm(error) < 3 * scene.bound_mm(known=True)
+    assert error @ np.linalg.solve(found.covariance_mm2, error) < 16
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize("diameter_mm", [20.0, 40.0, 100.0])

@@ -44,7 +44,7 @@ from calib.corners.correlated_noise.likelihood import (
 from calib.corners.correlated_noise.patches import Patches, ScannerView, joined, patches_of
 from calib.corners.correlated_noise.posterior import SIZES, generalised_fit, patch_covariance, posterior_variances
 from calib.corners.correlated_noise.surroundings import evidence_of_surroundings, patches_of_surroundings
-from calib.corners.faces.certified_angles import angle_derivative, fitted_angles_deg
+from calib.corners.faces.angles import angle_derivative, fitted_angles_deg
 from calib.jig import FACE_PAIRS, Jig
 from calib.planes.robust_fit import PlaneFit
 

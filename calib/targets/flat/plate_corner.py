@@ -39,6 +39,10 @@ _BEFORE = 0.003  # of the distance: points so much nearer than the plane lie bef
 _MOST_HIDDEN = 0.3  # of the points beyond an edge, those before the plane: it is where something hides the plate
 # of the points that the plate would have there: fewer, and it may be the border of the scan's field
 _LEAST_BEYOND = 0.3
+_MOST_BEYOND_RIM = 0.005  # of the scan's rays, those beyond the line of its field's rim
+_LEAST_ELSE = 0.1  # of the scan's points, those off the patch
+_IN_ONE_ROW, _LEAST_IN_ONE_ROW = 0.1, 0.4  # of the distance between points, and share of a border's points within it
+_CELLS_ALONG, _MOSTLY = 12, 0.6  # of an edge, and the share of them in which something nearer comes first
 _AT_BORDER = 0.3  # what such an edge counts
 _ALIKE = 0.75  # of the best corner's score: a further corner that counts so much is as good
 
@@ -93,7 +97,8 @@ def find_plate_corner(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
     if not kept:
         raise TargetError(
             f"{len(patches)} flat patches are in view, with {edges_seen} straight edges of {shape.edge_mm:g} mm at "
-            f"most on one, none of which meet at {shape.angle_deg:g} deg; check that the corner is in view, and edge_mm"
+            f"most on one, none of which meet at {shape.angle_deg:g} deg (the scan's rim and shadows are no edges); "
+            "check that the corner is in view, and edge_mm"
         )
     return kept
 
@@ -189,8 +194,40 @@ def _checked(flat: _Flat, members: Array, normal: Array, step: float, shape: Pla
     if count and np.mean(flat.nearer[beyond]) > _MOST_HIDDEN:
         return None
     full = 4.5 * step * (ends[1] - ends[0]) * flat.density
-    counts = 1.0 if count > _LEAST_BEYOND * full else _AT_BORDER
-    return _Edge(sign * normal, sign * offset, along, ends, counts)
+    if count > _LEAST_BEYOND * full:
+        return _Edge(sign * normal, sign * offset, along, ends, 1.0)
+    if _is_rim(flat, over, sign * (members @ normal - offset), step) or _is_shadow(
+        flat, over, place, ends, step, shape
+    ):
+        return None
+    return _Edge(sign * normal, sign * offset, along, ends, _AT_BORDER)
+
+
+def _is_rim(flat: _Flat, over: Array, border: Array, step: float) -> bool:
+    """Whether the scan's field ends along an edge: no ray goes beyond its line, not even far from the plate.
+
+    over  # (N,) distances, mm, of all rays beyond the line, border (K,) those of the edge's own points. So ends a plate
+    before a void, too: of a scan that shows little else it is the rim if the points lie in one row of pixels.
+    """
+    if np.mean(over > 1.5 * step) > _MOST_BEYOND_RIM:
+        return False
+    in_one_row = np.mean(np.abs(border - np.median(border)) < _IN_ONE_ROW * step) > _LEAST_IN_ONE_ROW
+    return len(flat.uv_mm) < (1 - _LEAST_ELSE) * len(over) or bool(in_one_row)
+
+
+def _is_shadow(flat: _Flat, over: Array, place: Array, ends: tuple[float, float], step: float, shape: Plate) -> bool:
+    """Whether what is seen first beyond an edge, along most of it, lies before the plane and so shades or hides it.
+
+    over, place  # (N,) of all rays: beyond the edge's line and along it, mm
+    """
+    near = (over > 1.5 * step) & (over < shape.edge_mm) & (place > ends[0]) & (place < ends[1])
+    if not near.any():
+        return False
+    cells = np.floor((place[near] - ends[0]) / (ends[1] - ends[0]) * _CELLS_ALONG).astype(np.int64)
+    order = np.lexsort((over[near], cells))
+    _, first = np.unique(cells[order], return_index=True)
+    shaded = np.count_nonzero(flat.nearer[near][order][first])
+    return bool(shaded > _MOSTLY * _CELLS_ALONG)
 
 
 def _score(edge: _Edge, shape: Plate) -> float:

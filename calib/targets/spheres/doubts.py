@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.planes.normals import NEIGHBOURS, estimate_normals
 from calib.planes.robust_fit import TUKEY
 from calib.targets.spheres.cap_fit import CapFit, ray_sines
 
@@ -16,6 +17,7 @@ _NO_SURFACE = 0.03  # of the radius: a scatter above this is no surface's, whate
 _ROUGH = 0.003  # of the radius: a scatter below this is not compared
 _MOST_BEHIND = 0.3  # of the places of the silhouette, those where points lie behind the surface and none on it
 _POINTS_A_CELL = 4
+_MOST_LOOKED_AT = 4000  # of the points behind
 _MUCH_BEHIND = 0.25  # points behind over points on: more is no sphere if those on it err alike as well
 _ERR_ALIKE = 1.5  # smooth factor
 _MOST_BESIDE = 0.2  # points next to the band over points in it
@@ -66,11 +68,13 @@ def why_no_sphere(
             f"the {count} points about {size} scatter {max(fit.sigma_mm, slanted_mm):.2g} mm, those of flat parts "
             f"{noise_mm:.2g} mm: they are no sphere's; check that it is in view, and scan_sigma_mm in dataset.toml"
         ), score
-    seen_through = _seen_through(points, on, behind, fit)
-    much = np.count_nonzero(behind) > _MUCH_BEHIND * count and fit.smooth_factor > _ERR_ALIKE
+    behind_mm, solid = _solid(points[behind])
+    seen_through = _seen_through(points[on], behind_mm, solid, fit)
+    surfaces = round(float(np.mean(solid)) * np.count_nonzero(behind)) if len(solid) else 0
+    much = surfaces > _MUCH_BEHIND * count and fit.smooth_factor > _ERR_ALIKE
     if seen_through > _MOST_BEHIND or much:
         return (
-            f"{np.count_nonzero(behind)} points lie behind {size} that {count} points lie on, which could not be seen: "
+            f"{surfaces} points of surfaces lie behind {size} that {count} points lie on, which could not be seen: "
             "it is none; check that the sphere is in view"
         ), score
     beside = through & front & (np.abs(over) >= TUKEY * sigma) & (np.abs(over) < 3 * TUKEY * sigma)
@@ -115,14 +119,24 @@ def _cells(points: Array, fit: CapFit, half: int) -> IndexArray:
     return np.asarray(cells[:, 0] * 2 * half + cells[:, 1])
 
 
-def _seen_through(points: Array, on: BoolArray, behind: BoolArray, fit: CapFit) -> float:
-    """Ratio of the silhouette's cells with points only behind the surface to its cells with points on the surface.
+def _solid(points: Array) -> tuple[Array, BoolArray]:
+    """Some of the points (K, 3), and which of them lie on a surface: the others are stray points, which fill space."""
+    some = points[:: max(1, len(points) // _MOST_LOOKED_AT)]
+    if len(some) < NEIGHBOURS:
+        return some, np.zeros(len(some), dtype=bool)
+    return some, ~estimate_normals(some).loose()
 
-    Stray points lie behind a true sphere too, but hardly anywhere without points of the sphere.
+
+def _seen_through(on: Array, behind: Array, solid: BoolArray, fit: CapFit) -> float:
+    """Ratio of the silhouette's cells with a surface only behind the sphere's to its cells with points on that.
+
+    on, behind  # (K, 3), (M, 3). Stray points lie behind a true sphere too, in its shadow and in that of what hides it:
+    a cell counts where most of the points behind are on a surface.
     """
-    half = int(np.clip(np.sqrt(np.count_nonzero(on) / _POINTS_A_CELL / np.pi), 2, 8))
-    there = np.unique(_cells(points[on], fit, half))
-    beyond = np.unique(_cells(points[behind], fit, half))
+    half = int(np.clip(np.sqrt(len(on) / _POINTS_A_CELL / np.pi), 2, 8))
+    there = np.unique(_cells(on, fit, half))
+    beyond, cell = np.unique(_cells(behind, fit, half), return_inverse=True)
+    beyond = beyond[np.bincount(cell, solid) > 0.5 * np.bincount(cell)]
     return float(len(np.setdiff1d(beyond, there)) / max(len(there), 1))
 
 
