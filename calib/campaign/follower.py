@@ -12,6 +12,7 @@ import numpy as np
 from calib.campaign.arrivals import FolderState
 from calib.campaign.campaign import Campaign, with_arrivals
 from calib.campaign.judgement import PoseJudgement
+from calib.corners.batch import of_one_jig
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import ArrivingDataset, load_arriving_dataset
@@ -71,7 +72,8 @@ class CampaignFollower:
         if before is not None and not searched and _is_alike(self._read, self._taken):
             return News()
         self._taken = self._read
-        self.campaign, judged = with_arrivals(before or Campaign(dataset), self._read, self.searches, self.options)
+        searches, _ = of_one_jig(self.searches, dataset.jig)
+        self.campaign, judged = with_arrivals(before or Campaign(dataset), self._read, searches, self.options)
         moved = len(self.campaign.shifts) > (0 if before is None else len(before.shifts))
         return News(judged, moved=moved)
 
