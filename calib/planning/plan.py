@@ -10,7 +10,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.array_types import Array, IndexArray
+from calib.array_types import Array, BoolArray, IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.result import FittedResult
 from calib.dataset.dataset import Dataset, Poses
@@ -47,9 +47,28 @@ CANDIDATES = 800
 LEAST_ERROR = ForCalibration()
 _REGION = 300  # poses of a region that is drawn
 _FEWEST_TEST = 5  # test poses that make a region
+_FEWEST_IN_BOX, _BOX_TRIES = 40, 5  # poses of a box, for which the drawn poses are doubled and more as often
 _TYPED = 1e-3  # deg or mm to which joints are rounded
 _THINNED = 3  # one candidate of so many is considered for the curve beyond the plan
 _BEYOND = 40  # poses beyond the plan, to see when more no longer pay
+
+
+@dataclass(frozen=True)
+class BoxRegion:
+    """Region of the work space in which the tool point is to be right: a box along the axes of the base frame."""
+
+    min_mm: tuple[float, float, float]
+    max_mm: tuple[float, float, float]
+
+    @property
+    def name(self) -> str:
+        """The box in words."""
+        sides = zip("xyz", self.min_mm, self.max_mm, strict=True)
+        return "the box " + ", ".join(f"{axis} {low:g} to {high:g}" for axis, low, high in sides) + " mm"
+
+    def contains(self, points_mm: Array) -> BoolArray:
+        """(N,) whether points (N, 3), mm in the base frame, are in the box."""
+        return np.asarray(np.all((points_mm >= self.min_mm) & (points_mm <= self.max_mm), axis=1))
 
 
 @dataclass(frozen=True)
@@ -87,9 +106,9 @@ def plan_poses(
     count: int,
     *,
     criterion: DesignCriterion = LEAST_ERROR,
-    region: str = "auto",
+    region: str | BoxRegion = "auto",
     user_effects: Sequence[Family] = (),
-    candidates: int = CANDIDATES,
+    candidates: int | Poses = CANDIDATES,
     seed: int = 0,
 ) -> Plan:
     """Plan of `count` poses chosen by a criterion, with the errors predicted before and after.
@@ -99,9 +118,10 @@ def plan_poses(
         count: number of poses to choose.
         criterion: criterion that the poses are chosen by.
         region: poses at which the error is predicted: the test poses ("test"), all that can be measured ("measurable"),
-            the joints' whole range ("all"); "auto" takes the test poses where there are at least five.
+            the joints' whole range ("all"), those whose tool point is in a box; "auto" takes the test poses where there
+            are at least five.
         user_effects: families of the user's own that the criterion may name.
-        candidates: number of poses to choose from.
+        candidates: number of poses to draw and choose from, or the poses themselves, which then keep names and joints.
         seed: seed of the candidates.
 
     Raises:
@@ -109,14 +129,19 @@ def plan_poses(
     """
     if count < 1:
         raise CalibError(f"found {count} poses to plan; ask for 1 or more")
-    if region not in PLAN_REGIONS:
-        raise CalibError(f"no region {region!r}; there are {', '.join(PLAN_REGIONS)}")
+    if isinstance(region, str) and region not in PLAN_REGIONS:
+        raise CalibError(f"no region {region!r}; there are {', '.join(PLAN_REGIONS)}, or a box")
     rng = np.random.default_rng(seed)
-    candidates = max(candidates, 2 * count)
-    q = candidate_poses(start.cell, candidates + _REGION, rng=rng)  # the last of which are the region's
-    offered = criterion.prepared(start, start.poses_at(q[:candidates]))
+    given = None if isinstance(candidates, int) else candidates
+    drawn = max(candidates, 2 * count) if isinstance(candidates, int) else 0
+    q = candidate_poses(start.cell, drawn + _REGION, rng=rng)  # the last of which are the region's
+    offered = criterion.prepared(start, start.poses_at(q[:drawn] if given is None else given.q))
+    if given is not None:
+        if count > len(given):
+            raise CalibError(f"found {len(given)} candidates for {count} poses; ask for fewer poses")
+        offered = replace(offered, ids=given.ids)
     unknowns = start.unknowns(_members(start, offered, criterion.effects, user_effects))
-    named, poses_there = _region(start, start.poses_at(q[candidates:]), region, rng)
+    named, poses_there = _region(start, start.poses_at(q[drawn:]), region, rng)
     region_at = Region.of(named, poses_there, unknowns, start.missed_mm2(poses_there))
     problem = DesignProblem(start, unknowns, offered, unknowns.rows(offered), region_at)
     chosen = criterion.choose(problem, count)
@@ -133,6 +158,9 @@ def plan_poses(
     order = _order(problem, chosen)
     is_proof = isinstance(criterion, ForProof)
     planned = _to_measure(problem, chosen[order], own_dataset=criterion.name == WATCH, keep_temperature=is_proof)
+    if given is not None:
+        kept = given.select(chosen[order])
+        planned = replace(planned, q=kept.q, ids=kept.ids, scan_names=tuple(f"{pose_id}.ply" for pose_id in kept.ids))
     return Plan(
         start=start,
         criterion=criterion,
@@ -191,8 +219,10 @@ def _members(start: Start, offered: Poses, names: Sequence[str], user_effects: S
     return tuple(members)
 
 
-def _region(start: Start, others: Poses, region: str, rng: np.random.Generator) -> tuple[str, Poses]:
+def _region(start: Start, others: Poses, region: str | BoxRegion, rng: np.random.Generator) -> tuple[str, Poses]:
     """Name and poses of the region in which the planned fit is to be accurate."""
+    if isinstance(region, BoxRegion):
+        return region.name, start.poses_at(_poses_in(region, start, others.q, rng))
     measured = start.measured
     if measured is not None and region in ("auto", "test"):
         placed = np.isin(measured.setup, list(start.unknowns().scanner_T_base))
@@ -207,12 +237,28 @@ def _region(start: Start, others: Poses, region: str, rng: np.random.Generator) 
     return "the poses that can be measured", others
 
 
+def _poses_in(box: BoxRegion, start: Start, q: Array, rng: np.random.Generator) -> Array:
+    """Joints (N, n) of measurable poses whose tool point is in a box. Raises CalibError where there are too few."""
+    for _ in range(_BOX_TRIES):
+        inside = box.contains(start.cell.chain(q).target_mm)
+        if np.count_nonzero(inside) >= _FEWEST_IN_BOX:
+            break
+        q = np.concatenate([q, candidate_poses(start.cell, 2 * len(q), rng=rng)])
+    inside = box.contains(start.cell.chain(q).target_mm)
+    if np.count_nonzero(inside) < _FEWEST_TEST:
+        raise CalibError(
+            f"robot {start.cell.robot.name}: {np.count_nonzero(inside)} of {len(q)} poses that can be measured have "
+            f"the tool point in {box.name}; give a box that the tool reaches where the instrument sees it"
+        )
+    return q[inside][:_REGION]
+
+
 def _curve(problem: DesignProblem, chosen: IndexArray) -> Array:
     """Predicted RMS error (n + 1,), mm, over the region by number of planned poses, continued beyond the plan."""
     region = problem.region_question
     logs = [region.log_value(problem.information(chosen[:k])) for k in range(len(chosen) + 1)]
     some = np.arange(0, len(problem.rows), _THINNED)
-    further = min(_BEYOND, len(some) - len(chosen))
+    further = min(_BEYOND, int(np.count_nonzero(~np.isin(some, chosen))))
     beyond = replace(region, rows=region.rows[some], prior_information=problem.information(chosen))
     more = best_poses([beyond], further, exclude=np.isin(some, chosen), exchange=False)
     return np.asarray(np.sqrt(np.exp(np.array([*logs, *more.greedy_log_values])) + problem.region.missed_mm2))

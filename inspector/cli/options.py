@@ -248,7 +248,10 @@ class PlanOptions(_FittingOptions, RobotFileOptions):
     add: int | None
     purpose: str
     criterion: str
-    region: str
+    region: str | tuple[float, ...]  # a name, or x0, x1, y0, y1, z0, z1 of a box, mm
+    candidates: Path | None
+    target: str  # "corner" or "ball"
+    boxes: Sequence[tuple[float, ...]]  # obstacles, as the box of a region
     scanner: tuple[float, ...] | None  # x, y, z, mm; then those of the point that it looks at
     noise_mm: float | None
     payload_kg: float | None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from pathlib import Path
 
-from calib.options import PLAN_CRITERIA, PLAN_REGIONS
+from calib.options import PLAN_CRITERIA
 from inspector.cli.arguments import values
 from inspector.cli.arguments.shared import add_fit, add_json, links_arguments
 
@@ -40,9 +40,28 @@ def plan_arguments(sub: ArgumentParser) -> None:
     )
     sub.add_argument(
         "--region",
-        choices=PLAN_REGIONS,
+        type=values.plan_region,
         default="auto",
-        help="where it is to be right: the test poses where there are (auto), all that can be measured, all joints",
+        metavar="WHERE",
+        help="where it is to be right: auto (the test poses where there are), test, measurable, all (joints' ranges), "
+        "or a box X0,X1,Y0,Y1,Z0,Z1 of the tool point, mm in the base frame",
+    )
+    sub.add_argument(
+        "--candidates", type=Path, metavar="FILE.csv", help="choose among these poses (columns as poses.csv) alone"
+    )
+    sub.add_argument(
+        "--target",
+        choices=("corner", "ball"),
+        default="corner",
+        help="of a robot: what is measured, a jig that shows three faces, or a ball or mirror, seen from everywhere",
+    )
+    sub.add_argument(
+        "--boxes",
+        type=values.box,
+        action="append",
+        default=[],
+        metavar="X0,X1,Y0,Y1,Z0,Z1",
+        help="of a robot: an obstacle, mm in the base frame; may be given several times",
     )
     sub.add_argument(
         "--scanner",

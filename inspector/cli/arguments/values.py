@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 
 from calib.dataset_import.typed_values import typed_length_mm, typed_point_mm
+from calib.options import PLAN_REGIONS
 
 _HEAVIEST_KG = 1e4
 _LONGEST_S = 1e6  # what a lock of the system waits for is bounded
@@ -50,6 +51,28 @@ def port(text: str) -> int:
 def pose_count(text: str) -> int:
     """Number of poses to plan, from an option's text."""
     return _whole(text, 1, 200, "number of poses")
+
+
+def plan_region(text: str) -> str | tuple[float, ...]:
+    """Name of a region to plan for, or the box "x0,x1,y0,y1,z0,z1"."""
+    if text in PLAN_REGIONS:
+        return text
+    try:
+        return box(text)
+    except argparse.ArgumentTypeError:
+        known = ", ".join(PLAN_REGIONS)
+        raise argparse.ArgumentTypeError(f"{text!r} is none of {known}, and no box X0,X1,Y0,Y1,Z0,Z1 in mm") from None
+
+
+def box(text: str) -> tuple[float, ...]:
+    """Box along the axes of the base frame, mm, from "x0,x1,y0,y1,z0,z1"."""
+    numbers = tuple(map(_number, text.split(",")))
+    ordered = len(numbers) == 6 and all(low < high for low, high in zip(numbers[::2], numbers[1::2], strict=True))
+    if not ordered or not all(map(math.isfinite, numbers)):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no box; give X0,X1,Y0,Y1,Z0,Z1 in mm of the base frame, each first number below its second"
+        )
+    return numbers
 
 
 def scanner_place(text: str) -> tuple[float, ...]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from calib.array_types import Array
-from calib.dataset.dataset import Dataset
+from calib.compensation.target_files import load_targets
+from calib.dataset.dataset import Box, Dataset, Poses, Surroundings
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
@@ -17,13 +20,13 @@ from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
 from calib.planning.criterion import WATCH, DesignCriterion
 from calib.planning.discrimination_criterion import SPLIT, for_confounded
-from calib.planning.plan import FIRST_SET, FURTHER, PROOF_POSES, criterion_of, plan_poses
+from calib.planning.plan import CANDIDATES, FIRST_SET, FURTHER, PROOF_POSES, BoxRegion, criterion_of, plan_poses
 from calib.planning.proof_criterion import PROVE, ForProof, for_proof, for_proof_of_robot
 from calib.planning.start import FromFit, FromRobot, start_of_dataset
 from calib.planning.unknowns import DEFAULT_NOISE_MM
 from calib.planning.watch_criterion import CHECK_POSES
 from calib.robot_formats.robot_file import named_robot
-from calib.workcell.known_cell import workcell_of_dataset, workcell_of_robot
+from calib.workcell.known_cell import CUBE_CORNER, workcell_of_dataset, workcell_of_robot
 from calib.workcell.scan_field import JANG_FIELD
 from calib.workcell.scanner_place import scanner_at
 from calib.workcell.workcell import Workcell
@@ -35,11 +38,17 @@ from inspector.cli.progress import stages
 from inspector.cli.robots.reading import reading_of
 from inspector.export.plan_files import check_plan_file, planned_file
 
+BALL = "ball"
+_SAME = 1e-4  # rad or mm by which the joints of one pose may differ between two tables
+
 
 def run_plan(options: PlanOptions) -> int:
     """Choose poses, and print the reasons and the expected result."""
     if options.out is not None:
         check_plan_file(options.out)
+    if options.purpose == PROVE and options.candidates is not None:
+        told = f"--for {PROVE} repeats poses that were measured"
+        raise CalibError(f"{options.candidates}: {told}; leave out --candidates")
     start: FromFit | FromRobot
     user_effects: Sequence[Family] = ()
     criterion: DesignCriterion
@@ -62,8 +71,16 @@ def run_plan(options: PlanOptions) -> int:
         criterion = criterion_of(options.purpose, options.criterion, payload_kg=options.payload_kg)
         start = _first_start(options)
         count = options.poses or FIRST_SET
+    region = options.region if isinstance(options.region, str) else BoxRegion(*_corners(options.region))
+    given = None if options.candidates is None else _candidates(options, options.candidates, start)
     plan = plan_poses(
-        start, count, criterion=criterion, region=options.region, user_effects=user_effects, seed=options.seed
+        start,
+        count,
+        criterion=criterion,
+        region=region,
+        user_effects=user_effects,
+        candidates=given or CANDIDATES,
+        seed=options.seed,
     )
     if options.out is not None:
         write_text_atomically(options.out, planned_file(options.out, plan))
@@ -129,9 +146,13 @@ def _first_start(options: PlanOptions) -> FromRobot:
     if options.effects_file is not None or options.effect:
         raise CalibError(f"{options.path}: effects are of a dataset's fit; name those that you suspect with --for")
     if not options.path.is_dir():
-        cell = workcell_of_robot(_robot(options))
+        jig = None if options.target == BALL else CUBE_CORNER
+        boxes = tuple(Box(f"box {k + 1}", *_corners(box)) for k, box in enumerate(options.boxes))
+        around = Surroundings(boxes=boxes)
+        cell = workcell_of_robot(_robot(options), jig=jig, surroundings=around)
         if options.scanner is not None:
-            cell = workcell_of_robot(cell.robot, base_T_scanner=_placed(options.scanner, cell))
+            placed = _placed(options.scanner, workcell_of_robot(cell.robot))
+            cell = workcell_of_robot(cell.robot, base_T_scanner=placed, jig=jig, surroundings=around)
         return FromRobot(cell, options.noise_mm or DEFAULT_NOISE_MM, options.fit_options())
     if options.scanner is not None:
         raise CalibError(f"{options.path}: the scanner stands where it stood; leave out --scanner with --poses")
@@ -140,6 +161,33 @@ def _first_start(options: PlanOptions) -> FromRobot:
     cell = workcell_of_dataset(measured(dataset))
     noise_mm = options.noise_mm or dataset.scanner.point_sigma_mm or DEFAULT_NOISE_MM
     return FromRobot(cell, noise_mm, options.fit_options())
+
+
+def _candidates(options: PlanOptions, path: Path, start: FromFit | FromRobot) -> Poses:
+    """Poses of a table to choose from, without those that were measured already. Raises CalibError."""
+    poses = load_targets(path, start.dataset.robot).poses
+    repeated = [pose_id for pose_id, times in Counter(poses.ids).items() if times > 1]
+    if repeated:
+        raise CalibError(f"{path}: column pose: {repeated[0]!r} stands there twice; each pose needs its own id")
+    if start.measured is None:
+        return poses
+    known = dict(zip(start.measured.ids, start.measured.q, strict=True))
+    again = [i for i, pose_id in enumerate(poses.ids) if pose_id in known]
+    other = [i for i in again if not np.allclose(poses.q[i], known[poses.ids[i]], atol=_SAME)]
+    if other:
+        raise CalibError(
+            f"{path}: column pose: {poses.ids[other[0]]!r} was measured at other joints; give the candidate another id"
+        )
+    new = np.setdiff1d(np.arange(len(poses)), again)
+    if not len(new):
+        raise CalibError(f"{path}: all {len(poses)} poses were measured already; give poses that were not")
+    return poses.select(new)
+
+
+def _corners(box: Sequence[float]) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Least and largest x, y and z of a box given as x0, x1, y0, y1, z0, z1."""
+    x0, x1, y0, y1, z0, z1 = box
+    return (x0, y0, z0), (x1, y1, z1)
 
 
 def _robot(options: PlanOptions) -> Robot:

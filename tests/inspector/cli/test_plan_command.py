@@ -9,9 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from calib.dataset.dataset import Box, Surroundings
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.simulation.simulate import simulate_dataset
+from calib.workcell.known_cell import workcell_of_robot
+from calib.workcell.measurable import measurable
 from inspector.cli.parser import main
 
 
@@ -122,3 +125,40 @@ def test_check_poses_for_a_calibration_and_for_nothing_else(folder: Path, capsys
     assert "to watch the cell" in said
     assert "19 times of 20: zero of joint 2" in said
     assert "predicted error" not in said
+
+
+@pytest.mark.slow
+def test_candidates_of_the_users_own_keep_their_names_and_joints(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    measured, offered, out = pd.read_csv(folder / "poses.csv"), tmp_path / "offered.csv", tmp_path / "chosen.csv"
+    assert main(["plan", "rb5", "--candidates", str(folder / "poses.csv"), "--poses", "12", "--out", str(out)]) == 0
+    chosen = pd.read_csv(out).set_index("pose")
+    joints = [column for column in chosen if column.startswith("q")]
+    np.testing.assert_allclose(chosen[joints], measured.set_index("pose").loc[chosen.index, joints], atol=1e-9)
+    capsys.readouterr()
+    asked = ["plan", str(folder), "--effect", "joint_compliance", "--candidates", str(offered)]
+    for table, says in (
+        (measured, "all 45 poses were measured already"),
+        (measured.assign(q1_deg=measured["q1_deg"] + 1.0), "'p01' was measured at other joints"),
+        (measured.assign(pose="x"), "'x' stands there twice"),
+    ):
+        table.to_csv(offered, index=False)
+        assert main(asked) == 2
+        assert says in capsys.readouterr().err
+    assert main([*asked, "--for", "prove"]) == 2
+    assert "leave out --candidates" in capsys.readouterr().err
+
+
+def test_a_ball_among_boxes_is_right_in_a_box(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = ["plan", "rb5", "--poses", "10", "--target", "ball", "--json"]
+    assert main([*given, "--region", "300,700,-300,300,200,700", "--boxes", "400,900,-900,-450,0,900"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["region"] == "the box x 300 to 700, y -300 to 300, z 200 to 700 mm"
+    q = np.array([pose["q"] for pose in document["poses"]])
+    cell = workcell_of_robot(
+        builtin_robot("rb5"), jig=None, surroundings=Surroundings(boxes=(Box("box", (400, -900, 0), (900, -450, 900)),))
+    )
+    assert measurable(cell, np.radians(q)).ok.all()
+    assert main([*given, "--region", "5000,6000,0,1,0,1"]) == 2
+    assert "have the tool point in the box x 5000 to 6000" in capsys.readouterr().err
