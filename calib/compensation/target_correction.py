@@ -80,6 +80,7 @@ class Correction(Presented):
     attitude_sigma_rad: Array | None = None  # (N,) sigma of the tool's attitude; None where the fit is unknown
     is_outside: BoolArray | None = None  # (N,) a joint is beyond the trained ranges; None where these are unknown
     outside_words: str = ""
+    sigma_mm: Array | None = None  # (N,) promised for a measured coordinate at q; None where the fit is unknown
 
     @property
     def change(self) -> Array:
@@ -105,6 +106,7 @@ class Correction(Presented):
                 "attitude_sigma_rad": np.full(len(self.q), np.nan)
                 if self.attitude_sigma_rad is None
                 else self.attitude_sigma_rad,
+                "sigma_mm": np.full(len(self.q), np.nan) if self.sigma_mm is None else self.sigma_mm,
             }
         )
 
@@ -211,6 +213,7 @@ def corrected_joints(
         attitude_sigma_rad=sigma_rad,
         is_outside=None if trained is None else trained.outside(nominal, q0),
         outside_words="" if trained is None else trained.words(nominal, q0, names),
+        sigma_mm=None if known is None or not len(q) else known.position_sigma_mm(model, x, replace(conditions, q=q)),
     )
 
 

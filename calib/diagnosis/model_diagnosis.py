@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 from calib.calibration.held_out import held_out_test
+from calib.calibration.promise import learned_discrepancy
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import equivalent_to
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
@@ -53,7 +54,9 @@ def diagnosis_of_model(
         confounded_sets=confounded_sets(space, straight, stop.ties),
         refused=stop.refused,
         left_to_curves=stop.left_to_curves,
-        held_out=held_out_test(last.calibration, tests.noise_mm, tests.noise_from),
+        held_out=held_out_test(
+            last.calibration, tests.noise_mm, tests.noise_from, learned_discrepancy(last.calibration)
+        ),
         far_test_poses=far_test_poses(last.calibration),
         noise=_noise_taken(last.calibration),
     )

@@ -163,7 +163,10 @@ class FittedModel(Presented):
         open_ended = np.where(np.isfinite(self.sigma), 0.0, self.model.scales**2)
         covariance = self.covariance + np.diag(open_ended)  # parameters without a bound have their tolerance
         full_poses = self.options.residual == "pose"
-        known = FitKnowledge(covariance, frozenset(self.options.fixed), full_poses, self.trained)
+        residual_mm = self.sigma_mm if np.isfinite(self.sigma_mm) else 0.0
+        known = FitKnowledge(
+            covariance, frozenset(self.options.fixed), full_poses, self.trained, residual_mm, self.discrepancy
+        )
         return corrected_joints(
             robot, self.model, q_nominal, x=self.x, conditions=conditions, kind=kind, known=known, ids=ids
         )

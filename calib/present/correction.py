@@ -46,7 +46,19 @@ def _facts(correction: Correction) -> list[tuple[str, object]]:
         ("targets reached", f"{int(correction.reached.sum())} of {len(correction.q)} ({correction.kind})"),
         ("error without correction", f"{mean} on average, {worst} at most"),
         ("largest change of a joint", numbers.listing(largest)),
+        *([("promised error", promised)] if (promised := promised_words(correction)) else []),
     ]
+
+
+def promised_words(correction: Correction) -> str:
+    """3D error that is promised for the corrected targets, within and outside the trained ranges; "" if unknown."""
+    sigma_mm = correction.sigma_mm
+    if sigma_mm is None:
+        return ""
+    beyond = np.zeros(len(sigma_mm), dtype=bool) if correction.is_outside is None else correction.is_outside
+    parts = [(sigma_mm[~beyond], ""), (sigma_mm[beyond], " outside the trained ranges")]
+    said = [f"{numbers.length(float(np.sqrt(3.0 * np.mean(of**2))))}{where}" for of, where in parts if len(of)]
+    return f"{', '.join(said)} (3D, RMS, as measured)"
 
 
 def _remarks(correction: Correction) -> list[str]:

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from calib import frames
 from calib.calibration.calibrate import calibrate
+from calib.calibration.promise import promise
 from calib.compensation.target_correction import Correction, corrected_joints
 from calib.compensation.target_files import load_targets
 from calib.dataset.dataset import Poses
@@ -540,3 +541,17 @@ def test_a_position_is_met_with_the_tool_turned_as_little_as_small_motions_allow
     turn = tool_axes(true, result.q) - tool_axes(robot, q)
     before = tool_axes(true, q) - tool_axes(robot, q)
     assert np.median(np.abs(turn).max(axis=1)) < 0.2 * np.median(np.abs(before).max(axis=1))
+
+
+def test_the_promised_sigma_is_that_of_an_unseen_pose_and_grows_outside() -> None:
+    dataset = simulate_dataset("rb5", rng=3, effects=["fine_ripple"], poses=60).dataset
+    fit = calibrate(dataset)
+    corrected = fit.correct(dataset.poses.q, dataset.poses, "position")
+    assert corrected.sigma_mm is not None
+    of_poses = np.sqrt(np.mean(promise(fit).sigma_mm ** 2, axis=1))  # one point a pose
+    assert np.median(corrected.sigma_mm / of_poses) == pytest.approx(1.0, abs=0.1)
+    far = fit.correct(dataset.poses.q[:5] + np.radians(60.0), dataset.poses.select(np.arange(5)), "position")
+    assert far.sigma_mm is not None
+    assert far.sigma_mm.mean() > corrected.sigma_mm.mean()
+    assert "promised error" in far.summary()
+    assert far.to_dict()["targets"][0]["sigma_mm"] == pytest.approx(far.sigma_mm[0])
