@@ -109,7 +109,7 @@ def find_corner(
 
     >>> import calib
     >>> calib.find_corner("sample_data/rb5_jang/scans/p01.ply")
-    CornerSearch(p01: corner (96.2993, -86.7934, 561.6029) mm, sigma 0.0298 mm)
+    CornerSearch(p01: corner (96.2940, -86.7838, 561.5935) mm, sigma 0.0234 mm)
     """
     scan = scan if isinstance(scan, Scan) else load_scan(scan)
     points_mm, name = scan.points_mm, scan.name

@@ -17,7 +17,7 @@ from calib.text_files.user_table import UserTable, parse_table, plain, split_uni
 _MOST_FILES = 10_000
 _HEAD_BYTES = 16_384  # of a file, by which it is judged
 _TABLES = (".csv", ".tsv", ".txt", ".dat")
-_CLOUDS = (".ply", ".pcd", ".e57", ".xyz", ".asc", ".pts", ".npz")
+_CLOUDS = (".ply", ".pcd", ".e57", ".xyz", ".asc", ".pts", ".npy", ".npz", ".las", ".laz")
 _MESHES = (".stl", ".obj")  # scans where nothing else can be
 _MANY = 4  # texts of three numbers a line in one folder, which are scans then
 _ROBOT_COLUMNS = ({"theta", "d", "a", "alpha"}, {"wx", "wy", "wz"}, {"x", "y", "z", "roll", "pitch", "yaw"})

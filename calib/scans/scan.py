@@ -14,8 +14,9 @@ from calib.array_types import Array, BoolArray
 from calib.brief import Brief
 from calib.errors import ScanError
 from calib.scans.readers.e57 import SUFFIX, read_e57, split_part
+from calib.scans.readers.las import read_las
 from calib.scans.readers.mesh import read_obj, read_stl
-from calib.scans.readers.npz import read_npz
+from calib.scans.readers.numpy_files import read_npy, read_npz
 from calib.scans.readers.parsing import Reader
 from calib.scans.readers.pcd import read_pcd
 from calib.scans.readers.ply import read_ply, write_ply
@@ -31,7 +32,10 @@ READERS: dict[str, Reader] = {
     ".txt": read_text,
     ".stl": read_stl,
     ".obj": read_obj,
+    ".npy": read_npy,
     ".npz": read_npz,
+    ".las": read_las,
+    ".laz": read_las,
     SUFFIX: read_e57,
 }
 """Reader of each file format, by suffix. All raise ScanError; rows without a value are still in their result."""
@@ -67,7 +71,7 @@ class PointCount:
 
 
 def load_scan(path: str | Path) -> Scan:
-    """Read a scan: .ply, .pcd, .e57, .xyz, .asc, .pts, .csv, .txt, .npz, or the vertices of an .stl or .obj.
+    """Read a scan: .ply, .pcd, .e57, .las, .xyz, .asc, .pts, .csv, .txt, .npy, .npz, or vertices of an .stl or .obj.
 
     Rows without a value are left out and counted in `dropped`: NaN, infinity or a number beyond any length (FLT_MAX is
     used so), and several points at the scanner's own place, (0, 0, 0). Lengths are millimetres and nothing is scaled

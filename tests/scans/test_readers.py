@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from calib.errors import ScanError
 from calib.scans.readers.pcd import unpack_lzf
 from calib.scans.scan import Scan, load_scan, write_scan
+from tests.support.scan_mutations import las
 
 
 def plyfile() -> Any:
@@ -285,6 +286,31 @@ def test_numpy_archives(tmp_path: Path, name: str, packed: bool, dtype: str) -> 
     np.testing.assert_array_equal(scan.normals, NORMALS)
     save(tmp_path / "b.npz", **{name: points.reshape(25, 20, 3)})
     np.testing.assert_array_equal(load_scan(tmp_path / "b.npz").points_mm, np.round(POINTS))
+
+
+@pytest.mark.parametrize("dtype", ["<f4", ">f8", "<i2"])
+def test_numpy_arrays(tmp_path: Path, dtype: str) -> None:
+    points = np.round(POINTS).astype(dtype)
+    for array in (points, np.asfortranarray(points), points.reshape(25, 20, 3)):
+        np.save(tmp_path / "a.npy", array)
+        np.testing.assert_array_equal(load_scan(tmp_path / "a.npy").points_mm, np.round(POINTS))
+    np.save(tmp_path / "a.npy", POINTS[:, :2])
+    with pytest.raises(ScanError, match="save numbers of shape"):
+        load_scan(tmp_path / "a.npy")
+    with pytest.raises(ScanError, match=r"not a readable \.npy"):
+        load(tmp_path, "b.npy", b"no array at all")
+
+
+@pytest.mark.parametrize(("version", "point_format", "more"), [(0, 0, 8), (2, 3, 22), (4, 6, 18), (4, 10, 55)])
+def test_las_files(tmp_path: Path, version: int, point_format: int, more: int) -> None:
+    whole = las(POINTS, version=version, point_format=point_format, more=more)
+    np.testing.assert_allclose(load(tmp_path, "a.las", whole).points_mm, POINTS, atol=6e-6)
+    with pytest.raises(ScanError, match=f"promises {len(POINTS)} points, it holds {len(POINTS) - 1}"):
+        load(tmp_path, "b.las", whole[:-1])
+    with pytest.raises(ScanError, match=r"compressed \(\.laz\); unpack them with laszip"):
+        load(tmp_path, "c.laz", las(POINTS, point_format=0x80 | 3))
+    with pytest.raises(ScanError, match=r"not a \.las file"):
+        load(tmp_path, "d.las", b"LASF")
 
 
 def npy_claiming(shape: str, kind: str = "<f8") -> bytes:

@@ -70,18 +70,19 @@ def _evidence(value: float | None) -> Entry:
 
 
 def corners(found: CornerBatch) -> Entries:
-    """Place, sigma and faces of each corner, or why there is none."""
+    """Place, sigma and faces of each corner of free planes, which other scans do not change, or why there is none."""
     out: Entries = {}
     for pose, search in found.items():
         at = f"corners.{pose}"
         if search.corner is None:
             out[f"{at}.failure"] = search.failure
             continue
-        sigma_mm = search.corner.sigma_mm()
-        for axis, value in zip("xyz", search.corner.xyz_mm, strict=True):
+        corner = search.corner.free or search.corner
+        sigma_mm = corner.sigma_mm()
+        for axis, value in zip("xyz", corner.xyz_mm, strict=True):
             out[f"{at}.{axis}_mm"] = near(value, OF_A_CORNER * sigma_mm)
         out[f"{at}.sigma_mm"] = near(sigma_mm, SHARE * sigma_mm)
-        out[f"{at}.points"] = near(sum(face.points for face in search.corner.faces), 5.0)
+        out[f"{at}.points"] = near(sum(face.points for face in corner.faces), 5.0)
     return out
 
 

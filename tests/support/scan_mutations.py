@@ -6,6 +6,7 @@ Shared by the tests and benchmarks/fuzz.py. The writers share no code with the r
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Callable
 from io import BytesIO
 
@@ -94,6 +95,28 @@ def _npz(save: Callable[..., None]) -> Writer:
     return write
 
 
+def _npy(points: NDArray) -> bytes:
+    file = BytesIO()
+    np.save(file, points)
+    return file.getvalue()
+
+
+def las(points: NDArray, *, version: int = 2, point_format: int = 1, more: int = 16, scale: float = 1e-5) -> bytes:
+    """A LAS file of version 1.`version` with `more` bytes after each point's coordinates."""
+    size = 375 if version >= 4 else 227
+    header = bytearray(size)
+    header[:4], header[24], header[25] = b"LASF", 1, version
+    count = 0 if version >= 4 else len(points)
+    struct.pack_into("<HI4xBHI", header, 94, size, size, point_format, 12 + more, count)
+    struct.pack_into("<6d", header, 131, scale, scale, scale, 1.0, -2.0, 3.0)
+    if version >= 4:
+        struct.pack_into("<Q", header, 247, len(points))
+    rows = np.zeros((len(points), 12 + more), dtype=np.uint8)
+    whole = np.round((points - [1.0, -2.0, 3.0]) / scale)
+    rows[:, :12] = whole.astype("<i4").view(np.uint8).reshape(-1, 12)
+    return bytes(header) + rows.tobytes()
+
+
 WRITERS: dict[str, Writer] = {
     "text.ply": _ply("ascii", "f4"),
     "little.ply": _ply("binary_little_endian", "<f4"),
@@ -109,6 +132,9 @@ WRITERS: dict[str, Writer] = {
     "mesh.obj": _obj,
     "stored.npz": _npz(np.savez),
     "packed.npz": _npz(np.savez_compressed),
+    "array.npy": _npy,
+    "points.las": las,
+    "points of 1.4.las": lambda points: las(points, version=4, point_format=6, more=18),
 }
 """By file name: points (N, 3) -> the bytes of a good file."""
 
