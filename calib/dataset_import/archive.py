@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from calib.errors import DatasetError
+from calib.text_files.records import SPREADSHEETS
 
 _CHUNK_BYTES = 1 << 20
 _END_BYTES = 22 + 65535  # the end record of a zip with the longest comment
@@ -33,9 +34,9 @@ class ArchiveLimits:
 
 
 def is_archive(path: Path) -> bool:
-    """Whether a file is a zip by its content."""
+    """Whether a file is a zip by its content, and no spreadsheet, which is one, too."""
     try:
-        return path.is_file() and zipfile.is_zipfile(path)
+        return path.is_file() and path.suffix.lower() not in SPREADSHEETS and zipfile.is_zipfile(path)
     except OSError:
         return False
 

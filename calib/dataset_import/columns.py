@@ -44,6 +44,7 @@ _OTHERS = {
     "scan": ("scan", "scanfile"),
 }
 _CONDITION_UNITS = {"payload_kg": "kg", "temperature_c": "c", "time_s": "s"}
+_VALUE = re.compile(r"[/.](?:position|pos|value|actual)(?:\[\d+\])?$")  # of a joint, behind its name in a log of ROS
 _EXACT = re.compile(
     r"^(q[wxyz]|s[xyz]{2}_(mm|m)2|r[xyz]{2}_rad2|[xyz]_r[xyz]_(mm|m)_rad|approach[1-9]\d{0,2})$", re.ASCII
 )
@@ -193,7 +194,7 @@ def _matching(names: Sequence[str], pattern: str) -> list[str]:
 def _joints(names: Sequence[str], robot: Robot | None) -> tuple[list[str], list[str]]:
     """Names of the joints' columns in order, by the robot's joint names or else by number, and faults."""
     wanted = [] if robot is None else [plain(joint.name) for joint in robot.joints]
-    by_name = {plain(split_unit(name)[0]): name for name in names}
+    by_name = {plain(_VALUE.sub("", split_unit(name)[0])): name for name in names}
     ends = [[name for key, name in by_name.items() if key.endswith(joint)] for joint in wanted]
     if (
         wanted

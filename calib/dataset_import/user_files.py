@@ -11,8 +11,9 @@ from pathlib import Path
 from calib.dataset_import.columns import recognise
 from calib.errors import CalibError
 from calib.robot_formats.origin_yaml import read_origin_yaml
+from calib.text_files.records import RECORDS, sheets
 from calib.text_files.text_file import decoded
-from calib.text_files.user_table import UserTable, parse_table, plain, split_unit
+from calib.text_files.user_table import UserTable, load_table, parse_table, plain, split_unit
 
 _MOST_FILES = 10_000
 _HEAD_BYTES = 16_384  # of a file, by which it is judged
@@ -84,7 +85,7 @@ def look_through(folder: Path) -> UserFiles:
         raise CalibError(f"{folder}: holds no file; a robot and tables of joints and points are needed")
     if any(path.name == "dataset.toml" for path in paths):
         return UserFiles(folder, tuple(_of_datasets(paths)))
-    files = [_judged(path) for path in paths]
+    files = [file for path in paths for file in (_sheets(path) if path.suffix.lower() in RECORDS else [_judged(path)])]
     scans = _scans(files)
     kinds = dict.fromkeys(scans.values(), SCAN)
     listed = [
@@ -140,19 +141,31 @@ def _judged(path: Path) -> UserFile:
             return UserFile(path, UNUSED, "holds no joint origins")
         return UserFile(path, ROBOT, "joint origins")
     if suffix in _TABLES:
-        return _judged_table(path)
+        return _judged_text(path)
     if suffix in (*_CLOUDS, *_MESHES):
         return UserFile(path, SCAN, "a point cloud")
-    if suffix in (".xlsx", ".xls", ".ods", ".numbers"):
+    if suffix == ".numbers":
         return UserFile(path, UNUSED, "a spreadsheet: save its sheet as CSV")
     return UserFile(path, UNUSED, "a zip within" if suffix == ".zip" else "of no form that is read")
 
 
-def _judged_table(path: Path) -> UserFile:
+def _sheets(path: Path) -> list[UserFile]:
+    """A spreadsheet's sheets, or a file of JSON records, each judged as a table; one entry where none can be read."""
     try:
-        table = parse_table(path, _head(path), lambda _: None)
+        named = [path.with_name(f"{path.name}#{name}") for name in sheets(path)] if path.suffix != ".json" else [path]
+        return [_judged_table(each, load_table(each, lambda _: None)) for each in named or [path]]
+    except CalibError as error:
+        return [UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))]
+
+
+def _judged_text(path: Path) -> UserFile:
+    try:
+        return _judged_table(path, parse_table(path, _head(path), lambda _: None))
     except CalibError as error:
         return UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))
+
+
+def _judged_table(path: Path, table: UserTable) -> UserFile:
     if path.suffix.lower() == ".csv" and table.has_header:
         names = {plain(split_unit(column)[0]) for column in table.columns}
         if any(columns <= names for columns in _ROBOT_COLUMNS):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,6 +14,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.errors import DatasetError
 from calib.text_files.csv_text import MOST_BYTES, as_number, csv_rows, lines_of
+from calib.text_files.records import is_records, read_records
 from calib.text_files.text_file import read_text
 
 UNITS = {
@@ -111,9 +112,10 @@ def load_table(path: Path, fault: Callable[[Fault], None] | None = None, *, any_
     """Read a user's table from a file. Raises DatasetError where it is not one.
 
     `any_encoding` accepts what spreadsheets write besides UTF-8. With `fault`, each mistake in names and rows is
-    reported there and the table is read all the same.
+    reported there and the table is read all the same. Spreadsheets and JSON records are read, too.
     """
-
+    if is_records(path):
+        return _table_of(path, [(k + 1, row) for k, row in enumerate(read_records(path)) if any(row)], fault)
     return parse_table(
         path,
         read_text(
@@ -129,12 +131,6 @@ def load_table(path: Path, fault: Callable[[Fault], None] | None = None, *, any_
 
 def parse_table(path: Path, text: str, fault: Callable[[Fault], None] | None = None) -> UserTable:
     """Parse a user's table from text; `path` names it in errors. Otherwise as `load_table`."""
-
-    def wrong(message: Fault) -> None:
-        if fault is None:
-            raise DatasetError(str(message))
-        fault(message)
-
     first = next((line for line in lines_of(text) if line.strip()), "")
     if not first:
         raise DatasetError(f"{path}: the file is empty; a header line with column names is needed")
@@ -148,6 +144,19 @@ def parse_table(path: Path, text: str, fault: Callable[[Fault], None] | None = N
     ]
     if separator == ";":
         numbered = [(line, [c.replace(",", ".") if _is_comma_number(c) else c for c in row]) for line, row in numbered]
+    return _table_of(path, numbered, fault)
+
+
+def _table_of(
+    path: Path, numbered: Sequence[tuple[int, list[str]]], fault: Callable[[Fault], None] | None
+) -> UserTable:
+    """Table of rows of cells, each with its line; the first has the names, or numbers. Otherwise as `load_table`."""
+
+    def wrong(message: Fault) -> None:
+        if fault is None:
+            raise DatasetError(str(message))
+        fault(message)
+
     line, names = numbered[0]
     has_header = not all(as_number(cell) is not None for cell in names if cell)
     body = numbered[1:] if has_header else numbered
