@@ -26,11 +26,13 @@ from calib.screening.left_out import left_out_gain
 
 MAX_P_VALUE = 0.01  # of an effect, Holm-corrected
 MIN_LOG_EVIDENCE = 3.0
+SURE_LOG_EVIDENCE = 6.0  # the same where what is left is as large as noise: what can be seen at all has ten and more
 # Two effects are equivalent if all of these hold:
 EQUIVALENT_ALIGNMENT = 0.98  # squared cosine between the residuals that they explain, at least
 EQUIVALENT_OVERLAP = 0.9995  # share of what the better one explains that the other could make, at least
 EQUIVALENT_LOG_BAYES_FACTOR = 8.0  # of the better one over the worse, at most
 EQUIVALENT_REST = 1.15  # sum of squares that the worse one leaves over that of the better one, at most
+SPECIAL_CASE_OVERLAP = 0.95  # share of what an effect explains that a special case of it could, to come first
 CURVES_SHARE = 1.1  # how many times the evidence of a cause of one place or pose curves need to take its place
 MAX_WORSENING = 0.5  # standard errors by which a first effect may not raise the test poses' squared error
 MIN_LEAD_OVER_TEST = 4.0  # log Bayes factor, below which a first effect may not raise that error at all
@@ -47,10 +49,11 @@ def rank_candidates(screening: Screening) -> tuple[Candidate, Candidate | None, 
 
     A contender could explain most of what the best one explains, and has as much evidence within
     `MIN_LOG_BAYES_FACTOR`. A candidate that explains something else is none: it may be a second cause, and is tested
-    again in the next step.
+    again in the next step. A special case of the best one comes first where it says nearly as much, and what contains
+    it is no contender: if more than the special case is there, that shows beside it.
     """
-    best = screening.candidates[0]
-    others = screening.candidates[1:]
+    best = _special_case(screening.candidates) or screening.candidates[0]
+    others = [c for c in screening.candidates if c is not best and best.name not in c.family.contains]
     confounded = [c for c in others if best.overlaps.get(c.name, 0.0) > MIN_CONFOUNDED_OVERLAP]
     nearest = (*confounded, *others)[:1]
     contenders = [
@@ -59,10 +62,22 @@ def rank_candidates(screening: Screening) -> tuple[Candidate, Candidate | None, 
     return best, (nearest[0] if nearest else None), (best, *contenders) if contenders else ()
 
 
+def _special_case(candidates: Sequence[Candidate]) -> Candidate | None:
+    """Convincing special case of the first candidate, as likely as that or able to explain nearly all that it does."""
+    first = candidates[0]
+    for other in candidates[1:]:
+        as_much = first.log_evidence - other.log_evidence <= MIN_LOG_BAYES_FACTOR
+        nearly_all = first.overlaps.get(other.name, 0.0) > SPECIAL_CASE_OVERLAP
+        if other.name in first.family.contains and is_convincing(other) and (as_much or nearly_all):
+            return other
+    return None
+
+
 def are_equivalent(one: Candidate, other: Candidate, dof: int) -> bool:
     """Whether two candidates explain the same part of a residual about equally well.
 
-    Their fits differ by less than noise decides, so that only their priors would.
+    Their fits differ by less than noise decides, so that only their priors would. A special case of the other one is
+    not: that nothing of the rest shows speaks for it.
 
     Args:
         dof: degrees of freedom of the residual.
@@ -70,7 +85,7 @@ def are_equivalent(one: Candidate, other: Candidate, dof: int) -> bool:
     if not one.members or not other.members:
         return False
     better, worse = sorted((one, other), key=lambda candidate: -candidate.log_evidence)
-    if better.overlaps.get(worse.name, 0.0) < EQUIVALENT_OVERLAP:
+    if better.overlaps.get(worse.name, 0.0) < EQUIVALENT_OVERLAP or better.name in worse.family.contains:
         return False
     rest = sorted((max(1.0 - one.explained_share, 1e-300), max(1.0 - other.explained_share, 1e-300)))
     near = abs(one.log_evidence - other.log_evidence) < EQUIVALENT_LOG_BAYES_FACTOR
@@ -90,8 +105,7 @@ def is_tied(own: Candidate, rival: Candidate) -> bool:
     Both may be the cause. A rival of one law with a grid of constants comes near its best fit only, and may be further
     behind.
     """
-    one_law = rival.family.sparse and rival.family.most_members == 1
-    behind = EQUIVALENT_LOG_BAYES_FACTOR if one_law else MIN_LOG_BAYES_FACTOR
+    behind = EQUIVALENT_LOG_BAYES_FACTOR if rival.family.finer is not None else MIN_LOG_BAYES_FACTOR
     return _are_aligned(own, rival) and rival.log_evidence > own.log_evidence - behind
 
 
@@ -173,7 +187,7 @@ def may_be_curves(best: Candidate, calibration: Calibration, screening: Screenin
 
     Curves that leave the declared noise alone have nu / 2 log(r^2 / nu) in log evidence, less what they cost.
     """
-    if not best.family.sparse:
+    if not best.family.of_one_place:
         return False
     if not is_declared(calibration.dataset):
         return True
@@ -190,13 +204,13 @@ def ranking_given_curves(screening: Screening, curves: LearnedCurves | None) -> 
     Such a cause follows a part of what the curves follow whole, and would send someone to open a healthy gear.
     """
     least = -np.inf if curves is None else (curves.log_evidence - MIN_LOG_BAYES_FACTOR) / CURVES_SHARE
-    kept = tuple(c for c in screening.candidates if not c.family.sparse or c.log_evidence >= least)
+    kept = tuple(c for c in screening.candidates if not c.family.of_one_place or c.log_evidence >= least)
     return replace(screening, candidates=kept)
 
 
 def left_to_curves(screening: Screening, curves: LearnedCurves | None, chosen: Candidate) -> tuple[str, ...]:
     """Effects of one place or pose that learned curves clearly surpass, among those ranked above the chosen one."""
-    above = [c for c in screening.candidates if c.family.sparse and c.log_evidence > chosen.log_evidence]
+    above = [c for c in screening.candidates if c.family.of_one_place and c.log_evidence > chosen.log_evidence]
     if not above:
         return ()
     kept = {c.name for c in ranking_given_curves(screening, curves).candidates}

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
@@ -157,7 +158,10 @@ def recalled(
     if name == LEARNED:
         return SelectedEffect(name, (), dict(prior_sigmas))
     family = available_family(dataset, name, user_effects)
-    named = [(member, {full_name(member, p) for p in member.parameters}) for member in family.members]
+    members = family.members
+    if family.finer is not None:
+        members = tuple(dict.fromkeys([*members, *chain.from_iterable(map(family.finer, members))]))
+    named = [(member, {full_name(member, p) for p in member.parameters}) for member in members]
     unknown = sorted(set(prior_sigmas).difference(*(names for _, names in named)))
     if unknown:
         raise CalibError(f"effect {name} has no parameter {unknown[0]!r} for this arm")

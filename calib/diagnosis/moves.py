@@ -20,6 +20,7 @@ from calib.diagnosis.decision_rules import (
     MAX_WORSENING,
     MIN_LEAD_OVER_TEST,
     MIN_LOG_EVIDENCE,
+    SURE_LOG_EVIDENCE,
     can_stand_for,
     is_convincing,
     is_tied,
@@ -37,6 +38,8 @@ from calib.effects.effect import Effect, Family, full_name
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate, Screening, screen
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.curves.smooth_joint_error import LEARNED
+from calib.screening.projected_residual import project_residual
+from calib.screening.residual_tests import is_of_noises_size
 from calib.screening.smooth_motions import slow_course
 
 MAX_TRIED_AHEAD = 4  # contenders that are tried with a successor
@@ -173,6 +176,9 @@ def _addition(
     """
     assert step.screening is not None
     screening = _without(step.screening, dropped)
+    if is_of_noises_size(step.calibration.dataset, screening.projected):
+        sure = tuple(c for c in screening.candidates if c.log_evidence > SURE_LOG_EVIDENCE)
+        screening = replace(screening, candidates=sure)
     if not any(is_convincing(candidate) for candidate in screening.candidates):
         return Stop()
     if may_be_curves(screening.candidates[0], step.calibration, screening):
@@ -271,7 +277,7 @@ def _parts_given_up(
     that surely acts on another joint is the simplest cause of all its parts.
     """
     ties: list[Tie] = []
-    one_law = [family for family in space.families if family.sparse and family.most_members == 1]
+    one_law = [family for family in space.families if family.finer is not None]
     # Of one joint, what acts at one place or from one pose on is no rival: waves were chosen before that.
     lasting = [family for family in space.families if not family.sparse]
     for k, effect in enumerate(step.selected):
@@ -293,12 +299,20 @@ def _parts_given_up(
                 instead = _addition(space, without, dropped, tell)
                 if isinstance(instead, AddEffect) and len(selected) < space.max_effects:
                     both = (*selected, SelectedEffect.of(instead.candidate))  # the part is not to come back beside it
-                    return replace(instead, selected=both, calibration=space.fit(both, instead.calibration))
+                    exchanged = space.fit(both, instead.calibration)
+                    if not _leaves_more(step.calibration, exchanged):
+                        return replace(instead, selected=both, calibration=exchanged)
             as_good = tuple(rival.name for rival in rivals if own and is_tied(own[0], rival))
             tied += [as_good] if as_good else []
         if tied and len(tied) == len(parts):
             ties.append(Tie(effect.name, tuple(dict.fromkeys(name for names in tied for name in names))))
     return tuple(ties)
+
+
+def _leaves_more(before: Calibration, after: Calibration) -> bool:
+    """Whether a fit leaves clearly more than another: then what was exchanged is needed."""
+    then, now = project_residual(before), project_residual(after)
+    return bool(now.dof * np.log(now.sigma / max(then.sigma, 1e-300)) > MIN_LOG_BAYES_FACTOR)
 
 
 def _parts(effect: SelectedEffect, calibration: Calibration) -> list[tuple[Effect, ...]]:

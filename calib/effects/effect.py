@@ -115,7 +115,16 @@ class Family(Brief):
     covered: bool = False  # whether another family tests the same cause where this one cannot
     sparse: bool = False  # whether members are places of one cause, few of which carry it; all equally wide
     most_members: int = 8  # of a sparse family, that may carry it
+    superposed: bool = False  # whether several members of one place make up one cause, such as two time constants
+    finer: Callable[[Effect], tuple[Effect, ...]] | None = None  # of one law with a grid of constants, of which one
+    # holds: members around one of them
     confounded_with: tuple[str, ...] = ()  # families that these data cannot tell from it, whatever the fit gives
+    contains: tuple[str, ...] = ()  # simpler families that are special cases of it, told where they say as much
+
+    @property
+    def of_one_place(self) -> bool:
+        """Whether the effect acts at one place or from one pose on, and is no law that has to be found on a grid."""
+        return self.sparse and self.finer is None
 
     @property
     def description(self) -> Description:

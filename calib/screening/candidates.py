@@ -137,7 +137,7 @@ def screen(fitted: FittedResult | Dataset | str | Path, families: Sequence[Famil
         elif columns.narrowest > most_columns(projected.dof):
             untestable.append(_too_wide(projected, family, columns.narrowest))
         else:
-            tested.append(columns)
+            tested.append(_refined(projected, columns))
     evidence = [columns.evaluate(-projected.residual, projected.dof) for columns in tested]
     corrected = holm([e.p_value for e in evidence])
     overlaps = _overlaps(tested, evidence)
@@ -148,6 +148,18 @@ def screen(fitted: FittedResult | Dataset | str | Path, families: Sequence[Famil
     ]
     candidates.sort(key=lambda c: (-c.log_evidence, c.p_value))
     return Screening(projected, tuple(candidates), tuple(untestable), plain)
+
+
+def _refined(projected: ProjectedResidual, columns: VisibleColumns) -> VisibleColumns:
+    """Columns of an effect of one law with a grid of constants, with a finer grid around its best member."""
+    family = columns.family
+    if family.finer is None:
+        return columns
+    coarse = columns.evaluate(-projected.residual, projected.dof)
+    if coarse.log_evidence <= 0.0:
+        return columns
+    best = family.members[int(np.argmax(coarse.scales))]
+    return visible_columns(projected, replace(family, members=(*family.members, *family.finer(best))))
 
 
 def _too_wide(projected: ProjectedResidual, family: Family, columns: int) -> Untestable:

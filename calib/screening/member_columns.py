@@ -42,8 +42,10 @@ class VisibleColumns:
         """Evidence for the effect in a residual (R,), measured minus predicted."""
         if self.stacked is not None:
             one_sided = all(p.positive for p in self.family.members[0].parameters)
-            most = self.family.most_members
-            columns = SparseColumns(residual, self.stacked, dof, one_sided, most, self.shapes, self.of_same)
+            most, superposed = self.family.most_members, self.family.superposed
+            columns = SparseColumns(
+                residual, self.stacked, dof, one_sided, most, self.shapes, self.of_same, superposed=superposed
+            )
             return evaluate_sparse(columns)
         positive = tuple(all(p.positive for p in member.parameters) for member in self.family.members)
         return evaluate_family(FamilyColumns(residual, self.groups, dof, positive))

@@ -26,11 +26,12 @@ from calib.screening.smooth_motions import JointFault, smooth_motion
 
 DRAWS = 999
 STRUCTURE_LEVEL = 0.01
-WEAK_LEVEL = 0.004  # p of a single pattern, above which the residual's size has to speak too
+WEAK_LEVEL = 0.002  # p of the strongest pattern, from which on the residual's size has to speak too
 NOISES_SIZE = 1.1  # residual over noise, up to which it is as large as noise is
 OUTLIER_LEVEL = 0.002
 _TOO_LARGE_P = 0.01
-FAULT_EVIDENCE = 3.0  # log evidence from which a fault of one joint is reported
+FAULT_EVIDENCE = 6.0  # log evidence from which a fault of one joint is reported
+FAULT_EVIDENCE_ALONE = 3.0  # the same where no noise is known, so that the residual's size says nothing
 _BLOCK = 3_000_000  # numbers of noise held at once
 
 
@@ -63,11 +64,11 @@ class ResidualTests(Brief):
     def structured(self) -> tuple[str, ...]:
         """Inputs over which the residual has a systematic pattern beyond noise.
 
-        A single weak one counts only where the residual is larger than the noise, or no noise is known.
+        Weak ones count only where the residual is larger than the noise, or no noise is known.
         """
         found = tuple(test for test in self.inputs if test.p_value < STRUCTURE_LEVEL)
         of_noises_size = self.noise_from != "fit" and self.residual_mm < NOISES_SIZE * self.noise_mm
-        weak = len(found) == 1 and found[0].p_value > WEAK_LEVEL
+        weak = bool(found) and found[0].p_value >= WEAK_LEVEL
         return () if weak and of_noises_size else tuple(test.input for test in found)
 
     @property
@@ -91,6 +92,7 @@ def run_residual_tests(dataset: Dataset, projected: ProjectedResidual, *, draws:
     lack, noise_mm, source, residual_mm = _lack_of_fit(dataset, projected)
     poses, row = projected.residuals.observed.used_poses
     fault = smooth_motion(_without(projected, outliers[row]))
+    least = FAULT_EVIDENCE_ALONE if source == "fit" else FAULT_EVIDENCE
     return ResidualTests(
         lack_of_fit_p=lack,
         noise_mm=noise_mm,
@@ -98,7 +100,7 @@ def run_residual_tests(dataset: Dataset, projected: ProjectedResidual, *, draws:
         residual_mm=residual_mm,
         inputs=_structure(projected, outliers[row], noise),
         outlier_poses=tuple(poses.ids[i] for i in np.flatnonzero(outliers)),
-        fault=fault if fault is not None and fault.log_evidence > FAULT_EVIDENCE else None,
+        fault=fault if fault is not None and fault.log_evidence > least else None,
         masses_evidence=0.0 if projected.nuisance is None else projected.nuisance.log_evidence,
     )
 
@@ -107,6 +109,12 @@ def is_too_large(dataset: Dataset, projected: ProjectedResidual) -> bool:
     """Whether a residual is larger than noise, as `ResidualTests.too_large`, without the other tests."""
     lack = _lack_of_fit(dataset, projected)[0]
     return lack is not None and lack < _TOO_LARGE_P
+
+
+def is_of_noises_size(dataset: Dataset, projected: ProjectedResidual) -> bool:
+    """Whether a residual is as large as a known noise is."""
+    _, noise_mm, source, residual_mm = _lack_of_fit(dataset, projected)
+    return source != "fit" and residual_mm < NOISES_SIZE * noise_mm
 
 
 def _noise(projected: ProjectedResidual, draws: int) -> Iterator[Array]:

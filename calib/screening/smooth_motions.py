@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.effects.catalogue.order_steps import Step
+from calib.effects.catalogue.thermal import MotorHeat
 from calib.screening.candidates import Candidate
 from calib.screening.evidence import FamilyColumns, evaluate_family, evidence_of
 from calib.screening.member_columns import displacement_columns
@@ -103,20 +104,23 @@ def slow_course(projected: ProjectedResidual, step: Candidate) -> float:
     The best of an even course, settling with one of four time constants, and any smooth course of four correlation
     lengths, which are equally likely. 0 where the candidate is no step. What the same displacement at all poses adds
     beside the step counts for the step: it is another cause, as compliance is beside a payload that changed, and slow
-    courses have it in them.
+    courses have it in them. Heat of a motor that the model has may have another course than its moves tell: so does
+    its displacement.
     """
     members = [member for member in step.members if isinstance(member, Step)]
     if not members:
         return 0.0
     columns = displacement_columns(projected, members)  # (M, 3, W)
+    heat = [member for member in projected.residuals.model.effects if isinstance(member, MotorHeat)]
+    displacements = [columns, displacement_columns(projected, heat)] if heat else [columns]
     row = projected.residuals.observed.used_poses[1]
 
-    def evidence(course: Array) -> float:
-        """Log evidence of the displacement times functions (N, L) of time."""
+    def evidence(course: Array, columns: Array = columns) -> float:
+        """Log evidence of a displacement times functions (N, L) of time."""
         moved = course[row][:, None, :, None] * columns[:, :, None, :]
         return evidence_of(-projected.residual, projected.visible(moved.reshape(3 * len(row), -1)), projected.dof)
 
-    values = [evidence(course) for course in _courses(_moments(projected))]
+    values = [evidence(course, one) for course in _courses(_moments(projected)) for one in displacements]
     steps = np.concatenate([member.shapes(projected.state) for member in members], axis=1)
     always = evidence(np.column_stack([steps, np.ones(len(steps))])) - evidence(steps)
     return max(values) - float(np.log(len(values))) - max(always, 0.0)

@@ -50,6 +50,7 @@ class SparseColumns:
     most: int = 8  # members that may carry it
     shapes: Array | None = None  # (G, N) amount at each pose, where members are shapes of a displacement
     of_same: IndexArray | None = None  # (G,) members with the same number are shapes of the same displacement
+    superposed: bool = False  # whether several shapes of one displacement make up one cause
     _distinct: dict[int, BoolArray] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     def distinct(self, member: int) -> BoolArray:
@@ -115,7 +116,8 @@ def evaluate_sparse(family: SparseColumns) -> Evidence:
     """F test and evidence of an effect with many members (possible places), of which few are active.
 
     The likelihood of one member is averaged over all, as it could be any of them; each further one, added while the
-    evidence grows, costs log G; and each costs `RARITY`: else a staircase of steps would follow every drift. The search
+    evidence grows, costs log G; and each costs `RARITY`: else a staircase of steps would follow every drift. Where
+    shapes of one displacement are superposed, a further one is chosen among these alone, and is not rare. The search
     starts from the best member, and from the best pair that goes and comes back, of which neither shows alone. The F
     test is the best single member's, its p-value times G, or that of all chosen ones, times the ways to choose them.
     """
@@ -155,18 +157,28 @@ def _cost(family: SparseColumns) -> float:
     return float(np.log(family.columns.shape[1])) + RARITY
 
 
+def _costs(family: SparseColumns, chosen: _Chosen) -> Array:
+    """Log evidence (G,) that each member has to bring beside those that were chosen."""
+    out = np.full(family.columns.shape[1], _cost(family))
+    if family.superposed and family.of_same is not None:
+        beside = np.isin(family.of_same, family.of_same[list(chosen.members)])
+        out[beside] = np.log(np.bincount(family.of_same)[family.of_same[beside]])
+    return out
+
+
 def _grown(family: SparseColumns, start: _Search) -> _Search:
     """Members added one by one to those of a start while the evidence grows by more than each costs."""
     width = family.columns.shape[2]
     most = min(family.most, family.columns.shape[1], most_columns(family.dof) // width)
-    found, cost = start, _cost(family)
+    found = start
     while len(found.chosen.members) < most:
         values, scales = _each(family, found.chosen)
-        best = int(np.argmax(values))
-        if values[best] < found.raw + cost + GAIN:
+        costs = _costs(family, found.chosen)
+        best = int(np.argmax(values - costs))
+        if values[best] < found.raw + costs[best] + GAIN:
             break
         more = found.chosen.with_member(best, float(scales[best]))
-        found = _Search(*_polished(family, more, float(values[best])), found.paid + cost)
+        found = _Search(*_polished(family, more, float(values[best])), found.paid + float(costs[best]))
     return found
 
 

@@ -10,7 +10,7 @@ import pytest
 from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.decision_rules import are_equivalent, can_stand_for
+from calib.diagnosis.decision_rules import are_equivalent, can_stand_for, rank_candidates
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.verdict import ConfoundedSet
 from calib.effects.catalogue import effects_for
@@ -111,6 +111,23 @@ def test_who_is_a_twin(twins: Dataset) -> None:
     assert not twins_if(members=())
     nearly = replace(one, overlaps=one.overlaps | {"axis_wobble": 0.998})  # as |q| and three harmonics
     assert not are_equivalent(nearly, other, dof)
+
+
+def test_a_special_case_comes_first_where_it_says_nearly_as_much(twins: Dataset) -> None:
+    screening = screen(calibrate(twins), effects_for(twins))
+    ranked = {candidate.name: candidate for candidate in screening.candidates}
+    one, other = ranked["transmission_error"], ranked["axis_wobble"]
+    wider = replace(other, family=replace(other.family, contains=(one.name,)))
+
+    def first(lead: float, overlap: float) -> tuple[str, int]:
+        more = replace(wider, log_evidence=one.log_evidence + lead, overlaps={one.name: overlap})
+        best, _, contenders = rank_candidates(replace(screening, candidates=(more, one)))
+        return best.name, len(contenders)
+
+    assert first(2.0, 0.8) == (one.name, 0)
+    assert first(14.0, 0.97) == (one.name, 0)
+    assert first(14.0, 0.8) == (other.name, 0)
+    assert not are_equivalent(one, replace(wider, log_evidence=one.log_evidence - 4.0), screening.projected.dof)
 
 
 @pytest.mark.slow

@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.calibration.calibrate import calibrate
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.effect_selection import recalled
 from calib.effects.catalogue import family_of
+from calib.screening.candidates import screen
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.joint_effects import TransmissionError
 from tests.support.fit_cases import rich_dataset
@@ -41,6 +44,25 @@ def test_a_spring_is_never_called_a_gear_alone_and_a_wave_is_left_open() -> None
     found = diagnose(wave.dataset)
     assert "transmission_error" in (*found.missing, *found.ambiguous_set)
     assert "counterbalance" not in found.missing
+
+
+def test_a_spring_between_those_of_the_grid_is_found_on_a_finer_one() -> None:
+    dataset = simulate_dataset(
+        builtin_robot("panda"),
+        rng=np.random.default_rng([77, 1]),
+        effects=(("counterbalance", 6.0),),
+        poses=80,
+        noise_mm=0.02,
+    ).dataset
+    family = family_of(dataset, "counterbalance")
+    fitted = calibrate(dataset)
+    (coarse,) = screen(fitted, [replace(family, finer=None)]).candidates
+    (fine,) = screen(fitted, [family]).candidates
+    (spring,) = fine.members
+    assert fine.log_evidence > coarse.log_evidence + 2.0
+    assert spring not in family.members
+    kept = recalled(dataset, family.name, fine.prior_sigmas)  # as a session that was saved
+    assert kept.members == fine.members
 
 
 def test_an_arm_whose_second_joint_carries_no_weight_has_no_such_spring() -> None:

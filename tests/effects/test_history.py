@@ -10,8 +10,8 @@ import pytest
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import family_of
-from calib.effects.catalogue.friction import PathFriction, hysteresis
-from calib.effects.catalogue.thermal import workload
+from calib.effects.catalogue.friction import PathFriction, hysteresis, stick_and_slip
+from calib.effects.catalogue.thermal import lagged, workload
 from calib.effects.catalogue.user_file import check_effects
 from calib.effects.effect import Parameter, families_from
 from calib.effects.state import RobotState
@@ -44,6 +44,52 @@ def test_friction_winds_up_along_the_way_and_forgets() -> None:
     assert z[3] == pytest.approx(-1.0 + 2.0 * np.exp(-0.02 / length))
     fine = hysteresis(np.linspace(0.0, 0.2, 50), length)
     assert fine[-1] == pytest.approx(hysteresis(np.array([0.0, 0.2]), length)[-1])
+
+
+def test_what_was_before_the_first_pose_fades_along_the_way() -> None:
+    q_rad = np.array([0.0, 0.3, 0.1, 1.0])
+    at_rest, wound = (hysteresis(q_rad, 0.2, start) for start in (0.0, 1.0))
+    np.testing.assert_allclose(wound - at_rest, np.exp(-np.array([0.0, 0.3, 0.5, 1.4]) / 0.2))
+    time_s = 40.0 * np.arange(4.0)
+    cold, warm = (workload(q_rad, time_s, 100.0, warm=warm) for warm in (False, True))
+    np.testing.assert_allclose(warm - cold, 1.4 / 120.0 * np.exp(-time_s / 100.0))
+
+
+def test_a_slider_remembers_what_a_small_move_and_its_way_back_left_alone() -> None:
+    q_rad = np.array([0.0, 1.0, 0.9, 1.0])
+    np.testing.assert_allclose(stick_and_slip(q_rad, 0.5), [0.0, 1.0, 0.8, 1.0])
+    assert hysteresis(q_rad, 0.5)[3] < hysteresis(q_rad, 0.5)[1]
+
+
+def test_links_follow_the_temperature_with_a_lag() -> None:
+    time_s = np.array([0.0, 100.0, 400.0])
+    np.testing.assert_allclose(lagged(np.array([20.0, 21.0, 21.0]), time_s, 100.0), 21.0 - np.exp(-time_s / 100.0))
+
+
+def test_friction_whose_past_no_table_has_leaves_no_pose_over() -> None:
+    """The first poses of a session are not in the table: what they wound up is."""
+    whole = simulate_dataset(
+        builtin_robot("rb5"),
+        rng=np.random.default_rng([77, 0]),
+        effects=(("path_friction", 1.5),),
+        poses=90,
+        noise_mm=0.02,
+    ).dataset
+    assert whole.points is not None
+    rows = np.flatnonzero((whole.poses.order >= 10) | (whole.poses.role == "reference"))
+    rows = rows[whole.poses.order[rows] >= 10]
+    role = whole.poses.role[rows].copy()
+    role[0] = "reference"
+    poses = replace(whole.poses.select(rows), role=role, came_from=np.zeros((0, 0)), order=np.zeros(0))
+    kept = np.isin(whole.points.pose, rows)
+    points = replace(
+        whole.points,
+        pose=np.searchsorted(rows, whole.points.pose[kept]),
+        xyz_mm=whole.points.xyz_mm[kept],
+        target=whole.points.target[kept],
+    )
+    found = diagnose(replace(whole, poses=poses, points=points))
+    assert (found.verdict, found.missing) == ("named", ("path_friction",))
 
 
 def test_poses_left_out_are_part_of_the_history() -> None:

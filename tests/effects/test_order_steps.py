@@ -89,6 +89,9 @@ def test_a_bent_link_is_told_as_none_of_the_steps_that_are_parts_of_it(seed: int
 def test_links_that_are_short_or_near_the_target_are_not_asked_about() -> None:
     members = family_of(DATASET, "link_step").members
     assert {m.joint for m in members if isinstance(m, LinkStep)} == {0, 1, 2, 3}
+    first, *others = DATASET.robot.joints
+    gantry = replace(DATASET.robot, joints=(replace(first, type="prismatic"), *others))
+    assert len(family_of(replace(DATASET, robot=gantry), "link_step").members) == len(members)
     short = replace(DATASET.robot, joints=tuple(replace(j, a_mm=0.0, d_mm=50.0) for j in DATASET.robot.joints))
     family = family_of(replace(DATASET, robot=short), "link_step")
-    assert family.why_not == "no link that turns and has two joints beyond it is 100 mm long"
+    assert family.why_not == "no link with two joints beyond it is 100 mm long"

@@ -67,6 +67,16 @@ def test_two_of_many_members_are_chosen_as_one_by_one() -> None:
     assert found.log_evidence == pytest.approx(slow.log_evidence - 2.0 * RARITY, abs=0.1)
 
 
+def test_shapes_that_make_up_one_cause_are_chosen_among_their_own() -> None:
+    rng = np.random.default_rng(4)
+    columns = rng.normal(size=(200, 60, 1))
+    residual = rng.normal(size=200) + columns[:, 7, 0] + columns[:, 8, 0]
+    alone = SparseColumns(residual, columns, 190, shapes=rng.normal(size=(60, 50)), of_same=np.arange(60) // 3)
+    apart, together = evaluate_sparse(alone), evaluate_sparse(replace(alone, superposed=True))
+    assert np.flatnonzero(together.scales).tolist() == [7, 8]
+    assert together.log_evidence == pytest.approx(apart.log_evidence + RARITY + np.log(60 / 3))
+
+
 def test_noise_has_no_evidence_and_its_p_is_uniform_or_larger() -> None:
     rng = np.random.default_rng(5)
     steps = (np.arange(60)[:, None] >= np.arange(4, 57)).astype(float)

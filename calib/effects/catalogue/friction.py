@@ -15,19 +15,36 @@ from calib.effects.shaped import JointOffset, ShapedEffect
 from calib.effects.state import RobotState
 
 LENGTHS_DEG = (3, 10, 30, 90)
-"""Ways after which a joint has forgotten where it came from; moves are far longer than the shortest."""
+"""Ways after which a joint that winds up smoothly has forgotten where it came from; moves are far longer than the
+shortest."""
+SLIPS_DEG = (5, 15, 45, 135)
+"""Ways from one side to the other, halved, of a joint that sticks and then slips; between the lengths."""
+STARTS = {0: "", 1: "come_up_", -1: "come_down_"}
+"""States of friction at the first pose, of which the way to it is in no table: at rest, or wound up to either side."""
 
 
-def hysteresis(q_rad: Array, length_rad: float) -> Array:
+def hysteresis(q_rad: Array, length_rad: float, start: float = 0.0) -> Array:
     """Friction's state z (L,), between -1 and 1, of a joint that goes through angles (L,) one after the other.
 
-    Dahl's model dz = (1 - z sign(dq)) dq / length, each move one way; z is 0 before the first.
+    Dahl's model dz = (1 - z sign(dq)) dq / length, each move one way; z is `start` at the first.
     """
-    z = np.zeros(len(q_rad))
-    for k, way in enumerate(np.diff(q_rad), start=1):
-        side = np.sign(way)
-        z[k] = side + (z[k - 1] - side) * np.exp(-abs(way) / length_rad)
-    return z
+    way_rad = np.diff(q_rad)
+    kept = np.exp(-np.abs(way_rad) / length_rad)
+    z = [start]
+    for share, more in zip(kept.tolist(), (np.sign(way_rad) * (1.0 - kept)).tolist(), strict=True):
+        z.append(share * z[-1] + more)
+    return np.array(z)
+
+
+def stick_and_slip(q_rad: Array, width_rad: float, start: float = 0.0) -> Array:
+    """State z (L,) of a spring and a dry slider in a row, as `hysteresis`: dz = dq / width, held between -1 and 1.
+
+    A few of them side by side are Maxwell's slip model: what small moves wound up is still there after they are undone.
+    """
+    z = [start]
+    for more in (np.diff(q_rad) / width_rad).tolist():
+        z.append(min(max(z[-1] + more, -1.0), 1.0))
+    return np.array(z)
 
 
 @dataclass(frozen=True)
@@ -39,12 +56,14 @@ class PathFriction(ShapedEffect):
     """
 
     joint: int
-    length_deg: int  # way after which z has come to 1 - 1/e of the other side
+    length_deg: int  # way after which z has come to 1 - 1/e of the other side; half the way to it where it slips
+    start: int = 0  # z at the first pose, of `STARTS`
+    slips: bool = False  # whether it sticks and slips
     name = "path_friction"
     title = "friction with a memory of the path"
     noun = "friction that remembers the path of joint"
     changes_arm = True
-    equation = "theta_j += h z_j, dz = (1 - z sign(dq)) dq / L through all poses"
+    equation = "theta_j += h z_j, dz = (1 - z sign(dq)) dq / L, or dq / L between -1 and 1, through all poses"
     symbols = (("h", "rad"),)
     needs = "all poses that the arm went to, in the order they were measured: time_s, else the rows"
     confirm = "one pose from both sides, each after a long and after a short way: the difference grows with the way"
@@ -54,10 +73,12 @@ class PathFriction(ShapedEffect):
     L = 3, 10, 30, 90° $$
 
     Dahl's model: the drive stops wound up against the way it came, by the less the shorter the way was, and what is
-    left of the way before fades with it. With $L$ far below all moves it is {doc}`backlash` by the side that the order
-    of the poses tells; with $L$ far above them it is the way itself, a {doc}`following_error`. It is reckoned through
-    every pose that was measured, test poses and poses left out with them. Where the arm went to places in between that
-    are no poses, it is not what happened.
+    left of the way before fades with it. A spring and a dry slider in a row, $dz = dq / L$ between -1 and 1 with
+    $L$ = 5, 15, 45, 135°, remember longer: what a small move winds up, the same move back takes away. Several of both
+    side by side are Maxwell's slip model. The way to the first pose is in no table: $z$ starts from 0, 1 or -1. With
+    $L$ far below all moves it is {doc}`backlash` by the side that the order of the poses tells; with $L$ far above them
+    it is the way itself, a {doc}`following_error`. It is reckoned through every pose that was measured, test poses and
+    poses left out with them. Where the arm went to places in between that are no poses, it is not what happened.
     """
     position = 33
 
@@ -67,12 +88,15 @@ class PathFriction(ShapedEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Largest turn by friction, with the way in the parameter's name."""
-        return (Parameter(f"over_{self.length_deg}deg_rad", "rad", 3e-4, "turn by friction after a long way"),)
+        """Largest turn by friction, with the way and the start in the parameter's name."""
+        word = "slipping" if self.slips else "over"
+        name = f"{STARTS[self.start]}{word}_{self.length_deg}deg_rad"
+        return (Parameter(name, "rad", 3e-4, "turn by friction after a long way"),)
 
     def shapes(self, state: RobotState) -> Array:
-        measured_q = state.poses.sequence.q[:, self.joint]
-        return state.poses.from_sequence(hysteresis(measured_q, np.radians(self.length_deg)))[:, None]
+        q_rad = state.poses.sequence.q[:, self.joint]
+        law = stick_and_slip if self.slips else hysteresis
+        return state.poses.from_sequence(law(q_rad, np.radians(self.length_deg), float(self.start)))[:, None]
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
         """Difference between both sides, and the way to either, as text."""
@@ -83,8 +107,10 @@ class PathFriction(ShapedEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Family of this effect with one member for each revolute joint and each of four lengths."""
-        members = tuple(cls(j, deg) for j in revolute_joints(dataset.robot) for deg in LENGTHS_DEG)
+        """Family of this effect with one member for each revolute joint, law, length and start."""
+        laws = [*((deg, False) for deg in LENGTHS_DEG), *((deg, True) for deg in SLIPS_DEG)]
+        joints = revolute_joints(dataset.robot)
+        members = tuple(cls(j, deg, start, slips) for j in joints for deg, slips in laws for start in STARTS)
         if not members:
             return Family(cls.name, (), "no joint turns", "nothing: it is a matter of drives that turn")
-        return Family(cls.name, members, sparse=True)
+        return Family(cls.name, members, sparse=True, superposed=True)

@@ -11,13 +11,14 @@ from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.effects.catalogue.loads import PLAY
 from calib.effects.catalogue.order_steps import is_measured_for_training
-from calib.effects.effect import CatalogueEffect, Family, NaturalBound, Parameter
+from calib.effects.effect import CatalogueEffect, Effect, Family, NaturalBound, Parameter
 from calib.effects.shaped import JointOffset, ShapedEffect
 from calib.effects.state import RobotState
 from calib.kinematics.robot import Robot
 
 DENT_WIDTHS_DEG = (4, 7, 12, 20)  # standard deviations of a dent's shape
 FEWEST_INSIDE = 3  # training poses within 1.2 of them: with fewer a dent is only an outlier
+DEAD_CENTRE_STEP_DEG = 5
 BALANCER_RATIOS_PCT = (20, 30, 40, 55, 70)  # of the distances of a balancing spring's ends from the joint's axis
 HIGH_ORDERS = range(4, 21)
 _COUNTED = "gear ratios are whole numbers of teeth, and encoders count them to 1e-3 and better"
@@ -388,8 +389,20 @@ class Counterbalance(ShapedEffect):
             return Family(
                 cls.name, (), "joint 2 does not turn across joint 1", "nothing: no weight has to be balanced there"
             )
-        members = tuple(cls(1, deg, pct) for deg in range(0, 360, 5) for pct in BALANCER_RATIOS_PCT)
-        return Family(cls.name, members, sparse=True, most_members=1)
+        members = tuple(cls(1, deg, pct) for deg in range(0, 360, DEAD_CENTRE_STEP_DEG) for pct in BALANCER_RATIOS_PCT)
+        return Family(cls.name, members, sparse=True, most_members=1, finer=_around)
+
+
+def _around(member: Effect) -> tuple[Counterbalance, ...]:
+    """Springs with dead centres and ratios between one of the family's grid and those next to it."""
+    assert isinstance(member, Counterbalance)
+    degrees = range(member.dead_centre_deg - DEAD_CENTRE_STEP_DEG + 1, member.dead_centre_deg + DEAD_CENTRE_STEP_DEG)
+    ratios = sorted(BALANCER_RATIOS_PCT)
+    at = ratios.index(member.ratio_pct)
+    below, above = ratios[max(at - 1, 0)], ratios[min(at + 1, len(ratios) - 1)]
+    between = {(below + member.ratio_pct) // 2, member.ratio_pct, (member.ratio_pct + above) // 2}
+    springs = [Counterbalance(member.joint, deg % 360, pct) for deg in degrees for pct in sorted(between)]
+    return tuple(spring for spring in springs if spring != member)
 
 
 @dataclass(frozen=True)
@@ -463,15 +476,20 @@ class FollowingError(CatalogueEffect):
     $$ \delta \theta_j = k_j \, ( q_j - q_j^{\text{before}} ) $$
 
     The point was taken before the joint stood still, or the controller stops within a window. Poses need the order in
-    which they were measured.
+    which they were measured. The way to the first one is in no table: what is missing there is fitted by itself.
     """
     position = 23
     linear = True
-    parameters = (Parameter("k", "1", 1e-4, "share of the way from the pose before"),)
+    parameters = (
+        Parameter("k", "1", 1e-4, "share of the way from the pose before"),
+        Parameter("at_first_rad", "rad", 1e-4, "what is missing at the first pose"),
+    )
 
-    def apply(self, state: RobotState, *, k: float) -> RobotState:
+    def apply(self, state: RobotState, *, k: float, at_first_rad: float) -> RobotState:
         """Robot state with the joint's error added."""
-        return state.add_joint_error(self.joint, k * state.poses.motion[:, self.joint])
+        poses = state.poses
+        is_first = poses.from_sequence((np.arange(len(poses.sequence)) == 0).astype(float))
+        return state.add_joint_error(self.joint, k * poses.motion[:, self.joint] + at_first_rad * is_first)
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:

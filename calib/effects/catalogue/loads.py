@@ -27,6 +27,8 @@ _UNKNOWN_MASSES = "robot.toml has no masses: compliance times unknown masses is 
 _USUAL_KG = 4.0  # that hangs at a frame
 _JOINT, _LINK, _BASE = 5e-5, 2e-5, 2e-6  # rad/Nm, usual compliances
 _SHORT_MM = 30.0  # a link that reaches out less does not twist
+_KNEES = (0.1, 0.3)  # of a joint's largest torque, at which a soft wind-up is used up
+_UNLOADED_NM = 0.05  # a joint whose largest torque is below shows no wind-up
 _STILL_NM = 0.01  # a bearing turns over from one side to the other within about this moment
 
 
@@ -400,16 +402,23 @@ class NonlinearStiffness(CatalogueEffect):
     $$ \delta \theta_j = c_{2,j} \; \tau_j \, | \tau_j | $$
 
     Beside {doc}`joint_compliance`, of which it is the next term: positive for a spring that softens, negative for one
-    that stiffens, as strain wave gears do.
+    that stiffens, as strain wave gears do. A drive that gives way to small torques and is stiff beyond a knee is
+    $w_j \tanh ( \tau_j / T )$, with $T$ a tenth and three tenths of the joint's largest torque; with a far smaller $T$
+    it is {doc}`gravity_backlash`.
     """
     position = 27
     under_load = True
     linear = True
-    parameters = (Parameter("c2_rad_per_nm2", "rad/Nm^2", 5e-7, "compliance that grows with the torque"),)
 
-    def apply(self, state: RobotState, *, c2_rad_per_nm2: float) -> RobotState:
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Compliance that grows with the torque."""
+        return (Parameter("c2_rad_per_nm2", "rad/Nm^2", 5e-7, "compliance that grows with the torque"),)
+
+    def apply(self, state: RobotState, **values: float) -> RobotState:
         """Robot state with the joint's error added."""
         torque = state.loaded.gravity.joint_torques[:, self.joint]
+        (c2_rad_per_nm2,) = values.values()
         return state.add_joint_error(self.joint, c2_rad_per_nm2 * torque * np.abs(torque))
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
@@ -420,9 +429,45 @@ class NonlinearStiffness(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Family of this effect with one member for each revolute joint."""
-        turning = [j for j, joint in enumerate(dataset.robot.joints) if joint.is_revolute]
-        return where_masses_are_known(Family(cls.name, tuple(map(cls, turning))), dataset.robot)
+        """Family of this effect with one member for each revolute joint, and its wind-ups where it is under load."""
+        robot = dataset.robot
+        turning = [j for j, joint in enumerate(robot.joints) if joint.is_revolute]
+        family = where_masses_are_known(Family(cls.name, tuple(map(cls, turning))), robot)
+        if family.why_not:
+            return family
+        torques_nm = RobotState.nominal(robot, dataset.poses).gravity_torques_nm
+        largest_nm = np.abs(torques_nm[~dataset.poses.is_test]).max(axis=0, initial=0.0)
+        loaded = [j for j in turning if largest_nm[j] > _UNLOADED_NM]
+        wind_ups = [WindUp(j, float(f"{share * largest_nm[j]:.2g}")) for j in loaded for share in _KNEES]
+        limits = (JointCompliance.name, GravityBacklash.name)  # of a far larger and a far smaller knee
+        return replace(family, members=(*family.members, *wind_ups), contains=limits)
+
+
+@dataclass(frozen=True)
+class WindUp(NonlinearStiffness):
+    """A joint's soft wind-up: a drive that gives way to small torques and is stiff beyond, theta += w tanh(tau / T)."""
+
+    knee_nm: float  # T
+    equation = "theta_j += w_j tanh(tau_j / T)"
+    symbols = (("w_j", "rad"),)
+    bounds = (NaturalBound(5e-3, "rad", "drives give way by a few minutes of arc before they are stiff"),)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Turn to either side, with the torque at which it is used up in the parameter's name."""
+        knee = f"{self.knee_nm:g}".replace(".", "p")
+        return (Parameter(f"windup_over_{knee}nm_rad", "rad", 3e-4, "turn under a large torque", positive=True),)
+
+    def apply(self, state: RobotState, **values: float) -> RobotState:
+        """Robot state with the joint's error added."""
+        torque = state.loaded.gravity.joint_torques[:, self.joint]
+        (turn_rad,) = values.values()
+        return state.add_joint_error(self.joint, turn_rad * np.tanh(torque / self.knee_nm))
+
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        """Turn between a large torque to one side and to the other, as text."""
+        turn_deg = 2.0 * np.degrees(value)
+        return f"{turn_deg:+.2g}\N{DEGREE SIGN} between both sides, most of it within {self.knee_nm:.3g} Nm"
 
 
 @dataclass(frozen=True)

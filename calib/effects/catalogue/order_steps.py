@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -486,13 +486,13 @@ class LinkStep(Step):
     def family(cls, dataset: Dataset) -> Family:
         """Family of this effect with one member for each long link and each pose that may be the first after a knock.
 
-        Two joints or more have to move what is beyond it: with fewer, it is a step of the target or of a joint. One
-        joint has to turn it: on slides alone, it is a step of the scanner.
+        Two joints or more have to move what is beyond it: with fewer, it is a step of the target or of a joint. It is
+        bent once: of two knocks in a session that bend a link, the second is more likely something else.
         """
         rows = dataset.robot.table[:-3]
-        turned = np.cumsum(dataset.robot.is_revolute)[: len(rows)] > 0
-        links = np.flatnonzero(turned & (np.hypot(rows[:, 0], rows[:, 2]) >= _BENDS_MM)).tolist()
+        links = np.flatnonzero(np.hypot(rows[:, 0], rows[:, 2]) >= _BENDS_MM).tolist()
         if not links:
-            short = f"no link that turns and has two joints beyond it is {_BENDS_MM:g} mm long"
+            short = f"no link with two joints beyond it is {_BENDS_MM:g} mm long"
             return Family(cls.name, (), short, "nothing: a knock that turns so short a link is a step of a joint")
-        return _family(dataset, cls.name, lambda at: [cls(j, at) for j in links], MOST_LINK_STEPS, at_setups=False)
+        family = _family(dataset, cls.name, lambda at: [cls(j, at) for j in links], MOST_LINK_STEPS, at_setups=False)
+        return replace(family, most_members=1, contains=(JointStep.name,))

@@ -17,10 +17,23 @@ REFERENCE_C = 20.0
 """Temperature, C, at which lengths are those of robot.toml; growth that is the same at all poses is link errors."""
 
 
+LAG_MINUTES = (0, 5, 15, 45)
+"""Time constants with which the links follow the temperature that was written down."""
+
+
+def lagged(temperature_c: Array, time_s: Array, lag_s: float) -> Array:
+    """Temperature (L,) of a body that follows another's with a time constant; both are the same at first."""
+    out = [float(temperature_c[0])]
+    for outside_c, kept in zip(temperature_c[1:].tolist(), np.exp(-np.diff(time_s) / lag_s).tolist(), strict=True):
+        out.append(outside_c + (out[-1] - outside_c) * kept)
+    return np.array(out)
+
+
 @dataclass(frozen=True)
 class ThermalGrowth(CatalogueEffect):
-    """Links that grow with temperature: a and d times 1 + kappa (T - 20 C)."""
+    """Links that grow with temperature: a and d times 1 + kappa (T - 20 C), at once or with a lag."""
 
+    lag_minutes: int = 0
     name = "thermal_growth"
     noun = "the growth of the links with temperature"
     equation = "a, d times 1 + kappa (T - 20 C)"
@@ -33,22 +46,34 @@ class ThermalGrowth(CatalogueEffect):
     $$ a_i, \, d_i \; \to \; a_i, \, d_i \; ( 1 + \kappa \, ( T - 20 ) ), \qquad T \text{ in C} $$
 
     Aluminium grows by 23e-6/K: 0.23 mm a metre in 10 K. Growth that is the same at all poses is link errors. If
-    temperature only rises with time, {doc}`scanner_drift` is nearly the same.
+    temperature only rises with time, {doc}`scanner_drift` is nearly the same. Where times are known too, the links may
+    follow the temperature with a time constant of 5, 15 or 45 minutes: a sensor in the hall is ahead of a casting.
     """
     position = 9
     linear = True
-    parameters = (Parameter("kappa_per_k", "1/K", 1e-5, "expansion of all links"),)
 
-    def apply(self, state: RobotState, *, kappa_per_k: float) -> RobotState:
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Expansion, with the lag in its name."""
+        name = f"kappa_after_{self.lag_minutes}min_per_k" if self.lag_minutes else "kappa_per_k"
+        return (Parameter(name, "1/K", 1e-5, "expansion of all links"),)
+
+    def apply(self, state: RobotState, **values: float) -> RobotState:
         """Robot state with the lengths scaled; unchanged where no temperature was recorded."""
-        if state.poses.temperature_c is None:
+        poses = state.poses
+        temperature_c = poses.temperature_c
+        if temperature_c is None:
             return state
-        growth = kappa_per_k * (state.poses.temperature_c - REFERENCE_C)  # (N,)
-        return Growth().act(state, growth[:, None])
+        if self.lag_minutes and poses.sequence.temperature_c is not None and poses.sequence.time_s is not None:
+            followed_c = lagged(poses.sequence.temperature_c, poses.sequence.time_s, 60.0 * self.lag_minutes)
+            measured = np.isfinite(poses.order)
+            temperature_c = np.where(measured, poses.from_sequence(followed_c), temperature_c)
+        (kappa_per_k,) = values.values()
+        return Growth().act(state, kappa_per_k * (temperature_c - REFERENCE_C)[:, None])
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Family of this effect with one member, where the temperature varies over the training poses."""
+        """Family of this effect with a member for each lag, one without times, where the temperature varies."""
         poses = dataset.poses
         temperature = poses.temperature_c
         if temperature is None:
@@ -60,7 +85,7 @@ class ThermalGrowth(CatalogueEffect):
                 f"the temperature was {temperature[0]:g} C at every pose",
                 "measure cold and warmed up, 5 K apart or more",
             )
-        return Family(cls.name, (cls(),))
+        return Family(cls.name, tuple(map(cls, LAG_MINUTES if poses.time_s is not None else LAG_MINUTES[:1])))
 
 
 WARM_UP_MINUTES = (5, 10, 20, 40, 80, 160)
@@ -138,20 +163,21 @@ HEAT_SECONDS = (100, 150, 220, 320, 470, 700, 1000, 1500, 2200, 3200)
 """Time constants of a motor's heat: of its winding, of its housing, of the casting around it."""
 
 
-def workload(q_rad: Array, time_s: Array, settling_s: float) -> Array:
+def workload(q_rad: Array, time_s: Array, settling_s: float, *, warm: bool = False) -> Array:
     """Recent speed (L,), rad/s, of a joint that goes through angles (L,) at given times.
 
-    An average that forgets with a time constant. Each move is spread evenly over the time that it had; before the first
-    pose the joint stood still.
+    An average that forgets with a time constant. Each move is spread evenly over the time that it had. Before the first
+    pose the joint stood still or, warm, worked as it did on average from then on.
     """
-    recent = np.zeros(len(q_rad))
-    for k, (way, took_s) in enumerate(zip(np.abs(np.diff(q_rad)), np.diff(time_s), strict=True), start=1):
-        if took_s <= 0.0:  # two poses at one time: the way counts, the time does not
-            recent[k] = recent[k - 1] + way / settling_s
-            continue
-        kept = np.exp(-took_s / settling_s)
-        recent[k] = kept * recent[k - 1] + (1.0 - kept) * way / took_s
-    return recent
+    ways, took_s = np.abs(np.diff(q_rad)), np.diff(time_s)
+    still = took_s <= 0.0  # two poses at one time: the way counts, the time does not
+    kept = np.exp(-np.maximum(took_s, 0.0) / settling_s)
+    gained = np.where(still, ways / settling_s, (1.0 - kept) * ways / np.where(still, 1.0, took_s))
+    span_s = float(time_s[-1] - time_s[0])
+    recent = [float(ways.sum()) / span_s if warm and span_s > 0.0 else 0.0]
+    for share, more in zip(kept.tolist(), gained.tolist(), strict=True):
+        recent.append(share * recent[-1] + more)
+    return np.array(recent)
 
 
 @dataclass(frozen=True)
@@ -163,6 +189,7 @@ class MotorHeat(ShapedEffect):
 
     joint: int
     seconds: int  # time constant
+    warm: bool = False  # whether it had worked before the first pose
     name = "motor_heat"
     title = "heat of a motor"
     noun = "the heat of the motor of joint"
@@ -180,9 +207,10 @@ class MotorHeat(ShapedEffect):
     T \, \dot H_j = | \dot q_j | - H_j, \quad T = 100 \ldots 3200 \text{ s} $$
 
     $H_j$ is the joint's speed, averaged over about the last $T$, through all poses that were measured. With two time
-    constants, of winding and casting, two members stand side by side. A session in which all joints work alike heats
-    them alike: then {doc}`warm_up` is nearly the same. Torque heats a motor too, as its square; it is left out, as it
-    hardly varies from one such average to the next.
+    constants, of winding and casting, two members stand side by side. No table says what the motor did before the first
+    pose: $H_j$ begins at 0, at the mean speed of the session, or between, where both have a share. A session in which
+    all joints work alike heats them alike: then {doc}`warm_up` is nearly the same. Torque heats a motor too, as its
+    square; it is left out, as it hardly varies from one such average to the next.
     """
     position = 34
 
@@ -192,19 +220,18 @@ class MotorHeat(ShapedEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Turn and growth by a recent speed of 1 rad/s, with the time constant in their names."""
+        """Turn and growth by a recent speed of 1 rad/s, with the time constant and the start in their names."""
+        word = f"{'warm_' if self.warm else ''}in_{self.seconds}s"
         return (
-            Parameter(
-                f"turn_in_{self.seconds}s_rad_s_per_rad", "rad/(rad/s)", 5e-3, "turn by a recent speed of 1 rad/s"
-            ),
-            Parameter(f"growth_in_{self.seconds}s_s_per_rad", "1/(rad/s)", 5e-3, "growth of its link by the same"),
+            Parameter(f"turn_{word}_rad_s_per_rad", "rad/(rad/s)", 5e-3, "turn by a recent speed of 1 rad/s"),
+            Parameter(f"growth_{word}_s_per_rad", "1/(rad/s)", 5e-3, "growth of its link by the same"),
         )
 
     def shapes(self, state: RobotState) -> Array:
         poses = state.poses
         if poses.sequence.time_s is None:
             return np.zeros((len(poses), 1))
-        recent = workload(poses.sequence.q[:, self.joint], poses.sequence.time_s, self.seconds)
+        recent = workload(poses.sequence.q[:, self.joint], poses.sequence.time_s, self.seconds, warm=self.warm)
         return poses.from_sequence(recent)[:, None]
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
@@ -216,7 +243,7 @@ class MotorHeat(ShapedEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Family of this effect with one member for each revolute joint and each of ten time constants."""
+        """Family of this effect with one member for each revolute joint, of ten time constants and either start."""
         poses = dataset.poses
         if poses.time_s is None:
             return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")
@@ -225,4 +252,5 @@ class MotorHeat(ShapedEffect):
         turning = [j for j, joint in enumerate(dataset.robot.joints) if joint.is_revolute]
         if not turning:
             return Family(cls.name, (), "no joint turns", "nothing: it is a matter of motors at joints that turn")
-        return Family(cls.name, tuple(cls(j, s) for j in turning for s in HEAT_SECONDS), sparse=True)
+        members = tuple(cls(j, s, warm) for j in turning for s in HEAT_SECONDS for warm in (False, True))
+        return Family(cls.name, members, sparse=True, superposed=True)
