@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
 from calib.calibration.result import Calibration
 from calib.effects.effect import describe
 from calib.kinematics.robot import Robot
 from calib.present import numbers
-from calib.present.blocks import Block, Facts, Paragraph, Table, joint
+from calib.present.blocks import Block, Bullets, Facts, Paragraph, Table, joint
 from calib.present.residuals import input_title
 from calib.screening.curves.fitted_curves import FittedCurve, fitted_curves, learned_members, shape_text
 from calib.screening.curves.joint_curves import LearnedCurves
+from calib.screening.curves.readings import (
+    BUMP,
+    LOAD,
+    OTHER_INPUT,
+    ROUGH,
+    SLOPE,
+    TWO_JOINTS,
+    WAVE,
+    WAVES,
+    CurveReading,
+    curve_readings,
+)
 from calib.screening.curves.smooth_joint_error import LEARNED, CurveModes
 
 CURVES = ("joint", "over", "rms", "largest", "at", "known")
@@ -18,6 +34,7 @@ BAND_NOTE = (
     "measured. What geometry can do too is shared between the two, so only the shape beyond that is sure."
 )
 _KNOWN_NOTE = "Known: how many of a curve's modes these data tell by themselves."
+_FEW_WAVES = 20  # a turn, from rollers of a bearing to teeth of a gear
 _READ_AS = {"deg": "°", "C": "°C"}
 
 
@@ -38,12 +55,83 @@ def curve_blocks(calibration: Calibration) -> list[Block]:
     members = learned_members(calibration)
     if not members:
         return []
+    readings = curve_readings(calibration)
     equation = Paragraph(f"{LEARNED}: {members[0].equation}. It names no cause.")
     return [
         equation,
         curve_table(calibration),
         Paragraph(_KNOWN_NOTE, soft=True),
         *map(Paragraph, formulas(calibration)),
+        Bullets([f"{numbers.capitalised(reading_phrase(one))}{part_words(one)}." for one in readings]),
+        *([Paragraph(sweep_sentence(readings))] if any(one.sweep for one in readings) else []),
+    ]
+
+
+# ---- what a curve looks like ----------------------------------------------------------------------------------------
+
+
+def reading_phrase(one: CurveReading) -> str:
+    """Phrase on what a learned curve looks like: "joint 3 has a wave of 9 a turn (71 % of its square)"."""
+    waves = numbers.listing([str(n) for n in one.waves_per_turn])
+    shape = {
+        SLOPE: "a slope",
+        WAVE: f"a wave of {waves} a turn",
+        WAVES: f"waves of {waves} a turn",
+        BUMP: "a bump" + ("" if one.place_deg is None else f" at {numbers.signed(one.place_deg, '.0f')}°"),
+        LOAD: f"a ripple that follows the load ({one.input})",
+        TWO_JOINTS: f"a curve over two joints together ({one.input})",
+        OTHER_INPUT: f"a curve over {one.input}",
+        ROUGH: f"a rough curve, its strongest waves {waves} a turn",
+    }[one.kind]
+    share = "" if one.kind in (LOAD, TWO_JOINTS, OTHER_INPUT) else f" ({numbers.share(one.share)} of its square)"
+    return f"joint {one.joint} has {shape}{share}"
+
+
+def part_words(one: CurveReading) -> str:
+    """Clause on the parts of a joint that make such a curve, with a comma before it; "" where nothing is known."""
+    if one.kind in (WAVE, WAVES):
+        if one.per_motor_turn is not None:
+            often = {1: "once", 2: "twice"}[one.per_motor_turn]
+            part = "the motor's side, or the wave generator of a strain wave gear"
+            return f", {often} a turn of the motor, as {part} makes it"
+        return f", as {_wave_part(one.waves_per_turn[0])}"
+    return {
+        SLOPE: ", as a scale error of encoder or gear makes it, or a slow wave of which the range shows a part",
+        BUMP: ", as a damaged tooth or a dent in a bearing's ring makes it",
+        LOAD: ", as gear teeth and bearings make it that give way unevenly",
+        TWO_JOINTS: ", as a cable or hose makes it that both joints move, or a coupling of their gears",
+        ROUGH: ", as teeth, bearing and encoder together make it",
+    }.get(one.kind, "")
+
+
+def _wave_part(order: int) -> str:
+    if order <= 2:
+        return "an encoder's disc, an output gear or a bearing's ring that is eccentric (1) or oval (2) makes it"
+    if order <= _FEW_WAVES:
+        return "the rollers of the output bearing, or an encoder's interpolation, make it"
+    return "the teeth of a gear ring, the gear's ratio or twice that (the motor's side), or an encoder's lines make it"
+
+
+def sweep_sentence(readings: Sequence[CurveReading]) -> str:
+    """Sentence on the motions of single joints that show each curve by itself."""
+    moves = [
+        f"joint {one.sweep.joint} from {numbers.signed(one.sweep.start_deg, '.0f')}° to "
+        f"{numbers.signed(one.sweep.end_deg, '.0f')}° in steps of {one.sweep.step_deg:g}° ({one.sweep.poses} poses)"
+        for one in readings
+        if one.sweep is not None
+    ]
+    return f"To see each by itself, move one joint alone, all others at rest: {'; '.join(moves)}."
+
+
+def readings_document(readings: Sequence[CurveReading]) -> list[dict[str, Any]]:
+    """JSON of the readings of learned curves, each with its sentence and the sweep that shows it by itself."""
+    return [
+        {
+            **asdict(one),
+            "words": f"{reading_phrase(one)}{part_words(one)}",
+            "sweep": None if one.sweep is None else {**asdict(one.sweep), "poses": one.sweep.poses},
+        }
+        for one in readings
     ]
 
 

@@ -49,7 +49,7 @@ from calib.present.calibration import (
 )
 from calib.present.candidates import ranking, untestable_blocks
 from calib.present.colours import VERDICT_COLOURS
-from calib.present.curves import BAND_NOTE, curve_blocks
+from calib.present.curves import BAND_NOTE, curve_blocks, reading_phrase, readings_document
 from calib.present.dataset import NOT_SEARCHED, measured_blocks
 from calib.present.effects import meaning, with_key
 from calib.present.error_headline import error_headline
@@ -70,6 +70,7 @@ from calib.present.results import document, headline, presentation, to_dict
 from calib.present.verdict import SMALL_CHANGE, curves, fault, verdict
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate
 from calib.screening.curves.fitted_curves import learned_members
+from calib.screening.curves.readings import curve_readings
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.nuisance import REPORTED_EVIDENCE
 from calib.screening.residual_tests import InputTest, ResidualTests
@@ -475,7 +476,8 @@ def _learned(learned: LearnedModel) -> Words:
     subject = "They were" if len(learned.joints) > 1 else "It was"
     return spans(
         curves(learned.joints, learned.inputs, learned.log_evidence),
-        f" {subject} learned as {LEARNED}{formula}. {change}{' ' if change else ''}No cause is named by it.",
+        f" {subject} learned as {LEARNED}{formula}. {change}{' ' if change else ''}No cause is named by it. "
+        f"{numbers.capitalised('; '.join(map(reading_phrase, curve_readings(learned.after))))}.",
     )
 
 
@@ -589,6 +591,7 @@ def _learned_document(learned: LearnedModel) -> dict[str, Any]:
         "train_rmse_mm": train.rmse_mm if train else None,
         "test_rmse_mm": test.rmse_mm if test else None,
         "share": learned.share,
+        "readings": readings_document(curve_readings(learned.after)),
     }
 
 
