@@ -13,8 +13,11 @@ from calib.corners.correlated_noise.likelihood import LENGTHS, ROUGH_FROM, SHAPE
 from calib.corners.correlated_noise.patches import PatchPlaces
 from calib.corners.intersection import Corner
 from calib.corners.refinement import RefinementOptions, refine
+from calib.corners.search import find_corner
 from calib.jig import Jig, jig_geometry
 from calib.planes.clustering import PlaneGroup
+from calib.scans.scan import Scan
+from tests.support.scan_scene import make_scene
 from tests.support.smooth_fields import smooth_field
 
 APEX = np.array([15.0, -10.0, 650.0])
@@ -183,18 +186,36 @@ def test_joined_views_shift_the_corner_in_each_axis_by_what_is_told() -> None:
 
 def test_what_would_show_more_is_said() -> None:
     short = corner(6, smooth_mm=0.04, length_mm=8.0).quality
-    assert "only repeats with the jig moved in the view show what is smoother than" in short.doubts()[0]
+    assert "only repeats with the jig moved in the view show what is smoother than" in " ".join(short.doubts())
     assert short.smooth_shown_mm > 100
     alone = corner(6, smooth_mm=0.04, length_mm=8.0, wall=False).quality
     assert alone.smooth_shown_mm < 70 < short.smooth_shown_mm
     long = corner(6, smooth_mm=0.04, length_mm=25.0, wall=False).quality
-    assert "the shape of a face" in long.doubts()[0]
+    assert "the shape of a face" in " ".join(long.doubts())
 
 
 def test_errors_shared_by_neighbours_ask_how_views_were_joined() -> None:
     def asks(found: Corner) -> bool:
-        return "registration_sigma_mm" in " ".join(found.quality.doubts())
+        return "neighbouring points share their errors" in " ".join(found.quality.doubts())
 
     assert asks(corner(0, smooth_mm=0.02, length_mm=2.0))
     assert not asks(corner(0, smooth_mm=0.02, length_mm=2.0, declared=DeclaredNoise(0.02, 2.0)))
     assert not asks(corner(0))
+
+
+def test_joined_views_of_undeclared_registration_are_noticed() -> None:
+    """Points of two cameras' grids come nearer to each other than those of one; where they are shifted it counts."""
+    rng = np.random.default_rng(8)
+    one = make_scene(rng, 20_000)
+    turn = Rotation.from_rotvec([0.11, -0.07, 0.05]).as_matrix()
+    edges = -one.normals.T  # of a square convex jig
+    other = make_scene(rng, 20_000, rotation=turn @ edges)
+    points = (other.scan.points_mm - other.apex_mm) @ turn + one.apex_mm + [0.03, -0.03, 0.03]
+    joined = find_corner(Scan("joined", np.vstack([one.scan.points_mm, points])), Jig(), scan_sigma_mm=0.02).corner
+    single = find_corner(one.scan, Jig(), scan_sigma_mm=0.02).corner
+    assert joined is not None
+    assert single is not None
+    assert any("several views that were joined" in doubt for doubt in joined.quality.doubts())
+    assert not any("several views" in doubt for doubt in single.quality.doubts())
+    error = joined.xyz_mm - one.apex_mm
+    assert error @ np.linalg.solve(joined.covariance_mm2, error) < 12

@@ -27,6 +27,20 @@ MESH_NOTE = (
 )
 
 
+def note_on_views(assumed_mm: float) -> str:
+    """Warning on points of several views whose registration is not declared, with what is assumed of it, mm."""
+    if assumed_mm:
+        return (
+            "the points are those of several views that were joined; how well no scan shows, so they are taken as off "
+            f"by as much as points scatter ({assumed_mm:.2g} mm, each axis): give registration_sigma_mm under "
+            "[scanner] in dataset.toml, or scan one view"
+        )
+    return (
+        "the points lie at random, as those of several views that were joined and thinned: if they are, give "
+        "registration_sigma_mm under [scanner] in dataset.toml, of which no scan shows anything"
+    )
+
+
 def apex_variance_mm2(planes: Sequence[PlaneFit], covariance: Array) -> Array:
     """Trace (...), mm^2, of the covariance of three planes' intersection, from the planes' covariance (..., 9, 9)."""
     normals = np.array([plane.normal for plane in planes])

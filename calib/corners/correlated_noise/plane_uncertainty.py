@@ -30,6 +30,7 @@ from calib.corners.correlated_noise.declared import (
     NOTHING_DECLARED,
     DeclaredNoise,
     apex_variance_mm2,
+    note_on_views,
     registration_covariance,
     share_of_declared,
 )
@@ -44,6 +45,7 @@ from calib.corners.correlated_noise.likelihood import (
 from calib.corners.correlated_noise.patches import Patches, ScannerView, joined, patches_of
 from calib.corners.correlated_noise.posterior import SIZES, generalised_fit, patch_covariance, posterior_variances
 from calib.corners.correlated_noise.surroundings import evidence_of_surroundings, patches_of_surroundings
+from calib.corners.correlated_noise.views import joined_views
 from calib.corners.faces.angles import angle_derivative, fitted_angles_deg
 from calib.jig import FACE_PAIRS, Jig
 from calib.planes.robust_fit import PlaneFit
@@ -154,7 +156,11 @@ def plane_uncertainty(
         )
         moves, covariance = generalised_fit(fine.design, fine.mean_mm, correlated + np.diag(fine.variance_mm2))
         fitted = tuple(plane.moved(moves[3 * i : 3 * i + 3]) for i, plane in enumerate(planes))
-    covariance = covariance + registration_covariance(fitted, declared.registration_sigma_mm)
+    registration_mm, views_note = declared.registration_sigma_mm, tuple[str, ...]()
+    if not registration_mm and (views := joined_views(planes, view)).overlap:
+        registration_mm = float(np.median([plane.sigma_mm for plane in planes])) if views.even else 0.0
+        views_note = (note_on_views(registration_mm),)
+    covariance = covariance + registration_covariance(fitted, registration_mm)
     total_mm2 = float(size_mm2.sum())
     length_mm = float(np.exp(size_mm2.sum(axis=0) @ np.log(SHAPE_LENGTHS) / max(total_mm2, 1e-300))) * edge_mm
     # Of a length that the scan shows, a size that makes the apex twice less certain would be seen.
@@ -162,7 +168,7 @@ def plane_uncertainty(
     shown = loss[0][np.arange(len(SHAPES)), at] > _SEEN
     shown_mm = float(SHAPE_LENGTHS[shown].max(initial=0.0)) * edge_mm
     short = float(posterior.probability[:, np.flatnonzero(LENGTHS < _AS_IN_MESHES)].sum()) > _LIKELY
-    notes = (MESH_NOTE,) if short and declared == NOTHING_DECLARED else ()
+    notes = ((MESH_NOTE,) if short else views_note) if declared == NOTHING_DECLARED else ()
     return PlaneUncertainty(fitted, covariance, faces.white, float(np.sqrt(total_mm2)), length_mm, shown_mm, notes)
 
 
