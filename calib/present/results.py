@@ -27,7 +27,7 @@ _MAKERS = tuple(
     f"calib.present.{name}"
     for name in (
         *("calibration", "changes", "checks", "corners", "correction", "dataset", "diagnosis", "fleets", "plans"),
-        *("redundancy", "tool_place", "validation"),
+        *("recurrence", "redundancy", "tool_place", "validation"),
     )
 )
 """Modules that register what they make of a result; whoever tells of one kind has loaded its module alone."""

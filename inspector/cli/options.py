@@ -127,6 +127,14 @@ class DiagnoseOptions(_FittingOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class RepeatOptions(Output):
+    """Options of `repeat`."""
+
+    path: Path
+    others: Sequence[Path]
+
+
+@dataclass(frozen=True, kw_only=True)
 class CompareOptions(Output):
     """Options of `compare`, for the fits of both datasets."""
 
