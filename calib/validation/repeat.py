@@ -104,6 +104,10 @@ def repeat(recordings: Sequence[Dataset | str | Path], *, on_step: Callable[[str
     Raises:
         CalibError: fewer than two recordings.
         FitError: arms with other joints, or too few poses.
+
+    >>> import calib
+    >>> calib.repeat([calib.simulate_dataset("rb5", rng=seed, poses=20).dataset for seed in (0, 1)])
+    Recurrence(simulated (1) and simulated (2): too little data, no cause comes back)
     """
     if len(recordings) < 2:
         raise CalibError(f"found {len(recordings)} recording; what comes back shows in two or more")
