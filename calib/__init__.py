@@ -49,6 +49,7 @@ _NAMES = {
     "calib.validation.comparison": ("Comparison", "compare"),
     "calib.validation.cross_validation": ("CrossValidation", "cross_validate"),
     "calib.validation.learning_curve": ("LearningCurve", "learning_curve"),
+    "calib.validation.repeat": ("Recurrence", "repeat"),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 

@@ -53,5 +53,7 @@ from calib.validation.cross_validation import CrossValidation as CrossValidation
 from calib.validation.cross_validation import cross_validate as cross_validate
 from calib.validation.learning_curve import LearningCurve as LearningCurve
 from calib.validation.learning_curve import learning_curve as learning_curve
+from calib.validation.repeat import Recurrence as Recurrence
+from calib.validation.repeat import repeat as repeat
 
 __version__: str

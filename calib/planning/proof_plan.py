@@ -52,6 +52,7 @@ GIVES_WAY = ("joint_compliance", "link_bending", "base_compliance")
 """Effects of which one is thought true where nothing is known of an arm."""
 _STEPS_DEG = (60.0, 30.0, 15.0, 8.0)  # by which chosen poses of a free choice are moved, to find better ones
 _NEIGHBOURS = 10
+_MARGINAL = 1.5  # root mean square of a cause's differences over the noise, where its proof hangs in the balance
 _SIGNS = 20  # draws of a size that has to be positive
 
 
@@ -93,7 +94,7 @@ class NextChange:
 
 
 @dataclass(frozen=True)
-class _Offer:
+class Offer:
     """Pairs that can be measured under one change: before and after it, one row each."""
 
     change: ConditionChange
@@ -102,7 +103,7 @@ class _Offer:
     is_again: bool
     assumed: bool = False
 
-    def take(self, rows: IndexArray) -> _Offer:
+    def take(self, rows: IndexArray) -> Offer:
         return replace(self, before=self.before.select(rows), after=self.after.select(rows))
 
     @property
@@ -168,7 +169,7 @@ def change_for(
     scanner_T_base = calibration.after.scanner_T_base
     cell = PairCell(calibration.dataset, robot, dict(scanner_T_base), posteriors.sigma_mm)
     members = [member for hypothesis in hypotheses for member in hypothesis.members]
-    found: list[tuple[float, _Offer]] = []
+    found: list[tuple[float, Offer]] = []
     for change in _changes(calibration.dataset, members, payload_kg):
         best = _best_offer(cell, _offers(calibration, change), drawn[:_CAUSES], count)
         if best is not None:
@@ -255,19 +256,12 @@ def change_for_robot(start: FromRobot, count: int, *, payload_kg: float | None =
     base_T_scanner = start.cell.base_T_scanner
     scanner_T_base = np.eye(4) if base_T_scanner is None else frames.invert(base_T_scanner)
     cell = PairCell(start.dataset, with_masses(start.cell.robot), {start.setup: scanner_T_base}, start.noise_mm)
-    offer = new_pairs(start.poses_at(candidate_poses(start.cell, _NEW, rng=rng)), change)
+    offered = start.poses_at(candidate_poses(start.cell, _NEW, rng=rng))
+    offer = yielding_pairs(cell, offered, change, count // 2, rng)
+    for degrees in _STEPS_DEG:
+        near = _near(start.cell, offer.before.q, degrees, rng)
+        offer = yielding_pairs(cell, start.poses_at(near), change, count // 2, rng, begin=True)
     drawn = _usual_causes(cell, offer, rng)
-    chosen: IndexArray | None = None
-    for degrees in (None, *_STEPS_DEG):
-        if degrees is not None:
-            near = _near(start.cell, offer.before.q[: count // 2], degrees, rng)
-            offer, chosen = new_pairs(start.poses_at(near), change), np.arange(count // 2)
-        made = cell.measured(offer.both)
-        design = None if made is None else _design(made, drawn[:_CAUSES])
-        if design is None:
-            raise CalibError(f"robot {start.cell.robot.name}: no part shows by a payload of {change.after:g} kg")
-        start_from = greedy_pairs(design[0], count // 2) if chosen is None else chosen
-        offer = offer.take(exchanged_pairs(design[0], start_from))
     return NextChange(
         calibration=None,
         hypotheses=tuple(dict.fromkeys(cause.effect for cause in drawn)),
@@ -281,7 +275,33 @@ def change_for_robot(start: FromRobot, count: int, *, payload_kg: float | None =
     )
 
 
-def _usual_causes(cell: PairCell, offer: _Offer, rng: np.random.Generator) -> list[DrawnCause]:
+def yielding_pairs(
+    cell: PairCell,
+    offered: Poses,
+    change: ConditionChange,
+    count: int,
+    rng: np.random.Generator,
+    *,
+    begin: bool = False,
+) -> Offer:
+    """Pairs of new poses, chosen so that it shows which part of an arm gives way where that hardly exceeds the noise.
+
+    begin: whether the first offered poses are a choice that is only to be improved.
+
+    Raises CalibError where no part shows by the change.
+    """
+    offer = new_pairs(offered, change)
+    made = cell.measured(offer.both)
+    drawn = _usual_causes(cell, offer, rng)
+    found = None if made is None or not drawn else _design(made, drawn[:_CAUSES], size=_MARGINAL)
+    if found is None:
+        raise CalibError(f"robot {cell.robot.name}: no part of it shows by a payload of {change.after:g} kg")
+    design, _ = found
+    chosen = np.arange(count) if begin else greedy_pairs(design, count)
+    return offer.take(exchanged_pairs(design, chosen))
+
+
+def _usual_causes(cell: PairCell, offer: Offer, rng: np.random.Generator) -> list[DrawnCause]:
     """Causes of one part each, families equally often, whose size is usual."""
     made = cell.measured(offer.both)
     members: dict[str, list[Effect]] = {}
@@ -311,7 +331,7 @@ def _near(cell: Workcell, q: Array, degrees: float, rng: np.random.Generator) ->
 # ---- pairs that can be measured -------------------------------------------------------------------------------------
 
 
-def _offers(calibration: Calibration, change: ConditionChange) -> list[_Offer]:
+def _offers(calibration: Calibration, change: ConditionChange) -> list[Offer]:
     """Pairs that can be measured: poses measured again, and new ones."""
     offers = []
     again = _again(calibration, change)
@@ -320,7 +340,7 @@ def _offers(calibration: Calibration, change: ConditionChange) -> list[_Offer]:
     return [*offers, new_pairs(offered_poses(calibration, count=_NEW), change)]
 
 
-def new_pairs(offered: Poses, change: ConditionChange) -> _Offer:
+def new_pairs(offered: Poses, change: ConditionChange) -> Offer:
     """Pairs of new poses, before and after a change."""
     n, rng = len(offered), np.random.default_rng(1)
     before = replace(offered, order=np.zeros(0), came_from=np.zeros((0, 0)), selected_from=None, time_s=None)
@@ -332,7 +352,7 @@ def new_pairs(offered: Poses, change: ConditionChange) -> _Offer:
         assert change.after is not None
         sides = (np.full(n, change.before), np.full(n, change.after))
     one, other = (_under(before, change.condition, values) for values in sides)
-    return _Offer(change, one, other, is_again=False)
+    return Offer(change, one, other, is_again=False)
 
 
 def _under(poses: Poses, condition: str, values: Array) -> Poses:
@@ -342,7 +362,7 @@ def _under(poses: Poses, condition: str, values: Array) -> Poses:
     return replace(poses, payload_kg=values) if condition == PAYLOAD else replace(poses, temperature_c=values)
 
 
-def _again(calibration: Calibration, change: ConditionChange) -> _Offer | None:
+def _again(calibration: Calibration, change: ConditionChange) -> Offer | None:
     """Training poses to be measured again under the changed condition; None where theirs is not known."""
     dataset, poses = calibration.fitted_dataset, calibration.fitted_dataset.poses
     assert dataset.points is not None
@@ -369,7 +389,7 @@ def _again(calibration: Calibration, change: ConditionChange) -> _Offer | None:
         is_low = now < 0.5 * (change.before + change.after)
         changed = np.where(is_low, change.after, change.before)
     after = replace(_under(before, change.condition, changed), setup=np.full(len(before), last))
-    return _Offer(change, before, after, is_again=True, assumed=recorded is None)
+    return Offer(change, before, after, is_again=True, assumed=recorded is None)
 
 
 def joined_poses(one: Poses, other: Poses) -> Poses:
@@ -392,10 +412,10 @@ def joined_poses(one: Poses, other: Poses) -> Poses:
 
 
 def _best_offer(
-    cell: PairCell, offers: Sequence[_Offer], drawn: Sequence[DrawnCause], count: int | None
-) -> tuple[float, _Offer] | None:
+    cell: PairCell, offers: Sequence[Offer], drawn: Sequence[DrawnCause], count: int | None
+) -> tuple[float, Offer] | None:
     """Chosen pairs with nearly their probability; measured poses again, unless new ones are clearly better."""
-    best: tuple[float, _Offer] | None = None
+    best: tuple[float, Offer] | None = None
     for offer in offers:
         found = chosen_from(cell, offer, drawn, count)
         if found is not None and (best is None or found[0] > best[0] + _BETTER):
@@ -404,8 +424,8 @@ def _best_offer(
 
 
 def chosen_from(
-    cell: PairCell, offer: _Offer, drawn: Sequence[DrawnCause], count: int | None
-) -> tuple[float, _Offer] | None:
+    cell: PairCell, offer: Offer, drawn: Sequence[DrawnCause], count: int | None
+) -> tuple[float, Offer] | None:
     """The best pairs of an offer by number of measurements, with nearly their probability."""
     made = cell.measured(offer.both)
     found = None if made is None else _design(made, drawn)
@@ -421,8 +441,13 @@ def chosen_from(
     return shown * design.probability_of(chosen), offer.take(chosen)
 
 
-def _design(made: _MeasuredPairs, drawn: Sequence[DrawnCause]) -> tuple[PairDesign, float] | None:
-    """Design for the causes drawn, each by the member that shows most, and the share of causes that show at all."""
+def _design(
+    made: _MeasuredPairs, drawn: Sequence[DrawnCause], *, size: float | None = None
+) -> tuple[PairDesign, float] | None:
+    """Design for the causes drawn, each by the member that shows most, and the share of causes that show at all.
+
+    size: of each cause's differences over the noise, root mean square; None: as drawn.
+    """
     candidates = candidates_of(made.differences, made.dataset)
     names = [full_name(c.member, p) for c in candidates for p in c.parameters]
     column = {name: k for k, name in enumerate(names)}
@@ -440,6 +465,10 @@ def _design(made: _MeasuredPairs, drawn: Sequence[DrawnCause]) -> tuple[PairDesi
             parts.append(part)
         causes.append(max(parts, key=lambda part: float(np.linalg.norm(visible @ part))))
     shown = [cause for cause in causes if cause.any()]
+    if size is not None:
+        columns = np.concatenate([c.columns for c in candidates], axis=1)
+        # The rows of a pair are half its difference each.
+        shown = [cause * size / (2.0 * float(np.sqrt(np.mean((columns @ cause) ** 2)))) for cause in shown]
     if not shown:
         return None
     return PairDesign.of(made.differences, candidates, np.array(shown)), len(shown) / len(causes)

@@ -27,7 +27,7 @@ _MAKERS = tuple(
     f"calib.present.{name}"
     for name in (
         *("calibration", "campaign", "changes", "checks", "corners", "correction", "dataset", "diagnosis", "fleets"),
-        *("plans", "redundancy", "tool_place", "validation"),
+        *("plans", "recurrence", "redundancy", "tool_place", "validation"),
     )
 )
 """Modules that register what they make of a result; whoever tells of one kind has loaded its module alone."""

@@ -1,4 +1,4 @@
-"""The commands `compare` (two calibrations) and `watch` (later measurements of the same cell)."""
+"""The commands `compare` (two calibrations), `repeat` (recordings of one arm) and `watch` (the same cell later)."""
 
 from __future__ import annotations
 
@@ -15,10 +15,12 @@ from calib.present import to_dict
 from calib.present.changes import series, watch_document, worst_repeats
 from calib.text_files.csv_text import frame_csv
 from calib.validation.comparison import compare
+from calib.validation.repeat import repeat
 from inspector.cli.calibrate_command import fitted
 from inspector.cli.dataset_commands import load, measured, show
-from inspector.cli.options import CompareOptions, WatchOptions
+from inspector.cli.options import CompareOptions, RepeatOptions, WatchOptions
 from inspector.cli.output_paths import check_outputs
+from inspector.cli.progress import stages
 
 WATCH_FILES = (".html", ".svg", ".csv")
 
@@ -29,6 +31,15 @@ def run_compare(options: CompareOptions) -> int:
     one, other = (fitted(options, dataset)[-1].calibration for dataset in datasets)
     compared = compare(one, other)
     show(options, compared.to_dict(), compared.summary())
+    return 0
+
+
+def run_repeat(options: RepeatOptions) -> int:
+    """Report which causes come back in several recordings of one arm."""
+    recordings = [measured(load(path)) for path in (options.path, *options.others)]
+    with stages() as on_step:
+        found = repeat(recordings, on_step=on_step)
+    show(options, found.to_dict(), found.summary())
     return 0
 
 

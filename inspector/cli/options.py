@@ -142,6 +142,14 @@ class FollowOptions(Output):
 
 
 @dataclass(frozen=True, kw_only=True)
+class RepeatOptions(Output):
+    """Options of `repeat`."""
+
+    path: Path
+    others: Sequence[Path]
+
+
+@dataclass(frozen=True, kw_only=True)
 class CompareOptions(Output):
     """Options of `compare`, for the fits of both datasets."""
 

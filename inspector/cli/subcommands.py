@@ -14,6 +14,7 @@ from inspector.cli.arguments.fit import (
     calibrate_arguments,
     compare_arguments,
     correct_arguments,
+    repeat_arguments,
     validate_arguments,
     watch_arguments,
 )
@@ -203,6 +204,14 @@ SUBCOMMANDS = (
         options.CompareOptions,
         compare_arguments,
         "what differs between two calibrations: before and after a repair, or two arms of a type",
+    ),
+    Subcommand(
+        "repeat",
+        "compare_command.run_repeat",
+        options.RepeatOptions,
+        repeat_arguments,
+        "which causes come back in several recordings of one arm, and whether their sizes agree",
+        path="dataset folder of the first recording",
     ),
     Subcommand(
         "watch",

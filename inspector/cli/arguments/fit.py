@@ -64,6 +64,12 @@ def compare_arguments(sub: ArgumentParser) -> None:
     add_json(sub)
 
 
+def repeat_arguments(sub: ArgumentParser) -> None:
+    """Add the arguments of `repeat`."""
+    sub.add_argument("others", type=Path, nargs="+", metavar="OTHER", help="further recordings of the same arm")
+    add_json(sub)
+
+
 def watch_arguments(sub: ArgumentParser) -> None:
     """Add the arguments of `watch`."""
     sub.add_argument("new", type=Path, nargs="+", metavar="NEW", help="dataset folder of check poses, three or more")
