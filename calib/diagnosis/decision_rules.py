@@ -66,7 +66,7 @@ def _special_case(candidates: Sequence[Candidate]) -> Candidate | None:
     """Convincing special case of the first candidate, as likely as that or able to explain nearly all that it does."""
     first = candidates[0]
     for other in candidates[1:]:
-        as_much = first.log_evidence - other.log_evidence <= MIN_LOG_BAYES_FACTOR
+        as_much = first.log_evidence - other.log_evidence <= EQUIVALENT_LOG_BAYES_FACTOR
         nearly_all = first.overlaps.get(other.name, 0.0) > SPECIAL_CASE_OVERLAP
         if other.name in first.family.contains and is_convincing(other) and (as_much or nearly_all):
             return other
@@ -85,10 +85,14 @@ def are_equivalent(one: Candidate, other: Candidate, dof: int) -> bool:
     if not one.members or not other.members:
         return False
     better, worse = sorted((one, other), key=lambda candidate: -candidate.log_evidence)
+    near = abs(one.log_evidence - other.log_evidence) < EQUIVALENT_LOG_BAYES_FACTOR
+    if (
+        better.family.finer is not None and not worse.family.of_one_place
+    ):  # the best of many constants: others come near
+        return near and better.overlaps.get(worse.name, 0.0) > SPECIAL_CASE_OVERLAP
     if better.overlaps.get(worse.name, 0.0) < EQUIVALENT_OVERLAP or better.name in worse.family.contains:
         return False
     rest = sorted((max(1.0 - one.explained_share, 1e-300), max(1.0 - other.explained_share, 1e-300)))
-    near = abs(one.log_evidence - other.log_evidence) < EQUIVALENT_LOG_BAYES_FACTOR
     same_fit = dof * np.log(rest[1] / rest[0]) < 2.0 * MIN_LOG_BAYES_FACTOR
     return bool(_are_aligned(one, other) and near and rest[1] < EQUIVALENT_REST * rest[0] and same_fit)
 

@@ -283,7 +283,8 @@ def _parts_given_up(
     for k, effect in enumerate(step.selected):
         family = space.family(effect.name)
         parts = [] if family is None or family.sparse else _parts(effect, step.calibration)
-        families = [*lasting, *one_law] if len(parts) > 1 else one_law
+        rivals_of_part = [*lasting, *one_law] if len(parts) > 1 else one_law
+        families = [rival for rival in rivals_of_part if effect.name not in rival.contains]
         tied: list[tuple[str, ...]] = []
         for part in parts if families else []:
             kept = effect.without(part)
@@ -310,9 +311,10 @@ def _parts_given_up(
 
 
 def _leaves_more(before: Calibration, after: Calibration) -> bool:
-    """Whether a fit leaves clearly more than another: then what was exchanged is needed."""
+    """Whether a fit leaves more than another, beyond chance if it is the simpler one: what was exchanged is needed."""
     then, now = project_residual(before), project_residual(after)
-    return bool(now.dof * np.log(now.sigma / max(then.sigma, 1e-300)) > MIN_LOG_BAYES_FACTOR)
+    allowed = MIN_LOG_BAYES_FACTOR if now.dof > then.dof else 0.0
+    return bool(now.dof * np.log(now.sigma / max(then.sigma, 1e-300)) > allowed)
 
 
 def _parts(effect: SelectedEffect, calibration: Calibration) -> list[tuple[Effect, ...]]:

@@ -147,7 +147,10 @@ def test_a_part_on_one_joint_that_another_effect_explains_as_well_stays_where_th
 @pytest.mark.slow
 def test_an_effect_of_one_joint_is_left_open_beside_one_of_another_law_that_comes_near() -> None:
     waves = (replace(ONE, middle_rad=-0.2), 2e-3)
-    families = (Family("waves", (Waves(1),)), Family("law", (ONE, TWO), sparse=True, most_members=1))
+    families = (
+        Family("waves", (Waves(1),)),
+        Family("law", (ONE, TWO), sparse=True, most_members=1, finer=lambda one: ()),
+    )
     space = replace(SearchSpace.of(measured_with(waves)), families=families)
     near = replace(families[1], members=(replace(ONE, name="law", middle_rad=-0.21),))
     space = replace(space, families=(families[0], near))

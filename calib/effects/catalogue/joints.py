@@ -471,7 +471,10 @@ class FollowingError(CatalogueEffect):
     symbols = (("k_j", "1"),)
     needs = "poses in the order they were measured: time_s, else the rows"
     confirm = "the same poses after a longer wait"
-    bounds = (NaturalBound(5e-2, "1", "a drive at rest lags by less than a twentieth of its last move"),)
+    bounds = (
+        NaturalBound(5e-2, "1", "a drive at rest lags by less than a twentieth of its last move"),
+        NaturalBound(0.15, "rad", "the same after half a turn"),
+    )
     notes = r"""
     $$ \delta \theta_j = k_j \, ( q_j - q_j^{\text{before}} ) $$
 
