@@ -53,8 +53,8 @@ from tests.support.third_engine.folder import write_folder
 ROOT = Path(__file__).resolve().parents[1]
 WEIGHTS_FILE = ROOT / "calib" / "diagnosis" / "probability_weights.py"
 PICTURE = ROOT / "docs" / "pictures" / "reliability.svg"
-LEARN, JUDGE = (21,), 1031  # seeds
-RIDGE = 0.5  # precision of the weights' prior, about zero
+LEARN, JUDGE = (21, 22), 1031  # seeds
+RIDGE = 0.3  # precision of the weights' prior, about zero
 LEAST_TOLD = 0.01  # probability from which a cause is told
 BINS = np.linspace(0.0, 1.0, 11)
 

@@ -15,7 +15,7 @@ from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD
 from calib.fitting import robust, trust_region
 from calib.fleet import shared_causes
 from calib.identifiability import redundancy
-from calib.monitoring import change_tests
+from calib.monitoring import change_tests, misfit
 from calib.planes import clustering, robust_fit
 from calib.planning import discrimination, prediction
 from calib.screening import (
@@ -87,7 +87,11 @@ SAID = [
     ("residual_tests", f"$l$ = {row(smooth_motions._OWN_RAD)} rad over its own angle"),
     ("residual_tests", f"{row(smooth_motions._ARM_RAD)} rad over the first three"),
     ("residual_tests", f"|r|^2 / {SIGMA_DOUBT:g}^2"),
-    ("curves", f"harmonics $n$ = {joint_curves._ANGLE_ORDERS[0]} to {joint_curves._ANGLE_ORDERS[-1]}"),
+    ("curves", "harmonics $n$ = 1 to {}, or to {} or {}".format(*joint_curves._BANDS)),
+    ("curves", f"has not fallen to {percent(joint_curves._MAY_GO_ON)}"),
+    ("watching", f"multiplied by $f$, from {misfit.PROVEN_INFLATION:g} on"),
+    ("watching", f"by more than {misfit.PROVEN_GAIN:g};"),
+    ("watching", rf"$\tau \ge {misfit.PROVEN_TAILS:g}$"),
     ("curves", "$n_0$ ({:g} to {:g})".format(*curve_evidence._BANDWIDTHS)),
     ("curves", "$p$ ({:g} to {:g})".format(*curve_evidence._SLOPES)),
     ("curves", f"is {joint_curves.MIN_LOG_EVIDENCE:g} or more over no curve"),

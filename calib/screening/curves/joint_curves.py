@@ -27,7 +27,9 @@ from calib.screening.left_out import cross_validated_rmse_mm
 from calib.screening.projected_residual import ProjectedResidual, joint_directions, project_residual
 
 MIN_LOG_EVIDENCE = 8.0  # over no curve at all: noise alone reached 2.5 in 12 clean arms
-_ANGLE_ORDERS: IndexArray = np.arange(1, 49)
+_BANDS = (48, 120, 240)  # waves a turn over a joint's angle, up to which curves are learned one after another
+_MOST_WORK = 1.5e9  # rows^2 times columns, up to which a wider band is tried
+_MAY_GO_ON = 0.05  # of the prior sigma of the lowest order, that the highest has where a wider band is tried
 _OTHER_ORDERS: IndexArray = np.arange(1, 9)
 _MOST_OTHERS = 3  # curves over other inputs than a joint's own angle
 _MIN_GAIN = 5.0  # in log evidence, of one of them, beyond what choosing it costs
@@ -75,7 +77,36 @@ def learn_joint_curves(calibration: Calibration) -> LearnedCurves | None:
     Raises FitError where no degree of freedom is left.
     """
     projected = project_residual(calibration)
-    chosen = list(_over_angles(projected))
+    found = _learned(projected, _BANDS[0])
+    rows, joints = len(projected.residual), projected.residuals.model.robot.n_joints
+    for highest in _BANDS[1:]:
+        if rows**2 * joints * 2 * highest > _MOST_WORK or (found is not None and found.at_end < _MAY_GO_ON):
+            break
+        wider = _learned(projected, highest)
+        if wider is not None and found is not None and not _is_better(wider, found):
+            break
+        found = wider or found
+    return None if found is None else found.curves
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Curves learned with harmonics up to some order."""
+
+    curves: LearnedCurves
+    left_out_mm: float  # RMS per coordinate when each pose is predicted from the others
+    at_end: float  # prior sigma of the highest order, over that of the lowest: large where higher ones may count
+
+
+def _is_better(wider: _Found, found: _Found) -> bool:
+    """Whether evidence and left-out poses both speak for curves of a wider band."""
+    gain = wider.curves.log_evidence - found.curves.log_evidence
+    return gain > _MIN_GAIN and wider.left_out_mm < found.left_out_mm
+
+
+def _learned(projected: ProjectedResidual, highest: int) -> _Found | None:
+    """Curves that the data support, with up to `highest` waves a turn over joint angles; None where there are none."""
+    chosen = list(_over_angles(projected, highest))
     others = list(_over_other_inputs(projected))
     evidence = _evidence_of(chosen, projected)
     value, spectrum, paid = 0.0, None, 0.0
@@ -96,21 +127,25 @@ def learn_joint_curves(calibration: Calibration) -> LearnedCurves | None:
         return None
     members = _members(projected, chosen, evidence, spectrum)
     noise = float(np.sqrt(evidence.at(spectrum).quadratic / evidence.dof))
-    if not members or not _predict_left_out_poses(projected, members, noise):
+    if not members:
         return None
-    return LearnedCurves(tuple(members), value - paid)
+    left_out_mm = _left_out_mm(projected, members, noise)
+    if left_out_mm >= cross_validated_rmse_mm(projected):
+        return None
+    bandwidth, slope = np.exp(spectrum.logs[-2:])
+    at_end = float(1.0 / np.sqrt(1.0 + (highest / bandwidth) ** (2.0 * slope)))
+    return _Found(LearnedCurves(tuple(members), value - paid), left_out_mm, at_end)
 
 
-def _predict_left_out_poses(projected: ProjectedResidual, members: list[SmoothJointError], noise: float) -> bool:
-    """Whether the curves improve the prediction of each pose from the others (leave one pose out), in total."""
+def _left_out_mm(projected: ProjectedResidual, members: list[SmoothJointError], noise: float) -> float:
+    """RMS per coordinate, mm, when each pose is predicted from the others with the curves (leave one pose out)."""
     directions = joint_directions(projected)
     columns = [
         projected.motion_columns(directions[m.joint], m.modes.at(input_values(projected.state, m.modes.input)))
         for m in members
     ]
     spread = np.concatenate([np.array(m.prior_sigma_rad) for m in members]) / noise
-    with_curves = cross_validated_rmse_mm(projected, np.concatenate(columns, axis=1), spread)
-    return with_curves < cross_validated_rmse_mm(projected)
+    return cross_validated_rmse_mm(projected, np.concatenate(columns, axis=1), spread)
 
 
 def _members(
@@ -154,18 +189,14 @@ def _evidence_of(chosen: list[_Candidate], projected: ProjectedResidual) -> Curv
     return CurveEvidence(curve, -projected.in_free(projected.residual), projected.dof)
 
 
-def _over_angles(projected: ProjectedResidual) -> Iterator[_Candidate]:
+def _over_angles(projected: ProjectedResidual, highest: int) -> Iterator[_Candidate]:
     """Candidate curve of every revolute joint over its own angle, unless geometry could have the same effect."""
     directions = joint_directions(projected)
+    orders: IndexArray = np.arange(1, highest + 1)
     for j, joint in enumerate(projected.residuals.model.robot.joints):
         if joint.is_revolute:
-            yield from _candidate(
-                projected,
-                directions[j],
-                j,
-                CurveModes(f"q{j + 1}", _ANGLE_ORDERS, np.eye(2 * len(_ANGLE_ORDERS))),
-                True,
-            )
+            modes = CurveModes(f"q{j + 1}", orders, np.eye(2 * highest))
+            yield from _candidate(projected, directions[j], j, modes, True)
 
 
 def _over_other_inputs(projected: ProjectedResidual) -> Iterator[_Candidate]:
