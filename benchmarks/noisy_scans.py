@@ -18,7 +18,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from calib.corners.batch import declared_noise
+from calib.corners.batch import declared_noise, of_one_jig
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, find_corner
 from calib.dataset.files.robot_toml import builtin_robot
@@ -38,6 +38,7 @@ def line(seed: int, mount: str, effects: list[str], model: ScanModel) -> str:
     for pose, pose_id in enumerate(made.dataset.poses.ids):
         scan = made.scan(pose).scan
         searches[pose_id] = find_corner(scan, made.dataset.jig, scan_sigma_mm=scanner.scan_sigma_mm, options=options)
+    searches, _ = of_one_jig(searches, made.dataset.jig)
     true_mm = dict(zip(made.dataset.poses.ids, made.apex_mm, strict=True))
     squared = [
         float((c.xyz_mm - true_mm[p]) @ np.linalg.solve(c.covariance_mm2, c.xyz_mm - true_mm[p]))

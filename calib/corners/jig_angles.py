@@ -46,7 +46,7 @@ _SHARED = 0.05  # of a scan's variance, that all scans have in common
 _FEWEST_TO_LEARN = 3
 _STARTS, _ROUNDS = 8, 12
 _OUTLYING = 9.0  # times the median squared misfit, besides that of one in 10 000
-_BELIEVED = 0.5
+_BELIEVED, _DISPROVED = 0.5, 0.02  # probabilities of the jig's angles
 _DOUBTED = 0.9  # a certificate that is less probable is warned of
 _STEPS = 4
 _ACROSS = np.eye(3) - 1 / 3  # of three angles, their differences from their mean
@@ -56,7 +56,7 @@ _ACROSS = np.eye(3) - 1 / 3  # of three angles, their differences from their mea
 class JigAngles(Brief):
     """Angles between the faces of one jig, as all scans of it tell them."""
 
-    held: str  # "jig": those of dataset.toml; "scans": those that the scans have in common; "": free, a scan's own
+    held: str  # "jig": those of dataset.toml; "scans": those that the scans have in common; "": open
     probability: float  # that the jig has the angles that dataset.toml says
     angles_deg: tuple[float, float, float] | None  # those held; where they are the scans', in any cyclic order
     sigmas_deg: tuple[float, float, float] | None
@@ -66,7 +66,7 @@ class JigAngles(Brief):
 
     def _brief(self) -> str:
         if self.angles_deg is None:
-            return f"free in each of {self.scans} scans"
+            return f"open after {self.scans} scans"
         return f"{', '.join(f'{angle:.4f}' for angle in self.angles_deg)} deg, by {self.scans} scans"
 
 
@@ -257,7 +257,8 @@ def _posterior(scans: _ScanAngles, jig: Jig) -> _Posterior:
     for weight, (kind, c) in zip(weights.tolist(), components, strict=True):
         shares[kind] += weight
         spread += weight * (c.covariance + np.einsum("ki,kj->kij", c.mean - mean, c.mean - mean))
-    held = "jig" if shares["jig"] >= _BELIEVED else "scans" if shares["scans"] > shares[""] else ""
+    disproved = shares["jig"] < _DISPROVED and shares["scans"] > shares[""]
+    held = "jig" if shares["jig"] >= _BELIEVED else "scans" if disproved else ""
     angles_deg: tuple[float, float, float] | None = None
     sigmas_deg: tuple[float, float, float] | None = None
     if held == "jig":

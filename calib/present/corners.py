@@ -46,7 +46,7 @@ _PLAIN = 1.05  # a smooth error that makes the sigma larger by less than this fa
 _ANGLES_HELD = {
     "jig": "held at the jig's",
     "scans": "held at those that all scans have in common",
-    "": "free, or nearly so: this scan does not agree with the jig's",
+    "": "held only as far as the scans agree with the jig's",
 }
 _LABELLED_BY = {
     "robot": "the nominal robot",
@@ -98,8 +98,8 @@ def _angles_paragraph(angles: JigAngles | None) -> list[Block]:
         )
     else:
         text = (
-            f"{scans} neither agree with the jig's angles in dataset.toml nor on others: each corner's faces are "
-            "fitted with little regard to them"
+            f"{scans} leave open whether the jig has the angles of dataset.toml (probability "
+            f"{numbers.share(angles.probability)}): each corner's sigma counts what they leave open"
         )
     if angles.outlying:
         text += f"; not counted, since their angles are far from all others': {', '.join(angles.outlying)}"

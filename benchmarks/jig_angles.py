@@ -1,0 +1,130 @@
+"""Corners with the angles that all scans of a jig tell, beside free planes and generalised ICP to the CAD model.
+
+    python benchmarks/jig_angles.py [--scans 24] [--points 14000]
+
+Scans are those of the tests' ray caster (tests/support/scan_scene.py), of a square jig and of one whose angles are off
+by 0.03 and 0.1 degrees, with white noise and with an error that is smooth over 22 mm besides. All methods see the same
+scans. Columns, each the median and the RMS of the errors in mm, and the mean squared error over the covariance (3 is
+honest):
+
+    free    three planes by themselves
+    one     the jig's angles as far as each scan agrees with them: `find_corner`
+    set     the angles that all scans tell: `find_corners`
+    GICP    to points on the faces of the square CAD model, from a start within 4 mm and some 4 degrees, of a crop about
+            the jig: by small_gicp where it is installed, else not shown
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+os.environ["OMP_NUM_THREADS"] = "1"  # before numpy is loaded
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from calib.corners.intersection import Corner  # noqa: E402
+from calib.corners.jig_angles import with_common_angles  # noqa: E402
+from calib.corners.search import find_corner  # noqa: E402
+from calib.jig import Jig, jig_normals  # noqa: E402
+from tests.support.scan_scene import SceneScan, jig_rotation, make_scene  # noqa: E402
+
+EDGE_MM = 60.0
+OFF = np.array([0.8, -1.0, 0.5])  # of the three angles, in units of the largest
+CASES = {
+    f"{off} deg off, {'smooth' if waves else 'white'}": (off, waves)
+    for off in (0.0, 0.03, 0.1)
+    for waves in (0.0, 0.03)
+}
+STEPS_MM = (6.0, 2.0, 0.5, 0.2)  # distances of corresponding points, of one run of GICP after the other
+
+
+def scene(seed: int, points: int, off_deg: float, waves_mm: float) -> SceneScan:
+    """Scan of a jig in any attitude whose angles are off by up to so much."""
+    rng = np.random.default_rng([seed, points])
+    square = jig_rotation(rng.uniform(0, 22), rng.uniform(0, 360), rng.uniform(0, 120))
+    one, two, three = (90 + off_deg * OFF).tolist()
+    edges = np.linalg.inv(jig_normals((one, two, three)))  # columns, each in two of the faces
+    rotation = square @ (edges / np.linalg.norm(edges, axis=0))
+    return make_scene(rng, points, rotation=rotation, waves_mm=waves_mm, wave_length_mm=22.0, wave_kernel="measured")
+
+
+def generalised_icp(made: SceneScan, seed: int) -> NDArray | None:
+    """Apex by small_gicp; None where it is not installed."""
+    try:
+        import small_gicp
+    except ImportError:
+        return None
+    rng = np.random.default_rng(seed)
+    steps = (np.arange(120) + 0.5) / 120
+    along = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    along = EDGE_MM * along[along.sum(axis=1) < 1]
+    left, _, right = np.linalg.svd(-np.linalg.inv(made.normals))
+    edges = (left @ right).T  # of the square jig nearest to the true one
+    cad = np.vstack([along @ np.delete(edges, face, axis=0) for face in range(3)])
+    way = rng.standard_normal(3)
+    start = np.eye(4)
+    start[:3, :3] = Rotation.from_rotvec(np.radians(2) * rng.standard_normal(3)).as_matrix()
+    start[:3, 3] = way / np.linalg.norm(way) * rng.uniform(0, 4)
+    points = made.scan.points_mm - made.apex_mm
+    points = points[np.linalg.norm(points, axis=1) < 1.02 * EDGE_MM]
+    model, tree = small_gicp.preprocess_points(cad, downsampling_resolution=0.3, num_neighbors=20)
+    cloud, _ = small_gicp.preprocess_points(points, downsampling_resolution=0.3, num_neighbors=20)
+    for step_mm in STEPS_MM:
+        start = small_gicp.align(
+            model,
+            cloud,
+            tree,
+            init_T_target_source=start,
+            registration_type="GICP",
+            max_correspondence_distance=step_mm,
+        ).T_target_source
+    return np.asarray(made.apex_mm + np.linalg.inv(start)[:3, 3])
+
+
+def cell(errors_mm: list[NDArray], corners: list[Corner] | None = None) -> str:
+    """Median and RMS of errors (3,), and their mean square over the covariance of corners."""
+    if not errors_mm:
+        return f"{'-':>24}"
+    sizes = np.linalg.norm(errors_mm, axis=1)
+    squared = "" if corners is None else np.mean(
+        [e @ np.linalg.solve(c.covariance_mm2, e) for e, c in zip(errors_mm, corners, strict=True)]
+    )  # fmt: skip
+    shown = f"{squared:6.2f}" if squared != "" else ""
+    return f"{np.median(sizes):9.4f}{np.sqrt(np.mean(sizes**2)):9.4f}{shown:>6}"
+
+
+def row(name: str, scans: int, points: int) -> str:
+    """Line of the table for one case, and what the scans tell of the angles."""
+    made = {str(seed): scene(seed, points, *CASES[name]) for seed in range(scans)}
+    searches = {key: find_corner(one.scan, Jig(), scan_sigma_mm=0.02).corner for key, one in made.items()}
+    found = {key: corner for key, corner in searches.items() if corner is not None}
+    common, angles = with_common_angles(found, Jig())
+    kinds = ({key: corner.free or corner for key, corner in found.items()}, found, common)
+    cells = [cell([c.xyz_mm - made[key].apex_mm for key, c in kind.items()], list(kind.values())) for kind in kinds]
+    peers = [(generalised_icp(one, int(key)), one.apex_mm) for key, one in made.items()]
+    peer = cell([place - apex for place, apex in peers if place is not None])
+    return f"{name:24}{''.join(cells)}{peer}  {len(found)} of {scans}; {angles!r}"
+
+
+def main() -> None:
+    """Print the table, a line as soon as it is known."""
+    parser = argparse.ArgumentParser(description="corners with the angles that all scans tell")
+    parser.add_argument("--scans", type=int, default=24)
+    parser.add_argument("--points", type=int, default=14_000)
+    asked = parser.parse_args()
+    sys.stdout.write(f"{'':24}" + "".join(f"{name:>24}" for name in ("free", "one", "set", "GICP")) + "\n")
+    for name in CASES:
+        sys.stdout.write(row(name, asked.scans, asked.points) + "\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()
