@@ -26,7 +26,7 @@ from calib.monitoring.change_tests import (
     most_likely,
 )
 from calib.monitoring.check_errors import CheckErrors
-from calib.monitoring.misfit import Misfit
+from calib.monitoring.misfit import MOST_POSES, Misfit
 from calib.monitoring.prediction_spread import Spread
 
 _FEWEST = 3  # check poses
@@ -78,7 +78,11 @@ class CellTests:
         prior = replace(prior, covariance=scale**2 * misfit.inflation * prior.covariance)
 
         used, row = observed.used_poses
-        missed = np.kron(misfit.root_mm(used.q), np.eye(3)).reshape(len(used), 3, -1)[row]  # (M, 3, L) base frame
+        white = min(noise, 1.0) if misfit.inflation > 1.0 and len(used) <= MOST_POSES else noise
+        excess_mm2 = (noise**2 - white**2) * float(np.trace(observed.covariance_mm2, axis1=1, axis2=2).mean()) / 3.0
+        missed = np.kron(misfit.root_mm(used.q, excess_mm2), np.eye(3)).reshape(len(used), 3, -1)[
+            row
+        ]  # (M, 3, L) base frame
 
         def linearised(scanner_T_base: Array) -> tuple[Array, Array, Array]:
             """Whitened residual (3 M,), and its derivatives by x (3 M, P) and by the frame's motion (3 M, 6)."""
@@ -97,12 +101,12 @@ class CellTests:
 
         residual, columns, motion = linearised(before)
         both = np.concatenate([columns, motion], axis=1)
-        spread_fixed = Spread.of(*with_missed(both, prior.covariance, before), noise)
+        spread_fixed = Spread.of(*with_missed(both, prior.covariance, before), white)
         fixed = ChangeTests.of(residual, spread_fixed, whiten @ before[:3, :3], dof, misfit.tails)
 
         residual, columns, motion = linearised(anew)
         n = columns.shape[1]
-        spread_free = Spread.of(*with_missed(columns, prior.covariance[:n, :n], anew), noise, blind=motion)
+        spread_free = Spread.of(*with_missed(columns, prior.covariance[:n, :n], anew), white, blind=motion)
         free = ChangeTests.of(residual, spread_free, whiten @ anew[:3, :3], dof, misfit.tails)
 
         points, predicted_mm = observed.points, frames.apply(before, at_mm)
