@@ -53,11 +53,18 @@ def rank_candidates(screening: Screening) -> tuple[Candidate, Candidate | None, 
     it is no contender: if more than the special case is there, that shows beside it.
     """
     best = _special_case(screening.candidates) or screening.candidates[0]
-    others = [c for c in screening.candidates if c is not best and best.name not in c.family.contains]
+    wider = {c.name for c in screening.candidates if best.name in c.family.contains}
+    others = [
+        c
+        for c in screening.candidates
+        if c is not best and (c.name not in wider or c.log_evidence <= best.log_evidence)
+    ]
     confounded = [c for c in others if best.overlaps.get(c.name, 0.0) > MIN_CONFOUNDED_OVERLAP]
     nearest = (*confounded, *others)[:1]
     contenders = [
-        c for c in confounded if best.log_evidence - c.log_evidence <= MIN_LOG_BAYES_FACTOR and c.log_evidence > 0.0
+        c
+        for c in confounded
+        if best.log_evidence - c.log_evidence <= MIN_LOG_BAYES_FACTOR and c.log_evidence > 0.0 and c.name not in wider
     ]
     return best, (nearest[0] if nearest else None), (best, *contenders) if contenders else ()
 
@@ -86,9 +93,7 @@ def are_equivalent(one: Candidate, other: Candidate, dof: int) -> bool:
         return False
     better, worse = sorted((one, other), key=lambda candidate: -candidate.log_evidence)
     near = abs(one.log_evidence - other.log_evidence) < EQUIVALENT_LOG_BAYES_FACTOR
-    if (
-        better.family.finer is not None and not worse.family.of_one_place
-    ):  # the best of many constants: others come near
+    if better.family.finer is not None and not worse.family.sparse:  # the best of many constants: others come near
         return near and better.overlaps.get(worse.name, 0.0) > SPECIAL_CASE_OVERLAP
     if better.overlaps.get(worse.name, 0.0) < EQUIVALENT_OVERLAP or better.name in worse.family.contains:
         return False
@@ -191,7 +196,7 @@ def may_be_curves(best: Candidate, calibration: Calibration, screening: Screenin
 
     Curves that leave the declared noise alone have nu / 2 log(r^2 / nu) in log evidence, less what they cost.
     """
-    if not best.family.of_one_place:
+    if not best.family.sparse:
         return False
     if not is_declared(calibration.dataset):
         return True
@@ -208,13 +213,13 @@ def ranking_given_curves(screening: Screening, curves: LearnedCurves | None) -> 
     Such a cause follows a part of what the curves follow whole, and would send someone to open a healthy gear.
     """
     least = -np.inf if curves is None else (curves.log_evidence - MIN_LOG_BAYES_FACTOR) / CURVES_SHARE
-    kept = tuple(c for c in screening.candidates if not c.family.of_one_place or c.log_evidence >= least)
+    kept = tuple(c for c in screening.candidates if not c.family.sparse or c.log_evidence >= least)
     return replace(screening, candidates=kept)
 
 
 def left_to_curves(screening: Screening, curves: LearnedCurves | None, chosen: Candidate) -> tuple[str, ...]:
     """Effects of one place or pose that learned curves clearly surpass, among those ranked above the chosen one."""
-    above = [c for c in screening.candidates if c.family.of_one_place and c.log_evidence > chosen.log_evidence]
+    above = [c for c in screening.candidates if c.family.sparse and c.log_evidence > chosen.log_evidence]
     if not above:
         return ()
     kept = {c.name for c in ranking_given_curves(screening, curves).candidates}

@@ -122,11 +122,6 @@ class Family(Brief):
     contains: tuple[str, ...] = ()  # simpler families that are special cases of it, told where they say as much
 
     @property
-    def of_one_place(self) -> bool:
-        """Whether the effect acts at one place or from one pose on, and is no law that has to be found on a grid."""
-        return self.sparse and self.finer is None
-
-    @property
     def description(self) -> Description:
         """Description of the effect; its name alone for a family without members."""
         return describe(self.members[0]) if self.members else Description(self.name)
