@@ -151,9 +151,11 @@ def change_for(
 ) -> NextChange | None:
     """Change that most probably proves which hypothesis is true; None where no change does, see `next_change`.
 
-    Raises FitError where no degree of freedom is left.
+    Raises FitError where no degree of freedom is left, and CalibError for fewer poses than make four pairs.
     """
     calibration = hypothesis_set.calibration
+    if count is not None:
+        _require_pairs(count, FEWEST_PAIRS)
     hypotheses = [hypothesis for hypothesis in hypothesis_set.hypotheses if hypothesis.members]
     if not hypotheses:
         return None
@@ -194,6 +196,11 @@ def change_for(
         probability=probability,
         others=tuple((other.change, reached) for reached, other in found[1:]),
     )
+
+
+def _require_pairs(count: int, least: int) -> None:
+    if count < least:
+        raise CalibError(f"found {count} poses to prove a cause by; it takes {FEWEST_PAIRS} pairs: ask for {least}")
 
 
 def _drawn(effect: str, members: Sequence[Effect], draw: Callable[[], Array]) -> DrawnCause:
@@ -249,8 +256,7 @@ def change_for_robot(start: FromRobot, count: int, *, payload_kg: float | None =
     Raises:
         CalibError: fewer than eight measurements, or too few poses that can be measured.
     """
-    if count < 2 * FEWEST_PAIRS:
-        raise CalibError(f"found {count} poses to prove a cause by; {FEWEST_PAIRS} pairs are {2 * FEWEST_PAIRS}")
+    _require_pairs(count, 2 * FEWEST_PAIRS)
     rng = np.random.default_rng(seed)
     change = ConditionChange(PAYLOAD, 0.0, payload_kg or PROOF_PAYLOAD_KG)
     base_T_scanner = start.cell.base_T_scanner

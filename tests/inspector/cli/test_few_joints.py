@@ -20,7 +20,8 @@ COMMANDS = (
     ("calibrate",), ("calibrate", "--residual", "distance"), ("calibrate", "--residual", "pairs"),
     ("calibrate", "--no-prior"), ("calibrate", "--model-out", "OUT/model.json", "--session", "OUT/s.json"),
     ("diagnose",), ("diagnose", "--model-out", "OUT/model.json"), ("check",), ("redundancy",), ("validate",),
-    ("plan",), ("plan", "--for", "watch"), ("plan", "--for", "split"), ("plan", "--for", "joint_compliance"),
+    ("plan",), ("plan", "--for", "watch"), ("plan", "--for", "split"), ("plan", "--for", "prove"),
+    ("plan", "--for", "joint_compliance"),
     ("report", "--out", "OUT/report.html"), ("correct", "--joints", "CELL/poses.csv", "--out", "OUT/c.csv"),
     ("watch", "CELL"), ("watch", "CELL", "--scanner-moved"), ("compare", "CELL"),
 )  # fmt: skip

@@ -89,6 +89,7 @@ def test_a_first_set_for_the_cell_of_a_dataset(folder: Path, capsys: pytest.Capt
         (["rb5", "--add", "3"], "--poses"),
         (["rb5", "--for", "jelly"], "no effect named 'jelly'"),
         (["rb5", "--for", ","], "effects with commas between"),
+        (["rb5", "--for", "prove", "--poses", "5"], "it takes 4 pairs: ask for 8"),
         (["rb5", "--effect", "backlash"], "name those that you suspect with --for"),
         (["nothing.urdf"], "nothing.urdf: no such file or folder; give a dataset's folder"),
         (["rb5", "--for", "backlash", "--criterion", "D"], "--criterion D is of a calibration"),
