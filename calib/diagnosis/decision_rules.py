@@ -70,11 +70,12 @@ def rank_candidates(screening: Screening) -> tuple[Candidate, Candidate | None, 
 
 
 def _special_case(candidates: Sequence[Candidate]) -> Candidate | None:
-    """Convincing special case of the first candidate, as likely as that or able to explain nearly all that it does."""
+    """Convincing special case of the first candidate that is as likely, or that leaves no more than it would."""
     first = candidates[0]
     for other in candidates[1:]:
         as_much = first.log_evidence - other.log_evidence <= EQUIVALENT_LOG_BAYES_FACTOR
-        nearly_all = first.overlaps.get(other.name, 0.0) > SPECIAL_CASE_OVERLAP
+        leaves_as_much = 1.0 - other.explained_share < EQUIVALENT_REST * (1.0 - first.explained_share)
+        nearly_all = leaves_as_much and first.overlaps.get(other.name, 0.0) > SPECIAL_CASE_OVERLAP
         if other.name in first.family.contains and is_convincing(other) and (as_much or nearly_all):
             return other
     return None

@@ -16,6 +16,7 @@ from calib.screening.projected_residual import ProjectedResidual, project_residu
 _FAR, _VERY_FAR = 1.5, 3.0  # times the largest error of a training pose left out
 _FEWEST_FAR, _FEW = 3, 0.15  # test poses that are far off, in number and as a share of them: fewer are single poses
 _BY_CHANCE = 0.001
+_ALONE = 1e-6  # of 1, by which the leverage of a pose that alone determines a direction may be less
 
 
 def left_out_errors_mm(
@@ -102,18 +103,34 @@ class LeftOutGain:
 
 
 def left_out_gain(before: Calibration, after: Calibration) -> LeftOutGain | None:
-    """Gain of one fit over another at left-out poses; None where too few equations are left."""
+    """Gain of one fit over another at left-out poses; None where too few equations are left.
+
+    A pose that alone determines a parameter of the later fit, as a first pose its history, cannot be left out of it.
+    """
     try:
         judged = ~in_gap_of_step(after)
         squared = [_squared_errors(fit, judged) for fit in (before, after)]
+        alone = _determines_alone(project_residual(after))
     except FitError:
         return None
     if len(squared[0]) != len(squared[1]):  # of other poses: a robust fit left out some
         return None
+    kept = np.concatenate([~alone, np.ones(len(squared[0]) - len(alone), dtype=bool)])
+    squared = [errors[kept] for errors in squared]
     fall = squared[0] - squared[1]
     error = float(fall.std(ddof=1) / np.sqrt(len(fall)))
     share = 1.0 - float(np.sqrt(squared[1].sum() / max(squared[0].sum(), 1e-300)))
     return LeftOutGain(share, float(fall.mean()) / max(error, 1e-300))
+
+
+def _determines_alone(projected: ProjectedResidual) -> BoolArray:
+    """Mask (K,) of the training poses without which the fit would leave a direction undetermined."""
+    pose = projected.residuals.observed.points.pose
+    blocks = [
+        projected.basis.reshape(len(pose), 3, -1)[pose == one].reshape(-1, projected.basis.shape[1])
+        for one in np.unique(pose)
+    ]
+    return np.array([np.linalg.norm(block, 2) ** 2 > 1.0 - _ALONE for block in blocks])
 
 
 def _squared_errors(calibration: Calibration, judged: BoolArray) -> Array:
