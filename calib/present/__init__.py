@@ -1,4 +1,4 @@
-"""Presentation of results: each is built once as blocks, rendered as text or HTML; `inspector` adds the figures.
+"""Presentation of results: each is built once as blocks (`calib.rendering`); `inspector` adds the figures.
 
 A module here makes the blocks of one kind of result; a panel of the page, a section of the report and a notebook's view
 are a choice of them. `results.presentation` and `results.document` find what belongs to a result by its class.

@@ -15,11 +15,11 @@ from calib.effects.catalogue import descriptions
 from calib.models.exported_table import ExportedTable
 from calib.planning.discrimination import NextPoses
 from calib.present import error_headline as headlines
-from calib.present import numbers
-from calib.present.blocks import plain
 from calib.present.diagnosis import poses_to_measure
 from calib.present.effects import title
 from calib.present.interventions import change_sentence
+from calib.rendering import numbers
+from calib.rendering.blocks import plain
 from calib.screening.curves.smooth_joint_error import LEARNED
 
 _AGAIN = 3  # poses to measure once more

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from calib.diagnosis.budget import CURVES, LINKS, NOISE, TOGETHER, UNKNOWN, BudgetShare, ErrorBudget
-from calib.present import colours, numbers
-from calib.present.blocks import Part, Shares
 from calib.present.effects import title
+from calib.rendering import colours, numbers
+from calib.rendering.blocks import Part, Shares
 
 UNEXPLAINED = "unexplained"
 

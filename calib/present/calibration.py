@@ -25,8 +25,17 @@ from calib.identifiability.structural import redundancy
 from calib.identifiability.tool_rows import tool_rows
 from calib.models.exported_table import ExportedTable
 from calib.models.fitted_model import RoleErrors
-from calib.present import names, numbers
-from calib.present.blocks import (
+from calib.present import names
+from calib.present.candidates import with_joints
+from calib.present.corners import face_labelling
+from calib.present.curves import curve_table, formulas
+from calib.present.effects import model_name
+from calib.present.error_headline import error_headline
+from calib.present.promise import COVERAGE, coverage_words, promise_document
+from calib.present.redundancy import redundancy_section, tool_sentence
+from calib.present.results import document, presentation
+from calib.rendering import numbers
+from calib.rendering.blocks import (
     Block,
     Bullets,
     Coloured,
@@ -42,15 +51,7 @@ from calib.present.blocks import (
     Words,
     spans,
 )
-from calib.present.candidates import with_joints
-from calib.present.colours import BAD, GOOD, NEUTRAL
-from calib.present.corners import face_labelling
-from calib.present.curves import curve_table, formulas
-from calib.present.effects import model_name
-from calib.present.error_headline import error_headline
-from calib.present.promise import COVERAGE, coverage_words, promise_document
-from calib.present.redundancy import redundancy_section, tool_sentence
-from calib.present.results import document, presentation
+from calib.rendering.colours import BAD, GOOD, NEUTRAL
 from calib.screening.curves.fitted_curves import learned_members
 from calib.screening.curves.smooth_joint_error import LEARNED
 

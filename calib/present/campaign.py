@@ -14,10 +14,10 @@ from calib.campaign.shift import Shift
 from calib.dataset.files.poses_csv import in_unit_of, joint_columns
 from calib.kinematics.robot import Robot
 from calib.planning.prediction import PAYS, STEP
-from calib.present import numbers
-from calib.present.blocks import Block, Coloured, Paragraph, Presentation, Section, Table, Verdict, pose
-from calib.present.colours import BAD, DOUBT, GOOD
 from calib.present.results import document, presentation
+from calib.rendering import numbers
+from calib.rendering.blocks import Block, Coloured, Paragraph, Presentation, Section, Table, Verdict, pose
+from calib.rendering.colours import BAD, DOUBT, GOOD
 
 _MISSES = 1.5  # residual over the noise, from which the model misses something
 _COLOURS = {"good": GOOD, "doubtful": DOUBT, "repeat": BAD}

@@ -24,8 +24,10 @@ from calib.effects.effect import (
 )
 from calib.kinematics.robot import Robot
 from calib.planning.discrimination import DiscriminatingPose
-from calib.present import numbers
-from calib.present.blocks import (
+from calib.present.effects import meaning, not_testable, title
+from calib.present.names import joints_by_parameter
+from calib.rendering import numbers
+from calib.rendering.blocks import (
     Bar,
     Block,
     Bullets,
@@ -43,8 +45,6 @@ from calib.present.blocks import (
     listed,
     spans,
 )
-from calib.present.effects import meaning, not_testable, title
-from calib.present.names import joints_by_parameter
 from calib.screening.candidates import Candidate, Screening, Untestable, explained_shares_at
 
 EXPLAINED_AT_POSES = 5  # effects at most that are named for some poses

@@ -13,10 +13,11 @@ from calib.monitoring.change_tests import Change, Detectable
 from calib.monitoring.control_chart import in_time, size_in_degrees, usual_name
 from calib.monitoring.iso9283 import CAVEAT, PoseFigures
 from calib.monitoring.watch import ChangeReport
-from calib.present import names, numbers
-from calib.present.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Table, Verdict
-from calib.present.colours import DOUBT, GOOD, VERDICT_COLOURS
+from calib.present import names
 from calib.present.results import document, presentation
+from calib.rendering import numbers
+from calib.rendering.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Table, Verdict
+from calib.rendering.colours import DOUBT, GOOD, VERDICT_COLOURS
 from calib.validation.comparison import ALPHA, Comparison, ParameterChange, ParameterDifference
 
 _MANY = 2.0  # times the declared noise, from which a fit is said to leave much

@@ -13,12 +13,12 @@ from calib.consistency.data_problem import DataProblem
 from calib.dataset.repeats import repeats_frame
 from calib.diagnosis.result import Diagnosis
 from calib.fitting.tool_point import ToolShift
-from calib.present import numbers
-from calib.present.blocks import Block, Presentation, Section, Table, Verdict, plain
 from calib.present.calibration import fit_sentence, outlier_hint, table_doubt, tool_shift_sentence
-from calib.present.colours import BAD, DOUBT, GOOD
 from calib.present.results import document, presentation
 from calib.present.verdict import promise, verdict
+from calib.rendering import numbers
+from calib.rendering.blocks import Block, Presentation, Section, Table, Verdict, plain
+from calib.rendering.colours import BAD, DOUBT, GOOD
 from calib.validation.acceptance import (
     Check,
     CheckItem,

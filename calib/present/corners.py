@@ -17,8 +17,9 @@ from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset, FaceLabelling
 from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import counted_reasons, failed_searches, label_faces
-from calib.present import numbers
-from calib.present.blocks import (
+from calib.present.results import document, presentation
+from calib.rendering import numbers
+from calib.rendering.blocks import (
     Block,
     Coloured,
     Facts,
@@ -31,8 +32,7 @@ from calib.present.blocks import (
     Verdict,
     pose,
 )
-from calib.present.colours import BAD, DOUBT
-from calib.present.results import document, presentation
+from calib.rendering.colours import BAD, DOUBT
 from calib.targets.assignment import Assignment, assign_targets
 from calib.targets.protocol.finder import FoundPoint
 from calib.targets.search import ScanSearch

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from calib.compensation.target_correction import Correction
-from calib.present import numbers
-from calib.present.blocks import Block, Facts, Paragraph, Presentation, Table
 from calib.present.results import document, presentation
+from calib.rendering import numbers
+from calib.rendering.blocks import Block, Facts, Paragraph, Presentation, Table
 
 _LISTED = 20  # targets that are not reached, with the reason each
 

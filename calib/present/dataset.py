@@ -13,11 +13,12 @@ from calib.calibration.result import Calibration, declared_sigma_mm, is_declared
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import ROLES, Dataset
 from calib.measurement.measured_points import failed_searches
-from calib.present import names, numbers
-from calib.present.blocks import Block, Bullets, Facts, KeyFigures, Presentation, Section, Table
+from calib.present import names
 from calib.present.calibration import calibration_warnings
 from calib.present.corners import scan_sentences
 from calib.present.results import document, presentation
+from calib.rendering import numbers
+from calib.rendering.blocks import Block, Bullets, Facts, KeyFigures, Presentation, Section, Table
 
 _MOST_NAMED = 8  # poses in a sentence
 NOT_SEARCHED: Mapping[str, CornerSearch] = MappingProxyType({})

@@ -21,23 +21,6 @@ from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.verdict import ConfoundedSet, LearnedModel, Refusal
 from calib.identifiability.structural import redundancy
 from calib.planning.discrimination import DiscriminatingPose, NextPoses, next_poses
-from calib.present import numbers
-from calib.present.blocks import (
-    Block,
-    FigurePlace,
-    Paragraph,
-    Presentation,
-    Section,
-    Table,
-    Verdict,
-    Words,
-    capitalised,
-    effect,
-    listed,
-    plain,
-    pose,
-    spans,
-)
 from calib.present.budget import budget_blocks, budget_document
 from calib.present.calibration import (
     found_tool_document,
@@ -48,7 +31,6 @@ from calib.present.calibration import (
     worsening_sentence,
 )
 from calib.present.candidates import ranking, untestable_blocks
-from calib.present.colours import VERDICT_COLOURS
 from calib.present.curves import BAND_NOTE, curve_blocks, reading_phrase, readings_document
 from calib.present.dataset import NOT_SEARCHED, measured_blocks
 from calib.present.effects import meaning, with_key
@@ -68,6 +50,24 @@ from calib.present.redundancy import redundancy_section
 from calib.present.residuals import residual_blocks, residuals_of
 from calib.present.results import document, headline, presentation, to_dict
 from calib.present.verdict import SMALL_CHANGE, curves, fault, verdict
+from calib.rendering import numbers
+from calib.rendering.blocks import (
+    Block,
+    FigurePlace,
+    Paragraph,
+    Presentation,
+    Section,
+    Table,
+    Verdict,
+    Words,
+    capitalised,
+    effect,
+    listed,
+    plain,
+    pose,
+    spans,
+)
+from calib.rendering.colours import VERDICT_COLOURS
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate
 from calib.screening.curves.fitted_curves import learned_members
 from calib.screening.curves.readings import curve_readings

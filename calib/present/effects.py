@@ -12,8 +12,8 @@ from calib.calibration.result import Calibration
 from calib.effects.catalogue import descriptions
 from calib.effects.catalogue.loads import stiffness
 from calib.effects.effect import Effect, Parameter, has_meaning, meaning_of
-from calib.present import numbers
-from calib.present.blocks import Span, effect, spans
+from calib.rendering import numbers
+from calib.rendering.blocks import Span, effect, spans
 from calib.screening.candidates import Untestable
 from calib.screening.curves.smooth_joint_error import LEARNED
 

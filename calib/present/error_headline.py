@@ -8,7 +8,7 @@ from calib.calibration.evaluation import Figures
 from calib.calibration.noise_level import FIT
 from calib.calibration.result import Calibration
 from calib.diagnosis.headline import ErrorStage, Headline
-from calib.present import blocks, numbers
+from calib.rendering import blocks, numbers
 
 _MICROMETRES_BELOW_MM = 0.1
 _FIGURES = (("mean", "mean_mm"), ("RMS", "rmse_mm"), ("maximum", "max_mm"))

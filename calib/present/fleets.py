@@ -9,8 +9,10 @@ from calib.fleet.drift import Drift
 from calib.fleet.result import Fleet
 from calib.fleet.row import Row
 from calib.fleet.shared_causes import Group, SharedCause
-from calib.present import numbers
-from calib.present.blocks import (
+from calib.present.changes import change_phrase, change_sentence
+from calib.present.results import document, presentation
+from calib.rendering import numbers
+from calib.rendering.blocks import (
     Block,
     Bullets,
     FigurePlace,
@@ -22,9 +24,7 @@ from calib.present.blocks import (
     Table,
     Verdict,
 )
-from calib.present.changes import change_phrase, change_sentence
-from calib.present.colours import BAD, DOUBT, GOOD
-from calib.present.results import document, presentation
+from calib.rendering.colours import BAD, DOUBT, GOOD
 
 METHOD = (
     "Each dataset is judged by itself as inspector check does: corners, fit, diagnosis. An error is the 3D RMSE of the "

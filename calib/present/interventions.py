@@ -9,9 +9,9 @@ from calib.diagnosis.result import Diagnosis
 from calib.intervention.pairs import APPROACH, PAYLOAD, SPEED
 from calib.intervention.proof import MIN_LEAD, Cause, Intervention, Proof
 from calib.planning.proof_plan import NextChange
-from calib.present import numbers
-from calib.present.blocks import Paragraph, Section, Words, effect, joint, listed, spans
 from calib.present.effects import title, with_key
+from calib.rendering import numbers
+from calib.rendering.blocks import Paragraph, Section, Words, effect, joint, listed, spans
 
 PROVEN = "Proven by changing one thing"
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from calib.dataset.input_names import PLACES, joint_input
 from calib.effects.effect import Effect, parameters_by_name
 from calib.kinematics.robot import PARAMETER_KINDS, Robot
-from calib.present.blocks import Span, joint
-from calib.present.numbers import parameter_label
+from calib.rendering.blocks import Span, joint
+from calib.rendering.numbers import parameter_label
 
 _CONDITIONS = {
     "payload_kg": "the payload",

@@ -9,8 +9,8 @@ import numpy as np
 from calib.dataset.repeats import find_repeats, pooled_sigma_mm
 from calib.diagnosis.verdict import Findings
 from calib.noise_shape import IDENTITY, CorrelatedDrift, NoiseShape
-from calib.present import numbers
 from calib.present.effects import title
+from calib.rendering import numbers
 from calib.screening.noise_search import ShownNoise
 
 _ALIGNED = 0.98  # cosine from which a direction is called an axis of the scanner's frame

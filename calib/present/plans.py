@@ -27,8 +27,11 @@ from calib.planning.outcome import (
 from calib.planning.plan import Plan
 from calib.planning.prediction import PAYS, STEP, Prediction
 from calib.planning.start import FromFit, FromRobot
-from calib.present import names, numbers
-from calib.present.blocks import (
+from calib.present import names
+from calib.present.interventions import condition_change
+from calib.present.results import document, presentation
+from calib.rendering import numbers
+from calib.rendering.blocks import (
     Block,
     Bullets,
     Facts,
@@ -40,9 +43,7 @@ from calib.present.blocks import (
     Table,
     Verdict,
 )
-from calib.present.colours import DOUBT, GOOD
-from calib.present.interventions import condition_change
-from calib.present.results import document, presentation
+from calib.rendering.colours import DOUBT, GOOD
 
 SURELY = 0.8  # power from which a set of hypotheses counts as good as discriminated
 _COUNTS = (0, 5, 10, 15, 20, 30, 40, 50)  # of new poses, whose predicted error the table has

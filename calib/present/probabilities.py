@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from calib.diagnosis.probabilities import UNKNOWN, CauseProbabilities, CauseSet
-from calib.present import numbers
-from calib.present.blocks import Words, effect, listed, spans
+from calib.rendering import numbers
+from calib.rendering.blocks import Words, effect, listed, spans
 
 _TOLD = 0.01  # probability from which a set of causes is told
 _MOST = 5  # sets that are told

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.calibration.promise import PointPromise
 from calib.dataset.dataset import Poses
-from calib.present import numbers
+from calib.rendering import numbers
 
 COVERAGE = "90 % intervals"
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from calib.present import numbers
-from calib.present.blocks import (
+from calib.present.results import document, presentation
+from calib.rendering import numbers
+from calib.rendering.blocks import (
     Block,
     Bullets,
     Presentation,
@@ -18,8 +19,7 @@ from calib.present.blocks import (
     listed,
     spans,
 )
-from calib.present.colours import DOUBT, GOOD
-from calib.present.results import document, presentation
+from calib.rendering.colours import DOUBT, GOOD
 from calib.validation.repeat import Recurrence, RepeatedCause
 
 

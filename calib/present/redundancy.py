@@ -8,9 +8,10 @@ from typing import Any
 from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import FreeFrameRank
 from calib.identifiability.tool_rows import ToolRows
-from calib.present import names, numbers
-from calib.present.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Span, Words
+from calib.present import names
 from calib.present.results import document, presentation
+from calib.rendering import numbers
+from calib.rendering.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Span, Words
 
 HEADING = "Which parameters can be known"
 _CAPTION = "Pearson's r between the columns of the nominal Jacobian; grey: no influence."

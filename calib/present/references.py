@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from calib.dataset.dataset import Dataset
 from calib.dataset.input_names import joint_input
-from calib.present.blocks import Reference, Span, joint, pose
+from calib.rendering.blocks import Reference, Span, joint, pose
 
 _UNITS = r"\s?(?:[µm]?m|m?deg|mrad|rad|[°%])(?!\w)"  # behind a number that is no further joint
 _MORE = r"(?:(?:,\s+|\s+and\s+|,\s+and\s+){0}(?![\w.-]*\w|" + _UNITS + "))*"  # "1" -> "1, 2 and 3"

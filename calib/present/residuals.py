@@ -14,9 +14,10 @@ from calib.calibration.result import Calibration
 from calib.dataset.input_names import PLACES, joint_input
 from calib.diagnosis.result import Diagnosis
 from calib.kinematics.robot import Robot
-from calib.present import names, numbers
-from calib.present.blocks import Block, FigurePlace, Paragraph, Table, joint, pose
+from calib.present import names
 from calib.present.effects import model_name
+from calib.rendering import numbers
+from calib.rendering.blocks import Block, FigurePlace, Paragraph, Table, joint, pose
 from calib.screening.residual_tests import STRUCTURE_LEVEL, InputTest, ResidualTests, run_residual_tests
 
 LENGTH = "error length"

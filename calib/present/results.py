@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calib.lazy_modules import is_frame
-from calib.present import blocks
-from calib.present import text as blocks_text
-from calib.present.blocks import Presentation
+from calib.rendering import blocks
+from calib.rendering import text as blocks_text
+from calib.rendering.blocks import Presentation
 from calib.strict_json import plain
 
 if TYPE_CHECKING:
-    from calib.present.html import Draw
+    from calib.rendering.html import Draw
 
-FIGURES = "calib.figures"  # entry points of this group draw figures in notebooks: `Draw` of `present/html.py`
+FIGURES = "calib.figures"  # entry points of this group draw figures in notebooks: `Draw` of `rendering/html.py`
 
 
 _MAKERS = tuple(
@@ -104,7 +104,7 @@ def summary(result: object) -> str:
 
 def notebook_html(result: object) -> str:
     """A result as HTML for a notebook's cell, with figures where a plotting library is installed."""
-    from calib.present import html as blocks_html  # with its templates slow to load, and a terminal needs none
+    from calib.rendering import html as blocks_html  # with its templates slow to load, and a terminal needs none
 
     return blocks_html.view(presentation(result), _installed_draw())
 

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from calib.compensation.tool_place import ToolPlace
-from calib.present import numbers
-from calib.present.blocks import Block, Facts, Paragraph, Presentation, Verdict, joint, listed, pose, spans
-from calib.present.colours import BAD, DOUBT, GOOD
 from calib.present.results import document, presentation
+from calib.rendering import numbers
+from calib.rendering.blocks import Block, Facts, Paragraph, Presentation, Verdict, joint, listed, pose, spans
+from calib.rendering.colours import BAD, DOUBT, GOOD
 
 
 @presentation.register

@@ -10,12 +10,12 @@ import numpy as np
 from calib.calibration.evaluation import Evaluation
 from calib.dataset.dataset import Dataset
 from calib.models.fitted_model import FittedModel
-from calib.present import numbers
-from calib.present.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Table, Verdict
 from calib.present.calibration import error_table, sigma_sentence
-from calib.present.colours import BAD, DOUBT, GOOD
 from calib.present.promise import coverage_sentence, promise_document
 from calib.present.results import document, presentation
+from calib.rendering import numbers
+from calib.rendering.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Table, Verdict
+from calib.rendering.colours import BAD, DOUBT, GOOD
 from calib.validation.cross_validation import SUSPICIOUS, CrossValidation
 from calib.validation.learning_curve import FAR, LearningCurve
 

@@ -15,12 +15,12 @@ from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPose
 from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import descriptions
 from calib.effects.effect import describe
-from calib.present import numbers
-from calib.present.blocks import Span, Words, capitalised, effect, joint, listed, pose, spans
 from calib.present.calibration import table_doubts
 from calib.present.effects import meaning, title, with_key
 from calib.present.names import input_name
 from calib.present.noise import noise_sentences
+from calib.rendering import numbers
+from calib.rendering.blocks import Span, Words, capitalised, effect, joint, listed, pose, spans
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.residual_tests import ResidualTests

@@ -20,8 +20,8 @@ from nbclient.exceptions import CellExecutionError
 from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
 
-from calib.present.blocks import Drawing, Presentation
-from calib.present.html import IDS, view
+from calib.rendering.blocks import Drawing, Presentation
+from calib.rendering.html import IDS, view
 from inspector.figures.svg.figure import svg_of
 from inspector.figures.svg.text import plain
 

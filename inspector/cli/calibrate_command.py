@@ -30,7 +30,7 @@ from calib.present.calibration import (
     steps_document,
     table_document,
 )
-from calib.present.text import block_text
+from calib.rendering.text import block_text
 from calib.robot_formats.calibrated_file import TEMPLATE_SUFFIXES, URDF_SUFFIXES, YAML_SUFFIXES, kept_template
 from calib.screening.curves.fitted_curves import effect_file_text
 from inspector.cli.dataset_commands import load, measured, show

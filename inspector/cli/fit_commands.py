@@ -20,8 +20,8 @@ from calib.planning.discrimination import NextPoses, next_poses
 from calib.present.calibration import tool_shift_sentence
 from calib.present.correction import correction_blocks, correction_document
 from calib.present.diagnosis import diagnosis_document, diagnosis_presentation
-from calib.present.text import block_text
-from calib.present.text import text as plain_text
+from calib.rendering.text import block_text
+from calib.rendering.text import text as plain_text
 from calib.robot_formats.programs import is_point_list, require_point_list
 from calib.screening.curves.fitted_curves import effect_file_text
 from inspector.cli.calibrate_command import fitted, loaded_effects, require_plausible

@@ -12,7 +12,7 @@ from calib.campaign.follower import CampaignFollower, News
 from calib.errors import DatasetError, visible
 from calib.present import to_dict
 from calib.present.campaign import campaign_head, judgement_document, judgement_line, shift_sentence
-from calib.present.text import block_text
+from calib.rendering.text import block_text
 from calib.strict_json import to_json
 from inspector.cli.options import FollowOptions
 from inspector.cli.progress import MIN_SCANS_FOR_PROCESSES, processes

@@ -10,7 +10,7 @@ from calib.errors import CalibError
 from calib.models.model_file import load_model
 from calib.options import DEFAULT_FOLDS
 from calib.present.correction import correction_blocks, correction_document
-from calib.present.text import block_text
+from calib.rendering.text import block_text
 from calib.robot_formats.programs import is_point_list, require_point_list
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options import CorrectOptions, ValidateOptions

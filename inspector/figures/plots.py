@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from calib.array_types import Array
 from calib.html_text import escape
 from calib.present.names import ROLES
-from calib.present.numbers import parameter_label
+from calib.rendering.numbers import parameter_label
 from inspector.figures.robust_axis import beyond, robust_range
 from inspector.figures.style import (
     INK,

@@ -11,7 +11,7 @@ from calib.calibration.plausibility import implausibility_reason
 from calib.errors import CalibError
 from calib.models.exported_table import exported_table
 from calib.present.calibration import table_alone
-from calib.present.html import panel
+from calib.rendering.html import panel
 from calib.robot_formats.calibrated_file import kept_template
 from inspector.markup.parts import elements
 from inspector.markup.parts.palette import BAD, DOUBT

@@ -7,14 +7,15 @@ from collections.abc import Sequence
 import viser
 
 from calib.compensation.tool_place import ToolPlace
-from calib.present import names, numbers
-from calib.present.blocks import Paragraph, listed, pose, spans
+from calib.present import names
 from calib.present.candidates import explained_at
 from calib.present.dataset import instrument
-from calib.present.html import panel
 from calib.present.names import ROLES
 from calib.present.references import Names
 from calib.present.tool_place import tool_place_blocks
+from calib.rendering import numbers
+from calib.rendering.blocks import Paragraph, listed, pose, spans
+from calib.rendering.html import panel
 from calib.targets.search import ScanSearch
 from inspector.markup.parts import elements
 from inspector.markup.parts.links import linked

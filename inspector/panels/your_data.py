@@ -13,7 +13,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset_import.columns import Meaning
 from calib.dataset_import.plan import ImportPlan, PlannedColumn
 from calib.dataset_import.user_files import UserFiles
-from calib.present import numbers
+from calib.rendering import numbers
 from inspector.markup.measure.your_data import (
     CORRECT,
     NOTED,

@@ -7,10 +7,10 @@ from calib.dataset.dataset import Dataset
 from calib.diagnosis.headline import Headline as HeadlineFacts
 from calib.present import error_headline as headlines
 from calib.present.actions import plain_verdict, what_to_do
-from calib.present.blocks import Block, Bullets, Drawing, KeyFigures, Paragraph, Verdict
 from calib.present.budget import budget_blocks
-from calib.present.colours import VERDICT_COLOURS
 from calib.present.effects import model_name
+from calib.rendering.blocks import Block, Bullets, Drawing, KeyFigures, Paragraph, Verdict
+from calib.rendering.colours import VERDICT_COLOURS
 from inspector.markup.parts.palette import NEUTRAL
 from inspector.report.arm_drawing import arm_drawing, stride
 from inspector.report.content import Report

@@ -11,8 +11,8 @@ from itertools import count
 
 from jinja2 import Environment, PackageLoader
 
-from calib.present.blocks import Presentation
-from calib.present.html import drawn, environment
+from calib.rendering.blocks import Presentation
+from calib.rendering.html import drawn, environment
 from inspector.figures.results.places import draw
 
 MARK = '<meta name="generator" content="robot-calibration-inspector">'

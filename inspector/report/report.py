@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Protocol
 
 from calib.calibration.noise_level import check_sigma
-from calib.present.blocks import Block, Bullets, Drawing, Facts, FigurePlace, Paragraph, Presentation, Section
 from calib.present.calibration import (
     error_tables,
     history_caption,
@@ -40,6 +39,7 @@ from calib.present.diagnosis import (
 from calib.present.interventions import intervention_sections
 from calib.present.redundancy import redundancy_section
 from calib.present.residuals import residual_blocks
+from calib.rendering.blocks import Block, Bullets, Drawing, Facts, FigurePlace, Paragraph, Presentation, Section
 from inspector.report.content import Report
 from inspector.report.first_page import first_page
 from inspector.report.page import MARK, render

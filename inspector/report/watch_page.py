@@ -8,8 +8,8 @@ from datetime import datetime
 from calib.monitoring.control_chart import in_time
 from calib.monitoring.iso9283 import PoseFigures
 from calib.monitoring.watch import ChangeReport
-from calib.present.blocks import Block, Bullets, Facts, KeyFigures, Presentation, Section
 from calib.present.changes import METHOD, change_sections, change_verdict, control_chart
+from calib.rendering.blocks import Block, Bullets, Facts, KeyFigures, Presentation, Section
 from inspector.figures import watch_plots
 from inspector.figures.svg.file import svg_file
 from inspector.report.page import render

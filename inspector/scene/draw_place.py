@@ -12,7 +12,7 @@ import viser.transforms
 from calib import frames
 from calib.array_types import Array
 from calib.compensation.tool_place import ToolPlace
-from calib.present import numbers
+from calib.rendering import numbers
 from calib.workcell.bodies.arm_bodies import reach_mm
 from inspector.markup.parts.palette import FAILED, MODEL_COLOURS, PROPOSAL, rgb
 from inspector.scene import model_nodes

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from calib.array_types import Array
-from calib.present import numbers
+from calib.rendering import numbers
 from calib.scans.scan import Scan
 from calib.targets.search import ScanSearch
 from calib.workcell.scan_field import ScanField, declared_field, evident_field

@@ -13,7 +13,7 @@ import viser
 from calib.array_types import Array, BoolArray, ByteArray, IndexArray
 from calib.calibration.model_versions import Version
 from calib.fitting.observations import Observations
-from calib.present import numbers
+from calib.rendering import numbers
 from inspector.markup.parts.palette import MODEL_BEFORE, MODEL_COLOURS, rgb
 from inspector.scene import corner_nodes, model_nodes
 from inspector.scene.scene_view import SceneView, to_scene

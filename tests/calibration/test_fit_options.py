@@ -19,7 +19,7 @@ from calib.fitting.observations import conditions_at
 from calib.options import FitOptions, parameter_name
 from calib.planning.effect_hypotheses import EffectHypothesis, predict
 from calib.planning.offered_poses import offered_poses
-from calib.present.numbers import parameter_label
+from calib.rendering.numbers import parameter_label
 from calib.screening.candidates import Candidate, screen
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.cross_validation import cross_validate

@@ -14,9 +14,9 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
-from calib.present.blocks import plain
 from calib.present.calibration import calibration_warnings
 from calib.present.verdict import verdict
+from calib.rendering.blocks import plain
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import check
 

@@ -16,7 +16,7 @@ from calib.diagnosis.headline import headline_of
 from calib.options import FitOptions
 from calib.present import error_headline as headlines
 from calib.present.calibration import calibration_document, calibration_warnings
-from calib.present.numbers import column_mm
+from calib.rendering.numbers import column_mm
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
 

@@ -26,7 +26,7 @@ from calib.frames import best_fit_transform, rotation_from_rotvec
 from calib.kinematics.chain import Chain, forward
 from calib.kinematics.robot import Robot
 from calib.present.campaign import campaign_head, judgement_document
-from calib.present.text import block_text
+from calib.rendering.text import block_text
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
 

@@ -26,12 +26,12 @@ from calib.effects.effect import Effect, Parameter
 from calib.effects.state import RobotState
 from calib.kinematics.chain import target_jacobian
 from calib.planning.discrimination import discriminating_poses, nearest_alternative
-from calib.present import numbers
-from calib.present.blocks import plain
 from calib.present.effects import meaning
 from calib.present.names import input_name
 from calib.present.verdict import advice as advice_words
 from calib.present.verdict import residual
+from calib.rendering import numbers
+from calib.rendering.blocks import plain
 from calib.screening.candidates import Screening, screen
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import ResidualTests, run_residual_tests

@@ -23,7 +23,7 @@ from calib.effects.effect import Family, families_from
 from calib.effects.state import RobotState
 from calib.kinematics.chain import target_jacobian
 from calib.present import verdict as told
-from calib.present.text import plain
+from calib.rendering.text import plain
 from calib.screening.projected_residual import project_residual
 from calib.simulation.simulate import simulate_dataset
 

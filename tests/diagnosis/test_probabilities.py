@@ -17,8 +17,8 @@ from calib.diagnosis.probabilities import (
     questions,
 )
 from calib.diagnosis.result import Diagnosis
-from calib.present.blocks import plain
 from calib.present.probabilities import probability_sentence
+from calib.rendering.blocks import plain
 from tests.support.golden import SAMPLES
 
 

@@ -13,7 +13,7 @@ from calib.diagnosis.causes import visible_mm
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_for
 from calib.effects.effect import NaturalBound, Parameter, exceeded_bound
-from calib.present import numbers
+from calib.rendering import numbers
 from calib.simulation.simulate import simulate_dataset
 from tests.support.fit_cases import rich_dataset
 

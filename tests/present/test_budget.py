@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from calib.diagnosis.budget import LINKS, NOISE, UNKNOWN, BudgetShare, ErrorBudget
-from calib.present.blocks import Presentation
 from calib.present.budget import budget_blocks, budget_document, budget_parts, budget_sentence
-from calib.present.colours import NEUTRAL, UNEXPLAINED
-from calib.present.html import view
 from calib.present.results import to_dict
+from calib.rendering.blocks import Presentation
+from calib.rendering.colours import NEUTRAL, UNEXPLAINED
+from calib.rendering.html import view
 from tests.support.tiny_dataset import HOSTILE
 
 BUDGET = ErrorBudget(

@@ -10,8 +10,6 @@ import pytest
 import calib
 from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
-from calib.present import numbers
-from calib.present.blocks import Bar, Facts, Folded, Table, effect, plain
 from calib.present.candidates import (
     BRIEF_RANKING,
     FOLDED_BELOW,
@@ -25,6 +23,8 @@ from calib.present.candidates import (
     untestable_blocks,
 )
 from calib.present.effects import title
+from calib.rendering import numbers
+from calib.rendering.blocks import Bar, Facts, Folded, Table, effect, plain
 from calib.screening.candidates import Screening, screen
 
 SAMPLE = Path(__file__).parents[2] / "sample_data" / "hidden_effect_a"

@@ -22,9 +22,9 @@ from calib.identifiability.structural import redundancy
 from calib.options import FitOptions
 from calib.planning.plan import Plan, plan_poses
 from calib.planning.start import start_of_dataset
-from calib.present.numbers import parameter_label
 from calib.present.results import document, presentation
 from calib.presented import Presented
+from calib.rendering.numbers import parameter_label
 from calib.strict_json import plain, to_json
 from calib.validation.acceptance import check
 from calib.validation.comparison import Comparison, compare

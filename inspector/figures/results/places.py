@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from calib.present.blocks import FigurePlace
+from calib.rendering.blocks import FigurePlace
 from inspector import figures
 from inspector.figures.svg.figure import svg_of
 

@@ -10,8 +10,6 @@ from calib.diagnosis.effect_selection import SelectedEffect
 from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPoses, ShapeNoise
 from calib.diagnosis.result import Diagnosis
 from calib.planning.discrimination import NextPoses
-from calib.present import html, numbers
-from calib.present.blocks import Block, Bullets, Facts, Folded, Paragraph, Section, Verdict, plain, spans
 from calib.present.calibration import last_change, state_of_model
 from calib.present.candidates import (
     CANNOT_BE_TESTED,
@@ -23,13 +21,15 @@ from calib.present.candidates import (
     ticks_sentence,
     with_joints,
 )
-from calib.present.colours import VERDICT_COLOURS
 from calib.present.curves import offered_curves
 from calib.present.diagnosis import HOW, reasons
 from calib.present.effects import not_testable
 from calib.present.interventions import intervention_sections
 from calib.present.verdict import advice as advice_sentence
 from calib.present.verdict import residual_of, verdict
+from calib.rendering import html, numbers
+from calib.rendering.blocks import Block, Bullets, Facts, Folded, Paragraph, Section, Verdict, plain, spans
+from calib.rendering.colours import VERDICT_COLOURS
 from calib.screening.candidates import Candidate, Screening, Untestable
 from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.markup.parts import elements

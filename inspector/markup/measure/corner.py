@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.present import html, numbers
-from calib.present.blocks import Block, Coloured, Paragraph, Table, Verdict
-from calib.present.colours import BAD, DOUBT
 from calib.present.corners import doubt_blocks, place_table, search_blocks
+from calib.rendering import html, numbers
+from calib.rendering.blocks import Block, Coloured, Paragraph, Table, Verdict
+from calib.rendering.colours import BAD, DOUBT
 from calib.targets.search import ScanSearch
 from inspector.markup.parts.palette import FACE_COLOURS
 from inspector.session.view import View, corner_of

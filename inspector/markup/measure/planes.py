@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from calib.corners.search import CornerSearch
-from calib.present import numbers
+from calib.rendering import numbers
 from calib.targets.search import ScanSearch
 from inspector.markup.parts import elements
 from inspector.markup.parts.palette import FACE_COLOURS, FILTER_COLOURS, REJECTED, group_colour

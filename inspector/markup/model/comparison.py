@@ -6,10 +6,10 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.calibration.noise_level import noise_level
-from calib.present import html, numbers
-from calib.present.blocks import Paragraph, Section
 from calib.present.calibration import errors_by_version, pose_error_by_version
 from calib.present.names import ROLES
+from calib.rendering import html, numbers
+from calib.rendering.blocks import Paragraph, Section
 from inspector.markup.parts import colour_scale, elements
 from inspector.markup.parts.palette import FACE_COLOURS, LEFT_OUT, MODEL_COLOURS, ROLE_COLOURS
 from inspector.session.view import BY_ERROR, View

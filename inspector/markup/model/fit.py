@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from calib.calibration.result import Calibration
 from calib.models.exported_table import exported_table
-from calib.present import html
-from calib.present.blocks import Block, Facts, Verdict
 from calib.present.calibration import calibration_warnings, error_tables, fit_facts, parameter_tables, table_alone
-from calib.present.colours import DOUBT
 from calib.present.corners import face_labelling
 from calib.present.references import Names
+from calib.rendering import html
+from calib.rendering.blocks import Block, Facts, Verdict
+from calib.rendering.colours import DOUBT
 from inspector.markup.parts.palette import ROLE_COLOURS
 from inspector.session.measuring import measured_kinds, no_full_poses
 from inspector.session.session import Session

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from calib.html_text import escape
-from calib.present.blocks import LONG_NAME as LONG_NAME
+from calib.rendering.blocks import LONG_NAME as LONG_NAME
 
 _CELL = "padding:2px 6px;white-space:nowrap;"
 _BREAK = "overflow-wrap:anywhere;"  # names from outside may be one long word

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from calib.present.blocks import Reference
-from calib.present.html import words_html
 from calib.present.references import Names, recognised
+from calib.rendering.blocks import Reference
+from calib.rendering.html import words_html
 from inspector.markup.parts.elements import Html
 
 

@@ -6,11 +6,11 @@ contrast of 3:1 (docs/guide/page.md).
 
 from __future__ import annotations
 
-from calib.present.colours import BAD as BAD
-from calib.present.colours import DOUBT as DOUBT  # a corner, or a verdict, that deserves a second look
-from calib.present.colours import EFFECTS, LINKS
-from calib.present.colours import GOOD as GOOD
-from calib.present.colours import NEUTRAL as NEUTRAL
+from calib.rendering.colours import BAD as BAD
+from calib.rendering.colours import DOUBT as DOUBT  # a corner, or a verdict, that deserves a second look
+from calib.rendering.colours import EFFECTS, LINKS
+from calib.rendering.colours import GOOD as GOOD
+from calib.rendering.colours import NEUTRAL as NEUTRAL
 
 ROLE_COLOURS = {"reference": "#A36DFB", "train": "#37859D", "test": "#D65642"}
 FACE_COLOURS = ("#0072B2", "#E69F00", "#CC79A7")  # the three chosen faces, in the order of the corner's faces

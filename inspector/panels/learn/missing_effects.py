@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import viser
 
-from calib.present.blocks import Paragraph
 from calib.present.candidates import discriminating_section
 from calib.present.curves import BAND_NOTE, curve_blocks
-from calib.present.html import panel
+from calib.rendering.blocks import Paragraph
+from calib.rendering.html import panel
 from calib.screening.curves.fitted_curves import fitted_curves
 from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.figures.curve_plots import height_px, joint_curves

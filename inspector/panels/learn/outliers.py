@@ -5,9 +5,9 @@ from __future__ import annotations
 import viser
 
 from calib.diagnosis.moves import LeaveOutPoses
-from calib.present.blocks import Paragraph
 from calib.present.diagnosis import outliers_sentence
-from calib.present.html import panel
+from calib.rendering.blocks import Paragraph
+from calib.rendering.html import panel
 from inspector.markup.learn.effects import leave_out_label
 from inspector.panels.base import SECONDARY, Actions
 from inspector.session.session import Session

@@ -9,9 +9,9 @@ import viser
 from calib.planning.criterion import CALIBRATION, WATCH
 from calib.planning.discrimination_criterion import SPLIT
 from calib.planning.proof_criterion import PROVE
-from calib.present import html
-from calib.present.blocks import Bullets, Section
 from calib.present.plans import assumptions, plan_head, poses_table
+from calib.rendering import html
+from calib.rendering.blocks import Bullets, Section
 from calib.robot_formats.programs import JOINTS
 from inspector.figures.plan_plots import error_by_count
 from inspector.markup.parts import elements

@@ -6,8 +6,6 @@ import viser
 
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.pose_errors import PoseErrors, pose_errors_at, running_median
-from calib.present import html
-from calib.present.blocks import Section
 from calib.present.residuals import (
     AXES,
     LENGTH,
@@ -18,6 +16,8 @@ from calib.present.residuals import (
     turned,
     worst_poses,
 )
+from calib.rendering import html
+from calib.rendering.blocks import Section
 from calib.screening.scan_statistic import Channel
 from inspector.figures.residual_plots import place_views, residual_against, select
 from inspector.markup.parts import elements

@@ -5,8 +5,8 @@ from __future__ import annotations
 import viser
 
 from calib.campaign.campaign import Campaign
-from calib.present import html
 from calib.present.campaign import campaign_head, latest_first
+from calib.rendering import html
 from inspector.figures.campaign_plots import predicted_error
 from inspector.markup.parts import elements
 from inspector.panels.base import SECONDARY, Actions, by_page, hidden_plot

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import viser
 
-from calib.present import numbers
+from calib.rendering import numbers
 from calib.scans.scan import Scan
 from inspector.markup.model.comparison import roles_legend
 from inspector.markup.parts import elements

@@ -6,9 +6,9 @@ import numpy as np
 import viser
 
 from calib.identifiability.redundancy import Redundancy
-from calib.present import html
 from calib.present.names import joints_by_parameter
 from calib.present.redundancy import redundancy_blocks
+from calib.rendering import html
 from inspector.figures.plots import correlation_heatmap
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, ChosenByDataset, by_page, hidden_plot, offer, put

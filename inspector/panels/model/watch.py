@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import viser
 
-from calib.present import html
 from calib.present.changes import change_sections, change_verdict
+from calib.rendering import html
 from inspector.figures.watch_plots import control_chart
 from inspector.markup.parts import elements
 from inspector.panels.base import SECONDARY, Actions, by_page, hidden_plot, put

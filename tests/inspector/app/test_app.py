@@ -13,8 +13,8 @@ import pandas as pd
 import pytest
 
 from calib.errors import DatasetError
-from calib.present import numbers
-from calib.present.numbers import parameter_label
+from calib.rendering import numbers
+from calib.rendering.numbers import parameter_label
 from inspector.app.app import App
 from inspector.app.page.dataset_list import names_of
 from inspector.app.page.tabs import STEPS

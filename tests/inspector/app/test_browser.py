@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import viser
 
-from calib.present import numbers
+from calib.rendering import numbers
 from inspector.app.app import App
 from inspector.app.serving import serving
 from inspector.panels.model.compare import SHOW_ARM, SHOW_DISTANCE

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.present import numbers
+from calib.rendering import numbers
 from inspector.markup.measure.corner import corner_html
 from inspector.markup.measure.planes import NO_PLANES, planes_html
 from inspector.panels.measure.scans import corner_state

@@ -23,8 +23,8 @@ from calib.errors import FitError
 from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import with_corners
 from calib.options import FitOptions
-from calib.present import numbers
 from calib.present.corners import face_labelling
+from calib.rendering import numbers
 from calib.simulation.measured_dataset import write_simulation
 from calib.simulation.simulate import simulate_dataset
 from inspector.app.app import App

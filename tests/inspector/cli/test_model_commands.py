@@ -12,7 +12,7 @@ import pytest
 
 import calib
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.present.numbers import parameter_label
+from calib.rendering.numbers import parameter_label
 from inspector.cli.parser import main
 from tests.support.checked_cell import measured_twice
 from tests.support.hidden_dataset import HIDDEN, write_hidden

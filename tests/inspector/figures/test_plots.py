@@ -10,7 +10,7 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from calib.present.numbers import parameter_label
+from calib.rendering.numbers import parameter_label
 from inspector.figures.plots import (
     convergence,
     correlation_heatmap,

@@ -6,7 +6,7 @@ from itertools import combinations, product
 
 import pytest
 
-from calib.present.colours import CURVES, EFFECTS, LINKS, NOISE, UNEXPLAINED
+from calib.rendering.colours import CURVES, EFFECTS, LINKS, NOISE, UNEXPLAINED
 from inspector.markup.parts.palette import (
     BESIDE_COLOURS,
     HIGHLIGHT,

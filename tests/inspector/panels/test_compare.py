@@ -11,7 +11,7 @@ import pytest
 from calib.calibration.model_versions import EFFECTS, LINKS, NOMINAL, Version
 from calib.corners.jig_distance import face_distances
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.present import numbers
+from calib.rendering import numbers
 from calib.scans.scan import load_scan
 from inspector.app.app import App
 from inspector.markup.model.comparison import distance_limit_mm, error_limit_mm

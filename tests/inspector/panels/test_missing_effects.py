@@ -15,9 +15,9 @@ import pytest
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.planning.discrimination import discriminating_poses, nearest_alternative
-from calib.present import numbers
 from calib.present.effects import not_testable, title
 from calib.present.residuals import input_title
+from calib.rendering import numbers
 from calib.screening.candidates import Untestable
 from inspector.app.app import App
 from inspector.figures.residual_plots import SELECTED

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from calib.present import numbers
+from calib.rendering import numbers
 from inspector.app.app import App
 from inspector.panels.learn.missing_effects import FIND, REDO, REMOVE, UNDO
 from inspector.scene.scene_view import ROOT

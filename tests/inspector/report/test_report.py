@@ -16,12 +16,12 @@ import pytest
 
 from calib.dataset.dataset import About, Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.present import numbers
-from calib.present.blocks import Presentation, Table
 from calib.present.budget import budget_parts
 from calib.present.effects import title
 from calib.present.error_headline import stage_error
-from calib.present.numbers import column_mm
+from calib.rendering import numbers
+from calib.rendering.blocks import Presentation, Table
+from calib.rendering.numbers import column_mm
 from inspector.cli.parser import main
 from inspector.report.arm_drawing import stride
 from inspector.report.content import report_of

@@ -17,7 +17,7 @@ from itertools import count
 from jinja2 import BaseLoader, ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from calib.html_text import escape, visible_value
-from calib.present.blocks import (
+from calib.rendering.blocks import (
     Bar,
     Block,
     Bullets,
@@ -98,7 +98,7 @@ def environment(*loaders: BaseLoader, links: bool = False) -> Environment:
     links: whether references are links that select what they name.
     """
     made = Environment(
-        loader=ChoiceLoader([*loaders, PackageLoader("calib.present")]),
+        loader=ChoiceLoader([*loaders, PackageLoader("calib.rendering")]),
         autoescape=True,
         finalize=visible_value,
         undefined=StrictUndefined,

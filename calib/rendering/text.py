@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from calib.present.blocks import (
+from calib.rendering.blocks import (
     Block,
     Bullets,
     Facts,
