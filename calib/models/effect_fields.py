@@ -31,7 +31,7 @@ MEMBER_KINDS: tuple[tuple[str, type], ...] = (
 )
 """Families and the classes of their members; where a family has several, the fields decide."""
 _LARGEST_INT = 10_000  # bound of a joint's number, a harmonic, a count of frames
-_SIGNED = ("sign", "place_deg")  # whole numbers that may be below 0
+_SIGNED = ("sign", "place_deg", "start")  # whole numbers that may be below 0
 _ROBOT = "robot"  # field with the model's robot, which is in the file already
 
 

@@ -90,7 +90,7 @@ class PathFriction(ShapedEffect):
     def parameters(self) -> tuple[Parameter, ...]:
         """Largest turn by friction, with the way and the start in the parameter's name."""
         word = "slipping" if self.slips else "over"
-        name = f"{STARTS[self.start]}{word}_{self.length_deg}deg_rad"
+        name = f"{STARTS.get(self.start, '')}{word}_{self.length_deg}deg_rad"
         return (Parameter(name, "rad", 3e-4, "turn by friction after a long way"),)
 
     def shapes(self, state: RobotState) -> Array:
