@@ -425,6 +425,7 @@ def test_a_dataset_without_scans_is_told(tmp_path: Path) -> None:
         find_corners(dataset)  # type: ignore[arg-type]
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("true_mm", "told_mm"),

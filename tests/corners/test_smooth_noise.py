@@ -141,6 +141,7 @@ def test_what_is_declared_of_the_scanner_is_the_least_that_a_corner_has() -> Non
     assert along @ held.covariance_mm2 @ along > 0.5 * np.trace(held.covariance_mm2)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize("kernel", ["gaussian", "exponential"])
 def test_points_that_share_their_errors_count_less(kernel: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -79,6 +79,7 @@ def test_there_is_none_without_an_error_as_delivered() -> None:
     assert budget_of_stages(headline(1.0)) is None
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["hidden_effect_a", "hidden_effect_b", "hidden_effect_c", "ur10_ipa"])
 def test_budgets_of_the_samples_are_the_falls_of_their_test_errors(name: str) -> None:
@@ -105,6 +106,7 @@ def test_budgets_of_the_samples_are_the_falls_of_their_test_errors(name: str) ->
     assert rest == pytest.approx(errors[-1] ** 2)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_learned_curves_are_divided_between_their_joints() -> None:
     diagnosis = diagnose(load_dataset(SAMPLES / "ur10_ipa"))

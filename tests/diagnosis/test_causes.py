@@ -20,6 +20,7 @@ def found() -> Diagnosis:
     return diagnose(load_dataset(ROOT / "sample_data" / "hidden_effect_b"))
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_the_joints_the_size_and_the_pose_of_each_effect(found: Diagnosis) -> None:
     links, first, both = (step.calibration for step in found.steps)

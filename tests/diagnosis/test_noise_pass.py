@@ -28,6 +28,7 @@ def shape_words(found: Diagnosis) -> str:
     return str(noise["words"])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("kind", "seed", "words"),
     [

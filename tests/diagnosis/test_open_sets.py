@@ -130,6 +130,7 @@ def test_a_special_case_comes_first_where_it_says_nearly_as_much(twins: Dataset)
     assert not are_equivalent(one, replace(wider, log_evidence=one.log_evidence - 4.0), screening.projected.dof)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("cause", "robot"),

@@ -179,6 +179,7 @@ def processes() -> Iterator[Workers]:
         yield workers
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_worker_that_is_killed_loses_nothing_and_the_table_is_the_same_to_the_bit(
     real_folder: Path, processes: Workers

@@ -70,6 +70,7 @@ def test_many_centres_are_at_their_bound(diameter_mm: float, known: bool) -> Non
     assert 1.8 < squared < 4.5  # 3 is honest; of 25 scenes it scatters by 0.5
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize(("hidden", "known"), [(0.0, True), (0.5, False)])
 @pytest.mark.parametrize("declared", [NOTHING_DECLARED, DeclaredNoise(0.03, 15.0)], ids=["shown", "declared"])

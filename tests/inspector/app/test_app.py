@@ -113,6 +113,7 @@ def slow_searches(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measuring, "with_search", slow)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("slow_searches")
 def test_what_is_ready_is_shown_while_the_rest_is_searched(folder: Path) -> None:
     with serving(folder, port=0) as app, WireClient(app.server.get_port()) as page:

@@ -53,6 +53,7 @@ def test_the_headline_stands_over_the_view_and_its_stages_show_their_model(page:
         bar.locator(".headline-stage").nth(number).and_(page.locator('[aria-pressed="true"]')).wait_for()
 
 
+@pytest.mark.thorough
 def test_the_view_follows_the_tabs_unless_it_is_kept(page: Any, app: App) -> None:
     open_tab(page, "Planes")
     until(page, lambda: app.stage.view_name == "Planes")

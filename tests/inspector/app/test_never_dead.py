@@ -43,6 +43,7 @@ ENDINGS = (
 )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_an_effect_that_ends_the_program_is_told_and_the_page_goes_on(tmp_path: Path, ending: str) -> None:
     folder = write_hidden(tmp_path)

@@ -57,6 +57,7 @@ def other_effect(page: WireClient) -> str:
     return str(page.props("Effect")["options"][3])
 
 
+@pytest.mark.thorough
 def test_choices_are_one_datasets(app: App, page: WireClient) -> None:
     """Effect, residual, arrows, ellipsoids, colours, version, redundancy, and what is plotted against what."""
     defaults = {
@@ -127,6 +128,7 @@ def test_what_was_found_is_what_is_selected(app: App, page: WireClient) -> None:
     page.wait(lambda p: "It is in the model. Fitted together" in plain(p))  # is drawn after the choice
 
 
+@pytest.mark.thorough
 def test_buttons_that_would_do_nothing_are_off(app: App, page: WireClient) -> None:
     assert buttons(page) == ()  # nothing to undo, and the effect that is chosen is not in the model
     assert page.props("Calibrate")["disabled"]

@@ -98,6 +98,7 @@ class Gate:
 # ---- full poses from scans ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_scans_are_fitted_as_full_poses_as_the_command_fits_them(
     app: App, page: WireClient, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -130,6 +131,7 @@ def test_scans_are_fitted_as_full_poses_as_the_command_fits_them(
     pd.testing.assert_frame_equal(pd.read_csv(io.BytesIO(content)), pd.read_csv(io.StringIO(corners_csv(full))))
 
 
+@pytest.mark.thorough
 def test_an_effect_and_the_way_back_keep_the_full_poses(app: App, page: WireClient) -> None:
     fit(page, "pose")
     page.wait(lambda p: (c := session(app).calibration) is not None and c.residual == "pose", 30.0)

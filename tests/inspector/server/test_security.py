@@ -155,6 +155,7 @@ def written() -> Iterator[list[str]]:
         paths[:] = [p for p in paths if "__pycache__" not in p and p != os.devnull]
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_the_page_writes_nothing_whatever_is_pressed(app: App, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(downloads, "RENDER_S", 0.5)  # this page sends no picture

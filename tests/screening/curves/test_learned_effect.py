@@ -45,6 +45,7 @@ def ripple() -> Dataset:
     return arm(2004, UNNAMED)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["rb5", "panda"])
 def test_noise_alone_teaches_nothing(robot: str) -> None:
