@@ -70,11 +70,6 @@ class Campaign(Presented):
         return f"{self.dataset.name}: {len(self.good)} good of {len(self.judged)} poses measured"
 
 
-def start_campaign(arriving: ArrivingDataset) -> Campaign:
-    """Campaign of a dataset before any pose has arrived."""
-    return Campaign(arriving.dataset)
-
-
 @one_blas_thread()
 def with_arrivals(
     campaign: Campaign,

@@ -106,7 +106,7 @@ def shift_sentence(shift: Shift) -> str:
             f"Since {shift.first} the target sits {by} elsewhere on the tool ({left}). These poses are fitted as of a "
             "target of their own; fasten it, and measure from there on again."
         )
-    turned = f" and turned by {numbers.size(shift.turned_rad, 'rad')}" if shift.turned_rad > 1e-4 else ""
+    turned = f", turned by {numbers.size(shift.turned_rad, 'rad')}" if shift.turned_rad > 1e-4 else ""
     return (
         f"Since {shift.first} the instrument stands {by} elsewhere{turned} ({left}). Its poses are fitted with a place "
         f"of their own; give them another name in the column setup of poses.csv."

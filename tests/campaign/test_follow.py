@@ -18,7 +18,7 @@ from calib.array_types import Array
 from calib.campaign.arrivals import SETTLED_S, FolderState
 from calib.campaign.campaign import Campaign, with_arrivals
 from calib.campaign.follower import PATIENCE_S, CampaignFollower, News
-from calib.campaign.judgement import PoseJudgement
+from calib.campaign.judgement import PoseJudgement, turn_to_see
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import ArrivingDataset, load_arriving_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
@@ -28,17 +28,19 @@ from calib.kinematics.robot import Robot
 from calib.present.campaign import campaign_head, judgement_document
 from calib.rendering.text import block_text
 from calib.simulation.simulate import simulate_dataset
+from calib.workcell.candidates import candidate_poses
+from calib.workcell.known_cell import workcell_of_robot
+from calib.workcell.measurable import REASONS, measurable
 from inspector.cli.parser import main
 
 POSES = 40
+ROBOT = builtin_robot("rb5")
 
 
 @cache
 def measured() -> Dataset:
     """40 poses of an RB5, every fourth a test pose, with points of 0.05 mm noise."""
-    simulation = simulate_dataset(
-        builtin_robot("rb5"), rng=np.random.default_rng(3), poses=POSES, noise_mm=0.05, name="campaign"
-    )
+    simulation = simulate_dataset(ROBOT, rng=np.random.default_rng(3), poses=POSES, noise_mm=0.05, name="campaign")
     return simulation.dataset
 
 
@@ -138,6 +140,19 @@ def test_nothing_moves_in_a_campaign_where_nothing_moved() -> None:
     campaign = measured_in_steps(measured(), [20, *range(24, POSES + 1, 4)])
     assert campaign.shifts == ()
     assert {j.state for j in campaign.judged.values()} == {"good"}
+
+
+def test_the_least_turn_is_named_after_which_the_jig_is_seen() -> None:
+    cell = workcell_of_robot(ROBOT)
+    for q in candidate_poses(cell, 8, rng=np.random.default_rng(0)):
+        assert turn_to_see(cell, q) is None  # nothing of the cell hides it
+        away = q + np.radians([0.0, 0.0, 0.0, 0.0, 35.0, 0.0])
+        turn = turn_to_see(cell, away)
+        assert turn is not None
+        assert turn.blocked_by in REASONS
+        assert abs(turn.by) <= np.radians(40.0)  # the way back at the most, to the next step
+        away[turn.joint] += turn.by
+        assert measurable(cell, away).ok.all()
 
 
 # ---- files ----------------------------------------------------------------------------------------------------------
