@@ -54,5 +54,9 @@ def page(request: pytest.FixtureRequest) -> Iterator[Any]:
     if request.node.get_closest_marker("browser"):
         yield request.getfixturevalue("browser_page")
     else:
-        with WireClient(request.getfixturevalue("app").server.get_port()) as client:
+        server = request.getfixturevalue("app").server
+        before = set(server.get_clients())
+        with WireClient(server.get_port()) as client:
+            # What is told to every page reaches those that the server lists, which may be after it sent its state.
+            client.wait(lambda _: set(server.get_clients()) - before)
             yield client
