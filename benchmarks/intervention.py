@@ -26,9 +26,8 @@ import numpy as np
 from simulated import NOISE_MM
 
 from calib.array_types import Array
-from calib.calibration.calibrate import calibrate
-from calib.intervention.proof import proofs_of
-from calib.planning.proof_plan import ConditionChange, PairCell, yielding_pairs
+from calib.planning.proof_plan import yielding_pairs
+from calib.planning.simulated_pairs import ConditionChange, PairCell
 from calib.planning.start import FromRobot
 from calib.workcell.known_cell import workcell_of_robot
 from tests.support.engine.cell import Cell
@@ -42,11 +41,13 @@ from tests.support.paired_cell import (
     measured,
     members_of,
     places_of,
+    proofs_of,
 )
 
+SIZED_KG = 2.0  # load under which a size is what it says
 SIZES = (1.0, 2.0, 3.0)
 LEAD = 3.0
-OFFERED = 300  # random pairs that planned ones are chosen from
+OFFERED = 1500  # random pairs that planned ones are chosen from
 SHARED = 5  # cases of one plan
 SCALES_MM = NOISE_MM * np.geomspace(0.03, 30.0, 41)  # of a part's root mean square, that the bound tries
 
@@ -61,6 +62,7 @@ class Task:
     number: int
     seed: int
     planned: bool = False
+    load_kg: float = SIZED_KG
 
 
 def judged(task: Task) -> tuple[str, str]:
@@ -68,9 +70,8 @@ def judged(task: Task) -> tuple[str, str]:
     key = [task.seed, list(ARMS).index(task.arm), round(10 * task.size), task.places, task.number]
     rng = np.random.default_rng(key)
     arm = ARMS[task.arm]
-    cell = at_random = draw_pairs(arm, rng, task.places)
-    if task.planned:
-        cell = planned(task)
+    at_random = draw_pairs(arm, rng, task.places, (0.0, SIZED_KG))
+    cell = planned(task) if task.planned else loaded(at_random, task.load_kg)
     soft = rng.uniform(0.5, 1.5, 2)
     nuisance = nuisance_of(cell)
     parts = [(part, columns_of(cell, part)) for part in [*members_of(arm), base(soft)]]
@@ -81,22 +82,22 @@ def judged(task: Task) -> tuple[str, str]:
         part, size = part_that_yields(sized, soft, task, rng)
         truth, causes = {(part.effect, part.joint)}, [(part.cause, size)]
     dataset = measured(cell, causes, rng, noise_mm=NOISE_MM)
-    found = {(proof.effect, proof.joint) for proof in proofs_of(calibrate(dataset))}
+    found = {(proof.effect, proof.joint) for proof in proofs_of(dataset)}
     assert dataset.points is not None
     bound = best_part(parts, nuisance, dataset.points.xyz_mm)
     return verdict(set() if bound is None else {bound}, truth), verdict(found, truth)
 
 
 @lru_cache(maxsize=2)
-def _planned(arm_name: str, places: int, seed: int, number: int) -> Cell:
+def _planned(arm_name: str, places: int, seed: int, number: int, load_kg: float) -> Cell:
     """Pairs that calib plans among random ones, of an arm and a cell that are drawn anew for each number."""
     rng = np.random.default_rng([seed, list(ARMS).index(arm_name), places, number])
-    offered = draw_pairs(ARMS[arm_name], rng, OFFERED)
+    offered = draw_pairs(ARMS[arm_name], rng, OFFERED, (0.0, load_kg))
     robot = measured(offered, [], rng).robot
     scanner_T_base = offered.scanner_T_base[0]
     start = FromRobot(workcell_of_robot(robot, base_T_scanner=np.linalg.inv(scanner_T_base)), NOISE_MM)
     cell = PairCell(start.dataset, robot, {start.setup: scanner_T_base}, NOISE_MM)
-    change = ConditionChange("payload_kg", 0.0, 2.0)
+    change = ConditionChange("payload_kg", 0.0, load_kg)
     chosen = yielding_pairs(cell, start.poses_at(offered.q[:OFFERED]), change, places, rng)
     q = chosen.before.q
     rows = np.array([int(np.argmin(np.abs(offered.q[:OFFERED] - one).max(axis=1))) for one in q])
@@ -114,7 +115,12 @@ def _planned(arm_name: str, places: int, seed: int, number: int) -> Cell:
 
 def planned(task: Task) -> Cell:
     """Planned pairs of a case; five cases share a plan, which is made before anything is known of them."""
-    return _planned(task.arm, task.places, task.seed, task.number // SHARED)
+    return _planned(task.arm, task.places, task.seed, task.number // SHARED, task.load_kg)
+
+
+def loaded(cell: Cell, load_kg: float) -> Cell:
+    """The cell with another load on the flange in its second run."""
+    return replace(cell, payload_kg=np.where(cell.payload_kg > 0.0, load_kg, 0.0))
 
 
 def part_that_yields(
@@ -191,13 +197,19 @@ def main() -> None:
     parser.add_argument("--places", type=int, default=20)
     parser.add_argument("--seed", type=int, default=2000)
     parser.add_argument("--planned", action="store_true", help="pairs that are planned, and sizes as at random ones")
+    parser.add_argument("--load-kg", type=float, default=SIZED_KG, help="measured with; sizes stay those under 2 kg")
+    parser.add_argument("--arm", choices=sorted(ARMS), action="append")
+    parser.add_argument("--size", type=float, action="append")
     parser.add_argument("--jobs", type=int, default=1)
     asked = parser.parse_args()
     with ProcessPoolExecutor(asked.jobs) as pool:
-        for arm in ARMS:
-            for size in (*SIZES, 0.0):
+        for arm in asked.arm or ARMS:
+            for size in asked.size or (*SIZES, 0.0):
                 count = asked.cases if size else asked.nothing
-                tasks = [Task(arm, size, asked.places, number, asked.seed, asked.planned) for number in range(count)]
+                tasks = [
+                    Task(arm, size, asked.places, number, asked.seed, asked.planned, asked.load_kg)
+                    for number in range(count)
+                ]
                 told = list(pool.map(judged, tasks, chunksize=5))
                 for who, verdicts in (("bound", [b for b, _ in told]), ("calib", [c for _, c in told])):
                     counts = Counter(verdicts)

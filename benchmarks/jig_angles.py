@@ -1,4 +1,4 @@
-"""Corners with the angles that all scans of a jig tell, beside free planes and generalised ICP to the CAD model.
+"""Corners with the angles that all scans of a jig tell, beside free planes and two kinds of ICP to the CAD model.
 
     python benchmarks/jig_angles.py [--scans 24] [--points 14000]
 
@@ -12,6 +12,7 @@ honest):
     set     the angles that all scans tell: `find_corners`
     GICP    to points on the faces of the square CAD model, from a start within 4 mm and some 4 degrees, of a crop about
             the jig: by small_gicp where it is installed, else not shown
+    ICP     the same by Open3D: point to plane, with Tukey's weights
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 os.environ["OMP_NUM_THREADS"] = "1"  # before numpy is loaded
@@ -56,37 +58,70 @@ def scene(seed: int, points: int, off_deg: float, waves_mm: float) -> SceneScan:
     return make_scene(rng, points, rotation=rotation, waves_mm=waves_mm, wave_length_mm=22.0, wave_kernel="measured")
 
 
-def generalised_icp(made: SceneScan, seed: int) -> NDArray | None:
-    """Apex by small_gicp; None where it is not installed."""
+@dataclass(frozen=True)
+class Registration:
+    """What an ICP is given: points on the CAD model about its apex, and those of the scan about the true one."""
+
+    cad: NDArray
+    cad_normals: NDArray
+    points: NDArray
+    start: NDArray  # (4, 4) from scan to model
+
+    @staticmethod
+    def of(made: SceneScan, seed: int) -> Registration:
+        """Crop about the jig, and a start within 4 mm and some 4 degrees."""
+        rng = np.random.default_rng(seed)
+        steps = (np.arange(120) + 0.5) / 120
+        along = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+        along = EDGE_MM * along[along.sum(axis=1) < 1]
+        left, _, right = np.linalg.svd(-np.linalg.inv(made.normals))
+        edges = (left @ right).T  # of the square jig nearest to the true one
+        way = rng.standard_normal(3)
+        start = np.eye(4)
+        start[:3, :3] = Rotation.from_rotvec(np.radians(2) * rng.standard_normal(3)).as_matrix()
+        start[:3, 3] = way / np.linalg.norm(way) * rng.uniform(0, 4)
+        points = made.scan.points_mm - made.apex_mm
+        return Registration(
+            np.vstack([along @ np.delete(edges, face, axis=0) for face in range(3)]),
+            np.repeat(edges, len(along), axis=0),
+            points[np.linalg.norm(points, axis=1) < 1.02 * EDGE_MM],
+            start,
+        )
+
+
+def by_small_gicp(case: Registration) -> NDArray | None:
+    """Error (3,) of the apex by small_gicp; None where it is not installed."""
     try:
         import small_gicp
     except ImportError:
         return None
-    rng = np.random.default_rng(seed)
-    steps = (np.arange(120) + 0.5) / 120
-    along = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    along = EDGE_MM * along[along.sum(axis=1) < 1]
-    left, _, right = np.linalg.svd(-np.linalg.inv(made.normals))
-    edges = (left @ right).T  # of the square jig nearest to the true one
-    cad = np.vstack([along @ np.delete(edges, face, axis=0) for face in range(3)])
-    way = rng.standard_normal(3)
-    start = np.eye(4)
-    start[:3, :3] = Rotation.from_rotvec(np.radians(2) * rng.standard_normal(3)).as_matrix()
-    start[:3, 3] = way / np.linalg.norm(way) * rng.uniform(0, 4)
-    points = made.scan.points_mm - made.apex_mm
-    points = points[np.linalg.norm(points, axis=1) < 1.02 * EDGE_MM]
-    model, tree = small_gicp.preprocess_points(cad, downsampling_resolution=0.3, num_neighbors=20)
-    cloud, _ = small_gicp.preprocess_points(points, downsampling_resolution=0.3, num_neighbors=20)
+    model, tree = small_gicp.preprocess_points(case.cad, downsampling_resolution=0.3, num_neighbors=20)
+    cloud, _ = small_gicp.preprocess_points(case.points, downsampling_resolution=0.3, num_neighbors=20)
+    found = case.start
     for step_mm in STEPS_MM:
-        start = small_gicp.align(
+        found = small_gicp.align(
             model,
             cloud,
             tree,
-            init_T_target_source=start,
+            init_T_target_source=found,
             registration_type="GICP",
             max_correspondence_distance=step_mm,
         ).T_target_source
-    return np.asarray(made.apex_mm + np.linalg.inv(start)[:3, 3])
+    return np.asarray(np.linalg.inv(found)[:3, 3])
+
+
+def by_open3d(case: Registration) -> NDArray:
+    """Error (3,) of the apex by Open3D's ICP of points to planes."""
+    import open3d
+
+    lib = open3d.pipelines.registration
+    model, cloud = (open3d.geometry.PointCloud(open3d.utility.Vector3dVector(p)) for p in (case.cad, case.points))
+    model.normals = open3d.utility.Vector3dVector(case.cad_normals)
+    found = case.start
+    for step_mm in STEPS_MM:
+        method = lib.TransformationEstimationPointToPlane(lib.TukeyLoss(k=max(step_mm / 2, 0.2)))
+        found = lib.registration_icp(cloud, model, step_mm, found, method).transformation
+    return np.asarray(np.linalg.inv(found)[:3, 3])
 
 
 def cell(errors_mm: list[NDArray], corners: list[Corner] | None = None) -> str:
@@ -109,9 +144,12 @@ def row(name: str, scans: int, points: int) -> str:
     common, angles = with_common_angles(found, Jig())
     kinds = ({key: corner.free or corner for key, corner in found.items()}, found, common)
     cells = [cell([c.xyz_mm - made[key].apex_mm for key, c in kind.items()], list(kind.values())) for kind in kinds]
-    peers = [(generalised_icp(one, int(key)), one.apex_mm) for key, one in made.items()]
-    peer = cell([place - apex for place, apex in peers if place is not None])
-    return f"{name:24}{''.join(cells)}{peer}  {len(found)} of {scans}; {angles!r}"
+    cases = [Registration.of(one, int(key)) for key, one in made.items()]
+    gicp = cell([error for error in map(by_small_gicp, cases) if error is not None])
+    icp = cell([by_open3d(case) for case in cases])
+    doubts = [c.quality.doubts() for c in with_common_angles(found, Jig(certified=True))[0].values()]
+    warned = sum(any("contradict the certified" in doubt for doubt in told) for told in doubts)
+    return f"{name:24}{''.join(cells)}{gicp}{icp}  {len(found)} of {scans}; {angles!r}; certified: {warned} warned"
 
 
 def main() -> None:
@@ -120,7 +158,7 @@ def main() -> None:
     parser.add_argument("--scans", type=int, default=24)
     parser.add_argument("--points", type=int, default=14_000)
     asked = parser.parse_args()
-    sys.stdout.write(f"{'':24}" + "".join(f"{name:>24}" for name in ("free", "one", "set", "GICP")) + "\n")
+    sys.stdout.write(f"{'':24}" + "".join(f"{name:>24}" for name in ("free", "one", "set", "GICP", "ICP")) + "\n")
     for name in CASES:
         sys.stdout.write(row(name, asked.scans, asked.points) + "\n")
         sys.stdout.flush()

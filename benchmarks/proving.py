@@ -21,18 +21,16 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from settling import EFFECTS, NOISE_MM, ROBOTS, Arm, with_more
 
-from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
-from calib.intervention.proof import proofs_of
 from calib.planning.proof_plan import NextChange, next_change
 from calib.simulation.measured_dataset import Simulation
 from calib.simulation.simulate import simulate_dataset
 from tests.support.engine.cases import robot_of
 from tests.support.engine.cause import Cause
 from tests.support.engine.cell import Cell, draw_cell
-from tests.support.paired_cell import ARMS, LARGEST, base, members_of
+from tests.support.paired_cell import ARMS, LARGEST, base, members_of, proofs_of
 
 EDGES = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.001)  # of the promised probabilities in the table
 PAYLOAD_KG = 5.0
@@ -66,7 +64,7 @@ def own_case(seed: int) -> Case | None:
     if change.assumed:
         before = replace(before, poses=replace(before.poses, payload_kg=np.zeros(len(before.poses))))
     again = with_more(replace(simulation, dataset=before), change.poses, np.random.default_rng([seed, 1]))
-    found = {proof.effect for proof in proofs_of(calibrate(again))}
+    found = {proof.effect for proof in proofs_of(again)}
     return Case(
         seed, effect, change.probability, len(change.poses), verdict({(f, None) for f in found}, {(effect, None)})
     )
@@ -97,7 +95,7 @@ def other_case(seed: int) -> Case | None:
     if change is None or change.change.condition != "payload_kg":
         return None
     after = _dataset(_again(cell, change), part.cause, size, rng)
-    found = {(proof.effect, proof.joint) for proof in proofs_of(calibrate(after))}
+    found = {(proof.effect, proof.joint) for proof in proofs_of(after)}
     return Case(seed, part.effect, change.probability, len(change.poses), verdict(found, {(part.effect, part.joint)}))
 
 

@@ -14,6 +14,7 @@ calib. Tables:
     faces    unevenness of each face by itself, which no wall behind shows
     wall     white noise, and the wall behind bent by itself
     scanners the second simulator: mixed pixels, stickers on a face, joined views; "told": their registration is
+    views    raw points of views that were joined, whole, thinned at random, and thinned to one point per cell
 
 A cell has the mean and the median of error . C^-1 . error over the scans; a chi-squared of three degrees of freedom has
 3 and 2.4. Each row ends with the median of the corner's error and of its sigma, in mm; in the tables waves and alone a
@@ -42,13 +43,14 @@ from calib.corners.refinement import RefinementOptions  # noqa: E402
 from calib.corners.search import CornerOptions, find_corner  # noqa: E402
 from calib.jig import Jig  # noqa: E402
 from calib.scans.scan import Scan  # noqa: E402
+from tests.support.joined_views import joined, one_per_cell  # noqa: E402
 from tests.support.mesh_cases import KINDS  # noqa: E402
 from tests.support.scan_scene import make_scene, smooth_bound_mm  # noqa: E402
 from tests.support.smooth_fields import KERNELS  # noqa: E402
 
 WHITE_MM = 0.02
 FIRST_SEED = 3000
-TABLES = ("waves", "alone", "faces", "wall", "scanners")
+TABLES = ("waves", "alone", "faces", "wall", "scanners", "views")
 MESH_KINDS = ("light", "flight", "flight, edge 60", "sticker 0.1", "sticker 0.3", "fused", "fused, views off")
 REGISTRATION_MM = 0.03  # of each view of "fused, views off"
 # squared error in units of the covariance; error, sigma and the bound in mm (nan where it is not known)
@@ -172,6 +174,25 @@ def scanners(arguments: argparse.Namespace) -> Iterator[str]:
     yield row("fused, views off, told", [of_kind("fused, views off", arguments.scans, declared)])
 
 
+def views(arguments: argparse.Namespace) -> Iterator[str]:
+    """Print the table for raw points of joined views: how many, off by how much, and how they were thinned."""
+    kept: dict[str, Callable[[np.random.Generator, NDArray], NDArray]] = {
+        "whole": lambda rng, points: points,
+        "half kept": lambda rng, points: points[rng.random(len(points)) < 0.5],
+        "30 % kept": lambda rng, points: points[rng.random(len(points)) < 0.3],
+        "means over 2 mm": lambda rng, points: one_per_cell(points, 2.0),
+        "one of each 2 mm": lambda rng, points: one_per_cell(points, 2.0, mean=False),
+    }
+    for count, off_mm, off_deg in ((1, 0.0, 0.0), (2, 0.0, 0.0), (2, 0.03, 0.0), (2, 0.1, 0.02), (4, 0.03, 0.0)):
+        for name, keep in kept.items():
+            found = []
+            for seed in range(FIRST_SEED, FIRST_SEED + arguments.scans):
+                rng = np.random.default_rng(seed)
+                points, apex_mm = joined(rng, count, off_mm, off_deg, arguments.points)
+                found.append(judged(Scan("views", keep(rng, points)), Jig(), apex_mm, WHITE_MM, NOTHING_DECLARED))
+            yield row(f"{count} off {off_mm} mm, {name}", [[outcome for outcome in found if outcome is not None]])
+
+
 def main() -> None:
     """Print the tables, a line as soon as it is known."""
     parser = argparse.ArgumentParser(description="the covariance of corners under smooth errors")
@@ -183,7 +204,7 @@ def main() -> None:
     parser.add_argument("--lengths", type=float, nargs="*", default=[2, 5, 10, 15, 22, 30, 45, 60])
     arguments = parser.parse_args()
     made: dict[str, Callable[[argparse.Namespace], Iterator[str]]] = {
-        "waves": waves, "alone": alone, "faces": faces, "wall": wall, "scanners": scanners,
+        "waves": waves, "alone": alone, "faces": faces, "wall": wall, "scanners": scanners, "views": views,
     }  # fmt: skip
     for table in arguments.tables:
         lengths = arguments.lengths if table in ("waves", "alone", "faces") else ()

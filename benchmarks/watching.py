@@ -34,6 +34,8 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.fitting.observations import conditions_at
 from calib.kinematics.joint_range import random_poses
+from calib.monitoring.change_models import SCANNER
+from calib.monitoring.series import watch_series
 from calib.monitoring.watch import ChangeReport, watch
 from calib.planning.unknowns import unknowns_of_fit
 from calib.planning.watch_criterion import CHECK_POSES, check_poses, usual_changes
@@ -252,6 +254,49 @@ def recorded(folders: Sequence[Path], diagnosed: bool, draws: int) -> None:
     print(f"all: {counts[0]} alarms of {counts[1]} unchanged cells")
 
 
+DRIFTS = {  # a day, of joints whose zero the eight poses show
+    "nothing changes": lambda cell, day: cell,
+    "joint 2 drifts 0.001 deg a day": lambda cell, day: cell.with_changes({"theta2": np.radians(1e-3) * day}),
+    "joint 3 drifts 0.001 deg a day": lambda cell, day: cell.with_changes({"theta3": np.radians(1e-3) * day}),
+    "joint 3 slips 0.01 deg on day 10": lambda cell, day: cell.with_changes({"theta3": np.radians(0.01) * (day >= 10)}),
+    "the scanner creeps 0.01 mm a day": lambda cell, day: cell.with_scanner_moved(
+        np.zeros(3), np.array([0.01, 0.0, 0.0]) * day
+    ),
+}
+DAYS = 18
+
+
+def over_days(name: str, arms: int) -> None:
+    """Print how often a series of daily checks alarms, names what changes, and from which day on."""
+    for what, course in DRIFTS.items():
+        alarms, named, first_alarm, first_name, inside, wrong = 0, 0, [], [], 0, 0
+        for seed in range(arms):
+            rng = np.random.default_rng([seed, len(name)])
+            cell = Cell.drawn(rng, ROBOTS[name]())
+            base = calibrate(cell.measured(rng, 64, "before"))
+            q = random_checks(cell, base, rng)
+            checks = [course(cell, day).measured(rng, name=f"day {day}", q=q) for day in range(1, DAYS + 1)]
+            found = watch_series(base, checks)
+            alarms += not found.is_steady
+            joint = int(what.split()[1]) if what.startswith("joint") else None
+            if found.alarmed is not None:
+                first_alarm.append(found.alarmed + 1)
+            if found.change is not None:
+                right = found.change.joint == joint if joint else found.change.what == SCANNER
+                named += right and not found.change.as_well
+                wrong += not right and not (joint and f"joint_zero {joint}" in found.change.as_well)
+                if right and found.named is not None:
+                    first_name.append(found.named + 1)
+                truth = np.radians(1e-3) if "drifts" in what else np.radians(0.01) if "slips" in what else 0.01  # mm
+                inside += right and abs(found.change.size - truth) < 1.96 * found.change.sigma
+        days = f"alarm from day {np.median(first_alarm):.0f}" if first_alarm else "no alarm"
+        days += f", named from day {np.median(first_name):.0f} on (medians)" if first_name else ""
+        print(
+            f"{name}, {what}: {alarms} of {arms} told, {named} by its name alone, {wrong} by another name; {days}; "
+            f"{inside} within 1.96 sigma"
+        )
+
+
 def main() -> None:
     """Print the rates of each robot."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -265,7 +310,12 @@ def main() -> None:
     parser.add_argument("--tell", action="store_true", help="print each wrong alarm")
     parser.add_argument("--recordings", type=Path, nargs="+", metavar="FOLDER", help="real recordings, split, instead")
     parser.add_argument("--diagnosed", action="store_true", help="these by the last model of a diagnosis")
+    parser.add_argument("--series", action="store_true", help="daily checks with drifts and steps instead")
     args = parser.parse_args()
+    if args.series:
+        for name in args.robot or ROBOTS:
+            over_days(name, args.arms)
+        return
     if args.recordings:
         recorded(args.recordings, args.diagnosed, draws=20)
         return

@@ -11,6 +11,7 @@ from typing import NoReturn, TypedDict
 
 from calib.errors import FitError
 from calib.noise_shape import NoiseShape
+from calib.type_prior import TypePrior
 
 RESIDUAL_KINDS = ("position", "distance", "pairs", "pose")
 """Residuals that a fit can minimise, defined in `calib.fitting.residual_kinds`."""
@@ -23,6 +24,8 @@ PLAN_REGIONS = ("auto", "test", "measurable", "all")
 """Regions over which a plan minimises the predicted error, see `calib.planning.plan`."""
 PLAN_CRITERIA = ("I", "D")
 """Optimality criteria of a plan for a calibration, see `calib.planning.criterion`."""
+NEW_ARM_POSES = 20
+"""Training poses of an arm that is left out of its fleet, by which its fit begins from the others' type."""
 DEFAULT_FOLDS = 5  # of a cross-validation
 BUILTIN_ROBOTS = ("rb5", "panda")
 """Robots that come with the library, read by `calib.dataset.files.robot_toml`."""
@@ -49,7 +52,7 @@ class FitOptions:
 
     >>> from calib import FitOptions
     >>> FitOptions(residual="pairs", fixed=["d5"])
-    FitOptions(residual='pairs', prior=True, fixed=('d5',), tolerances={}, robust=False, noise=None)
+    FitOptions(residual='pairs', prior=True, fixed=('d5',), tolerances={}, robust=False, noise=None, type_prior=None)
     >>> FitOptions("positon")
     Traceback (most recent call last):
     calib.errors.FitError: option residual: found 'positon'; expected position, distance, pairs or pose, ...
@@ -67,6 +70,8 @@ class FitOptions:
     """Whether outlying poses are left out of the fit (`calib.fitting.robust`); not for "distance"."""
     noise: NoiseShape | None = None
     """Shape of the measured points' noise, where it is known to differ from the declared one."""
+    type_prior: TypePrior | None = None
+    """What other arms of the type tell of the parameters, in place of zero and the usual tolerances."""
 
     def __post_init__(self) -> None:
         if self.residual not in RESIDUAL_KINDS:
@@ -91,6 +96,8 @@ class FitOptions:
         object.__setattr__(self, "tolerances", named)
         if self.noise is not None and not isinstance(self.noise, NoiseShape):
             _refuse("noise", self.noise, "a NoiseShape")
+        if self.type_prior is not None and not isinstance(self.type_prior, TypePrior):
+            _refuse("type_prior", self.type_prior, "a TypePrior")
 
     def with_residual(self, residual: str) -> FitOptions:
         """The options with another kind of residual."""
@@ -110,6 +117,7 @@ class FitFields(TypedDict, total=False):
     tolerances: Mapping[str, float]
     robust: bool
     noise: NoiseShape | None
+    type_prior: TypePrior | None
 
 
 def fit_options(options: FitOptions | None, keywords: FitFields) -> FitOptions:

@@ -9,11 +9,12 @@ from typing import Unpack
 
 import numpy as np
 
-from calib.array_types import BoolArray
+from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.evaluation import evaluate_all
 from calib.calibration.result import Calibration, FittedResult
 from calib.dataset.dataset import Dataset
+from calib.dataset.lengths import with_directions
 from calib.dataset.repeats import average_repeats
 from calib.effects.catalogue import EffectChoice, effects_named
 from calib.effects.effect import Effect, is_held_by_prior
@@ -21,10 +22,12 @@ from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import FitError
 from calib.fitting.distance_residuals import DistanceResiduals
 from calib.fitting.fit_task import FitTask, Fitted
+from calib.fitting.load_uncertainty import with_load_uncertainty
 from calib.fitting.model import Model
 from calib.fitting.observations import (
     Observations,
     observed_hand_eye,
+    predict_points,
     with_nominal_scanner_frames,
     with_observed_targets,
 )
@@ -32,11 +35,15 @@ from calib.fitting.pose_residuals import PoseResiduals, require_orientations
 from calib.fitting.position_residuals import PositionResiduals
 from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.robust import BACK_LEVEL, LEVEL, fit_inliers, inlying_points, resistant_core
+from calib.fitting.table_evidence import sigmas_near_table
 from calib.fitting.tool_point import fixed_behind_tool_point
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.measurement.measured_dataset import measured
 from calib.options import FitFields, FitOptions, fit_options
+
+_LENGTH_ROUNDS = 6  # in which the lines of measured lengths are made anew
+_SAME_LINE_MM = 0.05  # by which the end of a line may still move: of a metre it changes the length by a nanometre
 
 
 @one_blas_thread()
@@ -74,9 +81,40 @@ def calibrate(
     ('transmission_error',)
     """
     options = fit_options(options, keywords)
-    residual = options.residual
-    dataset = measured(dataset, orientation=residual == "pose")
+    dataset = measured(dataset, orientation=options.residual == "pose")
     members = effects_named(dataset, effects)
+    if dataset.points is None or dataset.points.lengths is None:
+        return _calibrated(dataset, options, members, prior_sigmas or {}, start)
+    if options.residual != "position" or options.robust:
+        raise FitError(f"dataset {dataset.name}: measured lengths take residual position, and no robust fit")
+    for _ in range(_LENGTH_ROUNDS):
+        calibration = _calibrated(dataset, options, members, prior_sigmas or {}, start)
+        seen_mm = _seen_from_anchors(calibration)
+        turned = float(np.abs(seen_mm - dataset.points.xyz_mm).max())
+        dataset, start = dataset.with_points(with_directions(dataset.points, seen_mm)), calibration
+        if turned < _SAME_LINE_MM:
+            break
+    return calibration
+
+
+def _seen_from_anchors(calibration: Calibration) -> Array:
+    """Predicted places (M, 3), mm from their anchors, of all targets whose lengths a calibration's dataset has."""
+    dataset, frames_of = calibration.dataset, calibration.after.scanner_T_base
+    observed = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
+    base_mm = predict_points(calibration.model, calibration.fit.x, observed)
+    placed = np.stack([frames_of[str(name)] for name in observed.setup])
+    return np.einsum("mij,mj->mi", placed[:, :3, :3], base_mm) + placed[:, :3, 3]
+
+
+def _calibrated(
+    dataset: Dataset,
+    options: FitOptions,
+    members: tuple[Effect, ...],
+    prior_sigmas: Mapping[str, float],
+    start: Calibration | None,
+) -> Calibration:
+    """Calibration of a measured dataset with the link errors and given effects."""
+    residual = options.residual
     if options.noise is not None:
         dataset = replace(dataset, noise=options.noise)
     given, dataset = dataset, with_repeats_averaged(dataset, residual)
@@ -86,7 +124,7 @@ def calibrate(
         _require_placed(dataset, observed)
     geometry = geometry_of(robot, observed, options)
     fixed = (*options.fixed, *fixed_behind_tool_point(robot, observed))
-    model = Model(robot, (*geometry, *members), prior_sigmas=prior_sigmas or {}).with_fixed(fixed)
+    model = _with_prior(Model(robot, (*geometry, *members), prior_sigmas=prior_sigmas), options).with_fixed(fixed)
     if len(observed.points) < 3:
         raise FitError(f"dataset {dataset.name}: {len(observed.points)} training points; a fit needs many more")
     if residual == "pose":
@@ -98,7 +136,9 @@ def calibrate(
         raise FitError("a robust fit needs a residual of each point; take position, pairs or pose")
     task = FitTask(model, geometry, observed, options)
     fitted, kept = _fitted(task, start)
-    model, fit = fitted.model, fitted.fit
+    fitted = _near_table(task.of(kept), fitted)
+    model = fitted.model
+    fit = with_load_uncertainty(residual, model, fitted.fit, observed.select(kept))
     spared = sum(len(effect.parameters) for effect in model.effects if is_held_by_prior(effect))
     _require_equations(dataset, observed, residual, fit.rows - residuals.degrees_spent, fit.rank - spared)
     if fit.rank == 0:
@@ -118,6 +158,17 @@ def calibrate(
         outliers=outliers,
         averaged=None if dataset is given else dataset,
     )
+
+
+def _with_prior(model: Model, options: FitOptions) -> Model:
+    """Model with the prior that other arms of the type tell, except where the user gives a tolerance."""
+    prior = options.type_prior
+    if prior is None:
+        return model
+    asked = options.tolerances
+    sigmas = {name: sigma for name, sigma in prior.sigmas.items() if name not in asked}
+    means = {name: mean for name, mean in prior.means.items() if name not in asked}
+    return replace(model, prior_sigmas={**model.prior_sigmas, **sigmas}, prior_means=means)
 
 
 def as_calibration(fitted: FittedResult | Dataset | str | Path, **keywords: Unpack[FitFields]) -> Calibration:
@@ -153,6 +204,21 @@ def _fitted_from(task: FitTask, before: Fitted | None) -> Fitted:
     if before is None and task.model.added_effects and alone.model.parameters:
         before = alone.fitted_to_tool()
     return task.fitted_to_tool() if before is None else task.fitted(before.model.tool_found, before.fit)
+
+
+def _near_table(task: FitTask, fitted: Fitted) -> Fitted:
+    """Fitted model whose links are held as in robot.toml where the points say that they are so; else as given."""
+    noise = task.options.noise
+    if not task.options.prior or (noise is not None and noise.tail is not None):
+        return fitted
+    model = fitted.model
+    placed = with_nominal_scanner_frames(task.observed, model.placed_robot)
+    residuals = make_residuals(task.options.residual, model, placed)
+    sigmas = sigmas_near_table(model, task.links, residuals, fitted.fit)
+    if not sigmas:
+        return fitted
+    held = replace(task.model, prior_sigmas={**task.model.prior_sigmas, **sigmas})
+    return replace(task, model=held).fitted(model.tool_found)
 
 
 def _maker(model: Model, options: FitOptions) -> Callable[[Observations], PositionResiduals | PoseResiduals]:

@@ -7,7 +7,7 @@ poses. Distances run from the reference pose, as in Jang 2025 (section 3.2, figu
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.brief import Brief
 from calib.dataset.dataset import Dataset, Poses
+from calib.dataset.lengths import with_directions
 from calib.dataset.repeats import in_repeat_groups_of
 from calib.fitting.model import Model
 from calib.fitting.observations import (
@@ -24,8 +25,9 @@ from calib.fitting.observations import (
     setup_references,
     with_nominal_scanner_frames,
 )
-from calib.fitting.scanner_frame import fit_scanner_frame
 from calib.lazy_modules import pd
+
+_LINE_ROUNDS = 4  # in which the lines of measured lengths are made anew
 
 
 @dataclass(frozen=True)
@@ -98,10 +100,22 @@ def scanner_T_base_of_poses(evaluation: Evaluation, model: Model, x: Array, pose
     Where the arm carries the scanner they differ from pose to pose.
     """
     unknown = np.full((4, 4), np.nan)
-    placed = np.stack([evaluation.scanner_T_base.get(str(name), unknown) for name in poses.setup])
+    found = evaluation.scanner_T_base
+    if found and not set(map(str, poses.setup)) & set(found):  # of several anchors the first stands for the instrument
+        unknown = next(iter(found.values()))
+    placed = np.stack([found.get(str(name), unknown) for name in poses.setup])
     if not model.robot.carries_scanner:
         return placed
     return np.asarray(placed @ frames.invert(model.state(x, poses).base_T_flange))
+
+
+def scanner_T_base_of_points(evaluation: Evaluation, model: Model, x: Array, dataset: Dataset) -> Array:
+    """Transforms scanner_T_base (M, 4, 4) at each measured point; of a length that of its anchor."""
+    assert dataset.points is not None
+    if dataset.points.lengths is None:
+        return scanner_T_base_of_poses(evaluation, model, x, dataset.poses)[dataset.points.pose]
+    observed = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
+    return np.stack([evaluation.scanner_T_base[str(name)] for name in observed.setup])
 
 
 def evaluate(model: Model, x: Array, dataset: Dataset) -> Evaluation:
@@ -134,13 +148,18 @@ def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset, outliers: 
     distances = _Distances.of(observed, trained)
 
     def at(x: Array) -> Evaluation:
-        base_mm, scanner_mm = predict_points(model, x, observed), observed.points.xyz_mm
+        base_mm, along = predict_points(model, x, observed), observed
         error_mm = np.empty_like(base_mm)
         frame_of_setup: dict[str, Array] = {}
-        for name, rows, fitted in setups:
-            frame = fit_scanner_frame(base_mm[fitted], scanner_mm[fitted], observed.covariance_mm2[fitted])
-            error_mm[rows] = frames.apply(frame, base_mm[rows]) - scanner_mm[rows]
-            frame_of_setup[name] = frame
+        for _ in range(1 if observed.points.lengths is None else _LINE_ROUNDS):
+            seen_mm = np.empty_like(base_mm)
+            for name, rows, fitted in setups:
+                frame = along.fit_frame(base_mm, fitted)
+                error_mm[rows] = along.errors_mm(frame, base_mm, rows)
+                seen_mm[rows] = frames.apply(frame, base_mm[rows])
+                frame_of_setup[name] = frame
+            if along.points.lengths is not None:
+                along = replace(along, points=with_directions(along.points, seen_mm))
         return Evaluation(
             pose=observed.points.pose,
             error_mm=error_mm,
@@ -170,6 +189,9 @@ class _Distances:
 
         `trained` (M,) marks the fitted points.
         """
+        if observed.points.lengths is not None:  # no two of them make a distance
+            none = np.zeros(0, dtype=np.int64)
+            return cls(none, none, none, np.zeros(0))
         poses, row = observed.used_poses
         usable, measured_mm, _ = mean_jig_points(observed)
         # A training pose is the reference where there is one, so that a test pose is measured against the fit.

@@ -15,7 +15,7 @@ from calib.dataset.repeats import SIGMA_DOUBT
 from calib.distributions import chi2_sf, f_sf
 from calib.effects.catalogue.order_steps import ChangePoint
 from calib.fitting.observations import Observations, linearise_points
-from calib.fitting.scanner_frame import frame_motion, orthonormal, whitener
+from calib.fitting.scanner_frame import orthonormal, whitened_motion
 
 BY_CHANCE = 0.001
 """p, below which the test poses are off by more than was promised."""
@@ -133,14 +133,15 @@ def _whitened(
     missed_mm2 = np.zeros(len(observed.points))
     if discrepancy is not None:
         missed_mm2 = discrepancy.variance_mm2(observed.poses.q)[observed.points.pose]
-    whiten = whitener(covariance_mm2 + missed_mm2[:, None, None] * np.eye(3))
+    whiten = replace(observed, covariance_mm2=covariance_mm2 + missed_mm2[:, None, None] * np.eye(3)).whiten
+    coordinates = whiten.shape[1]
     unit_mm = np.sqrt(noise_mm**2 + missed_mm2)
     new_place = 1.0 if discrepancy is None else NEW_PLACE
     at_mm, by_x = linearise_points(model, fit.x, observed)
     trained = set(map(str, Observations.of(calibration.fitted_dataset).setup))
     count = len(observed.points)
-    error = np.empty((count, 3))
-    root = np.empty((count, 3, len(fit.x)))
+    error = np.empty((count, coordinates))
+    root = np.empty((count, coordinates, len(fit.x)))
     own: list[Array] = []
     spent = 0
     for setup in map(str, np.unique(observed.setup)):
@@ -151,20 +152,22 @@ def _whitened(
         columns = whiten[rows] @ scanner_T_base[:3, :3] @ by_x[rows]
         if setup in trained:
             known = JointKnowledge.of(calibration, setup)
-            motion = whiten[rows] @ frame_motion(seen_mm, known.centre_mm)
+            motion = whitened_motion(seen_mm, known.centre_mm, whiten[rows])
             columns = columns + motion @ known.follows
-            block = np.zeros((count, 3, known.frame_root.shape[1]))
+            block = np.zeros((count, coordinates, known.frame_root.shape[1]))
             block[rows] = motion @ known.frame_root
-            own.append(block.reshape(3 * count, -1))
+            own.append(block.reshape(coordinates * count, -1))
         else:
-            motion = whiten[rows] @ frame_motion(seen_mm, seen_mm.mean(axis=0))
-            basis = orthonormal(motion.reshape(3 * len(rows), 6))
+            motion = whitened_motion(seen_mm, seen_mm.mean(axis=0), whiten[rows])
+            motion = motion * (not observed.frame_is_known(rows))
+            basis = orthonormal(motion.reshape(coordinates * len(rows), 6))
             spent += basis.shape[1]
-            flat = columns.reshape(3 * len(rows), -1)
+            flat = columns.reshape(coordinates * len(rows), -1)
             columns = (flat - basis @ (basis.T @ flat)).reshape(columns.shape)
-            missed = (missed.ravel() - basis @ (basis.T @ missed.ravel())).reshape(-1, 3) / new_place
+            missed = (missed.ravel() - basis @ (basis.T @ missed.ravel())).reshape(missed.shape) / new_place
             unit_mm[rows] *= new_place
         error[rows], root[rows] = missed, columns
-    stacked = root.reshape(3 * count, -1) @ parameters_root
+    stacked = root.reshape(coordinates * count, -1) @ parameters_root
     columns = np.concatenate([stacked, *own], axis=1)
-    return _Rows(error.ravel(), columns, np.repeat(unit_mm, 3), np.repeat(observed.points.pose, 3), spent)
+    unit_mm, pose = (np.repeat(of_point, coordinates) for of_point in (unit_mm, observed.points.pose))
+    return _Rows(error.ravel(), columns, unit_mm, pose, spent)

@@ -10,7 +10,7 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
-from calib.calibration.evaluation import Evaluation, scanner_T_base_of_poses
+from calib.calibration.evaluation import Evaluation, scanner_T_base_of_points, scanner_T_base_of_poses
 from calib.calibration.result import Calibration
 from calib.fitting.model import Model, geometric_model
 from calib.fitting.observations import mean_by_pose
@@ -47,6 +47,11 @@ class Version:
         """Transforms scanner_T_base (N, 4, 4) at each pose; nan where not known."""
         poses = self.calibration.dataset.poses
         return scanner_T_base_of_poses(self.evaluation, self.model, self.x, poses)
+
+    @cached_property
+    def scanner_T_base_of_points(self) -> Array:
+        """Transforms scanner_T_base (M, 4, 4) at each measured point."""
+        return scanner_T_base_of_points(self.evaluation, self.model, self.x, self.calibration.dataset)
 
     def flange_T_scanner(self, pose: int) -> Array | None:
         """Transform flange_T_scanner (4, 4) at a pose; None where the arm does not carry the scanner."""

@@ -24,11 +24,12 @@ class NoiseLevel:
     sigma_mm: float  # RMS over the points; nan where no one declares it and nothing shows it
     source: str  # "dataset", "repeats" or "fit"
     ratio: float  # it over what the points' covariances say, in which 1 mm stands for what is not declared
+    coordinates: int = 3  # that each point tells; 1 of a length
 
     @property
     def floor_mm(self) -> float | None:
-        """3D RMSE that noise alone causes, sqrt(3) sigma, mm; None where the noise is not known."""
-        return float(np.sqrt(3.0)) * self.sigma_mm if np.isfinite(self.sigma_mm) else None
+        """3D RMSE that noise alone causes, sqrt(3) sigma, mm (of lengths sigma); None where the noise is not known."""
+        return float(np.sqrt(self.coordinates)) * self.sigma_mm if np.isfinite(self.sigma_mm) else None
 
     @property
     def is_declared(self) -> bool:
@@ -47,12 +48,14 @@ def noise_level(calibration: Calibration) -> NoiseLevel:
     Estimated from the residual it includes what is missing from the model, so that no misfit can show above it.
     """
     dataset = calibration.dataset
+    assert dataset.points is not None
+    coordinates = dataset.points.coordinates
     if is_declared(dataset):
-        return NoiseLevel(declared_sigma_mm(dataset), DECLARED, 1.0)
+        return NoiseLevel(declared_sigma_mm(dataset), DECLARED, 1.0, coordinates)
     repeats = noise_of_repeats(dataset)
     if repeats is not None:  # of one point, which counts as one of 1 mm
         return NoiseLevel(repeats[0] * declared_sigma_mm(dataset), REPEATS, repeats[0])
-    return NoiseLevel(calibration.sigma_mm, FIT, calibration.fit.reduced_chi)
+    return NoiseLevel(calibration.sigma_mm, FIT, calibration.fit.reduced_chi, coordinates)
 
 
 def noise_of_repeats(dataset: Dataset) -> tuple[float, float] | None:

@@ -9,18 +9,17 @@ from numpy.typing import ArrayLike
 
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
-from calib.calibration.evaluation import Evaluation, scanner_T_base_of_poses
+from calib.calibration.evaluation import Evaluation, scanner_T_base_of_points
 from calib.calibration.noise_level import NoiseLevel, noise_level
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Poses
 from calib.dataset.further_columns import is_number
 from calib.dataset.input_names import CONDITIONS, ORDER, PLACES, further_inputs
 from calib.distributions import chi2_ppf
-from calib.effects.gravity import has_masses
+from calib.effects.gravity import loaded_joints
 from calib.effects.state import RobotState
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, linearise_points, mean_by_pose, sum_by_pose, with_scanner_frames
-from calib.fitting.scanner_frame import whitener
 from calib.kinematics.robot import Robot
 from calib.lazy_modules import pd
 
@@ -33,9 +32,9 @@ def inputs_at(robot: Robot, poses: Poses, state: RobotState) -> dict[str, Array]
     of the arm at these poses.
     """
     inputs = {f"q{j + 1}": poses.q[:, j] for j in range(robot.n_joints)}
-    if has_masses(robot):
+    if loaded := loaded_joints(robot):
         torques = state.gravity_torques_nm
-        inputs |= {f"torque{j + 1}": torques[:, j] for j in range(robot.n_joints)}
+        inputs |= {f"torque{j + 1}": torques[:, j] for j in loaded}
     for name in CONDITIONS:
         values = getattr(poses, name)
         if values is not None:
@@ -59,7 +58,7 @@ def _order_of_appearance(texts: Array) -> Array:
 
 
 def directions_at(model: Model, x: Array, observed: Observations, base_to_residual: Array) -> list[Array]:
-    """Derivative (M, 3) of the whitened points by each joint's motion, per rad (per mm for a prismatic joint).
+    """Derivative (M, C) of the whitened points by each joint's motion, per rad (per mm for a prismatic joint).
 
     A joint moves as its theta does (d for a prismatic joint); zeros where that parameter is fixed.
 
@@ -67,7 +66,7 @@ def directions_at(model: Model, x: Array, observed: Observations, base_to_residu
         model: the fitted model.
         x: (P,) values of its parameters.
         observed: M points whose scanner is placed.
-        base_to_residual: (M, 3, 3), from a displacement in the base frame, mm, to the whitened residual.
+        base_to_residual: (M, C, 3), from a displacement in the base frame, mm, to the whitened residual.
     """
     by_x = linearise_points(model, x, observed)[1]
     names = [p.name for p in model.parameters]
@@ -79,7 +78,7 @@ def directions_at(model: Model, x: Array, observed: Observations, base_to_residu
             column = by_x[:, :, [names.index(name)]]
             directions.append((base_to_residual @ column)[..., 0])
         else:
-            directions.append(np.zeros((len(by_x), 3)))
+            directions.append(np.zeros(base_to_residual.shape[:2]))
     return directions
 
 
@@ -115,8 +114,8 @@ class PoseErrors:
 
     @property
     def length_noise_mm(self) -> float:
-        """3D error, mm, that noise alone exceeds at one pose in twenty (chi of 3 degrees of freedom)."""
-        return self.noise_mm * float(np.sqrt(chi2_ppf(0.95, 3)))
+        """3D error, mm, that noise alone exceeds at one pose in twenty (chi of 3 degrees of freedom, 1 for lengths)."""
+        return self.noise_mm * float(np.sqrt(chi2_ppf(0.95, self.noise.coordinates)))
 
     def joint_noise(self, joint: int) -> float:
         """Sigma of a joint's apparent error from noise alone, median over the poses, rad or mm; or nan."""
@@ -163,7 +162,7 @@ def pose_errors_at(calibration: Calibration, model: Model, x: Array, evaluation:
     observed = with_scanner_frames(everything, model, x, trained)
     poses, row = observed.used_poses
     scanner_T_base = np.stack([evaluation.scanner_T_base[str(name)] for name in observed.setup])
-    whiten = whitener(observed.covariance_mm2)
+    whiten = observed.whiten
     error_mm = evaluation.error_mm
     raw = np.einsum("mij,mj->mi", whiten, error_mm)
     apparent = np.zeros((len(poses), model.robot.n_joints))
@@ -175,8 +174,8 @@ def pose_errors_at(calibration: Calibration, model: Model, x: Array, evaluation:
         usable = size > 1e-4 * max(float(size.max()), 1e-300)
         apparent[usable, j] = -along[usable] / size[usable]
         noise[usable & (size > 0.0), j] = level.ratio / np.sqrt(size[usable & (size > 0.0)])
-    of_poses = scanner_T_base_of_poses(evaluation, model, x, dataset.poses)[observed.points.pose]
-    base_mm = frames.apply(frames.invert(of_poses), observed.points.xyz_mm)
+    placed = scanner_T_base_of_points(evaluation, model, x, dataset)
+    base_mm = frames.apply(frames.invert(placed), observed.points.xyz_mm)
     return PoseErrors(
         pose_ids=poses.ids,
         is_test=poses.is_test,

@@ -31,12 +31,12 @@ from calib.brief import Brief
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.noise_level import FIT, noise_level
 from calib.calibration.result import Calibration, declared_sigma_mm
-from calib.calibration.uncertainty import JointKnowledge, covariance_root, prediction_covariance_at
-from calib.dataset.dataset import Dataset, Poses
+from calib.calibration.uncertainty import JointKnowledge, covariance_root
+from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import SIGMA_DOUBT
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, linearise_points
-from calib.fitting.scanner_frame import frame_motion, whitener
+from calib.fitting.scanner_frame import frame_motion
 
 Z_90 = 1.6448536269514722
 """Standard deviations to either side that hold 90 % of a normal distribution."""
@@ -102,8 +102,8 @@ class PointPromise(Brief):
     pose: IndexArray  # (M,)
     target: NDArray[np.str_]  # (M,)
     is_test: BoolArray  # (M,)
-    error_mm: Array  # (M, 3) measured minus predicted
-    sigma_mm: Array  # (M, 3)
+    error_mm: Array  # (M, 3) measured minus predicted; (M, 1) of lengths
+    sigma_mm: Array  # (M, 3); (M, 1) of lengths
 
     @property
     def coverage_90(self) -> float | None:
@@ -150,11 +150,17 @@ def promised_at_points(fit: FitUncertainty, dataset: Dataset, evaluation: Evalua
     missed = fit.discrepancy.variance_mm2(poses.q)[observed.points.pose]
     variance = np.sum(rows.root_mm**2, axis=2) + np.einsum("mii->mi", rows.noise_mm2) + missed[:, None]
     is_new_place = ~np.isin(observed.setup, observed.setup[fitted])
+    error_mm, lengths = -evaluation.error_mm, observed.points.lengths
+    if lengths is not None:  # one coordinate, along the line
+        along = lengths.direction[:, None]
+        noise = (along @ rows.noise_mm2 @ np.swapaxes(along, 1, 2))[..., 0]
+        variance = np.sum((along @ rows.root_mm) ** 2, axis=2) + noise + missed[:, None]
+        error_mm = np.sum(error_mm[:, None] * along, axis=2)
     return PointPromise(
         pose=observed.points.pose,
         target=observed.points.target,
         is_test=poses.is_test[observed.points.pose],
-        error_mm=-evaluation.error_mm,
+        error_mm=error_mm,
         sigma_mm=np.sqrt(variance) * np.where(is_new_place, NEW_PLACE, 1.0)[:, None],
     )
 
@@ -169,19 +175,6 @@ def promise(calibration: Calibration) -> PointPromise:
     0.92
     """
     return promised_at_points(fit_uncertainty(calibration), calibration.dataset, calibration.after)
-
-
-def promised_covariance(calibration: Calibration, poses: Poses, setup: str | None = None) -> Array:
-    """Covariance (N, 3, 3), mm^2, of measured minus predicted at poses that need not be measured, scanner frame.
-
-    Args:
-        calibration: a fit.
-        poses: N poses, with the conditions that the model's effects depend on.
-        setup: a placement of the instrument with training points; the first where None.
-    """
-    fit = fit_uncertainty(calibration)
-    variance = fit.single_ratio**2 * declared_sigma_mm(calibration.dataset) ** 2 + fit.discrepancy.variance_mm2(poses.q)
-    return prediction_covariance_at(calibration, poses, setup) + variance[:, None, None] * np.eye(3)
 
 
 def missed_variance(calibration: Calibration, q: Array) -> Array:
@@ -216,7 +209,12 @@ def _rows(fit: FitUncertainty, observed: Observations, fitted: BoolArray) -> _Ro
         seen_mm = frames.apply(scanner_T_base, at_mm[rows])
         turned = scanner_T_base[:3, :3] @ by_x[rows]
         known = JointKnowledge.of_points(
-            fit.covariance, fit.noise_ratio, seen_mm[chosen], turned[chosen], observed.covariance_mm2[rows][chosen]
+            fit.covariance,
+            fit.noise_ratio,
+            seen_mm[chosen],
+            turned[chosen],
+            observed.whiten[rows][chosen],
+            known=observed.frame_is_known(rows),
         )
         motion = frame_motion(seen_mm, known.centre_mm)
         columns[rows] = turned + motion @ known.follows
@@ -271,7 +269,8 @@ def _left_out(calibration: Calibration, observed: Observations, known: Discrepan
     """Errors of training poses left out with 0, 1, 3 ... of their nearest neighbours."""
     noise = calibration.fit.reduced_chi
     whiten, residual, root = _whitened(calibration, observed, known)
-    colour = np.linalg.inv(whiten)
+    coordinates = whiten.shape[1]
+    colour = np.linalg.inv(whiten) if coordinates == whiten.shape[2] else np.linalg.pinv(whiten)
     poses, row = observed.used_poses
     points = np.split(np.argsort(row, kind="stable"), np.cumsum(np.bincount(row))[:-1])
     tried = np.unique(np.linspace(0, len(poses) - 1, min(len(poses), _MOST_GROUPS)).astype(int))
@@ -286,27 +285,29 @@ def _left_out(calibration: Calibration, observed: Observations, known: Discrepan
         turn = colour[points[pose]]
         for j, count in enumerate(counts):
             group = np.concatenate([points[i] for i in order[:count]])
-            flat = root[group].reshape(3 * len(group), -1)
+            flat = root[group].reshape(coordinates * len(group), -1)
             # A pose that alone determines a direction makes 1 - H singular; the floor keeps its error finite.
             solved = np.linalg.inv((1.0 + 1e-9) * np.eye(len(flat)) - flat @ flat.T)
-            missed = (solved[: 3 * own] @ residual[group].ravel()).reshape(own, 3)
-            blocks = np.stack([solved[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(own)])
-            known_mm2 = np.mean(np.einsum("mij,mjk,mik->mi", turn, blocks, turn))
-            squared[k, j] = np.mean(np.einsum("mij,mj->mi", turn, missed) ** 2)
-            expected[k, j] = noise**2 * max(known_mm2, np.mean(np.sum(turn**2, axis=2)))
+            missed = (solved[: coordinates * own] @ residual[group].ravel()).reshape(own, coordinates)
+            of_points = [slice(coordinates * i, coordinates * (i + 1)) for i in range(own)]
+            blocks = np.stack([solved[rows, rows] for rows in of_points])
+            told = coordinates * own  # coordinates of this pose
+            known_mm2 = np.sum(np.einsum("mij,mjk,mik->mi", turn, blocks, turn)) / told
+            squared[k, j] = np.sum(np.einsum("mij,mj->mi", turn, missed) ** 2) / told
+            expected[k, j] = noise**2 * max(known_mm2, np.sum(turn**2) / told)
             distance[k, j] = away[order[count]]
     weight = np.broadcast_to(1.0 / np.array(counts), squared.shape)
     return _LeftOut(squared.ravel(), expected.ravel(), distance.ravel(), weight.ravel())
 
 
 def _whitened(calibration: Calibration, observed: Observations, known: Discrepancy) -> tuple[Array, Array, Array]:
-    """Whitening matrices (M, 3, 3) of the fitted points, their residual (M, 3), and a root L (M, 3, K) of H = L L^T."""
+    """Whitening matrices (M, C, 3) of the fitted points, their residual (M, C), and a root L (M, C, K) of H = L L^T."""
     fit = fit_uncertainty(calibration, known)
     at_mm = linearise_points(fit.model, fit.x, observed)[0]
     assert observed.scanner_T_base is not None
     placed = np.stack([observed.scanner_T_base[str(name)] for name in observed.setup])
     error_mm = np.einsum("mij,mj->mi", placed[:, :3, :3], at_mm) + placed[:, :3, 3] - observed.points.xyz_mm
-    whiten = whitener(observed.covariance_mm2)
+    whiten = observed.whiten
     root = whiten @ _rows(fit, observed, np.ones(len(at_mm), dtype=bool)).root_mm / fit.noise_ratio
     return whiten, np.einsum("mij,mj->mi", whiten, error_mm), root
 
@@ -332,7 +333,7 @@ def misfit_inflation(calibration: Calibration) -> float:
         moved = expected = 0.0
         for k in np.unique(region):
             points = np.flatnonzero(region == k)
-            flat = root[points].reshape(3 * len(points), -1)
+            flat = root[points].reshape(root.shape[1] * len(points), -1)
             # (1 - L L^T)^-1 L = L (1 - L^T L)^-1, which is small however many poses a region has
             solved = flat @ np.linalg.inv((1.0 + 1e-9) * np.eye(flat.shape[1]) - flat.T @ flat)
             moved += float(np.sum((solved.T @ (residual[points].ravel() / noise)) ** 2))

@@ -219,6 +219,11 @@ class Calibration(FittedResult, Presented):
         return tuple(poses.ids[i] for i in np.flatnonzero(beyond) if i in measured)
 
     @property
+    def holds_table(self) -> bool:
+        """Whether the links are held as robot.toml has them, because the points show that they have no errors."""
+        return self.model.robot.parameter_names[0] in self.model.prior_sigmas
+
+    @property
     def tool_shift(self) -> ToolShift | None:
         """Shift of the tool point, where this is far from robot.toml's; else None."""
         return None if self.model.tool_found is None else tool_shift(self.dataset.robot, self.robot)

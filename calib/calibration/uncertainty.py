@@ -18,7 +18,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Poses
 from calib.errors import FitError
 from calib.fitting.observations import Observations, conditions_at, linearise_points
-from calib.fitting.scanner_frame import frame_motion, whitener
+from calib.fitting.scanner_frame import frame_motion, whitened_motion
 from calib.identifiability.structural import absorbed_by_scanner_frame, redundancy
 
 CORRELATED = 0.8
@@ -152,11 +152,13 @@ class JointKnowledge:
         seen_mm = frames.apply(scanner_T_base, at_mm[rows])
         noise = fit.reduced_chi if np.isfinite(fit.reduced_chi) else 1.0
         turned = scanner_T_base[:3, :3] @ by_x[rows]
-        return cls.of_points(fit.covariance, noise, seen_mm, turned, observed.covariance_mm2[rows])
+        return cls.of_points(
+            fit.covariance, noise, seen_mm, turned, observed.whiten[rows], known=observed.frame_is_known(rows)
+        )
 
     @classmethod
     def of_points(
-        cls, parameters: Array, noise_ratio: float, seen_mm: Array, by_x: Array, covariance_mm2: Array
+        cls, parameters: Array, noise_ratio: float, seen_mm: Array, by_x: Array, whiten: Array, *, known: bool = False
     ) -> JointKnowledge:
         """Covariance of parameters and of a frame that is fitted to M points.
 
@@ -165,16 +167,16 @@ class JointKnowledge:
             noise_ratio: sigma of the points over what their covariances say.
             seen_mm: (M, 3) predicted points, scanner frame.
             by_x: (M, 3, P) their derivative by the parameters, the frame at rest.
-            covariance_mm2: (M, 3, 3) of the measured points.
+            whiten: (M, C, 3) what whitens the errors of the measured points.
+            known: whether the frame was not fitted.
         """
         n, count = len(parameters), len(seen_mm)
         covariance = np.zeros((n + 6, n + 6))
         covariance[:n, :n] = parameters
         centre_mm = seen_mm.mean(axis=0)
-        whiten = whitener(covariance_mm2)
-        columns = (whiten @ by_x).reshape(3 * count, -1)
-        motion = (whiten @ frame_motion(seen_mm, centre_mm)).reshape(3 * count, 6)
-        pseudo = np.linalg.pinv(motion, rcond=1e-9)
+        columns = (whiten @ by_x).reshape(whiten.shape[1] * count, -1)
+        motion = whitened_motion(seen_mm, centre_mm, whiten).reshape(len(columns), 6)
+        pseudo = np.linalg.pinv(motion * (not known), rcond=1e-9)
         follows = -pseudo @ columns  # (6, P)
         covariance[n:, :n] = follows @ parameters
         covariance[:n, n:] = covariance[n:, :n].T

@@ -37,6 +37,7 @@ from calib.compensation.attitude import FitKnowledge
 from calib.compensation.tool_problem import ToolProblem
 from calib.dataset.dataset import Poses
 from calib.dataset.input_names import CONDITIONS
+from calib.dataset.signals import has_stand_in
 from calib.effects.effect import family_name
 from calib.effects.link_errors import TOLERANCE_RAD
 from calib.errors import CalibError, FitError
@@ -273,7 +274,7 @@ def needed_columns(model: Model, x: ArrayLike, poses: Poses) -> tuple[str, ...]:
     """Names of the columns of poses.csv, besides the joints, on which the tool's position or orientation depends.
 
     A column is needed where the model at x predicts another tool frame without it, or cannot predict. Targets count as
-    later than all that was measured.
+    later than all that was measured. Measured torques and link encoders have laws in their place.
     """
     poses = poses.measured_later()
     n = poses.q.shape[1]
@@ -283,7 +284,7 @@ def needed_columns(model: Model, x: ArrayLike, poses: Poses) -> tuple[str, ...]:
             without[(name,)] = replace(poses, **{name: None})  # type: ignore[arg-type]
     if poses.approach is not None:
         without[tuple(f"approach{k + 1}" for k in range(n))] = replace(poses, approach=None)
-    for name in poses.extra.names:
+    for name in (name for name in poses.extra.names if not has_stand_in(model.robot, name)):
         without[(name,)] = replace(poses, extra=poses.extra.without(name))
     model = model.at_tool
     there = _tool_frames(model, x, poses)

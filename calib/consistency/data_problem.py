@@ -133,6 +133,8 @@ def suspicions(now: Calibration, refit: Refit, names: Sequence[str] = ()) -> Sus
     names: (n,) the user's names of the joints' columns; those of poses.csv where empty.
     """
     dataset = now.dataset
+    if dataset.points is None or dataset.points.lengths is not None:  # lengths alone tell too little of it
+        return Suspicions(None)
     sample = training_sample(dataset)
     if sample is not None and _is_off_scale(dataset.robot, sample):
         found = _units_problem(now, refit, sample)

@@ -71,6 +71,15 @@ class Scanner:
 
 
 @dataclass(frozen=True)
+class SignalNoise:
+    """Declared noise of the signals of poses.csv (`calib.dataset.signals`); None for what is not declared."""
+
+    torque_sigma_nm: float | None = None  # one measured torque
+    link_sigma_rad: float | None = None  # one angle of an encoder on a link's side
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class About:
     """Details of a measurement for the report: arm, place, date and operator; "" for what is not recorded."""
 
@@ -238,6 +247,27 @@ class Orientations(Brief):
 
 
 @dataclass(frozen=True)
+class Lengths:
+    """M measured lengths from anchors, such as of draw wires (`calib.dataset.lengths`)."""
+
+    length_mm: Array  # (M,)
+    anchor: NDArray[np.str_]  # (M,) name; "" where there is one alone
+    direction: Array  # (M, 3) unit vector from the anchor to where the target is predicted, in the points' frame
+    place_mm: Array  # (M, 3) of the anchor in the base frame; nan where it is not known
+
+    def select(self, keep: ArrayLike) -> Lengths:
+        """The selected lengths; `keep` is a mask (M,) or row numbers (K,)."""
+        keep = np.asarray(keep)
+        return Lengths(self.length_mm[keep], self.anchor[keep], self.direction[keep], self.place_mm[keep])
+
+    @property
+    def known_places(self) -> dict[str, Vector]:
+        """Places of the anchors that are known, by name: mm, base frame."""
+        first = {str(name): self.place_mm[i] for i, name in reversed(list(enumerate(self.anchor)))}
+        return {name: (float(p[0]), float(p[1]), float(p[2])) for name, p in first.items() if np.isfinite(p).all()}
+
+
+@dataclass(frozen=True)
 class Points(Brief):
     """M measured points in the scanner's frame of their pose's setup; several points of one pose are repeats."""
 
@@ -247,6 +277,12 @@ class Points(Brief):
     covariance_mm2: Array | None = None  # (M, 3, 3)
     orientations: Orientations | None = None  # full poses, where the instrument tells more than points
     counts_as: Array | None = None  # (M,) how many measurements each counts as, where points are means of several
+    lengths: Lengths | None = None  # where only lengths from anchors were measured: then `xyz_mm` starts there
+
+    @property
+    def coordinates(self) -> int:
+        """Number of coordinates that each point tells: 3, or 1 of a length."""
+        return 3 if self.lengths is None else 1
 
     def __len__(self) -> int:
         return len(self.pose)
@@ -257,11 +293,13 @@ class Points(Brief):
         covariance = None if self.covariance_mm2 is None else self.covariance_mm2[keep]
         turned = None if self.orientations is None else self.orientations.select(keep)
         counts_as = None if self.counts_as is None else self.counts_as[keep]
-        return Points(self.pose[keep], self.xyz_mm[keep], self.target[keep], covariance, turned, counts_as)
+        lengths = None if self.lengths is None else self.lengths.select(keep)
+        return Points(self.pose[keep], self.xyz_mm[keep], self.target[keep], covariance, turned, counts_as, lengths)
 
     def _brief(self) -> str:
         targets = ", ".join(map(str, np.unique(self.target)))
-        return f"{len(self)} points at {len(np.unique(self.pose))} poses of {targets}"
+        what = "points" if self.lengths is None else "lengths"
+        return f"{len(self)} {what} at {len(np.unique(self.pose))} poses of {targets}"
 
 
 @dataclass(frozen=True)
@@ -286,6 +324,7 @@ class Dataset(Presented):
     about: About = field(default_factory=About)
     surroundings: Surroundings = field(default_factory=Surroundings)
     targets: tuple[DeclaredTarget, ...] = ()  # besides the three-faced jig, as dataset.toml describes them
+    signal_noise: SignalNoise = field(default_factory=SignalNoise)
     finder_file: Path | None = None  # of a finder of the user's own, for what is to be found in the scans
     read_files: Mapping[str, str] = field(default_factory=dict, compare=False)
     """Hash of each file, scans apart, as it was read, by path below the folder: a file may change under a fit."""

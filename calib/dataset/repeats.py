@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.dataset.dataset import Dataset, Orientations, Points, Poses
+from calib.dataset.further_columns import FurtherColumns, is_number
+from calib.dataset.signals import is_signal, joints_of_other_bodies, named_temperatures
 from calib.distributions import chi2_sf
 from calib.lazy_modules import pd
 
@@ -26,7 +28,7 @@ _MOST_NAMED = 5  # poses named in a warning
 
 
 def groups_by_condition(poses: Poses) -> IndexArray:
-    """Number (N,) of each pose's group: equal joints, setup, payload, approach and temperature."""
+    """Number (N,) of each pose's group: equal joints of all bodies, setup, payload, approach and temperatures."""
     q_deg = np.degrees(poses.q)  # for a prismatic joint this only makes the comparison stricter
     columns = [_levels(values, SAME_JOINT) for values in q_deg.T]
     columns.append(np.unique(poses.setup, return_inverse=True)[1])
@@ -34,10 +36,12 @@ def groups_by_condition(poses: Poses) -> IndexArray:
         columns.append(_levels(poses.payload_kg, 1e-9))
     if poses.approach is not None:
         columns += [_levels(values, 0.5) for values in poses.approach.T]
-    alike = np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1)
-    if poses.temperature_c is None:
-        return np.asarray(alike)
-    return _split_by_width(alike, poses.temperature_c, SAME_TEMPERATURE_C)
+    columns += [_levels(values, SAME_JOINT) for values in joints_of_other_bodies(poses).values()]
+    alike = np.asarray(np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1))
+    own = [] if poses.temperature_c is None else [poses.temperature_c]
+    for temperature_c in (*own, *named_temperatures(poses).values()):
+        alike = _split_by_width(alike, temperature_c, SAME_TEMPERATURE_C)
+    return alike
 
 
 def _levels(values: Array, same: float) -> IndexArray:
@@ -68,7 +72,7 @@ def repeat_groups(dataset: Dataset) -> IndexArray:
     """
     group = groups_by_condition(dataset.poses)
     time_s = dataset.poses.time_s
-    if time_s is None or dataset.points is None:
+    if time_s is None or dataset.points is None or dataset.points.lengths is not None:
         return group
     order = np.lexsort((np.arange(len(group)), time_s))
     visit = np.empty(len(group), dtype=np.int64)
@@ -126,7 +130,7 @@ def average_repeats(dataset: Dataset) -> Dataset:
     incomplete model is not averaged away. Training and test repeats of one group are averaged apart, with a warning.
     """
     points, poses = dataset.points, dataset.poses
-    if points is None or not len(points):
+    if points is None or not len(points) or points.lengths is not None:
         return dataset
     all_groups = repeat_groups(dataset)
     sides = np.unique(np.column_stack([all_groups, poses.is_test]), axis=0, return_inverse=True)[1].reshape(-1)
@@ -217,7 +221,7 @@ def _mean_orientations(orientations: Orientations | None, group: IndexArray, cou
 
 
 def _mean_conditions(poses: Poses, sides: IndexArray, measured: IndexArray, at: IndexArray) -> Poses:
-    """The poses, with the mean temperature and time of the repeats at each pose that represents a repeat group."""
+    """The poses, with the mean temperature, time and signals of the repeats at each pose that stands for its group."""
 
     def mean(values: Array | None) -> Array | None:
         if values is None:
@@ -228,7 +232,16 @@ def _mean_conditions(poses: Poses, sides: IndexArray, measured: IndexArray, at: 
         averaged[at[several]] = means[sides[several]]
         return averaged
 
-    return replace(poses, temperature_c=mean(poses.temperature_c), time_s=mean(poses.time_s))
+    further = {
+        name: mean(column) if is_signal(name) and is_number(column) else column
+        for name, column in poses.extra.by_name.items()
+    }
+    return replace(
+        poses,
+        temperature_c=mean(poses.temperature_c),
+        time_s=mean(poses.time_s),
+        extra=FurtherColumns({name: column for name, column in further.items() if column is not None}),
+    )
 
 
 @dataclass(frozen=True)
@@ -303,7 +316,7 @@ def repeats_of(label: str, xyz_mm: ArrayLike, reference_mm: ArrayLike | None = N
 def find_repeats(dataset: Dataset) -> tuple[Repeats, ...]:
     """Mean and scatter of every repeat group in which a target was measured more than once."""
     points, poses = dataset.points, dataset.poses
-    if points is None:
+    if points is None or points.lengths is not None:
         return ()
     return tuple(
         repeats_of(poses.ids[points.pose[rows[0]]], points.xyz_mm[rows]) for rows in _repeated_rows(dataset, points)

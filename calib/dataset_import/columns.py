@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from calib.dataset.signals import is_signal
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
 from calib.text_files.user_table import MOST_CHARACTERS, plain, split_unit
@@ -46,7 +47,8 @@ _OTHERS = {
 _CONDITION_UNITS = {"payload_kg": "kg", "temperature_c": "c", "time_s": "s"}
 _VALUE = re.compile(r"[/.](?:position|pos|value|actual)(?:\[\d+\])?$")  # of a joint, behind its name in a log of ROS
 _EXACT = re.compile(
-    r"^(q[wxyz]|s[xyz]{2}_(mm|m)2|r[xyz]{2}_rad2|[xyz]_r[xyz]_(mm|m)_rad|approach[1-9]\d{0,2})$", re.ASCII
+    r"^(length_(mm|m)|anchor|q[wxyz]|s[xyz]{2}_(mm|m)2|r[xyz]{2}_rad2|[xyz]_r[xyz]_(mm|m)_rad|approach[1-9]\d{0,2})$",
+    re.ASCII,
 )
 
 
@@ -91,6 +93,11 @@ class Recognised:
     faults: tuple[str, ...]
 
 
+def length_column(meant: Recognised) -> Column | None:
+    """Recognised column of measured lengths, `length_mm` or `length_m`; None where points have coordinates."""
+    return meant.columns.get("length_mm") or meant.columns.get("length_m")
+
+
 def parsed_mapping(pairs: Sequence[str]) -> dict[str, Meaning]:
     """Meanings by column from the values of --map, column=meaning. Raises DatasetError."""
     out = {}
@@ -100,7 +107,7 @@ def parsed_mapping(pairs: Sequence[str]) -> dict[str, Meaning]:
         if not equals or not column.strip() or meaning is None:
             raise DatasetError(
                 f"--map {pair}: expected column=meaning, a meaning being q1 (q1_deg, q1_rad, -q1_deg, q1_deg+90) ..., "
-                f"x, y, z (x_mm, x_m), {', '.join(_OTHERS)}, ignore"
+                f"x, y, z (x_mm, x_m), length_mm, anchor, {', '.join(_OTHERS)}, ignore"
             )
         out[column.strip()] = meaning
     return out
@@ -194,6 +201,7 @@ def _matching(names: Sequence[str], pattern: str) -> list[str]:
 def _joints(names: Sequence[str], robot: Robot | None) -> tuple[list[str], list[str]]:
     """Names of the joints' columns in order, by the robot's joint names or else by number, and faults."""
     wanted = [] if robot is None else [plain(joint.name) for joint in robot.joints]
+    names = [name for name in names if not is_signal(name)]
     by_name = {plain(_VALUE.sub("", split_unit(name)[0])): name for name in names}
     ends = [[name for key, name in by_name.items() if key.endswith(joint)] for joint in wanted]
     if (

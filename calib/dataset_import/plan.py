@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.dataset.dataset import Dataset
 from calib.dataset_import.bad_rows import NOTHING_LEFT_OUT, LeftOutRows, left_out_rows, too_many_bad_rows
-from calib.dataset_import.columns import Column, Meaning, Recognised
+from calib.dataset_import.columns import Column, Meaning, Recognised, length_column
 from calib.dataset_import.convention import Sheet, settled
 from calib.dataset_import.reading import (
     ImportReport,
@@ -26,7 +26,7 @@ from calib.dataset_import.reading import (
 )
 from calib.dataset_import.tool_offset import with_tool_offset
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, joint_units, length_unit
-from calib.dataset_import.writing import Content, checked, points_text, poses_text
+from calib.dataset_import.writing import Content, checked, lengths_text, points_text, poses_text
 from calib.errors import DatasetError
 from calib.kinematics.robot import Vector
 from calib.robot_formats.conventions import RobotReading
@@ -253,10 +253,17 @@ def _with_numbers(
     if other is not None and of_points.rest:
         report.notes.append(f"{other.path}: other columns are left out: {', '.join(of_points.rest)}")
     measured = None if near is None else np.asarray(np.isfinite(near).all(axis=1))
+    if length_column(of_points) is not None:
+        measured = np.isin(np.arange(len(ids)), row_of)
     poses_csv = poses_text(report, table, columns[table.path][1], ids, q, sources.scans, measured)
+    of_lengths = None
+    if length_column(of_points) is not None:
+        of_lengths = lengths_text(report, other or table, of_points, [(i, ids[row]) for i, row in enumerate(row_of)])
     if report.faults:
         return _plan(report, sources, columns, None, len(table), robot_file)
-    points_csv = None if seen is None else points_text(other or table, of_points, [ids[i] for i in row_of], seen)
+    points_csv = of_lengths
+    if seen is not None:
+        points_csv = points_text(other or table, of_points, [ids[i] for i in row_of], seen)
     if points_csv is None and sources.point_sigma_mm is not None:
         report.doubts.append("the sigma of a measured point is not used: these data have scans and no measured points")
     content = Content(

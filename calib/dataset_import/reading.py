@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.dataset.input_names import quantity_of
-from calib.dataset_import.columns import Meaning, Recognised, recognise
+from calib.dataset_import.columns import Meaning, Recognised, length_column, recognise
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, length_unit
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
@@ -79,7 +79,7 @@ def recognised(
                 f"{table.path}: line 1: {robot.n_joints} columns of joints are needed, q1 to q{robot.n_joints} or the "
                 f"joints' names; found {have}; tell with --map column=q1"
             )
-    if positions and not joints:
+    if positions and not joints and length_column(found) is None:
         missing = [axis for axis in "xyz" if axis not in found.columns]
         if missing:
             report.fault(
@@ -111,7 +111,7 @@ def joint_values(report: ImportReport, table: UserTable, meant: Recognised) -> A
 def point_values(report: ImportReport, table: UserTable, meant: Recognised, *, needed: bool) -> Array | None:
     """Points (M, 3) in the file's unit; None where there are none."""
     if not all(axis in meant.columns for axis in "xyz"):
-        if needed and not any(axis in meant.columns for axis in "xyz"):
+        if needed and length_column(meant) is None and not any(axis in meant.columns for axis in "xyz"):
             report.fault(
                 f"{table.path}: line 1: no columns x, y, z; give --points FILE.csv, --scans FOLDER or --map column=x"
             )

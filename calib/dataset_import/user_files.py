@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from calib.dataset_import.columns import recognise
+from calib.dataset_import.columns import length_column, recognise
 from calib.errors import CalibError
 from calib.robot_formats.origin_yaml import read_origin_yaml
 from calib.text_files.records import RECORDS, sheets
@@ -174,7 +174,7 @@ def _judged_table(path: Path, table: UserTable) -> UserFile:
         return _without_header(path, table)
     meant = recognise(table.columns, None, {})
     has_joints = "q1" in meant.columns or bool(meant.faults)
-    has_points = all(axis in meant.columns for axis in "xyz")
+    has_points = all(axis in meant.columns for axis in "xyz") or length_column(meant) is not None
     if has_joints or has_points:
         kind = BOTH if has_joints and has_points else JOINTS if has_joints else POINTS
         return UserFile(path, kind, "by the names of its columns")

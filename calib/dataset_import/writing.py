@@ -17,8 +17,9 @@ from calib.dataset.dataset import ROLES, Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.dataset.input_names import CONDITIONS, joint_input, quantity_of
-from calib.dataset_import.columns import Recognised
+from calib.dataset_import.columns import Recognised, length_column
 from calib.dataset_import.reading import ImportReport
+from calib.dataset_import.units import LENGTHS_MM
 from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Robot
 from calib.robot_formats.calibrated_file import template_name
@@ -119,6 +120,17 @@ def points_text(table: UserTable, meant: Recognised, poses: Sequence[str], xyz_m
         for i, (pose, place) in enumerate(zip(poses, xyz_mm, strict=True))
     ]
     return rows_csv([["pose", "x_mm", "y_mm", "z_mm", *further], *body])
+
+
+def lengths_text(report: ImportReport, table: UserTable, meant: Recognised, rows: Sequence[tuple[int, str]]) -> str:
+    """Text of points.csv with measured lengths, in mm, of some rows of a table, each with its pose's name."""
+    length = length_column(meant)
+    assert length is not None
+    lengths_mm = table.numbers(length.name, report.fault) * LENGTHS_MM[length.meaning.removeprefix("length_")]
+    further = [name for name in ("anchor", "target") if name in meant.columns]
+    columns = [table.text(meant.columns[name].name) for name in further]
+    body = [[pose, repr(float(lengths_mm[i])), *(cells[i] for cells in columns)] for i, pose in rows]
+    return rows_csv([["pose", "length_mm", *further], *body])
 
 
 @dataclass(frozen=True)

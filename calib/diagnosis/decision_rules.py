@@ -31,7 +31,9 @@ SURE_LOG_EVIDENCE = 6.0  # the same where what is left is as large as noise: wha
 EQUIVALENT_ALIGNMENT = 0.98  # squared cosine between the residuals that they explain, at least
 EQUIVALENT_OVERLAP = 0.9995  # share of what the better one explains that the other could make, at least
 EQUIVALENT_LOG_BAYES_FACTOR = 8.0  # of the better one over the worse, at most
+PARAMETER_COST = 2.5  # nats that a parameter costs which is not needed: half the log of the equations
 EQUIVALENT_REST = 1.15  # sum of squares that the worse one leaves over that of the better one, at most
+FEWER_PARAMETERS = 0.5  # that the data determine, by which an effect of one parameter is simpler than another
 SPECIAL_CASE_OVERLAP = 0.95  # share of what an effect explains that a special case of it could, to come first
 CURVES_SHARE = 1.1  # how many times the evidence of a cause of one place or pose curves need to take its place
 MAX_WORSENING = 0.5  # standard errors by which a first effect may not raise the test poses' squared error
@@ -93,20 +95,32 @@ def are_equivalent(one: Candidate, other: Candidate, dof: int) -> bool:
     if not one.members or not other.members:
         return False
     better, worse = sorted((one, other), key=lambda candidate: -candidate.log_evidence)
-    near = abs(one.log_evidence - other.log_evidence) < EQUIVALENT_LOG_BAYES_FACTOR
+    unneeded = PARAMETER_COST * max(worse.determined - better.determined, 0.0)
+    near = better.log_evidence - worse.log_evidence < EQUIVALENT_LOG_BAYES_FACTOR + unneeded
+    if is_simpler(better, worse):
+        return False
     if better.family.finer is not None and not worse.family.sparse:  # the best of many constants: others come near
         return near and better.overlaps.get(worse.name, 0.0) > SPECIAL_CASE_OVERLAP
     if better.overlaps.get(worse.name, 0.0) < EQUIVALENT_OVERLAP or better.name in worse.family.contains:
         return False
     rest = sorted((max(1.0 - one.explained_share, 1e-300), max(1.0 - other.explained_share, 1e-300)))
     same_fit = dof * np.log(rest[1] / rest[0]) < 2.0 * MIN_LOG_BAYES_FACTOR
-    return bool(_are_aligned(one, other) and near and rest[1] < EQUIVALENT_REST * rest[0] and same_fit)
+    return bool(are_aligned(one, other) and near and rest[1] < EQUIVALENT_REST * rest[0] and same_fit)
 
 
-def _are_aligned(one: Candidate, other: Candidate) -> bool:
+def are_aligned(one: Candidate, other: Candidate) -> bool:
     """Whether two candidates explain the same part of a residual, up to its size."""
     size = float(one.explained @ one.explained) * float(other.explained @ other.explained)
     return float(one.explained @ other.explained) ** 2 > EQUIVALENT_ALIGNMENT * size > 0.0
+
+
+def is_simpler(better: Candidate, worse: Candidate) -> bool:
+    """Whether a candidate leads by explaining with a single number what another one needs several for.
+
+    What the others would do is not there: that speaks for the single one, and is no matter of its prior.
+    """
+    leads = better.log_evidence - worse.log_evidence > MIN_LOG_BAYES_FACTOR
+    return leads and len(better.values) == 1 and better.determined + FEWER_PARAMETERS < worse.determined
 
 
 def is_tied(own: Candidate, rival: Candidate) -> bool:
@@ -116,7 +130,9 @@ def is_tied(own: Candidate, rival: Candidate) -> bool:
     behind.
     """
     behind = EQUIVALENT_LOG_BAYES_FACTOR if rival.family.finer is not None else MIN_LOG_BAYES_FACTOR
-    return _are_aligned(own, rival) and rival.log_evidence > own.log_evidence - behind
+    if is_simpler(own, rival):
+        return False
+    return are_aligned(own, rival) and rival.log_evidence > own.log_evidence - behind
 
 
 def can_stand_for(best: Candidate, others: Sequence[Candidate], dof: int) -> bool:

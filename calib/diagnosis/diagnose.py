@@ -111,7 +111,7 @@ def diagnose(
 
 def whole_diagnosis(space: SearchSpace, tell: Tell) -> Diagnosis:
     """Diagnosis of a dataset, reached by following every recommended move from the fit of the link errors on."""
-    repeated = noise_of_repeats(space.dataset)
+    repeated = None if _has_lengths(space.dataset) else noise_of_repeats(space.dataset)
     if repeated is not None:
         space = replace(space, options=replace(space.options, noise=repeated.shape))
     tell("fitting the geometry")
@@ -252,7 +252,7 @@ def _clean_after_search(space: SearchSpace, tell: Tell, rival: str, named: Colle
     last, stop = search.steps[-1], search.stop
     if not set(named) <= {effect.name for effect in last.selected} or stop.implausible or stop.left_to_curves:
         return None
-    if not stop.contenders and is_too_large(last.calibration.dataset, project_residual(last.calibration)):
+    if is_too_large(last.calibration.dataset, project_residual(last.calibration)):
         return None  # known before the long tests of its patterns
     diagnosis = _judged(space, search, tell, rival)
     return diagnosis if diagnosis.is_clean else None
@@ -264,6 +264,8 @@ def _with_noise_as_shown(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -
     Repeated measurements are believed whatever else is left.
     """
     taken, last = space.options.noise, diagnosis.calibration
+    if _has_lengths(space.dataset):  # a shape is of three coordinates
+        return None
     of_repeats = noise_of_repeats(space.dataset)
     known = taken is not None and (of_repeats is None or taken.wander is not None)
     if known or diagnosis.steps[-1].left_out or implausibility_reason(last):
@@ -283,6 +285,10 @@ def _with_noise_as_shown(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -
     tell("once more with the noise as it is")
     again = _clean_after_search(space.with_noise(shown.shape, start), tell, shown.rival)
     return again if again is not None and noise_is_believed(diagnosis, again) else None
+
+
+def _has_lengths(dataset: Dataset) -> bool:
+    return dataset.points is not None and dataset.points.lengths is not None
 
 
 def noise_is_believed(before: Diagnosis, again: Diagnosis) -> bool:
@@ -317,7 +323,8 @@ def _curves_to_add(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> AddC
     """Move that adds learned curves, where no effect explains the residual and curves are justified; else None.
 
     They are offered only if (1) the verdict is `unexplained`, or `ambiguous` and their log evidence exceeds twice that
-    of the best candidate by `MIN_LOG_BAYES_FACTOR`; (2) the only effect was not refused for a reason that leaves doubt,
+    of the best candidate by `MIN_LOG_BAYES_FACTOR` (once that of the first effect that leads no others, beside which
+    they explain the rest); (2) the only effect was not refused for a reason that leaves doubt,
     and points and poses belong together; (3) no further candidate is convincing, except where one of one place or one
     pose gives way to curves; (4) they predict the test poses no worse than the model without them.
     """
@@ -333,8 +340,11 @@ def _curves_to_add(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> AddC
     curves = last.curves
     if curves is None:
         return None
-    best = max((c.log_evidence for c in diagnosis.screenings[-1].candidates), default=0.0)
-    if diagnosis.ambiguous_set and curves.log_evidence < MIN_LOG_BAYES_FACTOR + 2.0 * best:
+    least = 2.0 * max((c.log_evidence for c in diagnosis.screenings[-1].candidates), default=0.0)
+    undecided = next((step.candidate for step in diagnosis.steps if step.on_behalf_of), None)
+    if undecided is not None:
+        least = undecided.log_evidence
+    if diagnosis.ambiguous_set and curves.log_evidence < MIN_LOG_BAYES_FACTOR + least:
         return None
     selected = (*last.selected, selected_curves(curves))
     after = space.fit(selected, before)

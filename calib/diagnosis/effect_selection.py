@@ -42,6 +42,17 @@ class SelectedEffect(Brief):
         """Selected effect made from a candidate of a screening."""
         return cls(candidate.name, candidate.members, candidate.prior_sigmas)
 
+    @property
+    def joints(self) -> frozenset[int]:
+        """Joints that carry the effect, from 0; empty where it is of no joint."""
+        found = (getattr(member, "joint", None) for member in self.members)
+        return frozenset(joint for joint in found if joint is not None)
+
+    @property
+    def grows_with_angle(self) -> bool:
+        """Whether it follows the size of joints' angles, which is a part of what many other causes do."""
+        return bool(self.members) and all(getattr(member, "grows_with_angle", False) for member in self.members)
+
     def without(self, members: Sequence[Effect]) -> SelectedEffect:
         """The effect without some of its members."""
         kept = tuple(member for member in self.members if member not in members)
@@ -62,6 +73,7 @@ class FitStep(Brief):
     left_out: tuple[str, ...] = ()  # ids of measured poses that this fit did without
     screening: Screening | None = None  # of every effect that is not in its model, once asked for
     runner_up: str = ""  # the next candidate
+    on_behalf_of: tuple[str, ...] = ()  # effects that may be the cause as well: the added one does not lead them
 
     def candidate_named(self, name: str) -> Candidate | None:
         """Candidate effect of the fit's screening, by name; None where it is none, or nothing was screened."""

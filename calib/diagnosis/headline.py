@@ -100,7 +100,9 @@ def _error_mm(calibration: Calibration, of_test_poses: bool, *, before: bool = F
 
 def held_out_beyond_noise(calibration: Calibration, noise_mm: float) -> HeldOutError | None:
     """Error of the test poses where it exceeds the error by noise of `noise_mm` per coordinate; else None."""
-    test = calibration.after.test
-    if test is None or not noise_mm > 0.0 or test.rmse_mm <= NOISE_AGREES * math.sqrt(3.0) * noise_mm:
+    test, points = calibration.after.test, calibration.dataset.points
+    assert points is not None
+    by_noise_mm = math.sqrt(points.coordinates) * noise_mm
+    if test is None or not noise_mm > 0.0 or test.rmse_mm <= NOISE_AGREES * by_noise_mm:
         return None
-    return HeldOutError(test.rmse_mm, test.rmse_mm / (math.sqrt(3.0) * noise_mm))
+    return HeldOutError(test.rmse_mm, test.rmse_mm / by_noise_mm)

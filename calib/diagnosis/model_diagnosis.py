@@ -49,8 +49,6 @@ def diagnosis_of_model(
         steps=straight,
         all_tests=tests,
         implausible=stop.implausible,
-        contenders=tuple(candidate.name for candidate in stop.contenders),
-        tests_with_contender=_tests_with_contender(space, last, stop),
         confounded_sets=confounded_sets(space, straight, stop.ties),
         refused=stop.refused,
         left_to_curves=stop.left_to_curves,
@@ -62,15 +60,15 @@ def diagnosis_of_model(
     )
     if stop.implausible:
         return diagnosis
-    return replace(diagnosis, no_more_than_drift=_no_more_than_drift(space, diagnosis, stop))
+    return replace(diagnosis, no_more_than_drift=_no_more_than_drift(space, diagnosis))
 
 
 def _residual_tests(calibration: Calibration) -> ResidualTests:
     return run_residual_tests(calibration.dataset, project_residual(calibration))
 
 
-def _no_more_than_drift(space: SearchSpace, diagnosis: Diagnosis, stop: Stop) -> AddedEffect | None:
-    """First effect that an instrument drift explains as well, among those added and the best contender; else None.
+def _no_more_than_drift(space: SearchSpace, diagnosis: Diagnosis) -> AddedEffect | None:
+    """First effect of the model that an instrument drift explains as well; None where there is none.
 
     Each effect of the model is weighed given all others, since one that was added first may have had to stand in for
     those that came later, and the drift of that moment for them as well.
@@ -85,9 +83,6 @@ def _no_more_than_drift(space: SearchSpace, diagnosis: Diagnosis, stop: Stop) ->
         if (without := _before(space, diagnosis, k)).screening is not None
         and (candidate := without.candidate_named(effect.name)) is not None
     ]
-    if stop.contenders and last.screening is not None:
-        best = stop.contenders[0]
-        weighed.append(AddedEffect(best.name, best.log_evidence, last.screening.projected))
     return first_unproven(weighed, diagnosis.all_tests.outlier_poses)
 
 
@@ -105,13 +100,6 @@ def _noise_taken(calibration: Calibration) -> ShownNoise | None:
     if shape is None:
         return None
     return ShownNoise(shape, from_repeats=scatter_of_repeats(calibration.dataset) is not None)
-
-
-def _tests_with_contender(space: SearchSpace, last: FitStep, stop: Stop) -> ResidualTests | None:
-    """Residual tests of a fit with the best contender added; None without contenders or earlier effects."""
-    if not stop.contenders or not last.selected:
-        return None
-    return _residual_tests(space.fit((*last.selected, SelectedEffect.of(stop.contenders[0])), last.calibration))
 
 
 # ---- confounded effects ---------------------------------------------------------------------------------------------
@@ -141,10 +129,12 @@ def confounded_sets(
         equivalent = _equivalent_in_model(space, last, name, equivalent_to(name, before.screening))
         tied = [other for tie in ties if tie.effect == name for other in tie.others]
         equivalent = tuple(dict.fromkeys([*equivalent, *tied]))
+        equivalent = after.on_behalf_of or equivalent
         untested = [f for f in space.families if f.name in family.confounded_with and not f.never_testable]
         if equivalent or untested:
             would_help = next((f.would_help for f in untested if f.would_help), "")
-            out.append(ConfoundedSet(name, equivalent, tuple(f.name for f in untested), would_help))
+            names = tuple(f.name for f in untested)
+            out.append(ConfoundedSet(name, equivalent, names, would_help, bool(after.on_behalf_of)))
     return tuple(out)
 
 

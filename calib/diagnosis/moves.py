@@ -17,10 +17,12 @@ import numpy as np
 from calib.calibration.plausibility import beyond_nature, implausibility_reason
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import (
+    EQUIVALENT_LOG_BAYES_FACTOR,
     MAX_WORSENING,
     MIN_LEAD_OVER_TEST,
     MIN_LOG_EVIDENCE,
     SURE_LOG_EVIDENCE,
+    are_aligned,
     can_stand_for,
     is_convincing,
     is_tied,
@@ -32,10 +34,23 @@ from calib.diagnosis.decision_rules import (
 )
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.search_space import SearchSpace, first_fit, step_after, with_candidate, without_one
+from calib.diagnosis.search_space import (
+    SearchSpace,
+    first_fit,
+    members_anew,
+    step_after,
+    with_candidate,
+    without_one,
+)
 from calib.diagnosis.verdict import Refusal
 from calib.effects.effect import Effect, Family, full_name
-from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate, Screening, screen
+from calib.screening.candidates import (
+    MIN_CONFOUNDED_OVERLAP,
+    MIN_LOG_BAYES_FACTOR,
+    Candidate,
+    Screening,
+    screen,
+)
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.projected_residual import project_residual
@@ -55,7 +70,8 @@ Tell = Callable[[str], None]  # called with a line of text before each stage
 class AddEffect:
     """Move that adds the effect with clearly most evidence; in its fit, earlier effects may change members.
 
-    It may take the place of an effect of the model that explains less, given all others.
+    It may take the place of an effect of the model that explains less, given all others. Where no effect leads, the
+    best one is fitted on behalf of all.
     """
 
     candidate: Candidate
@@ -64,6 +80,7 @@ class AddEffect:
     selected: tuple[SelectedEffect, ...]
     calibration: Calibration
     instead_of: str = ""  # the effect whose place it takes
+    on_behalf_of: tuple[str, ...] = ()  # effects that may be the cause in its place, which it does not lead
 
     @property
     def name(self) -> str:
@@ -119,7 +136,6 @@ class Stop:
     """End of a search: no effect is to be added or dropped, with the reason."""
 
     implausible: str = ""  # why points and poses do not belong together, as a clause: no effect is their cause
-    contenders: tuple[Candidate, ...] = ()  # effects of which none leads the others
     refused: Refusal | None = None  # an effect with evidence at the training poses, and something against it
     left_to_curves: bool = False  # learned curves have more evidence than the best effect, of one place or pose
     ties: tuple[Tie, ...] = ()
@@ -144,10 +160,12 @@ def next_effect(
     if implausible:
         return Stop(implausible=implausible)
     added = Stop() if len(names) >= space.max_effects else _addition(space, step, dropped, tell)
-    if isinstance(added, AddEffect):
+    if isinstance(added, AddEffect) and not added.on_behalf_of:
         return added
     revised = _revision(space, step, dropped, tell) or _parts_given_up(space, step, dropped, tell)
-    return replace(added, ties=revised) if isinstance(revised, tuple) else revised
+    if not isinstance(revised, tuple):
+        return revised
+    return added if isinstance(added, AddEffect) else replace(added, ties=revised)
 
 
 def gone(move: AddEffect | DropEffect) -> list[str]:
@@ -160,7 +178,7 @@ def step_of(step: FitStep, move: AddEffect | DropEffect) -> FitStep:
     """Fit step that results from adding or dropping an effect."""
     if isinstance(move, AddEffect):
         after = step_after(step, move.name, move.selected, move.calibration, move.candidate, move.log_bayes_factor)
-        return replace(after, runner_up=move.runner_up)
+        return replace(after, runner_up=move.runner_up, on_behalf_of=move.on_behalf_of)
     return FitStep(f"− {move.name}", move.selected, move.calibration, left_out=step.left_out)
 
 
@@ -182,7 +200,8 @@ def _addition(
     if not any(is_convincing(candidate) for candidate in screening.candidates):
         return Stop()
     if may_be_curves(screening.candidates[0], step.calibration, screening):
-        screening = ranking_given_curves(screening, step.curves)
+        if not _outweighs_curves_with_a_second(space, step, screening.candidates[0]):
+            screening = ranking_given_curves(screening, step.curves)
         if not any(is_convincing(candidate) for candidate in screening.candidates):
             return Stop(left_to_curves=True)
         first = screening.candidates[0]
@@ -194,7 +213,7 @@ def _addition(
         tell(f"looking one step ahead of {', '.join(c.name for c in contenders)}")
         ahead = _look_ahead(space, step, contenders)
         if ahead is None and not can_stand_for(best, contenders[1:], screening.projected.dof):
-            return Stop(contenders=contenders)
+            return _on_behalf_of_all(space, step, screening, contenders)
         best, second, log_bayes_factor = ahead or (best, None, None)
     tell(f"adding {best.name}")
     trial = space.fit((*step.selected, SelectedEffect.of(best)), step.calibration)
@@ -204,12 +223,43 @@ def _addition(
     if refused is not None:
         rest = {*dropped, best.name}
         other = _addition(space, step, rest, tell, may_refuse=may_refuse - 1) if may_refuse > 1 else Stop()
-        return other if isinstance(other, AddEffect) else Stop(refused=refused)
+        return Stop(refused=refused) if isinstance(other, Stop) else _in_place_of(other, best, refused)
     runner_up = second.name if second is not None else ""
     selected, fitted = with_candidate(space, step, best, trial)
     if predicts_worse(trial, fitted, scatter=MAX_WORSENING) or beyond_nature(fitted):
         selected, fitted = (*step.selected, SelectedEffect.of(best)), trial
     return AddEffect(best, log_bayes_factor, runner_up, selected, fitted)
+
+
+def _in_place_of(other: AddEffect, best: Candidate, refused: Refusal) -> AddEffect | Stop:
+    """Move that adds another effect than a refused one that explained more; a Stop where only nature's bounds speak.
+
+    A bound of what such causes are known to be is no evidence for another one: what is clearly worse is not told before
+    the refused one's part is explained, and one that explains the same about as well is fitted on behalf of both.
+    """
+    if refused.why != "nature":
+        return other
+    clearly_worse = best.log_evidence - other.candidate.log_evidence > EQUIVALENT_LOG_BAYES_FACTOR
+    if clearly_worse and not are_aligned(best, other.candidate):
+        return Stop(refused=refused)
+    alike = best.overlaps.get(other.name, 0.0) > MIN_CONFOUNDED_OVERLAP
+    return replace(other, on_behalf_of=(*other.on_behalf_of, best.name)) if alike else other
+
+
+def _on_behalf_of_all(
+    space: SearchSpace, step: FitStep, screening: Screening, contenders: Sequence[Candidate]
+) -> AddEffect | Stop:
+    """Move that adds the best of the contenders that is not refused, on behalf of all; a Stop where all are refused."""
+    refusals: list[Refusal] = []
+    for one in contenders:
+        selected = (*step.selected, SelectedEffect.of(one))
+        trial = space.fit(selected, step.calibration)
+        refused = refusal(one, screening, step.calibration, trial, further=bool(step.selected), strict=True)
+        if refused is None:
+            others = tuple(other.name for other in contenders if other is not one)
+            return AddEffect(one, None, "", selected, trial, on_behalf_of=others)
+        refusals.append(refused)
+    return Stop(refused=refusals[0])
 
 
 def _without(screening: Screening, names: Collection[str]) -> Screening:
@@ -226,18 +276,31 @@ def _look_ahead(
     Two hidden causes may be confounded until both are in the model. The evidence of each contender with its best
     successor is compared; None where none leads, or where nothing convincing comes after any.
     """
-    totals = []
-    followed = False
-    for candidate in contenders[:MAX_TRIED_AHEAD]:
-        trial = space.fit((*step.selected, SelectedEffect.of(candidate)), step.calibration)
-        following = [c for c in space.screen(trial).candidates if is_convincing(c)]
-        followed |= bool(following)
-        totals.append(candidate.log_evidence + (following[0].log_evidence if following else 0.0))
+    following = [_best_beside(space, step, candidate) for candidate in contenders[:MAX_TRIED_AHEAD]]
+    totals = [one.log_evidence + more for one, more in zip(contenders, following, strict=False)]
     order = np.argsort(totals)[::-1]
     log_bayes_factor = totals[order[0]] - totals[order[1]]
     best, second = contenders[int(order[0])], contenders[int(order[1])]
-    leads = followed and log_bayes_factor > MIN_LOG_BAYES_FACTOR
+    leads = any(following) and log_bayes_factor > MIN_LOG_BAYES_FACTOR
     return (best, second, float(log_bayes_factor)) if leads else None
+
+
+def _best_beside(space: SearchSpace, step: FitStep, candidate: Candidate) -> float:
+    """Log evidence of the best convincing effect beside a candidate; 0 where nothing convincing comes after it."""
+    trial = space.fit((*step.selected, SelectedEffect.of(candidate)), step.calibration)
+    return next((c.log_evidence for c in space.screen(trial).candidates if is_convincing(c)), 0.0)
+
+
+def _outweighs_curves_with_a_second(space: SearchSpace, step: FitStep, first: Candidate) -> bool:
+    """Whether an effect of one place or pose has clearly more evidence than curves, once a second effect is beside it.
+
+    Curves follow several causes at once, which the first of them alone does not.
+    """
+    curves = step.curves
+    if curves is None or first.log_evidence > curves.log_evidence:
+        return False
+    together = first.log_evidence + _best_beside(space, step, first)
+    return together > curves.log_evidence + MIN_LOG_BAYES_FACTOR
 
 
 def _revision(space: SearchSpace, step: FitStep, dropped: Collection[str], tell: Tell) -> AddEffect | DropEffect | None:
@@ -252,10 +315,13 @@ def _revision(space: SearchSpace, step: FitStep, dropped: Collection[str], tell:
     weighed = [without_one(space, step, k, everything=every) for k, every in enumerate(everything)]
     evidence = [_evidence(one, effect.name) for one, effect in zip(weighed, step.selected, strict=True)]
     weakest = int(np.argmin(evidence))
-    if evidence[weakest] <= MIN_LOG_EVIDENCE:
+    name, without = step.selected[weakest].name, weighed[weakest]
+    if evidence[weakest] > MIN_LOG_EVIDENCE:  # members of the others may have been left out because of it
+        without = _without_and_anew(space, without, name)
+    superfluous = _evidence(without, name) <= MIN_LOG_EVIDENCE
+    if superfluous and (evidence[weakest] <= MIN_LOG_EVIDENCE or not _takes_more(step, without)):
         tell("dropping what a later effect made superfluous")
-        without = weighed[weakest]
-        return DropEffect(step.selected[weakest].name, without.selected, without.calibration)
+        return DropEffect(name, without.selected, without.calibration)
     for without, own, effect in zip(weighed, evidence, step.selected, strict=True):
         assert without.screening is not None
         rivals = [c for c in _without(without.screening, [*dropped, effect.name]).candidates if is_convincing(c)]
@@ -264,6 +330,14 @@ def _revision(space: SearchSpace, step: FitStep, dropped: Collection[str], tell:
             if isinstance(instead, AddEffect) and instead.name != effect.name:
                 return replace(instead, instead_of=effect.name)
     return None
+
+
+def _without_and_anew(space: SearchSpace, without: FitStep, name: str) -> FitStep:
+    """Step without an effect, the others' members selected anew, and the effect's own family screened again."""
+    selected = members_anew(space, without.selected, without.calibration, len(without.selected))
+    fitted = space.fit(selected, without.calibration)
+    own = [family for family in space.families if family.name == name]
+    return replace(without, selected=selected, calibration=fitted, screening=screen(fitted, own))
 
 
 def _parts_given_up(
@@ -308,6 +382,12 @@ def _parts_given_up(
         if tied and len(tied) == len(parts):
             ties.append(Tie(effect.name, tuple(dict.fromkeys(name for names in tied for name in names))))
     return tuple(ties)
+
+
+def _takes_more(before: FitStep, after: FitStep) -> bool:
+    """Whether a model determines more parameters than another one, or leaves more."""
+    more = project_residual(after.calibration).dof < project_residual(before.calibration).dof
+    return more or _leaves_more(before.calibration, after.calibration)
 
 
 def _leaves_more(before: Calibration, after: Calibration) -> bool:
@@ -390,6 +470,7 @@ def straight_steps(space: SearchSpace, steps: Sequence[FitStep]) -> tuple[FitSte
                 candidate=added.candidate,
                 log_bayes_factor=added.log_bayes_factor,
                 runner_up=added.runner_up,
+                on_behalf_of=added.on_behalf_of,
             )
         out.append(space.ranked(replace(step, screening=last.screening if is_last else None)))
     return tuple(out)

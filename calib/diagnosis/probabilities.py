@@ -24,7 +24,6 @@ from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.probability_weights import WEIGHTS
 from calib.diagnosis.verdict import Findings, conclude
 from calib.screening.candidates import MIN_CONFOUNDED_OVERLAP, Candidate
-from calib.screening.curves.smooth_joint_error import LEARNED
 
 UNKNOWN = "unknown"  # a cause outside the catalogue, or one that these data do not bring up
 _MOST_BEHIND = 12.0  # log evidence, behind the best, up to which an effect is an answer
@@ -105,8 +104,8 @@ def answer_probabilities(
 def questions(findings: Findings) -> tuple[tuple[Answer, ...], ...]:
     """Answers to each question that a search leaves: one for each effect in the model, and one for the rest."""
     about = _state(findings)
-    steps = [step for step in findings.steps if step.effect != LEARNED]
-    told = [_of_effect(findings, steps, name, about) for name in findings.named]
+    steps = findings.decided_steps
+    told = [_of_effect(findings, steps, e.name, about) for e in steps[-1].selected]
     return (*told, _of_the_rest(findings, steps[-1], about))
 
 
@@ -119,7 +118,7 @@ def _state(findings: Findings) -> dict[str, float]:
         "outliers": float(bool(tests.outlier_poses)),
         "shaped": float(findings.noise is not None),
         "broken": float(findings.promise_is_broken),
-        "effects": float(len(findings.named)),
+        "effects": float(len(findings.decided_steps[-1].selected)),
         "drift": float(bool(findings.unproven)),
     }
     return {name: value for name, value in facts.items() if value}
@@ -160,9 +159,10 @@ def _of_effect(
 def _of_the_rest(findings: Findings, last: FitStep, about: Mapping[str, float]) -> tuple[Answer, ...]:
     """Answers to what made the rest: nothing, an effect that was not added, unknown."""
     ranked = () if last.screening is None else last.screening.candidates
-    known = {*findings.named, *(name for one in findings.confounded_sets for name in one.names)}
+    known = {e.name for e in last.selected}
+    known |= {n for one in findings.confounded_sets if one.effect in known for n in one.names}
     free = [c for c in ranked if c.name not in known]
-    open_set = [c for c in free if c.name in findings.contenders]
+    open_set = [c for c in free if findings.undecided is not None and c.name in findings.undecided.names]
     best = next(iter(open_set or free), None)
     refused = "" if findings.refused is None else findings.refused.effect
     answers = {"": dict[str, float]()}

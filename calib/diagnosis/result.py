@@ -14,6 +14,7 @@ from calib.diagnosis.headline import HeldOutError, held_out_beyond_noise
 from calib.diagnosis.probabilities import CauseProbabilities, cause_probabilities
 from calib.diagnosis.verdict import Conclusion, Findings, conclude
 from calib.effects.catalogue import CATALOGUE, catalogue_names
+from calib.intervention.joint_fit import JointFit, joint_fit
 from calib.intervention.proof import Intervention, Proof, follows, interventions_of
 from calib.lazy_modules import pd
 from calib.presented import Presented
@@ -52,15 +53,10 @@ class Diagnosis(Presented, Findings, FittedResult):
         return self.conclusion.ambiguous_set
 
     @property
-    def undecided(self) -> tuple[str, ...]:
-        """Effects of the ambiguous set that are confounded with no effect in the model."""
-        return self.conclusion.undecided
-
-    @property
     def is_clean(self) -> bool:
-        """Whether the residual is only noise and outliers, and each confounded set has an effect in the model."""
+        """Whether the residual is only noise and outliers, and each effect in the model leads what it is not alike."""
         if self.verdict == "ambiguous":
-            return bool(self.confounded_sets) and not self.suspected and not self.undecided
+            return bool(self.confounded_sets) and not self.unproven and self.undecided is None
         return self.verdict in ("adequate", "named", "outliers")
 
     @cached_property
@@ -91,6 +87,12 @@ class Diagnosis(Presented, Findings, FittedResult):
     def contradictions(self) -> tuple[Contradiction, ...]:
         """Proven causes that the fit of all poses contradicts."""
         return contradictions(self.proven, self.calibration, self.missing, self._moved_by_conditions)
+
+    @cached_property
+    def joint_fit(self) -> JointFit | None:
+        """Fit of single poses and differences together, with all that is proven; None where nothing is."""
+        refuted = {name for contradiction in self.contradictions for name in contradiction.instead}
+        return joint_fit(self.calibration, self.interventions, refuted)
 
     @property
     def _moved_by_conditions(self) -> tuple[str, ...]:

@@ -96,6 +96,22 @@ def without_one(space: SearchSpace, step: FitStep, k: int, *, everything: bool) 
     return FitStep("", selected, fitted, left_out=step.left_out, screening=screening)
 
 
+def members_anew(
+    space: SearchSpace, selected: Sequence[SelectedEffect], start: Calibration, count: int
+) -> tuple[SelectedEffect, ...]:
+    """Selected effects, of the first `count` of which the members are selected anew beside all others."""
+    out = list(selected)
+    for k, effect in enumerate(out[:count]):
+        family = space.family(effect.name)
+        if family is None:
+            continue
+        others = (*out[:k], *out[k + 1 :])
+        found = screen(space.fit(others, start), [family]).candidates
+        if found and found[0].members and found[0].members != effect.members:
+            out[k] = SelectedEffect.of(found[0])
+    return tuple(out)
+
+
 def with_candidate(
     space: SearchSpace, step: FitStep, candidate: Candidate, trial: Calibration | None = None
 ) -> tuple[tuple[SelectedEffect, ...], Calibration]:
@@ -112,18 +128,10 @@ def with_candidate(
     """
     selected = (*step.selected, SelectedEffect.of(candidate))
     fitted = space.fit(selected, step.calibration) if trial is None else trial
-    out = list(selected)
-    for k, effect in enumerate(out[:-1]):
-        family = space.family(effect.name)
-        if family is None:
-            continue
-        others = (*out[:k], *out[k + 1 :])
-        found = screen(space.fit(others, step.calibration), [family]).candidates
-        if found and found[0].members and found[0].members != effect.members:
-            out[k] = SelectedEffect.of(found[0])
+    out = members_anew(space, selected, step.calibration, len(step.selected))
     if all(now is before for now, before in zip(out, selected, strict=True)):
         return selected, fitted
-    return tuple(out), space.fit(out, step.calibration)
+    return out, space.fit(out, step.calibration)
 
 
 def with_curves(space: SearchSpace, step: FitStep) -> FitStep:

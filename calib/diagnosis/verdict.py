@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import takewhile
 from typing import Literal
 
 from calib.calibration.held_out import HeldOutTest
@@ -13,7 +15,7 @@ from calib.diagnosis.effect_selection import FitStep
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate, Screening, Untestable
 from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, inputs_of, joints_of
 from calib.screening.noise_search import AddedEffect, ShownNoise
-from calib.screening.residual_tests import ResidualTests
+from calib.screening.residual_tests import ResidualTests, asked_of_joints
 from calib.screening.smooth_motions import JointFault
 
 VERDICTS = ("adequate", "named", "ambiguous", "unexplained", "outliers")
@@ -59,9 +61,10 @@ class ConfoundedSet:
     """An effect in the model, with the effects that these data cannot distinguish from it."""
 
     effect: str
-    equivalent: tuple[str, ...]  # effects with the same columns at these poses
+    equivalent: tuple[str, ...]  # effects with the same columns at these poses, or with about as much evidence
     untested: tuple[str, ...]  # effects that the data lack the means to test
     would_help: str = ""  # what to write down or measure so that those can be tested
+    is_undecided: bool = False  # whether the effects explain different things, and none leads the others
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -90,8 +93,6 @@ class Findings:
     steps: tuple[FitStep, ...]  # link errors, then one for each effect added (learned curves last), each screened
     all_tests: ResidualTests  # of the residual of the last fit without learned curves
     implausible: str = ""  # why points and poses do not belong together, as a clause; "" where they do
-    contenders: tuple[str, ...] = ()  # effects of which none leads the others, so that none was added; the best first
-    tests_with_contender: ResidualTests | None = None  # with the best of these in the model beside others
     confounded_sets: tuple[ConfoundedSet, ...] = ()  # each with one effect in the model
     refused: Refusal | None = None
     left_to_curves: bool = False  # whether learned curves explain more than the next effect, of one place or pose
@@ -113,22 +114,36 @@ class Findings:
         return tuple(effect.name for effect in self.steps[-1].selected if effect.name != LEARNED)
 
     @property
+    def decided_steps(self) -> tuple[FitStep, ...]:
+        """Steps up to the first effect that does not lead others, without learned curves."""
+        led = takewhile(lambda step: not step.on_behalf_of, self.steps)
+        return tuple(step for step in led if step.effect != LEARNED)
+
+    @property
+    def undecided(self) -> ConfoundedSet | None:
+        """The first set of effects of which none leads the others; None where one led in every step."""
+        return next((one for one in self.confounded_sets if one.is_undecided), None)
+
+    @property
     def promise_is_broken(self) -> bool:
         """Whether the test poses are off by more than the fit predicts, or many by more than any training pose."""
         return bool(self.far_test_poses) or (self.held_out is not None and self.held_out.is_broken)
 
     @cached_property
     def residual_tests(self) -> ResidualTests:
-        """Tests of the residual, with an error motion of one joint only where that may be reported.
+        """Tests of the residual, patterns on joints of added effects first asked for on these joints alone.
 
-        Not where contenders are left, since the residual holds their cause, nor where the data are wrong, nor where
-        learned curves of other joints explain more.
+        An error motion of one joint is kept only where that may be reported: not where an effect is fitted on behalf of
+        others, whose part the residual may hold, nor where the data are wrong, nor where learned curves of other joints
+        explain more.
         """
-        fault = self.all_tests.fault
-        hidden = self.contenders or self.data_problem is not None
+        added = [effect for effect in self.steps[-1].selected if effect.name != LEARNED]
+        tests = asked_of_joints(self.all_tests, {joint for effect in added for joint in effect.joints})
+        fault = tests.fault
+        hidden = self.undecided is not None or self.data_problem is not None
         if fault is not None and (hidden or (self.learned is not None and self.learned.outweighs(fault))):
-            return replace(self.all_tests, fault=None)
-        return self.all_tests
+            return replace(tests, fault=None)
+        return tests
 
     @property
     def unproven(self) -> str:
@@ -160,7 +175,6 @@ class Conclusion:
     missing: tuple[str, ...] = ()  # effects that are claimed, in the order added
     suspected: tuple[str, ...] = ()  # effects that were added and are not claimed
     ambiguous_set: tuple[str, ...] = ()  # effects that these data cannot tell apart, those with one in the model first
-    undecided: tuple[str, ...] = ()  # those of them that are confounded with no effect in the model
     refused: str = ""  # an effect that was not added in spite of its evidence
     reason: str = ""  # what keeps an unexplained dataset so: see `_reason`
 
@@ -183,30 +197,40 @@ def conclude(findings: Findings) -> Conclusion:
     1. `unexplained` where the data are wrong, or where curves had to be learned (no name explains what they follow).
     2. Where an effect has no more evidence than a correlated drift of the instrument, `ambiguous` if effects are
        confounded, else `unexplained`.
-    3. `ambiguous` where contenders are left.
+    3. `ambiguous` where effects are left of which none leads the others.
     4. `unexplained` where the residual is not noise, the test poses are off by more than predicted, or the only effect
        was refused for a reason that leaves doubt.
     5. `ambiguous` where an effect in the model is confounded with others.
     6. `outliers` where single poses stand out, else `named` where effects were added, else `adequate`.
 
     Effects in the model are claimed, but for confounded ones, unless the verdict is `unexplained` or an effect is
-    unproven: what causes the rest may have made them look as they do. Beside contenders, the residual with the best of
-    them in the model has to be noise.
+    unproven: what causes the rest may have made them look as they do. Where effects are left of which none leads, only
+    those are claimed that were added before, and the residual with the best of the others has to be noise. An error
+    that grows with the angle of a joint is not claimed beside an open cause that moves the same joint, as it may be a
+    part of it.
     """
     confounded = tuple(dict.fromkeys(name for one in findings.confounded_sets for name in one.names))
-    ambiguous_set = () if findings.learned is not None else tuple(dict.fromkeys([*confounded, *findings.contenders]))
+    ambiguous_set = () if findings.learned is not None else confounded
     verdict = _verdict(findings, ambiguous_set)
-    rest_is_noise = findings.tests_with_contender is None or _is_noise(findings.tests_with_contender)
+    rest_is_noise = findings.undecided is None or _is_noise(findings.all_tests)
     claimed = verdict != "unexplained" and not findings.unproven and rest_is_noise
+    led = {effect.name for effect in findings.decided_steps[-1].selected} - _parts_of_open_ones(findings, confounded)
+    undecided = {name for one in findings.confounded_sets if one.is_undecided for name in one.names}
     return Conclusion(
         verdict=verdict,
-        missing=tuple(name for name in findings.named if name not in confounded) if claimed else (),
-        suspected=() if claimed else findings.named,
+        missing=tuple(name for name in findings.named if name not in confounded and name in led) if claimed else (),
+        suspected=tuple(n for n in findings.named if n not in (led.union(confounded) if claimed else undecided)),
         ambiguous_set=ambiguous_set,
-        undecided=tuple(name for name in ambiguous_set if name not in confounded),
         refused="" if findings.refused is None else findings.refused.effect,
         reason=_reason(findings) if verdict == "unexplained" else "",
     )
+
+
+def _parts_of_open_ones(findings: Findings, confounded: Collection[str]) -> set[str]:
+    """Names of effects that grow with the angle of a joint on which a confounded effect of the model acts, too."""
+    last = [effect for effect in findings.steps[-1].selected if effect.name != LEARNED]
+    joints = {joint for effect in last if effect.name in confounded for joint in effect.joints}
+    return {effect.name for effect in last if effect.grows_with_angle and joints & effect.joints}
 
 
 def _verdict(findings: Findings, ambiguous_set: tuple[str, ...]) -> str:
@@ -215,7 +239,7 @@ def _verdict(findings: Findings, ambiguous_set: tuple[str, ...]) -> str:
         return "unexplained"
     if findings.unproven:
         return "ambiguous" if ambiguous_set else "unexplained"
-    if findings.contenders:
+    if findings.undecided is not None:
         return "ambiguous"
     only_refused = refused is not None and refused.leaves_doubt and not findings.named
     not_noise = tests.fault is not None or tests.structured or tests.too_large

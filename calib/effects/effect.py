@@ -51,6 +51,7 @@ class Parameter:
     doc: str = ""  # a few words
     nominal: float = 0.0  # what is reported is nominal + the fitted value
     positive: bool = False  # whether only this sign is possible, as of a compliance
+    prior_mean: float = 0.0  # of the fitted value, where arms of its type tell it
 
 
 @dataclass(frozen=True)
@@ -166,6 +167,7 @@ class CatalogueEffect(ABC):
     under_load: ClassVar[bool] = False  # whether it follows gravity's load, so that unknown masses confound it
     outside_arm: ClassVar[bool] = False  # whether its cause is no part of the arm: instrument, target, load
     changes_arm: ClassVar[bool] = False  # whether it is another before and after a pose; later poses are as the last
+    grows_with_angle: ClassVar[bool] = False  # whether it follows the size of one joint's angle, as a part of much does
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

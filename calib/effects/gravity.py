@@ -4,12 +4,14 @@
 
 with z_j, o_j axis and origin of joint j, c_k the centres of mass of everything beyond it. Where masses are not known,
 the torques of one kilogram at each frame's origin are used: a mass along a link between two origins acts as a sum of
-masses at them, so these columns span what the true masses do.
+masses at them, so these columns span what the true masses do. Where a joint's torque was measured, that is its load
+(`Robot.measured_loads`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -18,11 +20,18 @@ import calib.frames as frames
 from calib.array_types import Array
 from calib.kinematics.chain import Chain
 from calib.kinematics.robot import Robot
+from calib.kinematics.statics import TorqueReading, load_torque
 
 
 def has_masses(robot: Robot) -> bool:
     """Whether the robot has mass and centre of mass of every link."""
     return all(joint.mass_kg is not None and joint.com_mm is not None for joint in robot.joints)
+
+
+def loaded_joints(robot: Robot) -> tuple[int, ...]:
+    """Joints, counted from 0, whose load is known: all where the links' masses are, else those of measured torque."""
+    known = range(robot.n_joints) if has_masses(robot) else (load.joint for load in robot.measured_loads)
+    return tuple(sorted(known))
 
 
 @dataclass(frozen=True)
@@ -32,6 +41,7 @@ class GravityLoads:
     robot: Robot
     chain: Chain  # the forward pass with its axes and links
     payload_kg: Array | None  # (N,)
+    readings: Mapping[int, TorqueReading] = field(default_factory=dict)  # measured torques, by joint
 
     @cached_property
     def _gravity_m_s2(self) -> Array:
@@ -77,11 +87,17 @@ class GravityLoads:
 
     @cached_property
     def joint_torques(self) -> Array:
-        """Gravity's torque about each revolute axis, N m, and force along each prismatic one, N: (N, n)."""
+        """Gravity's torque about each revolute axis, N m, and force along each prismatic one, N: (N, n).
+
+        For a joint whose torque was measured, the load that this tells.
+        """
         torques = np.zeros((len(self.chain.base_T_frame), self.robot.n_joints))
         for j, joint in enumerate(self.robot.joints):
             axis, origin_mm = self._axis(j)
-            if joint.is_revolute:
+            load = self.robot.measured_load(j)
+            if load is not None:
+                torques[:, j] = load_torque(self.robot, self.chain, load, self.payload_kg, self.readings.get(j))
+            elif joint.is_revolute:
                 torques[:, j] = np.sum(axis * self.moment_about(origin_mm, j), axis=1)
             else:
                 torques[:, j] = (axis @ self._gravity_m_s2) * self.carried[0][j + 1]

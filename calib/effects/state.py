@@ -21,9 +21,15 @@ import calib.frames as frames
 from calib.array_types import Array
 from calib.brief import Brief
 from calib.dataset.dataset import Poses
+from calib.dataset.further_columns import is_number
+from calib.dataset.input_names import CONDITIONS
+from calib.dataset.signals import drive_inputs, link_angle_rad, measured_torque_nm
 from calib.effects.gravity import GravityLoads
+from calib.errors import FitError
 from calib.kinematics import chain as kinematics
-from calib.kinematics.robot import PARAMETER_KINDS, Robot
+from calib.kinematics.drive import turn_by_encoder, turn_by_law
+from calib.kinematics.robot import PARAMETER_KINDS, LinkEncoder, Robot
+from calib.kinematics.statics import TorqueReading
 
 
 @dataclass(frozen=True)
@@ -55,9 +61,12 @@ class RobotState(Brief):
 
     @classmethod
     def nominal(cls, robot: Robot, poses: Poses, seen: Seen | None = None) -> RobotState:
-        """State of the nominal robot at N poses."""
+        """State of the nominal robot at N poses; links with an encoder of their own stand where that reads."""
         offsets = {target.name: np.array(target.xyz_mm) for target in robot.targets}
-        return cls(robot, poses, robot.table[None], np.zeros((1, 3)), np.zeros((1, 3)), offsets, seen)
+        state = cls(robot, poses, robot.table[None], np.zeros((1, 3)), np.zeros((1, 3)), offsets, seen)
+        for encoder in robot.link_encoders:
+            state = state.add_joint_error(encoder.joint, _turn_of_link(robot, encoder, poses))
+        return state
 
     def with_loads_at(self, loaded: RobotState) -> RobotState:
         """This robot state with its gravity loads computed at another state."""
@@ -73,6 +82,37 @@ class RobotState(Brief):
     def q_rad(self) -> Array:
         """Commanded joint positions (N, n) rad; mm for prismatic joints."""
         return self.poses.q
+
+    @property
+    def previous_q_rad(self) -> Array:
+        """Commanded joint positions (N, n), rad or mm, of the pose measured before each; its own for the first.
+
+        Poses that come after all that were measured, such as targets, have their own too.
+        """
+        return self.poses.came_from
+
+    @property
+    def link_q_rad(self) -> Array:
+        """Positions (N, n), rad or mm, at which the links stand by their own encoders; as commanded without these.
+
+        Where an encoder was not read, the laws that its other readings tell stand in.
+        """
+        turned = self.poses.q.copy()
+        for encoder in self.robot.link_encoders:
+            turned[:, encoder.joint] += _turn_of_link(self.robot, encoder, self.poses)
+        return turned
+
+    def column(self, name: str) -> Array:
+        """Numbers (N,) of a column of poses.csv, by its name there: "temperature_motor2_c", "load_left_q3_deg".
+
+        Raises FitError where the poses do not have it, or words in it.
+        """
+        values = getattr(self.poses, name) if name in CONDITIONS else self.poses.extra.by_name.get(name)
+        if values is None:
+            raise FitError(f"column {name!r} is needed; give it for each pose, as poses.csv does")
+        if not is_number(np.asarray(values)):
+            raise FitError(f"column {name!r} holds words, numbers are needed")
+        return np.array(values, dtype=float)
 
     @cached_property
     def vector(self) -> Array:
@@ -150,8 +190,14 @@ class RobotState(Brief):
 
     @cached_property
     def gravity(self) -> GravityLoads:
-        """Gravity loads at this state, by the masses of robot.toml and the poses' payload."""
-        return GravityLoads(self.robot, self.chain, self.poses.payload_kg)
+        """Gravity loads at this state, by measured torques, the masses of robot.toml and the poses' payload."""
+        poses, readings = self.poses, {}
+        for load in self.robot.measured_loads:
+            torque_nm = measured_torque_nm(poses, load.joint)
+            if torque_nm is not None:
+                approach = None if poses.approach is None else poses.approach[:, load.joint]
+                readings[load.joint] = TorqueReading(torque_nm, approach)
+        return GravityLoads(self.robot, self.chain, poses.payload_kg, readings)
 
     @property
     def gravity_torques_nm(self) -> Array:
@@ -187,6 +233,14 @@ class RobotState(Brief):
             if np.any(rotvec):
                 base_R_tool = frames.rotation_from_rotvec(rotvec) @ base_R_tool
         return base_R_tool
+
+
+def _turn_of_link(robot: Robot, encoder: LinkEncoder, poses: Poses) -> Array:
+    """Turn (N,), rad, of a link against its motor: as its encoder reads it, or by its law where it was not read."""
+    link_rad = link_angle_rad(poses, encoder.joint)
+    if link_rad is None:
+        return turn_by_law(robot, encoder, drive_inputs(poses, encoder.joint))
+    return turn_by_encoder(link_rad, poses.q[:, encoder.joint], encoder)
 
 
 def world_target(state: RobotState, target: str) -> Array:

@@ -50,7 +50,9 @@ class FitTask:
 
     def of_geometry_alone(self) -> FitTask:
         """Task that fits robot.toml's corrections alone, as a start for the fit with all effects."""
-        return replace(self, model=Model(self.model.robot, self.geometry, self.model.fixed))
+        of = self.model
+        model = Model(of.robot, self.geometry, of.fixed, prior_sigmas=of.prior_sigmas, prior_means=of.prior_means)
+        return replace(self, model=model)
 
     def of(self, kept: BoolArray) -> FitTask:
         """Task restricted to the points where `kept` (M,) is True."""
@@ -60,9 +62,10 @@ class FitTask:
         """Fit that looks for the tool point near robot.toml's or, where that is far off, near one found from the data.
 
         It is far off by the points alone, or by a fit that moves it further than tolerances allow or turns the tip to
-        move it; a later fit overrules an earlier one. A scanner on the flange does not measure the tool.
+        move it; a later fit overrules an earlier one. A scanner on the flange does not measure the tool, and lengths
+        show too little of it.
         """
-        if self.model.robot.carries_scanner:
+        if self.model.robot.carries_scanner or self.observed.points.lengths is not None:
             return self.fitted(None)
         fixed = self.model.fixed
         found = search_tool_point(self.observed, self.links, fixed)

@@ -47,6 +47,8 @@ class Model(Brief):
     """Robot at whose links gravity's loads are computed; None: at those of the state itself."""
     tool_found: Robot | None = None
     """The nominal robot with the tool point that was found, as the target "jig", where robot.toml's is far off."""
+    prior_means: Mapping[str, float] = field(default_factory=dict)
+    """Prior means of parameters, by full name; zero for all others."""
     _loaded: list[RobotState] = field(default_factory=list, init=False, compare=False, repr=False)
 
     @cached_property
@@ -54,7 +56,8 @@ class Model(Brief):
         return tuple(self._named(full_name(effect, p), p) for effect in self.effects for p in effect.parameters)
 
     def _named(self, name: str, parameter: Parameter) -> Parameter:
-        return replace(parameter, name=name, scale=self.prior_sigmas.get(name, parameter.scale))
+        mean = self.prior_means.get(name, 0.0)
+        return replace(parameter, name=name, scale=self.prior_sigmas.get(name, parameter.scale), prior_mean=mean)
 
     @cached_property
     def _is_free(self) -> BoolArray:
@@ -103,6 +106,11 @@ class Model(Brief):
     def scales(self) -> Array:
         """Prior sigma (P,) of each free parameter: its tolerance, or the usual size of the effect's parameter."""
         return np.array([p.scale for p in self.parameters])
+
+    @property
+    def means(self) -> Array:
+        """Prior mean (P,) of each free parameter."""
+        return np.array([p.prior_mean for p in self.parameters])
 
     def with_fixed(self, names: ArrayLike) -> Model:
         """This model with further parameters fixed at zero. Raises FitError on an unknown name."""

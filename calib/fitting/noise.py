@@ -102,7 +102,7 @@ class Moments:
         return Moments(self.of_point[keep], self.gap, self.in_poses)
 
     def products(self, drifts: Sequence[CorrelatedDrift], rows: Array) -> Iterator[tuple[Array, float]]:
-        """For each of some drifts: product rows^T C^-1 rows (K, K) of rows (M, 3, K), and log det C of one axis.
+        """For each of some drifts: product rows^T C^-1 rows (K, K) of rows (M, A, K) of A axes, and log det C of one.
 
         Computed by Woodbury's identity with the drift at each moment as the unknown.
         """
@@ -110,7 +110,7 @@ class Moments:
         count = np.bincount(self.of_point, minlength=len(self.gap)).astype(float)
         seen = np.flatnonzero(count)
         starts = np.searchsorted(self.of_point[order], seen)
-        summed = np.zeros((len(count), 3 * rows.shape[2]))
+        summed = np.zeros((len(count), rows.shape[1] * rows.shape[2]))
         summed[seen] = np.add.reduceat(rows[order].reshape(len(rows), -1), starts, axis=0)
         plain = _product(rows)
         for drift in drifts:
@@ -123,7 +123,7 @@ class Moments:
             lower = np.stack([upper[1], np.append(upper[0, 1:], 0.0)])
             inner = solve_banded((1, 0), lower, summed, check_finite=False)
             log_det = len(rows) * np.log(white) + len(count) * np.log(share) + float(np.sum(np.log(free)))
-            found = plain / white - _product(inner.reshape(len(count), 3, -1)) / white**2
+            found = plain / white - _product(inner.reshape(len(count), rows.shape[1], -1)) / white**2
             yield found, float(log_det + 2.0 * np.sum(np.log(upper[1])))
 
     def decorrelator(self, drift: CorrelatedDrift) -> Array:

@@ -17,7 +17,7 @@ from calib.effects.state import RobotState, Seen
 from calib.errors import FitError
 from calib.fitting.model import Model, geometric_model, place_of_target
 from calib.fitting.noise import noise_factors, shaped_covariance
-from calib.fitting.scanner_frame import fit_scanner_frame
+from calib.fitting.scanner_frame import fit_scanner_frame, whitener
 from calib.kinematics import chain as kinematics
 from calib.kinematics.hand_eye import HandEye, solve_hand_eye, with_world_targets
 from calib.kinematics.robot import Robot
@@ -113,10 +113,45 @@ class Observations(Brief):
             scanner_T_base=None,
         )
 
-    @property
+    @cached_property
     def setup(self) -> NDArray[np.str_]:
-        """Name (M,) of each point's setup."""
-        return self.poses.setup[self.points.pose]
+        """Name (M,) of each point's setup; of a length with its anchor, which has a frame of its own."""
+        setup, lengths = self.poses.setup[self.points.pose], self.points.lengths
+        if lengths is None or not np.any(lengths.anchor != ""):
+            return setup
+        return np.array([f"{one} {anchor}".strip() for one, anchor in zip(setup, lengths.anchor, strict=True)])
+
+    @cached_property
+    def whiten(self) -> Array:
+        """Matrices (M, C, 3) that whiten the errors of points; C, the coordinates a point tells, is 1 for a length."""
+        whiten = whitener(self.covariance_mm2)
+        if self.points.lengths is None:
+            return whiten
+        along = self.points.lengths.direction
+        variance = np.einsum("mi,mij,mj->m", along, self.covariance_mm2, along)
+        return np.asarray((along / np.sqrt(variance)[:, None])[:, None, :])
+
+    def fit_frame(self, base_mm: Array, rows: ArrayLike) -> Array:
+        """Scanner frame (4, 4) of some points, a mask (M,) or row numbers, fitted to predicted points (M, 3)."""
+        rows, lengths = np.asarray(rows), self.points.lengths
+        if self.frame_is_known(rows) and lengths is not None:
+            return frames.make_transform(np.eye(3), -lengths.place_mm[rows][0])
+        whiten = None if lengths is None else self.whiten[rows]
+        return fit_scanner_frame(base_mm[rows], self.points.xyz_mm[rows], self.covariance_mm2[rows], whiten)
+
+    def frame_is_known(self, rows: ArrayLike) -> bool:
+        """Whether the frame of some points is not fitted: that of lengths from an anchor of known place."""
+        lengths = self.points.lengths
+        return lengths is not None and bool(np.isfinite(lengths.place_mm[np.asarray(rows)]).all())
+
+    def errors_mm(self, scanner_T_base: Array, base_mm: Array, rows: ArrayLike) -> Array:
+        """Predicted minus measured points (K, 3), mm, scanner frame; of lengths along their lines alone."""
+        rows, lengths = np.asarray(rows), self.points.lengths
+        error_mm = frames.apply(scanner_T_base, base_mm[rows]) - self.points.xyz_mm[rows]
+        if lengths is None:
+            return error_mm
+        along = lengths.direction[rows]
+        return np.asarray(np.sum(error_mm * along, axis=1, keepdims=True) * along)
 
     @cached_property
     def used_poses(self) -> tuple[Poses, IndexArray]:
@@ -139,7 +174,8 @@ class Observations(Brief):
 
         Effects of the scanner depend on both.
         """
-        return self._seen.get(target) if self.scanner_T_base is not None else None
+        known = self.scanner_T_base is not None and self.points.lengths is None
+        return self._seen.get(target) if known else None
 
     def scanner_T_base_at(self, poses: Poses) -> Array:
         """Transforms scanner_T_base (N, 4, 4) at any poses of the observed setups."""
@@ -198,9 +234,7 @@ def with_scanner_frames(
     for name in map(str, np.unique(observed.setup)):
         rows = observed.setup == name
         fitted = rows if chosen is None or not np.any(rows & chosen) else rows & chosen
-        placed[name] = fit_scanner_frame(
-            base_mm[fitted], observed.points.xyz_mm[fitted], observed.covariance_mm2[fitted]
-        )
+        placed[name] = observed.fit_frame(base_mm, fitted)
     return replace(observed, scanner_T_base=placed)
 
 

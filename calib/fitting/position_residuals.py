@@ -18,7 +18,7 @@ from calib.fitting.observations import (
     predict_points,
 )
 from calib.fitting.residual import Linearisation
-from calib.fitting.scanner_frame import fit_scanner_frame, frame_columns, orthonormal, whitener
+from calib.fitting.scanner_frame import frame_columns, orthonormal
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class PositionResiduals(Brief):
 
     @cached_property
     def _whiten(self) -> Array:
-        return whitener(self.observed.covariance_mm2)
+        return self.observed.whiten
 
     @cached_property
     def degrees_spent(self) -> int:
@@ -63,18 +63,17 @@ class PositionResiduals(Brief):
     def _frame(self, base_mm: Array, rows: IndexArray) -> Array:
         if self.frame_known:
             return np.eye(4)
-        observed = self.observed
-        return fit_scanner_frame(base_mm[rows], observed.points.xyz_mm[rows], observed.covariance_mm2[rows])
+        return self.observed.fit_frame(base_mm, rows)
 
     def _frame_basis(self, scanner_mm: Array, rows: IndexArray) -> Array:
-        """Orthonormal basis (3 M, rank) of the residual's changes by motions of one setup's scanner frame."""
-        if self.frame_known:
-            return np.empty((3 * len(rows), 0))
+        """Orthonormal basis (C M, rank) of the residual's changes by motions of one setup's scanner frame."""
+        if self.frame_known or self.observed.frame_is_known(rows):
+            return np.empty((len(rows) * self._whiten.shape[1], 0))
         return orthonormal(frame_columns(scanner_mm, self._whiten[rows]))
 
     def residual(self, x: Array) -> Array:
         base_mm = predict_points(self.model, x, self.observed)
-        out = np.empty_like(base_mm)
+        out = np.empty(self._whiten.shape[:2])
         for rows in self._setups:
             error_mm = frames.apply(self._frame(base_mm, rows), base_mm[rows]) - self.observed.points.xyz_mm[rows]
             out[rows] = np.einsum("mij,mj->mi", self._whiten[rows], error_mm)
@@ -82,8 +81,9 @@ class PositionResiduals(Brief):
 
     def linearise(self, x: Array) -> Linearisation:
         base_mm, by_x = linearise_points(self.model, x, self.observed)
-        residual = np.empty_like(base_mm)
-        jacobian = np.empty_like(by_x)
+        points, coordinates = self._whiten.shape[:2]
+        residual = np.empty((points, coordinates))
+        jacobian = np.empty((points, coordinates, by_x.shape[-1]))
         for rows in self._setups:
             scanner_T_base = self._frame(base_mm, rows)
             at_mm = frames.apply(scanner_T_base, base_mm[rows])
@@ -91,27 +91,27 @@ class PositionResiduals(Brief):
             residual[rows] = np.einsum("mij,mj->mi", self._whiten[rows], error_mm)
             columns = (self._whiten[rows] @ scanner_T_base[:3, :3] @ by_x[rows]).reshape(-1, by_x.shape[-1])
             basis = self._frame_basis(at_mm, rows)
-            jacobian[rows] = (columns - basis @ (basis.T @ columns)).reshape(len(rows), 3, -1)
+            jacobian[rows] = (columns - basis @ (basis.T @ columns)).reshape(len(rows), coordinates, -1)
         return Linearisation(residual.ravel(), jacobian.reshape(-1, by_x.shape[-1]))
 
     def base_to_residual(self, x: Array) -> Array:
-        """Matrices (M, 3, 3) that turn a point's change, mm in the base frame, into whitened residual rows."""
+        """Matrices (M, C, 3) that turn a point's change, mm in the base frame, into whitened residual rows."""
         base_mm = predict_points(self.model, x, self.observed)
-        out = np.empty((len(base_mm), 3, 3))
+        out = np.empty_like(self._whiten)
         for rows in self._setups:
             out[rows] = self._whiten[rows] @ self._frame(base_mm, rows)[:3, :3]
         return out
 
     def frame_directions(self, x: Array) -> Array:
-        """Orthonormal basis (3 M, `degrees_spent`) of the residual's changes by motions of all scanner frames."""
+        """Orthonormal basis (C M, `degrees_spent`) of the residual's changes by motions of all scanner frames."""
         base_mm = predict_points(self.model, x, self.observed)
-        blocks = []
+        blocks, coordinates = [], self._whiten.shape[1]
         for rows in self._setups:
             at_mm = frames.apply(self._frame(base_mm, rows), base_mm[rows])
             basis = self._frame_basis(at_mm, rows)
-            block = np.zeros((len(base_mm), 3, basis.shape[1]))
-            block[rows] = basis.reshape(len(rows), 3, -1)
-            blocks.append(block.reshape(3 * len(base_mm), -1))
+            block = np.zeros((len(base_mm), coordinates, basis.shape[1]))
+            block[rows] = basis.reshape(len(rows), coordinates, -1)
+            blocks.append(block.reshape(coordinates * len(base_mm), -1))
         return np.concatenate(blocks, axis=1)
 
 

@@ -189,8 +189,8 @@ def solve_with_tails(
 
 
 def rows_of_points(residuals: Residuals, observed: Observations) -> IndexArray:
-    """Number (M,) of the residual's rows that belong to each point, 3 or 6."""
-    rows = np.full(len(observed.points), 3)
+    """Number (M,) of the residual's rows that belong to each point: 1, 3 or 6."""
+    rows = np.full(len(observed.points), observed.points.coordinates)
     return rows + 3 * residuals.has_orientation if isinstance(residuals, PoseResiduals) else rows
 
 

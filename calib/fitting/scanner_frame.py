@@ -9,7 +9,7 @@ from calib.array_types import Array
 from calib.errors import FitError
 
 
-def fit_scanner_frame(base_mm: Array, scanner_mm: Array, covariance_mm2: Array) -> Array:
+def fit_scanner_frame(base_mm: Array, scanner_mm: Array, covariance_mm2: Array, whiten: Array | None = None) -> Array:
     """Transform scanner_T_base (4, 4) that minimises sum (T b - s)^T C^-1 (T b - s) over predicted b and measured s.
 
     Closed form (`frames.best_fit_transform`) for isotropic covariances; Gauss-Newton from there for others. Collinear
@@ -19,12 +19,16 @@ def fit_scanner_frame(base_mm: Array, scanner_mm: Array, covariance_mm2: Array) 
         base_mm: (M, 3) predicted points, base frame.
         scanner_mm: (M, 3) measured points, scanner frame.
         covariance_mm2: (M, 3, 3) of the measured points.
+        whiten: (M, 1, 3) what whitens lengths, whose frame has the base's axes and only an origin of its own.
     """
-    sigma2 = np.trace(covariance_mm2, axis1=-2, axis2=-1) / 3.0
-    scanner_T_base = frames.best_fit_transform(base_mm, scanner_mm, 1.0 / sigma2)
-    if np.allclose(covariance_mm2, sigma2[:, None, None] * np.eye(3), rtol=1e-9, atol=0.0):
-        return scanner_T_base
-    whiten = whitener(covariance_mm2)
+    if whiten is not None:
+        scanner_T_base = frames.make_transform(np.eye(3), (scanner_mm - base_mm).mean(axis=0))
+    else:
+        sigma2 = np.trace(covariance_mm2, axis1=-2, axis2=-1) / 3.0
+        scanner_T_base = frames.best_fit_transform(base_mm, scanner_mm, 1.0 / sigma2)
+        if np.allclose(covariance_mm2, sigma2[:, None, None] * np.eye(3), rtol=1e-9, atol=0.0):
+            return scanner_T_base
+        whiten = whitener(covariance_mm2)
     for _ in range(20):
         at = frames.apply(scanner_T_base, base_mm)
         centre = at.mean(axis=0)
@@ -53,12 +57,23 @@ def whitener(covariance_mm2: Array) -> Array:
 
 
 def frame_columns(scanner_mm: Array, whiten: Array) -> Array:
-    """Derivative (3 M, 6) of whitened points by a frame's small motion: a shift, then a turn about their centre.
+    """Derivative (C M, 6) of whitened points by a frame's small motion: a shift, then a turn about their centre.
 
-    scanner_mm  # (M, 3); whiten  # (M, 3, 3)
+    scanner_mm  # (M, 3); whiten  # (M, C, 3)
     """
     # about the centre: a far origin would cost digits
-    return (whiten @ frame_motion(scanner_mm, scanner_mm.mean(axis=0))).reshape(-1, 6)
+    return whitened_motion(scanner_mm, scanner_mm.mean(axis=0), whiten).reshape(-1, 6)
+
+
+def whitened_motion(points_mm: Array, centre_mm: Array, whiten: Array) -> Array:
+    """Derivative (M, C, 6) of whitened points by a frame's small motion; of lengths (C = 1) zero by its turn.
+
+    A turn about the anchor changes no length, and one about another point does what a shift does.
+    """
+    columns = np.asarray(whiten @ frame_motion(points_mm, centre_mm))
+    if whiten.shape[1] == 1:
+        columns[..., 3:] = 0.0
+    return columns
 
 
 def frame_motion(points_mm: Array, centre_mm: Array) -> Array:

@@ -153,6 +153,7 @@ def with_found_tool(
         model.prior_sigmas,
         model.loads_of,
         found,
+        model.prior_means,
     )
 
 

@@ -10,7 +10,8 @@ Where the residual is large, its curvature makes full steps too short or too lon
 few are combined so that their steps cancel best (Anderson 1965), and the combination is taken where it lowers the cost
 further.
 
-The prior is a normal distribution of each correction, its sigma the manufacturing tolerance. Its weight is the noise
+The prior is a normal distribution of each correction, its mean zero unless arms of the type tell another one, its sigma
+the manufacturing tolerance. Its weight is the noise
 estimated from the residual, at least the declared noise, so that degenerate arms (links without length) cannot lower
 it. For exact data a last step, near that fit, lowers the weight further.
 """
@@ -49,7 +50,7 @@ def solve(
     Args:
         residuals: the problem.
         start: (P,) first guess, such as an earlier fit; zeros, the nominal robot, where None.
-        prior: normal prior on each correction, with `Parameter.scale` as sigma.
+        prior: normal prior on each correction, with `Parameter.prior_mean` as mean and `Parameter.scale` as sigma.
         max_iterations: largest number of accepted steps.
 
     Raises:
@@ -62,7 +63,7 @@ def solve(
         descent.run(weight=0.0)
         return descent.fit(weight=0.0)
     weight = _settle(descent, residuals.noise_floor)
-    if float(np.max(np.abs(descent.z))) > _SUSPECT:
+    if float(np.max(np.abs(descent.from_mean))) > _SUSPECT:
         # A step that promised much may have led where the prior no longer counts: slowly, from the start.
         slow = _Descent(residuals, start, max_iterations)
         slow_weight = _settle(slow, residuals.noise_floor, hurry=False)
@@ -124,15 +125,15 @@ class _Factors:
     v: Array
     g: Array
 
-    def with_prior(self, weight: float, z: Array) -> _Factors:
+    def with_prior(self, weight: float, from_mean: Array) -> _Factors:
         """Decomposition of the linearised problem with the prior's rows added.
 
-        These are the factors of [A; w 1] with right-hand side [b; w z], whose V is that of A.
+        These are the factors of [A; w 1] with right-hand side [b; w (z - mean)], whose V is that of A.
 
         Directions without information are left out.
         """
         s = np.hypot(self.s, weight)
-        g = (self.s * self.g + weight**2 * (self.v.T @ z)) / np.maximum(s, 1e-300)
+        g = (self.s * self.g + weight**2 * (self.v.T @ from_mean)) / np.maximum(s, 1e-300)
         keep = s > _NULL * max(float(s[0]), 1e-300)
         return _Factors(s[keep], self.v[:, keep], g[keep])
 
@@ -189,6 +190,7 @@ class _Descent:
     def __init__(self, residuals: Residuals, start: ArrayLike | None, max_iterations: int) -> None:
         self.residuals = residuals
         self.scales = np.array([p.scale for p in residuals.parameters])
+        self.mean = np.array([p.prior_mean for p in residuals.parameters]) / self.scales
         self.z = np.zeros(len(self.scales)) if start is None else np.asarray(start, dtype=float) / self.scales
         self.limit = max_iterations
         residual = residuals.residual(self.z * self.scales)
@@ -210,6 +212,11 @@ class _Descent:
         self.factors = self._factors_at(self.z)
 
     @property
+    def from_mean(self) -> Array:
+        """Difference (P,) of the parameters from the prior's mean, in tolerances."""
+        return self.z - self.mean
+
+    @property
     def steps(self) -> int:
         return len(self.history) - 1
 
@@ -220,19 +227,19 @@ class _Descent:
 
     def promised_noise(self) -> float:
         """Predicted residual sigma over declared sigma after a full step without prior, in the linear model."""
-        factors = self.factors.with_prior(0.0, self.z)
+        factors = self.factors.with_prior(0.0, self.from_mean)
         left = self.rows - self.residuals.degrees_spent - len(factors.s)
         return float(np.sqrt(max(self.cost - factors.possible_drop, 0.0) / left)) if left > 0 else np.inf
 
     def run(self, weight: float, steps: int | None = None) -> None:
-        """Descend to the minimum of |residual|^2 + weight^2 |z|^2, by at most `steps` steps."""
+        """Descend to the minimum of |residual|^2 + weight^2 |z - mean|^2, by at most `steps` steps."""
         radius = np.inf
         last = None if steps is None else self.steps + steps
         full: list[tuple[Array, Array]] = []  # the last points, each with its full step
         self._stop(False, "")
         while True:
-            factors = self.factors.with_prior(weight, self.z)
-            objective = self.cost + weight**2 * float(self.z @ self.z)
+            factors = self.factors.with_prior(weight, self.from_mean)
+            objective = self.cost + weight**2 * float(self.from_mean @ self.from_mean)
             if factors.possible_drop <= _CONVERGED**2 * objective / self.rows:
                 return self._stop(True, "the gradient vanishes")
             if self.steps == last:
@@ -272,7 +279,8 @@ class _Descent:
         z = self.z + step
         residual = self.residuals.residual(z * self.scales)
         cost = float(residual @ residual) if np.all(np.isfinite(residual)) else np.inf
-        return objective - cost - weight**2 * float(z @ z), cost
+        from_mean = z - self.mean
+        return objective - cost - weight**2 * float(from_mean @ from_mean), cost
 
     def _at_floor(self) -> bool:
         return self.cost <= _FLOOR**2 * self.history[0].cost
@@ -295,7 +303,7 @@ class _Descent:
         """Negative log posterior density of parameters and noise, times two, up to a constant."""
         left = max(self.degrees_of_freedom(weight), 1.0)
         variance = max(self.cost / left, self.residuals.noise_floor**2)
-        return float(left * np.log(variance) + self.cost / variance + self.z @ self.z)
+        return float(left * np.log(variance) + self.cost / variance + self.from_mean @ self.from_mean)
 
     def fit(self, weight: float) -> Fit:
         noise = self.noise(weight)

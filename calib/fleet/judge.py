@@ -174,6 +174,7 @@ def row_of(path: str, checked: Check, without_corner: tuple[str, ...] = ()) -> R
         suspected=() if found is None else found.suspected,
         ambiguous=() if found is None else found.ambiguous_set,
         sizes=() if found is None else sizes_of(found),
+        likely={} if found is None else {name: round(found.probabilities.of(name), 4) for name in found.named},
         words=one_line(words),
     )
 

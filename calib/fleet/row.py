@@ -57,6 +57,7 @@ class Row(Brief):
     suspected: tuple[str, ...] = ()
     ambiguous: tuple[str, ...] = ()
     sizes: tuple[EffectSize, ...] = ()  # of the effects in the last model
+    likely: dict[str, float] = field(default_factory=dict)  # probability of each effect in the last model
     words: str = ""  # verdict as text, or why there is none
 
     @property

@@ -1,31 +1,40 @@
 """Causes that several arms of a fleet share, and properties that these arms have in common.
 
-A cause is an effect on one joint that a diagnosis claims. Its arms are compared with every site, every value of a
-further key of [about] (a gear's batch), and every range of serial numbers by Fisher's exact test, one-sided: is the
-share of arms with this cause larger in the group than in the rest of the fleet's arms of that model? Models are
-compared with each other in the same way. A range is the best of all ranges, so its p-value is the probability of a
-range as good where the cause is permuted at random (or Bonferroni's over all ranges, where that is less). All tests of
-a fleet are corrected together (Holm).
+A cause is an effect on one joint that a diagnosis claims, or that it suspects or leaves open with a probability of a
+half or more; of several datasets of an arm the mean counts. Its arms are compared with every site, every value of a
+further key of [about] (a gear's batch), all arms since a serial number or a date, and every range of serial numbers by
+Fisher's exact test, one-sided: is the share of arms with this cause larger in the group than in the rest of the fleet's
+arms of that model? Models are compared with each other in the same way. A range is the best of all ranges, so its
+p-value is the probability of a range as good where the cause is permuted at random (or Bonferroni's over all ranges,
+where that is less). All tests of a fleet are corrected together (Holm), those of a change since some number with the
+weight `SINCE_WEIGHT`, as a new batch shows so.
 """
 
 from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
+from math import comb
 
 import numpy as np
 
 from calib.array_types import BoolArray, IndexArray
 from calib.distributions import hypergeometric_sf
 from calib.fleet.row import EffectSize, Row
-from calib.screening.evidence import holm
 
 FEWEST = 3  # arms that make a cause shared
 MAIN_SHARE = 0.25  # of the displacement by an effect's largest member, from which another joint carries it too
-LEVEL = 0.01  # family-wise error rate of the groups that are reported
+LIKELY = 0.5  # probability from which an arm counts as one with the cause
+LEVEL = 0.05  # family-wise error rate of the groups that are reported
+SINCE_WEIGHT = 4.0  # of the tests of all arms since a serial number or a date, beside 1 of the others
 PERMUTATIONS = 999
+_ENOUGH = 20  # permutations as good as the data's, after which the p-value is known well enough
+
+_EXACT = 1000  # most ways to deal out a cause that are all tried
+SERIALS_SINCE, DATES_SINCE = "serial numbers since", "dates since"
 
 Cause = tuple[str, int | None]  # effect, joint counted from 1
 
@@ -34,7 +43,7 @@ Cause = tuple[str, int | None]  # effect, joint counted from 1
 class Group:
     """Arms of one site, batch or range of serial numbers that have a cause more often than the other arms."""
 
-    what: str  # "site", "serial numbers", "robot", or a key of [about]
+    what: str  # "site", "serial numbers", "serial numbers since", "dates since", "robot", or a key of [about]
     value: str
     inside: tuple[int, int]  # arms with the cause, all arms
     outside: tuple[int, int]
@@ -56,11 +65,11 @@ class SharedCause:
 
 def shared_causes(rows: Iterable[Row]) -> tuple[SharedCause, ...]:
     """Causes that at least FEWEST arms share, sorted by significance of a group, then by number of arms."""
-    last_of: dict[tuple[str, str], Row] = {}
+    rows_of: dict[tuple[str, str], list[Row]] = defaultdict(list)
     for row in sorted(rows, key=lambda row: (row.date, row.path)):
         if row.verdict:
-            last_of[row.arm] = row
-    arms = [last_of[arm] for arm in sorted(last_of, key=lambda arm: (arm[0], natural(arm[1])))]
+            rows_of[row.arm].append(row)
+    arms = [rows_of[arm] for arm in sorted(rows_of, key=lambda arm: (arm[0], natural(arm[1])))]
     tests: list[tuple[int, Group]] = []
     found: list[SharedCause] = []
     for robot, of_robot in [*_by_robot(arms).items(), ("", arms)]:
@@ -70,11 +79,12 @@ def shared_causes(rows: Iterable[Row]) -> tuple[SharedCause, ...]:
             if has.sum() < FEWEST:
                 continue
             moved = [s[cause].moves_mm for s in sizes if cause in s]
-            names = tuple(row.arm[1] for row, with_it in zip(of_robot, has, strict=True) if with_it)
-            tests += [(len(found), group) for group in _groups(of_robot, has, across_models=not robot)]
+            last = [rows[-1] for rows in of_robot]
+            names = tuple(row.arm[1] for row, with_it in zip(last, has, strict=True) if with_it)
+            tests += [(len(found), group) for group in _groups(last, has, across_models=not robot)]
             found.append(SharedCause(robot, *cause, names, len(has), float(np.median(moved)), ()))
     groups: dict[int, list[Group]] = defaultdict(list)
-    for (index, group), p in zip(tests, holm([group.p_value for _, group in tests]), strict=True):
+    for (index, group), p in zip(tests, _corrected([group for _, group in tests]), strict=True):
         if p < LEVEL:
             groups[index].append(replace(group, p_value=p))
     out = [
@@ -85,21 +95,51 @@ def shared_causes(rows: Iterable[Row]) -> tuple[SharedCause, ...]:
     return tuple(sorted(out, key=lambda c: (not c.groups, -len(c.arms), c.robot, c.effect, c.joint or 0)))
 
 
-def _by_robot(arms: Sequence[Row]) -> dict[str, list[Row]]:
-    out: dict[str, list[Row]] = defaultdict(list)
-    for row in arms:
-        out[row.robot].append(row)
+def _corrected(groups: Sequence[Group]) -> list[float]:
+    """p-values of groups corrected by Holm's step-down procedure with weights (Holm 1979)."""
+    weights = np.array([SINCE_WEIGHT if group.what in (SERIALS_SINCE, DATES_SINCE) else 1.0 for group in groups])
+    p = np.array([group.p_value for group in groups])
+    order = np.argsort(p / weights)
+    left = np.cumsum(weights[order][::-1])[::-1]
+    corrected = np.minimum(np.maximum.accumulate(left * p[order] / weights[order]), 1.0) if len(p) else p
+    out = np.empty(len(p))
+    out[order] = corrected
+    return [float(value) for value in out]
+
+
+def _by_robot(arms: Sequence[list[Row]]) -> dict[str, list[list[Row]]]:
+    out: dict[str, list[list[Row]]] = defaultdict(list)
+    for rows in arms:
+        out[rows[0].robot].append(rows)
     return out
 
 
-def _causes(row: Row) -> dict[Cause, EffectSize]:
-    """Effects claimed by an arm's diagnosis, by effect and joint, without joints with a negligible share."""
-    claimed = [size for size in row.sizes if size.effect in row.missing]
+def _causes(rows: Sequence[Row]) -> dict[Cause, EffectSize]:
+    """Causes that an arm has by all its datasets, in order of their dates, with the size of the last."""
+    of_each = [_causes_of(row) for row in rows]
+    sizes = {cause: size for found in of_each for cause, (size, _) in found.items()}
+    likely: dict[Cause, EffectSize] = {}
+    for cause, size in sizes.items():
+        p = [found[cause][1] if cause in found else 0.0 for found in of_each]
+        if np.mean(p) > LIKELY or (np.mean(p) == LIKELY and p[-1] >= LIKELY):
+            likely[cause] = size
+    return likely
+
+
+def _causes_of(row: Row) -> dict[Cause, tuple[EffectSize, float]]:
+    """Size and probability of each effect in a dataset's last model, without joints with a negligible share."""
+    claimed = row.sizes
     most = {
         effect: max(size.moves_mm for size in claimed if size.effect == effect)
         for effect in {size.effect for size in claimed}
     }
-    return {(s.effect, s.joint): s for s in claimed if s.moves_mm >= MAIN_SHARE * most[s.effect]}
+
+    def probability(effect: str) -> float:
+        return 1.0 if effect in row.missing else row.likely.get(effect, 0.0)
+
+    return {
+        (s.effect, s.joint): (s, probability(s.effect)) for s in claimed if s.moves_mm >= MAIN_SHARE * most[s.effect]
+    }
 
 
 def _groups(arms: Sequence[Row], has: BoolArray, *, across_models: bool) -> list[Group]:
@@ -129,7 +169,68 @@ def _groups(arms: Sequence[Row], has: BoolArray, *, across_models: bool) -> list
         value = f"{arms[places[first]].serial} to {arms[places[last]].serial}"
         if 2 <= inside.sum() < numbered.sum():
             out.append(group("serial numbers", value, inside, p))
+        out += _since(arms, has, places, SERIALS_SINCE, lambda row: row.serial)
+    dated = [i for i in range(population) if arms[i].date]
+    if not across_models and has[dated].sum() >= FEWEST and len({arms[i].date for i in dated}) > FEWEST:
+        in_time = np.array(sorted(dated, key=lambda i: (arms[i].date, i)))
+        out += _since(arms, has, in_time, DATES_SINCE, lambda row: row.date)
     return out
+
+
+def _since(
+    arms: Sequence[Row], has: BoolArray, order: IndexArray, what: str, name: Callable[[Row], str]
+) -> list[Group]:
+    """Arms since the place in an order from which a cause is most frequent against the arms before; [] for all arms."""
+    values = [name(arms[i]) for i in order]
+    starts = np.array([k == 0 or values[k - 1] != value for k, value in enumerate(values)])  # a day is not split
+    first, p = best_since(has[order], starts)
+    if not 2 <= len(order) - first < len(order):
+        return []
+    count, size, cases = int(has[order[first:]].sum()), len(order) - first, int(has[order].sum())
+    return [Group(what, values[first], (count, size), (cases - count, len(order) - size), p)]
+
+
+def best_since(has: BoolArray, starts: BoolArray) -> tuple[int, float]:
+    """Place in an order since which a cause is most frequent by Fisher's test, and the p-value of that.
+
+    `has` (N,) says which arms have the cause, in order, `starts` (N,) at which of them a group may begin. The p-value
+    is the probability of a place as unlikely anywhere, where the cases are permuted at random: exact where few arms
+    have it, by `PERMUTATIONS` else.
+    """
+    n, cases = len(has), int(has.sum())
+    table = hypergeometric_sf(n, cases)
+
+    def best(having: BoolArray) -> tuple[float, int]:
+        behind = np.cumsum(having[::-1])[::-1]
+        p = np.where(starts, table[n - np.arange(n), behind], 1.0)
+        first = int(np.argmin(p))
+        return float(p[first]), first
+
+    p, first = best(has)
+    if comb(n, cases) <= _EXACT:
+        as_good = 0
+        for places in combinations(range(n), cases):
+            having = np.zeros(n, dtype=bool)
+            having[list(places)] = True
+            as_good += best(having)[0] <= p * (1.0 + 1e-9)
+        return first, as_good / comb(n, cases)
+    return first, permuted_p(lambda rng: best(rng.permutation(has))[0], p, bonferroni=p * n)
+
+
+def permuted_p(drawn: Callable[[np.random.Generator], float], p: float, *, bonferroni: float) -> float:
+    """Probability of a least p-value as small under random permutations; Bonferroni's bound where that is less.
+
+    The draws end where enough are as small (Besag, Clifford 1991); none is needed where the bound is below them all.
+    """
+    if bonferroni < 1.0 / (1 + PERMUTATIONS):
+        return bonferroni
+    rng = np.random.default_rng(0)
+    as_good = 0
+    for count in range(1, PERMUTATIONS + 1):
+        as_good += drawn(rng) <= p * (1.0 + 1e-9)
+        if as_good == _ENOUGH:
+            return min(as_good / count, bonferroni)
+    return min((1 + as_good) / (1 + PERMUTATIONS), bonferroni)
 
 
 def best_range(has: BoolArray) -> tuple[int, int, float]:
@@ -150,9 +251,11 @@ def best_range(has: BoolArray) -> tuple[int, int, float]:
         return float(p[i, j]), int(places[i]), int(places[j])
 
     p, first, last = best(np.flatnonzero(has))
-    rng = np.random.default_rng(0)
-    as_good = sum(best(np.sort(rng.permutation(n)[:cases]))[0] <= p * (1.0 + 1e-9) for _ in range(PERMUTATIONS))
-    return first, last, min((1 + as_good) / (1 + PERMUTATIONS), p * n * (n + 1) / 2)
+
+    def drawn(rng: np.random.Generator) -> float:
+        return best(np.sort(rng.permutation(n)[:cases]))[0]
+
+    return first, last, permuted_p(drawn, p, bonferroni=p * n * (n + 1) / 2)
 
 
 def natural(text: str) -> tuple[tuple[int, int, str], ...]:

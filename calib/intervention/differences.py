@@ -41,6 +41,9 @@ class Differences:
     by_state: Mapping[str, Array]  # by target (N, 3, S): derivative of the point by the state
     target: Mapping[str, BoolArray]  # masks (M,)
     row: IndexArray  # (M,) used pose of each point
+    pose: IndexArray  # (M,) index of each point's pose in the dataset
+    xyz_mm: Array  # (M, 3) measured, in the scanner's frame
+    scanner_R_base: Array  # (M, 3, 3) of the run of each point
     place: IndexArray  # (N,) number of the place of each used pose
     whiten: Array  # (M, 3, 3) from the base frame to sigmas
     cell: IndexArray  # (M,) number of the place and target, of which the mean is taken away
@@ -161,6 +164,9 @@ def differences_of(dataset: Dataset, paired: PairedPoses, robot: Robot) -> Diffe
         by_state={target: point_by_state(state, target)[1] for target, state in states.items()},
         target=observed.targets,
         row=row,
+        pose=observed.points.pose,
+        xyz_mm=observed.points.xyz_mm,
+        scanner_R_base=placed[:, :3, :3],
         place=place[np.unique(observed.points.pose)],
         whiten=whiten,
         cell=cell,

@@ -120,7 +120,7 @@ def find_pairs(dataset: Dataset) -> tuple[PairedPoses, ...]:
     arm was measured with several conditions changed at once, and never with one of them alone, they are named together.
     Poses that differ in setup, target or time alone come last.
     """
-    if dataset.points is None:
+    if dataset.points is None or dataset.points.lengths is not None:  # their lines differ at equal joints too
         return ()
     poses, measured = dataset.poses, np.unique(dataset.points.pose)
     acting = {name: values for name, values in conditions_of(poses).items() if name not in (SETUP, TIME)}

@@ -32,6 +32,7 @@ from calib.effects.effect import (
 from calib.effects.gravity import has_masses
 from calib.errors import FitError
 from calib.intervention.differences import Differences, differences_of
+from calib.intervention.displacements import PairDisplacements, displacements_of
 from calib.intervention.loaded_tool import ToolSagUnderPayload
 from calib.intervention.pairs import APPROACH, PAYLOAD, SETUP, TARGET, TIME, PairedPoses, find_pairs
 from calib.kinematics.robot import Robot
@@ -85,6 +86,8 @@ class Intervention(Brief):
     held_out: int  # pairs of test poses
     proofs: tuple[Proof, ...]
     open_causes: tuple[Cause, ...]  # that the differences call for, but do not tell apart; the likeliest first
+    proven_members: tuple[Effect, ...] = ()  # of effects, that the proofs are of
+    displacements: PairDisplacements | None = None  # of real pairs; None where a simulated follow-up was judged
 
     def _brief(self) -> str:
         return f"{', '.join(self.conditions)}, {self.pairs} pairs: {len(self.proofs)} values proven"
@@ -114,11 +117,6 @@ def interventions_of(calibration: Calibration, user_effects: Sequence[Family] = 
     return tuple(one for one in found if one is not None)
 
 
-def proofs_of(calibration: Calibration, user_effects: Sequence[Family] = ()) -> tuple[Proof, ...]:
-    """Causes that the paired poses of a calibration's dataset prove."""
-    return tuple(proof for one in interventions_of(calibration, user_effects) for proof in one.proofs)
-
-
 def _intervention(calibration: Calibration, paired: PairedPoses, user_effects: Sequence[Family]) -> Intervention | None:
     """What the pairs of one condition prove; None where they are too few to prove anything."""
     robot = with_masses(calibration.model.calibrated_robot(calibration.fit.x))
@@ -128,7 +126,21 @@ def _intervention(calibration: Calibration, paired: PairedPoses, user_effects: S
         return None
     if differences is None or differences.pairs < FEWEST_PAIRS:
         return None
-    return decided(differences, candidates_of(differences, calibration.dataset, user_effects))
+    candidates = candidates_of(differences, calibration.dataset, user_effects)
+    found = decided(differences, candidates)
+    return replace(
+        found, displacements=displacements_of(differences, _explained(differences, candidates, found.proofs))
+    )
+
+
+def _explained(differences: Differences, candidates: Sequence[PairCandidate], proofs: Sequence[Proof]) -> Array:
+    """What proven values add to the differences (R,), in sigmas."""
+    values = {proof.full_name: proof.value for proof in proofs}
+    explained = np.zeros(len(differences.residual))
+    for candidate in candidates:
+        amounts = [values.get(full_name(candidate.member, p), 0.0) / p.scale for p in candidate.parameters]
+        explained += candidate.columns @ np.array(amounts)
+    return explained
 
 
 def decided(differences: Differences, candidates: Sequence[PairCandidate], *, name_open: bool = True) -> Intervention:
@@ -143,6 +155,7 @@ def decided(differences: Differences, candidates: Sequence[PairCandidate], *, na
             found = with_next
     proofs: list[Proof] = []
     open_causes: list[Cause] = []
+    members: list[Effect] = []
     for one in found.chosen:
         may_be_proven = follows(one.member, paired.conditions) and _is_significant(differences, found, one)
         if not may_be_proven and not name_open:
@@ -150,6 +163,7 @@ def decided(differences: Differences, candidates: Sequence[PairCandidate], *, na
         rivals = _Explanation.of(differences, [c for c in found.candidates if _is_rival(c, one)])
         proven = _proof(differences, found, rivals, one) if may_be_proven else []
         proofs += proven
+        members += [one.member] if proven else []
         if not proven:
             open_causes += [_cause(one), *(_cause(rival) for rival in rivals.chosen if rival not in found.chosen)]
     return Intervention(
@@ -159,6 +173,7 @@ def decided(differences: Differences, candidates: Sequence[PairCandidate], *, na
         held_out=len(paired.pairs) - differences.pairs,
         proofs=tuple(proofs),
         open_causes=tuple(dict.fromkeys(open_causes)) if name_open else (),
+        proven_members=tuple(members),
     )
 
 
@@ -321,6 +336,8 @@ def follows(effect: Effect | type[CatalogueEffect], conditions: Collection[str])
     named: set[str] = {*told.needed_conditions, *told.helpful_conditions}
     if getattr(effect, "under_load", False):
         named.add(PAYLOAD)
+    if "temperature_c" in named:
+        named.update(name for name in conditions if name.startswith("temperature_"))
     return not named.isdisjoint(conditions)
 
 

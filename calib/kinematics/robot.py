@@ -110,6 +110,46 @@ class Target:
 
 
 @dataclass(frozen=True)
+class MeasuredLoad:
+    """The load of a revolute joint as its measured torques tell it (`calib.dataset.measured_torques`)."""
+
+    joint: int  # from 0
+    weights: tuple[float, ...]  # masses, kg, and first moments, kg m, that explain the torques: `statics_columns`
+    sign: float  # 1: the file has the torque of the load; -1: that of the drive, which holds it
+    offset_nm: float  # of the sensor
+    friction_nm: float  # of a joint that came from its positive side
+    sigma_nm: float  # noise of one reading
+    sigma_from: str  # "dataset.toml", "repeats" or "successive poses"
+    trust: float  # share of what differs from the weight's torque that is load, not noise
+    explained: float  # share of the torque's variance that weight explains
+    spread: tuple[tuple[float, ...], ...]  # independent changes of the weights by one standard deviation each
+    slope_lost: float  # share by which a slope over readings with this noise would come out too small
+
+
+@dataclass(frozen=True)
+class DriveTerm:
+    """A law by which a link stands off from its motor (`calib.kinematics.drive`), with fitted values."""
+
+    law: str  # "joint_compliance", "harmonic 2" ...
+    values: tuple[float, ...]
+    sigmas: tuple[float, ...]
+    mean_rad: float  # over the poses of the fit, which the offset holds
+    share: float  # of the squared difference between link and motor, that is left without it
+
+
+@dataclass(frozen=True)
+class LinkEncoder:
+    """An encoder on a link's side, and what it tells of the drive (`calib.dataset.link_encoders`)."""
+
+    joint: int  # from 0
+    offset_rad: float  # between the zeros of link and motor
+    terms: tuple[DriveTerm, ...]  # what lies between motor and link, for poses at which it was not read
+    rms_rad: float  # of the difference between link and motor, less the offset
+    left_rad: float  # standard deviation of what the terms leave
+    sigma_rad: float | None  # noise of the difference, where it is declared
+
+
+@dataclass(frozen=True)
 class Robot(Brief):
     """A serial arm of any number of revolute or prismatic joints.
 
@@ -126,6 +166,14 @@ class Robot(Brief):
     base: Base = field(default_factory=Base)
     carries_scanner: bool = False
     """Whether the scanner is on the flange and measures targets in the world; else it measures the tool."""
+    measured_loads: tuple[MeasuredLoad, ...] = ()
+    """Loads of joints whose torques were measured with a dataset; no part of robot.toml."""
+    link_encoders: tuple[LinkEncoder, ...] = ()
+    """Encoders on the link's side that a dataset has readings of; no part of robot.toml."""
+
+    def measured_load(self, joint: int) -> MeasuredLoad | None:
+        """Load of a joint (counted from 0) by its measured torques; None where these were not measured."""
+        return next((load for load in self.measured_loads if load.joint == joint), None)
 
     @property
     def n_joints(self) -> int:

@@ -16,9 +16,9 @@ from calib.calibration.evaluation import Evaluation
 from calib.calibration.model_versions import fits_same_points, options_for_links
 from calib.calibration.result import Calibration
 from calib.dataset.files.atomic_write import write_bytes_atomically
+from calib.dataset.files.origin import PROGRAM, program_version
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.kinematics.robot import Robot
-from calib.models.fitted_model import PROGRAM, program_version
 from calib.robot_formats.calibrated_file import CalibratedFile, calibrated_urdf, calibrated_yaml
 from calib.robot_formats.robots import robot_content
 

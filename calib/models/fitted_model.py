@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 
 import msgspec
@@ -27,6 +26,7 @@ from calib.compensation.target_correction import Correction, corrected_joints, n
 from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.fingerprint import fingerprint
+from calib.dataset.files.origin import Origin
 from calib.dataset.input_names import CONDITIONS, quantity_of
 from calib.dataset.repeats import without_poses
 from calib.dataset.trained_range import TrainedRange
@@ -41,7 +41,6 @@ from calib.options import FitOptions
 from calib.presented import Presented
 from calib.strict_json import to_json
 
-PROGRAM = "robot-calibration-inspector"
 _SAME_TABLE = 1e-9  # mm or rad
 
 
@@ -58,9 +57,8 @@ class Source(Brief):
     """Dataset, poses and program version that a model was fitted with."""
 
     dataset: str  # its name
-    files: Mapping[str, str]  # hash by file name; empty for a dataset that lies in no folder
     training_poses: tuple[str, ...]  # ids of the poses that the fit saw
-    program_version: str
+    origin: Origin
     left_out: tuple[str, ...] = ()  # ids of poses that it did not see, as asked or because they stand out
 
 
@@ -198,7 +196,7 @@ class FittedModel(Presented):
 
     def as_measured(self, dataset: Dataset) -> Dataset:
         """Dataset whose poses count as measured after those of the fit, unless it is the one that was fitted."""
-        if self.source.files and not self.is_fitted_to(dataset):  # another day: what changed has changed
+        if self.source.origin.files and not self.is_fitted_to(dataset):  # another day: what changed has changed
             return replace(dataset, poses=dataset.poses.measured_later())
         return dataset
 
@@ -259,9 +257,8 @@ class FittedModel(Presented):
 
     def is_fitted_to(self, dataset: Dataset) -> bool:
         """Whether the model was fitted to exactly the files of a dataset."""
-        if not self.source.files or dataset.folder is None:
-            return False
-        return dict(self.source.files) == fingerprint(dataset)
+        files = self.source.origin.files
+        return bool(files) and dataset.folder is not None and dict(files) == fingerprint(dataset)
 
     def save(self, path: str | Path) -> None:
         """Write the model as model.json, whole or not at all; `calib.load_model` reads it.
@@ -277,10 +274,11 @@ class FittedModel(Presented):
         document = {
             "format": KIND,
             "version": VERSION,
-            "program_version": source.program_version,
+            "program_version": source.origin.program_version,
+            "origin": source.origin.document,
             "dataset": {
                 "name": source.dataset,
-                "files": source.files,
+                "files": source.origin.files,
                 "training_poses": source.training_poses,
                 "left_out": source.left_out,
             },
@@ -321,18 +319,12 @@ class FittedModel(Presented):
         return f"{self.model.robot.name}, fitted to {self.source.dataset}: {errors}, effects: {effects}"
 
 
-def program_version() -> str:
-    """Version of the installed program."""
-    return version(PROGRAM)
-
-
 def _source(dataset: Dataset, outliers: tuple[str, ...]) -> Source:
     fitted = without_poses(dataset, outliers) if outliers else dataset
     points = fitted.points
     assert points is not None
     seen = np.unique(points.pose[~dataset.poses.is_test[points.pose]])
-    files = {} if dataset.folder is None else fingerprint(dataset)
-    return Source(dataset.name, files, tuple(dataset.poses.ids[i] for i in seen), program_version(), fitted.left_out)
+    return Source(dataset.name, tuple(dataset.poses.ids[i] for i in seen), Origin.of(dataset), fitted.left_out)
 
 
 def _has(poses: Poses, column: str) -> bool:

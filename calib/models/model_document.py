@@ -8,9 +8,11 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
+from calib.dataset.files.origin import SavedOrigin
 from calib.noise_shape import NoiseShape
 from calib.options import FitOptions
 from calib.strict_json import Finite, Size, SizeOrSign, Text
+from calib.type_prior import TypePrior
 
 KIND, VERSION = "robot-calibration-inspector model", 1
 Row = tuple[Finite, ...]
@@ -32,10 +34,13 @@ class SavedOptions(msgspec.Struct, frozen=True):
     tolerances: dict[str, float] = {}
     robust: bool = False
     noise: NoiseShape | None = None
+    type_prior: TypePrior | None = None
 
     def options(self) -> FitOptions:
         """Options of a fit, from the saved ones. Raises FitError for a value that no fit can have."""
-        return FitOptions(self.residual, self.prior, self.held, self.tolerances, self.robust, self.noise)
+        return FitOptions(
+            self.residual, self.prior, self.held, self.tolerances, self.robust, self.noise, self.type_prior
+        )
 
 
 class SavedMember(msgspec.Struct, frozen=True):
@@ -115,6 +120,7 @@ class ModelDocument(msgspec.Struct, frozen=True):
     needs: tuple[Text, ...]  # columns of poses.csv that a prediction depends on
     before: SavedErrors
     after: SavedErrors
+    origin: SavedOrigin = SavedOrigin()
     loads_table: tuple[Row, ...] | None = None  # links with which gravity's loads are computed
     found_tool_mm: Row | None = None  # tool point in the last joint's frame, where that of the robot is far off
     trained: SavedRange | None = None  # of the joints at the training poses

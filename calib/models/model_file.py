@@ -21,6 +21,7 @@ from calib.calibration.promise import Discrepancy
 from calib.calibration.result import FittedResult
 from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Poses
+from calib.dataset.files.origin import Origin
 from calib.dataset.files.robot_toml import refuse_beyond
 from calib.dataset.further_columns import FurtherColumns
 from calib.dataset.trained_range import TrainedRange
@@ -101,9 +102,12 @@ def load_model(path: str | Path, effects_file: str | Path | None = None) -> Fitt
         sigma_mm=math.nan if document.sigma_mm is None else document.sigma_mm,
         source=Source(
             document.dataset.name,
-            file.checked_values(["dataset", "files"], document.dataset.files, Text),
             document.dataset.training_poses,
-            document.program_version,
+            Origin.read(
+                document.origin,
+                document.program_version,
+                file.checked_values(["dataset", "files"], document.dataset.files, Text),
+            ),
             document.dataset.left_out,
         ),
         trained=_trained(file, document, robot),
@@ -174,7 +178,8 @@ def _model(
         if len(document.found_tool_mm) != 3:
             file.fail(["found_tool_mm"], f"{len(document.found_tool_mm)} numbers", "x, y and z are needed")
         found_tool = with_own_tool_point(robot, document.found_tool_mm)
-    model = Model(robot, tuple(effects), frozenset(document.held), sigmas, loads, found_tool)
+    means = {} if options.type_prior is None else options.type_prior.means
+    model = Model(robot, tuple(effects), frozenset(document.held), sigmas, loads, found_tool, means)
     found = [p.name for p in document.parameters]
     if len(set(found)) < len(found):
         file.fail(["parameters"], "one name twice", "each parameter has its own")

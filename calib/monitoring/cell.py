@@ -9,13 +9,9 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.calibration.result import Calibration
-from calib.calibration.uncertainty import JointKnowledge
 from calib.dataset.dataset import Dataset
-from calib.distributions import chi2_sf
-from calib.errors import FitError
-from calib.fitting.observations import Observations, linearise_points, with_nominal_scanner_frames
-from calib.fitting.scanner_frame import fit_scanner_frame, frame_motion, whitener
-from calib.monitoring.change_models import BASE, LARGEST_BY_UNIT, SCANNER, ChangeModel, change_models_of_arm
+from calib.fitting.scanner_frame import frame_motion
+from calib.monitoring.change_models import BASE, LARGEST_BY_UNIT, SCANNER, ChangeModel
 from calib.monitoring.change_tests import (
     ALARM,
     ALONE,
@@ -26,14 +22,9 @@ from calib.monitoring.change_tests import (
     most_likely,
 )
 from calib.monitoring.check_errors import CheckErrors
-from calib.monitoring.misfit import MOST_POSES, Misfit
-from calib.monitoring.prediction_spread import Spread
+from calib.monitoring.check_points import CheckPoints, Expectation
 
-_FEWEST = 3  # check poses
 _HIDDEN = 10.0  # times the RMSE, by which a change has to move the points to be refused where it is large
-_FEWEST_DOF = 8.0  # of the noise, whatever its errors are like
-_CHANCE = 1e-4  # probability of residuals as small as the fit's, below which the noise is less than declared
-_FINEST = 1e-9  # least noise as a share of the largest coordinate: exact data leave nothing but rounding
 
 
 @dataclass(frozen=True)
@@ -54,85 +45,36 @@ class CellTests:
     @classmethod
     def of(cls, base: Calibration, new: Dataset, *, scanner_moved: bool) -> CellTests:
         """Tests of new points against an earlier calibration. Raises FitError for too few poses."""
-        later = replace(new, poses=new.poses.measured_later())
-        observed = Observations.of(later, np.ones(len(new.poses), dtype=bool))
-        count = len(np.unique(observed.points.pose))
-        if count < _FEWEST:
-            raise FitError(f"dataset {new.name}: found {count} measured poses; a check takes {_FEWEST} or more")
-        setups = np.unique(observed.setup)
-        if len(setups) > 1:
-            raise FitError(f"dataset {new.name}: found {len(setups)} placements of the scanner; watch each by itself")
-        known = not scanner_moved and str(setups[0]) in base.after.scanner_T_base
-        observed = with_nominal_scanner_frames(observed, base.model.placed_robot)
-        at_mm, by_x = linearise_points(base.model, base.fit.x, observed)
-        whiten = whitener(observed.covariance_mm2)
-        measured_mm = observed.points.xyz_mm
-        anew = fit_scanner_frame(at_mm, measured_mm, observed.covariance_mm2)
-        before = base.after.scanner_T_base[str(setups[0])] if known else anew
-        noise, dof, scale = _noise(base)
-        misfit = Misfit.of(base)
-        # Errors that are alike, or few of them large, tell less of their size.
-        dof = max(dof / (misfit.tails * misfit.inflation), min(dof, _FEWEST_DOF))
-        noise = max(noise, _finest(measured_mm, observed.covariance_mm2))
-        prior = JointKnowledge.of(base, str(setups[0]) if known else None)
-        prior = replace(prior, covariance=scale**2 * misfit.inflation * prior.covariance)
-
-        used, row = observed.used_poses
-        white = min(noise, 1.0) if misfit.inflation > 1.0 and len(used) <= MOST_POSES else noise
-        excess_mm2 = (noise**2 - white**2) * float(np.trace(observed.covariance_mm2, axis1=1, axis2=2).mean()) / 3.0
-        missed = np.kron(misfit.root_mm(used.q, excess_mm2), np.eye(3)).reshape(len(used), 3, -1)[
-            row
-        ]  # (M, 3, L) base frame
-
-        def linearised(scanner_T_base: Array) -> tuple[Array, Array, Array]:
-            """Whitened residual (3 M,), and its derivatives by x (3 M, P) and by the frame's motion (3 M, 6)."""
-            predicted_mm = frames.apply(scanner_T_base, at_mm)
-            residual = np.einsum("mij,mj->mi", whiten, measured_mm - predicted_mm).ravel()
-            columns = (whiten @ scanner_T_base[:3, :3] @ by_x).reshape(len(residual), -1)
-            motion = (whiten @ frame_motion(predicted_mm, prior.centre_mm)).reshape(len(residual), 6)
-            return residual, columns, motion
-
-        def with_missed(columns: Array, covariance: Array, scanner_T_base: Array) -> tuple[Array, Array]:
-            """Derivatives and covariance of the unknowns with those of what the model misses at the new poses."""
-            alike = (whiten @ scanner_T_base[:3, :3] @ missed).reshape(len(columns), -1)
-            whole = np.eye(len(covariance) + alike.shape[1])
-            whole[: len(covariance), : len(covariance)] = covariance
-            return np.concatenate([columns, alike], axis=1), whole
-
-        residual, columns, motion = linearised(before)
-        both = np.concatenate([columns, motion], axis=1)
-        spread_fixed = Spread.of(*with_missed(both, prior.covariance, before), white)
-        fixed = ChangeTests.of(residual, spread_fixed, whiten @ before[:3, :3], dof, misfit.tails)
-
-        residual, columns, motion = linearised(anew)
-        n = columns.shape[1]
-        spread_free = Spread.of(*with_missed(columns, prior.covariance[:n, :n], anew), white, blind=motion)
-        free = ChangeTests.of(residual, spread_free, whiten @ anew[:3, :3], dof, misfit.tails)
-
-        points, predicted_mm = observed.points, frames.apply(before, at_mm)
-        colour = np.asarray(np.linalg.inv(whiten), dtype=float)
+        check = CheckPoints.of(base, new)
+        expected = Expectation.of(base, [check], scanner_moved=scanner_moved)
+        fixed, free = expected.tests([check])
+        known = expected.before_T_base is not None
+        anew = check.anew_T_base
+        before = anew if expected.before_T_base is None else expected.before_T_base
+        points, measured_mm, covariance_mm2 = check.observed.points, check.measured_mm, check.observed.covariance_mm2
+        predicted_mm = frames.apply(before, check.at_mm)
+        colour = np.asarray(np.linalg.inv(check.whiten), dtype=float)
         errors = CheckErrors(
             poses=new.poses,
             pose=points.pose,
             target=tuple(map(str, points.target)),
             measured_mm=measured_mm,
             off_mm=measured_mm - predicted_mm,
-            covariance=(spread_fixed if known else spread_free).coloured(colour),
+            covariance=(fixed if known else free).spread.coloured(colour),
             scanner_R_base=before[:3, :3],
         )
-        by_frame = before[:3, :3].T @ frame_motion(predicted_mm, prior.centre_mm)
-        squares_mm2 = np.sum((measured_mm - frames.apply(anew, at_mm)) ** 2, axis=1)
-        sigma2_mm2 = np.trace(observed.covariance_mm2, axis1=1, axis2=2)
+        squares_mm2 = np.sum((measured_mm - frames.apply(anew, check.at_mm)) ** 2, axis=1)
+        sigma2_mm2 = np.trace(covariance_mm2, axis1=1, axis2=2)
         return cls(
-            models=change_models_of_arm(base.model, base.fit.x, observed),
-            scanner=ChangeModel(SCANNER, None, "", "mm", by_frame),
+            models=check.models,
+            scanner=scanner_motion(check, before, expected.prior.centre_mm),
             fixed=fixed,
             free=free,
             scanner_known=known,
             errors=errors,
             rmse_free_mm=float(np.sqrt(squares_mm2.mean())),
-            expected_mm=float(noise * np.sqrt(sigma2_mm2.mean())),
-            poses=count,
+            expected_mm=float(expected.noise * np.sqrt(sigma2_mm2.mean())),
+            poses=check.poses,
             confounded_with_scanner=() if new.robot.carries_scanner else (BASE,),
         )
 
@@ -211,20 +153,7 @@ class CellTests:
         return [replace(change, p_value=self.fixed.family_wise_p_value(tests), as_well=tuple(others))]
 
 
-def _noise(base: Calibration) -> tuple[float, float, float]:
-    """Expected noise over the declared noise, its degrees of freedom, and its ratio to the noise of the fit.
-
-    Where the residual is below the declared noise by no more than chance, the declared noise is expected: a fit whose
-    residuals happened to be small would take every later noise for a change.
-    """
-    noise, dof = base.fit.reduced_chi, base.fit.degrees_of_freedom
-    if not np.isfinite(noise):
-        return 1.0, np.inf, 1.0
-    by_chance = noise < 1.0 and 1.0 - chi2_sf(dof * noise**2, dof) > _CHANCE
-    return (1.0, dof, 1.0 / noise) if by_chance else (noise, dof, 1.0)
-
-
-def _finest(measured_mm: Array, covariance_mm2: Array) -> float:
-    """Least noise, over the declared noise, that rounding of the coordinates allows."""
-    sigma_mm = float(np.sqrt(np.trace(covariance_mm2, axis1=1, axis2=2).mean() / 3.0))
-    return _FINEST * max(float(np.abs(measured_mm).max()), 1.0) / sigma_mm
+def scanner_motion(check: CheckPoints, scanner_T_base: Array, centre_mm: Array) -> ChangeModel:
+    """Change model of the scanner's motion by a shift (mm) and a rotation (rad) about a centre in its frame."""
+    predicted_mm = frames.apply(scanner_T_base, check.at_mm)
+    return ChangeModel(SCANNER, None, "", "mm", scanner_T_base[:3, :3].T @ frame_motion(predicted_mm, centre_mm))

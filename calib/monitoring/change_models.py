@@ -17,9 +17,9 @@ from calib.kinematics.robot import Robot
 JOINT_ZERO, TOOL, SCANNER, BASE = "joint_zero", "tool", "scanner", "base"
 JIG = "jig"  # fixed in the world where the arm carries the scanner; takes the tool's place
 LENGTH, ANGLE, COMPLIANCE, NOISE = "length", "angle", "compliance", "noise"
+WARMTH, BACKLASH = "warmth", "backlash"
 
-
-LARGEST_BY_UNIT = {"mm": 50.0, "rad": np.radians(10.0), "rad/Nm": 1e-3, "mm/N": 1.0}
+LARGEST_BY_UNIT = {"mm": 50.0, "rad": np.radians(10.0), "rad/Nm": 1e-3, "mm/N": 1.0, "ppm": 5000.0}
 """Size of a change, by its unit, from which the points have to move as it says: no part changes so much unseen."""
 
 
@@ -49,10 +49,11 @@ class ChangeModel:
 
 
 def change_models_of_arm(model: Model, x: Array, observed: Observations) -> tuple[ChangeModel, ...]:
-    """Models of changes of an arm: each joint's zero, lengths, link angles, compliance, and the tool.
+    """Models of changes of an arm: each joint's zero, lengths, link angles, compliance, backlash, warmth, and the tool.
 
-    The tool is one change of three lengths, and so is the jig in the world where the arm carries the scanner. A joint's
-    compliance needs masses in robot.toml.
+    The tool is one change of three lengths, and so is the jig in the world where the arm carries the scanner. Warmth is
+    one growth of all lengths. A joint's compliance needs masses in robot.toml, its backlash the side from which it
+    was approached.
 
     Args:
         model: model of the earlier fit.
@@ -68,11 +69,12 @@ def change_models_of_arm(model: Model, x: Array, observed: Observations) -> tupl
     state = table.state(zeros, poses)
     torques_nm = state.gravity_torques_nm[row] if has_masses(model.robot) else np.zeros((len(row), 0))
     columns = {p.name: by_table[..., k] for k, p in enumerate(table.parameters)}
-    return tuple(_change_models(model.robot, columns, torques_nm, state.attitude[row]))
+    approach = np.zeros((len(row), 0)) if poses.approach is None else poses.approach[row]
+    return tuple(_change_models(model.robot, columns, torques_nm, approach, state.attitude[row]))
 
 
 def _change_models(
-    robot: Robot, columns: dict[str, Array], torques_nm: Array, base_R_tool: Array
+    robot: Robot, columns: dict[str, Array], torques_nm: Array, approach: Array, base_R_tool: Array
 ) -> Iterator[ChangeModel]:
     """Models of changes of the arm, from the motion of the points by each parameter of its table.
 
@@ -80,21 +82,29 @@ def _change_models(
         robot: nominal robot.
         columns: (M, 3) motion of each point by one unit of a parameter of the table, mm in the base frame.
         torques_nm: (M, n) joint torques by gravity, (M, 0) where the masses are unknown.
+        approach: (M, n) side from which each joint was approached, -1 or 1; (M, 0) where it was not recorded.
         base_R_tool: (M, 3, 3) orientation of the tool.
     """
+    units = dict(zip(robot.parameter_names, robot.parameter_units, strict=True))
     for joint, is_revolute in enumerate(robot.is_revolute, 1):
         zero = f"theta{joint}" if is_revolute else f"d{joint}"
         yield ChangeModel(JOINT_ZERO, joint, zero, "rad" if is_revolute else "mm", columns[zero][..., None])
         for name in (f"a{joint}", f"d{joint}", f"alpha{joint}", f"theta{joint}", f"beta{joint}"):
             # What lies behind the last joint is fixed to the flange: a change of it is one of the tool.
             if name != zero and joint < robot.n_joints:
-                length = name[0] in "ad" and not name.startswith("alpha")
-                what, unit = (LENGTH, "mm") if length else (ANGLE, "rad")
-                yield ChangeModel(what, joint, name, unit, columns[name][..., None])
+                what = LENGTH if units[name] == "mm" else ANGLE
+                yield ChangeModel(what, joint, name, units[name], columns[name][..., None])
         if torques_nm.shape[1]:
             unit = "rad/Nm" if is_revolute else "mm/N"
             by_torque = columns[zero] * torques_nm[:, joint - 1, None]
             yield ChangeModel(COMPLIANCE, joint, "", unit, by_torque[..., None])
+        if approach.shape[1] and np.ptp(approach[:, joint - 1]) > 0.0:  # from one side alone it is a joint's zero
+            half = 0.5 * columns[zero] * approach[:, joint - 1, None]
+            yield ChangeModel(BACKLASH, joint, "", "rad" if is_revolute else "mm", half[..., None])
+    values = dict(zip(robot.parameter_names, robot.table.ravel(), strict=True))
+    grown = [1e-6 * values[name] * columns[name] for name in columns if units[name] == "mm" and values[name]]
+    if grown:
+        yield ChangeModel(WARMTH, None, "", "ppm", np.sum(grown, axis=0)[..., None])
     yield ChangeModel(JIG if robot.carries_scanner else TOOL, None, "", "mm", base_R_tool)
 
 

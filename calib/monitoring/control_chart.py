@@ -15,16 +15,16 @@ from calib.monitoring.watch import ChangeReport
 
 def in_time(reports: Sequence[ChangeReport]) -> tuple[ChangeReport, ...]:
     """Change reports sorted by date where all have a date, else in the order given."""
-    dates = [moment(report) for report in reports]
+    dates = [date_of(report.when) for report in reports]
     if any(date is None for date in dates):
         return tuple(reports)
     return tuple(report for _, report in sorted(zip(dates, reports, strict=True), key=lambda one: str(one[0])))
 
 
-def moment(report: ChangeReport) -> datetime | None:
-    """Date and time of a measurement (UTC, without zone); None where `[about] date` is missing."""
+def date_of(text: str) -> datetime | None:
+    """Date and time (UTC, without zone) of an `[about] date`; None where it is missing or no date."""
     try:
-        date = datetime.fromisoformat(report.when.strip())
+        date = datetime.fromisoformat(text.strip())
     except ValueError:
         return None
     return date if date.tzinfo is None else (date - (date.utcoffset() or date - date)).replace(tzinfo=None)

@@ -36,6 +36,7 @@ from calib.planning.effect_hypotheses import (
 )
 from calib.planning.offered_poses import OFFERED, offered_poses
 from calib.planning.proof_plan import WORTH_A_CHANGE, NextChange, next_change
+from calib.planning.unknowns import require_points
 from calib.screening.candidates import MIN_CONFOUNDED_OVERLAP, MIN_LOG_BAYES_FACTOR, Candidate, Screening
 
 NEXT_POSES = 5  # poses that are advised where effects are confounded
@@ -69,6 +70,9 @@ def next_poses(diagnosis: Diagnosis) -> NextPoses | None:
     They discriminate between the first set of these effects, or prove one of them by a change of conditions. None where
     no effects are confounded, or neither promises anything.
     """
+    points = diagnosis.calibration.dataset.points
+    if points is not None and points.lengths is not None:  # poses are planned for points
+        return None
     discrimination = _next_discrimination(diagnosis)
     change = next_change(diagnosis, least=WORTH_A_CHANGE)
     if discrimination is None:
@@ -143,8 +147,9 @@ def discriminate(
         offered: poses that can be measured, with their conditions.
         count: number of poses to choose.
 
-    Raises FitError where no degree of freedom is left.
+    Raises FitError where no degree of freedom is left, and for measured lengths, for which no poses are planned.
     """
+    require_points(calibration.dataset)
     hypotheses = [hypothesis for hypothesis in hypotheses if hypothesis.members]
     if len(hypotheses) < 2 or not len(offered):
         return None

@@ -88,12 +88,9 @@ class HypothesisSet:
 
 
 def hypothesis_sets(diagnosis: Diagnosis) -> tuple[HypothesisSet, ...]:
-    """Sets of effects left confounded by a diagnosis, the set without an effect in the model first."""
-    sets = [_confounded(diagnosis, confounded) for confounded in diagnosis.confounded_sets]
-    if diagnosis.undecided and diagnosis.screenings:
-        candidates = _candidates(diagnosis.screenings[-1], diagnosis.undecided)
-        sets.insert(0, HypothesisSet(diagnosis.calibration, tuple(map(EffectHypothesis.of, candidates))))
-    return tuple(sets)
+    """Sets of effects left confounded by a diagnosis, the set of which none leads the others first."""
+    ordered = sorted(diagnosis.confounded_sets, key=lambda one: not one.is_undecided)
+    return tuple(_confounded(diagnosis, confounded) for confounded in ordered)
 
 
 def _confounded(diagnosis: Diagnosis, confounded: ConfoundedSet) -> HypothesisSet:
@@ -216,7 +213,8 @@ def _fits(calibration: Calibration, hypotheses: Sequence[EffectHypothesis]) -> _
         square *= min(1.0 - hypothesis.explained_share for hypothesis in hypotheses)
     noise = max(float(np.sqrt(square / projected.dof)), _FINEST)
     measured, residual, centre = _measured_rows(projected, common)
-    nominal = np.concatenate([-(projected.x / projected.residuals.model.scales)[common], np.zeros(6 * len(centre))])
+    model = projected.residuals.model
+    nominal = np.concatenate([((model.means - projected.x) / model.scales)[common], np.zeros(6 * len(centre))])
     posteriors = []
     for hypothesis in hypotheses:
         effect = [member_columns(projected, member) for member in hypothesis.members]

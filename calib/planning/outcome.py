@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from calib.planning.simulated_pairs import Needed
+
 ChangeKey = tuple[str, int | None, str]  # `ChangeModel.key` of a change of the cell
 
 
@@ -111,6 +113,7 @@ class ProofOutcome:
     power: float
     others: tuple[tuple[str, float | None, float | None, float], ...]
     """Other conditions with their values before and after, and nearly the probability that changing these reaches."""
+    needed: tuple[Needed, ...] = ()  # what it takes to prove it more probably
 
 
 Outcome = EffectOutcome | CheckOutcome | DiscriminationOutcome | ProofOutcome

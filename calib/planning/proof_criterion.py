@@ -14,7 +14,8 @@ from calib.intervention.pairs import APPROACH
 from calib.planning.criterion import BaseCriterion, DesignProblem
 from calib.planning.effect_hypotheses import hypothesis_sets
 from calib.planning.outcome import PairReason, ProofOutcome
-from calib.planning.proof_plan import NextChange, change_for_robot, joined_poses, next_change
+from calib.planning.proof_plan import NextChange, change_for_robot, next_change
+from calib.planning.simulated_pairs import joined_poses
 from calib.planning.start import FromFit, FromRobot, Start
 
 PROVE = "prove"
@@ -77,6 +78,7 @@ class ForProof(BaseCriterion):
             assumed=found.assumed,
             pairs=found.pairs,
             power=found.probability,
+            needed=found.needed,
             others=tuple((c.condition, c.before, c.after, probability) for c, probability in found.others),
         )
 
@@ -86,7 +88,10 @@ def for_proof(diagnosis: Diagnosis, payload_kg: float | None = None, count: int 
 
     Raises CalibError where nothing was left confounded, or no change moves any of it.
     """
-    name, found = diagnosis.calibration.dataset.name, next_change(diagnosis, payload_kg=payload_kg, count=count)
+    name, found = (
+        diagnosis.calibration.dataset.name,
+        next_change(diagnosis, payload_kg=payload_kg, count=count, with_needed=True),
+    )
     if found is not None and found.calibration is not None:
         return ForProof(found, FromFit(found.calibration))
     sets = hypothesis_sets(diagnosis)

@@ -8,74 +8,63 @@ noise, and `calib.intervention.proof.decided` judges them as it will judge the r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from calib import frames
-from calib.array_types import Array, IndexArray
+from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
 from calib.calibration.result import Calibration
-from calib.dataset.dataset import Dataset, Points, Poses
+from calib.dataset.dataset import Dataset, Poses
 from calib.diagnosis.result import Diagnosis
-from calib.effects.effect import Effect, family_name, full_name
+from calib.effects.effect import Effect, exceeded_bound, family_name
 from calib.errors import CalibError, FitError
-from calib.fitting.model import geometric_model
-from calib.intervention.differences import Differences, differences_of
 from calib.intervention.pairs import APPROACH, PAYLOAD, find_pairs
-from calib.intervention.proof import FEWEST_PAIRS, candidates_of, decided, follows, with_masses
-from calib.kinematics.robot import Robot
+from calib.intervention.proof import FEWEST_PAIRS, candidates_of, follows, with_masses
 from calib.planning.effect_hypotheses import HypothesisSet, coefficient_posteriors, hypothesis_sets
 from calib.planning.offered_poses import offered_poses
-from calib.planning.pair_design import PairDesign, exchanged_pairs, greedy_pairs
+from calib.planning.pair_design import exchanged_pairs, greedy_pairs
+from calib.planning.simulated_pairs import (
+    TEMPERATURE,
+    ConditionChange,
+    DrawnCause,
+    Needed,
+    Offer,
+    PairCell,
+    chosen_from,
+    design_of,
+    needed,
+    new_pairs,
+    settled_share,
+    under,
+)
 from calib.planning.start import FromRobot
 from calib.workcell.candidates import candidate_poses
 from calib.workcell.measurable import measurable
 from calib.workcell.pose_conditions import COLD_C, WARM_C
 from calib.workcell.workcell import Workcell
 
-TEMPERATURE = "temperature_c"
 PROOF_PAYLOAD_KG = 2.0
 """Payload that is hung on the flange, where the user has no other."""
 WORTH_A_CHANGE = 0.5
 """Probability from which a change is advised."""
-_COUNTS = (8, 12, 20, 40)  # measurements that are tried, the fewest first
-_NEARLY = 0.9  # of what the most measurements reach, from which fewer are enough
 _BETTER = 0.15  # of probability, by which new pairs have to be better than poses measured again
 _EASE = {APPROACH: 0.0, PAYLOAD: 0.02, TEMPERATURE: 0.1}  # of probability, that a change's trouble counts as
 _TRIALS = 60  # simulated follow-ups
 _CAUSES = 30  # drawn causes that pairs are chosen for
 _NEW = 200  # new poses that are offered
+_NEW_OF_ROBOT = 600  # and where nothing was measured yet: the best few are far better than most
 GIVES_WAY = ("joint_compliance", "link_bending", "base_compliance")
 """Effects of which one is thought true where nothing is known of an arm."""
 _STEPS_DEG = (60.0, 30.0, 15.0, 8.0)  # by which chosen poses of a free choice are moved, to find better ones
 _NEIGHBOURS = 10
 _MARGINAL = 1.5  # root mean square of a cause's differences over the noise, where its proof hangs in the balance
+_GOALS = ((1.0, 0.6), (2.0, 0.9))
+"""Sizes of a cause over the noise, at usual poses, and the probability of proving it that a plan says the price of."""
 _SIGNS = 20  # draws of a size that has to be positive
-
-
-@dataclass(frozen=True)
-class ConditionChange:
-    """A condition that is changed between the poses of a pair, as a column of poses.csv; None for sides of approach."""
-
-    condition: str
-    before: float | None
-    after: float | None
-
-
-@dataclass(frozen=True)
-class DrawnCause:
-    """A cause that may be true: members of one effect with their coefficients."""
-
-    effect: str
-    coefficients: Mapping[Effect, Array]
-
-    @property
-    def carriers(self) -> set[tuple[str, int | None]]:
-        """Effect and joint, counted from 1, of each member."""
-        return {(self.effect, _joint(member)) for member in self.coefficients}
 
 
 @dataclass(frozen=True)
@@ -91,39 +80,19 @@ class NextChange:
     pairs: int
     probability: float
     others: tuple[tuple[ConditionChange, float], ...]  # further changes, and what they would reach
-
-
-@dataclass(frozen=True)
-class Offer:
-    """Pairs that can be measured under one change: before and after it, one row each."""
-
-    change: ConditionChange
-    before: Poses
-    after: Poses
-    is_again: bool
-    assumed: bool = False
-
-    def take(self, rows: IndexArray) -> Offer:
-        return replace(self, before=self.before.select(rows), after=self.after.select(rows))
-
-    @property
-    def both(self) -> Poses:
-        """Poses before the change, then those after it."""
-        return joined_poses(self.before, self.after)
-
-    @property
-    def to_measure(self) -> Poses:
-        """Poses to measure, the most informative first."""
-        if self.is_again:
-            return self.after
-        return self.both.select(np.arange(2 * len(self.before)).reshape(2, -1).T.ravel())
+    needed: tuple[Needed, ...] = ()  # what it takes to prove the cause more probably, where that was asked for
 
 
 # ---- what stays open ------------------------------------------------------------------------------------------------
 
 
 def next_change(
-    diagnosis: Diagnosis, *, payload_kg: float | None = None, count: int | None = None, least: float = 0.0
+    diagnosis: Diagnosis,
+    *,
+    payload_kg: float | None = None,
+    count: int | None = None,
+    least: float = 0.0,
+    with_needed: bool = False,
 ) -> NextChange | None:
     """Change that most probably proves which effect of a diagnosis' first confounded set is true; the easiest first.
 
@@ -134,10 +103,11 @@ def next_change(
         payload_kg: payload to hang on the flange.
         count: number of poses to measure; None: the fewest that are nearly as good as 40.
         least: probability below which a change is worth nothing; an estimate of half of that ends the search.
+        with_needed: whether to find out what it takes to prove the cause more probably.
     """
     for hypothesis_set in hypothesis_sets(diagnosis):
         try:
-            found = change_for(hypothesis_set, payload_kg=payload_kg, count=count, least=least)
+            found = change_for(hypothesis_set, payload_kg=payload_kg, count=count, least=least, with_needed=with_needed)
         except FitError:  # too few poses to fit a hypothesis at all
             continue
         if found is not None:
@@ -147,7 +117,12 @@ def next_change(
 
 @one_blas_thread()
 def change_for(
-    hypothesis_set: HypothesisSet, *, payload_kg: float | None = None, count: int | None = None, least: float = 0.0
+    hypothesis_set: HypothesisSet,
+    *,
+    payload_kg: float | None = None,
+    count: int | None = None,
+    least: float = 0.0,
+    with_needed: bool = False,
 ) -> NextChange | None:
     """Change that most probably proves which hypothesis is true; None where no change does, see `next_change`.
 
@@ -195,7 +170,13 @@ def change_for(
         pairs=len(offer.before),
         probability=probability,
         others=tuple((other.change, reached) for reached, other in found[1:]),
+        needed=needed(cell, offer, _pool(calibration, offer), drawn[:_TRIALS], rng) if with_needed else (),
     )
+
+
+def _pool(calibration: Calibration, chosen: Offer) -> Offer:
+    """All pairs of the kind that was chosen."""
+    return next(offer for offer in _offers(calibration, chosen.change) if offer.is_again == chosen.is_again)
 
 
 def _require_pairs(count: int, least: int) -> None:
@@ -262,7 +243,8 @@ def change_for_robot(start: FromRobot, count: int, *, payload_kg: float | None =
     base_T_scanner = start.cell.base_T_scanner
     scanner_T_base = np.eye(4) if base_T_scanner is None else frames.invert(base_T_scanner)
     cell = PairCell(start.dataset, with_masses(start.cell.robot), {start.setup: scanner_T_base}, start.noise_mm)
-    offered = start.poses_at(candidate_poses(start.cell, _NEW, rng=rng))
+    offered = start.poses_at(candidate_poses(start.cell, _NEW_OF_ROBOT, rng=rng))
+    pool = new_pairs(offered, change)
     offer = yielding_pairs(cell, offered, change, count // 2, rng)
     for degrees in _STEPS_DEG:
         near = _near(start.cell, offer.before.q, degrees, rng)
@@ -278,6 +260,11 @@ def change_for_robot(start: FromRobot, count: int, *, payload_kg: float | None =
         pairs=len(offer.before),
         probability=settled_share(cell.measured(offer.both), drawn[:_TRIALS], rng),
         others=(),
+        needed=tuple(
+            replace(one, size_mm=times * start.noise_mm)
+            for times, probability in _GOALS
+            for one in needed(cell, offer, pool, _sized_causes(cell, pool, times, rng), rng, [probability])
+        ),
     )
 
 
@@ -299,7 +286,7 @@ def yielding_pairs(
     offer = new_pairs(offered, change)
     made = cell.measured(offer.both)
     drawn = _usual_causes(cell, offer, rng)
-    found = None if made is None or not drawn else _design(made, drawn[:_CAUSES], size=_MARGINAL)
+    found = None if made is None or not drawn else design_of(made, drawn[:_CAUSES], size=_MARGINAL)
     if found is None:
         raise CalibError(f"robot {cell.robot.name}: no part of it shows by a payload of {change.after:g} kg")
     design, _ = found
@@ -324,6 +311,31 @@ def _usual_causes(cell: PairCell, offer: Offer, rng: np.random.Generator) -> lis
     return drawn
 
 
+def _sized_causes(cell: PairCell, pool: Offer, times_noise: float, rng: np.random.Generator) -> list[DrawnCause]:
+    """Causes of one part each that move the tool by some multiple of the noise, at usual poses under 2 kg.
+
+    Parts that would have to be softer than any are left out.
+    """
+    made, load_kg = cell.measured(pool.both), pool.change.after
+    sized: dict[str, list[tuple[Effect, Array]]] = {}
+    for candidate in [] if made is None else candidates_of(made.differences, made.dataset):
+        scales = np.array([parameter.scale for parameter in candidate.parameters])
+        unit = rng.uniform(0.5, 1.5, len(scales))
+        rms = 2.0 * float(np.sqrt(np.mean((candidate.columns @ unit) ** 2)))  # a row is half a difference, in sigmas
+        assert load_kg is not None
+        values = times_noise * load_kg / PROOF_PAYLOAD_KG / rms * unit * scales
+        member, name = candidate.member, family_name(candidate.member)
+        natural = [exceeded_bound(member, p, v, 0.0) is None for p, v in zip(candidate.parameters, values, strict=True)]
+        if name in GIVES_WAY and all(natural) and len(scales) == len(member.parameters):
+            sized.setdefault(name, []).append((member, values))
+    drawn = []
+    for k in range(_TRIALS if sized else 0):
+        name = list(sized)[k % len(sized)]
+        member, values = sized[name][int(rng.integers(len(sized[name])))]
+        drawn.append(DrawnCause(name, {member: values}))
+    return drawn
+
+
 def _near(cell: Workcell, q: Array, degrees: float, rng: np.random.Generator) -> Array:
     """Joint vectors (K, n) and, after them, some near them that can be measured."""
     step = np.where(cell.robot.is_revolute, np.radians(degrees), 4.0 * degrees)
@@ -344,28 +356,6 @@ def _offers(calibration: Calibration, change: ConditionChange) -> list[Offer]:
     if again is not None:
         offers.append(again)
     return [*offers, new_pairs(offered_poses(calibration, count=_NEW), change)]
-
-
-def new_pairs(offered: Poses, change: ConditionChange) -> Offer:
-    """Pairs of new poses, before and after a change."""
-    n, rng = len(offered), np.random.default_rng(1)
-    before = replace(offered, order=np.zeros(0), came_from=np.zeros((0, 0)), selected_from=None, time_s=None)
-    if change.condition == APPROACH:
-        side = rng.choice([-1.0, 1.0], offered.q.shape)
-        sides = (side, -side)
-    else:
-        assert change.before is not None
-        assert change.after is not None
-        sides = (np.full(n, change.before), np.full(n, change.after))
-    one, other = (_under(before, change.condition, values) for values in sides)
-    return Offer(change, one, other, is_again=False)
-
-
-def _under(poses: Poses, condition: str, values: Array) -> Poses:
-    """Poses with other values of one condition."""
-    if condition == APPROACH:
-        return replace(poses, approach=values)
-    return replace(poses, payload_kg=values) if condition == PAYLOAD else replace(poses, temperature_c=values)
 
 
 def _again(calibration: Calibration, change: ConditionChange) -> Offer | None:
@@ -394,27 +384,8 @@ def _again(calibration: Calibration, change: ConditionChange) -> Offer | None:
         now = np.zeros(len(before)) if recorded is None else recorded[trained]
         is_low = now < 0.5 * (change.before + change.after)
         changed = np.where(is_low, change.after, change.before)
-    after = replace(_under(before, change.condition, changed), setup=np.full(len(before), last))
+    after = replace(under(before, change.condition, changed), setup=np.full(len(before), last))
     return Offer(change, before, after, is_again=True, assumed=recorded is None)
-
-
-def joined_poses(one: Poses, other: Poses) -> Poses:
-    """Poses of two lists with the same conditions, the second's ids told apart from the first's."""
-
-    def both(name: str) -> Array | None:
-        first, second = getattr(one, name), getattr(other, name)
-        return None if first is None or second is None else np.concatenate([first, second])
-
-    return Poses(
-        ids=(*one.ids, *(f"{name}'" for name in other.ids)),
-        role=np.full(len(one) + len(other), "train", dtype="<U9"),
-        q=np.concatenate([one.q, other.q]),
-        setup=np.concatenate([one.setup, other.setup]),
-        scan_names=(*one.scan_names, *(f"{name}'.ply" for name in other.ids)),
-        payload_kg=both("payload_kg"),
-        temperature_c=both("temperature_c"),
-        approach=both("approach"),
-    )
 
 
 def _best_offer(
@@ -427,111 +398,3 @@ def _best_offer(
         if found is not None and (best is None or found[0] > best[0] + _BETTER):
             best = found
     return best
-
-
-def chosen_from(
-    cell: PairCell, offer: Offer, drawn: Sequence[DrawnCause], count: int | None
-) -> tuple[float, Offer] | None:
-    """The best pairs of an offer by number of measurements, with nearly their probability."""
-    made = cell.measured(offer.both)
-    found = None if made is None else _design(made, drawn)
-    if found is None:
-        return None
-    design, shown = found
-    cost = 1 if offer.is_again else 2
-    counts = [max(n // cost, FEWEST_PAIRS) for n in ((count,) if count is not None else _COUNTS)]
-    greedy = greedy_pairs(design, counts[-1])
-    reached = [design.probability_of(greedy[:n]) for n in counts]
-    enough = next(n for n, probability in zip(counts, reached, strict=True) if probability >= _NEARLY * max(reached))
-    chosen = exchanged_pairs(design, greedy[:enough])
-    return shown * design.probability_of(chosen), offer.take(chosen)
-
-
-def _design(
-    made: _MeasuredPairs, drawn: Sequence[DrawnCause], *, size: float | None = None
-) -> tuple[PairDesign, float] | None:
-    """Design for the causes drawn, each by the member that shows most, and the share of causes that show at all.
-
-    size: of each cause's differences over the noise, root mean square; None: as drawn.
-    """
-    candidates = candidates_of(made.differences, made.dataset)
-    names = [full_name(c.member, p) for c in candidates for p in c.parameters]
-    column = {name: k for k, name in enumerate(names)}
-    visible = np.concatenate(
-        [np.zeros((int(made.differences.train.sum()), 0)), *(c.visible for c in candidates)], axis=1
-    )
-    causes = []
-    for cause in drawn:
-        parts = []
-        for member, values in cause.coefficients.items():
-            part = np.zeros(len(column))
-            for parameter, value in zip(member.parameters, values, strict=True):
-                if (name := full_name(member, parameter)) in column:
-                    part[column[name]] = value / parameter.scale
-            parts.append(part)
-        causes.append(max(parts, key=lambda part: float(np.linalg.norm(visible @ part))))
-    shown = [cause for cause in causes if cause.any()]
-    if size is not None:
-        columns = np.concatenate([c.columns for c in candidates], axis=1)
-        # The rows of a pair are half its difference each.
-        shown = [cause * size / (2.0 * float(np.sqrt(np.mean((columns @ cause) ** 2)))) for cause in shown]
-    if not shown:
-        return None
-    return PairDesign.of(made.differences, candidates, np.array(shown)), len(shown) / len(causes)
-
-
-# ---- simulated follow-ups -------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _MeasuredPairs:
-    """Pairs measured without any cause or noise."""
-
-    dataset: Dataset
-    differences: Differences
-
-
-@dataclass(frozen=True)
-class PairCell:
-    """An arm before its instrument, in which pairs are measured by simulation."""
-
-    dataset: Dataset
-    robot: Robot  # calibrated
-    scanner_T_base: Mapping[str, Array]
-    sigma_mm: float
-
-    def measured(self, poses: Poses) -> _MeasuredPairs | None:
-        """Poses measured without any cause or noise; None where they pair too few."""
-        model, n = geometric_model(self.robot), len(poses)
-        placed = np.stack([self.scanner_T_base[str(name)] for name in poses.setup])
-        points = self.dataset.points
-        target = "jig" if points is None else str(points.target[0])
-        xyz_mm = frames.apply(placed, model.predict(np.zeros(len(model.parameters)), poses, target))
-        covariance = np.tile(self.sigma_mm**2 * np.eye(3), (n, 1, 1))
-        made = replace(self.dataset, poses=poses, points=Points(np.arange(n), xyz_mm, np.full(n, target), covariance))
-        paired = next((one for one in find_pairs(made) if one.conditions[0] in _EASE), None)
-        differences = None if paired is None else differences_of(made, paired, self.robot)
-        return None if differences is None else _MeasuredPairs(made, differences)
-
-
-def settled_share(made: _MeasuredPairs | None, drawn: Sequence[DrawnCause], rng: np.random.Generator) -> float:
-    """Share of drawn causes that are proven, and nothing else is, by pairs that are measured in simulation."""
-    if made is None:
-        return 0.0
-    differences = made.differences
-    candidates = candidates_of(differences, made.dataset)
-    settled = 0
-    for cause in drawn:
-        explained = np.zeros(len(differences.residual))
-        for member, values in cause.coefficients.items():
-            explained += differences.columns(member) @ (values / np.array([p.scale for p in member.parameters]))
-        noise = rng.standard_normal((len(differences.row), 3))
-        found = decided(differences.simulated(explained, noise), candidates, name_open=False).proofs
-        proven = {(proof.effect, proof.joint) for proof in found}
-        settled += bool(proven) and proven <= cause.carriers
-    return settled / len(drawn)
-
-
-def _joint(member: Effect) -> int | None:
-    joint = getattr(member, "joint", None)
-    return None if joint is None else int(joint) + 1

@@ -234,8 +234,15 @@ def _fitted_values(calibration: Calibration, model: Model) -> Array:
     return np.array([fitted.get(p.name, 0.0) for p in model.parameters])
 
 
+def require_points(dataset: Dataset) -> None:
+    """Raise FitError where lengths were measured in place of points."""
+    if dataset.points is not None and dataset.points.lengths is not None:
+        raise FitError(f"dataset {dataset.name}: its points are lengths; poses are planned for measured points alone")
+
+
 def require_scanner_in_world(dataset: Dataset) -> None:
-    """Raise FitError where the arm carries the scanner."""
+    """Raise FitError where the arm carries the scanner, or lengths were measured."""
+    require_points(dataset)
     if dataset.robot.carries_scanner:
         raise FitError(
             f"dataset {dataset.name}: the scanner is on the flange; poses are planned for a scanner in the room alone"

@@ -101,9 +101,9 @@ def _to_measure(
     dataset, after = calibration.dataset, calibration.after
     if next_poses is not None and next_poses.change is not None:
         actions.append(plain(change_sentence(next_poses.change)))
-    if diagnosis is not None and next_poses is not None and next_poses.poses:
+    if next_poses is not None and next_poses.discrimination is not None and next_poses.poses:
         poses = poses_to_measure(next_poses.poses[:_AGAIN], dataset.robot.is_revolute)
-        open_causes = numbers.listing([title(key) for key in diagnosis.undecided], "from")
+        open_causes = numbers.listing([title(key) for key in next_poses.discrimination.hypotheses], "from")
         actions.append(
             f"To tell {open_causes} apart, measure at these joints, in degrees: "
             f"{poses} (inspector plan --for split plans them)."

@@ -12,6 +12,7 @@ import numpy as np
 
 from calib.calibration.evaluation import Evaluation, Figures
 from calib.calibration.model_versions import Version
+from calib.calibration.mount import Mount, mounts
 from calib.calibration.noise_level import SigmaCheck, noise_level
 from calib.calibration.promise import promise
 from calib.calibration.result import Calibration, is_declared
@@ -117,15 +118,41 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
         ("parameters", f"{len(fit.parameters)}, of which {fit.rank} can be known (rank)"),
         ("fit", f"{'converged' if fit.converged else 'not converged'} after {_iterations(calibration)}: {fit.reason}"),
     ]
+    if calibration.holds_table:
+        facts.append(("links", "as robot.toml has them, as far as these points tell: they are held there"))
     if np.isfinite(calibration.sigma_mm):
         times = f", {numbers.times(fit.reduced_chi)} the declared" if is_declared(calibration.dataset) else ""
         facts.append(("residual sigma", f"{numbers.length(calibration.sigma_mm)} per coordinate{times}"))
     covered = coverage_words(promise(calibration))
     if covered:
         facts.append((COVERAGE, covered))
+    facts += [_mount_fact(mount) for mount in mounts(calibration)]
     if calibration.face_labelling is not None:
         facts.append(("faces of the jig", face_labelling(calibration.face_labelling)))
     return facts
+
+
+def _mount_fact(mount: Mount) -> tuple[str, str]:
+    """Fact on where the scanner sits on the flange, with sigmas."""
+    sigmas, with_table = (np.sqrt(np.diag(c)) for c in (mount.covariance, mount.covariance_with_table))
+    place = ", ".join(numbers.with_sigma(x, sigma) for x, sigma in zip(mount.xyz_mm, sigmas, strict=False))
+    turns = ", ".join(numbers.signed(np.degrees(angle), ".3f") for angle in mount.rpy_rad)
+    return (
+        f"scanner on the flange{mount.setup and f', setup {mount.setup}'}",
+        f"{place} mm, roll, pitch, yaw {turns}° ± {np.degrees(sigmas[3:].max()):.2g}°; with the fitted table "
+        f"± {numbers.length(with_table[:3].max())} and {np.degrees(with_table[3:].max()):.2g}°",
+    )
+
+
+def _mount_document(mount: Mount) -> dict[str, Any]:
+    sigmas, with_table = (np.sqrt(np.diag(c)) for c in (mount.covariance, mount.covariance_with_table))
+    return {
+        "setup": mount.setup,
+        "flange_T_scanner": mount.flange_T_scanner,
+        "sigma_mm": sigmas[:3],
+        "turn_sigma_deg": np.degrees(sigmas[3:]),
+        "with_table": {"sigma_mm": with_table[:3], "turn_sigma_deg": np.degrees(with_table[3:])},
+    }
 
 
 def _iterations(calibration: Calibration) -> str:
@@ -576,9 +603,11 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "worse_than_nominal": worsening_sentence(calibration) or None,
         "reason": fit.reason,
         "rank": fit.rank,
+        "links_held": calibration.holds_table,
         **document(calibration.after),
         "before": calibration.before,
         **found_tool_document(calibration),
+        "mounts": [_mount_document(mount) for mount in mounts(calibration)],
         "attitudes": attitudes and dict(zip(("before", "after"), attitudes, strict=True)),
         "faces_named": None if labelling is None else face_labelling(labelling),
         "sigma_mm": calibration.sigma_mm,

@@ -1,4 +1,4 @@
-"""Presentation of changes between two calibrations, or in a cell measured again, and of undetectable changes."""
+"""Presentation of changes in a cell that is measured again, once or over time, and of undetectable changes."""
 
 from __future__ import annotations
 
@@ -6,150 +6,26 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from calib.calibration.evaluation import Evaluation
 from calib.lazy_modules import pd
 from calib.monitoring.change_models import BASE, NOISE, change_label
 from calib.monitoring.change_tests import Change, Detectable
 from calib.monitoring.control_chart import in_time, size_in_degrees, usual_name
 from calib.monitoring.iso9283 import CAVEAT, PoseFigures
+from calib.monitoring.series import DRIFT, EWMA_WEIGHT, STEP, MovingAverage, SeriesReport
 from calib.monitoring.watch import ChangeReport
-from calib.present import names
+from calib.monitoring.watched_cell import WatchedCell
+from calib.present.comparison import misfit_sentence, or_confounded
 from calib.present.results import document, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Table, Verdict
 from calib.rendering.colours import DOUBT, GOOD, VERDICT_COLOURS
-from calib.validation.comparison import ALPHA, Comparison, ParameterChange, ParameterDifference
-
-_MANY = 2.0  # times the declared noise, from which a fit is said to leave much
-APART = 2.0  # sigmas from which a parameter is listed as different
-
-# ---- two calibrations -----------------------------------------------------------------------------------------------
-
-
-@presentation.register
-def _comparison(compared: Comparison) -> Presentation:
-    return Presentation(
-        " and ".join(compared.names),
-        comparison_head(compared),
-        [Section("Errors", [errors(compared)], brief=True), Section("Parameters", parameters(compared), brief=True)],
-    )
-
-
-def comparison_head(compared: Comparison) -> list[Block]:
-    """Blocks with the differences of two calibrations, and the effects that are in one of the models only."""
-    only = [
-        f"Only in the model of {name}: {numbers.listing(effects)}."
-        for name, effects in zip(compared.names, compared.only_in, strict=True)
-        if effects
-    ]
-    head: list[Block] = [Verdict(comparison_verdict(compared), DOUBT if compared.differs else GOOD)]
-    left = map(misfit_sentence, compared.names, compared.times_noise)
-    return [*head, *(Paragraph(sentence) for sentence in (*only, *left) if sentence)]
-
-
-def misfit_sentence(name: str, times_noise: float | None) -> str:
-    """Sentence on a fit that leaves many times the declared noise, in which small changes hide; "" for any other."""
-    if times_noise is None or times_noise < _MANY:
-        return ""
-    return (
-        f"The fit of {name} leaves {numbers.times(times_noise)} the declared noise: what it misses counts as "
-        "uncertainty here, and small changes hide in it. What `diagnose` finds can be taken into the fit by --effect "
-        "and --add."
-    )
-
-
-def comparison_verdict(compared: Comparison) -> str:
-    """Verdict on the differences between two calibrations, in a sentence or two."""
-    where = (
-        f"The tool point moves by {numbers.length(compared.rms_mm)} RMS, at the most by "
-        f"{numbers.length(compared.largest_mm)} at {compared.largest_pose}"
-    )
-    one, other = compared.names
-    if not compared.changes:
-        return (
-            f"No link parameter differs between {one} and {other} beyond the noise (probability of this much by "
-            f"chance: {numbers.probability(compared.p_same)}). {where}, which the noise explains."
-        )
-    changes = [_parameter_change(change) for change in compared.changes]
-    listed = changes[0] if len(changes) == 1 else f"{'; '.join(changes[:-1])}; and {changes[-1]}"
-    if compared.p_rest < ALPHA:
-        return f"{one} and {other} differ in many link parameters, most of all in {listed}. {where}."
-    return f"From {one} to {other} changed: {listed}. {where}."
-
-
-def _parameter_change(change: ParameterChange) -> str:
-    joint = change.name.removeprefix("theta")
-    name = f"the zero of joint {joint} ({change.name})" if joint != change.name and joint.isdigit() else change.name
-    return f"{name} by {numbers.with_sigma(change.size, change.sigma, change.unit, sign=True)}{_or(change.alike)}"
-
-
-def _or(others: Sequence[str]) -> str:
-    return f", or {numbers.listing(others, 'or')}, which are indistinguishable at these poses" if others else ""
-
-
-def errors(compared: Comparison) -> Table:
-    """Table of 3D RMSE before and after of both calibrations, of training and test poses."""
-    rows = [
-        (f"{name}, {names.role(role)}", *(numbers.column_mm(_rmse_mm(figures, role)) for figures in stages))
-        for name, stages in zip(compared.names, compared.errors, strict=True)
-        for role in ("train", "test")
-        if _rmse_mm(stages[1], role) is not None
-    ]
-    return Table(("3D RMSE, mm", "nominal", "fitted"), rows)
-
-
-def _rmse_mm(evaluation: Evaluation, role: str) -> float | None:
-    figures = evaluation.train if role == "train" else evaluation.test
-    return None if figures is None else figures.rmse_mm
-
-
-def parameters(compared: Comparison) -> list[Block]:
-    """Table of the parameters that differ by two sigmas or more, the most significant first."""
-    apart = sorted((p for p in compared.parameters if abs(p.z) >= APART), key=lambda p: -abs(p.z))
-    if not apart:
-        return [Paragraph(f"No single parameter differs by {APART:g} sigma or more.")]
-    columns = ("parameter", *compared.names, "difference ± sigma", "unit")
-    caption = f"parameters that differ by {APART:g} sigma or more"
-    return [
-        Table(columns, [_difference(p) for p in apart], caption=caption, left=(0, 4), height="300px"),
-        Paragraph(
-            "Of many parameters one in twenty is beyond two sigma by chance, and a real change of one moves those that "
-            "it is correlated with; the sentence above accounts for both.",
-            soft=True,
-        ),
-    ]
-
-
-def _difference(p: ParameterDifference) -> tuple[str, ...]:
-    (first, unit), (second, _) = (numbers.readable(value, p.unit) for value in p.values)
-    by = numbers.with_sigma(p.difference, p.sigma, p.unit, sign=True).removesuffix(unit).rstrip()
-    return (numbers.parameter_label(p.name), f"{first:z.6g}", f"{second:z.6g}", by, unit)
-
-
-@document.register
-def _comparison_document(compared: Comparison) -> dict[str, Any]:
-    return {
-        "names": compared.names,
-        "differs": compared.differs,
-        "p_same": compared.p_same,
-        "p_rest": compared.p_rest,
-        "changes": compared.changes,
-        "parameters": compared.parameters,
-        "only_in": compared.only_in,
-        "times_noise": compared.times_noise,
-        "tool_point": {"rms_mm": compared.rms_mm, "max_mm": compared.largest_mm, "pose": compared.largest_pose},
-        "errors": [{"before": before, "after": after} for before, after in compared.errors],
-        "explanation": comparison_verdict(compared),
-    }
-
-
-# ---- a cell measured again ------------------------------------------------------------------------------------------
 
 _WHAT = {
     "joint_zero": "the zero",
     "compliance": "the compliance",
     "length": "a length",
     "angle": "an angle",
+    "backlash": "the backlash",
 }
 METHOD = (
     "The earlier fit predicts each check pose. The limit is what the noise and the uncertainty of the fit's parameters "
@@ -158,6 +34,7 @@ METHOD = (
     "explains.",
     "Of unchanged cells fewer than one in a hundred is called changed, over all kinds of change together.",
 )
+_SIDE_BY_SIDE = 3  # measurements in one table
 _SIZES_NOTE = "Each size is estimated given the changes named above, whether it changed or not."
 
 
@@ -202,15 +79,28 @@ def change_phrase(change: Change) -> str:
     """Phrase on one change, with its size and the changes that cannot be discriminated from it."""
     if change.what == NOISE:
         return f"the noise is {numbers.times(change.size)} what it was"
-    moved = {
-        "scanner": f"the {'instrument (or the base)' if BASE in change.as_well else 'scanner on the flange'} moved",
-        "tool": "the tool moved",
-        "jig": "the jig (or the base) moved",
+    size = numbers.with_sigma(change.size, change.sigma, change.unit)
+    metal = ", of which aluminium grows 23 per \N{DEGREE SIGN}C" if change.what == "warmth" else ""
+    return f"{_part(change)} {_MOVED.get(change.what, 'changed')} by {size}{metal}{or_confounded(_rivals(change))}"
+
+
+_MOVED = {"scanner": "moved", "tool": "moved", "jig": "moved", "warmth": "grew"}
+
+
+def _part(change: Change) -> str:
+    """What of the cell changed: "the zero of joint 3 (theta3)", "the tool"."""
+    whole = {
+        "scanner": f"the {'instrument (or the base)' if BASE in change.as_well else 'scanner on the flange'}",
+        "tool": "the tool",
+        "jig": "the jig (or the base)",
+        "warmth": "all lengths together",
     }
     parameter = f" ({change.parameter})" if change.parameter else ""
-    what = moved.get(change.what) or f"{_WHAT[change.what]} of joint {change.joint}{parameter} changed"
-    others = [name for name in change.as_well if name != BASE]
-    return f"{what} by {numbers.with_sigma(change.size, change.sigma, change.unit)}{_or(others)}"
+    return whole.get(change.what) or f"{_WHAT[change.what]} of joint {change.joint}{parameter}"
+
+
+def _rivals(change: Change) -> list[str]:
+    return [name for name in change.as_well if name != BASE]
 
 
 def _limits(report: ChangeReport) -> list[tuple[str, object]]:
@@ -227,6 +117,134 @@ def control_chart(reports: Sequence[ChangeReport]) -> FigurePlace:
     return FigurePlace("control_chart", (tuple(reports),), caption)
 
 
+# ---- several checks together ----------------------------------------------------------------------------------------
+
+
+@presentation.register
+def _series_report(found: SeriesReport) -> Presentation:
+    return Presentation("Over the checks", series_head(found), series_sections(found))
+
+
+def series_head(found: SeriesReport) -> list[Block]:
+    """Blocks with what a series of checks shows together, the time left, and the chart of the change."""
+    left = time_left_sentence(found)
+    verdict = Verdict(series_sentence(found), GOOD if found.is_steady else DOUBT)
+    chart = [] if found.shown is None else [FigurePlace("series_chart", (found,), _SERIES_CAPTION)]
+    return [verdict, *([Paragraph(left)] if left else []), *chart]
+
+
+_SERIES_CAPTION = (
+    "The size of one change at each check with its sigma, its moving average, and the limit that one in 200 unchanged "
+    "series exceeds."
+)
+
+
+def series_sentence(found: SeriesReport) -> str:
+    """Sentence or two on the drift or step that a series of checks shows."""
+    count = len(found.names)
+    over = f"Over {count} checks" + (f" from {found.when[0]} to {found.when[-1]}" if found.time_unit == "day" else "")
+    change = found.change
+    if change is None:
+        high = [numbers.listing([average_label(a) for a in found.beyond_limit])] if found.beyond_limit else []
+        by_chance = f"(probability of this much by chance: {numbers.probability(found.p_unchanged)})"
+        if high:
+            return f"{over} no single drift or step explains what changes {by_chance}; beyond the limit: {high[0]}."
+        return f"{over} nothing drifts or steps {by_chance}."
+    size = numbers.with_sigma(change.size, change.sigma, change.unit)
+    rivals = or_confounded(_rivals(change))
+    if found.course == DRIFT:
+        what = f"{_part(change)} drifts by {size} a {found.time_unit} since the calibration{rivals}"
+    else:
+        when = "before the first check" if found.onset == 0 else f"between {_check(found, found.onset - 1)} and "
+        when += "" if found.onset == 0 else _check(found, found.onset)
+        what = f"{_part(change)} {_MOVED.get(change.what, 'changed')} by {size} {when}{rivals}"
+    undecided = "; a drift and a step cannot be told apart yet" if found.either_course else ""
+    since = [] if found.alarmed is None else [f"shown since {_check(found, found.alarmed)}"]
+    since += [] if found.named is None else [f"named so since {_check(found, found.named)}"]
+    seen = f" ({', '.join(since)})" if since else ""
+    supposed = " The calibration has no date before theirs; it counts as one mean interval before the first check."
+    undated = supposed if found.time_unit == "day" and found.course == DRIFT and not found.calibration_dated else ""
+    return f"{over}: {what}{undecided}{seen}.{undated}"
+
+
+def time_left_sentence(found: SeriesReport) -> str:
+    """Sentence on the time until the tolerance is reached; "" where none was given."""
+    left = found.time_left
+    if left is None:
+        return ""
+    now = f"The check poses are off by {numbers.length(left.now_mm)} RMS now, without noise"
+    limit = numbers.length(left.tolerance_mm)
+    if left.now_mm >= left.tolerance_mm:
+        return f"{now}: the tolerance of {limit} is reached."
+    if left.likely is not None:
+        earliest, latest = (numbers.MISSING if t is None else f"{t:.0f}" for t in (left.earliest, left.latest))
+        span = f"{earliest} to {latest}" if left.latest is not None else f"{earliest} or more"
+        time = numbers.count(round(left.likely), found.time_unit)
+        return f"{now}; at this rate the tolerance of {limit} is reached in {time} (90 % interval: {span})."
+    if left.earliest is None:
+        return f"{now}; these checks show no drift that would reach the tolerance of {limit}."
+    time = numbers.count(round(left.earliest), found.time_unit)
+    return f"{now}; the fastest drift that these checks do not exclude (95 %) reaches {limit} in {time}."
+
+
+def _check(found: SeriesReport, index: int) -> str:
+    when = f" ({found.when[index][:10]})" if found.when[index] else ""
+    return f"{found.names[index]}{when}"
+
+
+def series_sections(found: SeriesReport) -> list[Section]:
+    """Section with the moving average of each usual change at the last check."""
+    rows = [
+        (
+            average_label(a),
+            numbers.with_sigma(float(a.smoothed[-1]), float(a.smoothed_sigmas[-1]), a.unit, sign=True),
+            f"{abs(a.z[-1]):.1f}",
+        )
+        for a in found.averages
+    ]
+    if not rows:
+        return []
+    caption = f"moving averages (EWMA, weight {EWMA_WEIGHT:g}) at {found.names[-1]}; limit {found.limit_z:.1f} sigma"
+    note = "Of unchanged cells 1 in 200 exceeds the limit with any of them at any check of the series."
+    table = Table(("change", "moving average ± sigma", "sigmas"), rows, caption=caption, left=(0,))
+    return [Section("Over the checks", [table, Paragraph(note, soft=True)])]
+
+
+def average_label(average: MovingAverage) -> str:
+    """Label of the change whose moving average it is: "zero of joint 3", "tool, x"."""
+    if average.joint is not None:
+        return f"zero of joint {average.joint}"
+    what, _, axis = average.what.partition("_")
+    return f"{what}, {axis}"
+
+
+@document.register
+def _series_document(found: SeriesReport) -> dict[str, Any]:
+    return {
+        "names": found.names,
+        "dates": found.when,
+        "times": found.times,
+        "time_unit": found.time_unit,
+        "course": found.course,
+        "change": found.change,
+        "onset": found.names[found.onset] if found.course == STEP else None,
+        "either_course": found.either_course,
+        "p_unchanged": found.p_unchanged,
+        "alarmed_since": None if found.alarmed is None else found.names[found.alarmed],
+        "named_since": None if found.named is None else found.names[found.named],
+        "moving_averages": [
+            {"what": a.what, "joint": a.joint, "unit": a.unit, "sizes": a.sizes, "sigmas": a.sigmas, "z": a.z}
+            for a in found.averages
+        ],
+        "limit_z": found.limit_z,
+        "time_left": found.time_left,
+        "explanation": " ".join(filter(None, (series_sentence(found), time_left_sentence(found)))),
+    }
+
+
+# ---- sections, tables -----------------------------------------------------------------------------------------------
+
+
 def change_sections(reports: Sequence[ChangeReport], repeats: Sequence[PoseFigures] = ()) -> list[Section]:
     """Sections on each measurement, the sizes of usual changes, undetectable changes, and any repeats."""
     last = reports[-1]
@@ -240,33 +258,35 @@ def change_sections(reports: Sequence[ChangeReport], repeats: Sequence[PoseFigur
 
 
 def measurements(reports: Sequence[ChangeReport]) -> Table:
-    """Table of the measurements: verdict and error of each, with dates where they are known."""
+    """Table of the measurements: what changed and the error of each, with dates where they are known."""
     dated = any(report.when for report in reports)
     rows = [
         (
             report.name,
-            *([report.when.replace("-", "\N{NON-BREAKING HYPHEN}") or numbers.MISSING] if dated else []),
-            report.verdict,
-            "; ".join(change_phrases(report)) or numbers.MISSING,
+            *([report.when or numbers.MISSING] if dated else []),
+            "; ".join(change_phrases(report)) or report.verdict,
             numbers.column_mm(report.rmse_mm),
             numbers.column_mm(report.errors.limit_mm),
         )
         for report in reports
     ]
-    columns = ("", *(["date"] if dated else []), "", "what changed", "error, mm", "limit, mm")
+    columns = ("", *(["date"] if dated else []), "what changed", "error, mm", "limit, mm")
     return Table(columns, rows, left=range(len(columns) - 2))
 
 
 def usual_sizes(reports: Sequence[ChangeReport]) -> Table:
-    """Table of the change of each joint's zero and of the tool with its sigma, one column per measurement."""
-    rows = []
+    """Table of the change of each joint's zero and of the tool with its sigma, one column for each late measurement."""
+    rows, count = [], len(reports)
+    if count > _SIDE_BY_SIDE:
+        reports = reports[-_SIDE_BY_SIDE:]
     for k, usual in enumerate(reports[-1].usual):
         name = "tool" if usual.joint is None else f"zero of joint {usual.joint}"
         unit = numbers.readable(0.0, usual.unit)[1]
         sizes = [report.usual[k] for report in reports]
         shown = [numbers.with_sigma(c.size, c.sigma, c.unit, sign=True).removesuffix(unit).rstrip() for c in sizes]
         rows.append((f"{name}, {unit}", *shown))
-    return Table(("change ± sigma", *(report.name for report in reports)), rows)
+    caption = f"the last {len(reports)} of {count} checks; `--out` writes all as .csv" if count > len(reports) else ""
+    return Table(("change ± sigma", *(report.name for report in reports)), rows, caption=caption)
 
 
 def unseen_sentences(report: ChangeReport) -> list[str]:
@@ -372,9 +392,46 @@ def _usual_document(usual: Change) -> dict[str, Any]:
     return {key: getattr(usual, key) if seen or key not in ("size", "sigma") else None for key in keys}
 
 
-def watch_document(reports: Sequence[ChangeReport], repeats: Sequence[PoseFigures] = ()) -> dict[str, Any]:
-    """Document that `inspector watch --json` prints: the last measurement, all in order under "new", and repeats."""
-    return {**document(reports[-1]), "new": reports, "iso9283": [_repeats_document(pose) for pose in repeats]}
+def watch_document(cell: WatchedCell) -> dict[str, Any]:
+    """Document that `inspector watch --json` prints: the last measurement, all in order under "new", and repeats.
+
+    Of three checks or more "series" is what they show together, and "trend" the drift in it by day.
+    """
+    return {
+        **document(cell.seen[-1]),
+        "new": cell.seen,
+        "iso9283": [_repeats_document(pose) for pose in cell.repeats],
+        "series": cell.together,
+        "trend": [] if cell.together is None else _trends(cell.together),
+    }
+
+
+def _trends(found: SeriesReport) -> list[dict[str, Any]]:
+    """Drift of a series by day, none where nothing drifts or dates are missing."""
+    change, left = found.change, found.time_left
+    if change is None or found.course != DRIFT or found.time_unit != "day":
+        return []
+    drift = {"what": change.what, "joint": change.joint, "per_day": change.size, "sigma": change.sigma}
+    return [{**drift, "unit": change.unit, "days_left": None if left is None else left.likely}]
+
+
+def watch_summary(cell: WatchedCell) -> list[str]:
+    """Paragraphs that `inspector watch` prints: each measurement, the last in full, repeats, and the series."""
+    together = [] if cell.together is None else [cell.together.summary()]
+    *earlier, last = cell.seen
+    return [*map(change_headline, earlier), last.summary(), *worst_repeats(cell.repeats), *together]
+
+
+def cell_verdict(cell: WatchedCell) -> list[Block]:
+    """Blocks with the verdict on the last measurement of a cell, and on all of them together."""
+    together = [] if cell.together is None else series_head(cell.together)
+    return [*change_verdict(cell.by_date), *together]
+
+
+def cell_sections(cell: WatchedCell) -> list[Section]:
+    """Sections on each measurement of a cell, on single changes, and on all measurements together."""
+    sections = change_sections(cell.by_date, cell.repeats)
+    return [*sections, *([] if cell.together is None else series_sections(cell.together))]
 
 
 def _repeats_document(pose: PoseFigures) -> dict[str, Any]:

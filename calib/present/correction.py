@@ -27,12 +27,21 @@ def correction_blocks(correction: Correction, ids: Sequence[str] = ()) -> list[B
     missed = np.flatnonzero(~correction.reached)
     rows = [(ids[i] if ids else f"target {i + 1}", correction.reasons[i]) for i in missed[:_LISTED]]
     more = len(missed) - len(rows)
+    reached = ("targets reached", f"{int(correction.reached.sum())} of {len(correction.q)} ({correction.kind})")
+    facts, *remarks = gain_blocks(correction)
+    assert isinstance(facts, Facts)
     return [
-        Facts(_facts(correction)),
-        *([Paragraph(f"{numbers.capitalised(words)}.") for words in _remarks(correction) if words]),
+        Facts([reached, *facts.pairs]),
+        *remarks,
         *([Table(("not reached", "why"), rows, left=(0, 1))] if rows else []),
         *([Paragraph(f"and {more} more")] if more > 0 else []),
     ]
+
+
+def gain_blocks(correction: Correction) -> list[Block]:
+    """Facts on the errors without correction, the moves and the promise, and the remarks on them."""
+    remarks = (Paragraph(f"{numbers.capitalised(words)}.") for words in _remarks(correction) if words)
+    return [Facts(_facts(correction)), *remarks]
 
 
 def _facts(correction: Correction) -> list[tuple[str, object]]:
@@ -43,7 +52,6 @@ def _facts(correction: Correction) -> list[tuple[str, object]]:
     ]
     mean, worst = numbers.length(correction.uncorrected_mm.mean()), numbers.length(correction.uncorrected_mm.max())
     return [
-        ("targets reached", f"{int(correction.reached.sum())} of {len(correction.q)} ({correction.kind})"),
         ("error without correction", f"{mean} on average, {worst} at most"),
         ("largest change of a joint", numbers.listing(largest)),
         *([("promised error", promised)] if (promised := promised_words(correction)) else []),

@@ -115,6 +115,10 @@ def _measured(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> str:
     targets = len(np.unique(dataset.points.target))
     of_targets = "" if targets == 1 else f" of {targets} targets"
     with_scans = ", and scans" if dataset.scan_folder is not None else ""
+    lengths = dataset.points.lengths
+    if lengths is not None:
+        anchors = len(np.unique(lengths.anchor))
+        return f"{numbers.count(len(dataset.points), 'length')}{of_targets} from {numbers.count(anchors, 'anchor')}"
     return f"{numbers.count(len(dataset.points), 'point')}{of_targets}{with_scans}"
 
 

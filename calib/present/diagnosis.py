@@ -49,6 +49,7 @@ from calib.present.promise import coverage_sentence, promise_document
 from calib.present.redundancy import redundancy_section
 from calib.present.residuals import residual_blocks, residuals_of
 from calib.present.results import document, headline, presentation, to_dict
+from calib.present.signals import drive_sections, drive_sentences, signals_document
 from calib.present.verdict import SMALL_CHANGE, curves, fault, verdict
 from calib.rendering import numbers
 from calib.rendering.blocks import (
@@ -74,6 +75,7 @@ from calib.screening.curves.readings import curve_readings
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.nuisance import REPORTED_EVIDENCE
 from calib.screening.residual_tests import InputTest, ResidualTests
+from calib.screening.scan_statistic import LENGTH as ALONG_LENGTH
 from calib.screening.smooth_motions import JointFault
 
 HOW, HISTORY, DATASET = "How the verdict was reached", "Error history", "Dataset and how it was measured"
@@ -125,6 +127,7 @@ def diagnosis_presentation(diagnosis: Diagnosis, poses: NextPoses | None) -> Pre
         [
             Section(HOW, reasons(diagnosis, poses), brief=True),
             *intervention_sections(diagnosis),
+            *drive_sections(last.dataset.robot),
             Section(HISTORY, [steps(diagnosis), *_coverage(last)], brief=True),
             Section(DATASET, measured_blocks(last, NOT_SEARCHED)),
             Section(MISSING, ranked_effects(diagnosis), brief=True),
@@ -186,6 +189,7 @@ def explanation(diagnosis: Diagnosis, poses: NextPoses | None) -> str:
     """The reasons and the verdict as plain text, a paragraph each, the verdict last."""
     why = [plain(paragraph.words) for paragraph in reasons(diagnosis, poses)]
     why += [plain(words) for words in intervention_sentences(diagnosis)]
+    why += [plain(words) for words in drive_sentences(diagnosis.calibration.dataset.robot)]
     return "\n\n".join([*why, f"Verdict: {plain(verdict(diagnosis))}"])
 
 
@@ -204,8 +208,8 @@ def reasons(diagnosis: Diagnosis, poses: NextPoses | None) -> list[Paragraph]:
             words.append(effect_added(before, after, diagnosis.conclusion.standing(after.effect or "") or "open"))
     confirm = {c.name: c.family.description.confirm for c in diagnosis.candidates}
     words += [confounded(one, confirm) for one in diagnosis.confounded_sets]
-    if diagnosis.conclusion.undecided:
-        words.append(_undecided(diagnosis, poses))
+    if diagnosis.undecided is not None and poses is not None and poses.discrimination is not None:
+        words.append(_discriminating(diagnosis, poses))
     if poses is not None and poses.change is not None:
         words.append(change_sentence(poses.change))
     if diagnosis.refused is not None:
@@ -225,12 +229,14 @@ def _first_fit(calibration: Calibration) -> str:
     fit, dataset = calibration.fit, calibration.dataset
     train, test = calibration.after.train, calibration.after.test
     families = calibration.model.family_names
+    of_lengths = dataset.points is not None and dataset.points.lengths is not None
+    measured, rmse = ("measured length", "RMSE") if of_lengths else ("measured point", "3D RMSE")
     instrument = "scanner" if dataset.shows_faces else "instrument"
     ratio = (
         f", {numbers.times(fit.reduced_chi)} the declared noise" if is_declared(dataset) else "; no noise is declared"
     )
     errors = (
-        f"; the 3D RMSE is {numbers.length(train.rmse_mm)} at the training poses, {numbers.length(test.rmse_mm)} at "
+        f"; the {rmse} is {numbers.length(train.rmse_mm)} at the training poses, {numbers.length(test.rmse_mm)} at "
         "the test poses"
         if train and test
         else ""
@@ -246,7 +252,7 @@ def _first_fit(calibration: Calibration) -> str:
     tool = "" if shift is None else f" {numbers.capitalised(tool_shift_sentence(shift))}."
     return (
         f"The five-parameter model{' with ' + numbers.listing(families) if families else ''} was fitted to "
-        f"{numbers.count(train.points if train else 0, 'measured point')} of {dataset.robot.name}, the {instrument}'s "
+        f"{numbers.count(train.points if train else 0, measured)} of {dataset.robot.name}, the {instrument}'s "
         f"place being unknown. The residual sigma is {numbers.length(calibration.sigma_mm)} per coordinate{ratio}"
         f"{errors}.{grouped}{tool}"
     )
@@ -346,10 +352,16 @@ def confounded(found: ConfoundedSet, confirm: dict[str, str]) -> Words:
     if found.equivalent:
         alike = (found.effect, *found.equivalent)
         behalf = "both" if len(alike) == 2 else "all of them"
+        why = " are indistinguishable at these poses; "
+        if found.is_undecided:
+            why = (
+                " could each be the cause, and none leads the others by a log Bayes factor of "
+                f"{MIN_LOG_BAYES_FACTOR:g}; "
+            )
         sentences.append(
             spans(
                 listed([with_key(key) for key in alike]),
-                " are indistinguishable at these poses; ",
+                why,
                 effect(found.effect),
                 f" is fitted on behalf of {behalf}, and none is claimed.",
             )
@@ -376,28 +388,13 @@ def _to_tell_apart(keys: Sequence[str], confirm: dict[str, str]) -> str:
     return f"To tell them apart, measure: {measures}."
 
 
-def _undecided(diagnosis: Diagnosis, poses: NextPoses | None) -> Words:
-    """Text on effects of which none has clearly most evidence, and on what would discriminate between them."""
-    names, ranked = diagnosis.conclusion.undecided, diagnosis.screenings[-1].candidates
-    best = ranked[0]
-    confirm = {c.name: c.family.description.confirm for c in ranked}
-    words = spans(
-        "Something is missing, and these data cannot tell which of ", listed([effect(key) for key in names], "or"),
-        f": none leads the others by a log Bayes factor of {MIN_LOG_BAYES_FACTOR:g}.",
-    )  # fmt: skip
-    overlaps = [f"{key}: {numbers.share(share)}" for key, share in best.overlaps.items() if key in names]
-    if overlaps:
-        words = spans(
-            words, " Of what ", effect(best.name), f" explains, others could explain as much ({', '.join(overlaps)})."
-        )
-    if any(confirm.get(key) for key in names):
-        words = spans(words, " ", _to_tell_apart(names, confirm))
-    if poses is not None and poses.discrimination is not None:
-        shown = poses_to_measure(poses.poses[:_SHOWN_POSES], diagnosis.calibration.dataset.robot.is_revolute)
-        settle = f" {len(poses.poses)} planned poses settle it with a probability of "
-        power = f"{settle}{numbers.share(poses.discrimination.power)}."
-        words = spans(words, f" Poses at which they differ most, joints in degrees: {shown}.", power)
-    return words
+def _discriminating(diagnosis: Diagnosis, poses: NextPoses) -> str:
+    """Sentences on the planned poses that discriminate between effects of which none leads, and on their power."""
+    assert poses.discrimination is not None
+    shown = poses_to_measure(poses.poses[:_SHOWN_POSES], diagnosis.calibration.dataset.robot.is_revolute)
+    power = numbers.share(poses.discrimination.power)
+    settle = f"{len(poses.poses)} planned poses settle it with a probability of {power}."
+    return f"Poses at which they differ most, joints in degrees: {shown}. {settle}"
 
 
 def poses_to_measure(poses: Sequence[DiscriminatingPose], is_revolute: BoolArray) -> str:
@@ -460,6 +457,8 @@ def outliers_sentence(poses: Sequence[str]) -> Words:
 def _pattern(tests: ResidualTests) -> Words:
     first = tests.inputs[0]
     where = f"along {first.channel.name} of the instrument's frame"
+    if first.channel.axis == ALONG_LENGTH:
+        where = "in the measured lengths"
     if first.channel.joint is not None:
         where = f"in the motion of {first.channel.name}"
     return spans(
@@ -534,6 +533,7 @@ def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[st
         "learned": diagnosis.learned,
         "noise": noise_document(diagnosis),
         "data_problem": diagnosis.data_problem,
+        **signals_document(last.dataset.robot),
         **promise_document(promise(last), last.dataset.poses),
     })  # fmt: skip
 

@@ -51,7 +51,8 @@ def meaning(owner: Effect, parameter: Parameter, size: float, calibration: Calib
     if not np.isfinite(size) or size == 0.0:
         return ""
     if parameter.unit == "rad kg/Nm":  # a compliance times a mass that is not known
-        return f"as 10 kg at that frame would make it with a {stiffness(0.1 * size)}"
+        of_10_kg = stiffness(0.1 * size)
+        return of_10_kg if size < 0.0 else f"{of_10_kg} if 10 kg act at that frame"
     if has_meaning(owner):
         state = calibration.model.state(calibration.fit.x, calibration.dataset.poses)
         return meaning_of(owner, parameter, size, state)

@@ -47,10 +47,11 @@ def noise(headline: Headline) -> str:
 
 def note(headline: Headline) -> str:
     """Sentence or two on the poses to which a headline's errors refer, and on whether noise alone is left."""
+    error = "3D error" if headline.noise.coordinates == len("xyz") else "Error of the measured lengths"
     of = (
-        "3D error (RMS) at test poses, which no fit saw."
+        f"{error} (RMS) at test poses, which no fit saw."
         if headline.of_test_poses
-        else "3D error (RMS) at the poses that were fitted: there are no test poses, so nothing confirms it."
+        else f"{error} (RMS) at the poses that were fitted: there are no test poses, so nothing confirms it."
     )
     if headline.tool is not None:
         of += (

@@ -29,12 +29,13 @@ from calib.rendering.colours import BAD, DOUBT, GOOD
 METHOD = (
     "Each dataset is judged by itself as inspector check does: corners, fit, diagnosis. An error is the 3D RMSE of the "
     "test poses, which no fit saw, or of the fitted poses where there are no test poses.",
-    "A cause is an effect on one joint that the diagnosis of an arm's last dataset claims; joints that move the "
-    "measured points by less than a quarter of what the largest of that effect does are left aside. It is listed from "
-    "three arms on. Its arms are compared for each site, each further key of [about] and each range of serial numbers "
-    "by Fisher's exact test, one-sided, with the rest of the arms of that model; the best of all ranges with the best "
+    "A cause is an effect on one joint that an arm's diagnosis claims, or finds likely with a probability of a half or "
+    "more, on average of the arm's datasets; joints that move the measured points by less than a quarter of what the "
+    "largest of that effect does are left aside. It is listed from three arms on. Its arms are compared for each site, "
+    "each further key of [about], all arms since a serial number or a date, and each range of serial numbers by "
+    "Fisher's exact test, one-sided, with the rest of the arms of that model; the best place or range with the best "
     "where the cause is dealt out at random. All tests of the fleet are corrected together (Holm), and groups below "
-    "p = 0.01 are listed. A group that stands out is a place to look, not a proof: arms of one site often have one "
+    "p = 0.05 are listed. A group that stands out is a place to look, not a proof: arms of one site often have one "
     "gear batch and neighbouring numbers too.",
     "Each dataset is compared with the last calibration of the same serial number and of an earlier date, as inspector "
     "watch does: the earlier calibration predicts the later points. What a moved scanner, a moved base or more noise "
@@ -127,7 +128,7 @@ def cause_phrase(cause: SharedCause) -> str:
 
 def _causes(fleet: Fleet) -> list[Block]:
     if not fleet.shared:
-        return [Paragraph("No cause is claimed in three arms or more.")]
+        return [Paragraph("No cause is claimed or likely in three arms or more.")]
     common = [cause for cause in fleet.shared if cause.groups]
     rows = [
         (
@@ -140,7 +141,7 @@ def _causes(fleet: Fleet) -> list[Block]:
         for cause in fleet.shared
     ]
     headers = ("cause", "robot", "arms", "moves the tool by, mm", "what these arms have in common")
-    caption = "Claimed by the diagnosis; median of the arms, RMS"
+    caption = "Claimed by the diagnosis, or likely; median of the arms, RMS"
     return [
         *(Verdict(f"{cause_phrase(cause)}.", DOUBT) for cause in common),
         Table(headers, rows, left=(0, 1, 4), caption=caption),

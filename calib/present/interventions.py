@@ -6,20 +6,27 @@ from typing import Any
 
 from calib.diagnosis.contradictions import Contradiction
 from calib.diagnosis.result import Diagnosis
+from calib.intervention.joint_fit import JointFit
 from calib.intervention.pairs import APPROACH, PAYLOAD, SPEED
 from calib.intervention.proof import MIN_LEAD, Cause, Intervention, Proof
 from calib.planning.proof_plan import NextChange
 from calib.present.effects import title, with_key
 from calib.rendering import numbers
-from calib.rendering.blocks import Paragraph, Section, Words, effect, joint, listed, spans
+from calib.rendering.blocks import Block, FigurePlace, Paragraph, Section, Words, effect, joint, listed, spans
 
 PROVEN = "Proven by changing one thing"
+_TAKEN_AWAY = "the motion of the instrument and the shift of the tool between the runs are taken away."
 
 
 def intervention_sections(diagnosis: Diagnosis) -> list[Section]:
     """Section on what poses measured again under another condition prove; [] where there are none."""
-    sentences = intervention_sentences(diagnosis)
-    return [Section(PROVEN, [Paragraph(words) for words in sentences], brief=True)] if sentences else []
+    sentences: list[Block] = [Paragraph(words) for words in intervention_sentences(diagnosis)]
+    figures = [
+        FigurePlace("moved_by_change", (one,), f"Differences by {_change(one)}; {_TAKEN_AWAY}", height_px=280)
+        for one in diagnosis.interventions
+        if one.proofs
+    ]
+    return [Section(PROVEN, [*sentences, *figures], brief=True)] if sentences else []
 
 
 def intervention_sentences(diagnosis: Diagnosis) -> list[Words]:
@@ -28,7 +35,8 @@ def intervention_sentences(diagnosis: Diagnosis) -> list[Words]:
     for one in diagnosis.interventions:
         words += [_proven(one, proof) for proof in one.proofs]
         words += _not_proven(one)
-    return [*words, *(_contradicted(one) for one in diagnosis.contradictions)]
+    words += [_contradicted(one) for one in diagnosis.contradictions]
+    return words if diagnosis.joint_fit is None else [*words, _together(diagnosis, diagnosis.joint_fit)]
 
 
 def _proven(intervention: Intervention, proof: Proof) -> Words:
@@ -65,6 +73,60 @@ def _contradicted(contradiction: Contradiction) -> Words:
         return spans(subject, ": it names ", instead, " instead. Believe the pairs, in which all geometry cancels.")
     fitted = numbers.with_sigma(*contradiction.fitted, proof.unit)
     return spans(subject, f": it has {fitted}. Believe the pairs, in which all geometry cancels.")
+
+
+def _together(diagnosis: Diagnosis, joint_fit: JointFit) -> Words:
+    """Sentence on the fit of single poses and differences with one set of parameters."""
+    values = [
+        spans(effect(name), _of_joint(number), f" {parameter} = {numbers.with_sigma(value, sigma, unit)}")
+        for name, number, parameter, value, sigma, unit in _joint_values(diagnosis, joint_fit)
+    ]
+    weight = numbers.share(joint_fit.weight_of_single)
+    of_weight = f", a single pose with {weight} of a difference's weight" if joint_fit.misfit else ""
+    changed = [
+        f" {word} {numbers.listing(names)}"
+        for word, names in (("with", joint_fit.added), ("without", joint_fit.dropped))
+        if names
+    ]
+    before, after = diagnosis.calibration.after, joint_fit.calibration.after
+    role, one, other = (
+        ("test", before.test, after.test) if after.test and before.test else ("training", before.train, after.train)
+    )
+    assert one is not None
+    assert other is not None
+    return spans(
+        f"Single poses and differences fitted together{of_weight}:", *changed, " " if not changed else ": ",
+        listed(values), f"; {role} RMSE {numbers.length(other.rmse_mm)} instead of {numbers.length(one.rmse_mm)}.",
+    )  # fmt: skip
+
+
+def _joint_values(diagnosis: Diagnosis, joint_fit: JointFit) -> list[tuple[str, int | None, str, float, float, str]]:
+    """Effect, joint, parameter, value, sigma and unit of each proven value in the fit of all together."""
+    fit = joint_fit.calibration.fit
+    found = {p.name: (float(x), float(s)) for p, x, s in zip(fit.parameters, fit.x, fit.sigma, strict=True)}
+    return [
+        (proof.effect, proof.joint, proof.parameter, *found[proof.full_name], proof.unit)
+        for proof in {one.full_name: one for one in diagnosis.proven}.values()
+        if proof.full_name in found
+    ]
+
+
+def _joint_document(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    found = diagnosis.joint_fit
+    if found is None:
+        return None
+    keys = ("effect", "joint", "parameter", "value", "sigma", "unit")
+    before, after = diagnosis.calibration.after, found.calibration.after
+    return {
+        "train_rmse_mm": after.train.rmse_mm if after.train else None,
+        "test_rmse_mm": after.test.rmse_mm if after.test else None,
+        "alone_train_rmse_mm": before.train.rmse_mm if before.train else None,
+        "alone_test_rmse_mm": before.test.rmse_mm if before.test else None,
+        "weight_of_single": found.weight_of_single,
+        "added": found.added,
+        "dropped": found.dropped,
+        "values": [dict(zip(keys, row, strict=True)) for row in _joint_values(diagnosis, found)],
+    }
 
 
 def _change(intervention: Intervention) -> str:
@@ -138,8 +200,9 @@ def _of_joint(number: int | None) -> Words:
 
 
 def proven_document(diagnosis: Diagnosis) -> dict[str, Any]:
-    """JSON key on what paired poses prove."""
+    """JSON keys on what paired poses prove, and on the fit of them and single poses together."""
     return {
+        "joint_fit": _joint_document(diagnosis),
         "proven": [
             {
                 "effect": proof.effect,
@@ -152,5 +215,5 @@ def proven_document(diagnosis: Diagnosis) -> dict[str, Any]:
                 "condition": proof.condition,
             }
             for proof in diagnosis.proven
-        ]
+        ],
     }

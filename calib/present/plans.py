@@ -26,6 +26,7 @@ from calib.planning.outcome import (
 )
 from calib.planning.plan import Plan
 from calib.planning.prediction import PAYS, STEP, Prediction
+from calib.planning.simulated_pairs import MOST_LOAD, MOST_PAIRS, Needed
 from calib.planning.start import FromFit, FromRobot
 from calib.present import names
 from calib.present.interventions import condition_change
@@ -230,13 +231,29 @@ def _proven(outcome: ProofOutcome) -> list[str]:
         f"{numbers.share(power)} instead, if you {condition_change(condition, before, after)}"
         for condition, before, after, power in outcome.others
     ]
-    if outcome.power < SURELY:
+    lines += [_takes(one, outcome) for one in outcome.needed if one.size_mm or one.probability > outcome.power]
+    if outcome.power < SURELY and not outcome.needed:
         lines.append(
             "the others stay open: more pairs (--add) or a heavier payload (--payload-kg) tell more"
             if outcome.condition == PAYLOAD
             else "the others stay open: more pairs (--add) tell more"
         )
     return lines
+
+
+def _takes(needed: Needed, outcome: ProofOutcome) -> str:
+    """Phrase on what it takes to prove a cause with some probability."""
+    most = "more poses than were measured" if outcome.again else f"more than {MOST_PAIRS} pairs"
+    pairs = most if needed.pairs is None else numbers.count(needed.pairs, "pair")
+    of = ""
+    if needed.size_mm is not None:
+        of = f" for a part that moves the tool by {numbers.length(needed.size_mm)} under 2 kg"
+    words = f"{numbers.share(needed.probability)}{of} take {pairs}"
+    if outcome.condition != PAYLOAD or outcome.after is None:
+        return words
+    if needed.payload_kg is None:
+        return f"{words}; with these pairs no payload up to {MOST_LOAD * outcome.after:.3g} kg is enough"
+    return f"{words}, or {needed.payload_kg:.2g} kg with these pairs"
 
 
 # ---- the poses ------------------------------------------------------------------------------------------------------
@@ -389,7 +406,7 @@ def _change_document(outcome: Outcome | None) -> dict[str, Any]:
     if not isinstance(outcome, ProofOutcome):
         return {}
     change = {"condition": outcome.condition, "before": outcome.before, "after": outcome.after}
-    return {"change": change, "hypotheses": outcome.hypotheses, "pairs": outcome.pairs}
+    return {"change": change, "hypotheses": outcome.hypotheses, "pairs": outcome.pairs, "needed": outcome.needed}
 
 
 def _band(prediction: Prediction) -> list[float]:

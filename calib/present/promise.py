@@ -19,7 +19,7 @@ def coverage_words(promise: PointPromise) -> str:
     if share is None:
         return ""
     sigma_mm = float(np.sqrt(np.mean(promise.sigma_mm[promise.is_test] ** 2)))
-    count = 3 * int(np.count_nonzero(promise.is_test))
+    count = promise.error_mm[promise.is_test].size
     of_points = f"promised sigma {numbers.length(sigma_mm)} per coordinate"
     return f"cover {100.0 * share:.0f} % of {count} test coordinates; {of_points}"
 

@@ -162,7 +162,7 @@ def _channel_title(test: InputTest, robot: Robot) -> str:
     """Axis title of the residual's component (axis or joint) with the strongest pattern in a test."""
     if test.channel.joint is not None:
         return joint_title(test.channel.joint, robot)
-    return next(title for title, axis in AXES.items() if "xyz"[axis] == test.channel.axis)
+    return next((title for title, axis in AXES.items() if "xyz"[axis] == test.channel.axis), LENGTH)
 
 
 def _residual_over(residual: ModelResidual, test: InputTest) -> FigurePlace:

@@ -26,8 +26,8 @@ FIGURES = "calib.figures"  # entry points of this group draw figures in notebook
 _MAKERS = tuple(
     f"calib.present.{name}"
     for name in (
-        *("calibration", "campaign", "changes", "checks", "corners", "correction", "dataset", "diagnosis", "fleets"),
-        *("plans", "recurrence", "redundancy", "tool_place", "validation"),
+        *("arm_types", "calibration", "campaign", "changes", "checks", "comparison", "corners", "correction"),
+        *("dataset", "diagnosis", "fleets", "origins", "plans", "recurrence", "redundancy", "tool_place", "validation"),
     )
 )
 """Modules that register what they make of a result; whoever tells of one kind has loaded its module alone."""

@@ -162,8 +162,8 @@ class Table(Block):
         if column not in self.left:
             return "num"
         words = plain(value) if isinstance(value, tuple | list) else str(value)
-        if "-" in words and " " not in words and len(words) <= _SHORT_NAME:
-            return "wide short"  # a date, a serial number: not to be broken at its hyphens
+        if " " not in words and len(words) <= _SHORT_NAME:
+            return "wide short"  # a date, a serial number, one word: not to be broken
         return "wide long" if max(map(len, words.split()), default=0) > LONG_NAME else "wide"
 
 

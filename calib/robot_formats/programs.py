@@ -91,15 +91,19 @@ def is_point_list(path: Path) -> bool:
 
 
 def require_point_list(path: Path, is_revolute: Sequence[bool]) -> None:
+    """Raise CalibError for an arm whose joint values the point list of a file's suffix cannot hold."""
+    require_joints(path, LANGUAGES[path.suffix.lower()], is_revolute, "; write the targets as .csv")
+
+
+def require_joints(path: Path, language: str, is_revolute: Sequence[bool], remedy: str = "") -> None:
     """Raise CalibError for an arm whose joint values the controller's joint positions cannot hold."""
-    language = LANGUAGES[path.suffix.lower()]
     if list(is_revolute) != [True] * JOINTS:
         turning = sum(map(bool, is_revolute))
         sliding = len(is_revolute) - turning
         raise CalibError(
             f"{path}: a joint position of {language} holds six turning joints, this arm has {turning}"
             + (f" and {sliding} sliding" if sliding else "")
-            + "; write the targets as .csv"
+            + remedy
         )
 
 

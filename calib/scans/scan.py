@@ -71,7 +71,7 @@ class PointCount:
 
 
 def load_scan(path: str | Path) -> Scan:
-    """Read a scan: .ply, .pcd, .e57, .las, .xyz, .asc, .pts, .csv, .txt, .npy, .npz, or vertices of an .stl or .obj.
+    """Read a scan: .ply, .pcd, .e57, .las, .laz, .xyz, .asc, .pts, .csv, .txt, .npy, .npz, or vertices (.stl, .obj).
 
     Rows without a value are left out and counted in `dropped`: NaN, infinity or a number beyond any length (FLT_MAX is
     used so), and several points at the scanner's own place, (0, 0, 0). Lengths are millimetres and nothing is scaled

@@ -53,6 +53,7 @@ class Candidate(Brief):
     members: tuple[Effect, ...]  # that carry it
     values: tuple[Value, ...]
     prior_sigmas: dict[str, float]  # of highest evidence, by full name of those members' parameters
+    determined: float  # number of its members' parameters that the data determine, and not the prior
     explained: Array  # (R,) the part of the residual that it explains, whitened
     overlaps: dict[str, float]  # by family: share of `explained` that lies in the span of its columns
 
@@ -238,6 +239,7 @@ def _candidate(
         members=tuple(family.members[i] for i in active),
         values=tuple(values),
         prior_sigmas=prior_sigmas,
+        determined=float(np.sum(np.maximum(square, 0.0) / (1.0 + np.maximum(square, 0.0)))),
         explained=-evidence.explained,
         overlaps=overlaps,
     )

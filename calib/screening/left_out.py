@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.calibration.evaluation import Evaluation, evaluate_all
 from calib.calibration.held_out import in_gap_of_step
 from calib.calibration.result import Calibration
 from calib.errors import FitError
@@ -43,18 +44,19 @@ def left_out_errors_mm(
     rest = residual - shrunk @ (inner @ (shrunk.T @ residual))
     observed = projected.residuals.observed
     sigma_mm = np.sqrt(np.trace(observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
+    coordinates = projected.coordinates
     order = np.argsort(observed.points.pose, kind="stable")
     counts = np.unique(observed.points.pose, return_counts=True)[1]
     starts = np.cumsum(counts) - counts
     out = np.empty(len(residual))
     for count in np.unique(counts):  # all poses with this many points at once
         points = order[starts[counts == count][:, None] + np.arange(count)]  # (poses, count)
-        rows = (3 * points[:, :, None] + np.arange(3)).reshape(len(points), -1)
+        rows = (coordinates * points[:, :, None] + np.arange(coordinates)).reshape(len(points), -1)
         fitted, extra = projected.basis[rows], shrunk[rows]
         hat = fitted @ np.swapaxes(fitted, 1, 2) + extra @ inner @ np.swapaxes(extra, 1, 2)
         # Without a pose that alone determines a direction, I - H is singular; the floor keeps its error finite.
         error = np.linalg.solve((1.0 + 1e-9) * np.eye(rows.shape[1]) - hat, rest[rows][..., None])[..., 0]
-        out[rows] = error * np.repeat(sigma_mm[points], 3, axis=1)
+        out[rows] = error * np.repeat(sigma_mm[points], coordinates, axis=1)
     return out
 
 
@@ -77,8 +79,9 @@ def far_test_poses(calibration: Calibration) -> tuple[str, ...]:
         projected = project_residual(calibration)
     except FitError:
         return ()
-    after, points = calibration.after, projected.residuals.observed.points
-    left_out = _pose_means(np.sum(left_out_errors_mm(projected).reshape(-1, 3) ** 2, axis=1), points.pose)
+    after, points = _as_fitted(calibration), projected.residuals.observed.points
+    errors_mm = left_out_errors_mm(projected).reshape(-1, projected.coordinates)
+    left_out = _pose_means(np.sum(errors_mm**2, axis=1), points.pose)
     judged = (after.is_test & ~in_gap_of_step(calibration))[after.pose]
     tested = np.unique(after.pose[judged])
     squared = _pose_means(np.sum(after.error_mm[judged] ** 2, axis=1), after.pose[judged])
@@ -127,7 +130,7 @@ def _determines_alone(projected: ProjectedResidual) -> BoolArray:
     """Mask (K,) of the training poses without which the fit would leave a direction undetermined."""
     pose = projected.residuals.observed.points.pose
     blocks = [
-        projected.basis.reshape(len(pose), 3, -1)[pose == one].reshape(-1, projected.basis.shape[1])
+        projected.basis.reshape(len(pose), projected.coordinates, -1)[pose == one].reshape(-1, projected.basis.shape[1])
         for one in np.unique(pose)
     ]
     return np.array([np.linalg.norm(block, 2) ** 2 > 1.0 - _ALONE for block in blocks])
@@ -139,12 +142,19 @@ def _squared_errors(calibration: Calibration, judged: BoolArray) -> Array:
     judged: (N,) poses that may serve as test poses.
     """
     projected = project_residual(calibration)
-    squared = np.sum(left_out_errors_mm(projected).reshape(-1, 3) ** 2, axis=1)
-    after = calibration.after
+    squared = np.sum(left_out_errors_mm(projected).reshape(-1, projected.coordinates) ** 2, axis=1)
+    after = _as_fitted(calibration)
     test = (after.is_test & judged)[after.pose]
     of_test = np.sum(after.error_mm[test] ** 2, axis=1)
     points = projected.residuals.observed.points
     return np.concatenate([_pose_means(squared, points.pose), _pose_means(of_test, after.pose[test])])
+
+
+def _as_fitted(calibration: Calibration) -> Evaluation:
+    """Errors of a fit at the points as it took them: where it took the means of repeats, test poses have theirs too."""
+    if calibration.averaged is None:
+        return calibration.after
+    return evaluate_all(calibration.model, [calibration.fit.x], calibration.averaged, calibration.outliers)[0]
 
 
 def _pose_means(values: Array, pose: IndexArray) -> Array:

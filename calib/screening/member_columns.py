@@ -99,7 +99,7 @@ def displacement_columns(projected: ProjectedResidual, members: Sequence[ShapedE
         sizes[member.displacement] = np.array([p.scale for p in member.parameters[:width]])
     columns = [member_columns(projected, _Unit(one)) * size for one, size in sizes.items()]
     together = np.concatenate(columns, axis=1)
-    return together.reshape(-1, 3, together.shape[1])
+    return together.reshape(-1, projected.coordinates, together.shape[1])
 
 
 def _visible(projected: ProjectedResidual, member: Effect) -> Array:
@@ -144,10 +144,11 @@ def _of_shapes(projected: ProjectedResidual, members: Sequence[ShapedEffect]) ->
     number = {displacement: k for k, displacement in enumerate(dict.fromkeys(displacements))}
     of_same = np.array([number[displacement] for displacement in displacements])
     count, width = len(members), shapes.shape[2] * displacements[0].width
-    raw = np.empty((3 * len(row), count, width))
+    rows = projected.coordinates * len(row)
+    raw = np.empty((rows, count, width))
     for displacement, k in number.items():
-        unit = member_columns(projected, _Unit(displacement)).reshape(len(row), 3, -1)  # (M, 3, W)
+        unit = member_columns(projected, _Unit(displacement)).reshape(len(row), projected.coordinates, -1)  # (M, C, W)
         at = np.flatnonzero(of_same == k)
         columns = np.einsum("mcw,gml->mcglw", unit, shapes[at][:, row])
-        raw[:, at] = columns.reshape(3 * len(row), len(at), width)
+        raw[:, at] = columns.reshape(rows, len(at), width)
     return raw, shapes.reshape(count, -1), of_same

@@ -36,8 +36,8 @@ class LinearResidual:
     """
 
     xyz_mm: Array  # (M, 3) scanner frame
-    whiten: Array  # (M, 3, 3)
-    rows: Array  # (M, 3, 1 + F) the residual, then the fitted directions
+    whiten: Array  # (M, C, 3), C coordinates of each point, 1 of a length
+    rows: Array  # (M, C, 1 + F) the residual, then the fitted directions
     moments: Moments
 
     @classmethod
@@ -52,8 +52,8 @@ class LinearResidual:
         both = np.column_stack([residual, fitted])
         return cls(
             observed.points.xyz_mm,
-            whitener(observed.covariance_mm2),
-            both.reshape(len(row), 3, -1),
+            observed.whiten,
+            both.reshape(len(row), observed.points.coordinates, -1),
             Moments.of(poses, row),
         )
 
@@ -65,7 +65,7 @@ class LinearResidual:
     @property
     def dof(self) -> int:
         """Degrees of freedom of the residual."""
-        return 3 * len(self.rows) - self.rows.shape[2] + 1
+        return self.rows[..., 0].size - self.rows.shape[2] + 1
 
     def log_likelihood(self, shape: NoiseShape, weights: Array | None = None) -> float:
         """Log likelihood of a noise shape given this residual, up to a constant that depends on the weights (M,)."""
@@ -81,7 +81,7 @@ class LinearResidual:
         """Log likelihood of a noise shape with its drift replaced by each of several correlated drifts."""
         rows, log_det = self._in_units_of(shape, weights)
         return [
-            _restricted(products, self.dof) - log_det - 1.5 * of_time
+            _restricted(products, self.dof) - log_det - 0.5 * rows.shape[1] * of_time
             for products, of_time in self.moments.products(drifts, rows)
         ]
 
@@ -90,11 +90,12 @@ class LinearResidual:
         rows, _ = self._in_units_of(shape)
         if shape.wander is not None:
             rows = decorrelated(rows, self.moments.decorrelator(shape.wander), self.moments.order)
-        basis = np.linalg.qr(rows[:, :, 1:].reshape(3 * len(rows), -1))[0]
+        count, coordinates = rows.shape[:2]
+        basis = np.linalg.qr(rows[:, :, 1:].reshape(count * coordinates, -1))[0]
         residual = rows[:, :, 0].ravel() - basis @ (basis.T @ rows[:, :, 0].ravel())
-        blocks = basis.reshape(len(rows), 3, -1)
-        size, turn = np.linalg.eigh(np.eye(3) - blocks @ np.swapaxes(blocks, 1, 2))
-        along = np.einsum("mji,mj->mi", turn, residual.reshape(-1, 3)) / np.sqrt(np.maximum(size, 0.05))
+        blocks = basis.reshape(count, coordinates, -1)
+        size, turn = np.linalg.eigh(np.eye(coordinates) - blocks @ np.swapaxes(blocks, 1, 2))
+        along = np.einsum("mji,mj->mi", turn, residual.reshape(count, coordinates)) / np.sqrt(np.maximum(size, 0.05))
         return np.asarray(np.einsum("mij,mj->mi", turn, along))
 
     def weights(self, shape: NoiseShape) -> Array | None:
@@ -105,6 +106,8 @@ class LinearResidual:
 
     def normalised(self, shape: NoiseShape) -> NoiseShape:
         """A noise shape scaled so that the mean variance of these points equals the declared one."""
+        if self.whiten.shape[1] == 1:  # of lengths, whose noise has no shape but in time
+            return replace(shape, scale=1.0)
         plain = np.linalg.inv(self.whiten)
         shaped = noise_factors(shape, self.xyz_mm) @ plain
         return replace(shape, scale=shape.scale * float(np.sqrt(np.sum(plain**2) / np.sum(shaped**2))))

@@ -19,7 +19,8 @@ from calib.effects.effect import Effect, apply_values, corrects_robot
 from calib.effects.state import RobotState
 from calib.fitting.model import point_by_state
 from calib.fitting.position_residuals import PositionResiduals
-from calib.kinematics.robot import Joint, Robot, Vector
+from calib.kinematics.robot import Joint, MeasuredLoad, Robot, Vector
+from calib.kinematics.statics import uncertain_loads
 
 MASS_SHARE = 0.3  # prior sigma of a link's and of a payload's mass over itself
 UNLISTED_KG = 0.3  # prior sigma of a tool's mass that robot.toml does not list, such as cables
@@ -79,12 +80,14 @@ def load_columns(residuals: PositionResiduals, x: Array, base_to_residual: Array
     """Change (R, K) of the whitened residual by one prior sigma of each mass and centre of mass; K may be 0."""
     model, observed = residuals.model, residuals.observed
     robot = model.loads_of
-    none = np.zeros((3 * len(observed.points), 0))
+    none = np.zeros((observed.points.coordinates * len(observed.points), 0))
     if robot is None or not model.added_effects:
         return none
     poses, row = observed.used_poses
     loaded = RobotState.nominal(robot, poses)
-    heavy = loaded.with_masses_of(replace(robot, joints=tuple(map(_heavier, robot.joints))), poses)
+    heavier_loads = tuple(map(_more, robot.measured_loads))
+    heavier = replace(robot, joints=tuple(map(_heavier, robot.joints)), measured_loads=heavier_loads)
+    heavy = loaded.with_masses_of(heavier, poses)
     changes = [loaded.with_masses_of(*changed) for changed in _uncertain(robot, poses)]
     added = [
         (effect, values)
@@ -117,7 +120,8 @@ def _moved(effects: Sequence[tuple[Effect, Array]], start: RobotState, loaded: R
 
 
 def _uncertain(robot: Robot, poses: Poses) -> Iterator[tuple[Robot, Poses]]:
-    """Variants of robot and poses, each with one mass or centre of mass changed by its prior sigma."""
+    """Variants of robot and poses, each with one mass, centre of mass or measured load changed by its prior sigma."""
+    yield from ((variant, poses) for variant in uncertain_loads(robot))
     for k, joint in enumerate(robot.joints):
         if joint.mass_kg:
             yield _with_joint(robot, k, _heavier(joint)), poses
@@ -136,6 +140,10 @@ def _uncertain(robot: Robot, poses: Poses) -> Iterator[tuple[Robot, Poses]]:
         yield robot, replace(poses, payload_kg=(1.0 + MASS_SHARE) * poses.payload_kg)
         for com_mm in _shifted(tool.payload_com_mm or tool_point_mm):
             yield replace(robot, tool=replace(tool, payload_com_mm=com_mm)), poses
+
+
+def _more(load: MeasuredLoad) -> MeasuredLoad:
+    return replace(load, weights=tuple((1.0 + MASS_SHARE) * weight for weight in load.weights))
 
 
 def _heavier(joint: Joint) -> Joint:

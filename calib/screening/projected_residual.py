@@ -31,14 +31,14 @@ _KNOWN_OF_CURVES = 1.0  # with learned curves, which may have more parameters th
 class ProjectedResidual(Brief):
     """Whitened residual of a fit with the fitted directions projected out, and these directions.
 
-    N used poses, M measured points, R = 3 M rows, P parameters, S entries of the state.
+    N used poses, M measured points, R = 3 M rows (M of lengths), P parameters, S entries of the state.
     """
 
     residuals: PositionResiduals
     x: Array  # (P,)
     states: Mapping[str, RobotState]  # by target, of the used poses
     by_state: Mapping[str, Array]  # by target (N, 3, S): derivative of the point by the state
-    base_to_residual: Array  # (M, 3, 3)
+    base_to_residual: Array  # (M, 3, 3); (M, 1, 3) of lengths
     residual: Array  # (R,) projected, white given the nuisance
     basis: Array  # (R, rank) orthonormal: fitted parameters and frames
     dof: int  # degrees of freedom
@@ -54,7 +54,12 @@ class ProjectedResidual(Brief):
     def row_poses(self) -> tuple[str, ...]:
         """Pose id (R,) of each row of the residual."""
         poses, row = self.residuals.observed.used_poses
-        return tuple(poses.ids[i] for i in row for _ in range(3))
+        return tuple(poses.ids[i] for i in row for _ in range(self.coordinates))
+
+    @property
+    def coordinates(self) -> int:
+        """Number of rows of each point: 3, or 1 of a length."""
+        return self.residuals.observed.points.coordinates
 
     @property
     def sigma(self) -> float:

@@ -8,7 +8,7 @@ which corrects for the number of inputs and places.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,6 +45,7 @@ class InputTest:
     input: str
     p_value: float
     channel: Channel  # where the pattern is strongest
+    alone_p_value: float = 1.0  # corrected for the channels and widths of this input alone
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,20 @@ class ResidualTests(Brief):
     def too_large(self) -> bool:
         """Whether the residual is larger than noise, a declared sigma being taken as accurate to 25 %."""
         return self.lack_of_fit_p is not None and self.lack_of_fit_p < _TOO_LARGE_P
+
+
+def asked_of_joints(tests: ResidualTests, joints: Collection[int]) -> ResidualTests:
+    """The tests with patterns over the angles of some joints (from 0) corrected for these joints alone.
+
+    An effect that was named on a joint and is not quite its cause leaves its pattern there, not anywhere.
+    """
+    names = {f"q{joint + 1}" for joint in joints}
+    inputs = []
+    for test in tests.inputs:
+        of_these = len(names) * test.alone_p_value
+        shows = test.input in names and of_these < min(STRUCTURE_LEVEL, test.p_value)
+        inputs.append(replace(test, p_value=of_these) if shows else test)
+    return replace(tests, inputs=tuple(sorted(inputs, key=lambda test: test.p_value)))
 
 
 @one_blas_thread()
@@ -141,17 +156,18 @@ def _noise_again(projected: ProjectedResidual, draws: int) -> Callable[[], Itera
 def _without(projected: ProjectedResidual, outlier: BoolArray) -> ProjectedResidual:
     """Projected residual set to zero at outlying points (M,), so that one wrong pose is not taken for a pattern."""
     residual = projected.residual.copy()
-    residual[np.repeat(outlier, 3)] = 0.0
+    residual[np.repeat(outlier, projected.coordinates)] = 0.0
     return replace(projected, residual=residual)
 
 
 def _outliers(projected: ProjectedResidual, noise: Callable[[], Iterable[Array]]) -> BoolArray:
     """Mask (N,) of poses whose residual exceeds the largest one expected in a whole dataset of noise."""
     of_pose, rng = sum_by_pose(projected), np.random.default_rng(1)
-    numbers = 3.0 * np.asarray(of_pose.sum(axis=1))  # (N, 1) coordinates at each pose
+    numbers = float(projected.coordinates) * np.asarray(of_pose.sum(axis=1))  # (N, 1) coordinates at each pose
 
     def mean_square(values: Array) -> Array:
-        return np.asarray(of_pose @ np.sum(values.reshape(of_pose.shape[1], 3, -1) ** 2, axis=1) / numbers)
+        of_points = values.reshape(of_pose.shape[1], projected.coordinates, -1)
+        return np.asarray(of_pose @ np.sum(of_points**2, axis=1) / numbers)
 
     residual, draws = projected.residual, noise()
     if projected.whitening is not None:
@@ -188,11 +204,16 @@ def _structure(
         where[name] = channels[int(np.argmax(score[:, 0])) // (len(score) // len(channels))]
     largest = np.max(np.stack([s[1:] for s in standard.values()]), axis=0)
     tests = [
-        InputTest(name, float((1 + np.sum(largest >= score[0])) / (len(largest) + 1)), where[name])
+        InputTest(name, _share_above(largest, score[0]), where[name], _share_above(score[1:], score[0]))
         for name, score in standard.items()
     ]
     order = sorted(range(len(tests)), key=lambda i: -list(standard.values())[i][0])
     return tuple(tests[i] for i in order)
+
+
+def _share_above(values: Array, least: float) -> float:
+    """Share of simulated values at or above one, which counts among them: a p-value that is never zero."""
+    return float((1 + np.sum(values >= least)) / (len(values) + 1))
 
 
 def _lack_of_fit(dataset: Dataset, projected: ProjectedResidual) -> tuple[float | None, float, str, float]:

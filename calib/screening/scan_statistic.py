@@ -20,12 +20,15 @@ _WIDTHS = (0.04, 0.12, 0.35)  # of the bumps, in shares of an input's range
 _CENTRES = 25
 
 
+LENGTH = "length"
+
+
 @dataclass(frozen=True)
 class Channel:
     """Component of the residual that is tested: along an axis of the scanner's frame, or a joint's apparent motion."""
 
     joint: int | None = None  # from 0; None for an axis
-    axis: str = ""  # "x", "y" or "z"; "" for a joint
+    axis: str = ""  # "x", "y" or "z", or that along measured lengths; "" for a joint
 
     @property
     def name(self) -> str:
@@ -39,7 +42,7 @@ class ScanStatistic:
 
     of_pose: csr_matrix  # (N, M)
     kept: Array  # (R, 1) 0 at outliers
-    directions: dict[Channel, Array]  # (M, 3) of a channel at each point
+    directions: dict[Channel, Array]  # (M, C) of a channel at each point
     bumps: dict[str, list[Array]]  # by input, for each width (C, N)
     channels_of: dict[str, list[Channel]]  # by input
 
@@ -47,15 +50,16 @@ class ScanStatistic:
     def at(cls, projected: ProjectedResidual, outlier: BoolArray) -> ScanStatistic:
         """Statistic for the residual of a fit, without the outlying points (M,)."""
         directions: dict[Channel, Array] = {}
-        for axis, name in enumerate("xyz"):
-            directions[Channel(axis=name)] = np.broadcast_to(np.eye(3)[axis], (len(outlier), 3))
+        axes = "xyz" if projected.coordinates == len("xyz") else (LENGTH,)
+        for axis, name in zip(np.eye(len(axes)), axes, strict=True):
+            directions[Channel(axis=name)] = np.broadcast_to(axis, (len(outlier), len(axes)))
         for j, direction in enumerate(joint_directions(projected)):
             size = max(float(np.sqrt(np.mean(direction**2))), 1e-300)
             directions[Channel(joint=j)] = direction / size
         inputs = inputs_of(projected)
         return cls(
             sum_by_pose(projected),
-            np.where(np.repeat(outlier, 3), 0.0, 1.0)[:, None],
+            np.where(np.repeat(outlier, projected.coordinates), 0.0, 1.0)[:, None],
             directions,
             {name: _bumps(values) for name, values in inputs.items()},
             {name: _relevant(name, directions) for name in inputs},
@@ -65,7 +69,7 @@ class ScanStatistic:
         """Responses (S, D) by input, for S channels times bump widths, of D residuals (R, D) scaled to length 1."""
         values = values * self.kept
         values /= np.maximum(np.linalg.norm(values, axis=0), 1e-300)
-        rows = values.reshape(self.of_pose.shape[1], 3, -1)
+        rows = values.reshape(self.of_pose.shape[1], -1, values.shape[1])
         seen = {name: self.of_pose @ np.einsum("mi,mid->md", d, rows) for name, d in self.directions.items()}
         return {
             name: np.stack([_squares(bump @ seen[c]) for c in channels for bump in self.bumps[name]])

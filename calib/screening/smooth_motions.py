@@ -63,7 +63,7 @@ def smooth_motion(projected: ProjectedResidual) -> JointFault | None:
     columns = projected.motion_columns(directions[joint], _USUAL * span)
     evaluated = evaluate_family(FamilyColumns(-projected.residual, (columns,), projected.dof))
     sigma_mm = np.sqrt(np.trace(projected.residuals.observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
-    moved_mm = evaluated.explained.reshape(-1, 3) * sigma_mm[:, None]
+    moved_mm = evaluated.explained.reshape(len(sigma_mm), -1) * sigma_mm[:, None]
     size = _USUAL * float(np.sqrt(np.mean((span @ evaluated.coefficients[0]) ** 2)))
     total = mean_likelihood(np.array([value for value, _, _ in tried]))
     visible_mm = float(np.sqrt(np.mean(np.sum(moved_mm**2, axis=1))))
@@ -118,7 +118,8 @@ def slow_course(projected: ProjectedResidual, step: Candidate) -> float:
     def evidence(course: Array, columns: Array = columns) -> float:
         """Log evidence of a displacement times functions (N, L) of time."""
         moved = course[row][:, None, :, None] * columns[:, :, None, :]
-        return evidence_of(-projected.residual, projected.visible(moved.reshape(3 * len(row), -1)), projected.dof)
+        moved = moved.reshape(columns.shape[1] * len(row), -1)
+        return evidence_of(-projected.residual, projected.visible(moved), projected.dof)
 
     values = [evidence(course, one) for course in _courses(_moments(projected)) for one in displacements]
     steps = np.concatenate([member.shapes(projected.state) for member in members], axis=1)

@@ -326,6 +326,10 @@ class App:
         """Show or hide the points that a version of the model predicts."""
         self.worker.submit(("prediction", name), lambda: self.stage.comparison.show(name, shown))
 
+    def pairs(self, name: str) -> None:
+        """Show the arrows of all poses, or of paired poses those before or after the change, or what it moved."""
+        self.worker.submit("pairs", lambda: self.stage.comparison.show_pairs(name))
+
     def colouring(self, by: str) -> None:
         """Colour the measured points by their pose's role or by their error."""
         self.worker.submit("colouring", lambda: self.stage.comparison.colour_by(by))

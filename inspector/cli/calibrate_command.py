@@ -17,9 +17,12 @@ from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Family
 from calib.errors import CalibError, FitError, visible
 from calib.fitting.observations import nominal_state
+from calib.fleet.arm_type import ArmType, PooledFit, fit_from_type
+from calib.fleet.type_file import load_type
 from calib.models.exported_table import ExportedTable, exported_table, require_template_of
 from calib.models.model_file import load_model
 from calib.models.refit import refit
+from calib.present.arm_types import pooled_block, pooled_document
 from calib.present.calibration import (
     calibration_document,
     calibration_head,
@@ -74,7 +77,9 @@ def run_calibrate(options: CalibrateOptions) -> int:
     check_outputs(dataset, outputs, [options.effects_file, *options.template])
     templates = _templates(options, dataset)
     dataset = measured(dataset, orientation=options.residual == "pose")
-    steps = _steps(options, dataset)
+    arm_type = None if options.type is None else load_type(options.type, dataset.robot)
+    began = None if arm_type is None else _from_type(options, dataset, arm_type)
+    steps = _steps(options, dataset) if began is None else (first_step(began.calibration),)
     result = steps[-1].calibration
     table = _table(options, steps)
     if options.out is not None or options.model_out is not None or templates:
@@ -94,6 +99,9 @@ def run_calibrate(options: CalibrateOptions) -> int:
         document[key] = {"changed": robot_file.changed, "left_out": table.left_out, "notes": robot_file.notes}
     document["warnings"] = [*document["warnings"], *filter(None, [hint])]
     text = "\n".join(filter(None, [_calibration_text(steps, table), hint, said]))
+    if began is not None and arm_type is not None:
+        document["type"] = pooled_document(began, arm_type)
+        text += "\n" + block_text(pooled_block(began, arm_type))
     contents: dict[Path, str | bytes] = {path: file.content for path, file in robot_files.items()}
     if options.out is not None:
         contents[options.out] = table.to_toml()
@@ -133,6 +141,18 @@ def _steps(options: CalibrateOptions, dataset: Dataset) -> tuple[FitStep, ...]:
         raise CalibError("--model goes together with --refit frame or --refit links: what is to be fitted anew")
     model = load_model(options.model, options.effects_file)
     return (first_step(refit(model, dataset, options.refit, options.fit_options())),)
+
+
+def _from_type(options: CalibrateOptions, dataset: Dataset, arm_type: ArmType) -> PooledFit:
+    """Fit that begins from the arm's type. Raises CalibError together with options that it has no use for."""
+    given = {
+        "--effect": options.effect, "--add": options.add, "--session": options.session, "--model": options.model,
+        "--no-prior": options.no_prior,
+    }  # fmt: skip
+    used = [name for name, value in given.items() if value]
+    if used:
+        raise CalibError(f"--type: effects and prior are those of the type; leave out {used[0]}")
+    return fit_from_type(dataset, arm_type, options.fit_options())
 
 
 def _table(options: CalibrateOptions, steps: Sequence[FitStep]) -> ExportedTable:

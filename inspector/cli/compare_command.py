@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError
-from calib.monitoring.control_chart import repeated_poses
-from calib.monitoring.iso9283 import PoseFigures
-from calib.monitoring.watch import ChangeReport, watch
+from calib.monitoring.watched_cell import WatchedCell, watched_cell
 from calib.present import to_dict
-from calib.present.changes import series, watch_document, worst_repeats
+from calib.present.changes import series, watch_document, watch_summary
 from calib.text_files.csv_text import frame_csv
 from calib.validation.comparison import compare
 from calib.validation.repeat import repeat
@@ -51,24 +48,23 @@ def run_watch(options: WatchOptions) -> int:
     dataset = load(options.path)
     check_outputs(dataset, options.out)
     base = fitted(options, measured(dataset))[-1].calibration
-    seen = []
-    for path in options.new:
-        new = load(path)
+    later = [load(path) for path in options.new]
+    for new in later:
         check_outputs(new, options.out)
-        seen.append(watch(base, measured(new), scanner_moved=options.scanner_moved))
-    repeats = repeated_poses(base, seen)
+    cell = watched_cell(
+        base, list(map(measured, later)), scanner_moved=options.scanner_moved, tolerance_mm=options.tolerance_mm
+    )
     for out in options.out:
-        _write(out, base.dataset.name, seen, repeats)
-    told = [*(w.summary() for w in seen), *worst_repeats(repeats)]
-    show(options, to_dict(watch_document(seen, repeats)), "\n".join(told))
-    return 0 if all(w.verdict == "unchanged" for w in seen) else 1
+        _write(out, base.dataset.name, cell)
+    show(options, to_dict(watch_document(cell)), "\n".join(watch_summary(cell)))
+    return 0 if cell.is_unchanged else 1
 
 
-def _write(out: Path, base: str, seen: Sequence[ChangeReport], repeats: Sequence[PoseFigures]) -> None:
+def _write(out: Path, base: str, cell: WatchedCell) -> None:
     if out.suffix.lower() == ".csv":
-        write_text_atomically(out, frame_csv(series(seen)))
+        write_text_atomically(out, frame_csv(series(cell.seen)))
         return
     from inspector.report.watch_page import watch_html, watch_svg  # with plotly, which takes a while to load
 
-    page = watch_svg(seen) if out.suffix.lower() == ".svg" else watch_html(base, seen, repeats, now=datetime.now())
+    page = watch_svg(cell) if out.suffix.lower() == ".svg" else watch_html(base, cell, now=datetime.now())
     write_text_atomically(out, page)

@@ -16,6 +16,7 @@ from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import load_dataset
+from calib.dataset.files.origin import verify
 from calib.effects.catalogue import descriptions
 from calib.errors import printable, visible
 from calib.identifiability.structural import free_frame_rank, redundancy
@@ -28,6 +29,7 @@ from calib.measurement.measured_points import (
 from calib.present import to_dict
 from calib.present.corners import batch_blocks, corners_document
 from calib.present.effects import effects_document
+from calib.present.origins import verified_document
 from calib.present.redundancy import free_frame_sentence, redundancy_blocks, redundancy_document
 from calib.rendering.blocks import Paragraph
 from calib.rendering.text import block_text
@@ -40,6 +42,7 @@ from inspector.cli.options import (
     Output,
     RedundancyOptions,
     ServeOptions,
+    VerifyOptions,
 )
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import processes, progress
@@ -156,3 +159,11 @@ def found_corners(dataset: Dataset, wanted: int | None = None) -> CornerBatch:
 def show(options: Output, document: Mapping[str, Any], text: str) -> None:
     """Print a text, or with --json one object."""
     print(to_json(to_dict(document)) if options.json else visible(text), file=options.stdout)
+
+
+def run_verify(options: VerifyOptions) -> int:
+    """Hold results against the files that they were made of; exit code 1 where any was made of others."""
+    dataset = load(options.path)
+    results = [verify(path, dataset) for path in options.results]
+    show(options, verified_document(results), "\n".join(verified.summary() for verified in results))
+    return 0 if all(verified.is_same for verified in results) else 1

@@ -7,7 +7,6 @@ from datetime import datetime
 from importlib.util import find_spec
 from pathlib import Path
 
-from calib.compensation.target_files import corrected_file, load_targets, require_conditions
 from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
 from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.diagnosis.diagnose import diagnose
@@ -17,19 +16,15 @@ from calib.errors import CalibError, DatasetError, visible
 from calib.measurement.measured_points import require_corners, with_corners
 from calib.models.model_file import save_model
 from calib.planning.discrimination import NextPoses, next_poses
-from calib.present.calibration import tool_shift_sentence
-from calib.present.correction import correction_blocks, correction_document
 from calib.present.diagnosis import diagnosis_document, diagnosis_presentation
 from calib.rendering.text import block_text
 from calib.rendering.text import text as plain_text
-from calib.robot_formats.programs import is_point_list, require_point_list
 from calib.screening.curves.fitted_curves import effect_file_text
-from inspector.cli.calibrate_command import fitted, loaded_effects, require_plausible
+from inspector.cli.calibrate_command import loaded_effects, require_plausible
 from inspector.cli.dataset_commands import found_corners, load, measured, searched, show, without
-from inspector.cli.model_commands import correct_by_model, validate_model
+from inspector.cli.model_commands import validate_model
 from inspector.cli.options import (
     CheckOptions,
-    CorrectOptions,
     DiagnoseOptions,
     ReportOptions,
     ValidateOptions,
@@ -63,28 +58,6 @@ def run_validate(options: ValidateOptions) -> int:
     learned = block_text(*told.learning_curve_blocks(curve), told.learning_curve_verdict(curve))
     show(options, told.validation_document(folds, curve), "\n".join([validated, "", learned, *plan, *without(dataset)]))
     return 0
-
-
-def run_correct(options: CorrectOptions) -> int:
-    """Print joint targets that bring the real arm to the positions intended for the nominal arm."""
-    if options.model is not None:
-        return correct_by_model(options, options.model)
-    dataset = load(options.path, options.leave_out, options.finder)
-    check_outputs(dataset, [options.out], [options.joints, options.effects_file])
-    if is_point_list(options.out):
-        require_point_list(options.out, dataset.robot.is_revolute.tolist())
-    targets = load_targets(options.joints, dataset.robot)
-    dataset = measured(dataset, orientation=options.residual == "pose")
-    result = fitted(options, dataset)[-1].calibration
-    require_plausible(result, options.force)
-    if result.tool_shift is not None:
-        print(visible(f"inspector: warning: {tool_shift_sentence(result.tool_shift)}"), file=sys.stderr)
-    model, ids = result.fitted_model, targets.poses.ids
-    require_conditions(targets, model.needs, result.model.family_names)
-    correction = model.correct(targets.poses.q, targets.poses, options.what, dataset.robot, ids)
-    write_text_atomically(options.out, corrected_file(options.out, targets, correction))
-    show(options, correction_document(correction, ids), block_text(*correction_blocks(correction, ids)))
-    return 0 if correction.reached.all() else 1
 
 
 def run_report(options: ReportOptions) -> int:

@@ -1,4 +1,4 @@
-"""The command `fleet`: many datasets diagnosed, as a table and a page."""
+"""The commands `fleet` (many datasets diagnosed, as a table and a page) and `pool` (what arms of a type share)."""
 
 from __future__ import annotations
 
@@ -8,14 +8,18 @@ from datetime import datetime
 
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError, visible
+from calib.fleet.arm_type import type_report
 from calib.fleet.cluster import cluster_workers, local_workers
 from calib.fleet.discovery import discover
 from calib.fleet.judge import FleetOptions as JudgeOptions
 from calib.fleet.result import Fleet
 from calib.fleet.run import Workers, run_fleet
 from calib.fleet.table import is_table, require_table_kind, write_table
-from inspector.cli.dataset_commands import show
-from inspector.cli.options import FleetOptions
+from calib.fleet.type_file import save_type
+from calib.options import FitOptions
+from inspector.cli.dataset_commands import load, measured, show
+from inspector.cli.options import FleetOptions, PoolOptions
+from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import cores, progress
 from inspector.report.fleet_page import fleet_html
 from inspector.report.report import is_report
@@ -51,6 +55,20 @@ def run_fleet_command(options: FleetOptions) -> int:
     document = fleet.to_dict() | {"table": str(out), "page": str(page), "results": str(results)}
     show(options, document, f"{fleet.summary()}\n{out}, {page}: the table and the page")
     return 0 if is_good(fleet) else 1
+
+
+def run_pool(options: PoolOptions) -> int:
+    """Learn what arms of a type share, and try it on each arm, left out in turn."""
+    datasets = [load(path) for path in (options.path, *options.others)]
+    for dataset in datasets:
+        check_outputs(dataset, [options.out])
+    datasets = [measured(dataset) for dataset in datasets]
+    asked = FitOptions(residual=options.residual)
+    report = type_report(datasets, asked, effects=options.effect, poses=options.poses)
+    if options.out is not None:
+        save_type(report.arm_type, options.out)
+    show(options, report.to_dict(), report.summary())
+    return 0
 
 
 def is_good(fleet: Fleet) -> bool:

@@ -84,6 +84,7 @@ class CalibrateOptions(_FittingOptions):
     add: Sequence[str]
     model: Path | None  # a model.json whose effects are held
     refit: str | None
+    type: Path | None  # what arms of the type share, of `pool`
     out: Path | None
     model_out: Path | None
     urdf_out: Path | None
@@ -110,7 +111,10 @@ class CorrectOptions(_FittingOptions):
 
     add: Sequence[str]
     model: Path | None  # a model.json in place of a fit
-    joints: Path
+    joints: Path | None  # a table of joint targets, or
+    program: Path | None  # a robot program
+    tool_frame: str | None  # of the program, in the maker's numbers
+    work_frame: str | None
     out: Path
     what: str | None
     force: bool
@@ -150,6 +154,26 @@ class RepeatOptions(Output):
 
 
 @dataclass(frozen=True, kw_only=True)
+class VerifyOptions(Output):
+    """Options of `verify`."""
+
+    path: Path
+    results: Sequence[Path]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoolOptions(Output):
+    """Options of `pool`."""
+
+    path: Path
+    others: Sequence[Path]
+    residual: str
+    effect: Sequence[str]
+    poses: int
+    out: Path | None
+
+
+@dataclass(frozen=True, kw_only=True)
 class CompareOptions(Output):
     """Options of `compare`, for the fits of both datasets."""
 
@@ -175,6 +199,7 @@ class WatchOptions(Output):
     effects_file: Path | None
     add: Sequence[str]
     scanner_moved: bool
+    tolerance_mm: float | None
     out: Sequence[Path]
 
     def fit_options(self) -> FitOptions:

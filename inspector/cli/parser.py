@@ -37,9 +37,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         given["stdout"] = sys.stdout
     # What else prints, such as an effect of the user's, must not mix with the one JSON object.
     aside = redirect_stdout(sys.stderr) if given.get("json") else nullcontext()
+    words = ("inspector", *(sys.argv[1:] if arguments is None else arguments))
     try:
         with aside:
-            return _run(subcommand, subcommand.options(**given))
+            return _run(subcommand, subcommand.options(**given), words)
     except CalibError as error:
         return _refused(str(error))
     except BrokenPipeError:  # the reader of our output has closed it
@@ -75,12 +76,14 @@ def _without(module: str) -> int:
     return 2
 
 
-def _run(subcommand: Subcommand, options: object) -> int:
+def _run(subcommand: Subcommand, options: object, words: Sequence[str]) -> int:
     """Load the subcommand's function and call it."""
     module, _, function = subcommand.run.rpartition(".")
     run = getattr(import_module(f"inspector.cli.{module}"), function)
     from calib.blas_threads import one_blas_thread  # with scipy, which takes a while to load
+    from calib.dataset.files.origin import run_command
 
+    run_command(words)
     with one_blas_thread():
         return int(run(options))
 

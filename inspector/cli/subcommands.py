@@ -14,8 +14,10 @@ from inspector.cli.arguments.fit import (
     calibrate_arguments,
     compare_arguments,
     correct_arguments,
+    pool_arguments,
     repeat_arguments,
     validate_arguments,
+    verify_arguments,
     watch_arguments,
 )
 from inspector.cli.arguments.fleet import fleet_arguments
@@ -186,7 +188,7 @@ SUBCOMMANDS = (
     ),
     Subcommand(
         "correct",
-        "fit_commands.run_correct",
+        "correct_command.run_correct",
         options.CorrectOptions,
         correct_arguments,
         "joint targets that bring the real arm where the nominal one should be",
@@ -212,6 +214,21 @@ SUBCOMMANDS = (
         repeat_arguments,
         "which causes come back in several recordings of one arm, and whether their sizes agree",
         path="dataset folder of the first recording",
+    ),
+    Subcommand(
+        "verify",
+        "dataset_commands.run_verify",
+        options.VerifyOptions,
+        verify_arguments,
+        "whether models, sessions and reports were made of exactly a dataset's files; when, by whom and how",
+    ),
+    Subcommand(
+        "pool",
+        "fleet_command.run_pool",
+        options.PoolOptions,
+        pool_arguments,
+        "what arms of a type share, from which a new one begins with few poses",
+        path="dataset folder of the first arm",
     ),
     Subcommand(
         "watch",

@@ -40,7 +40,7 @@ def scene_glb(calibration: Calibration, pose: int, arrows: float) -> bytes:
     for part, mesh in _arm(shape).items():
         scene.add_geometry(mesh, node_name=f"arm {part}", geom_name=f"arm {part}")
     observed = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool)).points
-    base_T_scanner = frames.invert(version.scanner_T_base[observed.pose])
+    base_T_scanner = frames.invert(version.scanner_T_base_of_points)
     measured_mm = frames.apply(base_T_scanner, observed.xyz_mm)
     error_mm = np.einsum("mij,mj->mi", base_T_scanner[:, :3, :3], calibration.after.error_mm)
     radius = max(BALL_SHARE * float(np.linalg.norm(np.ptp(measured_mm, axis=0))), 1.0)

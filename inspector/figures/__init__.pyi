@@ -8,10 +8,12 @@ from inspector.figures.results.of_results import error_history as error_history
 from inspector.figures.results.of_results import fleet_errors as fleet_errors
 from inspector.figures.results.of_results import learned_curves as learned_curves
 from inspector.figures.results.of_results import learning_curve as learning_curve
+from inspector.figures.results.of_results import moved_by_change as moved_by_change
 from inspector.figures.results.of_results import plan_curve as plan_curve
 from inspector.figures.results.of_results import ranking as ranking
 from inspector.figures.results.of_results import redundancy_heatmap as redundancy_heatmap
 from inspector.figures.results.of_results import residuals_over as residuals_over
+from inspector.figures.results.of_results import series_chart as series_chart
 from inspector.figures.results.of_results import where_measured as where_measured
 from inspector.figures.results.of_results import work_space as work_space
 from inspector.figures.results.still import to_svg as to_svg
@@ -25,10 +27,12 @@ __all__ = [
     "fleet_errors",
     "learned_curves",
     "learning_curve",
+    "moved_by_change",
     "plan_curve",
     "ranking",
     "redundancy_heatmap",
     "residuals_over",
+    "series_chart",
     "to_svg",
     "where_measured",
     "work_space",

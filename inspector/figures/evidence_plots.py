@@ -1,14 +1,16 @@
-"""Figures of the evidence for each effect, and of the error against the number of poses."""
+"""Figures of the evidence for each effect, of what proofs explain, and of the error against the number of poses."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import plotly.graph_objects as go
 
+from calib.array_types import Array
 from calib.html_text import escape
-from inspector.figures.style import figure, shortened
+from inspector.figures.style import SELECTS_POSE, figure, shortened
 from inspector.markup.parts.palette import NEUTRAL, PROPOSAL, ROLE_COLOURS, UNKNOWN
 
 NAMED, NOT_NAMED = "named by the diagnosis", "not named"
@@ -52,6 +54,40 @@ def evidence_bars(
         margin=(56, 14, 30, 10),
         layout={"bargap": 0.2, "barmode": "overlay"},
     )  # fmt: skip
+
+
+def moved_by_change(moved_mm: Array, explained_mm: Array, ids: Sequence[str], held_out: Sequence[bool]) -> go.Figure:
+    """Figure of measured displacements (P, 3) against those that the proven causes explain, with the line of agreement.
+
+    held_out: (P,) which pairs no fit saw.
+    """
+    ends = [float(explained_mm.min(initial=0.0)), float(explained_mm.max(initial=0.0))]
+    traces: list[dict[str, Any]] = []
+    for name, role, of in (("fitted pairs, per coordinate", "train", False), ("held-out pairs", "test", True)):
+        rows = np.flatnonzero(np.asarray(held_out, dtype=bool) == of)
+        names = [escape(ids[k]) for k in np.repeat(rows, 3).tolist()]
+        if len(rows):
+            traces.append(
+                {
+                    "type": "scatter", "mode": "markers", "name": name, "x": explained_mm[rows].ravel().tolist(),
+                    "y": moved_mm[rows].ravel().tolist(), "meta": {**SELECTS_POSE, "values": names},
+                    "marker": {"size": 5, "color": ROLE_COLOURS[role], "opacity": 0.8}, "customdata": names,
+                    "hovertemplate": "pose %{customdata}<br>proven causes: %{x:.3f} mm<br>"
+                    "measured: %{y:.3f} mm<extra></extra>",
+                }
+            )  # fmt: skip
+    traces.append(
+        {
+            "type": "scatter", "mode": "lines", "name": "agreement", "x": ends, "y": ends, "hoverinfo": "skip",
+            "line": {"color": NEUTRAL, "width": 2},
+        }
+    )  # fmt: skip
+    return figure(
+        traces,
+        xaxis={"title": "moved by the proven causes, mm", "automargin": True},
+        yaxis={"title": "moved by the change, measured, mm", "automargin": True},
+        margin=(56, 12, 30, 42),
+    )
 
 
 def errors_by_poses(

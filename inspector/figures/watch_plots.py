@@ -1,4 +1,4 @@
-"""Control chart of a watched cell: the error at check poses of each measurement, with its limit."""
+"""Charts of a watched cell: the error at check poses of each measurement, and the course of one change."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from collections.abc import Sequence
 import plotly.graph_objects as go
 
 from calib.html_text import escape
-from calib.monitoring.control_chart import in_time, moment
+from calib.monitoring.control_chart import date_of, in_time
+from calib.monitoring.series import DRIFT, SeriesReport
 from calib.monitoring.watch import ChangeReport
-from calib.present.changes import change_phrases
+from calib.present.changes import average_label, change_phrases
+from calib.rendering.numbers import readable
+from inspector.figures.plots import NOISE_BAND
 from inspector.figures.style import distinct_labels, figure, log_axis
 from inspector.markup.parts.palette import BAD, DOUBT, GOOD, NEUTRAL
 
@@ -53,7 +56,7 @@ def control_chart(seen: Sequence[ChangeReport]) -> go.Figure:
                     "hovertemplate": "%{customdata}<br>%{y:.4g} mm<extra></extra>",
                 }
             )  # fmt: skip
-    dated = all(moment(w) is not None for w in shown)
+    dated = all(date_of(w.when) is not None for w in shown)
     names = [w.when[:10] for w in shown] if dated else distinct_labels([w.name for w in shown])
     step = -(-len(x) // 8)
     high = max(w.rmse_mm for w in shown)
@@ -70,6 +73,50 @@ def control_chart(seen: Sequence[ChangeReport]) -> go.Figure:
         yaxis={"title": "error at check poses, mm", "automargin": True, **scale},
         margin=(56, 14, 30, 34),
     )  # fmt: skip
+
+
+def series_chart(found: SeriesReport) -> go.Figure:
+    """Figure of one change's size at each check of a series, its moving average with the limit, and any drift found."""
+    shown = found.shown
+    assert shown is not None
+    factor, unit = readable(1.0, shown.unit)
+    times = found.times.tolist()
+    limit = (factor * found.limit_z * shown.smoothed_sigmas).tolist()
+    band = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
+    traces: list[dict[str, object]] = [
+        {**band, "x": times, "y": [-value for value in limit], "showlegend": False},
+        {
+            **band, "x": times, "y": limit, "fill": "tonexty", "fillcolor": NOISE_BAND,
+            "name": "limit of the moving average",
+        },
+        {
+            "type": "scatter", "mode": "markers", "name": "each check, one sigma", "x": times,
+            "y": (factor * shown.sizes).tolist(), "marker": {"size": 6, "color": NEUTRAL},
+            "error_y": {"array": (factor * shown.sigmas).tolist(), "color": NEUTRAL, "thickness": 1, "width": 2},
+            "customdata": [escape(f"{n} {w}".strip()) for n, w in zip(found.names, found.when, strict=True)],
+            "hovertemplate": f"%{{customdata}}<br>%{{y:.3g}} {unit}<extra></extra>",
+        },
+        {
+            "type": "scatter", "mode": "lines", "name": "moving average", "x": times,
+            "y": (factor * shown.smoothed).tolist(), "line": {"color": GOOD, "width": 2}, "hoverinfo": "skip",
+        },
+    ]  # fmt: skip
+    change = found.change
+    if change is not None and found.course == DRIFT and shown.joint is not None:
+        until = [0.0, times[-1]]
+        traces.append(
+            {
+                "type": "scatter", "mode": "lines", "name": "drift", "x": until,
+                "y": [factor * change.size * time for time in until],
+                "line": {"color": BAD, "width": 1.5, "dash": "dash"}, "hoverinfo": "skip",
+            }
+        )  # fmt: skip
+    return figure(
+        traces,
+        xaxis={"title": f"{found.time_unit}s since the calibration", "automargin": True, "zeroline": False},
+        yaxis={"title": f"{average_label(shown)}, {unit}", "automargin": True},
+        margin=(56, 14, 30, 40),
+    )
 
 
 def _said(w: ChangeReport) -> str:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from calib.array_types import Array
+from calib.calibration.model_versions import EFFECTS
 from inspector.markup.model.comparison import distance_bar, points_legend, roles_legend
 from inspector.markup.parts import elements
 from inspector.markup.parts.palette import (
+    CHANGED,
     FACE_COLOURS,
     FILTER_COLOURS,
     HIGHLIGHT,
@@ -50,7 +52,12 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> st
     if "corner" in visible and corner_of(view, view.pose) is not None:
         what = "point" if view.session.dataset.scan_folder is None else "corner"
         parts.append(elements.legend([(HIGHLIGHT, f"this {what}, 1σ × {view.factor:g}")]))
-    compared = [version.name for version in view.versions if version.name in view.compared]
+    if view.shows_difference and visible & {"residuals", "before"}:
+        of = [(CHANGED, "the change, measured"), (MODEL_COLOURS[EFFECTS], "what is proven (lines)")]
+        parts.append(elements.legend(of, before=f"× {view.arrows:g} moved by"))
+    compared = (
+        [] if view.shows_difference else [version.name for version in view.versions if version.name in view.compared]
+    )
     if compared and visible & {"residuals", "predicted"}:
         models = ((MODEL_COLOURS[name], name) for name in compared)
         parts.append(elements.legend(models, before=f"residuals × {view.arrows:g} to"))

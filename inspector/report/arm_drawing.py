@@ -95,7 +95,7 @@ def _shown(version: Version, pose: int) -> _Shown:
     calibration, evaluation = version.calibration, version.evaluation
     dataset = calibration.dataset
     assert dataset.points is not None
-    base_T_scanner = frames.invert(version.scanner_T_base[evaluation.pose])
+    base_T_scanner = frames.invert(version.scanner_T_base_of_points)
     points_mm = frames.apply(base_T_scanner, dataset.points.xyz_mm)
     errors_mm = np.einsum("mij,mj->mi", base_T_scanner[:, :3, :3], evaluation.error_mm)
     every = stride(len(points_mm))

@@ -8,6 +8,7 @@ from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
 from calib.compensation.target_correction import Correction
 from calib.dataset.dataset import Dataset
+from calib.dataset.files.origin import Origin
 from calib.diagnosis.result import Diagnosis
 from calib.identifiability.redundancy import Redundancy
 from calib.models.exported_table import ExportedTable, exported_table
@@ -31,6 +32,7 @@ class Report:
     residuals: tuple[ModelResidual, ...]
     redundancy: Redundancy
     table: ExportedTable
+    origin: Origin
     correction: Correction | None = None  # of the measured poses, where the model has what no table can hold
 
     @property
@@ -61,4 +63,5 @@ def report_of(session: Session) -> Report:
     if calibration.model.family_names:
         poses = calibration.dataset.poses
         correction = calibration.fitted_model.correct(poses.q, poses, ids=poses.ids)
-    return Report(session, calibration, ranking, model_name(ranked_on), tuple(residuals), analysis, table, correction)
+    name, origin = model_name(ranked_on), Origin.of(session.dataset)
+    return Report(session, calibration, ranking, name, tuple(residuals), analysis, table, origin, correction)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import platform
-from dataclasses import replace
+from dataclasses import asdict, replace
 from datetime import datetime
 from importlib import metadata
 from pathlib import Path
@@ -37,9 +37,11 @@ from calib.present.diagnosis import (
     verdict_block,
 )
 from calib.present.interventions import intervention_sections
+from calib.present.origins import origin_blocks
 from calib.present.redundancy import redundancy_section
 from calib.present.residuals import residual_blocks
 from calib.rendering.blocks import Block, Bullets, Drawing, Facts, FigurePlace, Paragraph, Presentation, Section
+from calib.strict_json import to_json
 from inspector.report.content import Report
 from inspector.report.first_page import first_page
 from inspector.report.page import MARK, render
@@ -107,11 +109,12 @@ def report_html(report: Report, *, now: datetime, scene: Embedded | None = None)
         redundancy_section(report.redundancy),
         Section(PARAMETERS, parameters(report.calibration, report.table)),
         Section("Method", (Bullets(METHOD), Bullets(REFERENCES))),
-        Section("Made with", (Facts(versions()), Paragraph(f"Made {made}.", soft=True))),
+        Section("Made with", [Facts(versions()), *origin_blocks(report.origin), Paragraph(f"Made {made}.", soft=True)]),
     ]
     return render(
         Presentation(f"Calibration report: {report.dataset.name}", first_page(report, made), sections),
         "" if scene is None else scene.policy,
+        to_json(asdict(report.origin)),
     )
 
 

@@ -1,4 +1,7 @@
-"""Residuals as arrows from measured to predicted points, at one scale for all versions of a dataset's model."""
+"""Residuals as arrows from measured to predicted points, at one scale for all versions of a dataset's model.
+
+Of poses measured again under another condition: those before or after the change alone, or what the change moved.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 import viser
 
+from calib import frames
 from calib.array_types import Array, BoolArray, ByteArray, IndexArray
-from calib.calibration.model_versions import Version
+from calib.calibration.model_versions import EFFECTS, Version
 from calib.fitting.observations import Observations
 from calib.rendering import numbers
-from inspector.markup.parts.palette import MODEL_BEFORE, MODEL_COLOURS, rgb
+from inspector.markup.parts.palette import CHANGED, MODEL_BEFORE, MODEL_COLOURS, rgb
 from inspector.scene import corner_nodes, model_nodes
 from inspector.scene.scene_view import SceneView, to_scene
-from inspector.session.view import FACTORS, View
+from inspector.session.view import BEFORE, DIFFERENCE, FACTORS, View
 
 USUAL_SHARE = 1 / 12  # of the field: most arrows are at most so long
 SEEN_SHARE = 0.02  # of the field: where the link errors' long ones are shorter, a larger factor is taken
@@ -46,6 +50,9 @@ def fitting_arrows(view: View) -> float:
     it, and the nominal robot's longest arrows are cut.
     """
     versions = view.session.versions
+    if view.shown_pairs is not None and view.shows_difference:
+        moved = view.shown_pairs[1]
+        return _fitting(moved.longest_mm, field_mm(moved.place_mm))
     if not versions or versions[0].calibration.dataset.points is None:
         return view.arrows
     field = field_mm(versions[0].calibration.dataset.points.xyz_mm)
@@ -70,6 +77,11 @@ def drawn_as(error_mm: Array, view: View, field: float) -> tuple[Array, BoolArra
     lengths = np.linalg.norm(arrows, axis=1)
     cut = lengths > most * (1 + 1e-9)
     return np.where(cut[:, None], arrows * (most / np.maximum(lengths, 1e-12))[:, None], arrows), cut
+
+
+def difference_words(factor: float, longest_mm: float, cut: int = 0) -> str:
+    """Legend of the arrows of what a change moved."""
+    return f"moved by the change × {factor:g}, longest {numbers.length(longest_mm)}" + (f"; {cut} cut" if cut else "")
 
 
 def residual_words(factor: float, longest_mm: Mapping[str, float], cut: int = 0) -> str:
@@ -99,17 +111,46 @@ class _Arrows:
 def _arrows_of(version: Version, view: View) -> _Arrows:
     dataset = version.calibration.dataset
     measured = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool)).points
-    here = dataset.poses.setup[measured.pose] == dataset.poses.setup[view.pose]
-    start, error = measured.xyz_mm[here], version.evaluation.error_mm[here]
-    arrows, cut = drawn_as(error, view, field_mm(start))
-    return _Arrows(start, error, start + arrows, cut, measured.pose[here])
+    if view.shown_pairs is None:
+        here = dataset.poses.setup[measured.pose] == dataset.poses.setup[view.pose]
+    else:
+        part, pairs = view.shown_pairs
+        here = np.isin(measured.pose, pairs.before if part == BEFORE else pairs.after)
+    pose, error = measured.pose[here], version.evaluation.error_mm[here]
+    return _drawn(measured.xyz_mm[here], error, pose, version, view)
+
+
+def _differences_of(view: View) -> tuple[_Arrows, _Arrows] | None:
+    """Arrows of what a change moved, measured and as the proven causes explain it; None where these are not shown."""
+    if view.shown_pairs is None or view.version is None or not view.shows_difference:
+        return None
+    pairs = view.shown_pairs[1]
+    moved, explained = (
+        _drawn(pairs.place_mm, vectors_mm, pairs.before, view.version, view)
+        for vectors_mm in (pairs.moved_mm, pairs.explained_mm)
+    )
+    return moved, explained
+
+
+def _drawn(start_mm: Array, error_mm: Array, pose: IndexArray, version: Version, view: View) -> _Arrows:
+    """Arrows of errors (K, 3) at points (K, 3) of poses, brought to the frame of the selected pose's setup."""
+    dataset = version.calibration.dataset
+    elsewhere = dataset.poses.setup[pose] != dataset.poses.setup[view.pose]
+    if elsewhere.any():
+        here_T_there = version.scanner_T_base[view.pose] @ np.linalg.inv(version.scanner_T_base[pose[elsewhere]])
+        start_mm, error_mm = start_mm.copy(), error_mm.copy()
+        start_mm[elsewhere] = frames.apply(here_T_there, start_mm[elsewhere])
+        error_mm[elsewhere] = (here_T_there[:, :3, :3] @ error_mm[elsewhere][:, :, None])[..., 0]
+    arrows, cut = drawn_as(error_mm, view, field_mm(start_mm))
+    return _Arrows(start_mm, error_mm, start_mm + arrows, cut, pose)
 
 
 class ResidualArrows:
     """Drawing of arrows from measured points to each compared version's predictions, enlarged by `View.arrows`.
 
     One version alone is drawn over thin lines of the model before it. Where that model was on show until now, the
-    arrows move from it to the one on show within FALL_S: the error is seen to fall.
+    arrows move from it to the one on show within FALL_S: the error is seen to fall. Where what a change moved is shown
+    (`View.pairs`), arrows are of that, over thin lines of what the proven causes explain.
 
     on_click: called with the index of the pose whose arrow or predicted point was clicked.
     """
@@ -126,6 +167,12 @@ class ResidualArrows:
         """Draw the compared versions, with an animation from the previous version's arrows if that was on show."""
         drawn = {v.name: _arrows_of(v, view) for v in view.versions if v.name in view.compared}
         before = view.version_before if view.version is not None and set(drawn) == {view.version.name} else None
+        differences = _differences_of(view)
+        if differences is not None:
+            with self._lock:
+                self._moving, self._last, self._before, self._nodes = None, None, None, ()
+                self._draw_differences(view, *differences)
+            return
         with self._lock:
             self._moving = None
             last, self._last = self._last, next(iter(drawn.values())) if len(drawn) == 1 else None
@@ -177,11 +224,10 @@ class ResidualArrows:
                 self._scene.draw(layer, lambda api, name: [])
             return
         field = field_mm(start)
-        arrows, colours, pose = _joined(drawn)
+        arrows, colours, pose = _joined(drawn, MODEL_COLOURS)
         of_tip = np.concatenate([a.pose for a in drawn.values()])
         longest = {name: float(np.linalg.norm(a.error_mm, axis=1).max(initial=0.0)) for name, a in drawn.items()}
         text = residual_words(view.arrows, longest, sum(int(a.cut.sum()) for a in drawn.values()))
-        top = np.array([start[:, 0].mean(), start[:, 1].min() - ABOVE_MM, start[:, 2].mean()])
         made: list[viser.SceneNodeHandle] = []  # arrows and predicted points, the first of each layer
 
         def kept(nodes: list[viser.SceneNodeHandle]) -> list[viser.SceneNodeHandle]:
@@ -192,7 +238,7 @@ class ResidualArrows:
             "residuals",
             lambda api, name: kept(
                 model_nodes.residuals(
-                    api, name, arrows, colours, ARROW_SHARE * (field + 50.0), text, top,
+                    api, name, arrows, colours, ARROW_SHARE * (field + 50.0), text, _above(start),
                     lambda k: self._on_click(int(pose[k])), _lengths_of_cut(drawn),
                 ),
             ),
@@ -206,9 +252,31 @@ class ResidualArrows:
             ),
         )
         before = self._before
-        self._scene.draw("before", lambda api, name: [] if before is None else [_thin_lines(api, name, before)])
+        self._scene.draw(
+            "before", lambda api, name: [] if before is None else [_thin_lines(api, name, before, MODEL_BEFORE)]
+        )
         if len(drawn) == 1:
             self._nodes = tuple(made)
+
+    def _draw_differences(self, view: View, moved: _Arrows, explained: _Arrows) -> None:
+        longest_mm = float(np.linalg.norm(moved.error_mm, axis=1).max(initial=0.0))
+        text = difference_words(view.arrows, longest_mm, int(moved.cut.sum()))
+        drawn = {DIFFERENCE: moved}
+        arrows, colours, pose = _joined(drawn, {DIFFERENCE: CHANGED})
+        self._scene.draw(
+            "residuals",
+            lambda api, name: model_nodes.residuals(
+                api, name, arrows, colours, ARROW_SHARE * (field_mm(moved.start_mm) + 50.0), text,
+                _above(moved.start_mm), lambda k: self._on_click(int(pose[k])), _lengths_of_cut(drawn),
+            ),
+        )  # fmt: skip
+        self._scene.draw("predicted", lambda api, name: [])
+        self._scene.draw("before", lambda api, name: [_thin_lines(api, name, explained, MODEL_COLOURS[EFFECTS])])
+
+
+def _above(points_mm: Array) -> Array:
+    """Place (3,) of the legend over points (K, 3)."""
+    return np.array([points_mm[:, 0].mean(), points_mm[:, 1].min() - ABOVE_MM, points_mm[:, 2].mean()])
 
 
 def _same(one: _Arrows, other: _Arrows) -> bool:
@@ -218,21 +286,21 @@ def _same(one: _Arrows, other: _Arrows) -> bool:
     )
 
 
-def _thin_lines(api: viser.SceneApi, name: str, arrows: _Arrows) -> viser.SceneNodeHandle:
-    """Node of thin lines along the residual arrows of the version that was shown before."""
+def _thin_lines(api: viser.SceneApi, name: str, arrows: _Arrows, colour: str) -> viser.SceneNodeHandle:
+    """Node of thin lines along arrows."""
     return api.add_line_segments(
-        f"{name}/lines", to_scene(np.stack([arrows.start_mm, arrows.tip_mm], axis=1)), rgb(MODEL_BEFORE),
+        f"{name}/lines", to_scene(np.stack([arrows.start_mm, arrows.tip_mm], axis=1)), rgb(colour),
         thickness=1.0, thickness_units="screen",
     )  # fmt: skip
 
 
-def _joined(drawn: Mapping[str, _Arrows]) -> tuple[Array, ByteArray, IndexArray]:
-    """Arrows (K, 2, 3) of non-zero length, with colours (K, 3) and poses (K,)."""
+def _joined(drawn: Mapping[str, _Arrows], by_name: Mapping[str, str]) -> tuple[Array, ByteArray, IndexArray]:
+    """Arrows (K, 2, 3) of non-zero length, with colours (K, 3), by name, and poses (K,)."""
     arrows, colours, poses = [], [], []
     for name, each in drawn.items():
         shown = np.linalg.norm(each.error_mm, axis=1) > 0
         arrows.append(np.stack([each.start_mm, each.tip_mm], axis=1)[shown])
-        colours.append(np.tile(np.array(rgb(MODEL_COLOURS[name]), dtype=np.uint8), (int(shown.sum()), 1)))
+        colours.append(np.tile(np.array(rgb(by_name[name]), dtype=np.uint8), (int(shown.sum()), 1)))
         poses.append(each.pose[shown])
     return np.concatenate(arrows), np.concatenate(colours), np.concatenate(poses)
 

@@ -38,7 +38,7 @@ def dataset_of_session(saved: Saved, folders: Iterable[Path]) -> Path | None:
     """
     readable = {folder: files for folder in folders if (files := _hashes(folder)) is not None}
     for folder, files in readable.items():
-        if all(saved.files.get(name) == content for name, content in files.items()):
+        if all(saved.origin.files.get(name) == content for name, content in files.items()):
             return folder
     called = PurePosixPath(saved.folder).name
     named = sorted(filter(lambda folder: _name(folder) == saved.name, readable), key=lambda f: f.name != called)

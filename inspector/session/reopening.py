@@ -40,7 +40,7 @@ def dataset_of(saved: Saved, root: Path) -> Path:
             continue
         if told in known:
             return known[told]
-    wanted = saved.files.get("dataset.toml")
+    wanted = saved.origin.files.get("dataset.toml")
     alike = [folder for folder in known.values() if content_hash(folder / "dataset.toml") == wanted]
     if len(alike) == 1:
         return alike[0]
@@ -78,7 +78,7 @@ def opening(saved: Saved, root: Path, effects_file: Path | None = None) -> tuple
 
 
 def _changed_files(saved: Saved, dataset: Dataset) -> tuple[str, ...]:
-    files = changed(saved.files, fingerprint(dataset))
+    files = changed(saved.origin.files, fingerprint(dataset))
     return (f"The dataset has changed since the session was saved: {', '.join(files)}.",) if files else ()
 
 
@@ -119,7 +119,7 @@ def replayed(session: Session, history: Sequence[SavedStep]) -> Session:
         selected = relearned(selected, steps) if steps else selected
         start = sessions.start_of(steps[-1], selected) if steps else None
         fit = calibrate_with(dataset, selected, FitOptions(step.residual, noise=step.noise), start=start)
-        steps.append(FitStep(step.label, selected, fit, left_out=step.left_out))
+        steps.append(FitStep(step.label, selected, fit, left_out=step.left_out, on_behalf_of=step.on_behalf_of))
     session = replace(session, left_out=_to_leave_out(session, history[-1]))
     return sessions.with_steps(session, steps) if steps else session
 

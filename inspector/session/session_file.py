@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,7 +20,7 @@ import msgspec
 from msgspec import Meta
 
 from calib.dataset.files.atomic_write import write_text_atomically
-from calib.dataset.files.fingerprint import fingerprint
+from calib.dataset.files.origin import Origin, SavedOrigin
 from calib.diagnosis.effect_selection import FitStep
 from calib.errors import CalibError
 from calib.noise_shape import NoiseShape
@@ -81,6 +81,7 @@ class SavedStep(msgspec.Struct, frozen=True):
     sigma_mm: Finite | None = None
     noise: NoiseShape | None = None  # that the points were weighed by
     asked_out: Texts = ()  # ids of poses that were left out as asked; `left_out` has those that stand out
+    on_behalf_of: Texts = ()  # effects that the added one stands for as well, as it does not lead them
 
     @property
     def figures(self) -> tuple[float | None, float | None, float | None]:
@@ -119,6 +120,8 @@ class _Document(msgspec.Struct, frozen=True):
     diagnosed: bool | None = None
     left_out: Texts = ()  # ids of poses, as asked
     undo: SavedUndo = SavedUndo()
+    program_version: Text = ""
+    origin: SavedOrigin = SavedOrigin()
 
 
 @dataclass(frozen=True)
@@ -128,7 +131,7 @@ class Saved:
     path: Path
     folder: str
     name: str
-    files: Mapping[str, str]
+    origin: Origin
     diagnosed: bool
     history: tuple[SavedStep, ...]  # the nominal robot first; empty where nothing was fitted
     shown: Shown
@@ -154,12 +157,14 @@ def session_text(
     past, future: what undo and redo lead to, the next last.
     """
     dataset = session.dataset
-    files = fingerprint(dataset)
+    origin = Origin.of(dataset)
     assert dataset.folder is not None
     document = {
         "format": KIND,
         "version": VERSION,
-        "dataset": {"name": dataset.name, "folder": _relative(dataset.folder, beside), "files": files},
+        "program_version": origin.program_version,
+        "origin": origin.document,
+        "dataset": {"name": dataset.name, "folder": _relative(dataset.folder, beside), "files": origin.files},
         "diagnosed": session.searched,
         "history": list(map(_plain, saved_history(session))),
         "shown": msgspec.to_builtins(shown),
@@ -200,7 +205,7 @@ def saved_history(session: Session) -> tuple[SavedStep, ...]:
 def _plain(step: SavedStep) -> dict[str, Any]:
     """Saved step as plain values, without keys at their default."""
     values: dict[str, Any] = msgspec.to_builtins(step)
-    return {key: v for key, v in values.items() if v or key not in ("noise", "asked_out")}
+    return {key: v for key, v in values.items() if v or key not in ("noise", "asked_out", "on_behalf_of")}
 
 
 def saved_step(step: FitStep, after: StepErrors) -> SavedStep:
@@ -215,6 +220,7 @@ def saved_step(step: FitStep, after: StepErrors) -> SavedStep:
         left_out=step.left_out,
         noise=step.calibration.options.noise,
         asked_out=asked_out(step),
+        on_behalf_of=step.on_behalf_of,
     )
     return _with_figures(saved, after)
 
@@ -253,7 +259,11 @@ def load_session(path: Path) -> Saved:
         path=path,
         folder=dataset.folder,
         name=dataset.name,
-        files=file.checked_values(["dataset", "files"], dataset.files, Text),
+        origin=Origin.read(
+            document.origin,
+            document.program_version,
+            file.checked_values(["dataset", "files"], dataset.files, Text),
+        ),
         diagnosed=document.diagnosed or False,
         history=document.history,
         shown=document.shown,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,9 +15,6 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.errors import CalibError
 from calib.measurement.measured_points import with_corners
-from calib.monitoring.control_chart import in_time, repeated_poses
-from calib.monitoring.iso9283 import PoseFigures
-from calib.monitoring.watch import ChangeReport, watch
 from calib.options import FitOptions
 from calib.targets.batch import find_targets
 from calib.validation.comparison import Comparison, compare
@@ -84,17 +80,3 @@ def compared(shown: Beside, beside: Beside) -> Comparison | None:
     if shown.calibration is None or beside.calibration is None:
         return None
     return compare(beside.calibration, shown.calibration, (beside.name, shown.name))
-
-
-@dataclass(frozen=True)
-class WatchedCell:
-    """Change reports of later measurements in time order, with figures of revisited poses."""
-
-    seen: tuple[ChangeReport, ...]
-    repeats: tuple[PoseFigures, ...]
-
-
-def watched_cell(base: Calibration, later: Sequence[Dataset], *, scanner_moved: bool) -> WatchedCell:
-    """Change reports of later datasets against a calibration. Raises FitError as `watch` does."""
-    seen = in_time([watch(base, dataset, scanner_moved=scanner_moved) for dataset in later])
-    return WatchedCell(seen, repeated_poses(base, seen))

@@ -10,6 +10,7 @@ from calib.array_types import Array
 from calib.calibration.model_versions import EFFECTS, LINKS, NOMINAL, Version, fitted_version
 from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
+from calib.intervention.displacements import PairDisplacements
 from calib.options import RESIDUAL_KINDS
 from calib.targets.search import ScanSearch
 from inspector.session.session import Session
@@ -31,6 +32,8 @@ FRONT, SIDE, TOP, RESET = "Front", "Side", "Top", "Reset"
 SIDES = (FRONT, SIDE, TOP, RESET)  # where the 3D view is looked at from
 BY_ROLE, BY_ERROR = "by role", "by error"
 COLOURINGS = (BY_ROLE, BY_ERROR)
+ALL_POSES, BEFORE, AFTER, DIFFERENCE = "all poses", "before the change", "after the change", "difference"
+PAIR_VIEWS = (BEFORE, AFTER, DIFFERENCE)  # of poses that were measured again under another condition
 FACTORS = (1, 3, 10, 30, 100, 300, 1000, 3000, 10000)  # enlargements of the uncertainty ellipsoids
 
 
@@ -49,6 +52,7 @@ class View:
     compared: frozenset[str] = frozenset()  # the versions whose predictions are shown
     colouring: str = BY_ROLE  # of the measured points
     boxed: tuple[int, ...] = ()  # poses in the box that was drawn over the 3D view
+    pairs: str = ALL_POSES  # which poses' arrows are shown, one of `pair_choices`
     joint: int | None = None  # the selected one, from 0
     step: int | None = None  # of `session.steps`, before the last, that the version with effects is shown after
 
@@ -61,6 +65,28 @@ class View:
     def search(self) -> CornerSearch | None:
         """Corner search of the selected pose's scan; None where it has not been searched."""
         return self.session.searches.get(self.pose_id)
+
+    @property
+    def pair_choices(self) -> dict[str, tuple[str, PairDisplacements]]:
+        """What of the paired poses may be shown, by its name on the page; {} without pairs or before a diagnosis."""
+        diagnosis = self.session.diagnosis
+        changed = [] if diagnosis is None else [one for one in diagnosis.interventions if one.displacements is not None]
+        return {
+            part if len(changed) == 1 else f"{part} ({', '.join(one.conditions)})": (part, one.displacements)
+            for one in changed
+            for part in PAIR_VIEWS
+            if one.displacements is not None
+        }
+
+    @property
+    def shown_pairs(self) -> tuple[str, PairDisplacements] | None:
+        """Which part of which pairs is shown; None where all poses are."""
+        return self.pair_choices.get(self.pairs)
+
+    @property
+    def shows_difference(self) -> bool:
+        """Whether what a change moved is shown in place of residuals."""
+        return self.shown_pairs is not None and self.shown_pairs[0] == DIFFERENCE
 
     @property
     def versions(self) -> tuple[Version, ...]:

@@ -51,6 +51,18 @@ def test_poses_far_off_are_found_without_any_promise_and_others_are_not() -> Non
     assert far_test_poses(calibrate(dataset.with_points(replace(points, xyz_mm=few)))) == ()
 
 
+def test_readings_of_a_test_pose_are_averaged_as_those_of_training_poses_are() -> None:
+    """Single readings scatter twice as far as the means of four that the fit took."""
+    dataset = arm(3)
+    points, rng = dataset.points, np.random.default_rng(1)
+    assert points is not None
+    again = np.repeat(np.arange(len(points)), 4)
+    xyz_mm = points.xyz_mm[again] + rng.normal(scale=0.5, size=(len(again), 3))
+    calibration = calibrate(dataset.with_points(replace(points.select(again), xyz_mm=xyz_mm)))
+    assert calibration.averaged is not None
+    assert far_test_poses(calibration) == ()
+
+
 @pytest.mark.slow
 def test_the_promise_is_kept_where_nothing_is_missing_although_little_is_known() -> None:
     tests = [judged(arm(seed)) for seed in range(40)]

@@ -17,10 +17,10 @@ from calib.calibration.promise import (
     misfit_inflation,
     promise,
     promised_at_points,
-    promised_covariance,
 )
-from calib.calibration.result import Calibration
-from calib.dataset.dataset import Dataset, Scanner
+from calib.calibration.result import Calibration, declared_sigma_mm
+from calib.calibration.uncertainty import prediction_covariance_at
+from calib.dataset.dataset import Dataset, Poses, Scanner
 from calib.dataset.files.folder import load_dataset
 from calib.kinematics.robot import Robot
 from calib.simulation.simulate import simulate_dataset
@@ -95,6 +95,13 @@ def test_parameters_are_moved_by_misfit_that_is_alike_at_neighbouring_poses_not_
     ]
     assert np.median(hidden) > 1.4 * np.mean(complete)
     assert misfit_inflation(calibrate(arm(0, train=20))) == 1.0  # too few poses for sixteen regions
+
+
+def promised_covariance(calibration: Calibration, poses: Poses) -> np.ndarray:
+    """Covariance (N, 3, 3), mm^2, of measured minus predicted at poses that need not be measured, from its parts."""
+    fit = fit_uncertainty(calibration)
+    variance = fit.single_ratio**2 * declared_sigma_mm(calibration.dataset) ** 2 + fit.discrepancy.variance_mm2(poses.q)
+    return prediction_covariance_at(calibration, poses) + variance[:, None, None] * np.eye(3)
 
 
 def away(calibration: Calibration, turn_rad: float) -> float:

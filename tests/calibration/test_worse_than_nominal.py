@@ -39,7 +39,7 @@ def exact_arm(*, slide: bool = False, setups: int = 1) -> Dataset:
     ("dataset", "options"),
     [
         (exact_arm(setups=2), FitOptions(prior=False)),
-        (exact_arm(slide=True), FitOptions("distance")),
+        (exact_arm(slide=True), FitOptions("distance", prior=False)),
         (exact_arm(setups=2), FitOptions("distance", prior=False)),
     ],
 )

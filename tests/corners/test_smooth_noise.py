@@ -17,6 +17,7 @@ from calib.corners.search import find_corner
 from calib.jig import Jig, jig_geometry
 from calib.planes.clustering import PlaneGroup
 from calib.scans.scan import Scan
+from tests.support.joined_views import joined, one_per_cell
 from tests.support.scan_scene import make_scene
 from tests.support.smooth_fields import smooth_field
 
@@ -204,19 +205,28 @@ def test_errors_shared_by_neighbours_ask_how_views_were_joined() -> None:
     assert not asks(corner(0))
 
 
-def test_joined_views_of_undeclared_registration_are_noticed() -> None:
-    """Points of two cameras' grids come nearer to each other than those of one; where they are shifted it counts."""
-    rng = np.random.default_rng(8)
-    one = make_scene(rng, 20_000)
-    turn = Rotation.from_rotvec([0.11, -0.07, 0.05]).as_matrix()
-    edges = -one.normals.T  # of a square convex jig
-    other = make_scene(rng, 20_000, rotation=turn @ edges)
-    points = (other.scan.points_mm - other.apex_mm) @ turn + one.apex_mm + [0.03, -0.03, 0.03]
-    joined = find_corner(Scan("joined", np.vstack([one.scan.points_mm, points])), Jig(), scan_sigma_mm=0.02).corner
-    single = find_corner(one.scan, Jig(), scan_sigma_mm=0.02).corner
-    assert joined is not None
+@pytest.mark.parametrize(("seed", "views", "kept"), [(0, 2, 1.0), (5, 3, 0.4)])
+def test_joined_views_of_undeclared_registration_are_noticed(seed: int, views: int, kept: float) -> None:
+    """Points of two cameras' grids come nearer to each other than those of one; by how much these differ counts."""
+    rng = np.random.default_rng(seed)
+    points, apex_mm = joined(rng, views, 0.03)
+    found = find_corner(Scan("joined", points[rng.random(len(points)) < kept]), Jig(), scan_sigma_mm=0.02).corner
+    single = find_corner(make_scene(rng).scan, Jig(), scan_sigma_mm=0.02).corner
+    assert found is not None
     assert single is not None
-    assert any("several views that were joined" in doubt for doubt in joined.quality.doubts())
-    assert not any("several views" in doubt for doubt in single.quality.doubts())
-    error = joined.xyz_mm - one.apex_mm
-    assert error @ np.linalg.solve(joined.covariance_mm2, error) < 12
+    assert any("several views that were joined" in doubt for doubt in found.quality.doubts())
+    assert not any("joined" in doubt for doubt in single.quality.doubts())
+    error = found.xyz_mm - apex_mm
+    assert error @ np.linalg.solve(found.covariance_mm2, error) < 12
+
+
+@pytest.mark.parametrize("cell_mm", [1.5, 2.5])
+def test_means_over_cells_hide_how_views_were_joined(cell_mm: float) -> None:
+    """They would leave a covariance that the error exceeds 1000 times, without a word."""
+    points, apex_mm = joined(np.random.default_rng(9), 2, 0.03, rays=20_000)
+    means = one_per_cell(points, cell_mm)
+    found = find_corner(Scan("means", means), Jig(), scan_sigma_mm=0.02).corner
+    assert found is not None
+    assert any("joined" in doubt for doubt in found.quality.doubts())
+    error = found.xyz_mm - apex_mm
+    assert error @ np.linalg.solve(found.covariance_mm2, error) < 12

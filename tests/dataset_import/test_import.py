@@ -10,7 +10,7 @@ import pytest
 
 from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.folder import write_dataset
+from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.dataset_import.columns import parsed_mapping, recognise
 from calib.dataset_import.import_dataset import Imported, import_dataset
@@ -137,6 +137,26 @@ def test_two_tables_meet_by_the_pose(truth: Dataset, tmp_path: Path) -> None:
     assert f"{points}: other columns are left out: quality" in made.notes
     assert made.dataset.poses.temperature_c is not None
     assert made.dataset.poses.temperature_c[0] == 21.5
+
+
+def test_lengths_of_wires_and_signals_are_taken(truth: Dataset, tmp_path: Path) -> None:
+    assert truth.points is not None
+    n, anchor_mm = len(truth.poses), np.array([1800.0, -400.0, 250.0])
+    lengths_m = 1e-3 * np.linalg.norm(truth.points.xyz_mm - anchor_mm, axis=1)
+    joints = np.column_stack([np.degrees(truth.poses.q), np.degrees(truth.poses.q[:, 1]) + 0.01, np.arange(n)])
+    names = [f"P{i}" for i in range(n)]
+    write(tmp_path / "joints.csv", ["pose", *Q, "link_q2_deg", "load_left_q1_deg"], joints, first=names)
+    lines = [f"{name},east,{length!r}" for name, length in zip(names, lengths_m.tolist(), strict=True)]
+    (tmp_path / "wires.csv").write_text("\n".join(["pose,anchor,length_m", *lines]) + "\n")
+    asked = ["--joints", str(tmp_path / "joints.csv"), "--points", str(tmp_path / "wires.csv"), "--sigma", "0.05"]
+    assert main(["import", str(tmp_path / "cell"), "--robot", "rb5", *asked]) == 0
+    dataset = load_dataset(tmp_path / "cell")
+    assert dataset.points is not None
+    assert dataset.points.lengths is not None
+    np.testing.assert_allclose(dataset.points.lengths.length_mm, 1e3 * lengths_m)
+    assert set(dataset.points.lengths.anchor) == {"east"}
+    assert [encoder.joint for encoder in dataset.robot.link_encoders] == [1]
+    assert "load_left_q1_deg" in dataset.poses.extra.names
 
 
 def test_words_of_another_language_name_poses_and_conditions() -> None:

@@ -22,7 +22,7 @@ from calib.effects.state import RobotState
 from calib.screening.candidates import screen
 from calib.screening.noise_search import AddedEffect
 from calib.screening.projected_residual import ProjectedResidual
-from calib.screening.residual_tests import InputTest, ResidualTests
+from calib.screening.residual_tests import InputTest, ResidualTests, asked_of_joints
 from calib.screening.scan_statistic import Channel
 from calib.simulation.simulate import simulate_dataset
 from tests.support.findings import concluded
@@ -100,12 +100,7 @@ def left(residual_mm: float, noise_from: str = "dataset") -> ResidualTests:
         (left(0.05), {}, "named", True),
         (replace(left(0.05), outlier_poses=("p1",)), {}, "outliers", True),
         (replace(left(0.05), lack_of_fit_p=1e-9), {}, "unexplained", False),
-        (left(0.05), {"contenders": ("a", "b")}, "ambiguous", True),
-        (left(0.05), {"contenders": ("a", "b"), "tests_with_contender": left(0.069)}, "ambiguous", True),
-        (left(0.05), {"contenders": ("a", "b"), "tests_with_contender": left(0.071)}, "ambiguous", False),
-        (left(0.05), {"contenders": ("a", "b"), "tests_with_contender": left(0.071, "fit")}, "ambiguous", True),
         (left(0.05), {"no_more_than_drift": AS_A_DRIFT}, "unexplained", False),
-        (left(0.05), {"no_more_than_drift": AS_A_DRIFT, "contenders": ("a", "b")}, "ambiguous", False),
         (left(0.05), {"far_test_poses": ("p1", "p2", "p3")}, "unexplained", False),
         (replace(left(0.05), outlier_poses=("p1",)), {"far_test_poses": ("p1", "p2", "p3")}, "unexplained", False),
         (left(0.05), {"left_to_curves": True}, "unexplained", False),
@@ -117,7 +112,27 @@ def test_what_is_claimed(tests: ResidualTests, more: dict[str, object], verdict:
     assert conclusion.verdict == verdict
     assert (conclusion.missing, conclusion.suspected) == ((("backlash",), ()) if claimed else ((), ("backlash",)))
     assert conclusion.standing("backlash") == ("claimed" if claimed else "suspected")
-    assert conclusion.ambiguous_set == conclusion.undecided == more.get("contenders", ())
+    assert conclusion.ambiguous_set == ()
+
+
+@pytest.mark.parametrize(
+    ("tests", "more", "claimed"),
+    [
+        (left(0.069), {}, True),
+        (left(0.071), {}, False),
+        (left(0.071, "fit"), {}, True),
+        (left(0.05), {"no_more_than_drift": AS_A_DRIFT}, False),
+    ],
+)
+def test_what_is_claimed_where_one_effect_is_fitted_on_behalf_of_others_that_it_does_not_lead(
+    tests: ResidualTests, more: dict[str, object], claimed: bool
+) -> None:
+    undecided = ConfoundedSet("a", ("b",), (), is_undecided=True)
+    added = ("backlash", "a", "tool_sag")  # what is added beside it may stand for what the other would leave
+    conclusion = concluded(added, tests, on_behalf_of={"a": ("b",)}, confounded_sets=(undecided,), **more)
+    assert (conclusion.verdict, conclusion.ambiguous_set) == ("ambiguous", ("a", "b"))
+    assert conclusion.missing == (("backlash",) if claimed else ())
+    assert conclusion.suspected == (("tool_sag",) if claimed else ("backlash", "tool_sag"))
 
 
 def test_an_effect_that_stands_for_others_is_open_and_others_are_claimed_beside_it() -> None:
@@ -125,7 +140,6 @@ def test_an_effect_that_stands_for_others_is_open_and_others_are_claimed_beside_
     conclusion = concluded(("joint_compliance", "backlash"), left(0.05), confounded_sets=(confounded,))
     assert conclusion.missing == ("backlash",)
     assert conclusion.ambiguous_set == ("joint_compliance", "link_bending")
-    assert conclusion.undecided == ()
     assert [conclusion.standing(name) for name in ("joint_compliance", "tool_sag")] == ["open", None]
 
 
@@ -146,6 +160,16 @@ def test_a_weak_pattern_in_a_residual_of_the_noises_size_revokes_no_name(
     tests = replace(left(residual_mm, noise_from), inputs=inputs)
     assert bool(tests.structured) == structured
     assert concluded(("backlash",), tests).verdict == ("unexplained" if structured else "named")
+
+
+def test_a_pattern_on_the_joint_that_was_named_is_asked_for_there_alone() -> None:
+    """As one of thirty inputs it is chance; an effect that is nearly the cause leaves it on its own joint."""
+    inputs = (InputTest("q2", 0.024, Channel(1), 0.001), InputTest("q3", 0.3, Channel(2), 0.02))
+    tests = replace(left(0.054), inputs=inputs)
+    assert asked_of_joints(tests, ()) == tests
+    assert asked_of_joints(tests, (2,)) == tests
+    assert asked_of_joints(tests, (1,)).structured == ("q2",)
+    assert [test.p_value for test in asked_of_joints(tests, (1, 2)).inputs] == [0.002, 0.3]
 
 
 @pytest.mark.slow

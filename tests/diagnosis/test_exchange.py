@@ -101,6 +101,14 @@ def test_an_effect_that_resembles_two_is_dropped_once_both_are_in_the_model() ->
     assert {effect.name for effect in search_stepwise(space, lambda line: None).steps[-1].selected} == {"one", "two"}
 
 
+@pytest.mark.slow
+def test_effects_of_one_place_are_found_together_where_curves_explain_more_than_either() -> None:
+    families = tuple(replace(family, sparse=True) for family in families_from((ONE, TWO)))
+    space = replace(SearchSpace.of(measured_with((ONE, 1.5e-3), (TWO, 2e-3))), families=families)
+    selected = search_stepwise(space, lambda line: None).steps[-1].selected
+    assert {effect.name for effect in selected} == {"one", "two"}
+
+
 MIDDLES_RAD = (-0.6, -0.2, 0.2, 0.6)
 
 

@@ -73,7 +73,7 @@ def test_an_exact_twin_stays_in_the_set_whatever_its_prior(twins: Dataset) -> No
     assert found.verdict == "ambiguous"
     assert found.missing == found.suspected == ()
     assert set(found.ambiguous_set) == {"transmission_error", "axis_wobble"}
-    assert found.undecided == ()
+    assert found.undecided is None
     (confounded,) = found.confounded_sets
     assert confounded.effect == found.steps[1].effect == found.ambiguous_set[0]
     assert found.calibration.sigma_mm < 0.06  # it stands in the model
@@ -106,9 +106,13 @@ def test_who_is_a_twin(twins: Dataset) -> None:
     left = 1.0 - one.explained_share
     assert twins_if(explained_share=1.0 - 1.02 * left)
     assert not twins_if(explained_share=1.0 - 1.1 * left)  # noise alone would not make that
-    assert not twins_if(log_evidence=one.log_evidence - 8.1)
+    assert twins_if(log_evidence=one.log_evidence - 10.0)  # twice the parameters, of which two are not needed
+    assert not twins_if(log_evidence=one.log_evidence - 8.1, determined=one.determined)
     assert not twins_if(explained=other.explained + 0.2 * np.linalg.norm(other.explained))
     assert not twins_if(members=())
+    single = replace(one, values=one.values[:1], determined=1.0)  # of a single number, where the twin needs several
+    assert are_equivalent(single, replace(other, log_evidence=one.log_evidence - 2.9), dof)
+    assert not are_equivalent(single, replace(other, log_evidence=one.log_evidence - 3.1), dof)
     nearly = replace(one, overlaps=one.overlaps | {"axis_wobble": 0.998})  # as |q| and three harmonics
     assert not are_equivalent(nearly, other, dof)
 

@@ -15,7 +15,7 @@ from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD
 from calib.fitting import robust, trust_region
 from calib.fleet import shared_causes
 from calib.identifiability import redundancy
-from calib.monitoring import change_tests, misfit
+from calib.monitoring import change_tests, misfit, series
 from calib.planes import clustering, robust_fit
 from calib.planning import discrimination, prediction
 from calib.screening import (
@@ -110,7 +110,10 @@ SAID = [
     ("watching", f"a change of the arm is named below {change_tests.NAMED:g} where"),
     ("watching", f"else below {change_tests.NAMED_GIVEN_OTHERS:g}"),
     ("watching", f"If {shared_causes.FEWEST} arms or more"),
-    ("watching", f"({shared_causes.PERMUTATIONS} permutations"),
+    ("watching", f"{shared_causes.PERMUTATIONS} permutations"),
+    ("watching", f"with a weight of {shared_causes.SINCE_WEIGHT:g}"),
+    ("watching", f"probability of {shared_causes.LIKELY:g} or more"),
+    ("watching", f"{series.EWMA_WEIGHT:g} \\, s_k"),
     ("watching", f"below {shared_causes.LEVEL:g} a group is reported"),
 ]  # fmt: skip
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
 from scipy import stats
 
+from calib.array_types import BoolArray
 from calib.distributions import hypergeometric_sf
 from calib.fleet.row import EffectSize, Row
-from calib.fleet.shared_causes import best_range, natural, shared_causes
+from calib.fleet.shared_causes import best_range, best_since, natural, shared_causes
 from calib.present.fleets import cause_phrase
 from tests.support.fleet import row
 
@@ -83,6 +85,46 @@ def test_chance_alone_is_told_as_a_group_about_as_rarely_as_promised() -> None:
         (cause,) = shared_causes(fleet(bad, 30))
         told += bool(cause.groups)
     assert told <= 1  # expected: 0.1
+
+
+def test_a_cause_in_all_five_arms_since_a_number_stands_out_among_ten() -> None:
+    (cause,) = shared_causes(fleet({6, 7, 8, 9, 10}, 10))
+    group = cause.groups[0]
+    assert (group.what, group.value, group.inside, group.outside) == ("serial numbers since", "A-6", (5, 5), (0, 5))
+    assert group.p_value == pytest.approx(1 / 252 * 2.25, rel=0.3)  # one of 252 ways, corrected for the other tests
+    assert "5 of 5 with serial numbers since A-6" in cause_phrase(cause)
+
+
+def test_an_arm_whose_cause_is_suspected_counts_by_its_probability_and_all_its_dates() -> None:
+    rows = fleet({6, 7, 8, 9, 10}, 10)
+
+    def suspected(of: Row, p: float) -> Row:
+        return replace(of, missing=(), suspected=("joint_compliance",), likely={"joint_compliance": p})
+
+    some = [suspected(r, 0.7) if r.serial in ("A-7", "A-9") else r for r in rows]
+    (cause,) = shared_causes(some)
+    assert len(cause.arms) == 5
+    assert cause.groups[0].value == "A-6"
+    unlikely = [suspected(r, 0.3) if r.serial in ("A-7", "A-9") else r for r in rows]
+    assert len(shared_causes(unlikely)[0].arms) == 3
+    dated = [replace(r, path=f"{r.path}/{k}", date=f"2026-0{k}-01") for r in rows for k in (1, 2, 3)]
+    once = [suspected(r, 0.1) if r.date == "2026-03-01" and r.serial == "A-7" else r for r in dated]
+    assert len(shared_causes(once)[0].arms) == 5  # twice claimed, once not
+
+
+def test_the_place_since_which_a_cause_is_frequent_is_never_within_a_day() -> None:
+    has = np.array([False, False, True, False, True, True, True, True])
+    starts = np.array([True, False, False, True, False, False, True, True])
+    first, p = best_since(has, starts)
+    assert first == 3
+    ways = [np.isin(np.arange(8), places) for places in combinations(range(8), 5)]
+    best = [min(_fisher(way, k) for k in np.flatnonzero(starts)) for way in ways]
+    assert p == pytest.approx(np.mean(np.array(best) <= _fisher(has, 3) * (1 + 1e-9)))
+
+
+def _fisher(has: BoolArray, first: int) -> float:
+    behind = int(has[first:].sum())
+    return float(stats.hypergeom.sf(behind - 1, len(has), int(has.sum()), len(has) - first))
 
 
 def test_the_best_range_is_the_unlikeliest_and_its_probability_counts_all_ranges() -> None:

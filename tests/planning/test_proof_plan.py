@@ -13,7 +13,6 @@ from calib.dataset.files.poses_csv import poses_frame
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_for
 from calib.errors import CalibError
-from calib.intervention.proof import proofs_of
 from calib.planning.effect_hypotheses import EffectHypothesis, HypothesisSet
 from calib.planning.plan import plan, plan_poses
 from calib.planning.proof_criterion import ForProof, for_proof
@@ -23,7 +22,7 @@ from calib.present.plans import plan_headline
 from calib.screening.candidates import screen
 from tests.support.engine.cases import robot_of
 from tests.support.engine.cell import Cell, draw_cell
-from tests.support.paired_cell import ARMS, compliance
+from tests.support.paired_cell import ARMS, compliance, proofs_of
 
 PART, SIZE = compliance(1), 25.0  # joint 2 yields by 2.5e-5 rad/Nm
 
@@ -87,7 +86,7 @@ def test_what_is_promised_is_proven(cell: Cell, change: NextChange) -> None:
         approach=np.ones((n + more, 6)),
         setup=np.zeros(n + more, dtype=np.int64),
     )
-    found = {(proof.effect, proof.joint) for proof in proofs_of(calibrate(measured(after, after.payload_kg)))}
+    found = {(proof.effect, proof.joint) for proof in proofs_of(measured(after, after.payload_kg))}
     assert found == {(PART.effect, PART.joint)}
 
 
@@ -102,6 +101,30 @@ def test_the_plan_has_the_columns_that_are_needed(open_set: HypothesisSet, chang
     assert frame["payload_kg"].tolist() == [5.0] * 12
     assert "to prove which is true" in plan_headline(planned)
     assert "hang 5 kg on the flange" in planned.summary()
+
+
+@pytest.mark.thorough
+def test_a_plan_says_which_payload_it_takes(open_set: HypothesisSet) -> None:
+    light = change_for(open_set, payload_kg=1.5, count=8, with_needed=True)
+    assert light is not None
+    likely, surely = light.needed
+    assert (likely.probability, surely.probability) == (0.6, 0.9)
+    assert light.probability < 0.6
+    assert likely.payload_kg is not None
+    assert 1.5 < likely.payload_kg <= (surely.payload_kg or np.inf)
+    assert likely.pairs is None or likely.pairs > 8
+    heavier = change_for(open_set, payload_kg=likely.payload_kg, count=8)
+    assert heavier is not None
+    assert heavier.probability > 0.45  # 60 %, by 60 simulated follow-ups
+    told = outcome_words(light)
+    assert "60 % take" in told
+    assert f"{likely.payload_kg:.2g} kg with these pairs" in told
+
+
+def outcome_words(change: NextChange) -> str:
+    criterion = ForProof(change, FromFit(change.calibration)) if change.calibration else None
+    assert criterion is not None
+    return plan_poses(criterion.start, criterion.count, criterion=criterion, candidates=40).summary()
 
 
 @pytest.mark.thorough

@@ -112,6 +112,8 @@ def one_of(place: str) -> Any:
 
 
 def test_every_result_has_its_telling_and_its_document() -> None:
+    with pytest.raises(TypeError, match="nothing is told of a object"):
+        presentation(object())  # which loads all that register
     for kind in Presented.__subclasses__():
         assert presentation.dispatch(kind) is not presentation.dispatch(object), kind
         assert document.dispatch(kind) is not document.dispatch(object) or is_dataclass(kind), kind

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import sys
 import zipfile
 from io import BytesIO
 from pathlib import Path
@@ -307,10 +309,35 @@ def test_las_files(tmp_path: Path, version: int, point_format: int, more: int) -
     np.testing.assert_allclose(load(tmp_path, "a.las", whole).points_mm, POINTS, atol=6e-6)
     with pytest.raises(ScanError, match=f"promises {len(POINTS)} points, it holds {len(POINTS) - 1}"):
         load(tmp_path, "b.las", whole[:-1])
-    with pytest.raises(ScanError, match=r"compressed \(\.laz\); unpack them with laszip"):
-        load(tmp_path, "c.laz", las(POINTS, point_format=0x80 | 3))
     with pytest.raises(ScanError, match=r"not a \.las file"):
         load(tmp_path, "d.las", b"LASF")
+
+
+@pytest.mark.parametrize(("version", "point_format", "size"), [(2, 0, 20), (2, 3, 34), (4, 6, 30), (4, 7, 36)])
+def test_compressed_las_files(tmp_path: Path, version: int, point_format: int, size: int) -> None:
+    lazrs = pytest.importorskip("lazrs")
+    plain = las(POINTS, version=version, point_format=point_format, more=size - 12)
+    first = len(plain) - size * len(POINTS)
+    record = lazrs.LazVlr.new_for_compression(point_format, 0)
+    how = bytes(record.record_data())
+    header = bytearray(plain[:first])
+    begin = first + 54 + len(how)
+    struct.pack_into("<HIIB", header, 94, first, begin, 1, 0x80 | point_format)
+    described = struct.pack("<2x16sHH32x", b"laszip encoded", 22204, len(how)) + how
+    # The first eight bytes say where in the file the table of chunks is.
+    packed = bytearray(lazrs.compress_points(record, np.frombuffer(plain[first:], np.uint8), False))
+    struct.pack_into("<q", packed, 0, struct.unpack_from("<q", packed)[0] + begin)
+    whole = bytes(header) + described + bytes(packed)
+    np.testing.assert_allclose(load(tmp_path, "a.laz", whole).points_mm, POINTS, atol=6e-6)
+    for damaged in (whole[: len(whole) // 2], bytes(header) + described[:30], whole[:begin] + bytes(200)):
+        with pytest.raises(ScanError, match="compressed points cannot be unpacked"):
+            load(tmp_path, "b.laz", damaged)
+
+
+def test_compressed_las_files_without_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "lazrs", None)
+    with pytest.raises(ScanError, match=r"robot-calibration-inspector\[laz\]"):
+        load(tmp_path, "c.laz", las(POINTS, point_format=0x80 | 3))
 
 
 def npy_claiming(shape: str, kind: str = "<f8") -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
 from calib.calibration.result import Calibration
@@ -10,8 +11,13 @@ from calib.diagnosis.verdict import Conclusion, Findings, conclude
 from calib.screening.residual_tests import ResidualTests
 
 
-def concluded(added: tuple[str, ...], tests: ResidualTests, **findings: Any) -> Conclusion:
-    """The conclusion from effects in the model, tests of the residual and further findings."""
+def concluded(
+    added: Sequence[str], tests: ResidualTests, on_behalf_of: Mapping[str, tuple[str, ...]] = {}, **findings: Any
+) -> Conclusion:
+    """The conclusion from effects that were added in turn, tests of the residual and further findings."""
     selected = tuple(SelectedEffect(name, (), {}) for name in added)
-    step = FitStep("", selected, cast(Calibration, None))
-    return conclude(Findings((step,), tests, **findings))
+    steps = [FitStep("", (), cast(Calibration, None))]
+    for k, name in enumerate(added):
+        behalf = on_behalf_of.get(name, ())
+        steps.append(FitStep("", selected[: k + 1], cast(Calibration, None), effect=name, on_behalf_of=behalf))
+    return conclude(Findings(tuple(steps), tests, **findings))

@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
+from calib.intervention.proof import Proof, interventions_of
 from tests.support.engine.arms import RB5, UR10E, ArmTable
 from tests.support.engine.cases import robot_of
 from tests.support.engine.cause import Cause
@@ -154,3 +156,8 @@ def measured(
     points = Points(np.arange(count), xyz_mm, np.full(count, "jig"))
     robot = robot_of(cell, masses=masses)
     return Dataset("pairs", robot, poses, points, scanner=Scanner(point_sigma_mm=noise_mm))
+
+
+def proofs_of(dataset: Dataset) -> tuple[Proof, ...]:
+    """Causes that the paired poses of a dataset prove, after a fit of its links."""
+    return tuple(proof for one in interventions_of(calibrate(dataset)) for proof in one.proofs)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from calib.errors import TargetError
+from calib.scans.scan import Scan
 from calib.target_shapes import Plate
 from calib.targets.flat.plate_corner import find_plate_corner
 from calib.targets.protocol.finder import FoundPoint, Wanted
@@ -65,3 +67,21 @@ def test_where_the_field_ends_is_no_corner_of_a_plate(seed: int) -> None:
     scene = placed(np.random.default_rng(seed), plate_out_of_view, rays=12_000, others=1)
     with pytest.raises(TargetError, match="none of which meet at 90 deg"):
         find_plate_corner(scene.scan, Wanted(Plate(35.0), ("a", "b", "c", "d"), 0.02))
+
+
+@pytest.mark.parametrize(("jitter", "bend"), [(0.0, 0.0), (0.2, 0.0), (0.5, 0.0), (0.0, -0.1)])
+def test_where_a_lone_wall_ends_is_no_corner_of_a_plate(jitter: float, bend: float) -> None:
+    """Pixels off their rows by a share of their distance, and a lens that bends the rim; a real plate has a corner."""
+    rng = np.random.default_rng(3)
+    pixels = np.stack(np.meshgrid(*[(np.arange(110) + 0.5) / 110 - 0.5] * 2), axis=-1).reshape(-1, 2)
+    pixels += jitter / 110 * rng.standard_normal(pixels.shape)
+    pixels *= 1 + bend * np.sum(pixels**2, axis=1, keepdims=True)
+    rays = np.column_stack([160 / 700 * pixels, np.ones(len(pixels))])
+    wall = rays * (700 / (rays @ [0.2, -0.1, 1.0]) * (1 + 0.02 / 700 * rng.standard_normal(len(rays))))[:, None]
+    with pytest.raises(TargetError, match="none of which meet at 90 deg"):
+        find_plate_corner(Scan("wall", wall), Wanted(Plate(35.0), ("a", "b", "c", "d"), 0.02))
+    turn = Rotation.from_euler("z", 25, degrees=True).as_matrix()[:2, :2]
+    on = np.all((pixels @ turn > -0.15) & (pixels @ turn < 0.2), axis=1)  # a plate alone, askew to the rows
+    if jitter < 0.5:
+        found = find_plate_corner(Scan("plate", wall[on]), Wanted(Plate(35.0), ("a", "b", "c", "d"), 0.02))
+        assert len(found) >= 1

@@ -31,13 +31,22 @@ def note_on_views(assumed_mm: float) -> str:
     """Warning on points of several views whose registration is not declared, with what is assumed of it, mm."""
     if assumed_mm:
         return (
-            "the points are those of several views that were joined; how well no scan shows, so they are taken as off "
-            f"by as much as points scatter ({assumed_mm:.2g} mm, each axis): give registration_sigma_mm under "
-            "[scanner] in dataset.toml, or scan one view"
+            "the points are those of several views that were joined; by how much these differ where they overlap the "
+            f"corner is taken as off by {assumed_mm:.2g} mm (each axis): give registration_sigma_mm under [scanner] in "
+            "dataset.toml, or scan one view"
         )
     return (
         "the points lie at random, as those of several views that were joined and thinned: if they are, give "
         "registration_sigma_mm under [scanner] in dataset.toml, of which no scan shows anything"
+    )
+
+
+def note_on_cells(cells_mm: float, assumed_mm: float) -> str:
+    """Warning on points that are means over cells, with the cells' width and what is assumed of several views, mm."""
+    return (
+        f"the points are means over cells of {cells_mm:.2g} mm, as of joined views; how well those were joined no scan "
+        f"shows, so they are taken as off by twice the points' scatter ({assumed_mm:.2g} mm, each axis): give "
+        "registration_sigma_mm under [scanner] in dataset.toml, of one view a small one, or the scans as measured"
     )
 
 

@@ -30,6 +30,7 @@ from calib.corners.correlated_noise.declared import (
     NOTHING_DECLARED,
     DeclaredNoise,
     apex_variance_mm2,
+    note_on_cells,
     note_on_views,
     registration_covariance,
     share_of_declared,
@@ -45,7 +46,7 @@ from calib.corners.correlated_noise.likelihood import (
 from calib.corners.correlated_noise.patches import Patches, ScannerView, joined, patches_of
 from calib.corners.correlated_noise.posterior import SIZES, generalised_fit, patch_covariance, posterior_variances
 from calib.corners.correlated_noise.surroundings import evidence_of_surroundings, patches_of_surroundings
-from calib.corners.correlated_noise.views import joined_views
+from calib.corners.correlated_noise.views import cell_mm, joined_views
 from calib.corners.faces.angles import angle_derivative, fitted_angles_deg
 from calib.jig import FACE_PAIRS, Jig
 from calib.planes.robust_fit import PlaneFit
@@ -59,6 +60,7 @@ _PRIOR = 0.5, 0.2  # of a correlated error along the sight, and of uneven faces
 _LONGEST_ON_FACE = 0.6  # edges: longer ones leave too little in a face's residuals to be distinguished
 _DOUBLED, _SEEN = 3.0, 1.0  # variance added to that by white noise; expected loss of log likelihood
 _AS_IN_MESHES, _LIKELY = 1 / 14, 0.4  # edges, of a smooth error; its probability
+_OF_MEANS = 2.0  # what joined views are taken as off by, over the scatter of means of some of their points
 _MADE_TO_DEG = 0.02  # angles of a jig
 _OUT_OF_SQUARE = 3.0  # times that: a jig that is off by more says nothing about the scanner
 
@@ -158,8 +160,11 @@ def plane_uncertainty(
         fitted = tuple(plane.moved(moves[3 * i : 3 * i + 3]) for i, plane in enumerate(planes))
     registration_mm, views_note = declared.registration_sigma_mm, tuple[str, ...]()
     if not registration_mm and (views := joined_views(planes, view)).overlap:
-        registration_mm = float(np.median([plane.sigma_mm for plane in planes])) if views.even else 0.0
+        registration_mm = views.registration_mm
         views_note = (note_on_views(registration_mm),)
+    elif not registration_mm and (cells_mm := cell_mm(planes)):
+        registration_mm = _OF_MEANS * float(np.median([plane.sigma_mm for plane in planes]))
+        views_note = (note_on_cells(cells_mm, registration_mm),)
     covariance = covariance + registration_covariance(fitted, registration_mm)
     total_mm2 = float(size_mm2.sum())
     length_mm = float(np.exp(size_mm2.sum(axis=0) @ np.log(SHAPE_LENGTHS) / max(total_mm2, 1e-300))) * edge_mm

@@ -1,12 +1,13 @@
-"""The tables [scanner], [jig] and [cell] of dataset.toml, read, checked and written."""
+"""The tables [scanner], [signals], [jig] and [cell] of dataset.toml, read, checked and written."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-from calib.dataset.dataset import Box, Scanner, Surroundings
+from calib.dataset.dataset import Box, Scanner, SignalNoise, Surroundings
 from calib.dataset.files.points_csv import LEAST_SIGMA_DEG, LEAST_SIGMA_MM, MOST_SIGMA_DEG, MOST_SIGMA_MM
+from calib.dataset.files.robot_toml import degrees
 from calib.errors import CornerError, is_one_line
 from calib.jig import Jig, jig_normals
 from calib.text_files.toml_table import TomlTable
@@ -92,6 +93,26 @@ def scanner_document(scanner: Scanner) -> dict[str, Any]:
         "max_incidence_deg": scanner.max_incidence_deg,
     }
     return {key: value for key, value in declared.items() if value is not None} | dict(scanner.extra)
+
+
+def load_signal_noise(table: TomlTable) -> SignalNoise:
+    """The noise of signals in poses.csv that [signals] declares. Raises DatasetError."""
+    link_deg = _sigma(table, "link_sigma_deg", 1e-9, MOST_SIGMA_DEG, "deg")
+    return SignalNoise(
+        torque_sigma_nm=_sigma(table, "torque_sigma_nm", 1e-9, 1e5, "Nm"),
+        link_sigma_rad=None if link_deg is None else math.radians(link_deg),
+        extra=table.unread(),
+    )
+
+
+def signal_noise_document(noise: SignalNoise) -> dict[str, Any]:
+    """[signals] as a dict for writing; `load_signal_noise` reads it back."""
+    link_rad = noise.link_sigma_rad
+    declared = {
+        "torque_sigma_nm": noise.torque_sigma_nm,
+        "link_sigma_deg": None if link_rad is None else degrees(link_rad),
+    }
+    return {key: value for key, value in declared.items() if value is not None} | dict(noise.extra)
 
 
 def load_jig(table: TomlTable) -> tuple[Jig, dict[str, Any]]:

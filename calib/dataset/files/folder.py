@@ -8,17 +8,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomli_w
 
-from calib.dataset.dataset import About, Dataset, Poses
+from calib.dataset.dataset import About, Dataset, Points, Poses
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.cell_tables import (
     jig_document,
     load_jig,
     load_mount,
     load_scanner,
+    load_signal_noise,
     load_surroundings,
     scanner_document,
+    signal_noise_document,
     surroundings_document,
 )
 from calib.dataset.files.csv_table import TableFile
@@ -29,8 +32,12 @@ from calib.dataset.files.points_csv import load_arrived_points, load_points, poi
 from calib.dataset.files.poses_csv import load_poses, poses_frame
 from calib.dataset.files.robot_toml import load_robot_toml, refuse_beyond, robot_to_toml
 from calib.dataset.files.target_tables import load_targets, target_document
+from calib.dataset.lengths import with_known_anchors
+from calib.dataset.link_encoders import with_link_encoders
+from calib.dataset.measured_torques import with_measured_loads
 from calib.errors import DatasetError, is_one_line
 from calib.jig import Jig
+from calib.kinematics.robot import Robot, Vector
 from calib.scans.scan import scan_file
 from calib.text_files.csv_text import frame_csv
 from calib.text_files.toml_table import TomlTable
@@ -120,6 +127,7 @@ def _read(folder: Path, growing: Collection[str] | None) -> ArrivingDataset:
         points_path = _inside(folder, points_name, top, "points")
         points, point_warnings = load_points(points_path, robot, poses, units)
         warnings += point_warnings
+        points = _with_anchors(points, top, robot, poses)
         notes = unmeasured_note(points_path, poses, points)
     if scan_folder is not None:
         scans = _inside(folder, scan_folder, top, "scans")
@@ -136,6 +144,7 @@ def _read(folder: Path, growing: Collection[str] | None) -> ArrivingDataset:
     about = _about(top.table("about"))
     surroundings = load_surroundings(top.table("cell"))
     scanner = load_scanner(scanner_table)
+    signal_noise = load_signal_noise(top.table("signals"))
     if scanner.scan_sigma_mm is not None and scanner.scan_sigma_mm > jig.shortest_mm / 10.0:
         raise scanner_table.error(
             "scan_sigma_mm",
@@ -159,9 +168,10 @@ def _read(folder: Path, growing: Collection[str] | None) -> ArrivingDataset:
         about=about,
         surroundings=surroundings,
         targets=targets,
+        signal_noise=signal_noise,
         read_files=table_hashes(folder, so_far=growing is not None),
     )
-    return ArrivingDataset(dataset, unseen, unknown)
+    return ArrivingDataset(with_link_encoders(with_measured_loads(dataset)), unseen, unknown)
 
 
 def as_dataset(dataset: Dataset | str | Path) -> Dataset:
@@ -200,6 +210,22 @@ def _is_below(folder: Path, path: Path) -> bool:
         return path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError, ValueError):  # a circle of links, a zero character
         return False
+
+
+def _with_anchors(points: Points, top: TomlTable, robot: Robot, poses: Poses) -> Points:
+    """Measured points; lengths among them with the anchors whose place [[anchors]] knows. Raises DatasetError."""
+    if points.lengths is None:
+        return points
+    places_mm: dict[str, Vector] = {}
+    for table in top.tables("anchors"):
+        name, place_mm = table.text("name", "") or "", table.vector("xyz_mm")
+        if place_mm is None:
+            raise table.error("xyz_mm", "the key is missing", "add xyz_mm = [x, y, z] in the base frame")
+        if name not in points.lengths.anchor:
+            named = ", ".join(map(repr, np.unique(points.lengths.anchor).tolist()))
+            raise table.error("name", f"found {name!r}", f"points.csv has lengths from {named}")
+        places_mm[name] = place_mm
+    return with_known_anchors(points, robot, poses, places_mm) if places_mm else points
 
 
 def _about(table: TomlTable) -> About:
@@ -280,6 +306,8 @@ def _dataset_document(dataset: Dataset) -> dict[str, Any]:
     document |= extra
     mount = {"mount": "flange"} if dataset.robot.carries_scanner else {}
     document["scanner"] = mount | scanner_document(dataset.scanner)
+    if signals := signal_noise_document(dataset.signal_noise):
+        document["signals"] = signals
     if cell := surroundings_document(dataset.surroundings):
         document["cell"] = cell
     about = {key: value for key in ABOUT if (value := getattr(dataset.about, key))} | dict(dataset.about.extra)
@@ -287,6 +315,9 @@ def _dataset_document(dataset: Dataset) -> dict[str, Any]:
         document["about"] = about
     if dataset.jig_is_declared:
         document["jig"] = jig_document(dataset.jig) | dict(jig_extra)
+    lengths = None if dataset.points is None else dataset.points.lengths
+    if lengths is not None and lengths.known_places:
+        document["anchors"] = [{"name": k, "xyz_mm": list(place)} for k, place in lengths.known_places.items()]
     if dataset.targets:
         document["targets"] = [target_document(target) for target in dataset.targets]
     return document

@@ -4,7 +4,7 @@ Optional columns of a full pose: `qw, qx, qy, qz`, the unit quaternion of scanne
 known); the covariance of its error as a small turn about the scanner's axes, `rxx_rad2, rxy_rad2, rxz_rad2, ryy_rad2,
 ryz_rad2, rzz_rad2`; and that of the point's error with the turn's, `x_rx_mm_rad, x_ry_mm_rad ... z_rz_mm_rad`. Columns
 in metres have `m` in place of `mm` in their names, all of them. A row whose three coordinates are empty says that the
-point was not seen.
+point was not seen. In place of x, y and z there may be `length_mm`, from an `anchor` whose place is not known.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from calib.dataset.files.declared_units import (
     unit_of,
 )
 from calib.dataset.files.points_checks import copied_rows, order_doubt, require_targets, unit_doubt
+from calib.dataset.lengths import length_points
 from calib.errors import DatasetError
 from calib.frames import quaternion_from_rotation, rotation_from_quaternion
 from calib.kinematics.robot import Robot
@@ -39,6 +40,7 @@ COVARIANCE_COLUMNS = ("sxx_mm2", "sxy_mm2", "sxz_mm2", "syy_mm2", "syz_mm2", "sz
 TURN_COLUMNS = ("rxx_rad2", "rxy_rad2", "rxz_rad2", "ryy_rad2", "ryz_rad2", "rzz_rad2")
 CROSS_COLUMNS = tuple(f"{point}_r{turn}_mm_rad" for point in "xyz" for turn in "xyz")
 _XYZ_COLUMNS = ("x_mm", "y_mm", "z_mm")
+LENGTH_COLUMN = "length_mm"
 _IN_MM = {"mm": 1.0, "m": 1000.0}
 _UPPER = np.triu_indices(3)
 FARTHEST_MM = 1e9
@@ -97,6 +99,8 @@ def _xyz_columns(file: TableFile, units: DeclaredUnits) -> tuple[str, ...]:
 def _points_of(file: TableFile, robot: Robot, poses: Poses, units: DeclaredUnits) -> tuple[Points, list[str]]:
     """Points of a table's rows that have coordinates, and warnings. Raises DatasetError."""
     path = file.path
+    if LENGTH_COLUMN in file:
+        return _lengths_of(file, robot, poses), []
     xyz_columns = _xyz_columns(file, units)
     unit = xyz_columns[0].rpartition("_")[2]
     _refuse_mixed(file, unit)
@@ -123,6 +127,35 @@ def _points_of(file: TableFile, robot: Robot, poses: Poses, units: DeclaredUnits
     pose = np.array([index[pose_id] for pose_id in ids], dtype=np.int64)
     points = Points(pose, xyz_mm, target, covariance, orientations)
     return points, _warnings(file, robot, poses, points, unit)
+
+
+def _lengths_of(file: TableFile, robot: Robot, poses: Poses) -> Points:
+    """Lengths of a table's rows: pose, length_mm, and optionally anchor and target. Raises DatasetError."""
+    if any(column in file for column in (*_XYZ_COLUMNS, *_in_length(_XYZ_COLUMNS, "m"))):
+        raise DatasetError(f"{file.path}: line 1: found x_mm and {LENGTH_COLUMN}; a table holds points or lengths")
+    if robot.carries_scanner:
+        raise DatasetError(f'{file.path}: lengths are of a target on the arm; [scanner] mount = "flange" has none')
+    file.require(["pose", LENGTH_COLUMN])
+    file = file.select([row for row, cell in enumerate(file.text(LENGTH_COLUMN, allow_empty=True)) if cell])
+    if len(file) == 0:
+        raise DatasetError(f"{file.path}: no row with a length; one row a measured length is needed")
+    index = {pose_id: i for i, pose_id in enumerate(poses.ids)}
+    for row, pose_id in enumerate(file.text("pose")):
+        if pose_id not in index:
+            raise file.error(row, "pose", f"{short(pose_id)} is not in poses.csv", "remove the row or add the pose")
+    length_mm = file.numbers([LENGTH_COLUMN])[:, 0]
+    wrong = np.flatnonzero((length_mm <= 0.0) | (length_mm > FARTHEST_MM))
+    if len(wrong):
+        row = int(wrong[0])
+        raise file.error(row, LENGTH_COLUMN, f"found {length_mm[row]:g}", "a length above 0, in mm, is needed")
+    target = np.array(file.text("target") if "target" in file else ["jig"] * len(file))
+    require_targets(file, target.tolist(), robot)
+    anchor = np.array(file.text("anchor", allow_empty=True) if "anchor" in file else [""] * len(file))
+    pose = np.array([index[pose_id] for pose_id in file.text("pose")], dtype=np.int64)
+    try:
+        return length_points(robot, poses, pose, target, length_mm, anchor)
+    except DatasetError as error:
+        raise DatasetError(f"{file.path}: {error}") from None
 
 
 def _in_length(columns: Sequence[str], unit: str) -> tuple[str, ...]:
@@ -292,6 +325,9 @@ def points_frame(poses: Poses, points: Points) -> pd.DataFrame:
     columns: dict[str, Any] = {"pose": [poses.ids[i] for i in points.pose]}
     if np.any(points.target != "jig"):
         columns["target"] = points.target
+    if points.lengths is not None:
+        named = {"anchor": points.lengths.anchor} if np.any(points.lengths.anchor != "") else {}
+        return pd.DataFrame(columns | named | {LENGTH_COLUMN: points.lengths.length_mm})
     columns |= {f"{axis}_mm": points.xyz_mm[:, k] for k, axis in enumerate("xyz")}
     if points.covariance_mm2 is not None:
         upper = points.covariance_mm2[:, _UPPER[0], _UPPER[1]]

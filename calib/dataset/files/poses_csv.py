@@ -14,6 +14,7 @@ from calib.dataset.files.csv_table import TableFile, short
 from calib.dataset.files.declared_units import NOT_DECLARED, DeclaredUnits, internal, unit_of
 from calib.dataset.files.robot_toml import degrees
 from calib.dataset.input_names import CONDITIONS
+from calib.dataset.signals import is_signal, limit_of
 from calib.errors import DatasetError, is_one_line
 from calib.kinematics.robot import Robot
 from calib.lazy_modules import pd
@@ -83,6 +84,9 @@ def load_poses(
     q_file = robot.joints_of(load_joints(file, q_columns))  # coupled joints have one unit
     warnings = [*_angle_warnings(file, q_file, q_columns, robot)]
     conditions = load_conditions(file, robot)
+    for column in filter(is_signal, file.cells):
+        limit = limit_of(column) or 0.0
+        _within(file, column, (-limit, limit))
     known = ["pose", "role", *q_columns, *CONDITIONS, "setup", "scan", *approach_columns(robot)]
     poses = Poses(
         ids=tuple(ids),

@@ -14,11 +14,11 @@ from calib.effects.effect import Family, NaturalBound, Parameter
 from calib.effects.shaped import JointOffset, ShapedEffect
 from calib.effects.state import RobotState
 
-LENGTHS_DEG = (3, 10, 30, 90)
-"""Ways after which a joint that winds up smoothly has forgotten where it came from; moves are far longer than the
-shortest."""
-SLIPS_DEG = (5, 15, 45, 135)
-"""Ways from one side to the other, halved, of a joint that sticks and then slips; between the lengths."""
+LENGTHS_DEG = (10, 30, 90)
+"""Ways after which a joint that winds up smoothly has forgotten where it came from."""
+SLIPS_DEG = (2, 7, 20, 40, 80, 160)
+"""Ways from one side to the other, halved, of a joint that sticks and then slips; moves are far longer than the
+shortest. A state that slips is sharper than one that fades: twice the way leaves a pattern that noise does not hide."""
 STARTS = {0: "", 1: "come_up_", -1: "come_down_"}
 """States of friction at the first pose, of which the way to it is in no table: at rest, or wound up to either side."""
 
@@ -70,15 +70,15 @@ class PathFriction(ShapedEffect):
     bounds = (NaturalBound(5e-3, "rad", "friction of a tenth of a drive's torque winds it up by 1e-3 rad"),)
     notes = r"""
     $$ \delta \theta_j = h \, z_j, \qquad dz = ( 1 - z \, \mathrm{sign}(dq) ) \, \frac{dq}{L}, \quad
-    L = 3, 10, 30, 90° $$
+    L = 10, 30, 90° $$
 
     Dahl's model: the drive stops wound up against the way it came, by the less the shorter the way was, and what is
-    left of the way before fades with it. A spring and a dry slider in a row, $dz = dq / L$ between -1 and 1 with
-    $L$ = 5, 15, 45, 135°, remember longer: what a small move winds up, the same move back takes away. Several of both
-    side by side are Maxwell's slip model. The way to the first pose is in no table: $z$ starts from 0, 1 or -1. With
-    $L$ far below all moves it is {doc}`backlash` by the side that the order of the poses tells; with $L$ far above them
-    it is the way itself, a {doc}`following_error`. It is reckoned through every pose that was measured, test poses and
-    poses left out with them. Where the arm went to places in between that are no poses, it is not what happened.
+    left of the way before fades with it. A spring and a dry slider in a row, $dz = dq / L$ between -1 and 1 with $L$ =
+    2, 7, 20, ... 160°, remember longer: what a small move winds up, the same move back takes away. Several of both side
+    by side are Maxwell's slip model. The way to the first pose is in no table: $z$ starts from 0, 1 or -1. With $L$ far
+    below all moves it is {doc}`backlash` by the side that the order of the poses tells; with $L$ far above them it is
+    the way itself, a {doc}`following_error`. It is reckoned through every pose that was measured, test poses and poses
+    left out with them. Where the arm went to places in between that are no poses, it is not what happened.
     """
     position = 33
 
@@ -107,10 +107,22 @@ class PathFriction(ShapedEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Family of this effect with one member for each revolute joint, law, length and start."""
-        laws = [*((deg, False) for deg in LENGTHS_DEG), *((deg, True) for deg in SLIPS_DEG)]
+        """Family of this effect with one member for each revolute joint, law, length and start.
+
+        Where a joint never moves far enough to slip, friction that slips is a spring alone: a scale error of the joint.
+        One that slips within the shortest way is backlash where the sides of approach are known.
+        """
+        widths_deg = SLIPS_DEG if dataset.poses.approach is None else SLIPS_DEG[1:]
+        laws = [*((deg, False) for deg in LENGTHS_DEG), *((deg, True) for deg in widths_deg)]
         joints = revolute_joints(dataset.robot)
-        members = tuple(cls(j, deg, start, slips) for j in joints for deg, slips in laws for start in STARTS)
-        if not members:
+        way_rad = dataset.poses.sequence.q - dataset.poses.sequence.q[0]
+
+        def slips_ever(member: PathFriction) -> bool:
+            way = way_rad[:, member.joint] / np.radians(member.length_deg)
+            return bool(np.abs(member.start + way).max() > 1.0 and np.ptp(way) > 1.0)
+
+        tried = (cls(j, deg, start, slips) for j in joints for deg, slips in laws for start in STARTS)
+        members = tuple(member for member in tried if not member.slips or slips_ever(member))
+        if not joints:
             return Family(cls.name, (), "no joint turns", "nothing: it is a matter of drives that turn")
         return Family(cls.name, members, sparse=True, superposed=True)

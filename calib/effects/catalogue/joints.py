@@ -167,6 +167,7 @@ class JointScale(CatalogueEffect):
 
     joint: int
     name = "joint_scale"
+    grows_with_angle = True
     noun = "a scale error of joint"
     equation = "theta_j += k_j q_j"
     symbols = (("k_j", "1"),)
@@ -206,6 +207,7 @@ class AsymmetricScale(CatalogueEffect):
 
     joint: int
     name = "asymmetric_scale"
+    grows_with_angle = True
     noun = "a scale error that differs on both sides of zero of joint"
     equation = "theta_j += k_j abs(q_j)"
     symbols = (("k_j", "1"),)

@@ -17,7 +17,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset, PoseCondition
 from calib.effects.effect import CatalogueEffect, Effect, Family, NaturalBound, Parameter, registered_effects
-from calib.effects.gravity import has_masses
+from calib.effects.gravity import has_masses, loaded_joints
 from calib.effects.state import RobotState
 from calib.kinematics.robot import Robot
 
@@ -41,6 +41,24 @@ def where_masses_are_known(family: Family, robot: Robot) -> Family:
         why_not="robot.toml has no masses and centres of mass of the links",
         would_help="add mass_kg and com_mm to each [[joints]]; a maker's data sheet or CAD is good enough",
     )
+
+
+def measured_note(robot: Robot) -> str:
+    """Clause that says at which joints a measured torque is the load; "" where none was measured."""
+    joints = [str(load.joint + 1) for load in robot.measured_loads]
+    if not joints:
+        return ""
+    several = len(joints) > 1
+    return f"the measured torque is the load of {'joints' if several else 'joint'} {', '.join(joints)}"
+
+
+def where_load_is_known(family: Family, robot: Robot) -> Family:
+    """An effect family with its members at joints of known load, by masses or measured torque; or not testable."""
+    known = loaded_joints(robot)
+    if not known:
+        return where_masses_are_known(family, robot)
+    members = tuple(member for member in family.members if getattr(member, "joint", None) in known)
+    return replace(family, members=members, note=measured_note(robot))
 
 
 def _family_of_unknown_masses(name: str, members: tuple[Effect, ...]) -> Family:
@@ -95,7 +113,7 @@ class JointCompliance(CatalogueEffect):
     noun = "the compliance of joint"
     equation = "theta_j += c_j tau_j(q, payload)"
     symbols = (("c_j", "rad/Nm"),)
-    needs = "masses in robot.toml, or many poses; payload_kg where it varies"
+    needs = "masses in robot.toml or torque<j>_nm in poses.csv, or many poses; payload_kg where it varies"
     helpful_conditions: ClassVar[tuple[PoseCondition, ...]] = ("payload_kg",)
     confirm = "the same poses with and without a payload: compliance grows with the load, nothing else does"
     bounds = (
@@ -132,15 +150,21 @@ class JointCompliance(CatalogueEffect):
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
         """Family of this effect with one member for each joint; unknown masses become part of the parameters."""
-        robot = dataset.robot
-        if has_masses(robot):
-            return Family(cls.name, tuple(cls(j) for j in range(robot.n_joints)))
-        varies = _payload_varies(dataset)
+        robot, varies = dataset.robot, _payload_varies(dataset)
+        known = loaded_joints(robot)
         members = tuple(
-            JointComplianceUnknownMasses(j, places=robot.n_joints + 1 - j if joint.is_revolute else 1, payload=varies)
+            cls(j)
+            if j in known
+            else JointComplianceUnknownMasses(
+                j, places=robot.n_joints + 1 - j if joint.is_revolute else 1, payload=varies
+            )
             for j, joint in enumerate(robot.joints)
         )
-        return _family_of_unknown_masses(cls.name, members)
+        if len(known) == robot.n_joints:
+            return Family(cls.name, members, note=measured_note(robot))
+        family = _family_of_unknown_masses(cls.name, members)
+        told = "; ".join(filter(None, (measured_note(robot), _UNKNOWN_MASSES + " for the others")))
+        return replace(family, note=told, confounded_with=()) if known else family
 
 
 @dataclass(frozen=True)
@@ -358,7 +382,7 @@ class GravityBacklash(CatalogueEffect):
     noun = "the backlash under gravity of joint"
     equation = "theta_j += b_j / 2 sign(tau_j)"
     symbols = (("b_j", "rad"),)
-    needs = "masses in robot.toml"
+    needs = "masses in robot.toml or torque<j>_nm in poses.csv"
     confirm = "poses on both sides of the angle where gravity's torque changes sign"
     bounds = (NaturalBound(9e-3, "rad", PLAY),)
     notes = r"""
@@ -382,7 +406,7 @@ class GravityBacklash(CatalogueEffect):
     def family(cls, dataset: Dataset) -> Family:
         """Family of this effect with one member for each joint."""
         members = tuple(cls(j) for j in range(dataset.robot.n_joints))
-        return where_masses_are_known(Family(cls.name, members), dataset.robot)
+        return where_load_is_known(Family(cls.name, members), dataset.robot)
 
 
 @dataclass(frozen=True)
@@ -394,7 +418,7 @@ class NonlinearStiffness(CatalogueEffect):
     noun = "the nonlinear stiffness of joint"
     equation = "theta_j += c2_j tau_j abs(tau_j)"
     symbols = (("c2_j", "rad/Nm^2"),)
-    needs = "masses in robot.toml; payload_kg where it varies"
+    needs = "masses in robot.toml or torque<j>_nm in poses.csv; payload_kg where it varies"
     helpful_conditions = ("payload_kg",)
     confirm = "the same poses under three payloads: the way from the first to the second is not that to the third"
     bounds = (NaturalBound(1e-4, "rad/Nm^2", "the smallest gears lose a tenth of their stiffness for each Nm"),)
@@ -432,9 +456,10 @@ class NonlinearStiffness(CatalogueEffect):
         """Family of this effect with one member for each revolute joint, and its wind-ups where it is under load."""
         robot = dataset.robot
         turning = [j for j, joint in enumerate(robot.joints) if joint.is_revolute]
-        family = where_masses_are_known(Family(cls.name, tuple(map(cls, turning))), robot)
+        family = where_load_is_known(Family(cls.name, tuple(map(cls, turning))), robot)
         if family.why_not:
             return family
+        turning = [j for j in turning if j in loaded_joints(robot)]
         torques_nm = RobotState.nominal(robot, dataset.poses).gravity_torques_nm
         largest_nm = np.abs(torques_nm[~dataset.poses.is_test]).max(axis=0, initial=0.0)
         loaded = [j for j in turning if largest_nm[j] > _UNLOADED_NM]

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset
+from calib.dataset.signals import named_temperatures
+from calib.effects.catalogue.joints import revolute_joints
 from calib.effects.effect import CatalogueEffect, Family, NaturalBound, Parameter
 from calib.effects.shaped import Growth, HeatOfMotor, ShapedEffect
 from calib.effects.state import RobotState
@@ -17,6 +22,7 @@ REFERENCE_C = 20.0
 """Temperature, C, at which lengths are those of robot.toml; growth that is the same at all poses is link errors."""
 
 
+_SAME_C = 1e-6  # temperatures that differ by less do not vary
 LAG_MINUTES = (0, 5, 15, 45)
 """Time constants with which the links follow the temperature that was written down."""
 
@@ -37,17 +43,23 @@ class ThermalGrowth(CatalogueEffect):
     name = "thermal_growth"
     noun = "the growth of the links with temperature"
     equation = "a, d times 1 + kappa (T - 20 C)"
-    symbols = (("kappa", "1/K"),)
-    needs = "temperature_c in poses.csv, varying"
+    symbols: ClassVar[tuple[tuple[str, str], ...]] = (("kappa", "1/K"),)
+    needs = "temperature_c or temperature_<name>_c in poses.csv, varying"
     needed_conditions = ("temperature_c",)
     confirm = "the same poses cold and warmed up"
-    bounds = (NaturalBound(3e-5, "1/K", "of an arm's metals aluminium grows most, by 23e-6/K"),)
+    bounds = (
+        NaturalBound(3e-5, "1/K", "of an arm's metals aluminium grows most, by 23e-6/K"),
+        NaturalBound(2e-4, "rad/K", "a housing that turns a joint by 2e-3 rad in 10 K is warped"),
+    )
     notes = r"""
     $$ a_i, \, d_i \; \to \; a_i, \, d_i \; ( 1 + \kappa \, ( T - 20 ) ), \qquad T \text{ in C} $$
 
     Aluminium grows by 23e-6/K: 0.23 mm a metre in 10 K. Growth that is the same at all poses is link errors. If
     temperature only rises with time, {doc}`scanner_drift` is nearly the same. Where times are known too, the links may
     follow the temperature with a time constant of 5, 15 or 45 minutes: a sensor in the hall is ahead of a casting.
+
+    Each further temperature, such as `temperature_motor2_c`, may drive the growth of all links, or that of one link
+    with a turn of its joint, $\delta \theta_j = b_j ( T - 20 )$: of joint 2 where its name ends so, else of any.
     """
     position = 9
     linear = True
@@ -75,17 +87,79 @@ class ThermalGrowth(CatalogueEffect):
     def family(cls, dataset: Dataset) -> Family:
         """Family of this effect with a member for each lag, one without times, where the temperature varies."""
         poses = dataset.poses
-        temperature = poses.temperature_c
+        temperature, sensed = poses.temperature_c, tuple(_by_sensors(dataset))
+        if sensed and (temperature is None or float(np.ptp(temperature[~poses.is_test])) < _SAME_C):
+            return Family(cls.name, sensed)
         if temperature is None:
             return Family(cls.name, (), "poses.csv has no temperature_c", "add the arm's temperature at each pose")
-        if float(np.ptp(temperature[~poses.is_test])) < 1e-6:
+        if float(np.ptp(temperature[~poses.is_test])) < _SAME_C:
             return Family(
                 cls.name,
                 (),
                 f"the temperature was {temperature[0]:g} C at every pose",
                 "measure cold and warmed up, 5 K apart or more",
             )
-        return Family(cls.name, tuple(map(cls, LAG_MINUTES if poses.time_s is not None else LAG_MINUTES[:1])))
+        lags = LAG_MINUTES if poses.time_s is not None else LAG_MINUTES[:1]
+        return Family(cls.name, (*map(cls, lags), *sensed))
+
+
+@dataclass(frozen=True)
+class GrowthBySensor(ThermalGrowth):
+    """Links that all grow with a temperature of its own name: a and d times 1 + kappa (T - 20 C)."""
+
+    sensor: str = field(kw_only=True)  # "motor2" for temperature_motor2_c
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Expansion, with the sensor in its name."""
+        return (Parameter(f"kappa_by_{self.sensor}_per_k", "1/K", 1e-5, "expansion of all links"),)
+
+    def apply(self, state: RobotState, **values: float) -> RobotState:
+        """Robot state with the lengths scaled; unchanged where this temperature was not recorded."""
+        (kappa_per_k,) = values.values()
+        warmer_k = self.warmer_k(state)
+        return state if warmer_k is None else Growth().act(state, kappa_per_k * warmer_k[:, None])
+
+    def warmer_k(self, state: RobotState) -> Array | None:
+        """Temperature (N,) above 20 C, K; None where it was not recorded."""
+        temperature_c = named_temperatures(state.poses).get(self.sensor)
+        return None if temperature_c is None else temperature_c - REFERENCE_C
+
+
+@dataclass(frozen=True)
+class JointBySensor(GrowthBySensor):
+    """A joint that turns, and whose link grows, with a temperature of its own name."""
+
+    joint: int = field(kw_only=True)  # revolute
+    equation = "a_j, d_j times 1 + kappa_j (T - 20 C), theta_j += b_j (T - 20 C)"
+    symbols = (("kappa_j", "1/K"), ("b_j", "rad/K"))
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Turn of the joint and expansion of its link, with the sensor in their names."""
+        return (
+            Parameter(f"turn_by_{self.sensor}_rad_per_k", "rad/K", 1e-5, "turn of the joint by 1 K"),
+            Parameter(f"kappa_by_{self.sensor}_per_k", "1/K", 1e-5, "expansion of its link"),
+        )
+
+    def apply(self, state: RobotState, **values: float) -> RobotState:
+        """Robot state with the joint turned and its link longer; unchanged where there is no such temperature."""
+        warmer_k = self.warmer_k(state)
+        if warmer_k is None:
+            return state
+        return HeatOfMotor(self.joint).act(state, warmer_k[:, None] * np.array(list(values.values())))
+
+
+def _by_sensors(dataset: Dataset) -> Iterator[ThermalGrowth]:
+    """Members for each named temperature that varies: all links, and the joint of its number or else every joint."""
+    turning = revolute_joints(dataset.robot)
+    for sensor, temperature_c in named_temperatures(dataset.poses).items():
+        if float(np.ptp(temperature_c[~dataset.poses.is_test])) < _SAME_C:
+            continue
+        yield GrowthBySensor(sensor=sensor)
+        number = re.search(r"[0-9]+$", sensor)
+        own = int(number[0]) - 1 if number else -1
+        yield from (JointBySensor(sensor=sensor, joint=j) for j in ([own] if own in turning else turning))
 
 
 WARM_UP_MINUTES = (5, 10, 20, 40, 80, 160)
@@ -143,7 +217,7 @@ class WarmUp(ShapedEffect):
         poses = dataset.poses
         if poses.time_s is None:
             return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")
-        if poses.temperature_c is not None:
+        if poses.temperature_c is not None or named_temperatures(poses):
             known = "poses.csv has temperature_c, by which thermal_growth tests it"
             return Family(
                 cls.name,

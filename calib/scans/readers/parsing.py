@@ -108,6 +108,6 @@ def truncated(path: Path, promised: int, held: int) -> ScanError:
     )
 
 
-def one_line(error: Exception) -> str:
+def one_line(error: BaseException) -> str:
     """Text of an exception in one line of at most 120 characters."""
     return " ".join(str(error).split())[:120] or type(error).__name__

@@ -12,7 +12,7 @@ from calib.blas_threads import one_blas_thread
 from calib.calibration.result import Calibration
 from calib.dataset.further_columns import is_number
 from calib.dataset.input_names import further_inputs, quantity_of
-from calib.effects.gravity import has_masses
+from calib.effects.gravity import loaded_joints
 from calib.screening.curves.curve_evidence import CurveColumns, CurveEvidence, CurvePosterior, Spectrum
 from calib.screening.curves.smooth_joint_error import (
     CurveModes,
@@ -206,7 +206,7 @@ def _over_other_inputs(projected: ProjectedResidual) -> Iterator[_Candidate]:
     shared += [name for name, of in further_inputs(poses).items() if is_number(poses.extra.by_name[of])]
     for j, joint in enumerate(robot.joints):
         names = [] if joint.is_revolute else [f"q{j + 1}"]
-        names += [f"torque{j + 1}"] if has_masses(robot) else []
+        names += [f"torque{j + 1}"] if j in loaded_joints(robot) else []
         for k in (j - 1, j + 1):
             if 0 <= k < robot.n_joints and joint.is_revolute and robot.joints[k].is_revolute:
                 low, high = min(j, k) + 1, max(j, k) + 1

@@ -41,7 +41,8 @@ _MOST_HIDDEN = 0.3  # of the points beyond an edge, those before the plane: it i
 _LEAST_BEYOND = 0.3
 _MOST_BEYOND_RIM = 0.005  # of the scan's rays, those beyond the line of its field's rim
 _LEAST_ELSE = 0.1  # of the scan's points, those off the patch
-_IN_ONE_ROW, _LEAST_IN_ONE_ROW = 0.1, 0.4  # of the distance between points, and share of a border's points within it
+_ALONG_PIXELS_RAD = np.radians(4)  # an edge so near to the pixels' rows may be the rim, and lenses bend it
+_REGULAR = 4.0  # by how many times what is expected of random points neighbours agree on the rows' direction
 _CELLS_ALONG, _MOSTLY = 12, 0.6  # of an edge, and the share of them in which something nearer comes first
 _AT_BORDER = 0.3  # what such an edge counts
 _ALIKE = 0.75  # of the best corner's score: a further corner that counts so much is as good
@@ -98,7 +99,7 @@ def find_plate_corner(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
         raise TargetError(
             f"{len(patches)} flat patches are in view, with {edges_seen} straight edges of {shape.edge_mm:g} mm at "
             f"most on one, none of which meet at {shape.angle_deg:g} deg (the scan's rim and shadows are no edges); "
-            "check that the corner is in view, and edge_mm"
+            "check that the corner is in view, something of what is around it too, and edge_mm"
         )
     return kept
 
@@ -196,23 +197,36 @@ def _checked(flat: _Flat, members: Array, normal: Array, step: float, shape: Pla
     full = 4.5 * step * (ends[1] - ends[0]) * flat.density
     if count > _LEAST_BEYOND * full:
         return _Edge(sign * normal, sign * offset, along, ends, 1.0)
-    if _is_rim(flat, over, sign * (members @ normal - offset), step) or _is_shadow(
-        flat, over, place, ends, step, shape
-    ):
-        return None
-    return _Edge(sign * normal, sign * offset, along, ends, _AT_BORDER)
+    edge = _Edge(sign * normal, sign * offset, along, ends, _AT_BORDER)
+    rim = _is_rim(flat, edge, over, step)
+    return None if rim or _is_shadow(flat, over, place, ends, step, shape) else edge
 
 
-def _is_rim(flat: _Flat, over: Array, border: Array, step: float) -> bool:
-    """Whether the scan's field ends along an edge: no ray goes beyond its line, not even far from the plate.
+def _is_rim(flat: _Flat, edge: _Edge, over: Array, step: float) -> bool:
+    """Whether the scan's field may end along an edge: no ray goes beyond its line, not even far from the plate.
 
-    over  # (N,) distances, mm, of all rays beyond the line, border (K,) those of the edge's own points. So ends a plate
-    before a void, too: of a scan that shows little else it is the rim if the points lie in one row of pixels.
+    over  # (N,) distances, mm, of all rays beyond the line. So ends a plate before a void, too: where a scan shows
+    little else, an edge is the plate's if it runs across the rows and columns of the scanner's pixels.
     """
     if np.mean(over > 1.5 * step) > _MOST_BEYOND_RIM:
         return False
-    in_one_row = np.mean(np.abs(border - np.median(border)) < _IN_ONE_ROW * step) > _LEAST_IN_ONE_ROW
-    return len(flat.uv_mm) < (1 - _LEAST_ELSE) * len(over) or bool(in_one_row)
+    return len(flat.uv_mm) < (1 - _LEAST_ELSE) * len(over) or not _crosses_pixels(flat, edge)
+
+
+def _crosses_pixels(flat: _Flat, edge: _Edge) -> bool:
+    """Whether an edge is oblique to the square grid of the scanner's pixels; False where the points are in no grid."""
+    places = edge.outward * edge.offset_mm + np.outer(edge.ends_mm, edge.along)
+    across = np.linalg.svd(flat.plane.centre_mm[None])[2][1:]
+    seen_at, ends = (
+        np.asarray((points / np.linalg.norm(points, axis=1)[:, None]) @ across.T)
+        for points in (flat.plane.points_mm, flat.plane.centre_mm + places @ flat.plane.axes)
+    )
+    nearest = np.asarray(spatial.cKDTree(seen_at).query(seen_at, k=2)[1])[:, 1]
+    x, y = np.concatenate([seen_at[nearest] - seen_at, ends[1:] - ends[:1]]).T
+    turns = np.exp(4j * np.arctan2(y, x))  # a quarter turn leaves a square grid as it is
+    rows = np.mean(turns[:-1])
+    off_rad = abs(float(np.angle(turns[-1] / rows))) / 4
+    return bool(abs(rows) > _REGULAR / np.sqrt(len(seen_at)) and off_rad > _ALONG_PIXELS_RAD)
 
 
 def _is_shadow(flat: _Flat, over: Array, place: Array, ends: tuple[float, float], step: float, shape: Plate) -> bool:

@@ -17,7 +17,8 @@ _NO_SURFACE = 0.03  # of the radius: a scatter above this is no surface's, whate
 _ROUGH = 0.003  # of the radius: a scatter below this is not compared
 _MOST_BEHIND = 0.3  # of the places of the silhouette, those where points lie behind the surface and none on it
 _POINTS_A_CELL = 4
-_MOST_LOOKED_AT = 4000  # of the points behind
+_MOST_LOOKED_AT = 6000  # of the points behind and about
+_ABOUT = 2.5  # radii from the middle of the silhouette: neighbours of points behind, which fill a narrow cone alone
 _MUCH_BEHIND = 0.25  # points behind over points on: more is no sphere if those on it err alike as well
 _ERR_ALIKE = 1.5  # smooth factor
 _MOST_BESIDE = 0.2  # points next to the band over points in it
@@ -39,11 +40,13 @@ def why_no_sphere(
     sine, depth = ray_sines(points, fit.centre_mm, fit.radius_mm)
     way = points - fit.centre_mm
     over = np.sqrt(np.einsum("ni,ni->n", way, way)) - fit.radius_mm
-    through = (sine < 0.9) & (depth < 40 * fit.radius_mm)
+    near = depth < 40 * fit.radius_mm
+    through = (sine < 0.9) & near
     sigma = fit.growth.sigma(sine)
     front = depth < 0
     on = through & front & (np.abs(over) < TUKEY * sigma)
-    behind = through & ~on & (depth > -np.sqrt(np.maximum(1 - sine**2, 0)) * fit.radius_mm + TUKEY * sigma)
+    beyond = near & ~on & (depth > -np.sqrt(np.maximum(1 - sine**2, 0)) * fit.radius_mm + TUKEY * sigma)
+    behind = beyond & through
     count = int(np.count_nonzero(on))
     size = f"a sphere of {2 * fit.radius_mm:.4g} mm"
     filled = _filled(points[on], fit)
@@ -68,7 +71,7 @@ def why_no_sphere(
             f"the {count} points about {size} scatter {max(fit.sigma_mm, slanted_mm):.2g} mm, those of flat parts "
             f"{noise_mm:.2g} mm: they are no sphere's; check that it is in view, and scan_sigma_mm in dataset.toml"
         ), score
-    behind_mm, solid = _solid(points[behind])
+    behind_mm, solid = _solid(points, behind, beyond & (sine < _ABOUT))
     seen_through = _seen_through(points[on], behind_mm, solid, fit)
     surfaces = round(float(np.mean(solid)) * np.count_nonzero(behind)) if len(solid) else 0
     much = surfaces > _MUCH_BEHIND * count and fit.smooth_factor > _ERR_ALIKE
@@ -119,12 +122,17 @@ def _cells(points: Array, fit: CapFit, half: int) -> IndexArray:
     return np.asarray(cells[:, 0] * 2 * half + cells[:, 1])
 
 
-def _solid(points: Array) -> tuple[Array, BoolArray]:
-    """Some of the points (K, 3), and which of them lie on a surface: the others are stray points, which fill space."""
-    some = points[:: max(1, len(points) // _MOST_LOOKED_AT)]
-    if len(some) < NEIGHBOURS:
-        return some, np.zeros(len(some), dtype=bool)
-    return some, ~estimate_normals(some).loose()
+def _solid(points: Array, behind: BoolArray, about: BoolArray) -> tuple[Array, BoolArray]:
+    """Some of the points (N, 3) that lie behind, and which of them lie on a surface, by all that lie there and about.
+
+    The others are stray points, which fill space.
+    """
+    there = np.flatnonzero(about)
+    there = there[:: max(1, len(there) // _MOST_LOOKED_AT)]
+    mine = behind[there]
+    if len(there) < NEIGHBOURS:
+        return points[there[mine]], np.zeros(np.count_nonzero(mine), dtype=bool)
+    return points[there[mine]], ~estimate_normals(points[there]).loose()[mine]
 
 
 def _seen_through(on: Array, behind: Array, solid: BoolArray, fit: CapFit) -> float:

@@ -13,7 +13,7 @@ from inspector.scene.draw_model import ArmDrawing, draw_distance, draw_jig, jig_
 from inspector.scene.draw_scan import draw_corners
 from inspector.scene.residual_arrows import ResidualArrows, fitting_arrows
 from inspector.scene.scene_view import SceneView
-from inspector.session.view import COLOURINGS
+from inspector.session.view import ALL_POSES, COLOURINGS
 
 
 class ComparisonController:
@@ -73,7 +73,7 @@ class ComparisonController:
         return self._distances_mm
 
     def change(self, **what: float | str | frozenset[str] | None) -> None:
-        """Change how the model is drawn (`View.arrows`, `arrows_chosen`, `chosen`, `compared`, `colouring`)."""
+        """Change how the model is drawn: `View.arrows`, `arrows_chosen`, `chosen`, `compared`, `pairs`, `colouring`."""
         self._state.change(**what)
         self.draw()
 
@@ -91,6 +91,11 @@ class ComparisonController:
         if name in VERSIONS:
             compared = self._state.now.compared
             self.change(compared=compared | {name} if shown else compared - {name})
+
+    def show_pairs(self, name: str) -> None:
+        """Show all poses' arrows, or of paired poses those before or after the change, or what it moved."""
+        if name == ALL_POSES or name in self._state.now.pair_choices:
+            self.change(pairs=name)
 
     def colour_by(self, by: str) -> None:
         """Colour the measured points by their pose's role or by their error."""

@@ -8,11 +8,12 @@ from pathlib import Path
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
+from calib.monitoring.watched_cell import WatchedCell, watched_cell
 from inspector.app.page.page_state import PageState
 from inspector.panels.model.watch import WatchPanel
 from inspector.server.background import Background
 from inspector.server.worker import LongWork
-from inspector.session.side_by_side import WatchedCell, measured_dataset, watched_cell
+from inspector.session.side_by_side import measured_dataset
 
 NOT_YET = "Nothing to compare them with yet: the model is fitted when the search has ended."
 ALONE = (

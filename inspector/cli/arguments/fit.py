@@ -5,7 +5,8 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from pathlib import Path
 
-from calib.options import CORRECTION_KINDS, DEFAULT_FOLDS, REFITS
+from calib.options import CORRECTION_KINDS, DEFAULT_FOLDS, NEW_ARM_POSES, REFITS
+from inspector.cli.arguments import values
 from inspector.cli.arguments.shared import (
     add_adding,
     add_effects,
@@ -50,6 +51,9 @@ def calibrate_arguments(sub: ArgumentParser) -> None:
     sub.add_argument(
         "--refit", choices=REFITS, help="what is fitted anew with --model: frame and tool, or links too (links)"
     )
+    sub.add_argument(
+        "--type", type=Path, metavar="FILE.json", help="begin from what other arms of the type share (of pool --out)"
+    )
     add_adding(sub)
     add_fit(sub)
     add_json(sub)
@@ -70,13 +74,49 @@ def repeat_arguments(sub: ArgumentParser) -> None:
     add_json(sub)
 
 
+def verify_arguments(sub: ArgumentParser) -> None:
+    """Add the arguments of `verify`."""
+    sub.add_argument("results", type=Path, nargs="+", metavar="RESULT", help="model.json, session.json or report.html")
+    add_json(sub)
+
+
+def pool_arguments(sub: ArgumentParser) -> None:
+    """Add the arguments of `pool`."""
+    sub.add_argument("others", type=Path, nargs="+", metavar="OTHER", help="datasets of further arms of the same type")
+    sub.add_argument("--out", type=Path, metavar="FILE.json", help="write what they share, for calibrate --type")
+    sub.add_argument(
+        "--poses",
+        type=values.pose_count,
+        default=NEW_ARM_POSES,
+        metavar="N",
+        help=f"poses of an arm that is left out, to begin from the others (default {NEW_ARM_POSES})",
+    )
+    add_residual(sub)
+    sub.add_argument(
+        "--effect", action="append", default=[], metavar="NAME", help="an effect that the arms have, all joints"
+    )
+    add_json(sub)
+
+
 def watch_arguments(sub: ArgumentParser) -> None:
     """Add the arguments of `watch`."""
-    sub.add_argument("new", type=Path, nargs="+", metavar="NEW", help="dataset folder of check poses, three or more")
+    sub.add_argument(
+        "new",
+        type=Path,
+        nargs="+",
+        metavar="NEW",
+        help="folder of check poses, three poses or more; three folders or more show drifts, too",
+    )
     sub.add_argument(
         "--scanner-moved",
         action="store_true",
         help="the scanner was put up anew, which is no change to be told",
+    )
+    sub.add_argument(
+        "--tolerance-mm",
+        type=values.rmse_mm,
+        metavar="MM",
+        help="tell when the 3D error at the check poses reaches this, from three checks on",
     )
     sub.add_argument(
         "--out",
@@ -101,13 +141,28 @@ def validate_arguments(sub: ArgumentParser) -> None:
 
 def correct_arguments(sub: ArgumentParser) -> None:
     """Add the arguments of `correct`."""
-    sub.add_argument("--joints", type=Path, required=True, metavar="FILE", help="targets, columns as poses.csv")
+    targets = sub.add_mutually_exclusive_group(required=True)
+    targets.add_argument("--joints", type=Path, metavar="FILE", help="targets, columns as poses.csv")
+    targets.add_argument(
+        "--program",
+        type=Path,
+        metavar="FILE",
+        help="a robot program to correct: .script (URScript), .src or .dat (KRL), .mod or .prg (RAPID)",
+    )
+    for frame, words in (("tool", "on the flange"), ("work", "in the robot's base")):
+        sub.add_argument(
+            f"--{frame}-frame",
+            metavar="NUMBERS",
+            help=f"{frame} frame {words}, where the program does not define it: x,y,z,rx,ry,rz (URScript, m and rad), "
+            "X,Y,Z,A,B,C (KRL, mm and degrees), x,y,z,q1,q2,q3,q4 (RAPID, mm)",
+        )
     sub.add_argument(
         "--out",
         type=Path,
         required=True,
         metavar="FILE",
-        help="write the corrected targets: .csv, or a point list as .script (URScript), .dat (KRL), .mod (RAPID)",
+        help="write the corrected targets: .csv, or a point list as .script (URScript), .dat (KRL), .mod (RAPID); "
+        "of a program the corrected one, with its suffix",
     )
     sub.add_argument(
         "--what",

@@ -18,8 +18,10 @@ from calib.errors import CalibError
 from calib.fleet.result import Fleet
 from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import redundancy
+from calib.intervention.proof import Intervention
 from calib.kinematics.chain import target_points
 from calib.kinematics.robot import Robot
+from calib.monitoring.series import SeriesReport
 from calib.monitoring.watch import ChangeReport
 from calib.planning.plan import Plan
 from calib.present.residuals import AXES, LENGTH, input_title, joint_title, shown, turned
@@ -218,6 +220,18 @@ def ranking(diagnosis: Diagnosis, *, step: int = 0, dark: bool = False) -> go.Fi
     return titled(drawn, f"Which effect is missing: {diagnosis.calibration.dataset.name}", dark=dark)
 
 
+def moved_by_change(intervention: Intervention, *, dark: bool = False) -> go.Figure:
+    """Figure of what a changed condition moved each target by, mm, against what the proven causes explain of it.
+
+    Raises CalibError where no pairs were measured.
+    """
+    moved = intervention.displacements
+    if moved is None:
+        raise CalibError("no pairs were measured; give one of `Diagnosis.interventions`")
+    drawn = evidence_plots.moved_by_change(moved.moved_mm, moved.explained_mm, moved.names, moved.held_out.tolist())
+    return titled(drawn, f"Moved by a change of {', '.join(intervention.conditions)}", dark=dark)
+
+
 def added_variable(diagnosis: Diagnosis, effect: str, *, dark: bool = False) -> go.Figure:
     """Figure of the residual against the part that an effect would explain, in sigmas, with the line of agreement.
 
@@ -269,6 +283,13 @@ def control_chart(seen: ChangeReport | Sequence[ChangeReport], *, dark: bool = F
     if not shown_of:
         raise CalibError("no measurement to draw; give what calib.monitoring.watch.watch returned, one or several")
     return titled(watch_plots.control_chart(shown_of), "Control chart of the cell", dark=dark)
+
+
+def series_chart(found: SeriesReport, *, dark: bool = False) -> go.Figure:
+    """Figure of one change's size at each check of a series: of what drifts or steps, else the least likely of all."""
+    if found.shown is None:
+        raise CalibError("no change shows at these check poses, so there is nothing to draw")
+    return titled(watch_plots.series_chart(found), "Over the checks", dark=dark)
 
 
 def plan_curve(plan: Plan, *, dark: bool = False) -> go.Figure:

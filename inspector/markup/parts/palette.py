@@ -26,6 +26,7 @@ GROUP_COLOURS = (
     "#6699CC",
 )
 MODEL_COLOURS = {"nominal": "#C68004", "link errors": LINKS, "with effects": EFFECTS[0]}
+CHANGED = "#8E44AD"  # what a changed condition moved, between the poses of a pair
 MODEL_BEFORE = "#A9B0BA"  # thin lines of the model before the one on show
 BESIDE_COLOURS = ("#0074B5", "#D55E00")  # the calibration on show, and the one beside it
 ARM, JOINT, SLIDE = "#C3C9D1", "#6B7787", "#8C7340"  # links; joints that turn; joints that slide

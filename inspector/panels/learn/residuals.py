@@ -21,7 +21,7 @@ from calib.rendering.blocks import Section
 from calib.screening.scan_statistic import Channel
 from inspector.figures.residual_plots import place_views, residual_against, select
 from inspector.markup.parts import elements
-from inspector.panels.base import Actions, FollowsModel, by_page, hidden_plot, offer, put
+from inspector.panels.base import Actions, ChangedValues, FollowsModel, by_page, hidden_plot, offer, put
 from inspector.panels.learn.outliers import OutlyingPoses
 from inspector.session.view import View
 
@@ -58,6 +58,7 @@ class ResidualsPanel(FollowsModel):
         self._state = gui.add_html(elements.note(NOT_YET))
         self.outliers = OutlyingPoses(gui, actions)
         self.worst = gui.add_dropdown("Worst poses", (NONE,), hint="selects the pose, everywhere on the page")
+        self._changed = ChangedValues()
         self._table = gui.add_html("")
         self._ids: dict[str, str] = {}  # pose id by label
         self._drawn: tuple[object, ...] = ()  # what the figure on show is of
@@ -175,6 +176,6 @@ class ResidualsPanel(FollowsModel):
         options = (NONE, *labels.values())
         if options != tuple(self.worst.options):
             self.worst.options = options
-        put(self.worst, labels.get(view.pose_id, NONE))
+        self._changed.put(self.worst, labels.get(view.pose_id, NONE))
         table = worst_poses(pose_errors, WORST, view.pose_id)
         self._table.content = html.panel([Section("Worst poses, mm in the instrument's frame", [table])])

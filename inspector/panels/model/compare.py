@@ -12,7 +12,7 @@ from inspector.markup.model.comparison import distance_html, exaggeration, figur
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, ChangedValues, by_page, put
 from inspector.panels.input_checks import one_of
-from inspector.session.view import COLOURINGS, FACTORS, View
+from inspector.session.view import ALL_POSES, COLOURINGS, FACTORS, View
 
 NOTE = (
     "The same measured points against the nominal robot, the calibrated link errors, and the model with the effects "
@@ -37,6 +37,13 @@ class ComparePanel:
         )
         with gui.add_folder("Arrows to what these predict", expand_by_default=True):
             self.shown = {name: gui.add_checkbox(name, False) for name in VERSIONS}
+        self.pairs = gui.add_dropdown(
+            "Paired poses",
+            (ALL_POSES,),
+            visible=False,
+            hint="of poses measured again under another condition: errors of those before or after the change alone, "
+            "or what the change moved, without geometry, instrument and tool; thin lines: what is proven",
+        )
         self.arrows = gui.add_dropdown(
             "Residuals ×", (*(str(f) for f in FACTORS), AUTOMATIC), initial_value="100",
             hint="enlargement of the residuals, drawn from measured to predicted; a number that you "
@@ -55,6 +62,7 @@ class ComparePanel:
         self.colouring.on_update(lambda e: a.colouring(str(e.target.value)) if by_page(e) else None)
         for name, box in self.shown.items():
             box.on_update(partial(_ticked, a, name))
+        self.pairs.on_update(lambda e: a.pairs(str(e.target.value)) if by_page(e) else None)
         self.arrows.on_update(lambda e: a.arrows(_factor(e.target.value)) if by_page(e) else None)
 
     def update(self, view: View, problems: tuple[str, ...] = ()) -> None:
@@ -69,6 +77,11 @@ class ComparePanel:
             self.version.options = tuple(names or VERSIONS)
         if view.version is not None:
             self._changed.put(self.version, view.version.name)
+        choices = (ALL_POSES, *view.pair_choices)
+        if choices != tuple(self.pairs.options):
+            self.pairs.options = choices
+        self.pairs.visible = len(choices) > 1
+        self._changed.put(self.pairs, view.pairs if view.pairs in choices else ALL_POSES)
         if self.arrows.value == AUTOMATIC:
             put(self.arrows, f"{view.arrows:g}")
         self._changed.put(self.arrows, f"{view.arrows:g}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import viser
 
 from calib.calibration.result import Calibration
-from calib.present.changes import comparison_head, errors, parameters
+from calib.present.comparison import comparison_head, errors, parameters
 from calib.present.residuals import input_title, turned
 from calib.rendering import html
 from inspector.figures.side_by_side import errors_beside

@@ -14,6 +14,7 @@ import pytest
 
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.verdict import ConfoundedSet
 from calib.planning.discrimination import discriminating_poses, nearest_alternative
 from calib.present.effects import not_testable, title
 from calib.present.residuals import input_title
@@ -99,7 +100,7 @@ def test_find_gives_what_the_command_gives(folder: Path, app: App, page: WireCli
 
 def test_an_open_verdict_names_the_effects_that_it_leaves_open(folder: Path) -> None:
     found = diagnose(load_dataset(folder))
-    said = verdict_html(replace(found, contenders=("backlash", "joint_scale")), None)
+    said = verdict_html(replace(found, confounded_sets=(ConfoundedSet("backlash", ("joint_scale",), ()),)), None)
     assert "joint_scale</a>" in said
     assert "above" not in said  # on the page the reasons come below
 

@@ -1,0 +1,318 @@
+"""What arms of a type share: mean and scatter of every parameter over a fleet, and another arm's fit that begins there.
+
+Partial pooling: parameter j of an arm is normal about the type's mean m_j with the scatter t_j, both estimated from all
+arms together by expectation maximisation. An arm that knows a parameter well tells much of m_j and t_j, one that does
+not tells nothing: the information of its fit counts, without the fit's own prior. Tools and targets are no matter of
+the type.
+
+The fit of another arm has m_j as its prior mean and, as its sigma, the scatter with the uncertainty of the mean. The
+arm's own points decide whether it is of that type: fits with this sigma, with it widened, and without the type compete
+by their evidence (Laplace's approximation, MacKay 1992).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.blas_threads import one_blas_thread
+from calib.calibration.calibrate import calibrate
+from calib.calibration.promise import misfit_inflation
+from calib.calibration.result import Calibration
+from calib.dataset.dataset import Dataset
+from calib.effects.catalogue import EffectChoice
+from calib.effects.effect import Effect
+from calib.errors import CalibError, FitError
+from calib.fitting.observations import Observations, with_nominal_scanner_frames
+from calib.fitting.residual_kinds import make_residuals
+from calib.options import NEW_ARM_POSES, FitOptions
+from calib.presented import Presented
+from calib.type_prior import TypePrior
+
+FEWEST_ARMS = 2
+_OF_SETUP = 10  # poses, that tell a setup's frame
+WIDENED = (1.0, 2.0, 4.0)  # factors of the type's sigmas that compete
+MIN_LEAD = 3.0  # log evidence by which the type has to be better than the arm alone
+_USUAL = 0.5  # arms that the usual tolerance counts as, in the estimate of a scatter
+_LEAST = 0.02  # of the usual tolerance, that a scatter may be
+_ROUNDS, _SETTLED = 300, 1e-4
+_NOISES = np.geomspace(0.5, 2.0, 41)  # of the noise that a fit has found
+
+
+@dataclass(frozen=True)
+class ArmType:
+    """What arms of a type share."""
+
+    robot: str
+    arms: tuple[str, ...]  # datasets that it was learned from
+    prior: TypePrior
+    members: tuple[Effect, ...] = ()  # of effects that its arms have
+
+    def widened(self, factor: float) -> TypePrior:
+        """The prior with its sigmas times a factor."""
+        return replace(self.prior, sigmas={name: factor * sigma for name, sigma in self.prior.sigmas.items()})
+
+
+@dataclass(frozen=True)
+class PooledFit:
+    """Fit of an arm that began from its type, where its own points speak for that."""
+
+    calibration: Calibration
+    alone: Calibration  # the best fit without the type
+    widened: float | None  # factor of the type's sigmas; None: the arm is fitted alone
+    log_bayes_factor: float  # of the best fit with the type over the one alone
+
+
+@dataclass(frozen=True)
+class LeftOutArm:
+    """An arm fitted from the type that all others tell, and alone, with few poses; errors at all other poses."""
+
+    name: str
+    poses: int  # that were fitted
+    alone_mm: float  # 3D RMSE
+    pooled_mm: float
+    widened: float | None
+    log_bayes_factor: float  # of the type over the arm alone
+
+    @property
+    def ratio(self) -> float:
+        """Error with the type over the error alone."""
+        return self.pooled_mm / self.alone_mm
+
+
+@dataclass(frozen=True)
+class TypeReport(Presented):
+    """A type that was learned from several arms, with each arm left out in turn."""
+
+    arm_type: ArmType
+    left_out: tuple[LeftOutArm, ...]
+
+    @property
+    def mean_ratio(self) -> float:
+        """Geometric mean of the errors with the type over those alone."""
+        return float(np.exp(np.mean([np.log(one.ratio) for one in self.left_out])))
+
+    def _brief(self) -> str:
+        return (
+            f"{self.arm_type.robot}: {len(self.arm_type.arms)} arms, error of a new one {self.mean_ratio:.2f} of alone"
+        )
+
+
+# ---- what arms share ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What one arm tells of P parameters, in tolerances: information (P, P), and its product with the value (P,)."""
+
+    information: Array
+    along: Array
+
+
+@one_blas_thread()
+def learn_type(fits: Sequence[Calibration]) -> ArmType:
+    """Type of several arms, from a fit of each.
+
+    Raises CalibError for fewer than two arms, or arms with different tables.
+    """
+    if len(fits) < FEWEST_ARMS:
+        raise CalibError(f"found {len(fits)} arm; what a type shares shows in {FEWEST_ARMS} or more")
+    first = fits[0].dataset.robot
+    for fit in fits[1:]:
+        robot = fit.dataset.robot
+        same = robot.is_revolute.tolist() == first.is_revolute.tolist() and np.allclose(
+            robot.table[:-1], first.table[:-1], atol=1e-9
+        )
+        if not same:
+            raise CalibError(
+                f"{fit.dataset.name}: its nominal table is not that of {fits[0].dataset.name}, so these are no arms of "
+                "a type; give datasets whose robot.toml have the same rows up to the tool's"
+            )
+    own = {name for fit in fits for name in _own_names(fit)}
+    scales = {p.name: p.scale for fit in fits for p in fit.fit.parameters if p.name not in own}
+    names = list(scales)
+    means, sigmas = _pooled([_told(fit, names, scales) for fit in fits])
+    return ArmType(
+        robot=first.name,
+        arms=tuple(fit.dataset.name for fit in fits),
+        prior=TypePrior(
+            {name: float(mean) * scales[name] for name, mean in zip(names, means, strict=True)},
+            {name: float(sigma) * scales[name] for name, sigma in zip(names, sigmas, strict=True)},
+        ),
+        members=tuple(dict.fromkeys(member for fit in fits for member in fit.model.added_effects)),
+    )
+
+
+def _own_names(fit: Calibration) -> set[str]:
+    """Parameters of an arm's tool and of its targets, which are no matter of the type."""
+    shared = {name for name in fit.dataset.robot.parameter_names if not name.endswith("TCP")}
+    return set(fit.model.geometry_names) - shared
+
+
+def _told(fit: Calibration, names: Sequence[str], scales: Mapping[str, float]) -> _Told:
+    """What a fit's points tell of some parameters, with its tool and targets unknown within their tolerances."""
+    linear = _Linear.of(fit)
+    noise2 = linear.noise**2 * misfit_inflation(fit)
+    information = linear.jacobian.T @ linear.jacobian / noise2
+    along = information @ linear.z - linear.jacobian.T @ linear.residual / noise2
+    at = np.array([names.index(p.name) if p.name in names else -1 for p in fit.fit.parameters])
+    own, shared = at < 0, at >= 0
+    across = information[np.ix_(shared, own)] @ np.linalg.inv(information[np.ix_(own, own)] + np.eye(int(own.sum())))
+    size = fit.model.scales[shared]
+    kept, rescale = at[shared], np.array([scales[names[k]] for k in at[shared]]) / size
+    told = _Told(np.zeros((len(names), len(names))), np.zeros(len(names)))
+    of_shared = information[np.ix_(shared, shared)] - across @ information[np.ix_(own, shared)]
+    told.information[np.ix_(kept, kept)] = np.outer(rescale, rescale) * of_shared
+    told.along[kept] = rescale * (along[shared] - across @ along[own])
+    return told
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """A fit's residual (R,) and Jacobian (R, P) by parameters in units of their prior sigma."""
+
+    residual: Array
+    jacobian: Array
+    z: Array  # (P,) fitted
+    mean: Array  # (P,) of the prior
+    noise: float  # over the declared one
+    rows: int  # equations less eliminated unknowns
+
+    @classmethod
+    def of(cls, fit: Calibration) -> _Linear:
+        model = fit.model
+        observed = with_nominal_scanner_frames(Observations.of(fit.fitted_dataset), model.placed_robot)
+        residuals = make_residuals(fit.options.residual, model, observed)
+        at = residuals.linearise(fit.fit.x)
+        noise = max(fit.fit.reduced_chi, residuals.noise_floor)
+        return cls(
+            at.residual, at.jacobian * model.scales, fit.fit.x / model.scales, model.means / model.scales,
+            noise if np.isfinite(noise) else 1.0, len(at.residual) - residuals.degrees_spent,
+        )  # fmt: skip
+
+    @property
+    def log_evidence(self) -> float:
+        """Log evidence of the fit's prior, up to a constant of the data, at the noise at which it is largest."""
+        off = self.z - self.mean
+        s2 = np.linalg.svd(self.jacobian, compute_uv=False) ** 2
+        noise2 = (self.noise * _NOISES[:, None]) ** 2
+        square = float(self.residual @ self.residual) / noise2[:, 0] + float(off @ off)
+        tried = -0.5 * (self.rows * np.log(noise2[:, 0]) + square + np.sum(np.log1p(s2 / noise2), axis=1))
+        return float(tried.max())
+
+
+def _pooled(told: Sequence[_Told]) -> tuple[Array, Array]:
+    """Mean (P,) of the arms' parameters, and the sigma (P,) of another arm's about it, in usual tolerances."""
+    p, arms = len(told[0].along), len(told)
+    mean, scatter2 = np.zeros(p), np.ones(p)
+    for _ in range(_ROUNDS):
+        before = scatter2
+        root = np.sqrt(scatter2)
+        values, variances = [], []
+        for one in told:
+            inner = np.linalg.inv(np.eye(p) + root[:, None] * one.information * root)
+            covariance = root[:, None] * inner * root
+            values.append(mean + covariance @ (one.along - one.information @ mean))
+            variances.append(np.diag(covariance))
+        mean = np.sum(values, axis=0) / (arms + scatter2)  # the mean itself is normal about zero, as tolerances say
+        spread = np.sum((np.array(values) - mean) ** 2 + np.array(variances), axis=0)
+        scatter2 = np.maximum((spread + _USUAL) / (arms + _USUAL), _LEAST**2)
+        if np.max(np.abs(np.log(scatter2 / before))) < _SETTLED:
+            break
+    of_mean2 = 1.0 / (1.0 + arms / (scatter2 + np.mean(variances, axis=0)))
+    return mean, np.sqrt(scatter2 + of_mean2)
+
+
+# ---- another arm ----------------------------------------------------------------------------------------------------
+
+
+def fit_from_type(dataset: Dataset, arm_type: ArmType, options: FitOptions = FitOptions()) -> PooledFit:
+    """Fit of an arm that begins from its type, where its points speak for that, else of the arm alone.
+
+    Raises FitError as `calibrate`, and CalibError for an arm of another kind.
+    """
+    unknown = {name for name in arm_type.prior.means if "." not in name}.difference(dataset.robot.parameter_names)
+    if unknown:
+        raise CalibError(
+            f"{dataset.name}: its arm has no {min(unknown)}, which arms of the type {arm_type.robot} have; it is none"
+        )
+    plain = replace(options, type_prior=None)
+    alone = [calibrate(dataset, plain)]
+    if arm_type.members:
+        with suppress(FitError):  # of too few poses for the effects without the type
+            alone.append(calibrate(dataset, plain, effects=arm_type.members))
+    best_alone = max(alone, key=lambda fit: _Linear.of(fit).log_evidence)
+    pooled = {
+        factor: calibrate(
+            dataset, replace(options, type_prior=arm_type.widened(factor)), effects=arm_type.members, start=alone[0]
+        )
+        for factor in WIDENED
+    }
+    evidence = {factor: _Linear.of(fit).log_evidence for factor, fit in pooled.items()}
+    best = max(evidence, key=lambda factor: evidence[factor])
+    lead = evidence[best] - _Linear.of(best_alone).log_evidence
+    if lead < MIN_LEAD:
+        return PooledFit(best_alone, best_alone, None, lead)
+    return PooledFit(pooled[best], best_alone, best, lead)
+
+
+def type_report(
+    datasets: Sequence[Dataset],
+    options: FitOptions = FitOptions(),
+    *,
+    effects: Sequence[EffectChoice] = (),
+    poses: int = NEW_ARM_POSES,
+    seed: int = 0,
+) -> TypeReport:
+    """Type of several arms, and how well each of them would begin from the others.
+
+    Args:
+        datasets: one an arm, or a recording.
+        options: of all fits.
+        effects: that the arms have, by name.
+        poses: training poses of an arm that is left out.
+        seed: of the choice of these poses.
+    """
+    fits = [calibrate(dataset, options, effects=effects) for dataset in datasets]
+    rng = np.random.default_rng(seed)
+    left_out = []
+    if len(fits) > FEWEST_ARMS:
+        for k, dataset in enumerate(datasets):
+            arm_type = learn_type([fit for other, fit in enumerate(fits) if other != k])
+            few = with_few_poses(dataset, poses, rng)
+            found = fit_from_type(few, arm_type, options)
+            errors = [fit.after.test for fit in (found.alone, found.calibration)]
+            if errors[0] is None or errors[1] is None:
+                continue
+            count = int(np.count_nonzero(~few.poses.is_test))
+            left_out.append(
+                LeftOutArm(
+                    dataset.name, count, errors[0].rmse_mm, errors[1].rmse_mm, found.widened, found.log_bayes_factor
+                )
+            )
+    return TypeReport(learn_type(fits), tuple(left_out))
+
+
+def with_few_poses(dataset: Dataset, count: int, rng: np.random.Generator) -> Dataset:
+    """Dataset of which only some training poses are fitted, drawn at random from few setups; all others are tests.
+
+    A setup with hardly any fitted pose has no frame to speak of, one with none has that of its own test poses.
+    """
+    poses = dataset.poses
+    assert dataset.points is not None
+    measured = np.intersect1d(np.flatnonzero(~poses.is_test), dataset.points.pose)
+    setups = rng.permutation(np.unique(poses.setup[measured]))[: max(count // _OF_SETUP, 1)]
+    offered = rng.permutation(measured[np.isin(poses.setup[measured], setups)])
+    turn = np.zeros(len(offered), dtype=np.int64)  # one pose of each setup after the other
+    for setup in setups:
+        of_setup = poses.setup[offered] == setup
+        turn[of_setup] = np.arange(np.count_nonzero(of_setup))
+    kept = offered[np.argsort(turn, kind="stable")][:count]
+    role = np.full(len(poses), "test", dtype="<U9")
+    role[kept] = "train"
+    role[kept[0]] = "reference"
+    return replace(dataset, poses=replace(poses, role=role))

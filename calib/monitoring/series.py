@@ -1,0 +1,432 @@
+"""Drifts and steps over a series of checks of one cell, and the time until a tolerance is reached.
+
+The errors of all checks are tested together. They share the earlier fit's errors, which therefore cancel in what
+changes from check to check, so that a slow wear is found that no single check shows. Possible courses are a drift since
+the calibration, and a step before any of the checks; where the scanner is free, its frame is free in each check.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from functools import cache, cached_property
+from pathlib import Path
+
+import numpy as np
+
+from calib.array_types import Array, IndexArray
+from calib.calibration.calibrate import as_calibration
+from calib.calibration.result import FittedResult
+from calib.dataset.dataset import Dataset
+from calib.errors import CalibError
+from calib.measurement.measured_dataset import measured
+from calib.monitoring.cell import scanner_motion
+from calib.monitoring.change_models import LARGEST_BY_UNIT, SCANNER, ChangeModel, change_label
+from calib.monitoring.change_tests import (
+    ALARM,
+    ALONE,
+    CONFOUNDED,
+    NAMED,
+    USUAL,
+    Change,
+    ChangeTest,
+    ChangeTests,
+)
+from calib.monitoring.check_points import CheckPoints, Expectation
+from calib.monitoring.control_chart import date_of
+from calib.presented import Presented
+
+DRIFT, STEP = "drift", "step"
+FEWEST_CHECKS = 3
+EWMA_WEIGHT = 0.3  # of the latest check in the moving average
+_DRAWS = 10_000  # of an unchanged cell, for the limit of the moving averages
+_DAY_S = 86400.0
+_Z_95 = 1.645  # one-sided; of both sides 90 %
+
+
+@dataclass(frozen=True)
+class TimedModel(ChangeModel):
+    """Model of a change of a cell with its course over a series of checks."""
+
+    course: str  # DRIFT, STEP
+    onset: int  # index of the first check with the step; 0 for a drift
+    places: int  # number of onsets that are tried for this course
+
+
+@dataclass(frozen=True)
+class MovingAverage:
+    """Exponentially weighted moving average of one change's size over the checks, in its own sigmas (EWMA)."""
+
+    what: str
+    joint: int | None
+    unit: str
+    sizes: Array  # (S,) of each check
+    sigmas: Array  # (S,) of `sizes`, by the noise and the earlier fit
+    smoothed: Array  # (S,) the moving average of `sizes`
+    smoothed_sigmas: Array  # (S,)
+
+    @property
+    def z(self) -> Array:
+        """(S,) the moving average over its sigma."""
+        return self.smoothed / self.smoothed_sigmas
+
+
+@dataclass(frozen=True)
+class TimeLeft:
+    """Time until the 3D error at the check poses reaches a tolerance, from the last check on; None: not in sight."""
+
+    tolerance_mm: float
+    now_mm: float  # RMS, 3D, of change and promise, without noise
+    likely: float | None
+    earliest: float | None  # 90 % interval
+    latest: float | None
+
+
+@dataclass(frozen=True)
+class SeriesReport(Presented):
+    """Report on a series of checks: the drift or step that they show together, and when it could be seen."""
+
+    names: tuple[str, ...]  # of the checks, in order of time
+    when: tuple[str, ...]  # `[about] date` of each, or ""
+    times: Array  # (S,) since the calibration
+    time_unit: str  # "day", or "check" where dates are missing
+    calibration_dated: bool
+    course: str  # DRIFT, STEP; "" where nothing changed
+    change: Change | None  # the size of a drift is per unit of time
+    onset: int  # index of the first check with the step
+    either_course: bool  # whether drift and step are not told apart
+    p_unchanged: float
+    alarmed: int | None  # index of the check since which the series, up to it, raises an alarm
+    named: int | None  # index of the check since which the same part is named
+    averages: tuple[MovingAverage, ...]
+    limit_z: float  # of all moving averages together: 1 of 200 unchanged series exceeds it
+    time_left: TimeLeft | None
+
+    @property
+    def beyond_limit(self) -> tuple[MovingAverage, ...]:
+        """Moving averages that are beyond the limit at the last check."""
+        return tuple(average for average in self.averages if abs(average.z[-1]) > self.limit_z)
+
+    @property
+    def shown(self) -> MovingAverage | None:
+        """Moving average that a chart shows: of the part that changed, else the one farthest from zero."""
+        own = [] if self.change is None else [a for a in self.averages if self._is_of_change(a)]
+        return max(own or self.averages, key=lambda average: abs(float(average.z[-1])), default=None)
+
+    def _is_of_change(self, average: MovingAverage) -> bool:
+        change = self.change
+        return change is not None and average.joint == change.joint and average.what.startswith(change.what)
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether nothing drifts or steps, and no moving average is beyond the limit."""
+        return self.change is None and not self.beyond_limit
+
+    def _brief(self) -> str:
+        return f"{len(self.names)} checks: {self.course or 'steady'}, p {self.p_unchanged:.2g} that nothing changed"
+
+
+def watch_series(
+    base: FittedResult | Dataset | str | Path,
+    checks: Sequence[Dataset | str | Path],
+    *,
+    scanner_moved: bool = False,
+    tolerance_mm: float | None = None,
+) -> SeriesReport:
+    """Report on what three or more checks of a cell show together: a drift or a step, and the time left.
+
+    Args:
+        base: the earlier calibration or diagnosis, or a dataset or its folder, which is then calibrated.
+        checks: the check poses of each date; by `[about] date` where all have one, else in the order given.
+        scanner_moved: whether the scanner was set up anew for each check, which is then no change.
+        tolerance_mm: 3D error at the check poses that must not be reached.
+
+    Raises:
+        CalibError: fewer than three checks, or several stations of the scanner.
+        FitError: fewer than three poses in a check.
+    """
+    base, new = as_calibration(base), [measured(check) for check in checks]
+    if len(new) < FEWEST_CHECKS:
+        raise CalibError(f"found {len(new)} checks; a series takes {FEWEST_CHECKS} or more")
+    dates = [date_of(dataset.about.date) for dataset in new]
+    dated = [date for date in dates if date is not None]
+    if len(dated) == len(new):
+        new = [dataset for _, dataset in sorted(zip(dated, new, strict=True), key=lambda one: one[0])]
+    times, unit, calibration_dated = _times(date_of(base.dataset.about.date), sorted(dated), len(new))
+    points = [CheckPoints.of(base, dataset) for dataset in new]
+    stations = {check.station for check in points}
+    if len(stations) > 1:
+        raise CalibError(f"the checks have several stations of the scanner ({', '.join(sorted(stations))})")
+    expected = Expectation.of(base, points, scanner_moved=scanner_moved)
+
+    @cache
+    def up_to(count: int) -> _Search:
+        return _Search.of(points[:count], times[:count], expected)
+
+    now = up_to(len(points))
+    best, p_unchanged = now.most_likely(), now.p_unchanged
+    change = None if best is None else now.estimate(best)
+    alarmed = _since(len(points), lambda count: up_to(count).p_unchanged < ALARM)
+    same = None if best is None else best.model.key
+    named = (
+        None
+        if best is None
+        else _since(len(points), lambda count: (b := up_to(count).most_likely()) is not None and b.model.key == same)
+    )
+    model = None if best is None else best.model
+    assert model is None or isinstance(model, TimedModel)
+    averages, limit_z = _moving_averages(now)
+    return SeriesReport(
+        names=tuple(dataset.name for dataset in new),
+        when=tuple(dataset.about.date for dataset in new),
+        times=times,
+        time_unit=unit,
+        calibration_dated=calibration_dated,
+        course="" if model is None else model.course,
+        change=change,
+        onset=0 if model is None else model.onset,
+        either_course=best is not None and now.has_other_course(best),
+        p_unchanged=p_unchanged,
+        alarmed=alarmed,
+        named=named,
+        averages=averages,
+        limit_z=limit_z,
+        time_left=None if tolerance_mm is None else _time_left(now, model, change, tolerance_mm),
+    )
+
+
+# ---- time -----------------------------------------------------------------------------------------------------------
+
+
+def _times(calibrated: datetime | None, dated: list[datetime], count: int) -> tuple[Array, str, bool]:
+    """Times (S,) of the checks since the calibration, their unit, and whether the calibration has a date.
+
+    A calibration without a date, or with a later one, counts as made one mean interval before the first check.
+    """
+    if len(dated) < count or dated[0] == dated[-1]:
+        return np.arange(1.0, count + 1.0), "check", False
+    days = np.array([(date - dated[0]).total_seconds() / _DAY_S for date in dated])
+    if calibrated is None or calibrated > dated[0]:
+        return days + days[-1] / (count - 1), "day", False
+    return days + (dated[0] - calibrated).total_seconds() / _DAY_S, "day", True
+
+
+# ---- the search for one change --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Search:
+    """Tests of all courses of all changes by the checks of a series."""
+
+    checks: Sequence[CheckPoints]
+    times: Array  # (S,)
+    row: IndexArray  # (M,) index of each point's check
+    expected: Expectation
+    fixed: ChangeTests
+    free: ChangeTests
+    models: tuple[TimedModel, ...]  # of the arm
+    scanner: tuple[TimedModel, ...]  # of the scanner; none where its earlier station is unknown
+    of_arm: tuple[ChangeTest, ...]  # with the scanner's frame free in each check
+    of_all: tuple[ChangeTest, ...]  # with the scanner where it was; where that is unknown, `of_arm`
+
+    @classmethod
+    def of(cls, checks: Sequence[CheckPoints], times: Array, expected: Expectation) -> _Search:
+        """Tests of a series, each change with each of its courses."""
+        fixed, free = expected.tests(checks)
+        row = np.repeat(np.arange(len(checks)), [len(check.at_mm) for check in checks])
+        models = tuple(t for m in _stacked([check.models for check in checks]) for t in _timed(m, times, row))
+        scanner: tuple[TimedModel, ...] = ()
+        before = expected.before_T_base
+        if before is not None:
+            motions = [(scanner_motion(check, before, expected.prior.centre_mm),) for check in checks]
+            scanner = tuple(t for m in _stacked(motions) for t in _timed(m, times, row))
+        of_arm = tuple(free.tests(models))
+        of_all = tuple(fixed.tests((*models, *scanner))) if scanner else of_arm
+        return cls(checks, times, row, expected, fixed, free, models, scanner, of_arm, of_all)
+
+    @cached_property
+    def p_unchanged(self) -> float:
+        """Family-wise p-value of the most significant course of any change, where nothing changed."""
+        return (self.fixed if self.scanner else self.free).family_wise_p_value(list(self.of_all))
+
+    def most_likely(self) -> ChangeTest | None:
+        """Most likely change with its course; of the arm only where a moved scanner does not explain it; None: none."""
+        if self.p_unchanged > ALARM:
+            return None
+        arm = _best(self.of_arm)
+        if arm is not None and self.free.family_wise_p_value(list(self.of_arm)) < NAMED and self._is_possible(arm):
+            return arm
+        best = _best(self.of_all)
+        return best if best is not None and self._is_possible(best) else None
+
+    def _is_possible(self, test: ChangeTest) -> bool:
+        """Whether a change's size, at the last check, is one that a part can have."""
+        change, model = self._raw_estimate(test), test.model
+        assert isinstance(model, TimedModel)
+        largest = abs(change.size) * (self.times[-1] if model.course == DRIFT else 1.0)
+        return bool(largest <= LARGEST_BY_UNIT[change.unit])
+
+    def _raw_estimate(self, test: ChangeTest) -> Change:
+        alone = next(iter(self.fixed.tests(self.scanner, given=[test.model])), None)
+        at_rest = bool(self.scanner) and (alone is None or alone.p_value > ALONE)
+        tests = self.fixed if at_rest or test.model.what == SCANNER else self.free
+        return tests.estimate(test.model, [test.model])
+
+    def estimate(self, best: ChangeTest) -> Change:
+        """Size of the most likely change, with its rivals."""
+        scanner_free = any(best is test for test in self.of_arm)
+        tests = self.of_arm if scanner_free else self.of_all
+        rivals = [
+            change_label(*test.model.key)
+            for test in tests
+            if test.model.key != best.model.key and _score(test) > _score(best) - CONFOUNDED and test.p_value < ALARM
+        ]
+        p_value = (self.free if scanner_free else self.fixed).family_wise_p_value(list(tests))
+        return replace(self._raw_estimate(best), p_value=p_value, as_well=tuple(dict.fromkeys(rivals)))
+
+    def has_other_course(self, best: ChangeTest) -> bool:
+        """Whether the same part's other course explains about as much."""
+        assert isinstance(best.model, TimedModel)
+        course = best.model.course
+        return any(
+            isinstance(test.model, TimedModel)
+            and test.model.course != course
+            and test.model.key == best.model.key
+            and _score(test) > _score(best) - CONFOUNDED
+            for test in (*self.of_arm, *self.of_all)
+        )
+
+
+def _best(tests: Sequence[ChangeTest]) -> ChangeTest | None:
+    return max(tests, key=_score, default=None)
+
+
+def _score(test: ChangeTest) -> float:
+    """Twice the log odds of a change with its course, each onset of a step being as likely, up to a constant."""
+    assert isinstance(test.model, TimedModel)
+    return test.score - 2.0 * float(np.log(test.model.places))
+
+
+def _stacked(of_checks: Sequence[Sequence[ChangeModel]]) -> list[ChangeModel]:
+    """Change models of the points of all checks together; those that some check does not have are left out."""
+    by_key = [{model.key: model for model in models} for models in of_checks]
+    common = [model for model in of_checks[0] if all(model.key in models for models in by_key)]
+    return [replace(m, columns=np.concatenate([models[m.key].columns for models in by_key])) for m in common]
+
+
+def _timed(model: ChangeModel, times: Array, row: IndexArray) -> list[TimedModel]:
+    """A change with each of its courses: a drift since the calibration; if it is usual, a step before each check."""
+
+    def of(course: str, onset: int, factor: Array, places: int) -> TimedModel:
+        columns = model.columns * factor[row][:, None, None]
+        return TimedModel(model.what, model.joint, model.parameter, model.unit, columns, course, onset, places)
+
+    steps = range(len(times)) if model.what in USUAL else ()
+    return [
+        of(DRIFT, 0, times, 1),
+        *(of(STEP, k, (np.arange(len(times)) >= k).astype(float), len(times)) for k in steps),
+    ]
+
+
+def _since(count: int, holds: Callable[[int], bool]) -> int | None:
+    """Index of the check since which a statement holds without a break, each time by the first checks; None: never.
+
+    `holds` takes the number of the first checks.
+    """
+    since = None
+    for k in range(count, 0, -1):
+        if not holds(k):
+            break
+        since = k - 1
+    return since
+
+
+# ---- the chart ------------------------------------------------------------------------------------------------------
+
+
+def _moving_averages(search: _Search) -> tuple[tuple[MovingAverage, ...], float]:
+    """Moving averages of the size of each joint's zero and of each axis of the tool, and the limit for all of them.
+
+    The limit comes from draws of unchanged cells, whose checks share the errors of the earlier fit.
+    """
+    count = len(search.times)
+    tests = search.fixed if search.scanner else search.free
+    weights = EWMA_WEIGHT * (1.0 - EWMA_WEIGHT) ** np.subtract.outer(np.arange(count), np.arange(count)).clip(0)
+    weights = np.tril(weights)
+    averages, maps = [], []
+    for model in _stacked([check.models for check in search.checks]):
+        if model.what not in USUAL:
+            continue
+        for axis in range(model.count):
+            own = np.zeros((len(tests.y), count))
+            for k in range(count):
+                columns = np.where(search.row == k, 1.0, 0.0)[:, None, None] * model.columns[..., axis : axis + 1]
+                own[:, k] = tests.rows(replace(model, columns=columns))[:, 0]
+            shown = np.linalg.norm(own, axis=0) > 1e-9 * max(float(np.linalg.norm(own)), 1e-300)
+            if not shown.all():
+                continue
+            inverse = np.linalg.pinv(own, rcond=1e-9)
+            sizes, covariance = inverse @ tests.y, inverse @ inverse.T
+            smooth = weights @ inverse
+            smoothed_sigmas = np.linalg.norm(smooth, axis=1)
+            maps.append(smooth / smoothed_sigmas[:, None])
+            what = model.what if model.count == 1 else f"{model.what}_{'xyz'[axis]}"
+            sigmas, smoothed = np.sqrt(np.diag(covariance)), smooth @ tests.y
+            averages.append(MovingAverage(what, model.joint, model.unit, sizes, sigmas, smoothed, smoothed_sigmas))
+    if not maps:
+        return (), np.inf
+    joint = np.concatenate(maps)
+    root = np.asarray(np.linalg.qr(joint.T, mode="r")).T  # the averages are few, however many points there are
+    rng = np.random.default_rng(0)
+    drawn = np.abs(root @ rng.standard_normal((root.shape[1], _DRAWS)))
+    dof = min(tests.noise_dof, 1e9)
+    largest = drawn.max(axis=0) / np.sqrt(rng.chisquare(dof, _DRAWS) / dof)
+    return tuple(averages), float(np.quantile(largest, 1.0 - ALARM))
+
+
+# ---- the tolerance --------------------------------------------------------------------------------------------------
+
+
+def _time_left(search: _Search, model: TimedModel | None, change: Change | None, tolerance_mm: float) -> TimeLeft:
+    """Time until change and promise together reach a tolerance, by the drift found, or by the fastest not excluded."""
+    now = float(search.times[-1])
+    spread = search.fixed.spread
+    promised_mm = 0.0
+    known = search.expected.before_T_base is not None
+    if known:
+        shared = spread.coloured(np.concatenate([np.linalg.inv(check.whiten) for check in search.checks])).shared_mm
+        promised_mm = float(np.sqrt(np.sum(shared**2) / len(search.row)))
+
+    def reached(rate_mm: float) -> float | None:
+        """Time from now at which a change of the points by `rate_mm` per unit of time reaches the tolerance."""
+        left_mm = float(np.sqrt(max(tolerance_mm**2 - promised_mm**2, 0.0)))
+        return None if rate_mm <= 0.0 else max(left_mm / rate_mm - now, 0.0)
+
+    if model is None or change is None or model.course != DRIFT or model.what == SCANNER:
+        stepped_mm = 0.0
+        if model is not None and change is not None and model.what != SCANNER:
+            stepped_mm = model.moves_mm(np.array(change.vector or (change.size,)))
+        fastest_mm = max([0.0, *(_fastest_mm(search, timed) for timed in search.models if timed.course == DRIFT)])
+        error_mm = float(np.hypot(promised_mm, stepped_mm))
+        earliest = 0.0 if error_mm >= tolerance_mm else reached(fastest_mm)
+        return TimeLeft(tolerance_mm, error_mm, None, earliest, None)
+    moved = model.moves_mm(np.array(change.vector or (change.size,)))
+    per_time_mm = moved / float(np.sqrt(np.mean(search.times[search.row] ** 2)))
+    relative = change.sigma / abs(change.size)
+    fast, slow = (per_time_mm * (1.0 + sign * _Z_95 * relative) for sign in (1.0, -1.0))
+    error_mm = float(np.hypot(promised_mm, per_time_mm * now))
+    return TimeLeft(tolerance_mm, error_mm, reached(per_time_mm), reached(fast), reached(slow))
+
+
+def _fastest_mm(search: _Search, model: TimedModel) -> float:
+    """Fastest motion of the points per unit of time by a drift that the checks do not exclude at 95 %; 0: not shown."""
+    tests = search.fixed if search.scanner else search.free
+    if model.what not in USUAL or not tests.tests((model,)):
+        return 0.0
+    change = tests.estimate(model, [model])
+    vector = np.array(change.vector or (change.size,))
+    size = float(np.linalg.norm(vector))
+    along: Array = vector / size if size > 0.0 else np.eye(len(vector))[0]
+    moved = model.moves_mm(along * (size + _Z_95 * change.sigma))
+    return moved / float(np.sqrt(np.mean(search.times[search.row] ** 2)))

@@ -1,0 +1,76 @@
+"""Presentation of a corrected robot program: each target with its move, and what was left with the reason."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from calib.compensation.program_correction import ProgramCorrection, TargetMove
+from calib.present.correction import correction_document, gain_blocks
+from calib.rendering import numbers
+from calib.rendering.blocks import Block, Paragraph, Table
+
+
+def program_correction_blocks(result: ProgramCorrection) -> list[Block]:
+    """Blocks on a corrected program: the correction as a whole, then its targets, then what was left."""
+    moved = [
+        (
+            str(move.target.line),
+            move.target.name,
+            move.target.kind,
+            numbers.column_mm(move.moved_mm),
+            f"{move.moved_deg:.4f}",
+            numbers.column_mm(move.uncorrected_mm),
+        )
+        for move in result.targets
+        if move.reached
+    ]
+    missed = [(str(move.target.line), move.target.name, move.reason) for move in result.targets if not move.reached]
+    left = [(str(each.line), each.what, each.reason) for each in result.program.left]
+    reached = f"{len(moved)} of {numbers.count(len(result.targets), 'target')}"
+    return [
+        Paragraph(
+            f"{result.program.path.name} ({result.program.language}): {reached} corrected ({result.correction.kind})."
+        ),
+        *(gain_blocks(result.correction) if result.ids else []),
+        *([Table(_COLUMNS, moved, left=(1, 2))] if moved else []),
+        *([Table(("line", "not corrected", "why"), missed, left=(1, 2))] if missed else []),
+        *([Table(("line", "left as it is", "why"), left, left=(1, 2))] if left else []),
+        *[Paragraph(f"{numbers.capitalised(note)}.") for note in result.notes],
+    ]
+
+
+_COLUMNS = ("line", "target", "kind", "moved mm", "moved °", "error without mm")
+
+
+def program_correction_document(result: ProgramCorrection) -> dict[str, Any]:
+    """Document that `correct --program --json` prints: that of a correction, and the program's targets."""
+    document = correction_document(result.correction, result.ids)
+    unknown = [move for move in result.targets if move.row is None]
+    document["not_reached"] += [{"pose": move.target.name, "why": move.reason} for move in unknown]
+    document["unreached"] += [{"pose": move.target.name, "reason": move.reason} for move in unknown]
+    return document | {
+        "program": {
+            "language": result.program.language,
+            "targets": [_target(move) for move in result.targets],
+            "left": [{"line": each.line, "what": each.what, "reason": each.reason} for each in result.program.left],
+            "notes": list(result.notes),
+        }
+    }
+
+
+def _target(move: TargetMove) -> dict[str, Any]:
+    """One target as plain data; what is unknown is nan, which `--json` prints as null."""
+    target = move.target
+    return {
+        "name": target.name,
+        "line": target.line,
+        "kind": target.kind,
+        "reached": move.reached,
+        "moved_mm": move.moved_mm,
+        "moved_deg": move.moved_deg,
+        "uncorrected_mm": move.uncorrected_mm,
+        "reason": move.reason,
+        "tool": None if target.tool is None else target.tool.name,
+        "work": None if target.work is None else target.work.name,
+        "posture": move.posture or None,
+    }

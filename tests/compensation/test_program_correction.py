@@ -1,0 +1,364 @@
+"""Corrected programs, judged by an arm, a controller and makers' conventions of the test's own (numpy and SciPy)."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from calib.compensation.postures import Place, flange_frames, postures_at
+from calib.compensation.program_correction import ProgramCorrection, corrected_program
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.errors import CalibError
+from calib.kinematics.robot import Robot
+from calib.robot_formats.program_targets import load_program
+from inspector.cli.parser import main
+from tests.support.hidden_dataset import write_hidden
+
+LANGUAGES = {"URScript": ".script", "KRL": ".src", "RAPID": ".mod"}
+Q = np.radians(
+    [
+        [10.0, -20.0, 95.0, 15.0, -60.0, 30.0],
+        [-35.0, 25.0, 70.0, -40.0, 75.0, -110.0],
+        [60.0, 10.0, 80.0, 100.0, 50.0, 20.0],
+    ]
+)
+NUMBER = r"[+-]?\d+\.?\d*(?:[eE][+-]?\d+)?"
+
+
+def transform(rotation: Rotation, position: object) -> np.ndarray:
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = rotation.as_matrix(), position
+    return out
+
+
+def link(a: float, alpha: float, d: float, theta: float, beta: float) -> np.ndarray:
+    turn = transform(Rotation.from_euler("z", theta), [0, 0, 0])
+    return turn @ transform(Rotation.from_euler("x", alpha) * Rotation.from_euler("y", beta), [a, 0, d])
+
+
+def flange(table: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Where an arm's flange stands, by elementary transforms."""
+    out = np.eye(4)
+    for (a, alpha, d, theta, beta), angle in zip(table[:-1], q, strict=True):
+        out = out @ link(a, alpha, d, theta + angle, beta)
+    return out
+
+
+def inverse(table: np.ndarray, goal: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Joints near a start with which an arm's flange stands at a goal, as a controller finds them."""
+
+    def off(q: np.ndarray) -> np.ndarray:
+        at = flange(table, q)
+        return np.r_[at[:3, 3] - goal[:3, 3], 1000.0 * (at[:3, :3] - goal[:3, :3]).ravel()]
+
+    found = least_squares(off, start, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    assert np.abs(off(found.x)).max() < 1e-6
+    return found.x
+
+
+def makers(language: str, pose: np.ndarray) -> np.ndarray:
+    """Numbers of a pose in the maker's convention."""
+    turn, position = Rotation.from_matrix(pose[:3, :3]), pose[:3, 3]
+    if language == "URScript":
+        return np.r_[position / 1000.0, turn.as_rotvec()]
+    if language == "KRL":
+        return np.r_[position, turn.as_euler("ZYX", degrees=True)]
+    x, y, z, w = turn.as_quat()
+    return np.r_[position, w, x, y, z]
+
+
+def of_maker(language: str, values: np.ndarray) -> np.ndarray:
+    position, turn = values[:3], values[3:]
+    if language == "URScript":
+        return transform(Rotation.from_rotvec(turn), 1000.0 * position)
+    if language == "KRL":
+        return transform(Rotation.from_euler("ZYX", turn, degrees=True), position)
+    return transform(Rotation.from_quat([*turn[1:], turn[0]]), position)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """An arm with known errors, its nominal table, and the frames of its programs."""
+
+    nominal: Robot
+    true: Robot
+    tool: np.ndarray
+    work: np.ndarray
+
+
+@pytest.fixture(scope="module")
+def cell() -> Cell:
+    rng = np.random.default_rng(4)
+    nominal = builtin_robot("rb5")
+    table = nominal.table.copy()
+    table[:-1] += rng.normal(0.0, 1.0, table[:-1].shape) * [0.4, 0.001, 0.4, 0.001, 0.001]
+    tool = transform(Rotation.from_euler("xyz", [0.2, -0.1, 0.7]), [20.0, -15.0, 160.0])
+    work = transform(Rotation.from_euler("xyz", [0.05, 0.02, 0.4]), [300.0, -150.0, 40.0])
+    return Cell(nominal, nominal.with_table(table), tool, work)
+
+
+def listed(language: str, values: np.ndarray, decimals: int = 9) -> str:
+    texts = [f"{value:.{decimals}f}" for value in values]
+    if language == "KRL":
+        return ",".join(f"{name} {text}" for name, text in zip("XYZABC", texts, strict=True))
+    if language == "RAPID":
+        return f"[{','.join(texts[:3])}],[{','.join(texts[3:])}]"
+    return f"p[{', '.join(texts)}]"
+
+
+def written(language: str, cell: Cell, *, configured: bool = True) -> str:
+    """A program with the joint targets Q, then with poses at the same places."""
+    nominal = cell.nominal.table
+    work = np.eye(4) if language == "URScript" else cell.work
+    poses = [np.linalg.inv(work) @ flange(nominal, q) @ cell.tool for q in Q]
+    tool, base = (listed(language, makers(language, frame)) for frame in (cell.tool, work))
+    lines = []
+    if language == "URScript":
+        lines = ["def prog():", f"  set_tcp({tool})  # the tool"]
+        lines += [f"  movej([{', '.join(f'{v:.9f}' for v in q)}], a=1.4)" for q in Q]
+        lines += [f"  movel({listed(language, makers(language, pose))}, v=0.1)" for pose in poses]
+        return "\n".join([*lines, "end", ""])
+    degrees = np.degrees(Q)
+    if language == "KRL":
+        lines = ["DEF prog()", f"$TOOL={{{tool}}}", f"$BASE={{{base}}} ; the fixture"]
+        lines += [f"PTP {{{','.join(f'A{k + 1} {v:.7f}' for k, v in enumerate(q))},E1 3.5}}" for q in degrees]
+        for q, pose in zip(degrees, poses, strict=True):
+            turns = sum(int(v < 0.0) << k for k, v in enumerate(q))
+            hint = f",S 2,T {turns}" if configured else ""
+            lines.append(f"LIN {{{listed(language, makers(language, pose))}{hint},E1 3.5}} C_DIS")
+        return "\r\n".join([*lines, "END", ""])
+    lines = [
+        "MODULE M",
+        f"PERS tooldata grip:=[TRUE,[{tool}],[1,[0,0,1],[1,0,0,0],0,0,0]];",
+        f'PERS wobjdata table:=[FALSE,TRUE,"",[{base}],[[0,0,0],[1,0,0,0]]];',
+    ]
+    axes = "[9E9,9E9,9E9,9E9,9E9,9E9]"
+    lines += [
+        f"CONST jointtarget j{k}:=[[{','.join(f'{v:.7f}' for v in q)}],{axes}]; ! {k}" for k, q in enumerate(degrees)
+    ]
+    for k, (q, pose) in enumerate(zip(degrees, poses, strict=True)):
+        quadrants = ",".join(str(int(np.floor(q[axis] / 90.0))) for axis in (0, 3, 5))
+        lines.append(
+            f"CONST robtarget p{k}:=[{listed(language, makers(language, pose))},[{quadrants},0],{axes}]; ! {k}"
+        )
+    lines += ["PROC main()", *(f"MoveL p{k},v100,z10,grip\\WObj:=table;" for k in range(len(Q))), "ENDPROC"]
+    return "\n".join([*lines, "ENDMODULE", ""])
+
+
+def read_back(language: str, text: str) -> tuple[np.ndarray, np.ndarray]:
+    """Joints, rad, and the numbers of the poses in a program of `written`."""
+    patterns = {
+        "URScript": (r"movej\(\[([^\]]*)\]", r"movel\(p\[([^\]]*)\]"),
+        "KRL": (r"PTP \{([^}]*?),E1", r"LIN \{([^}]*?)(?:,S|,E1)"),
+        "RAPID": (r"jointtarget j\d:=\[\[([^\]]*)\]", r"robtarget p\d:=\[\[([^\]]*\],\[[^\]]*)\]"),
+    }[language]
+    found = []
+    for pattern in patterns:
+        cleaned = [re.sub(r"[A-Z]\d? ", "", m[1]) for m in re.finditer(pattern, text)]
+        found.append(np.array([[float(v) for v in re.findall(NUMBER, each)] for each in cleaned]))
+    return (found[0] if language == "URScript" else np.radians(found[0])), found[1]
+
+
+def run(language: str, cell: Cell, text: str, folder: Path, **given: object) -> ProgramCorrection:
+    path = folder / f"prog{LANGUAGES[language]}"
+    path.write_bytes(text.encode("ascii"))
+    return corrected_program(load_program(path), cell.nominal, cell.true, Q[:1], **given)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_true_arm_goes_where_the_nominal_one_was_told_to(language: str, cell: Cell, tmp_path: Path) -> None:
+    text = written(language, cell)
+    result = run(language, cell, text, tmp_path)
+    assert result.reached
+    assert result.correction.kind == "pose"
+    joints, poses = read_back(language, result.content.decode("ascii"))
+    _, told = read_back(language, text)
+    work = np.eye(4) if language == "URScript" else cell.work
+    for k, q in enumerate(Q):
+        wanted = work @ of_maker(language, told[k])
+        commanded = inverse(cell.nominal.table, work @ of_maker(language, poses[k]) @ np.linalg.inv(cell.tool), q)
+        for sent in (joints[k], commanded):
+            stands = flange(cell.true.table, sent) @ cell.tool
+            assert np.linalg.norm(stands[:3, 3] - wanted[:3, 3]) < 2e-5
+            assert np.abs(stands[:3, :3] - wanted[:3, :3]).max() < 1e-7
+        uncorrected = flange(cell.true.table, q) @ cell.tool
+        assert np.linalg.norm(uncorrected[:3, 3] - wanted[:3, 3]) > 0.3
+        moved = np.linalg.norm((work @ of_maker(language, poses[k]))[:3, 3] - wanted[:3, 3])
+        assert result.targets[3 + k].moved_mm == pytest.approx(moved, abs=1e-4)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_all_but_the_numbers_is_as_it_was(language: str, cell: Cell, tmp_path: Path) -> None:
+    text = written(language, cell)
+    result = run(language, cell, text, tmp_path)
+    number = re.compile(NUMBER)
+    old, new = text.splitlines(keepends=True), result.content.decode("ascii").splitlines(keepends=True)
+    target_lines = {move.target.line for move in result.targets}
+    assert len(target_lines) == 2 * len(Q)
+    for line, (before, after) in enumerate(zip(old, new, strict=True), 1):
+        if line in target_lines:
+            assert before != after
+            assert number.sub("0", before) == number.sub("0", after)
+        else:
+            assert before == after
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_without_errors_the_numbers_stay(language: str, cell: Cell, tmp_path: Path) -> None:
+    path = tmp_path / f"prog{LANGUAGES[language]}"
+    path.write_text(written(language, cell), newline="")
+    result = corrected_program(load_program(path), cell.nominal, cell.nominal, Q)
+    assert result.reached
+    assert max(move.moved_mm for move in result.targets) < 1e-6
+    before, after = (read_back(language, content.decode("ascii")) for content in (path.read_bytes(), result.content))
+    for old, new in zip(before, after, strict=True):
+        np.testing.assert_allclose(new, old, atol=2e-9)
+
+
+@pytest.mark.parametrize("language", ["KRL", "RAPID"])
+def test_the_configuration_tells_the_posture(language: str, cell: Cell, tmp_path: Path) -> None:
+    text = "\n".join(line for line in written(language, cell).splitlines() if not re.search("PTP|jointtarget", line))
+    path = tmp_path / f"prog{LANGUAGES[language]}"
+    path.write_text(text)
+    elsewhere = Q + np.array([0.0, 0.0, 0.0, np.pi, 0.0, np.pi])
+    elsewhere[:, 4] *= -1.0  # the wrist turned over: without the configuration that posture is the nearest
+    result = corrected_program(load_program(path), cell.nominal, cell.true, elsewhere)
+    np.testing.assert_allclose(result.correction.q_nominal, Q, atol=1e-7)
+    assert {move.posture for move in result.targets} == {"configuration"}
+
+
+def test_without_configuration_the_nearest_posture_counts_and_is_told(cell: Cell, tmp_path: Path) -> None:
+    text = written("KRL", cell, configured=False)
+    lines = text.splitlines(keepends=True)
+    poses_alone = "".join(line for line in lines if "PTP" not in line)
+    path = tmp_path / "prog.src"
+    path.write_text(poses_alone, newline="")
+    turned = Q.copy()
+    turned[1, 5] += 2.0 * np.pi  # within the limits
+    for known in (Q, turned):
+        result = corrected_program(load_program(path), cell.nominal, cell.true, known)
+        np.testing.assert_allclose(result.correction.q_nominal, known, atol=1e-7)
+        assert {move.posture for move in result.targets} == {"trained poses"}
+        assert any("trained poses" in note for note in result.notes)
+    path.write_text(text, newline="")
+    result = corrected_program(load_program(path), cell.nominal, cell.true, Q[:1])
+    assert {move.posture for move in result.targets} == {"", "PTP"}
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_an_unreachable_target_is_left_and_told(language: str, cell: Cell, tmp_path: Path) -> None:
+    text = written(language, cell)
+    _, poses = read_back(language, text)
+    far = f"{poses[1][0] + (9.0 if language == 'URScript' else 9000.0):.9f}"
+    text = text.replace(f"{poses[1][0]:.9f}", far)
+    limit = f"{np.radians(400.0):.9f}" if language == "URScript" else "400.0000000"
+    joint = f"{Q[0][0]:.9f}" if language == "URScript" else f"{np.degrees(Q[0][0]):.7f}"
+    text = text.replace(joint, limit, 1)
+    result = run(language, cell, text, tmp_path)
+    assert [move.reached for move in result.targets] == [False, True, True, True, False, True]
+    assert all(bool(move.reason) is not move.reached for move in result.targets)
+    old, new = text.splitlines(), result.content.decode("ascii").splitlines()
+    for move in result.targets:
+        line = move.target.line - 1
+        assert (old[line] == new[line]) is not move.reached
+
+
+def test_where_positions_alone_are_known_another_tool_is_left(cell: Cell, tmp_path: Path) -> None:
+    result = run("KRL", cell, written("KRL", cell), tmp_path, kind="position")
+    assert [move.reached for move in result.targets] == [True] * 3 + [False] * 3
+    assert "--what pose" in result.targets[-1].reason
+
+
+def test_a_frame_that_is_not_defined_has_to_be_given(cell: Cell, tmp_path: Path) -> None:
+    text = written("RAPID", cell)
+    without = "\n".join(line for line in text.splitlines() if "tooldata" not in line)
+    with pytest.raises(CalibError, match=r"p0 needs grip, which this file does not define; give it as --tool-frame"):
+        run("RAPID", cell, without, tmp_path)
+    given = run("RAPID", cell, without, tmp_path, tool=cell.tool)
+    defined = run("RAPID", cell, text, tmp_path)
+    for one, other in zip(*(read_back("RAPID", r.content.decode()) for r in (given, defined)), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-8)
+    with pytest.raises(CalibError, match="leave it out"):
+        run("RAPID", cell, text, tmp_path, tool=cell.tool)
+
+
+def test_postures_are_found_at_places_all_over(cell: Cell) -> None:
+    q = np.random.default_rng(8).uniform(-2.5, 2.5, (40, 6))
+    places = [
+        Place(at, tuple((-np.inf, 0.0) if v < 0 else (0.0, np.inf) for v in one), one[None])
+        for at, one in zip(flange_frames(cell.nominal, q), q, strict=True)
+    ]
+    found = postures_at(cell.nominal, places)
+    np.testing.assert_allclose([posture.q for posture in found], q, atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_hidden(tmp_path_factory.mktemp("data"), "cell")
+
+
+@pytest.fixture(scope="module")
+def model(folder: Path) -> Path:
+    path = folder.parent / "model.json"
+    assert main(["calibrate", str(folder), "--model-out", str(path), "--force"]) == 0
+    return path
+
+
+def test_the_command_writes_the_program_and_tells_of_each_target(
+    folder: Path, model: Path, cell: Cell, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, out = tmp_path / "prog.mod", tmp_path / "out" / "prog.mod"
+    source.write_text(written("RAPID", cell))
+    given = ["correct", str(folder), "--model", str(model), "--program", str(source), "--out", str(out)]
+    capsys.readouterr()
+    assert main([*given, "--what", "pose", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["program"]
+    assert found["language"] == "RAPID"
+    assert [t["name"] for t in found["targets"]] == ["j0", "j1", "j2", "p0", "p1", "p2"]
+    assert all(t["reached"] and t["moved_mm"] > 0.0 and t["uncorrected_mm"] > 0.0 for t in found["targets"])
+    assert [each["what"] for each in found["left"]] == ["grip", "table"]
+    assert out.read_text() != source.read_text()
+    assert main(given) == 1  # by measured points alone the positions of the measured tool are known
+    told = capsys.readouterr().out
+    assert "3 of 6 targets corrected" in told
+    assert "tool's point" in told
+
+
+def test_the_command_refuses_in_one_line(
+    folder: Path, model: Path, cell: Cell, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, out = tmp_path / "prog.src", tmp_path / "out.src"
+    source.write_text(written("KRL", cell))
+    program = ["--program", str(source)]
+    for extra, words in (
+        ([*program, "--out", str(source)], "is what this command reads"),
+        ([*program, "--out", str(tmp_path / "out.mod")], "suffix"),
+        ([*program, "--out", str(out), "--tool-frame=0,0,1"], "6 numbers"),
+        ([*program, "--out", str(out), "--tool-frame=0,0,1,0,0,0"], "leave it out"),
+        (["--program", str(tmp_path / "none.src"), "--out", str(out)], "no such file"),
+        (["--joints", str(folder / "poses.csv"), "--out", "a.csv", "--work-frame=0,0,0,0,0,0"], "goes with --program"),
+    ):
+        capsys.readouterr()
+        assert main(["correct", str(folder), "--model", str(model), *extra]) == 2
+        captured = capsys.readouterr()
+        assert captured.err.count("\n") == 1
+        assert words in captured.err
+    assert not out.exists()
+
+
+def test_conditions_that_a_program_does_not_tell_are_asked_for_as_a_table(
+    folder: Path, cell: Cell, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "prog.src"
+    path.write_text(written("KRL", cell))
+    given = ["correct", str(folder), "--program", str(path), "--out", str(tmp_path / "out.src")]
+    code = main([*given, "--add", "joint_compliance"])
+    assert code == 2
+    assert "payload_kg" in capsys.readouterr().err

@@ -1,0 +1,83 @@
+"""The origin of models, sessions and reports, and `inspector verify`."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from calib.dataset.files.folder import load_dataset
+from calib.dataset.files.origin import CHANGED, MISSING, NEW, SAME, read_origin, verify
+from calib.errors import DatasetError
+from inspector.cli.parser import main
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with a dataset, and a model and a session that were made of it."""
+    folder = tmp_path_factory.mktemp("made")
+    shutil.copytree(ROOT / "sample_data" / "hidden_effect_a", folder / "arm")
+    out = ["--model-out", str(folder / "model.json"), "--session", str(folder / "session.json")]
+    assert main(["calibrate", str(folder / "arm"), *out]) == 0
+    return folder
+
+
+def test_model_and_session_carry_hashes_that_any_tool_computes_and_the_command(made: Path) -> None:
+    for name in ("model.json", "session.json"):
+        origin = read_origin(made / name)
+        assert set(origin.files) == {"dataset.toml", "robot.toml", "poses.csv", "points.csv"}
+        for path, found in origin.files.items():
+            assert found == hashlib.sha256((made / "arm" / path).read_bytes()).hexdigest()
+        assert origin.command[:3] == ("inspector", "calibrate", "arm")  # of an absolute path the name alone
+        assert origin.made.endswith("+00:00")
+        assert origin.program_version
+
+
+def test_a_report_carries_and_shows_them(made: Path) -> None:
+    assert main(["report", str(made / "arm"), "--out", str(made / "r.html")]) == 0
+    assert read_origin(made / "r.html").files == read_origin(made / "model.json").files
+    shown = (made / "r.html").read_text(encoding="utf-8")
+    assert shown.count(read_origin(made / "r.html").files["poses.csv"]) == 2  # in the table, and for `verify`
+
+
+def test_verify_tells_the_same_files_from_others(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = [str(made / name) for name in ("model.json", "session.json")]
+    assert main(["verify", str(made / "arm"), *results]) == 0
+    assert capsys.readouterr().out.count("made of exactly these 4 files") == 2
+    shutil.copytree(made / "arm", tmp_path / "arm")
+    poses = tmp_path / "arm" / "poses.csv"
+    poses.write_text(poses.read_text().replace("train", "test", 1))
+    assert main(["verify", str(tmp_path / "arm"), *results, "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert document["same"] is False
+    states = {file["path"]: file["state"] for file in document["results"][0]["files"]}
+    assert states == {"dataset.toml": SAME, "robot.toml": SAME, "poses.csv": CHANGED, "points.csv": SAME}
+
+
+def test_files_of_another_name_are_missing_and_new(made: Path, tmp_path: Path) -> None:
+    shutil.copytree(made / "arm", tmp_path / "arm")
+    top = tmp_path / "arm" / "dataset.toml"
+    (tmp_path / "arm" / "points.csv").rename(tmp_path / "arm" / "again.csv")
+    top.write_text(top.read_text().replace("points.csv", "again.csv"))
+    found = verify(made / "model.json", load_dataset(tmp_path / "arm"))
+    states = {file.path: file.state for file in found.files}
+    assert (states["points.csv"], states["again.csv"], states["dataset.toml"]) == (MISSING, NEW, CHANGED)
+    assert not found.is_same
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\xff\xfe\x00", b"{}", b'{"format": 3}', b"[" * 5000, b'<meta name="origin" content="{">']
+)
+def test_what_carries_no_origin_is_said_in_one_line(made: Path, tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "other.json").write_bytes(content)
+    with pytest.raises(DatasetError, match=r"other\.json: carries no hashes of the files"):
+        verify(tmp_path / "other.json", load_dataset(made / "arm"))
+    with pytest.raises(DatasetError, match="no such file"):
+        verify(tmp_path / "none.json", load_dataset(made / "arm"))

@@ -1,0 +1,66 @@
+"""What a change moved, for drawing: the measured displacement, and the part that the proven causes explain."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib import frames
+from calib.calibration.calibrate import calibrate
+from calib.intervention.displacements import PairDisplacements
+from calib.intervention.proof import interventions_of
+from inspector import figures
+from tests.support.engine.cell import Cell
+from tests.support.paired_cell import ARMS, compliance, difference_mm, draw_pairs, measured, size_of
+
+SIGMA_MM = 0.05
+
+
+@pytest.fixture(scope="module")
+def soft() -> tuple[Cell, float, PairDisplacements]:
+    """A cell whose joint 2 is soft, by how much, and the displacements of it when the instrument was moved."""
+    rng = np.random.default_rng(3)
+    cell = draw_pairs(ARMS["UR10e"], rng, 20)
+    cause = compliance(1).cause
+    size = size_of(cell, cause, 10.0 * SIGMA_MM)
+    made = measured(cell, [(cause, size)], rng, test_places=4)
+    assert made.points is not None
+    moved = frames.make_transform(frames.rotation_from_rotvec([0.1, 0.2, -0.1]), np.array([50.0, 20.0, 0.0]))
+    loaded = made.poses.payload_kg == 2.0
+    xyz_mm = np.where(loaded[:, None], frames.apply(moved, made.points.xyz_mm), made.points.xyz_mm)
+    made = replace(made, poses=replace(made.poses, setup=np.where(loaded, "b", "a")))
+    (found,) = interventions_of(calibrate(replace(made, points=replace(made.points, xyz_mm=xyz_mm))))
+    assert found.proofs
+    assert found.displacements is not None
+    return cell, size, found.displacements
+
+
+def test_what_is_explained_is_what_the_soft_joint_does(soft: tuple[Cell, float, PairDisplacements]) -> None:
+    cell, size, shown = soft
+    true_mm = difference_mm(cell, [(compliance(1).cause, size)])[shown.before]
+    assert np.sqrt(np.mean((shown.explained_mm - true_mm) ** 2)) < 0.1 * np.sqrt(np.mean(true_mm**2))
+
+
+def test_what_was_moved_is_measured_without_the_motion_of_the_instrument(
+    soft: tuple[Cell, float, PairDisplacements],
+) -> None:
+    _, _, shown = soft
+    off_mm = shown.moved_mm - shown.explained_mm
+    # The noise of two points, less the nine unknowns that took some of it.
+    assert 0.75 < np.sqrt(np.mean(off_mm[~shown.held_out] ** 2)) / (np.sqrt(2.0) * SIGMA_MM) < 1.1
+    assert shown.held_out.sum() == 4
+    assert np.array_equal(shown.after - shown.before, np.full(20, 20))
+    assert shown.names[0].endswith("_run2")
+
+
+def test_the_figure_has_each_coordinate_of_each_pair(soft: tuple[Cell, float, PairDisplacements]) -> None:
+    cell, size, shown = soft
+    rng = np.random.default_rng(5)
+    (found,) = interventions_of(calibrate(measured(cell, [(compliance(1).cause, size)], rng, test_places=4)))
+    drawn = {trace.name: trace for trace in figures.moved_by_change(found).data}
+    assert len(drawn["fitted pairs, per coordinate"].x) == 48
+    assert len(drawn["held-out pairs"].x) == 12
+    assert found.displacements is not None
+    assert np.allclose(sorted(drawn["held-out pairs"].y), sorted(found.displacements.moved_mm[shown.held_out].ravel()))

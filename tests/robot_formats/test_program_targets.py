@@ -1,0 +1,278 @@
+"""Targets found in programs written for these tests, and what of a program is left alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from calib.errors import CalibError
+from calib.robot_formats.program_targets import Program, load_program
+from calib.robot_formats.program_text.pose_numbers import pose_transform, pose_values
+
+URSCRIPT = """def prog():
+  # q0 = [0, 0, 0, 0, 0, 0]
+  textmsg("p[1,2,3,4,5,6]")
+  set_tcp(p[0, 0, 0.1, 0, 0, 0])
+  q1 = [ 0.1,-1.5E0 ,\t1.25, 0,0.5 , 1]  # a comment, [1,2,3,4,5,6]
+  global p1=p[ .1,-.5,+0.3,0,3.14,0]
+  wrench = [0, 0, 10, 0, 0, 0]
+  movej(q1, a=1.4, v=1.05)
+  movel(p1, 1.2)
+  movel(pose_trans(p1, p[0, 0, -0.1, 0, 0, 0]))
+  movej([d2r(10), 0, 0, 0, 0, 0])
+  movec(p[.1,-.5,.3,0,3.14,0], p[.1,-.4,.3,0,3.14,0], 1.0)
+  q2 = get_inverse_kin(p[.2,-.5,.3,0,3.14,0], qnear=[0,0,0,0,0,0])
+  force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], wrench, 2, [0.1,0.1,0.1,0.1,0.1,0.1])
+  speedj([0.2,0.3,0.1,0.05,0,0], 0.5, 0.5)
+  movej([1e400, 0, 0, 0, 0, 0])
+  x = q1[0]
+end
+"""
+KRL = """&ACCESS RVP\r
+DEF main()\r
+DECL E6POS P3\r
+; PTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\r
+$TOOL={X 0,Y 0,Z 100,A 0,B 0,C 0}\r
+$BASE = {x 500,y 0,Z 0,a 90,B 0,C 0}\r
+ptp {A1 0, A2 -90,A3 90.5,A4 1.5e1,A5 - 5,a6 0, E1 17.5} C_PTP\r
+LIN {X 1,Y 2,Z 3,A 10,B 20,C 30,S 'B110',T 'B000011'} C_DIS\r
+LIN {X 100}\r
+LIN_REL {X 1,Y 2,Z 3,A 10,B 20,C 30}\r
+P3={E6POS: X 1,Y 2,Z 3,A 10,B 20,C 30,S 2,T 35,E1 0}\r
+LIN P3:{X 1,Y 2,Z 3,A 10,B 20,C 30}\r
+$BASE=BASE_DATA[3]\r
+CIRC {X 7,Y 2,Z 3,A 10,B 20,C 30},{X 1,Y 2,Z 3,A 10,B 20,C turn}\r
+LOAD_DATA[1]={M 10,CM {X 0,Y 0,Z 0,A 0,B 0,C 0}}\r
+END\r
+"""
+KRL_DATA = """DEFDAT a
+DECL E6POS XP1={X 1,Y 2,Z 3,A 10,B 20,C 30,S 2,T 35,E1 0,E2 0}
+DECL FDAT FP1={TOOL_NO 1,BASE_NO 0,IPO_FRAME #BASE,POINT2[] " {X 1"}
+DECL FRAME F1={X 1,Y 2,Z 3,A 10,B 20,C 30}
+TOOL_DATA[1]={X 0,Y 10,Z 100,A 0,B 0,C 0}
+ENDDAT
+"""
+RAPID = """MODULE M
+  CONST jointtarget j1:=[[0,1,2,3,30,5],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  CONST robtarget p10 := [[600,0,800.5],[0.70711,0,.70711,0],[0,-1,0,1],[9E9,9E9,9E9,9E9,9E9,9E9]]; ! [[1,2,3],[1]]
+  LOCAL CONST robtarget pts{2}:=[[[600,1,800.5],[1,0,0,0],[0,-1,0,1],[9E9,9E9,9E9,9E9,9E9,9E9]],
+     [[600,2,800.5],[1,0,0,0],[0,-1,0,1],[9E9,9E9,9E9,9E9,9E9,9E9]]];
+  PERS tooldata tool1:=[TRUE,[[0,0,100],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];
+  TASK PERS wobjdata wobj1:=[FALSE,TRUE,"",[[500,0,0],[1,0,0,0]],[[0,10,0],[1,0,0,0]]];
+  PERS pose shift:=[[1,2,3],[1,0,0,0]];
+  PROC main()
+    TPWrite "[[1,2,3,4,5,6],[1,2,3,4,5,6]]";
+    MoveAbsJ j1, v100, fine, tool0;
+    MoveL p10,v100,z10,tool1\\WObj:=wobj1;
+    MoveL Offs(p10,0,0,10),v100,z10,tool1\\WObj:=wobj1;
+    movej PTS{1},v100,z10,TOOL1;
+    MoveL [[600,3,800.5],[1,0,0,0],[0,-1,0,1],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,z10,tool2\\WObj:=wobj1;
+  ENDPROC
+ENDMODULE
+"""
+
+
+def program(folder: Path, name: str, text: str | bytes) -> Program:
+    path = folder / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode("latin-1"))
+    return load_program(path)
+
+
+def told(found: Program) -> dict[str, list[float]]:
+    return {f"{t.name} {t.line}": t.values.tolist() for t in found.targets}
+
+
+def test_urscript_targets_are_those_that_the_arm_is_sent_to(tmp_path: Path) -> None:
+    found = program(tmp_path, "a.script", URSCRIPT)
+    assert [(t.name, t.line, t.kind) for t in found.targets] == [
+        ("q1", 5, "joints"),
+        ("p1", 6, "pose"),
+        ("movec", 12, "pose"),
+        ("movec", 12, "pose"),
+        ("get_inverse_kin", 13, "pose"),
+    ]
+    assert found.targets[0].values.tolist() == [0.1, -1.5, 1.25, 0.0, 0.5, 1.0]
+    assert found.targets[1].values.tolist() == [0.1, -0.5, 0.3, 0.0, 3.14, 0.0]
+    tool = found.targets[1].tool
+    assert tool is not None
+    assert tool.transform is not None
+    assert tool.transform[:3, 3].tolist() == [0.0, 0.0, 100.0]
+    lines = [each.line for each in found.left]
+    assert lines == [4, 7, 10, 11, 13, 14, 14, 14, 15, 16]
+
+
+def test_krl_targets_have_the_frames_that_are_set_before_them(tmp_path: Path) -> None:
+    found = program(tmp_path, "a.src", KRL)
+    assert told(found) == {
+        "PTP 7": [0.0, -90.0, 90.5, 15.0, -5.0, 0.0],
+        "LIN 8": [1.0, 2.0, 3.0, 10.0, 20.0, 30.0],
+        "P3 11": [1.0, 2.0, 3.0, 10.0, 20.0, 30.0],
+        "CIRC 14": [7.0, 2.0, 3.0, 10.0, 20.0, 30.0],
+    }
+    lin, circ = found.targets[1], found.targets[3]
+    assert lin.work is not None
+    assert lin.work.transform is not None
+    assert lin.work.transform[:3, 3].tolist() == [500.0, 0.0, 0.0]
+    assert [low < 0.0 for low, _ in lin.ranges_deg] == [True, True, False, False, False, False]
+    assert circ.work is not None
+    assert (circ.work.name, circ.work.transform) == ("BASE_DATA[3]", None)
+    assert [each.line for each in found.left] == [5, 6, 9, 10, 12, 14, 15]
+
+
+def test_krl_points_of_inline_forms_have_the_frames_of_their_fdat(tmp_path: Path) -> None:
+    found = program(tmp_path, "a.dat", KRL_DATA)
+    (target,) = found.targets
+    assert target.tool is not None
+    assert target.work is not None
+    assert target.tool.transform is not None
+    assert target.tool.transform[:3, 3].tolist() == [0.0, 10.0, 100.0]
+    np.testing.assert_array_equal(target.work.transform, np.eye(4))
+
+
+def test_rapid_targets_have_the_frames_of_their_moves(tmp_path: Path) -> None:
+    found = program(tmp_path, "a.mod", RAPID)
+    assert [(t.name, t.line, t.kind) for t in found.targets] == [
+        ("j1", 2, "joints"),
+        ("p10", 3, "pose"),
+        ("pts{1}", 4, "pose"),
+        ("pts{2}", 5, "pose"),
+        ("MoveL", 15, "pose"),
+    ]
+    p10, array, inline = found.targets[1], found.targets[2], found.targets[4]
+    assert p10.work is not None
+    assert p10.work.transform is not None
+    assert p10.work.transform[:3, 3].tolist() == [500.0, 10.0, 0.0]
+    assert p10.ranges_deg[0] == (0.0, 90.0)
+    assert p10.ranges_deg[3] == (-90.0, 0.0)
+    assert array.work is not None
+    assert array.work.name == "wobj0"
+    assert inline.tool is not None
+    assert (inline.tool.name, inline.tool.transform) == ("tool2", None)
+    assert [each.line for each in found.left] == [6, 7, 8, 13]
+
+
+@pytest.mark.parametrize(
+    ("name", "text"), [("a.script", URSCRIPT), ("a.src", KRL), ("a.dat", KRL_DATA), ("a.mod", RAPID)]
+)
+def test_nothing_but_the_numbers_of_targets_is_touched(tmp_path: Path, name: str, text: str) -> None:
+    content = ("\xef\xbb\xbf" if name == "a.script" else "").encode("latin-1") + text.encode("latin-1") + b"\xfc\xff"
+    if name != "a.src":
+        content += b"\r\n"
+    found = program(tmp_path, name, content)
+    assert found.with_values({}) == content
+    assert found.with_values({k: t.values for k, t in enumerate(found.targets)}) == content
+    changed = found.with_values({k: np.full(len(t.numbers), 0.25) for k, t in enumerate(found.targets)})
+    (tmp_path / name).write_bytes(changed)
+    again = load_program(tmp_path / name)
+    assert all((t.values == 0.25).all() for t in again.targets)
+    old = [(n.start, n.end) for t in found.targets for n in t.numbers]
+    new = [(n.start, n.end) for t in again.targets for n in t.numbers]
+    assert _outside(content, old) == _outside(changed, new)
+    assert again.left == found.left
+
+
+def _outside(content: bytes, spans: list[tuple[int, int]]) -> list[bytes]:
+    edges = [0, *(edge for span in sorted(spans) for edge in span), len(content)]
+    return [content[a:b] for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.script", "", "no target"),
+        ("a.script", "q = [1, 2, 3\n", "line 1: the bracket [ is never closed"),
+        ("a.script", "movej(\n", "never closed"),
+        ("a.script", "a)\n", "closes no bracket"),
+        ("a.src", "LIN {X 1,Y 2]\n", "line 1 opened {"),
+        ("a.src", "LIN {X 100}\n", "the first in line 1"),
+        ("a.mod", b"\x00\x01\xff", "byte 0 is zero"),
+        ("a.mod", bytes(range(1, 256)) * 20, "no target"),
+        ("a.script", "movej([1e400,0,0,0,0,0])\n", "beyond any"),
+        ("a.txt", "", "suffix"),
+    ],
+)
+def test_what_is_no_program_is_told_in_one_error(tmp_path: Path, name: str, text: str | bytes, words: str) -> None:
+    with pytest.raises(CalibError, match=r"a\.\w+: ") as error:
+        program(tmp_path, name, text)
+    assert words in str(error.value)
+
+
+def test_a_huge_file_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.script"
+    with path.open("wb") as file:
+        file.truncate(10_000_001)
+    with pytest.raises(CalibError, match="has 10 MB"):
+        load_program(path)
+
+
+def test_a_target_with_several_tools_is_left(tmp_path: Path) -> None:
+    text = RAPID.replace("MoveAbsJ j1, v100, fine, tool0;", "MoveL p10,v100,z10,tool0\\WObj:=wobj1;")
+    found = program(tmp_path, "a.mod", text)
+    assert "p10" not in [t.name for t in found.targets]
+    assert any("tool0 and tool1" in each.reason for each in found.left)
+
+
+def test_a_tool_that_the_program_changes_is_not_known(tmp_path: Path) -> None:
+    text = RAPID.replace("  PROC main()", "  PROC main()\n    tool1.tframe.trans.z := 5;")
+    found = program(tmp_path, "a.mod", text)
+    tool = found.targets[1].tool
+    assert tool is not None
+    assert tool.transform is None
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.sampled_from([".script", ".src", ".mod"]),
+    st.lists(
+        st.sampled_from(
+            ["[", "]", "{", "}", "(", ")", ",", "p[", "1", "-2.5e3", " X 1", "A1 2", "LIN ", "=", ":=", ";"]
+        )
+        | st.sampled_from(["MoveL ", "\n", "#", '"', "movej(", "$BASE=", "CONST robtarget a:=", "\\WObj:=w", "!"]),
+        max_size=40,
+    ),
+)
+def test_any_text_is_read_or_refused(tmp_path: Path, suffix: str, parts: list[str]) -> None:
+    path = tmp_path / f"a{suffix}"
+    path.write_text("".join(parts))
+    try:
+        found = load_program(path)
+    except CalibError:
+        return
+    assert found.with_values({k: t.values for k, t in enumerate(found.targets)}) == path.read_bytes()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_poses_are_those_of_the_makers_conventions(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    turn, position = Rotation.random(rng=rng), rng.uniform(-900, 900, 3)
+    abc = turn.as_euler("ZYX", degrees=True)
+    x, y, z, w = turn.as_quat()
+    makers = {
+        "URScript": np.r_[position / 1000.0, turn.as_rotvec()],
+        "KRL": np.r_[position, abc],
+        "RAPID": np.r_[position, w, x, y, z],
+    }
+    for language, values in makers.items():
+        transform = pose_transform(language, values)
+        np.testing.assert_allclose(transform[:3, :3], turn.as_matrix(), atol=1e-12)
+        np.testing.assert_allclose(transform[:3, 3], position, atol=1e-9)
+        same = values.copy()
+        if language == "RAPID":
+            same[3:] *= -1.0
+        elif language == "KRL":
+            same[3:] = [abc[0] + 180.0, 180.0 - abc[1], abc[2] - 180.0]
+        else:
+            same[3:] *= 1.0 - 2.0 * np.pi / np.linalg.norm(same[3:])
+        for form in (values, same):  # whichever form the program has, it keeps
+            np.testing.assert_allclose(pose_values(language, transform, form), form, atol=1e-9)
+
+
+@pytest.mark.parametrize("b", [90.0, -90.0])
+def test_abc_keep_their_branch_where_a_and_c_are_one_turn(b: float) -> None:
+    values = np.array([1.0, 2.0, 3.0, 25.0, b, -40.0])
+    np.testing.assert_allclose(pose_values("KRL", pose_transform("KRL", values), values), values, atol=1e-6)
