@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from calib.calibration.result import Calibration
+from calib.diagnosis.effect_selection import SelectedEffect
 from calib.effects.catalogue import descriptions
 from calib.effects.catalogue.loads import stiffness
 from calib.effects.effect import Effect, Parameter, has_meaning, meaning_of
 from calib.rendering import numbers
-from calib.rendering.blocks import Span, effect, spans
+from calib.rendering.blocks import Span, effect, joint, listed, spans
 from calib.screening.candidates import Untestable
 from calib.screening.curves.smooth_joint_error import LEARNED
 
@@ -102,3 +103,12 @@ def effects_document() -> dict[str, Any]:
             for d in descriptions()
         ]
     }
+
+
+def with_joints(selected: SelectedEffect) -> tuple[Span, ...]:
+    """An effect with the joints that carry it: "backlash (joints 1 and 3)"."""
+    joints = sorted({index + 1 for m in selected.members if (index := getattr(m, "joint", None)) is not None})
+    if not joints:
+        return (selected.name,)
+    of = listed([joint(number) for number in joints])
+    return spans(f"{selected.name} (joint{'s' if len(joints) > 1 else ''} ", of, ")")

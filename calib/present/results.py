@@ -23,13 +23,14 @@ if TYPE_CHECKING:
 FIGURES = "calib.figures"  # entry points of this group draw figures in notebooks: `Draw` of `rendering/html.py`
 
 
-_MAKERS = tuple(
-    f"calib.present.{name}"
-    for name in (
-        *("arm_types", "calibration", "campaign", "changes", "checks", "comparison", "corners", "correction"),
-        *("dataset", "diagnosis", "fleets", "origins", "plans", "recurrence", "redundancy", "tool_place", "validation"),
-    )
-)
+_ROOMS = {
+    "": ("origins",),
+    "fit.": ("calibration", "corners", "dataset", "redundancy", "tool_place", "validation"),
+    "cause.": ("diagnosis",),
+    "over_time.": ("arm_types", "campaign", "changes", "checks", "comparison", "fleets", "recurrence"),
+    "moves.": ("correction", "plans"),
+}
+_MAKERS = tuple(f"calib.present.{room}{name}" for room, names in _ROOMS.items() for name in names)
 """Modules that register what they make of a result; whoever tells of one kind has loaded its module alone."""
 
 

@@ -22,8 +22,7 @@ from calib.fleet.type_file import load_type
 from calib.models.exported_table import ExportedTable, exported_table, require_template_of
 from calib.models.model_file import load_model
 from calib.models.refit import refit
-from calib.present.arm_types import pooled_block, pooled_document
-from calib.present.calibration import (
+from calib.present.fit.calibration import (
     calibration_document,
     calibration_head,
     fit_steps,
@@ -33,6 +32,7 @@ from calib.present.calibration import (
     steps_document,
     table_document,
 )
+from calib.present.over_time.arm_types import pooled_block, pooled_document
 from calib.rendering.text import block_text
 from calib.robot_formats.calibrated_file import TEMPLATE_SUFFIXES, URDF_SUFFIXES, YAML_SUFFIXES, kept_template
 from calib.screening.curves.fitted_curves import effect_file_text

@@ -9,7 +9,7 @@ from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError
 from calib.monitoring.watched_cell import WatchedCell, watched_cell
 from calib.present import to_dict
-from calib.present.changes import series, watch_document, watch_summary
+from calib.present.over_time.changes import series, watch_document, watch_summary
 from calib.text_files.csv_text import frame_csv
 from calib.validation.comparison import compare
 from calib.validation.repeat import repeat

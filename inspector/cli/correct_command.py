@@ -13,9 +13,9 @@ from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_
 from calib.errors import CalibError, visible
 from calib.models.fitted_model import FittedModel
 from calib.models.model_file import load_model
-from calib.present.calibration import tool_shift_sentence
-from calib.present.correction import correction_blocks, correction_document
-from calib.present.program_correction import program_correction_blocks, program_correction_document
+from calib.present.fit.calibration import tool_shift_sentence
+from calib.present.moves.correction import correction_blocks, correction_document
+from calib.present.moves.program_correction import program_correction_blocks, program_correction_document
 from calib.rendering.text import block_text
 from calib.robot_formats.program_targets import Program, frame_given, load_program, require_frames
 from calib.robot_formats.programs import is_point_list, require_joints, require_point_list

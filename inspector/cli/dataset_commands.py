@@ -27,10 +27,10 @@ from calib.measurement.measured_points import (
     with_corners,
 )
 from calib.present import to_dict
-from calib.present.corners import batch_blocks, corners_document
 from calib.present.effects import effects_document
+from calib.present.fit.corners import batch_blocks, corners_document
+from calib.present.fit.redundancy import free_frame_sentence, redundancy_blocks, redundancy_document
 from calib.present.origins import verified_document
-from calib.present.redundancy import free_frame_sentence, redundancy_blocks, redundancy_document
 from calib.rendering.blocks import Paragraph
 from calib.rendering.text import block_text
 from calib.strict_json import to_json

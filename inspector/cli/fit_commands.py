@@ -16,7 +16,7 @@ from calib.errors import CalibError, DatasetError, visible
 from calib.measurement.measured_points import require_corners, with_corners
 from calib.models.model_file import save_model
 from calib.planning.discrimination import NextPoses, next_poses
-from calib.present.diagnosis import diagnosis_document, diagnosis_presentation
+from calib.present.cause.diagnosis import diagnosis_document, diagnosis_presentation
 from calib.rendering.text import block_text
 from calib.rendering.text import text as plain_text
 from calib.screening.curves.fitted_curves import effect_file_text
@@ -43,7 +43,7 @@ def run_validate(options: ValidateOptions) -> int:
     if options.model is not None:
         return validate_model(options, options.model)
     # No other command here needs these
-    from calib.present import validation as told
+    from calib.present.fit import validation as told
     from calib.validation.cross_validation import cross_validate
     from calib.validation.learning_curve import learning_curve
 

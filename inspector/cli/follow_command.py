@@ -11,7 +11,7 @@ from calib.campaign.campaign import Campaign
 from calib.campaign.follower import CampaignFollower, News
 from calib.errors import DatasetError, visible
 from calib.present import to_dict
-from calib.present.campaign import campaign_head, judgement_document, judgement_line, shift_sentence
+from calib.present.over_time.campaign import campaign_head, judgement_document, judgement_line, shift_sentence
 from calib.rendering.text import block_text
 from calib.strict_json import to_json
 from inspector.cli.options import FollowOptions

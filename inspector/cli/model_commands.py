@@ -14,7 +14,10 @@ from inspector.cli.options import CorrectOptions, ValidateOptions
 
 def validate_model(options: ValidateOptions, path: Path) -> int:
     """Print the errors of a saved model at a dataset's points, training and test poses apart."""
-    from calib.present.validation import saved_model_blocks, saved_model_document  # no other command here needs these
+    from calib.present.fit.validation import (  # no other command here needs these
+        saved_model_blocks,
+        saved_model_document,
+    )
 
     refuse_fit_options(options)
     dataset = load(options.path, finder=options.finder)

@@ -7,7 +7,7 @@ from typing import Any
 
 from calib.dataset_import.plan import ImportPlan, PlannedColumn
 from calib.dataset_import.user_files import UserFile
-from calib.present.dataset import first_rows, preview
+from calib.present.fit.dataset import first_rows, preview
 from calib.rendering.text import block_text
 
 

@@ -14,7 +14,7 @@ import plotly.graph_objects as go
 from calib.array_types import Array, BoolArray
 from calib.html_text import escape
 from calib.kinematics.robot import Robot
-from calib.present.curves import input_label, read_unit
+from calib.present.fit.curves import input_label, read_unit
 from calib.screening.curves.fitted_curves import FittedCurve
 from inspector.figures.style import EDGE, SELECTED_COLOUR, figure, selects_joint
 

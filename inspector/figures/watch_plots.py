@@ -10,7 +10,7 @@ from calib.html_text import escape
 from calib.monitoring.control_chart import date_of, in_time
 from calib.monitoring.series import DRIFT, SeriesReport
 from calib.monitoring.watch import ChangeReport
-from calib.present.changes import average_label, change_phrases
+from calib.present.over_time.changes import average_label, change_phrases
 from calib.rendering.numbers import readable
 from inspector.figures.plots import NOISE_BAND
 from inspector.figures.style import distinct_labels, figure, log_axis

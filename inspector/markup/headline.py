@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from calib.diagnosis.budget import ErrorBudget
 from calib.diagnosis.headline import ErrorStage, Headline
-from calib.present import error_headline as headlines
-from calib.present.budget import budget_parts, budget_sentence
+from calib.present.cause.budget import budget_parts, budget_sentence
 from calib.present.effects import title
+from calib.present.fit import error_headline as headlines
 from calib.rendering import numbers
 from inspector.markup.parts import elements
 from inspector.markup.parts.elements import Html, asking, opening

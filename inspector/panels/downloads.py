@@ -10,7 +10,7 @@ import viser
 from calib.calibration.plausibility import implausibility_reason
 from calib.errors import CalibError
 from calib.models.exported_table import exported_table
-from calib.present.calibration import table_alone
+from calib.present.fit.calibration import table_alone
 from calib.rendering.html import panel
 from calib.robot_formats.calibrated_file import kept_template
 from inspector.markup.parts import elements

@@ -13,7 +13,7 @@ from calib.diagnosis.result import Diagnosis
 from calib.identifiability.redundancy import Redundancy
 from calib.models.exported_table import ExportedTable, exported_table
 from calib.present.effects import model_name
-from calib.present.residuals import ModelResidual, residuals_of
+from calib.present.fit.residuals import ModelResidual, residuals_of
 from calib.screening.candidates import Screening
 from calib.screening.residual_tests import run_residual_tests
 from inspector.session.measuring import with_redundancy

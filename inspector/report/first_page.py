@@ -5,10 +5,10 @@ from __future__ import annotations
 from calib.calibration.model_versions import versions
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.headline import Headline as HeadlineFacts
-from calib.present import error_headline as headlines
-from calib.present.actions import plain_verdict, what_to_do
-from calib.present.budget import budget_blocks
+from calib.present.cause.actions import plain_verdict, what_to_do
+from calib.present.cause.budget import budget_blocks
 from calib.present.effects import model_name
+from calib.present.fit import error_headline as headlines
 from calib.rendering.blocks import Block, Bullets, Drawing, KeyFigures, Paragraph, Verdict
 from calib.rendering.colours import VERDICT_COLOURS
 from inspector.markup.parts.palette import NEUTRAL

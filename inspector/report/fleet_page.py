@@ -9,7 +9,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from calib.fleet.result import Fleet
-from calib.present.fleets import METHOD, fleet_head, fleet_sections
+from calib.present.over_time.fleets import METHOD, fleet_head, fleet_sections
 from calib.rendering.blocks import Bullets, Facts, Link, Paragraph, Presentation, Section
 from inspector.report.page import render
 from inspector.report.report import versions

@@ -13,18 +13,8 @@ from pathlib import Path
 from typing import Protocol
 
 from calib.calibration.noise_level import check_sigma
-from calib.present.calibration import (
-    error_tables,
-    history_caption,
-    last_change,
-    parameters,
-    pose_errors,
-    sigma_sentence,
-    step_table,
-)
-from calib.present.candidates import FULL_RANKING, estimated_values, held_out_sentence, ranking, untestable_blocks
-from calib.present.dataset import measured_blocks
-from calib.present.diagnosis import (
+from calib.present.cause.candidates import FULL_RANKING, estimated_values, held_out_sentence, ranking, untestable_blocks
+from calib.present.cause.diagnosis import (
     BY_POSE,
     DATASET,
     HISTORY,
@@ -36,10 +26,20 @@ from calib.present.diagnosis import (
     reasons,
     verdict_block,
 )
-from calib.present.interventions import intervention_sections
+from calib.present.cause.interventions import intervention_sections
+from calib.present.fit.calibration import (
+    error_tables,
+    history_caption,
+    last_change,
+    parameters,
+    pose_errors,
+    sigma_sentence,
+    step_table,
+)
+from calib.present.fit.dataset import measured_blocks
+from calib.present.fit.redundancy import redundancy_section
+from calib.present.fit.residuals import residual_blocks
 from calib.present.origins import origin_blocks
-from calib.present.redundancy import redundancy_section
-from calib.present.residuals import residual_blocks
 from calib.rendering.blocks import Block, Bullets, Drawing, Facts, FigurePlace, Paragraph, Presentation, Section
 from calib.strict_json import to_json
 from inspector.report.content import Report

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 
 from calib.monitoring.watched_cell import WatchedCell
-from calib.present.changes import METHOD, cell_sections, cell_verdict, control_chart
+from calib.present.over_time.changes import METHOD, cell_sections, cell_verdict, control_chart
 from calib.rendering.blocks import Block, Bullets, Facts, KeyFigures, Presentation, Section
 from inspector.figures import watch_plots
 from inspector.figures.svg.file import svg_file

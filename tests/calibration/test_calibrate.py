@@ -22,8 +22,8 @@ from calib.fitting.scanner_frame import fit_scanner_frame
 from calib.identifiability.structural import redundancy
 from calib.kinematics.robot import Target
 from calib.options import FitOptions
-from calib.present.calibration import calibration_warnings
-from calib.present.checks import item_sentence
+from calib.present.fit.calibration import calibration_warnings
+from calib.present.over_time.checks import item_sentence
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import ErrorsOfTestPoses, check
 from tests.support import SHARED_DATA

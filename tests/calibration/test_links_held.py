@@ -10,7 +10,7 @@ import pytest
 from calib.calibration.calibrate import calibrate
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
-from calib.present.calibration import calibration_document
+from calib.present.fit.calibration import calibration_document
 from calib.simulation.simulate import Tolerances, simulate_dataset
 
 

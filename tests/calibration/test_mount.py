@@ -11,7 +11,7 @@ from calib import frames
 from calib.calibration.calibrate import calibrate
 from calib.calibration.mount import mounts
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.present.calibration import calibration_document
+from calib.present.fit.calibration import calibration_document
 from calib.simulation.simulate import Tolerances, simulate_dataset
 
 

@@ -14,8 +14,8 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
-from calib.present.calibration import calibration_warnings
-from calib.present.verdict import verdict
+from calib.present.cause.verdict import verdict
+from calib.present.fit.calibration import calibration_warnings
 from calib.rendering.blocks import plain
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import check

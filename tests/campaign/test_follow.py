@@ -25,7 +25,7 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.frames import best_fit_transform, rotation_from_rotvec
 from calib.kinematics.chain import Chain, forward
 from calib.kinematics.robot import Robot
-from calib.present.campaign import campaign_head, judgement_document
+from calib.present.over_time.campaign import campaign_head, judgement_document
 from calib.rendering.text import block_text
 from calib.simulation.simulate import simulate_dataset
 from calib.workcell.candidates import candidate_poses

@@ -13,7 +13,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.models.model_file import load_model
-from calib.present.diagnosis import diagnosis_document
+from calib.present.cause.diagnosis import diagnosis_document
 from calib.strict_json import to_json
 from tests.support.mujoco_arm import mujoco
 from tests.support.signal_cell import COMPLIANCE, Measured, measured, write

@@ -18,7 +18,7 @@ from calib.effects.state import RobotState
 from calib.errors import DatasetError
 from calib.models.fitted_model import FittedModel
 from calib.models.model_file import load_model
-from calib.present.diagnosis import diagnosis_document
+from calib.present.cause.diagnosis import diagnosis_document
 from calib.strict_json import to_json
 from tests.support.mujoco_arm import mujoco
 from tests.support.signal_cell import COMPLIANCE, Measured, measured, write

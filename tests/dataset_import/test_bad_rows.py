@@ -17,7 +17,7 @@ from calib.dataset_import.tool_offset import with_tool_offset
 from calib.dataset_import.typed_values import typed_length_mm, typed_point_mm
 from calib.kinematics.chain import target_points
 from calib.kinematics.tool_point import tool_point_of
-from calib.present.dataset import first_rows, preview
+from calib.present.fit.dataset import first_rows, preview
 from calib.robot_formats.chain.five_parameters import chain_of
 from calib.robot_formats.chain.serial_chain import chain_frames
 from calib.robot_formats.conventions import RobotReading

@@ -26,10 +26,10 @@ from calib.effects.effect import Effect, Parameter
 from calib.effects.state import RobotState
 from calib.kinematics.chain import target_jacobian
 from calib.planning.discrimination import discriminating_poses, nearest_alternative
+from calib.present.cause.verdict import advice as advice_words
+from calib.present.cause.verdict import residual
 from calib.present.effects import meaning
 from calib.present.names import input_name
-from calib.present.verdict import advice as advice_words
-from calib.present.verdict import residual
 from calib.rendering import numbers
 from calib.rendering.blocks import plain
 from calib.screening.candidates import Screening, screen

@@ -10,7 +10,7 @@ from calib.diagnosis.causes import cause_of, worst_pose
 from calib.diagnosis.decision_rules import left_to_curves
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
-from calib.present.verdict import cause
+from calib.present.cause.verdict import cause
 from calib.rendering.blocks import plain
 from tests.support import ROOT
 

@@ -22,7 +22,7 @@ from calib.effects.catalogue.order_steps import ChangePoint, JointStep
 from calib.effects.effect import Family, families_from
 from calib.effects.state import RobotState
 from calib.kinematics.chain import target_jacobian
-from calib.present import verdict as told
+from calib.present.cause import verdict as told
 from calib.rendering.text import plain
 from calib.screening.projected_residual import project_residual
 from calib.simulation.simulate import simulate_dataset

@@ -15,7 +15,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import effects_for
 from calib.options import FitOptions
-from calib.present.calibration import calibration_warnings
+from calib.present.fit.calibration import calibration_warnings
 from calib.screening.candidates import screen
 from calib.validation.cross_validation import cross_validate
 from tests.support.arms import dataset_of, elementary_points, perturbed

@@ -16,8 +16,8 @@ from calib.diagnosis.moves import AddEffect, DropEffect, LeaveOutPoses
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.verdict import ConfoundedSet, Refusal
 from calib.planning.discrimination import DiscriminatingPose
-from calib.present.diagnosis import confounded, poses_to_measure, refusal, residual_tests
-from calib.present.verdict import advice, fault, move, promise, residual
+from calib.present.cause.diagnosis import confounded, poses_to_measure, refusal, residual_tests
+from calib.present.cause.verdict import advice, fault, move, promise, residual
 from calib.rendering.blocks import Reference, plain
 from calib.screening.candidates import Candidate
 from calib.screening.residual_tests import InputTest, ResidualTests

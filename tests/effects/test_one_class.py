@@ -25,7 +25,7 @@ from calib.effects.state import RobotState
 from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
 from calib.kinematics.chain import target_jacobian
-from calib.present.candidates import candidate_blocks, fitted_effect
+from calib.present.cause.candidates import candidate_blocks, fitted_effect
 from calib.rendering.text import block_text
 from calib.screening.candidates import screen
 from calib.screening.projected_residual import project_residual

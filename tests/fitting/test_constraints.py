@@ -14,7 +14,7 @@ from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.options import FitOptions
-from calib.present.checks import item_sentence
+from calib.present.over_time.checks import item_sentence
 from calib.validation.acceptance import check
 from tests.support.arms import dataset_of, elementary_points, jang_arm, park_arm, perturbed
 

@@ -26,7 +26,7 @@ from calib.fitting.observations import Observations, weighted
 from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.robust import point_norms, rows_of_points
 from calib.options import FitOptions
-from calib.present.calibration import calibration_warnings, outlier_hint
+from calib.present.fit.calibration import calibration_warnings, outlier_hint
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
 from tests.support import ROOT

@@ -18,8 +18,8 @@ from calib.identifiability.structural import free_frame_rank, redundancy, struct
 from calib.identifiability.tool_rows import tool_rows
 from calib.kinematics.robot import Base, Robot
 from calib.options import FitOptions
-from calib.present.calibration import calibration_warnings
-from calib.present.redundancy import free_frame_sentence, tool_sentence
+from calib.present.fit.calibration import calibration_warnings
+from calib.present.fit.redundancy import free_frame_sentence, tool_sentence
 from calib.rendering.blocks import plain
 from tests.support.arms import flange_dataset_of, perturbed, random_arm
 from tests.support.fit_cases import label, rich_dataset, some_of

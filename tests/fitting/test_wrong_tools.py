@@ -25,8 +25,8 @@ from calib.kinematics.robot import Robot, Target
 from calib.kinematics.tool_point import tool_point, with_tool_point
 from calib.models.model_file import load_model, save_model
 from calib.options import FitOptions
-from calib.present.calibration import calibration_warnings
-from calib.present.checks import item_sentence
+from calib.present.fit.calibration import calibration_warnings
+from calib.present.over_time.checks import item_sentence
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import check
 from calib.validation.cross_validation import cross_validate

@@ -13,7 +13,7 @@ from calib.array_types import BoolArray
 from calib.distributions import hypergeometric_sf
 from calib.fleet.row import EffectSize, Row
 from calib.fleet.shared_causes import best_range, best_since, natural, shared_causes
-from calib.present.fleets import cause_phrase
+from calib.present.over_time.fleets import cause_phrase
 from tests.support.fleet import row
 
 

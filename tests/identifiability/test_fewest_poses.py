@@ -15,7 +15,7 @@ from calib.effects.catalogue import family_of
 from calib.errors import FitError
 from calib.identifiability.structural import fewest_poses
 from calib.options import RESIDUAL_KINDS, FitOptions
-from calib.present.checks import item_sentence
+from calib.present.over_time.checks import item_sentence
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import TooFewPoses, check
 

@@ -19,7 +19,7 @@ from calib.fitting.observations import Observations
 from calib.fitting.residual_kinds import make_residuals
 from calib.identifiability.structural import free_frame_rank, redundancy, structural_rank
 from calib.kinematics.robot import Joint, Robot, Tool
-from calib.present.redundancy import free_frame_sentence
+from calib.present.fit.redundancy import free_frame_sentence
 from calib.simulation.truth.equilibrium import Truth, base_T_target
 from inspector.cli.parser import main
 

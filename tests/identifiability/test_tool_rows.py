@@ -13,7 +13,7 @@ from calib.identifiability.structural import redundancy
 from calib.identifiability.tool_rows import rows_of_tool, tool_rows
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Tool
-from calib.present.redundancy import tool_sentence
+from calib.present.fit.redundancy import tool_sentence
 from calib.rendering.blocks import plain
 
 SAMPLE = Path(__file__).parents[2] / "sample_data" / "hidden_effect_a"

@@ -14,7 +14,7 @@ from calib.diagnosis.contradictions import contradictions
 from calib.diagnosis.diagnose import diagnose
 from calib.intervention.pairs import find_pairs
 from calib.intervention.proof import Proof, interventions_of
-from calib.present.interventions import intervention_sections
+from calib.present.cause.interventions import intervention_sections
 from calib.rendering.blocks import FigurePlace
 from inspector.figures.results.places import draw
 from tests.support.engine.joint_causes import moves

@@ -15,7 +15,7 @@ from calib.monitoring.change_models import TOOL, ChangeModel
 from calib.monitoring.change_tests import Change
 from calib.monitoring.misfit import Misfit
 from calib.monitoring.watch import watch
-from calib.present.changes import change_verdict
+from calib.present.over_time.changes import change_verdict
 from calib.rendering.text import block_text
 from calib.simulation.simulate import simulate_dataset
 

@@ -17,7 +17,7 @@ from calib.errors import CalibError
 from calib.monitoring.series import DRIFT, STEP, watch_series
 from calib.monitoring.watch import watch
 from calib.monitoring.watched_cell import watched_cell
-from calib.present.changes import series_sentence, time_left_sentence, watch_document
+from calib.present.over_time.changes import series_sentence, time_left_sentence, watch_document
 from tests.support.checked_cell import Cell
 
 pytest.importorskip("mujoco")

@@ -16,7 +16,7 @@ from calib.planning.outcome import EffectOutcome, ParameterReason
 from calib.planning.plan import Plan, criterion_of, plan_poses
 from calib.planning.prediction import enough_poses
 from calib.planning.start import FromFit, FromRobot
-from calib.present.plans import assumptions, outcome_sentences
+from calib.present.moves.plans import assumptions, outcome_sentences
 from calib.simulation.measured_dataset import measure
 from calib.simulation.pose_design import draw_scanner_pose, scan_poses
 from calib.simulation.truth.arm_sampling import draw_truth

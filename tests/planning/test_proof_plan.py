@@ -18,7 +18,7 @@ from calib.planning.plan import plan, plan_poses
 from calib.planning.proof_criterion import ForProof, for_proof
 from calib.planning.proof_plan import NextChange, change_for
 from calib.planning.start import FromFit
-from calib.present.plans import plan_headline
+from calib.present.moves.plans import plan_headline
 from calib.screening.candidates import screen
 from tests.support.engine.cases import robot_of
 from tests.support.engine.cell import Cell, draw_cell

@@ -10,7 +10,7 @@ import pytest
 import calib
 from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
-from calib.present.candidates import (
+from calib.present.cause.candidates import (
     BRIEF_RANKING,
     FOLDED_BELOW,
     FULL_RANKING,

@@ -25,7 +25,7 @@ from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.result import Diagnosis
 from calib.identifiability.structural import free_frame_rank, redundancy
 from calib.measurement.measured_points import with_corners
-from calib.present.calibration import calibration_warnings
+from calib.present.fit.calibration import calibration_warnings
 from calib.validation.acceptance import check
 from tests.support import ROOT
 

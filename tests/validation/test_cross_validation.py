@@ -18,7 +18,7 @@ from calib.dataset.dataset import Dataset, Points, Scanner
 from calib.dataset.files.folder import write_dataset
 from calib.errors import FitError
 from calib.options import FitOptions
-from calib.present.calibration import sigma_sentence
+from calib.present.fit.calibration import sigma_sentence
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import LearningCurve, LearningStep, learning_curve
 from calib.validation.splits import deal_folds, growing_order, split_dataset, training_groups

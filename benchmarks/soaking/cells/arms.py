@@ -12,7 +12,7 @@ from calib.calibration.result import Calibration
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.errors import CalibError
-from calib.present.calibration import calibration_warnings
+from calib.present.fit.calibration import calibration_warnings
 from soaking.cells.drawn_arms import DrawnArm, draw
 from soaking.record import Result
 

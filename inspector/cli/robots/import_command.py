@@ -22,7 +22,7 @@ from calib.dataset_import.import_dataset import (
 from calib.dataset_import.plan import ImportPlan
 from calib.dataset_import.user_files import UserFiles
 from calib.errors import CalibError, visible
-from calib.present.diagnosis import diagnosis_document
+from calib.present.cause.diagnosis import diagnosis_document
 from inspector.cli.dataset_commands import measured, show
 from inspector.cli.options import ImportOptions
 from inspector.cli.progress import stages

@@ -24,7 +24,7 @@ from calib.kinematics.robot import Robot
 from calib.monitoring.series import SeriesReport
 from calib.monitoring.watch import ChangeReport
 from calib.planning.plan import Plan
-from calib.present.residuals import AXES, LENGTH, input_title, joint_title, shown, turned
+from calib.present.fit.residuals import AXES, LENGTH, input_title, joint_title, shown, turned
 from calib.screening.curves.fitted_curves import fitted_curves
 from calib.validation.learning_curve import LearningCurve
 from inspector.figures import (

@@ -10,8 +10,7 @@ from calib.diagnosis.effect_selection import SelectedEffect
 from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPoses, ShapeNoise
 from calib.diagnosis.result import Diagnosis
 from calib.planning.discrimination import NextPoses
-from calib.present.calibration import last_change, state_of_model
-from calib.present.candidates import (
+from calib.present.cause.candidates import (
     CANNOT_BE_TESTED,
     candidate_blocks,
     fitted_effect,
@@ -19,14 +18,14 @@ from calib.present.candidates import (
     nothing_shows,
     ranking_to_choose_from,
     ticks_sentence,
-    with_joints,
 )
-from calib.present.curves import offered_curves
-from calib.present.diagnosis import HOW, reasons
-from calib.present.effects import not_testable
-from calib.present.interventions import intervention_sections
-from calib.present.verdict import advice as advice_sentence
-from calib.present.verdict import residual_of, verdict
+from calib.present.cause.diagnosis import HOW, reasons
+from calib.present.cause.interventions import intervention_sections
+from calib.present.cause.verdict import advice as advice_sentence
+from calib.present.cause.verdict import residual_of, verdict
+from calib.present.effects import not_testable, with_joints
+from calib.present.fit.calibration import last_change, state_of_model
+from calib.present.fit.curves import offered_curves
 from calib.rendering import html, numbers
 from calib.rendering.blocks import Block, Bullets, Facts, Folded, Paragraph, Section, Verdict, plain, spans
 from calib.rendering.colours import VERDICT_COLOURS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.present.corners import doubt_blocks, place_table, search_blocks
+from calib.present.fit.corners import doubt_blocks, place_table, search_blocks
 from calib.rendering import html, numbers
 from calib.rendering.blocks import Block, Coloured, Paragraph, Table, Verdict
 from calib.rendering.colours import BAD, DOUBT

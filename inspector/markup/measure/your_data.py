@@ -10,7 +10,7 @@ from calib.dataset.input_names import quantity_of
 from calib.dataset_import.columns import Meaning
 from calib.dataset_import.plan import ImportPlan, PlannedColumn
 from calib.dataset_import.user_files import UNUSED, UserFile
-from calib.present.dataset import first_rows, preview
+from calib.present.fit.dataset import first_rows, preview
 from inspector.markup.parts import elements
 from inspector.markup.parts.elements import Html
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import viser
 
 from calib.diagnosis.moves import LeaveOutPoses
-from calib.present.diagnosis import outliers_sentence
+from calib.present.cause.diagnosis import outliers_sentence
 from calib.rendering.blocks import Paragraph
 from calib.rendering.html import panel
 from inspector.markup.learn.effects import leave_out_label

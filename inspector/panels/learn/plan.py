@@ -9,7 +9,7 @@ import viser
 from calib.planning.criterion import CALIBRATION, WATCH
 from calib.planning.discrimination_criterion import SPLIT
 from calib.planning.proof_criterion import PROVE
-from calib.present.plans import assumptions, plan_head, poses_table
+from calib.present.moves.plans import assumptions, plan_head, poses_table
 from calib.rendering import html
 from calib.rendering.blocks import Bullets, Section
 from calib.robot_formats.programs import JOINTS

@@ -6,7 +6,7 @@ import viser
 
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.pose_errors import PoseErrors, pose_errors_at, running_median
-from calib.present.residuals import (
+from calib.present.fit.residuals import (
     AXES,
     LENGTH,
     band_note,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import viser
 
 from calib.campaign.campaign import Campaign
-from calib.present.campaign import campaign_head, latest_first
+from calib.present.over_time.campaign import campaign_head, latest_first
 from calib.rendering import html
 from inspector.figures.campaign_plots import predicted_error
 from inspector.markup.parts import elements

@@ -6,8 +6,8 @@ import numpy as np
 import viser
 
 from calib.identifiability.redundancy import Redundancy
+from calib.present.fit.redundancy import redundancy_blocks
 from calib.present.names import joints_by_parameter
-from calib.present.redundancy import redundancy_blocks
 from calib.rendering import html
 from inspector.figures.plots import correlation_heatmap
 from inspector.markup.parts import elements

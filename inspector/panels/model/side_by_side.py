@@ -5,8 +5,8 @@ from __future__ import annotations
 import viser
 
 from calib.calibration.result import Calibration
-from calib.present.comparison import comparison_head, errors, parameters
-from calib.present.residuals import input_title, turned
+from calib.present.fit.residuals import input_title, turned
+from calib.present.over_time.comparison import comparison_head, errors, parameters
 from calib.rendering import html
 from inspector.figures.side_by_side import errors_beside
 from inspector.markup.parts import elements

@@ -5,7 +5,7 @@ from __future__ import annotations
 import viser
 
 from calib.monitoring.watched_cell import WatchedCell
-from calib.present.changes import cell_sections, change_verdict, series_head
+from calib.present.over_time.changes import cell_sections, change_verdict, series_head
 from calib.rendering import html
 from inspector.figures.watch_plots import control_chart, series_chart
 from inspector.markup.parts import elements

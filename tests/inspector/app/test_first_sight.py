@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from calib.calibration.model_versions import LINKS, NOMINAL
-from calib.present.error_headline import stage_error
+from calib.present.fit.error_headline import stage_error
 from inspector.app.app import App
 from inspector.server.viser_server import url_of
 from tests.support.app import IDLE_S

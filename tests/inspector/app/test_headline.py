@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from calib.present.budget import budget_parts
-from calib.present.error_headline import stage_error
+from calib.present.cause.budget import budget_parts
+from calib.present.fit.error_headline import stage_error
 from inspector.app.app import App
 from inspector.app.serving import serving
 from inspector.markup.headline import RANKING, TO_FIND, headline_html

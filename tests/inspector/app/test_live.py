@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from calib.present.campaign import outlook_sentences
+from calib.present.over_time.campaign import outlook_sentences
 from inspector.panels.measure.live import FOLLOW, SHOW
 from tests.support.app import IDLE_S, idle_app, plain, shows
 from tests.support.hidden_dataset import write_hidden

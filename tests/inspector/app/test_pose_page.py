@@ -23,7 +23,7 @@ from calib.errors import FitError
 from calib.measurement.face_labels import FaceLabels
 from calib.measurement.measured_points import with_corners
 from calib.options import FitOptions
-from calib.present.corners import face_labelling
+from calib.present.fit.corners import face_labelling
 from calib.rendering import numbers
 from calib.simulation.measured_dataset import write_simulation
 from calib.simulation.simulate import simulate_dataset

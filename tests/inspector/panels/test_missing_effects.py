@@ -17,7 +17,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.verdict import ConfoundedSet
 from calib.planning.discrimination import discriminating_poses, nearest_alternative
 from calib.present.effects import not_testable, title
-from calib.present.residuals import input_title
+from calib.present.fit.residuals import input_title
 from calib.rendering import numbers
 from calib.screening.candidates import Untestable
 from inspector.app.app import App

@@ -16,9 +16,9 @@ import pytest
 
 from calib.dataset.dataset import About, Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.present.budget import budget_parts
+from calib.present.cause.budget import budget_parts
 from calib.present.effects import title
-from calib.present.error_headline import stage_error
+from calib.present.fit.error_headline import stage_error
 from calib.rendering import numbers
 from calib.rendering.blocks import Presentation, Table
 from calib.rendering.numbers import column_mm

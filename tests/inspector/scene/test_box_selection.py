@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from calib.array_types import Array, BoolArray
-from calib.present.candidates import explained_at
+from calib.present.cause.candidates import explained_at
 from calib.screening.candidates import explained_shares_at
 from inspector.app.app import App
 from inspector.markup.parts.palette import HIGHLIGHT, rgb

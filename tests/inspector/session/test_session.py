@@ -11,7 +11,7 @@ from calib.calibration.calibrate import calibrate
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.errors import CalibError
-from calib.present.calibration import last_change
+from calib.present.fit.calibration import last_change
 from calib.rendering.blocks import plain
 from inspector.session import measuring
 from inspector.session import transitions as sessions

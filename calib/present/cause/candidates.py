@@ -11,7 +11,6 @@ import numpy as np
 
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import is_convincing
-from calib.diagnosis.effect_selection import SelectedEffect
 from calib.diagnosis.probabilities import CauseProbabilities
 from calib.effects.effect import (
     Description,
@@ -42,7 +41,6 @@ from calib.rendering.blocks import (
     Words,
     effect,
     joint,
-    listed,
     spans,
 )
 from calib.screening.candidates import Candidate, Screening, Untestable, explained_shares_at
@@ -314,15 +312,6 @@ def _description(name: str, candidate: Candidate | None, calibration: Calibratio
         return candidate.family.description
     inside = next((effect for effect in calibration.model.effects if family_name(effect) == name), None)
     return describe(inside) if inside is not None else Description(name)
-
-
-def with_joints(selected: SelectedEffect) -> tuple[Span, ...]:
-    """An effect with the joints that carry it: "backlash (joints 1 and 3)"."""
-    joints = sorted({index + 1 for m in selected.members if (index := getattr(m, "joint", None)) is not None})
-    if not joints:
-        return (selected.name,)
-    of = listed([joint(number) for number in joints])
-    return spans(f"{selected.name} (joint{'s' if len(joints) > 1 else ''} ", of, ")")
 
 
 def discriminating_section(

@@ -27,13 +27,12 @@ from calib.identifiability.tool_rows import tool_rows
 from calib.models.exported_table import ExportedTable
 from calib.models.fitted_model import RoleErrors
 from calib.present import names
-from calib.present.candidates import with_joints
-from calib.present.corners import face_labelling
-from calib.present.curves import curve_table, formulas
-from calib.present.effects import model_name
-from calib.present.error_headline import error_headline
-from calib.present.promise import COVERAGE, coverage_words, promise_document
-from calib.present.redundancy import redundancy_section, tool_sentence
+from calib.present.effects import model_name, with_joints
+from calib.present.fit.corners import face_labelling
+from calib.present.fit.curves import curve_table, formulas
+from calib.present.fit.error_headline import error_headline
+from calib.present.fit.promise import COVERAGE, coverage_words, promise_document
+from calib.present.fit.redundancy import redundancy_section, tool_sentence
 from calib.present.results import document, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import (

@@ -15,10 +15,10 @@ from calib.diagnosis.moves import AddCurves, AddEffect, DropEffect, LeaveOutPose
 from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import descriptions
 from calib.effects.effect import describe
-from calib.present.calibration import table_doubts
+from calib.present.cause.noise import noise_sentences
 from calib.present.effects import meaning, title, with_key
+from calib.present.fit.calibration import table_doubts
 from calib.present.names import input_name
-from calib.present.noise import noise_sentences
 from calib.rendering import numbers
 from calib.rendering.blocks import Span, Words, capitalised, effect, joint, listed, pose, spans
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR

@@ -14,8 +14,8 @@ from calib.corners.search import CornerSearch
 from calib.dataset.dataset import ROLES, Dataset
 from calib.measurement.measured_points import failed_searches
 from calib.present import names
-from calib.present.calibration import calibration_warnings
-from calib.present.corners import scan_sentences
+from calib.present.fit.calibration import calibration_warnings
+from calib.present.fit.corners import scan_sentences
 from calib.present.results import document, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Bullets, Facts, KeyFigures, Presentation, Section, Table

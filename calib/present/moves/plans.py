@@ -29,7 +29,7 @@ from calib.planning.prediction import PAYS, STEP, Prediction
 from calib.planning.simulated_pairs import MOST_LOAD, MOST_PAIRS, Needed
 from calib.planning.start import FromFit, FromRobot
 from calib.present import names
-from calib.present.interventions import condition_change
+from calib.present.cause.interventions import condition_change
 from calib.present.results import document, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import (

@@ -9,7 +9,7 @@ from calib.fleet.drift import Drift
 from calib.fleet.result import Fleet
 from calib.fleet.row import Row
 from calib.fleet.shared_causes import Group, SharedCause
-from calib.present.changes import change_phrase, change_sentence
+from calib.present.over_time.changes import change_phrase, change_sentence
 from calib.present.results import document, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import (

@@ -13,9 +13,9 @@ from calib.consistency.data_problem import DataProblem
 from calib.dataset.repeats import repeats_frame
 from calib.diagnosis.result import Diagnosis
 from calib.fitting.tool_point import ToolShift
-from calib.present.calibration import fit_sentence, outlier_hint, table_doubt, tool_shift_sentence
+from calib.present.cause.verdict import promise, verdict
+from calib.present.fit.calibration import fit_sentence, outlier_hint, table_doubt, tool_shift_sentence
 from calib.present.results import document, presentation
-from calib.present.verdict import promise, verdict
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Presentation, Section, Table, Verdict, plain
 from calib.rendering.colours import BAD, DOUBT, GOOD

@@ -21,8 +21,21 @@ from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.verdict import ConfoundedSet, LearnedModel, Refusal
 from calib.identifiability.structural import redundancy
 from calib.planning.discrimination import DiscriminatingPose, NextPoses, next_poses
-from calib.present.budget import budget_blocks, budget_document
-from calib.present.calibration import (
+from calib.present.cause.budget import budget_blocks, budget_document
+from calib.present.cause.candidates import ranking, untestable_blocks
+from calib.present.cause.interventions import (
+    change_document,
+    change_sentence,
+    intervention_sections,
+    intervention_sentences,
+    proven_document,
+)
+from calib.present.cause.noise import noise_document, noise_sentences
+from calib.present.cause.probabilities import probability_document, probability_sentence
+from calib.present.cause.signals import drive_sections, drive_sentences, signals_document
+from calib.present.cause.verdict import SMALL_CHANGE, curves, fault, verdict
+from calib.present.effects import meaning, with_key
+from calib.present.fit.calibration import (
     found_tool_document,
     parameters,
     pose_errors,
@@ -30,27 +43,14 @@ from calib.present.calibration import (
     tool_shift_sentence,
     worsening_sentence,
 )
-from calib.present.candidates import ranking, untestable_blocks
-from calib.present.curves import BAND_NOTE, curve_blocks, reading_phrase, readings_document
-from calib.present.dataset import NOT_SEARCHED, measured_blocks
-from calib.present.effects import meaning, with_key
-from calib.present.error_headline import error_headline
-from calib.present.interventions import (
-    change_document,
-    change_sentence,
-    intervention_sections,
-    intervention_sentences,
-    proven_document,
-)
+from calib.present.fit.curves import BAND_NOTE, curve_blocks, reading_phrase, readings_document
+from calib.present.fit.dataset import NOT_SEARCHED, measured_blocks
+from calib.present.fit.error_headline import error_headline
+from calib.present.fit.promise import coverage_sentence, promise_document
+from calib.present.fit.redundancy import redundancy_section
+from calib.present.fit.residuals import residual_blocks, residuals_of
 from calib.present.names import input_name
-from calib.present.noise import noise_document, noise_sentences
-from calib.present.probabilities import probability_document, probability_sentence
-from calib.present.promise import coverage_sentence, promise_document
-from calib.present.redundancy import redundancy_section
-from calib.present.residuals import residual_blocks, residuals_of
 from calib.present.results import document, headline, presentation, to_dict
-from calib.present.signals import drive_sections, drive_sentences, signals_document
-from calib.present.verdict import SMALL_CHANGE, curves, fault, verdict
 from calib.rendering import numbers
 from calib.rendering.blocks import (
     Block,

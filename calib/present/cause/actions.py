@@ -14,10 +14,10 @@ from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import descriptions
 from calib.models.exported_table import ExportedTable
 from calib.planning.discrimination import NextPoses
-from calib.present import error_headline as headlines
-from calib.present.diagnosis import poses_to_measure
+from calib.present.cause.diagnosis import poses_to_measure
+from calib.present.cause.interventions import change_sentence
 from calib.present.effects import title
-from calib.present.interventions import change_sentence
+from calib.present.fit import error_headline as headlines
 from calib.rendering import numbers
 from calib.rendering.blocks import plain
 from calib.screening.curves.smooth_joint_error import LEARNED

@@ -10,8 +10,8 @@ import numpy as np
 from calib.calibration.evaluation import Evaluation
 from calib.dataset.dataset import Dataset
 from calib.models.fitted_model import FittedModel
-from calib.present.calibration import error_table, sigma_sentence
-from calib.present.promise import coverage_sentence, promise_document
+from calib.present.fit.calibration import error_table, sigma_sentence
+from calib.present.fit.promise import coverage_sentence, promise_document
 from calib.present.results import document, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Table, Verdict

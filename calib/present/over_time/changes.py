@@ -14,7 +14,7 @@ from calib.monitoring.iso9283 import CAVEAT, PoseFigures
 from calib.monitoring.series import DRIFT, EWMA_WEIGHT, STEP, MovingAverage, SeriesReport
 from calib.monitoring.watch import ChangeReport
 from calib.monitoring.watched_cell import WatchedCell
-from calib.present.comparison import misfit_sentence, or_confounded
+from calib.present.over_time.comparison import misfit_sentence, or_confounded
 from calib.present.results import document, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Bullets, Facts, FigurePlace, Paragraph, Presentation, Section, Table, Verdict

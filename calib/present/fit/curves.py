@@ -9,7 +9,7 @@ from typing import Any
 from calib.calibration.result import Calibration
 from calib.effects.effect import describe
 from calib.kinematics.robot import Robot
-from calib.present.residuals import input_title
+from calib.present.fit.residuals import input_title
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Bullets, Facts, Paragraph, Table, joint
 from calib.screening.curves.fitted_curves import FittedCurve, fitted_curves, learned_members, shape_text

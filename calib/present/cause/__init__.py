@@ -1,0 +1,1 @@
+"""What is told of a diagnosis: effects, evidence, probabilities, the budget and what to do next."""

@@ -1,0 +1,1 @@
+"""What is told of a fit: its data, errors, parameters, curves and validation."""

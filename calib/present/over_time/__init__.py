@@ -1,0 +1,1 @@
+"""What is told of a cell or a fleet over time: changes, checks, campaigns, types of arms."""
