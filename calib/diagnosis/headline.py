@@ -8,10 +8,21 @@ from dataclasses import dataclass
 
 from calib.calibration.noise_level import FIT, NoiseLevel, noise_level
 from calib.calibration.result import Calibration
+from calib.dataset.repeats import SIGMA_DOUBT
+from calib.distributions import chi2_sf
 from calib.fitting.tool_point import ToolShift
 from calib.screening.curves.smooth_joint_error import LEARNED
 
-NOISE_AGREES = 1.5  # times the noise: up to this an error is what noise leaves, as few poses can tell
+NOISE_AGREES = 1.5  # times the noise: up to this an error may be what noise leaves, where few points tell of it
+_CHANCE = 0.01  # that noise alone leaves as much
+
+
+def noise_agrees(ratio: float, coordinates: int) -> bool:
+    """Whether an error that is `ratio` times what noise leaves may be noise, with so many coordinates to tell it by.
+
+    Noise is taken as accurate to 25 %. Of ten points an error of 1.5 times the noise may be noise; of sixty it is not.
+    """
+    return ratio <= NOISE_AGREES and chi2_sf(coordinates * (ratio / SIGMA_DOUBT) ** 2, coordinates) >= _CHANCE
 
 
 @dataclass(frozen=True)
@@ -31,6 +42,7 @@ class Headline:
     stages: tuple[ErrorStage, ...]  # the arm as delivered first
     noise: NoiseLevel
     of_test_poses: bool  # else there are none, and the errors are of the poses that were fitted
+    points: int = 1  # that the last stage's error is of
     tool: ToolShift | None = None  # where the tool point was found, where robot.toml has it far off
 
     @property
@@ -47,7 +59,9 @@ class Headline:
     def reached_noise(self) -> bool:
         """Whether the last stage's error is no larger than independently known noise explains."""
         ratio = self.noise_ratio
-        return ratio is not None and self.noise.source != FIT and ratio <= NOISE_AGREES
+        if ratio is None or self.noise.source == FIT:
+            return False
+        return noise_agrees(ratio, self.noise.coordinates * self.points)
 
 
 @dataclass(frozen=True)
@@ -74,7 +88,9 @@ def headline_of(calibrations: Sequence[Calibration]) -> Headline:
         name = _name(new, with_links=len(stages) == 1)
         stages.append(ErrorStage(name, _error_mm(calibrations[step], of_test_poses), step, new))
         inside = effects
-    return Headline(tuple(stages), noise_level(last), of_test_poses, last.tool_shift)
+    figures = last.after.test if of_test_poses else last.after.train
+    points = 1 if figures is None else figures.points
+    return Headline(tuple(stages), noise_level(last), of_test_poses, points, last.tool_shift)
 
 
 def _on_the_way(effects: Sequence[tuple[str, ...]]) -> list[int]:
@@ -103,6 +119,9 @@ def held_out_beyond_noise(calibration: Calibration, noise_mm: float) -> HeldOutE
     test, points = calibration.after.test, calibration.dataset.points
     assert points is not None
     by_noise_mm = math.sqrt(points.coordinates) * noise_mm
-    if test is None or not noise_mm > 0.0 or test.rmse_mm <= NOISE_AGREES * by_noise_mm:
+    if test is None or not noise_mm > 0.0:
         return None
-    return HeldOutError(test.rmse_mm, test.rmse_mm / by_noise_mm)
+    ratio = test.rmse_mm / by_noise_mm
+    if noise_agrees(ratio, points.coordinates * test.points):
+        return None
+    return HeldOutError(test.rmse_mm, ratio)

@@ -14,7 +14,7 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.noise_level import DECLARED, NoiseLevel, noise_level
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Scanner
-from calib.diagnosis.headline import NOISE_AGREES, ErrorStage, Headline, headline_of
+from calib.diagnosis.headline import NOISE_AGREES, ErrorStage, Headline, headline_of, noise_agrees
 from calib.effects.catalogue import effects_named
 from calib.present.fit.error_headline import error_headline, note
 from calib.rendering.numbers import digits
@@ -110,6 +110,16 @@ def test_noise_is_said_only_where_the_test_error_agrees() -> None:
     assert note(told(1.9, 0.744)).endswith("What is left is 120 times what noise alone would leave.")
     assert told(1.0, NOISE_AGREES * 0.0062).reached_noise
     assert not told(1.0, 1.01 * NOISE_AGREES * 0.0062).reached_noise
+
+
+def test_many_points_tell_a_smaller_excess_from_noise() -> None:
+    assert all(noise_agrees(1.45, coordinates) for coordinates in (1, 15, 45))
+    assert not noise_agrees(1.45, 180)
+    assert noise_agrees(1.25, 100_000)  # a declared sigma is no more accurate
+    assert replace(told(1.0, 1.45 * 0.0062), points=10).reached_noise
+    few, many = (replace(told(1.0, 1.45 * 0.0062), points=points) for points in (10, 60))
+    assert note(few).endswith("What is left is no more than noise.")
+    assert note(many).endswith("What is left is 1.4 times what noise alone would leave.")
 
 
 @given(st.floats(1e-7, 1e5))

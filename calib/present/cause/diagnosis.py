@@ -456,16 +456,21 @@ def outliers_sentence(poses: Sequence[str]) -> Words:
 
 def _pattern(tests: ResidualTests) -> Words:
     first = tests.inputs[0]
-    where = f"along {first.channel.name} of the instrument's frame"
+    name = input_name(first.input)
+    where = "along that axis" if name == _axis(first.channel.name) else f"along {_axis(first.channel.name)}"
     if first.channel.axis == ALONG_LENGTH:
         where = "in the measured lengths"
     if first.channel.joint is not None:
         where = f"in the motion of {first.channel.name}"
+    over = spans(" over ", name) if len(tests.structured) > 1 else ()
     return spans(
         "It depends systematically on ", listed([input_name(key) for key in tests.structured]),
-        f" (p = {numbers.probability(first.p_value)}), most clearly {where} over ", input_name(first.input),
-        ": it is not noise.",
+        f" (p = {numbers.probability(first.p_value)}), most clearly {where}", *over, ": it is not noise.",
     )  # fmt: skip
+
+
+def _axis(name: str) -> str:
+    return f"{name} of the instrument's frame"
 
 
 def _learned(learned: LearnedModel) -> Words:
