@@ -7,10 +7,12 @@ from datetime import datetime
 from importlib.util import find_spec
 from pathlib import Path
 
+from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
 from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.search_space import MAX_EFFECTS
 from calib.effects.catalogue import effects_named
 from calib.errors import CalibError, DatasetError, visible
 from calib.measurement.measured_points import require_corners, with_corners
@@ -26,6 +28,7 @@ from inspector.cli.model_commands import validate_model
 from inspector.cli.options import (
     CheckOptions,
     DiagnoseOptions,
+    FiguresOptions,
     ReportOptions,
     ValidateOptions,
 )
@@ -80,12 +83,7 @@ def run_report(options: ReportOptions) -> int:
     if options.residual == "pose":
         session = with_face_labels(session)
     given = session.measured_for(options.residual)
-    user_effects = loaded_effects(options.effects_file, given)
-    effects_named(given, options.effect, user_effects)  # refuses unknown names before the work starts
-    with stages() as on_step:
-        found = diagnose(
-            given, options.fit_options(), effects=options.effect, user_effects=user_effects, on_step=on_step
-        )
+    found = diagnosed(given, options)
     session = with_found(session, found)
     report, now = report_of(session), datetime.now()
     printed = None if pdf is None else pdf_of(report_html(report, now=now))
@@ -104,6 +102,46 @@ def run_report(options: ReportOptions) -> int:
     return 0
 
 
+def diagnosed(
+    dataset: Dataset, options: ReportOptions | DiagnoseOptions | FiguresOptions, max_steps: int = MAX_EFFECTS
+) -> Diagnosis:
+    """Diagnosis of a measured dataset with the options of a command, its stages told on stderr."""
+    user_effects = loaded_effects(options.effects_file, dataset)
+    effects_named(dataset, options.effect, user_effects)  # refuses unknown names before the work starts
+    with stages() as on_step:
+        return diagnose(
+            dataset,
+            options.fit_options(),
+            effects=options.effect,
+            user_effects=user_effects,
+            max_steps=max_steps,
+            on_step=on_step,
+        )
+
+
+def run_figures(options: FiguresOptions) -> int:
+    """Diagnose a dataset and write the figures of the diagnosis as files, or list them."""
+    from inspector.export.figure_files import figures_of, write_figures  # with plotly, which takes a while to load
+
+    dataset = load(options.path, options.leave_out, options.finder)
+    dataset = measured(dataset, orientation=options.residual == "pose")
+    every = figures_of(diagnosis_presentation(diagnosed(dataset, options), None))
+    names = [one.name for one in every]
+    unknown = [name for name in options.name if name not in names]
+    if unknown:
+        raise CalibError(f"--name {unknown[0]}: no such figure; there are {', '.join(names)}")
+    chosen = [one for one in every if one.name in options.name or not options.name]
+    files = write_figures(chosen, options.out, png=options.png) if options.out is not None else (None,) * len(chosen)
+    document = [
+        {"name": one.name, "caption": one.caption, "file": None if file is None else str(file)}
+        for one, file in zip(chosen, files, strict=True)
+    ]
+    show(
+        options, {"figures": document}, "\n".join(f"{one['file'] or one['name']}: {one['caption']}" for one in document)
+    )
+    return 0
+
+
 def run_diagnose(options: DiagnoseOptions) -> int:
     """Diagnose a dataset: add missing effects step by step."""
     if options.max_steps < 0:
@@ -111,17 +149,7 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     dataset = load(options.path, options.leave_out, options.finder)
     check_outputs(dataset, [options.learned_out, options.model_out], [options.effects_file])
     dataset = measured(dataset, orientation=options.residual == "pose")
-    user_effects = loaded_effects(options.effects_file, dataset)
-    effects_named(dataset, options.effect, user_effects)  # refuses unknown names before the work starts
-    with stages() as on_step:
-        result = diagnose(
-            dataset,
-            options.fit_options(),
-            effects=options.effect,
-            user_effects=user_effects,
-            max_steps=options.max_steps,
-            on_step=on_step,
-        )
+    result = diagnosed(dataset, options, options.max_steps)
     if options.model_out is not None:
         require_plausible(result.calibration, options.force)
     poses = next_poses(result)

@@ -217,6 +217,24 @@ class ReportOptions(_FittingOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class FiguresOptions(_FittingOptions):
+    """Options of `figures`."""
+
+    name: Sequence[str]  # of the figures to write; all where empty
+    out: Path | None  # None: they are listed
+    png: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class McpOptions:
+    """Options of `mcp`."""
+
+    root: Sequence[Path]
+    allow_code: bool
+    timeout_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class SampleOptions(Output):
     """Options of `sample`."""
 

@@ -25,6 +25,8 @@ EXTRA_OF = {
     "websockets": "page",
     "plotly": "page",
     "PIL": "page",
+    "mcp": "agent",
+    "resvg_py": "agent",
 }
 """The extra of pyproject.toml that brings each package which not every installation has."""
 

@@ -97,6 +97,33 @@ def _report(sub: ArgumentParser) -> None:
     add_json(sub)
 
 
+def _figures(sub: ArgumentParser) -> None:
+    sub.add_argument("--out", type=Path, metavar="FOLDER", help="write them, a file each; without it they are listed")
+    sub.add_argument("--name", action="append", default=[], metavar="NAME", help="this one only; several times")
+    sub.add_argument("--png", action="store_true", help="as PNG instead of SVG (the extra `agent`)")
+    add_fit(sub)
+    add_json(sub)
+
+
+def _mcp(sub: ArgumentParser) -> None:
+    sub.add_argument(
+        "--root",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FOLDER",
+        help="what may be read and written, with all in it (default: the working folder); several times",
+    )
+    sub.add_argument(
+        "--allow-code",
+        action="store_true",
+        help="offer options that run a Python file: effects and finders of one's own",
+    )
+    sub.add_argument(
+        "--timeout-s", type=values.seconds, default=600.0, metavar="S", help="end a call after this (default 600)"
+    )
+
+
 def _sample(sub: ArgumentParser) -> None:
     sub.add_argument("name", nargs="?", metavar="NAME", help="the sample to write; without it they are listed")
     sub.add_argument("--out", type=Path, metavar="FOLDER", help="where to (default: a folder of its name)")
@@ -262,6 +289,13 @@ SUBCOMMANDS = (
         "one self-contained HTML page to send to someone",
     ),
     Subcommand(
+        "figures",
+        "fit_commands.run_figures",
+        options.FiguresOptions,
+        _figures,
+        "the figures of a diagnosis as files, for a paper or a slide",
+    ),
+    Subcommand(
         "effects",
         "dataset_commands.run_effects",
         options.Output,
@@ -316,5 +350,13 @@ SUBCOMMANDS = (
         import_arguments,
         "a dataset folder from a robot, joint values and measured points, or from a zip of them",
         path="folder to make",
+    ),
+    Subcommand(
+        "mcp",
+        "agent.server.run_mcp",
+        options.McpOptions,
+        _mcp,
+        "these commands as tools of the Model Context Protocol, on stdin and stdout",
+        path=None,
     ),
 )
