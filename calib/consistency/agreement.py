@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Dataset
+from calib.fitting.scanner_frame import frame_motion, orthonormal
 from calib.frames import apply, best_fit_transform
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import Chain, forward, point_jacobian
 from calib.kinematics.robot import Robot
 
 LEAST_POSES = 16  # nine numbers are fitted; fewer poses agree with almost any arm
@@ -17,6 +19,7 @@ _MOST_POSES = 150  # more poses give the same result
 _TURNS = 6  # alternating fits of frame and tool point
 _HOPELESS = 0.4  # of the points' spread left after two turns: no agreement
 _TOOL_REACH = 1.0  # of the points' spread that a tool point may be off
+_FIT_STEPS = 4  # of entries of a table
 _FEWEST_IN_GROUP = 4  # poses that were measured from one place; a frame takes three
 
 
@@ -98,14 +101,52 @@ def training_sample(dataset: Dataset) -> Sample | None:
     return Sample(dataset.poses.q[poses[rows]], points_mm[rows], group[rows])
 
 
-def misfit_mm(robot: Robot, sample: Sample) -> float:
+@dataclass(frozen=True)
+class _Agreement:
+    """The nominal arm brought to the points of a sample: by a frame of each station and a tool point."""
+
+    misfit_mm: float
+    off_mm: Array  # (N, 3) measured minus nominal, in the arm's frame
+    place_mm: Array  # (N, 3) of that tool point in the arm's frame
+
+
+def misfit_mm(robot: Robot, sample: Sample, *, tool_is_known: bool = False) -> float:
     """Root mean square distance, mm, between the nominal arm's tool and the points of a sample.
 
     The scanner frames and the tool point, which users know least, are fitted in turn, each in closed form: minimise
     over R, s of each station and over t the sum of |R (p_i + A_i t) + s - m_i|^2, with p_i and A_i the nominal tool's
     position and attitude.
+
+    tool_is_known: whether the tool point is where the table has it, so that only frames are fitted.
     """
-    ends = forward(robot.table, sample.q, robot.is_revolute, robot.base_T_first).base_T_frame[:, -1]
+    chain = forward(robot.table, sample.q, robot.is_revolute, robot.base_T_first)
+    return _agreement(sample, chain, tool_is_known).misfit_mm
+
+
+def misfit_columns(
+    robot: Robot, sample: Sample, entries: Sequence[int], *, tool_is_known: bool = False
+) -> tuple[Array, Array]:
+    """Misfit (3 N,) of a sample and its derivative (3 N, K) by entries of the table, freed of what `misfit_mm` fits.
+
+    entries: indices of the table's entries, row by row.
+    """
+    chain = forward(robot.table, sample.q, robot.is_revolute, robot.base_T_first)
+    agreed = _agreement(sample, chain, tool_is_known)
+    count = len(sample.q)
+    by_table = point_jacobian(chain, agreed.place_mm).reshape(count, 3, -1)[..., list(entries)]
+    attitude = chain.base_T_frame[:, -1, :3, :3]
+    frames = np.zeros((count, 3, 6 * len(sample.groups)))
+    for k, rows in enumerate(sample.groups):
+        centre_mm = agreed.place_mm[rows].mean(axis=0)
+        frames[rows, :, 6 * k : 6 * k + 6] = frame_motion(agreed.place_mm[rows], centre_mm)
+    nuisance = frames if tool_is_known else np.concatenate([attitude, frames], axis=-1)
+    free = orthonormal(nuisance.reshape(3 * count, -1))
+    columns, off = by_table.reshape(3 * count, -1), agreed.off_mm.ravel()
+    return off - free @ (free.T @ off), columns - free @ (free.T @ columns)
+
+
+def _agreement(sample: Sample, chain: Chain, tool_is_known: bool) -> _Agreement:
+    ends = chain.base_T_frame[:, -1]
     place, attitude = ends[:, :3, 3], ends[:, :3, :3]
     groups, away, spread = sample.groups, sample.away_mm, sample.spread_mm
     place_away, attitude_away = np.empty_like(place), np.empty_like(attitude)
@@ -114,19 +155,32 @@ def misfit_mm(robot: Robot, sample: Sample) -> float:
         attitude_away[rows] = attitude[rows] - attitude[rows].mean(axis=0)
     steps = attitude_away.reshape(-1, 3)
     inverse = np.linalg.pinv(steps.T @ steps, rcond=1e-9, hermitian=True) @ steps.T
-    offset, best = np.zeros(3), np.inf
-    seen, off = np.empty_like(away), np.empty_like(away)
-    for turn in range(_TURNS):
-        if turn == 2 and best > _HOPELESS * spread:
+    offset, best = np.zeros(3), _Agreement(np.inf, np.empty_like(away), place)
+    seen, off, back = np.empty_like(away), np.empty_like(away), np.empty_like(away)
+    for turn in range(1 if tool_is_known else _TURNS):
+        if turn == 2 and best.misfit_mm > _HOPELESS * spread:
             break
         mine = place + attitude @ offset
         for rows in groups:
             frame = best_fit_transform(mine[rows], sample.points_mm[rows])
             off[rows] = apply(frame, mine[rows]) - sample.points_mm[rows]
             seen[rows] = away[rows] @ frame[:3, :3]  # in the arm's frame
-        best = min(best, float(np.sqrt(np.mean(np.sum(off**2, axis=1)))))
+            back[rows] = -off[rows] @ frame[:3, :3]
+        misfit = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+        if misfit < best.misfit_mm:
+            best = _Agreement(misfit, back.copy(), mine)
         offset = inverse @ (seen - place_away).ravel()
         length = float(np.linalg.norm(offset))
         if length > _TOOL_REACH * spread:
             offset = offset * (_TOOL_REACH * spread / length)
     return best
+
+
+def with_entries_fitted(robot: Robot, sample: Sample, entries: Sequence[int], *, tool_is_known: bool = False) -> Robot:
+    """Robot with some entries of its table fitted to a sample, all others as they are, by Gauss-Newton steps."""
+    for _ in range(_FIT_STEPS):
+        off, columns = misfit_columns(robot, sample, entries, tool_is_known=tool_is_known)
+        table = robot.table.ravel()
+        table[list(entries)] += np.linalg.lstsq(columns, off, rcond=1e-9)[0]
+        robot = robot.with_table(table.reshape(robot.table.shape))
+    return robot

@@ -26,6 +26,7 @@ from calib.consistency.hypotheses import (
     DataHypothesis,
     column_names,
     of_matching,
+    of_other_lengths,
     of_reading,
     of_shifts,
     of_sister_tables,
@@ -56,6 +57,7 @@ _LEAST_DOF = 4.0  # degrees of freedom at least
 MIN_LEAD = 4.0  # log evidence over the effects that were found, where it makes one of them superfluous
 CHOICE = 4.4  # log of what an effect may be chosen from, some thirty families of a scale that is fitted to the data
 NOT_NOISIER = 1.1  # times the noise that those effects leave, which it may leave without that one
+_LENGTH_COST = 10.0  # log of a range of half a metre over some ten micrometres
 _SLACK = 0.03  # share of the most log evidence that a simpler hypothesis may lack
 _AS_GOOD = 3.0  # log evidence by which another hypothesis may be behind and still be as good
 
@@ -162,6 +164,8 @@ def suspicions(now: Calibration, refit: Refit, names: Sequence[str] = ()) -> Sus
     tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, of_shifts(dataset)))
     if tried.judged().problem is None:
         tried.fit_all(of_reading(r, names) for r in likely_readings(dataset.robot, sample))
+    if tried.judged().problem is None:
+        tried.fit_all(of_other_lengths(dataset.robot, sample))
     if tried.judged().problem is None:
         tried.fit_all(_by_matching(dataset))
     return tried.judged()
@@ -397,7 +401,12 @@ def _turns_joints(hypothesis: DataHypothesis) -> bool:
 
 
 def _cost(hypothesis: DataHypothesis) -> float:
-    """Penalty on a hypothesis' log evidence: log of the number of alternatives, for orders of rows."""
+    """Penalty on a hypothesis' log evidence: log of the number of alternatives, for orders of rows and for lengths.
+
+    Each length costs what it was chosen from, and the width of its values over the precision to which they are fitted.
+    """
+    if hypothesis.chosen_from > 1:
+        return hypothesis.edits * (float(np.log(hypothesis.chosen_from)) + _LENGTH_COST)
     if hypothesis.kind != ROW_ORDER or hypothesis.edits < 2:
         return 0.0
     moved = hypothesis.moved_rows

@@ -10,12 +10,12 @@ from math import degrees
 import numpy as np
 
 from calib.array_types import Array, BoolArray, IndexArray
-from calib.consistency.agreement import Sample
+from calib.consistency.agreement import Sample, misfit_columns, with_entries_fitted
 from calib.consistency.joint_reading import JointReading
 from calib.dataset.dataset import Dataset, Points, Poses
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.kinematics.chain import target_points
-from calib.kinematics.robot import Robot
+from calib.kinematics.robot import LENGTH_KINDS, PARAMETER_KINDS, Robot
 from calib.options import BUILTIN_ROBOTS
 from calib.robot_formats.chain.five_parameters import robot_of
 from calib.robot_formats.ur_calibration import MODELS, chain_of_standard, nominal_rows
@@ -26,6 +26,9 @@ UNITS, ROBOT_TABLE, ROW_ORDER = "units", "robot_table", "row_order"
 _LENGTHS = {"inch": 25.4, "m": 1000.0, "cm": 10.0}  # that a file may be in where mm are expected
 _SHIFTS = (1, -1, 2, -2, 3, -3)  # rows by which a sheet may be out of step
 _NOT_THERE = -1
+_MOST_LENGTHS = 3  # of a table that may be another arm's; more are another robot
+_LEAST_CHANGE_MM = 5.0  # of a length that is another arm's
+_SHOWN = 1e-6  # of the most that a length moves the points, squared, below which they do not show it
 _NAMED_ROWS = 6  # that a sentence tells one by one
 
 
@@ -44,6 +47,7 @@ class DataHypothesis:
     points_scale: float = 1.0
     robot: Robot | None = None
     rows: tuple[int, ...] = ()  # (N,) the row of joints that belongs to each pose; -1: none
+    chosen_from: int = 1  # for tables with other lengths: how many there were to choose each of
     edits: int = 1  # how many things it changes: of two that say as much the simpler one is taken
 
     @property
@@ -281,6 +285,41 @@ def of_sister_tables(robot: Robot) -> Iterator[DataHypothesis]:
                 f"give the table of the {name} as robot.toml, with your tool",
                 robot=other,
             )
+
+
+def of_other_lengths(robot: Robot, sample: Sample) -> Iterator[DataHypothesis]:
+    """Hypotheses that one, two or three lengths of the table are another arm's: an arm of another size, or a misprint.
+
+    At each step the length that explains most of the misfit is freed, with frames and tool point free too, and all that
+    are free are fitted: orthogonal matching pursuit, with Gauss-Newton steps as the misfit is not linear.
+    """
+    lengths = [k for k, name in enumerate(robot.parameter_names) if robot.parameter_units[k] == "mm"]
+    lengths = lengths[: -sum(kind in LENGTH_KINDS for kind in PARAMETER_KINDS)]  # the tool is free anyhow
+    free: list[int] = []
+    now = robot
+    for _ in range(_MOST_LENGTHS):
+        off, columns = misfit_columns(now, sample, lengths)
+        squares = np.sum(columns**2, axis=0)
+        shown = squares > _SHOWN * np.max(squares, initial=0.0)
+        gain = np.where(shown, (columns.T @ off) ** 2 / np.maximum(squares, 1e-300), 0.0)
+        gain[[lengths.index(k) for k in free]] = 0.0
+        if not gain.any():
+            return
+        free.append(lengths[int(np.argmax(gain))])
+        now = with_entries_fitted(now, sample, free)
+        changed = (now.table - robot.table).ravel()[free]
+        if np.abs(changed).min() < _LEAST_CHANGE_MM:
+            return
+        told = _and([f"{robot.parameter_names[k]} is {by:+.1f} mm" for k, by in zip(free, changed, strict=True)])
+        yield DataHypothesis(
+            ROBOT_TABLE,
+            f"the links are not those of robot.toml ({robot.name}): against it {told}",
+            "with these lengths",
+            "give the table of this size of the arm as robot.toml, or measure these lengths",
+            robot=now,
+            edits=len(free),
+            chosen_from=len(lengths),
+        )
 
 
 @cache

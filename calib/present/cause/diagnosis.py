@@ -13,6 +13,7 @@ from calib.array_types import BoolArray
 from calib.calibration.promise import promise
 from calib.calibration.result import Calibration, is_declared
 from calib.calibration.table_doubts import doubtful_entries
+from calib.consistency.leading_entry import leading_entry
 from calib.diagnosis.causes import FittedValue, fitted_values, visible_mm
 from calib.diagnosis.decision_rules import left_to_curves
 from calib.diagnosis.effect_selection import GEOMETRY, FitStep
@@ -505,6 +506,7 @@ def diagnosis_document(diagnosis: Diagnosis, poses: NextPoses | None) -> dict[st
         **found_tool_document(last),
         "worse_than_nominal": worsening_sentence(last) or None,
         "table_doubts": doubtful_entries(last),
+        "leading_entry": leading_entry(last),
         "verdict": diagnosis.verdict,
         "missing": diagnosis.missing,
         "suspected": diagnosis.suspected,

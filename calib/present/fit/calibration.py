@@ -19,6 +19,7 @@ from calib.calibration.result import Calibration, is_declared
 from calib.calibration.table_doubts import DoubtfulEntry, doubtful_entries
 from calib.calibration.uncertainty import Combination, correlated_pairs, identifiable_combinations
 from calib.consistency.data_problem import DataProblem
+from calib.consistency.leading_entry import leading_entry
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.headline import headline_of
 from calib.fitting.tool_point import ToolShift
@@ -218,6 +219,25 @@ def table_doubt(entry: DoubtfulEntry) -> str:
         f"in robot.toml {entry.name} is {off} {side} than measured, {entry.times:.0f} times what links of arms usually "
         f"are off ({usual}): {question}?"
     )
+
+
+def leading_entry_sentence(calibration: Calibration) -> str:
+    """Sentence on the entry of robot.toml that alone explains most of the delivered error; "" where there is none."""
+    entry = leading_entry(calibration)
+    if entry is None:
+        return ""
+    named = [_entry_name(name) for name in (entry.parameter, *entry.rivals)]
+    or_others = f" (or {' or '.join(named[1:])}: these poses do not tell which)" if entry.rivals else ""
+    return (
+        f"Most of the error as delivered is one entry of robot.toml: {named[0]} is off by "
+        f"{numbers.size(abs(entry.off), entry.unit)}{or_others}. Corrected alone, it takes the training poses from "
+        f"{numbers.length(entry.delivered_mm)} to {numbers.length(entry.corrected_mm)}."
+    )
+
+
+def _entry_name(name: str) -> str:
+    kind, number = name.rstrip("0123456789"), name[len(name.rstrip("0123456789")) :]
+    return f"the zero of joint {number} ({name})" if kind == "theta" and number else name
 
 
 def worsening_sentence(calibration: Calibration) -> str:
@@ -617,6 +637,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
             for c in identifiable_combinations(calibration)
         ],
         "table_doubts": doubtful_entries(calibration),
+        "leading_entry": leading_entry(calibration),
         "tool": tool_rows(calibration.dataset, residual=calibration.residual, model=calibration.model),
         "correlated": correlated_pairs(calibration),
         "stands": stands_document(calibration),
