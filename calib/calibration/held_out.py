@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +21,8 @@ from calib.fitting.scanner_frame import orthonormal, whitened_motion
 BY_CHANCE = 0.001
 """p, below which the test poses are off by more than was promised."""
 _LEAST_POSES = 4
+_GROSS = 8.0  # times the promise, in the mean over a pose's coordinates: so far off is a mistake of measuring
+_MOST_GROSS = (3, 0.2)  # poses, and share of the test poses, that may be so; more are something else
 
 
 @dataclass(frozen=True)
@@ -31,11 +34,17 @@ class HeldOutTest:
     promised_mm: float  # 3D RMSE that was to be expected
     ratio: float  # root mean square of the errors in units of their covariance; 1 where the promise is kept
     p_value: float  # of a ratio so far above 1.25 by chance, without the pose that is off the most
+    alone: tuple[str, ...] = ()  # ids of the few poses that are grossly off, where all others are as promised
 
     @property
     def is_broken(self) -> bool:
         """Whether the errors exceed their predicted covariance significantly, even without the worst pose."""
         return self.p_value < BY_CHANCE
+
+    @property
+    def shows_the_model_wrong(self) -> bool:
+        """Whether the promise is broken by more than a few gross errors of measurement."""
+        return self.is_broken and not self.alone
 
 
 @dataclass(frozen=True)
@@ -89,13 +98,19 @@ def held_out_test(
     rows = _whitened(calibration, observed, noise_mm, discrepancy)
     everything = np.ones(len(rows.error), dtype=bool)
     square, dof = rows.square_and_dof(everything)
-    worst = max(poses, key=lambda pose: float(np.mean(rows.error[rows.pose == pose] ** 2)))
-    less, less_dof = rows.square_and_dof(rows.pose != worst)
-    doubted = less / SIGMA_DOUBT**2
-    if noise_from == "fit":
-        p_value = f_sf(doubted / less_dof, less_dof, max(fit.degrees_of_freedom, 1.0))
-    else:
-        p_value = chi2_sf(doubted, less_dof)
+    by_pose = {pose: float(np.mean(rows.error[rows.pose == pose] ** 2)) for pose in poses}
+
+    def p_without(left_out: Sequence[int]) -> float:
+        less, less_dof = rows.square_and_dof(~np.isin(rows.pose, left_out))
+        doubted = less / SIGMA_DOUBT**2
+        if noise_from == "fit":
+            return f_sf(doubted / less_dof, less_dof, max(fit.degrees_of_freedom, 1.0))
+        return chi2_sf(doubted, less_dof)
+
+    worst_first = sorted(by_pose, key=lambda pose: -by_pose[pose])
+    p_value = p_without(worst_first[:1])
+    gross = [pose for pose in worst_first if by_pose[pose] > _GROSS**2][: _MOST_GROSS[0]]
+    alone = gross if len(gross) <= _MOST_GROSS[1] * len(poses) and p_without(gross) >= BY_CHANCE else []
     points = len(observed.points)
     variance = rows.unit_mm**2 * (1.0 + np.sum(rows.root**2, axis=1))
     return HeldOutTest(
@@ -104,6 +119,7 @@ def held_out_test(
         promised_mm=float(np.sqrt(np.sum(variance) / points)),
         ratio=float(np.sqrt(square / dof)),
         p_value=p_value,
+        alone=tuple(dataset.poses.ids[pose] for pose in sorted(alone)),
     )
 
 

@@ -127,7 +127,13 @@ class Findings:
     @property
     def promise_is_broken(self) -> bool:
         """Whether the test poses are off by more than the fit predicts, or many by more than any training pose."""
-        return bool(self.far_test_poses) or (self.held_out is not None and self.held_out.is_broken)
+        return bool(self.far_test_poses) or (self.held_out is not None and self.held_out.shows_the_model_wrong)
+
+    @property
+    def outlier_poses(self) -> tuple[str, ...]:
+        """Poses that stand out: by their residual in the fit, or by a gross error beside test poses as promised."""
+        of_test = () if self.held_out is None else self.held_out.alone
+        return tuple(dict.fromkeys([*self.residual_tests.outlier_poses, *of_test]))
 
     @cached_property
     def residual_tests(self) -> ResidualTests:
@@ -247,7 +253,7 @@ def _verdict(findings: Findings, ambiguous_set: tuple[str, ...]) -> str:
         return "unexplained"
     if findings.confounded_sets:
         return "ambiguous"
-    if tests.outlier_poses:
+    if findings.outlier_poses:
         return "outliers"
     return "named" if findings.named else "adequate"
 

@@ -36,7 +36,7 @@ def first_page(report: Report, made: str) -> tuple[Block, ...]:
                 report.correction,
                 diagnosis,
                 session.next_poses,
-                () if tests is None else tests.outlier_poses,
+                diagnosis.outlier_poses if diagnosis is not None else () if tests is None else tests.outlier_poses,
             )
         ),
         headlines.errors_by_stage(told, [step.calibration for step in session.steps]),

@@ -92,6 +92,24 @@ def test_test_poses_that_are_off_break_it_one_alone_does_not(noise_from: str) ->
     assert not alone.is_broken
 
 
+def test_a_few_test_poses_grossly_off_are_named_and_do_not_show_the_model_wrong() -> None:
+    dataset = arm(3, test=30)
+    points = dataset.points
+    assert points is not None
+    of_test = np.flatnonzero(dataset.poses.is_test[points.pose])
+    names = [dataset.poses.ids[points.pose[row]] for row in of_test]
+    few, many = points.xyz_mm.copy(), points.xyz_mm.copy()
+    few[of_test[[4, 9]]] += 3.0
+    many[of_test[:12]] += 3.0
+    by_few = judged(dataset.with_points(replace(points, xyz_mm=few)), "dataset")
+    assert by_few.alone == (names[4], names[9])
+    assert by_few.is_broken
+    assert not by_few.shows_the_model_wrong
+    by_many = judged(dataset.with_points(replace(points, xyz_mm=many)), "dataset")
+    assert by_many.alone == ()
+    assert by_many.shows_the_model_wrong
+
+
 def test_test_poses_of_a_place_without_training_poses_are_held_against_their_own_frame() -> None:
     dataset = arm(5, test=30)
     setup = np.where(dataset.poses.is_test, "elsewhere", "here")

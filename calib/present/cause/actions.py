@@ -169,7 +169,7 @@ def _causes_in_short(headline: Headline, diagnosis: Diagnosis | None) -> list[st
             open_causes = numbers.listing([title(key) for key in diagnosis.ambiguous_set], "or")
             return [why, f"One more cause is among these, and the measurements cannot tell which: {open_causes}."]
         case "outliers":
-            poses = numbers.listing(diagnosis.residual_tests.outlier_poses)
+            poses = numbers.listing(diagnosis.outlier_poses)
             return [why, f"Single measurements stand out, {poses}: measure them again."]
     suspected = numbers.listing([title(key) for key in diagnosis.suspected])
     doubt = f"{numbers.capitalised(suspected)} may play a part; that is not proven." if suspected else ""

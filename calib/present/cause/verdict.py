@@ -17,7 +17,7 @@ from calib.effects.catalogue import descriptions
 from calib.effects.effect import describe
 from calib.present.cause.noise import noise_sentences
 from calib.present.effects import meaning, title, with_key
-from calib.present.fit.calibration import table_doubts
+from calib.present.fit.calibration import leading_entry_sentence, table_doubts
 from calib.present.names import input_name
 from calib.rendering import numbers
 from calib.rendering.blocks import Span, Words, capitalised, effect, joint, listed, pose, spans
@@ -49,7 +49,8 @@ def verdict(diagnosis: Diagnosis) -> Words:
         "outliers": _outliers,
     }[diagnosis.verdict]
     doubts = [f" {numbers.capitalised(doubt)}" for doubt in table_doubts(diagnosis.calibration)]
-    return spans(tell(diagnosis), *doubts)
+    leading = "" if doubts else leading_entry_sentence(diagnosis.calibration)
+    return spans(tell(diagnosis), *doubts, f" {leading}" if leading else "")
 
 
 def _adequate(diagnosis: Diagnosis) -> Words:
@@ -99,7 +100,7 @@ def _ambiguous(diagnosis: Diagnosis) -> Words:
 
 
 def _outliers(diagnosis: Diagnosis) -> Words:
-    poses = diagnosis.residual_tests.outlier_poses
+    poses = diagnosis.outlier_poses
     worst = worst_pose(diagnosis.calibration, poses)
     others = [pose(name) for name in poses if worst is None or name != worst.pose]
     stand = "stand" if len(others) > 1 else "stands"
@@ -159,7 +160,7 @@ def _left_unexplained(diagnosis: Diagnosis) -> Words:
             return "more than noise is left, without a systematic dependence on any input."
         case "wander":
             return "a slow drift of the instrument explains it as well. Measure one pose again and again meanwhile."
-        case "promise" if diagnosis.held_out is not None and diagnosis.held_out.is_broken:
+        case "promise" if diagnosis.held_out is not None and diagnosis.held_out.shows_the_model_wrong:
             return promise(diagnosis.held_out)
         case "promise":
             far, more = diagnosis.far_test_poses, len(diagnosis.far_test_poses) - _SHOWN_POSES
@@ -173,10 +174,14 @@ def _left_unexplained(diagnosis: Diagnosis) -> Words:
 
 def promise(test: HeldOutTest) -> str:
     """Sentence on test poses whose error exceeds the model's predicted error, with possible reasons."""
-    return (
+    off = (
         f"the test poses are off by {numbers.length(test.rmse_mm)}, where noise and the uncertainty of the fit predict "
-        f"{numbers.length(test.promised_mm)}. {_OTHER_POSES}"
+        f"{numbers.length(test.promised_mm)}"
     )
+    if test.alone:
+        alone = numbers.listing(test.alone)
+        return f"{off}; that is {alone} alone, and the others are as promised. Measure again what is off."
+    return f"{off}. {_OTHER_POSES}"
 
 
 def _missing(diagnosis: Diagnosis) -> Words:
