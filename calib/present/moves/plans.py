@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.array_types import Array
 from calib.calibration.noise_level import check_sigma
 from calib.dataset.files.poses_csv import joint_columns, poses_frame
 from calib.intervention.pairs import PAYLOAD
@@ -28,6 +29,7 @@ from calib.planning.plan import Plan
 from calib.planning.prediction import PAYS, STEP, Prediction
 from calib.planning.simulated_pairs import MOST_LOAD, MOST_PAIRS, Needed
 from calib.planning.start import FromFit, FromRobot
+from calib.planning.ways import passed, via_names
 from calib.present import names
 from calib.present.cause.interventions import condition_change
 from calib.present.results import document, presentation
@@ -327,16 +329,25 @@ def assumptions(plan: Plan) -> list[str]:
             f"takes {plan.fewest_for_fit} and better three times as many"
         )
     if plan.blocked:
-        ways = ", ".join(f"{one} to {other}" for one, other in plan.blocked)
-        lines.append(
-            f"moving all joints at once leads through floor, box, instrument or the arm itself: {ways}; go around"
-        )
+        lines.append(_blocked(plan))
     if isinstance(start, FromFit):
         lines += _of_fit(start)
     elif isinstance(start, FromRobot):
         noise = f"noise of {numbers.length(start.noise_mm)} per coordinate of a measured point"
         lines.append(f"{noise}, and errors within their tolerances")
     return [*lines, *start.cell.notes]
+
+
+def _blocked(plan: Plan) -> str:
+    """Sentence on straight ways that are blocked, and on the points that lead around where some were found."""
+    way_to = dict(zip(plan.poses.ids, plan.ways, strict=True))
+    ways = ", ".join(f"{one} to {other}" for one, other in plan.blocked)
+    words = f"moving all joints at once leads through floor, box, instrument or the arm itself: {ways}; go around"
+    around = [other for _, other in plan.blocked if way_to[other].clear]
+    if not around:
+        return words
+    by = f"as programs, point lists and ROS trajectories do, by {numbers.listing([f'{name}_via1' for name in around])}"
+    return f"{words}, {by}" + ("" if len(around) == len(plan.blocked) else "; no free way was found for the others")
 
 
 def _of_fit(start: FromFit) -> list[str]:
@@ -391,11 +402,32 @@ def _plan_document(plan: Plan) -> dict[str, Any]:
         "enough": plan.enough,
         "settles": plan.power,
         **_change_document(plan.outcome),
+        "ways": _ways_document(plan),
         "shots": 1,  # every pose is measured once
         "model": plan.model,
         "told": outcome_sentences(plan),
         "notes": assumptions(plan),
     }  # fmt: skip
+
+
+def _ways_document(plan: Plan) -> list[dict[str, Any]]:
+    """Points that the arm passes on its way to each pose, with values as those of the poses."""
+    robot = plan.start.dataset.robot
+
+    def values(q: Array) -> list[list[float]]:
+        commanded = robot.commands_of(q)
+        return np.round(np.where(robot.is_revolute, np.degrees(commanded), commanded), 6).tolist()
+
+    return [
+        {
+            "pose": name,
+            "clear": way.clear,
+            "through": [
+                {"name": via, "q": q} for via, q in zip(via_names(name, way), values(passed(way)), strict=True)
+            ],
+        }
+        for name, way in zip(plan.poses.ids, plan.ways, strict=True)
+    ]
 
 
 def _again_document(reason: PoseReason) -> dict[str, Any]:
