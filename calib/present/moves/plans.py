@@ -11,6 +11,7 @@ from calib.array_types import Array
 from calib.calibration.noise_level import check_sigma
 from calib.dataset.files.poses_csv import joint_columns, poses_frame
 from calib.intervention.pairs import PAYLOAD
+from calib.monitoring.change_models import change_label
 from calib.planning.criterion import WATCH, ForCalibration
 from calib.planning.outcome import (
     ChangeReason,
@@ -78,6 +79,8 @@ def plan_head(plan: Plan) -> list[Block]:
     """Blocks with the purpose of the poses and their predicted gain."""
     unsure = plan.power is not None and plan.power < SURELY
     head: list[Block] = [Verdict(plan_headline(plan), DOUBT if unsure else GOOD)]
+    if isinstance(plan.outcome, CheckOutcome):
+        head += _promised(plan.outcome)
     achieved = outcome_sentences(plan)
     head += [Bullets(achieved)] if achieved else []
     if plan.criterion.name == WATCH:
@@ -176,24 +179,36 @@ def _coefficients(outcome: EffectOutcome) -> list[str]:
 
 
 def _detected(changes: Sequence[DetectableChange]) -> list[str]:
-    free = [_from(c) for c in changes if c.size is not None and c.scanner_free]
-    fixed = [_from(c) for c in changes if c.size is not None and not c.scanner_free]
+    fixed = [names.change(*c.key) for c in changes if c.size is not None and not c.scanner_free]
     never = [names.change(*c.key) for c in changes if c.size is None]
+    turning = "seen only where the scanner did not move, since turning it looks the same"
     return [
-        *([f"detected and named 19 times of 20: {', '.join(free)}"] if free else []),
-        *(
-            [f"only where the scanner did not move, since turning it looks the same: {', '.join(fixed)}"]
-            if fixed
-            else []
-        ),
-        *([f"not detected by any pose, as it hardly moves the target: {', '.join(never)}"] if never else []),
-        *(["each pose measured twice detects sizes smaller by nearly a third, four times by a half"] if free else []),
+        *([f"{turning}: {', '.join(fixed)}"] if fixed else []),
+        *([f"not found by any pose, as it hardly moves the target: {', '.join(never)}"] if never else []),
+        *(["each pose measured twice lowers the sizes by nearly a third, four times by a half"] if changes else []),
     ]
 
 
-def _from(change: DetectableChange) -> str:
-    assert change.size is not None
-    return f"{names.change(*change.key)} from {numbers.size(change.size, change.unit)}"
+def _promised(outcome: CheckOutcome) -> list[Block]:
+    """Blocks with the sizes of changes that check poses find and name."""
+    rows = [
+        (
+            names.change(*c.key),
+            numbers.size(c.size, c.unit),
+            "never" if c.named is None else numbers.size(c.named, c.unit),
+            "never" if c.alone is None else numbers.size(c.alone, c.unit),
+            "–" if c.rival is None else names.change(*c.rival),
+        )
+        for c in outcome.changes
+        if c.size is not None
+    ]
+    words = (
+        "19 times of 20 a change is found from the first size on (something changed), named from the second (it and "
+        "no other), and named alone from the third (nothing else is said to be as likely), beside all that watch "
+        "tests; the tool in its worst direction."
+    )
+    head = ("change", "found from", "named from", "named alone from", "looks most like")
+    return [Table(head, rows, left=(0, 4)), Paragraph(words, soft=True)] if rows else []
 
 
 def _discriminated(outcome: DiscriminationOutcome) -> list[str]:
@@ -435,6 +450,16 @@ def _again_document(reason: PoseReason) -> dict[str, Any]:
 
 
 def _change_document(outcome: Outcome | None) -> dict[str, Any]:
+    if isinstance(outcome, CheckOutcome):
+        return {
+            "check": [
+                {
+                    "what": c.key[0], "joint": c.key[1], "unit": c.unit, "found_from": c.size, "named_from": c.named,
+                    "alone_from": c.alone, "rival": None if c.rival is None else change_label(*c.rival),
+                }
+                for c in outcome.changes
+            ]
+        }  # fmt: skip
     if not isinstance(outcome, ProofOutcome):
         return {}
     change = {"condition": outcome.condition, "before": outcome.before, "after": outcome.after}
