@@ -37,7 +37,6 @@ Key = tuple[str, int | None, str]
 
 PROMISED = 0.95  # share of the checks in which a change of the promised size is found, or named
 _DRAWS = 2000
-_DIRECTIONS = 8  # random ones of a change of three numbers, besides its axes and those that show most and least
 _SOMEWHAT_BELOW = 0.7  # share of the size that is named alone, at which the rivals are looked at
 _LARGEST = 64.0  # times the size that is found, above which a change counts as never named
 _PRECISION = 1.01  # ratio to which a size is known
@@ -46,7 +45,10 @@ _NONE, _VAST = 1e-12, 1e6  # sizes that nothing shows, and beyond all that happe
 
 @dataclass(frozen=True)
 class PromisedSize:
-    """Least sizes of one change with a verdict that holds 19 times of 20; of vectors in the worst direction."""
+    """Least sizes of one change with a verdict that holds 19 times of 20.
+
+    A vector is found in its worst direction, and named in directions drawn at random: some of them are other changes.
+    """
 
     model: ChangeModel
     found: float | None  # something is said to have changed; None: these poses never show the change
@@ -73,24 +75,21 @@ def promised_sizes(
 
 
 def _promised(judge: _Judge, model: ChangeModel) -> PromisedSize:
-    found: list[float | None] = []
-    named: list[float | None] = []
-    alone: list[float | None] = []
-    rival: Key | None = None
-    for direction in _directions(judge.cell.free.rows(model)):
-        by = _Along(judge, model, direction)
-        found.append(judge.least_size(by.found))
-        named.append(judge.least_size(by.named, found[-1]))
-        alone.append(judge.least_size(by.alone, named[-1]))
-        if found[-1] is not None and alone[-1] == _worst(alone):
-            at = 2.0 * found[-1] if alone[-1] is None else _SOMEWHAT_BELOW * alone[-1]
-            rival = judge.rival(model, at * direction)
-    return PromisedSize(model, _worst(found), _worst(named), _worst(alone), rival)
+    worst = [judge.least_size(_Along(judge, model, each).found) for each in _directions(judge.cell.free.rows(model))]
+    known = [size for size in worst if size is not None]
+    if len(known) < len(worst):
+        return PromisedSize(model, None, None, None, None)
+    found = max(known)
+    by = _Along(judge, model, _drawn(model.count))
+    named = judge.least_size(by.named, min(known))
+    alone = judge.least_size(by.alone, named)
+    at = 2.0 * found if alone is None else _SOMEWHAT_BELOW * alone
+    return PromisedSize(model, found, named, alone, judge.rival(model, at * by.direction))
 
 
 @dataclass(frozen=True)
 class _Along:
-    """Verdicts (D,) by the size of a change in one direction (K,)."""
+    """Verdicts (D,) by the size of a change in one direction (K,), or in one of each draw (D, K)."""
 
     judge: _Judge
     model: ChangeModel
@@ -106,22 +105,17 @@ class _Along:
         return self.judge.names(self.model, size * self.direction).alone
 
 
-def _worst(sizes: Sequence[float | None]) -> float | None:
-    """Largest of the sizes in several directions; None where there is none in one of them."""
-    known = [size for size in sizes if size is not None]
-    return max(known) if len(known) == len(sizes) else None
-
-
 def _directions(columns: Array) -> Iterator[Array]:
-    """Unit vectors (K,) of a change of K numbers: one where K is 1, else axes, what shows most and least, random."""
+    """Unit vectors (K,) of a change of K numbers: one where K is 1, else its axes and what shows most and least."""
     count = columns.shape[1]
-    if count == 1:
-        yield np.ones(1)
-        return
     yield from np.linalg.svd(columns, full_matrices=False)[2]
-    yield from np.eye(count)
-    drawn = np.random.default_rng(1).normal(size=(_DIRECTIONS, count))
-    yield from drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
+    yield from np.eye(count) if count > 1 else ()
+
+
+def _drawn(count: int) -> Array:
+    """Unit vectors (D, K) in directions drawn at random, one a draw."""
+    drawn = np.random.default_rng(1).normal(size=(_DRAWS, count))
+    return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
 
 
 @dataclass(frozen=True)
@@ -207,8 +201,8 @@ class _Judge:
         )
 
     def _whitened(self, tests: ChangeTests, model: ChangeModel, vector: Array) -> Array:
-        """Whitened residuals (D, 3 M) of a cell that changed by a vector (K,)."""
-        return tests.spread.whiten(self.coloured.T).T + tests.rows(model) @ vector
+        """Whitened residuals (D, 3 M) of a cell that changed by a vector (K,) or (D, K)."""
+        return tests.spread.whiten(self.coloured.T).T + vector @ tests.rows(model).T
 
     def alarms(self, model: ChangeModel, vector: Array) -> BoolArray:
         """(D,) whether each check would alarm."""

@@ -205,7 +205,7 @@ def _promised(outcome: CheckOutcome) -> list[Block]:
     words = (
         "19 times of 20 a change is found from the first size on (something changed), named from the second (it and "
         "no other), and named alone from the third (nothing else is said to be as likely), beside all that watch "
-        "tests; the tool in its worst direction."
+        "tests; a shift of the tool is found in its worst direction, and named in one drawn at random."
     )
     head = ("change", "found from", "named from", "named alone from", "looks most like")
     return [Table(head, rows, left=(0, 4)), Paragraph(words, soft=True)] if rows else []
