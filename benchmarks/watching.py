@@ -284,25 +284,44 @@ def promised_checks(base: Calibration, q: Array) -> Sequence[PromisedSize]:
     return promised_sizes(base, check, [change.model.key for change in usual])
 
 
-def recorded(folders: Sequence[Path], diagnosed: bool, draws: int) -> None:
-    """Print the alarms of unchanged cells: two splits of each recording into a calibration and checks of 8 poses."""
+def recorded(folders: Sequence[Path], diagnosed: bool, draws: int, *, by_time: bool, tell: bool) -> None:
+    """Print the alarms of unchanged cells: splits of each recording into a calibration and checks of 8 poses.
+
+    Two splits at random, or by time: the first two thirds, and the first half, are the calibration, and what was
+    measured later are the checks, as it is where a cell is watched. A model that says that something changed at a pose
+    (a step) holds for what came later: poses from before it, drawn at random, are no later check.
+    """
     counts = np.zeros(2, dtype=int)
     for folder in folders:
         dataset, alarms, total = load_dataset(folder), 0, 0
         setup = np.array(list(map(str, dataset.poses.setup)))
         for seed in range(2):
             rng = np.random.default_rng(seed)
-            order = rng.permutation(len(setup))
-            first, rest = np.sort(order[: 2 * len(order) // 3]), np.sort(order[2 * len(order) // 3 :])
+            if by_time:
+                in_time = np.argsort(dataset.poses.order, kind="stable")
+                cut = 2 * len(in_time) // 3 if seed == 0 else len(in_time) // 2
+                first, rest = np.sort(in_time[:cut]), np.sort(in_time[cut:])
+                rest = rest[np.isin(setup[rest], setup[first])]  # from a place that the calibration knows
+            else:
+                order = rng.permutation(len(setup))
+                first, rest = np.sort(order[: 2 * len(order) // 3]), np.sort(order[2 * len(order) // 3 :])
             part = half(dataset, first, dataset.name)
             base = diagnose(part).calibration if diagnosed else calibrate(part)
-            for _ in range(draws):
+            names: Counter[str] = Counter()
+            of_split = 0
+            for _ in range(draws if len(rest) else 0):
                 pool = rest[setup[rest] == rng.choice(np.unique(setup[rest]))]
                 if len(pool) < 4:
                     continue
                 rows = np.sort(rng.choice(pool, min(CHECK_POSES, len(pool)), replace=False))
                 seen = watch(base, half(dataset, rows, "check"))
                 alarms, total = alarms + (seen.verdict != "unchanged"), total + 1
+                if seen.verdict != "unchanged":
+                    of_split += 1
+                    names[told(seen)] += 1
+            if tell:
+                model = ", ".join(base.model.family_names) or "link errors"
+                print(f"  split {seed}: {of_split} alarms {dict(names)}; model: {model}", flush=True)
         print(f"{dataset.name}: {alarms} alarms of {total} unchanged cells", flush=True)
         counts += alarms, total
     print(f"all: {counts[0]} alarms of {counts[1]} unchanged cells")
@@ -364,6 +383,9 @@ def main() -> None:
     parser.add_argument("--tell", action="store_true", help="print each wrong alarm")
     parser.add_argument("--recordings", type=Path, nargs="+", metavar="FOLDER", help="real recordings, split, instead")
     parser.add_argument("--diagnosed", action="store_true", help="these by the last model of a diagnosis")
+    parser.add_argument(
+        "--by-time", action="store_true", help="these split by time: what was measured later is checked"
+    )
     parser.add_argument("--series", action="store_true", help="daily checks with drifts and steps instead")
     parser.add_argument("--promised", action="store_true", help="changes of the sizes that a plan promises instead")
     args = parser.parse_args()
@@ -378,7 +400,7 @@ def main() -> None:
             over_days(name, args.arms)
         return
     if args.recordings:
-        recorded(args.recordings, args.diagnosed, draws=20)
+        recorded(args.recordings, args.diagnosed, draws=20, by_time=args.by_time, tell=args.tell)
         return
     counts = np.zeros(4, dtype=int)
     choose = planned_checks if args.planned else random_checks

@@ -76,7 +76,7 @@ class CampaignFollower:
         unknown, before_unknown = self._names_unknown(self._read), self._unknown
         self._unknown = unknown
         strange = tuple(name for name in unknown if name not in before_unknown)
-        if self.campaign is not None:
+        if self.campaign is not None and self.campaign.unknown != unknown:
             self.campaign = replace(self.campaign, unknown=unknown)
         searched = dataset.points is None and self._search_new(dataset)
         before = self.campaign

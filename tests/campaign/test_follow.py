@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import threading
 import time
@@ -367,6 +368,62 @@ def test_a_table_that_is_written_anew_each_time_tells_nothing_twice(folder: Path
     campaign = clock.follower.campaign
     assert campaign is not None
     assert list(campaign.judged) == list(measured().poses.ids[:14])
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", range(3))
+def test_whatever_a_writer_does_to_the_tables_each_pose_is_told_once_and_all_ends_well(folder: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points, poses, top = (folder / name for name in ("points.csv", "poses.csv", "dataset.toml"))
+    whole = (folder.parent / "points.csv").read_bytes()
+    head, *rows = whole.splitlines(keepends=True)
+    planned, told_toml = poses.read_bytes(), top.read_bytes()
+    clock, have, count, told = Clock(folder), head, 0, []
+
+    def garbled() -> None:
+        part = int(rng.integers(0, len(planned)))
+        match rng.integers(10):
+            case 0:
+                points.write_bytes(b"")
+            case 1:
+                points.unlink(missing_ok=True)
+            case 2:
+                points.write_bytes(have + bytes(64))  # the end of a block that the writer has not reached
+            case 3:
+                points.write_bytes(b"\xef\xbb\xbf" + have.replace(b"\n", b"\r\n"))
+            case 4:
+                points.write_bytes(head + b"".join(rows[i] for i in rng.permutation(count)))
+            case 5 if points.exists():
+                os.utime(points, (1e9, 1e9))  # a clock that was set back
+            case 6:
+                poses.write_bytes(planned[:part])
+            case 7:
+                top.write_bytes(told_toml[: min(part, len(told_toml))])
+            case 8 if count:
+                points.write_bytes(have + rows[int(rng.integers(count))])  # twice
+            case _:
+                points.write_bytes(have + rows[min(count, POSES - 1)][: int(rng.integers(1, 30))])
+
+    for _ in range(60):
+        if rng.random() < 0.5:
+            garbled()
+        else:
+            count = min(count + 1, POSES)
+            have = head + b"".join(rows[:count])
+            for path, content in ((points, have), (poses, planned), (top, told_toml)):
+                path.write_bytes(content)
+        told += clock.look(float(rng.choice([0.1, 0.5, 1.0, 4.0]))).judged
+    for path, content in ((points, whole), (poses, planned), (top, told_toml)):
+        path.write_bytes(content)
+    told += [j for _ in range(4) for j in clock.look(2.0).judged]
+    fresh = Clock(folder)
+    fresh.settle()
+    one, two = clock.follower.campaign, fresh.follower.campaign
+    assert one is not None
+    assert two is not None
+    assert clock.follower.is_at_rest
+    assert {i: j.state for i, j in one.judged.items()} == {i: j.state for i, j in two.judged.items()}
+    assert len(told) <= POSES + 4  # once each, but where a state changed
 
 
 def test_rows_that_were_deleted_are_gone_once_that_lasts(folder: Path) -> None:
