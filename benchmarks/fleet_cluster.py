@@ -31,6 +31,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
+from distributed import Client
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -88,9 +89,7 @@ def cluster(workers: int, folder: Path) -> Iterator[tuple[str, list[subprocess.P
         for _ in range(workers):
             command = [*dask, "worker", "--scheduler-file", str(address_file), *join]
             started.append(subprocess.Popen(command, env=environment, **quiet))
-        import distributed
-
-        with distributed.Client(scheduler_file=str(address_file), set_as_default=False) as client:
+        with distributed_client(f"file://{address_file}") as client:
             client.wait_for_workers(workers, timeout=UP_S)
             address = str(client.scheduler.address)
         yield address, started
@@ -101,6 +100,13 @@ def cluster(workers: int, folder: Path) -> Iterator[tuple[str, list[subprocess.P
             with suppress(subprocess.TimeoutExpired):
                 process.wait(20.0)
             process.kill()
+
+
+def distributed_client(address: str) -> Client:
+    """Client of a scheduler, by its address or by the file that it has written."""
+    file = address.removeprefix("file://")
+    where = {"scheduler_file": file} if file != address else {"address": address}
+    return Client(**where, set_as_default=False)
 
 
 def wait_for(holds: object) -> None:
@@ -137,12 +143,14 @@ def run(folder: Path, address: str, kill: subprocess.Popen[bytes] | None) -> Fle
     with tempfile.TemporaryDirectory() as results, cluster_workers(address, folder) as pool:
         fleet = run_fleet(found, Path(results), pool, on_progress=on_progress)
     wall = time.perf_counter() - begun
+    with distributed_client(address) as client:
+        worked = sum(client.run(time.process_time).values())  # of the workers that are alive
     count = len(found.datasets)
-    at = [memory[k] for k in (count // 4, count - 1, -1)]
+    at, spent = [memory[k] for k in (count // 4, count - 1, -1)], time.process_time() - spent
     print(
         f"{'one worker killed' if killed else 'as it is'}: {count} datasets in {wall:.0f} s, {wall / count:.2f} s each "
-        f"({fleet.seconds / count:.2f} s of work); head: {time.process_time() - spent:.0f} s of processor time, "
-        f"{at[0]:.0f} MB after a quarter, {at[1]:.0f} MB after all, {at[2]:.0f} MB at the end; "
+        f"({fleet.seconds / count:.2f} s of work, {worked / count:.2f} s of processor time); head: {spent:.0f} s of "
+        f"processor time, {at[0]:.0f} MB after a quarter, {at[1]:.0f} MB after all, {at[2]:.0f} MB at the end; "
         f"{len(fleet.rows)} rows, {len(fleet.failures)} failures, {len(fleet.drifts)} comparisons; table "
         f"{hashlib.sha256(table_bytes(fleet.rows, '.csv')).hexdigest()[:12]}; load {os.getloadavg()[0]:.1f}",
         *(f"{failure.path}: {failure.reason}" for failure in fleet.failures),

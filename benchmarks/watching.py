@@ -32,6 +32,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
+from calib.effects.catalogue.order_steps import Step
 from calib.fitting.observations import conditions_at
 from calib.kinematics.joint_range import random_poses
 from calib.monitoring.change_models import SCANNER
@@ -307,6 +308,9 @@ def recorded(folders: Sequence[Path], diagnosed: bool, draws: int, *, by_time: b
                 first, rest = np.sort(order[: 2 * len(order) // 3]), np.sort(order[2 * len(order) // 3 :])
             part = half(dataset, first, dataset.name)
             base = diagnose(part).calibration if diagnosed else calibrate(part)
+            steps = [member.start.first for member in base.model.effects if isinstance(member, Step)]
+            # Places in the order of measuring are kept as they were, so that they compare.
+            rest = rest[dataset.poses.order[rest] >= max(steps, default=0)]
             names: Counter[str] = Counter()
             of_split = 0
             for _ in range(draws if len(rest) else 0):
