@@ -14,7 +14,7 @@ import argparse
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -32,9 +32,11 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
+from calib.effects.catalogue.order_steps import Step
 from calib.fitting.observations import conditions_at
 from calib.kinematics.joint_range import random_poses
 from calib.monitoring.change_models import SCANNER
+from calib.monitoring.promised_sizes import PromisedSize, promised_sizes
 from calib.monitoring.series import watch_series
 from calib.monitoring.watch import ChangeReport, watch
 from calib.planning.unknowns import unknowns_of_fit
@@ -230,25 +232,100 @@ def run(
     return [alarms, total, blamed, total_moved]
 
 
-def recorded(folders: Sequence[Path], diagnosed: bool, draws: int) -> None:
-    """Print the alarms of unchanged cells: two splits of each recording into a calibration and checks of 8 poses."""
+def promises_held(name: str, arms: int, each: int) -> Counter:
+    """Counts by class, verdict and whether it held: changes of the sizes that a plan promises, measured by MuJoCo."""
+    robot, counts = ROBOTS[name](), Counter()
+    sizes: dict[tuple[str, str], list[float]] = {}
+    for seed in range(arms):
+        rng = np.random.default_rng([seed, *name.encode(), 7])
+        cell = Cell.drawn(rng, robot)
+        base = calibrate(cell.measured(rng, 64, "base"))
+        q = planned_checks(cell, base, rng)
+        for promise in promised_checks(base, q):
+            what, joint = promise.model.what, promise.model.joint
+            change = Change("", what, joint, lambda c, rng: c)
+            label = f"zero of joint {joint}" if joint else what
+            for verdict, size in (("found", promise.found), ("named", promise.named), ("alone", promise.alone)):
+                if size is None or (promise.found or 0.0) > SENSIBLE[promise.model.unit]:
+                    counts[label, verdict, "never"] += 1
+                    continue
+                sizes.setdefault((label, verdict), []).append(size)
+                for _ in range(each):
+                    if joint:
+                        after = cell.with_changes({f"theta{joint}": rng.choice([-1.0, 1.0]) * size})
+                    else:
+                        after = cell.with_tool_shifted(size * unit(rng.normal(size=3)))
+                    seen = watch(base, after.measured(rng, q=q))
+                    held = {
+                        "found": seen.verdict != "unchanged",
+                        "named": named(seen, change),
+                        "alone": named(seen, change) and not seen.changes[0].as_well,
+                    }[verdict]
+                    counts[label, verdict, "held" if held else "broken"] += 1
+    print(f"{name}: promised 19 of 20; held, at the median promised size; never promised of {arms} arms")
+    for label in dict.fromkeys(label for label, _, _ in counts):
+        cells = []
+        for verdict in ("found", "named", "alone"):
+            held, broken, never = (counts[label, verdict, word] for word in ("held", "broken", "never"))
+            size = np.median(sizes.get((label, verdict), [np.nan]))
+            told = f"{np.degrees(size):.4f} deg" if label != "tool" else f"{size:.3f} mm"
+            cells.append(f"{held:4d} of {held + broken:4d} at {told:>10}, {never:2d} never")
+        print(f"  {label:16} found {cells[0]}   named {cells[1]}   alone {cells[2]}", flush=True)
+    return counts
+
+
+SENSIBLE = {"rad": np.radians(5.0), "mm": 20.0}  # sizes found above these are no promise
+
+
+def promised_checks(base: Calibration, q: Array) -> Sequence[PromisedSize]:
+    """Promise of `plan --for watch` for check poses q (N, n)."""
+    poses, unknowns = conditions_at(base.dataset.poses, q), unknowns_of_fit(base)
+    check = replace(base.dataset, poses=poses, points=unknowns.points(poses))
+    usual = usual_changes(unknowns, poses, unknowns.rows(poses))
+    return promised_sizes(base, check, [change.model.key for change in usual])
+
+
+def recorded(folders: Sequence[Path], diagnosed: bool, draws: int, *, by_time: bool, tell: bool) -> None:
+    """Print the alarms of unchanged cells: splits of each recording into a calibration and checks of 8 poses.
+
+    Two splits at random, or by time: the first two thirds, and the first half, are the calibration, and what was
+    measured later are the checks, as it is where a cell is watched. A model that says that something changed at a pose
+    (a step) holds for what came later: poses from before it, drawn at random, are no later check.
+    """
     counts = np.zeros(2, dtype=int)
     for folder in folders:
         dataset, alarms, total = load_dataset(folder), 0, 0
         setup = np.array(list(map(str, dataset.poses.setup)))
         for seed in range(2):
             rng = np.random.default_rng(seed)
-            order = rng.permutation(len(setup))
-            first, rest = np.sort(order[: 2 * len(order) // 3]), np.sort(order[2 * len(order) // 3 :])
+            if by_time:
+                in_time = np.argsort(dataset.poses.order, kind="stable")
+                cut = 2 * len(in_time) // 3 if seed == 0 else len(in_time) // 2
+                first, rest = np.sort(in_time[:cut]), np.sort(in_time[cut:])
+                rest = rest[np.isin(setup[rest], setup[first])]  # from a place that the calibration knows
+            else:
+                order = rng.permutation(len(setup))
+                first, rest = np.sort(order[: 2 * len(order) // 3]), np.sort(order[2 * len(order) // 3 :])
             part = half(dataset, first, dataset.name)
             base = diagnose(part).calibration if diagnosed else calibrate(part)
-            for _ in range(draws):
+            steps = [member.start.first for member in base.model.effects if isinstance(member, Step)]
+            # Places in the order of measuring are kept as they were, so that they compare.
+            rest = rest[dataset.poses.order[rest] >= max(steps, default=0)]
+            names: Counter[str] = Counter()
+            of_split = 0
+            for _ in range(draws if len(rest) else 0):
                 pool = rest[setup[rest] == rng.choice(np.unique(setup[rest]))]
                 if len(pool) < 4:
                     continue
                 rows = np.sort(rng.choice(pool, min(CHECK_POSES, len(pool)), replace=False))
                 seen = watch(base, half(dataset, rows, "check"))
                 alarms, total = alarms + (seen.verdict != "unchanged"), total + 1
+                if seen.verdict != "unchanged":
+                    of_split += 1
+                    names[told(seen)] += 1
+            if tell:
+                model = ", ".join(base.model.family_names) or "link errors"
+                print(f"  split {seed}: {of_split} alarms {dict(names)}; model: {model}", flush=True)
         print(f"{dataset.name}: {alarms} alarms of {total} unchanged cells", flush=True)
         counts += alarms, total
     print(f"all: {counts[0]} alarms of {counts[1]} unchanged cells")
@@ -310,14 +387,24 @@ def main() -> None:
     parser.add_argument("--tell", action="store_true", help="print each wrong alarm")
     parser.add_argument("--recordings", type=Path, nargs="+", metavar="FOLDER", help="real recordings, split, instead")
     parser.add_argument("--diagnosed", action="store_true", help="these by the last model of a diagnosis")
+    parser.add_argument(
+        "--by-time", action="store_true", help="these split by time: what was measured later is checked"
+    )
     parser.add_argument("--series", action="store_true", help="daily checks with drifts and steps instead")
+    parser.add_argument("--promised", action="store_true", help="changes of the sizes that a plan promises instead")
     args = parser.parse_args()
+    if args.promised:
+        counts = sum((promises_held(name, args.arms, args.each) for name in args.robot or ROBOTS), Counter())
+        for verdict in ("found", "named", "alone"):
+            held, broken = (sum(n for k, n in counts.items() if k[1:] == (verdict, w)) for w in ("held", "broken"))
+            print(f"all: {verdict} {held} of {held + broken}")
+        return
     if args.series:
         for name in args.robot or ROBOTS:
             over_days(name, args.arms)
         return
     if args.recordings:
-        recorded(args.recordings, args.diagnosed, draws=20)
+        recorded(args.recordings, args.diagnosed, draws=20, by_time=args.by_time, tell=args.tell)
         return
     counts = np.zeros(4, dtype=int)
     choose = planned_checks if args.planned else random_checks

@@ -79,13 +79,15 @@ def hypergeometric_sf(population: int, cases: int) -> Array:
 
     Rows are w, columns k; Fisher's exact test of a group of w with k cases is one entry (one-sided).
     """
-    drawn, found = np.mgrid[0 : population + 1, 0 : cases + 1].astype(float)
+    log_factorial = special.gammaln(np.arange(population + 1) + 1.0)  # of integers alone: the table has millions
 
-    def log_choose(n: Array | float, k: Array) -> Array:
-        with np.errstate(invalid="ignore"):
-            ways = special.gammaln(n + 1.0) - special.gammaln(k + 1.0) - special.gammaln(n - k + 1.0)
-        return np.asarray(np.where((k < 0.0) | (k > n), -np.inf, ways))
+    def log_choose(n: int) -> Array:
+        """Logarithms (n + 1,) of the ways to choose 0, 1, ... of n."""
+        return np.asarray(log_factorial[n] - log_factorial[: n + 1] - log_factorial[n::-1])
 
-    log_p = log_choose(float(cases), found) + log_choose(float(population - cases), drawn - found)
-    p = np.exp(log_p - log_choose(float(population), drawn))
+    drawn = np.arange(population + 1)[:, None]
+    others = drawn - np.arange(cases + 1)  # without the property
+    possible = (others >= 0) & (others <= population - cases)
+    ways = log_choose(population - cases)[np.where(possible, others, 0)]
+    p = np.exp(np.where(possible, ways, -np.inf) + log_choose(cases) - log_choose(population)[:, None])
     return np.asarray(np.minimum(np.cumsum(p[:, ::-1], axis=1)[:, ::-1], 1.0))

@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
+from calib.brief import Brief
 from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.campaign.judgement import PoseJudgement, judge_found, judge_missing
@@ -29,6 +30,15 @@ from calib.workcell.workcell import Workcell
 _DRAWN_EVERY = 5  # poses that were found: drawing poses in a cell takes a second, and may find none at first
 
 
+@dataclass(frozen=True)
+class UnknownName(Brief):
+    """Name of something that was measured, of which poses.csv has no pose (yet)."""
+
+    name: str  # of a pose in points.csv, or of a file in the scan folder
+    file: str  # "points.csv"; "" for the file of a scan
+    near: str = ""  # pose of poses.csv whose name is much like it; "" where there is none
+
+
 @dataclass(frozen=True, eq=False)
 class Campaign(Presented):
     """A campaign so far; `judged` is in the order in which the poses arrived."""
@@ -39,6 +49,7 @@ class Campaign(Presented):
     why_no_fit: str = ""
     outlook: Outlook | None = None
     shifts: tuple[Shift, ...] = ()  # of the instrument or the target, which the files do not tell
+    unknown: tuple[UnknownName, ...] = ()  # measured, but of no pose that poses.csv has
     drawn: DrawnPoses | None = None
     history: tuple[tuple[int, Prediction], ...] = ()  # number of good poses and the error predicted then
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.campaign.arrivals import FolderState
-from calib.campaign.campaign import Campaign, with_arrivals
+from calib.campaign.campaign import Campaign, UnknownName, with_arrivals
 from calib.campaign.judgement import PoseJudgement
 from calib.corners.batch import of_one_jig
 from calib.corners.search import CornerSearch
@@ -18,10 +19,12 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import ArrivingDataset, load_arriving_dataset
 from calib.errors import DatasetError
 from calib.options import FitOptions
+from calib.scans.scan import scan_file
 from calib.targets.batch import find_targets
 
 PATIENCE_S = 3.0
-"""Time for which a scan that cannot be read, or a table with a fault, may be one that is still being written."""
+"""Time for which a scan that cannot be read, or a table with a fault or without rows that it had, may be one that is
+still being written."""
 
 Version = tuple[int, int]
 
@@ -33,6 +36,7 @@ class News:
     judged: tuple[PoseJudgement, ...] = ()
     fault: str = ""  # of a table, told once; the campaign stays as it was
     moved: bool = False  # an instrument or target was found to have moved
+    unknown: tuple[UnknownName, ...] = ()  # names that poses.csv does not have (yet), told once each
 
 
 class CampaignFollower:
@@ -52,6 +56,8 @@ class CampaignFollower:
         self._fault: tuple[str, float] | None = None  # and since when
         self._told = ""
         self._waiting: set[str] = set()  # poses whose scan cannot be read yet
+        self._unknown: tuple[UnknownName, ...] = ()
+        self._gone_since: float | None = None  # since when rows that were read are missing from the tables
 
     def look(self, now_s: float) -> News:
         """Take what has arrived since the last look, at a monotonic time in seconds.
@@ -67,20 +73,28 @@ class CampaignFollower:
         if self._read.dataset.scan_folder is not None and scans is None:
             return self.look(now_s)  # now that the scan folder's name is known
         dataset = self._read.dataset
+        unknown, before_unknown = self._names_unknown(self._read), self._unknown
+        self._unknown = unknown
+        strange = tuple(name for name in unknown if name not in before_unknown)
+        if self.campaign is not None and self.campaign.unknown != unknown:
+            self.campaign = replace(self.campaign, unknown=unknown)
         searched = dataset.points is None and self._search_new(dataset)
         before = self.campaign
         if before is not None and not searched and _is_alike(self._read, self._taken):
-            return News()
+            return News(unknown=strange)
         self._taken = self._read
         searches, _ = of_one_jig(self.searches, dataset.jig)
-        self.campaign, judged = with_arrivals(before or Campaign(dataset), self._read, searches, self.options)
+        self.campaign, judged = with_arrivals(
+            before or Campaign(dataset, unknown=unknown), self._read, searches, self.options
+        )
         moved = len(self.campaign.shifts) > (0 if before is None else len(before.shifts))
-        return News(judged, moved=moved)
+        return News(judged, moved=moved, unknown=strange)
 
     @property
     def is_at_rest(self) -> bool:
         """Whether all that the folder holds was taken, or is held up by a fault that was told."""
-        return self._state.is_at_rest and (self._fault is None or bool(self.fault)) and not self._waiting
+        held_up = self._waiting or self._gone_since is not None
+        return self._state.is_at_rest and (self._fault is None or bool(self.fault)) and not held_up
 
     @property
     def fault(self) -> str:
@@ -98,7 +112,7 @@ class CampaignFollower:
         if tables == self._tables and self._fault is None:
             return ""
         try:
-            self._read = load_arriving_dataset(self.folder, growing)
+            read = load_arriving_dataset(self.folder, growing)
         except DatasetError as error:
             words = str(error)
             since = self._fault[1] if self._fault is not None and self._fault[0] == words else now_s
@@ -107,8 +121,30 @@ class CampaignFollower:
                 return ""
             self._told = words
             return words
-        self._fault, self._told, self._tables = None, "", tables
+        self._fault, self._told = None, ""
+        if _lacks(read, self._read):
+            # A writer that writes the whole table anew empties it first: what is gone may be back at the next look.
+            self._gone_since = now_s if self._gone_since is None else self._gone_since
+            if now_s - self._gone_since < PATIENCE_S:
+                return ""
+        self._read, self._tables, self._gone_since = read, tables, None
         return ""
+
+    def _names_unknown(self, arriving: ArrivingDataset) -> tuple[UnknownName, ...]:
+        """Names in points.csv, and settled files of scans, that poses.csv does not have."""
+        dataset, file = arriving.dataset, arriving.points_file
+        ids = dataset.poses.ids
+        found = [UnknownName(name, file, _near(name, ids)) for name in arriving.unknown]
+        if dataset.points is not None or dataset.scan_folder is None:
+            return tuple(found)
+        named = {scan_file(path) for i in range(len(ids)) if (path := dataset.scan_path(i)) is not None}
+        kinds = {path.suffix.lower() for path in named}
+        for path in sorted(self._state.files):
+            if path.parent != self.folder / dataset.scan_folder or path in named or path.suffix.lower() not in kinds:
+                continue
+            if not path.name.startswith(".") and self._state.settled(path) is not None:
+                found.append(UnknownName(f"{dataset.scan_folder}/{path.name}", "", _near(path.stem, ids)))
+        return tuple(found)
 
     def _search_new(self, dataset: Dataset) -> bool:
         """Search the scans that have come to rest since the last look; whether there were any."""
@@ -134,6 +170,32 @@ class CampaignFollower:
             self.searches[pose_id] = search
             self._versions[pose_id] = new[pose_id]
         return any(pose_id in self._versions for pose_id in new)
+
+
+def _lacks(read: ArrivingDataset, before: ArrivingDataset | None) -> bool:
+    """Whether poses, or measurements of poses, are missing that were there at the reading before."""
+    if before is None:
+        return False
+    if not set(before.dataset.poses.ids) <= set(read.dataset.poses.ids):
+        return True
+    return not _measured(before) <= _measured(read)
+
+
+def _measured(arriving: ArrivingDataset) -> set[str]:
+    """Names of the rows of points.csv, whether they have a point, and whether a pose."""
+    points, ids = arriving.dataset.points, arriving.dataset.poses.ids
+    with_point = set() if points is None else {ids[i] for i in np.unique(points.pose)}
+    return with_point | set(arriving.unseen) | set(arriving.unknown)
+
+
+def _near(name: str, ids: Sequence[str]) -> str:
+    """Pose whose name differs by case, blanks, leading zeros or signs between its parts alone; "" where none does."""
+    plain = _plain(name)
+    return next((pose_id for pose_id in ids if _plain(pose_id) == plain), "")
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"(?<!\d)0+(?=\d)", "", re.sub(r"[\W_]+", "", name.casefold()))
 
 
 def _is_alike(one: ArrivingDataset, other: ArrivingDataset | None) -> bool:

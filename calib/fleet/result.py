@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from calib.fleet.drift import Drift
@@ -42,7 +43,11 @@ class Fleet(Presented):
 
     def row(self, path: str) -> Row:
         """Row of a dataset, by the dataset's path."""
-        return next(row for row in self.rows if row.path == path)
+        return self._by_path[path]
+
+    @cached_property
+    def _by_path(self) -> dict[str, Row]:
+        return {row.path: row for row in self.rows}
 
     def worst(self, count: int = 10) -> tuple[Row, ...]:
         """Rows of the datasets with the largest error of the last model."""

@@ -242,18 +242,23 @@ def best_range(has: BoolArray) -> tuple[int, int, float]:
     n, cases = len(has), int(has.sum())
     table = hypergeometric_sf(n, cases)
 
-    def best(places: IndexArray) -> tuple[float, int, int]:
-        count = np.arange(len(places))
-        among = count[None, :] - count[:, None] + 1
-        width = places[None, :] - places[:, None] + 1
-        p = np.where(among >= 2, table[np.maximum(width, 0), np.maximum(among, 0)], 1.0)
-        i, j = np.unravel_index(int(np.argmin(p)), p.shape)
-        return float(p[i, j]), int(places[i]), int(places[j])
+    among = np.arange(2, cases + 1)
 
-    p, first, last = best(np.flatnonzero(has))
+    def narrowest(places: IndexArray) -> IndexArray:
+        """Least width (cases - 1,) of a range with 2, 3, ... of the cases: of these ranges it is the unlikeliest."""
+        return np.array([(places[k - 1 :] - places[: cases - k + 1]).min() + 1 for k in among], dtype=np.intp)
+
+    places = np.flatnonzero(has)
+    width = narrowest(places)
+    p_values = table[width, among]
+    # Where several are as unlikely, or all below what a float holds, the one with most cases above its share.
+    best = int(np.lexsort((-(among - width * (cases / n)), p_values))[0])
+    p, k = float(p_values[best]), int(among[best])
+    start = int(np.argmin(places[k - 1 :] - places[: cases - k + 1]))
+    first, last = int(places[start]), int(places[start + k - 1])
 
     def drawn(rng: np.random.Generator) -> float:
-        return best(np.sort(rng.permutation(n)[:cases]))[0]
+        return float(table[narrowest(np.sort(rng.permutation(n)[:cases])), among].min())
 
     return first, last, permuted_p(drawn, p, bonferroni=p * n * (n + 1) / 2)
 

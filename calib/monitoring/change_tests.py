@@ -29,7 +29,7 @@ UNUSUAL_WEIGHT = 0.05  # weight of a length, an angle, a compliance: parts wear 
 DRAWS = 10_000
 _SURE = 1e-4  # family-wise p-value below which draws are too few, and Bonferroni's bound is taken
 _ROUNDING = 1e-6  # share of a movement below which the residuals do not show it
-_EACH = 2.5  # chi squared that each parameter of a change has to explain
+PER_PARAMETER = 2.5  # chi squared that each parameter of a change has to explain
 DETECTABLE_Z = 3.8 + 1.645  # sigmas of a size that passes NAMED 19 times of 20
 
 
@@ -77,7 +77,7 @@ class ChangeTest:
     @property
     def score(self) -> float:
         """Twice the log odds of the change against no change, up to a constant."""
-        return self.gain - _EACH * self.model.count + 2.0 * float(np.log(weight(self.model)))
+        return self.gain - PER_PARAMETER * self.model.count + 2.0 * float(np.log(weight(self.model)))
 
 
 def most_likely(tests: list[ChangeTest]) -> ChangeTest | None:
@@ -92,7 +92,7 @@ def confounded_with(tests: list[ChangeTest], best: ChangeTest) -> tuple[str, ...
         for t in tests
         if t is not best
         and (fewer := best.model.count - t.model.count) >= 0
-        and t.gain > best.gain - CONFOUNDED - _EACH * fewer
+        and t.gain > best.gain - CONFOUNDED - PER_PARAMETER * fewer
         and t.p_value < ALARM
     )
 

@@ -53,6 +53,13 @@ class Spread:
         shrink = 1.0 - self.noise / np.hypot(self.noise, self.sizes)
         return np.asarray(values - self.axes @ (shrink.reshape(-1, *[1] * (along.ndim - 1)) * along)) / self.noise
 
+    def colour(self, values: Array) -> Array:
+        """Normal numbers (3 M, ...) as residuals with this covariance: the inverse of `whiten`."""
+        values = _without(values, self.blind)
+        along = self.axes.T @ values
+        stretch = np.hypot(self.noise, self.sizes) / self.noise - 1.0
+        return self.noise * np.asarray(values + self.axes @ (stretch.reshape(-1, *[1] * (along.ndim - 1)) * along))
+
     def total_weight(self, blocks: Array) -> float:
         """Squared Frobenius norm of the covariance's inverse root times a block diagonal matrix (M, 3, 3)."""
         share = self.sizes / np.hypot(self.noise, self.sizes)

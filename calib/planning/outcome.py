@@ -64,12 +64,15 @@ class EffectOutcome:
 
 @dataclass(frozen=True)
 class DetectableChange:
-    """Least size of a usual change of the cell that is detected and named 19 times of 20."""
+    """Least sizes of a usual change of the cell from which a verdict on it holds 19 times of 20."""
 
     key: ChangeKey
     unit: str
-    size: float | None  # None: no pose shows the change
-    scanner_free: bool  # whether that holds wherever the scanner stands
+    size: float | None  # something is found to have changed; None: no pose shows the change
+    scanner_free: bool  # whether it shows wherever the scanner stands
+    named: float | None  # it is named and no other change, though others may be said to be as likely; None: never
+    alone: float | None  # it is named, and nothing is said to be as likely; None: never
+    rival: ChangeKey | None  # the change that looks most like it
 
 
 @dataclass(frozen=True)

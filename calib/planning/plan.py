@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Unpack
 
@@ -34,6 +35,7 @@ from calib.planning.proof_criterion import PROVE, ForProof, for_proof, for_proof
 from calib.planning.start import FromFit, FromRobot, Start, start_of_dataset
 from calib.planning.unknowns import DEFAULT_NOISE_MM
 from calib.planning.watch_criterion import CHECK_POSES, ForWatch
+from calib.planning.ways import Way, ways_to
 from calib.presented import Presented
 from calib.robot_formats.robots import load_robot
 from calib.workcell.candidates import candidate_poses
@@ -89,6 +91,11 @@ class Plan(Presented):
     outcome: Outcome | None  # achievement beyond the predicted error
     fewest_for_fit: int | None  # poses that a fit takes, where the plan is a first set of fewer
     blocked: tuple[tuple[str, str], ...]  # successive poses whose straight connection in joint space is blocked
+
+    @cached_property
+    def ways(self) -> tuple[Way, ...]:
+        """Way to each pose from the one before, by via points where the straight one is blocked."""
+        return ways_to(self.start.cell, self.poses)
 
     @property
     def power(self) -> float | None:

@@ -9,7 +9,7 @@ logarithms of their sigmas: the change that shows least would else cost the othe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,12 +17,14 @@ from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Poses
 from calib.errors import CalibError
 from calib.fitting.scanner_frame import whitener
-from calib.monitoring.change_models import JOINT_ZERO, TOOL, ChangeModel, change_models_of_arm
+from calib.monitoring.change_models import JOINT_ZERO, SCANNER, TOOL, ChangeModel, change_models_of_arm
 from calib.monitoring.change_tests import DETECTABLE_Z
+from calib.monitoring.promised_sizes import promised_sizes
 from calib.planning.criterion import WATCH, BaseCriterion, DesignProblem
 from calib.planning.exchange import best_poses
 from calib.planning.outcome import ChangeKey, ChangeReason, CheckOutcome, DetectableChange
 from calib.planning.question import Question, inverse
+from calib.planning.start import FromFit
 from calib.planning.unknowns import Unknowns
 
 CHECK_POSES = 8
@@ -30,6 +32,7 @@ _FREE = 1e-8  # information on a free unknown: a sigma of 1e4 mm, or 1e4 units o
 _SHOWS = 0.1  # in units of the noise, least effect of a milliradian or a millimetre at any candidate
 _SAME_AS_SCANNER = 0.02  # share of a change's information, with the scanner's frame free, below which it is fixed
 _NAMED = 2  # most changes in a pose's reason
+_NO_SIZE = {"rad": np.radians(10.0), "mm": 50.0}  # of a zero or a tool, above which nothing is promised
 _MIN_GAIN = 0.03  # share by which a pose lowers a change's sigma, below which the change is no reason for it
 
 
@@ -42,9 +45,10 @@ class CheckedChange:
     scanner_free: bool  # whether the scanner's frame is free in the question
 
     def size(self, chosen: IndexArray) -> float:
-        """Least size, in the change's unit, that is detected and named 19 times of 20 with given candidates.
+        """Least size, in the change's unit, that shows 19 times of 20 with given candidates, beside no rival.
 
-        For the tool, its shift in the direction that shows least.
+        For the tool, its shift in the direction that shows least. Poses are chosen by it; what is promised of them
+        counts the rivals (`calib.monitoring.promised_sizes`).
         """
         return DETECTABLE_Z * float(np.sqrt(np.linalg.eigvalsh(_covariance(self.question, chosen))[-1]))
 
@@ -66,12 +70,24 @@ class ForWatch(BaseCriterion):
         return tuple(ChangeReason(_detected_by(changes, chosen, k)) for k in range(len(chosen)))
 
     def outcome(self, problem: DesignProblem, chosen: IndexArray) -> CheckOutcome:
-        """Detectable size of each usual change of the cell with the chosen candidates."""
-        changes = _checked_changes(problem)
-        shown = {change.model.key for change in changes}
-        sizes = [DetectableChange(c.model.key, c.model.unit, c.size(chosen), c.scanner_free) for c in changes]
-        never = [DetectableChange(m.key, m.unit, None, False) for m in _all_usual(problem) if m.key not in shown]
-        return CheckOutcome((*sizes, *never))
+        """Sizes of each usual change of the cell that the chosen candidates find, and name beside all rivals."""
+        changes = {change.model.key: change for change in _checked_changes(problem)}
+        start = problem.start
+        assert isinstance(start, FromFit)
+        poses = problem.candidates.select(chosen)
+        check = replace(start.dataset, poses=poses, points=problem.unknowns.points(poses))
+        promises = {p.model.key: p for p in promised_sizes(start.calibration, check, tuple(changes))}
+        detectable = []
+        for model in _all_usual(problem):
+            change, promise = changes.get(model.key), promises.get(model.key)
+            if change is None or promise is None or promise.found is None or promise.found > _NO_SIZE[model.unit]:
+                detectable.append(DetectableChange(model.key, model.unit, None, False, None, None, None))
+                continue
+            named, alone = (s if s and s <= _NO_SIZE[model.unit] else None for s in (promise.named, promise.alone))
+            free = change.scanner_free
+            rival = promise.rival if free else (SCANNER, None, "")
+            detectable.append(DetectableChange(model.key, model.unit, promise.found, free, named, alone, rival))
+        return CheckOutcome(tuple(detectable))
 
 
 def check_poses(changes: Sequence[CheckedChange], count: int) -> IndexArray:

@@ -116,6 +116,15 @@ class JointTarget:
     left_out: str = ""  # reason for leaving it out; "" where it is kept
 
 
+@dataclass(frozen=True)
+class MeasuringStep:
+    """A pose to measure, with the way to it from the pose before."""
+
+    target: JointTarget
+    way: tuple[JointTarget, ...] = ()  # points that the arm passes at rest, in this order
+    ask: str = ""  # what a person has to do or look at before the arm moves; "": nothing
+
+
 def point_list(path: Path, targets: Sequence[JointTarget], heading: Sequence[str]) -> str:
     """Point list in the language of the file's suffix; targets that are left out become comments with the reason.
 
@@ -125,11 +134,11 @@ def point_list(path: Path, targets: Sequence[JointTarget], heading: Sequence[str
     comment = _COMMENT[suffix]
     whole, *names = identifiers([path.stem, *(target.name for target in targets)], LONGEST[suffix])
     unit = "rad" if suffix == ".script" else "degrees"
-    lines = [f"{comment} {_plain(words)}" for words in (*heading, f"Joint values in {unit}.")]
+    lines = [f"{comment} {plain_line(words)}" for words in (*heading, f"Joint values in {unit}.")]
     for name, target in zip(names, targets, strict=True):
-        original = f"  {comment} {_plain(target.name)}" if name != target.name else ""
+        original = f"  {comment} {plain_line(target.name)}" if name != target.name else ""
         if target.left_out:
-            lines.append(f"{comment} {name} is left out: {_plain(target.left_out)}")
+            lines.append(f"{comment} {name} is left out: {plain_line(target.left_out)}")
         else:
             lines.append(_line(suffix, name, target.q) + original)
     return "\n".join(_wrapped(suffix, whole, lines)) + "\n"
@@ -172,8 +181,8 @@ def identifiers(ids: Sequence[str], longest: int) -> list[str]:
     return out
 
 
-def _plain(text: str) -> str:
-    """Text as one line of printable ASCII, for a comment."""
+def plain_line(text: str) -> str:
+    """Text as one line of printable ASCII, for a comment of a program."""
     return re.sub(r"[^ -~]", "?", " ".join(text.split()))
 
 

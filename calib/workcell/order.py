@@ -16,6 +16,9 @@ _MOST_STEPS = 24
 _BLOCKED = 20.0  # rad added to the length of a path that leads through an obstacle
 _ROUNDS = 8
 _TRIED_PATHS = 6
+_NEAR_VIAS, _FAR_VIAS = 150, 100  # via points tried between the two ends, and in the joints' whole range
+_ROOM_RAD = 0.8  # by which the near ones may lie beyond the ends
+_TRIED_PAIRS, _PAIRS_AT_ONCE = 1000, 100
 
 
 def order_poses(cell: Workcell, q: ArrayLike, start: ArrayLike | None = None) -> IndexArray:
@@ -61,14 +64,52 @@ def path_length(robot: Robot, q: Array) -> float:
 
 def clear_ways(cell: Workcell, q: Array) -> BoolArray:
     """(N - 1,) whether straight paths in joint space between the rows of q (N, n) avoid all known obstacles."""
-    if len(q) < 2:
+    return clear_between(cell, q[:-1], q[1:])
+
+
+def clear_between(cell: Workcell, one: Array, other: Array) -> BoolArray:
+    """(N,) whether straight paths in joint space from the rows of one (N, n) to those of other avoid all obstacles."""
+    if not len(one):
         return np.ones(0, dtype=bool)
-    longest = max(way_lengths(cell.robot, q[k : k + 1], q[k + 1 : k + 2])[0, 0] for k in range(len(q) - 1))
-    steps = int(np.clip(np.ceil(longest / _STEP), 1, _MOST_STEPS))
+    scaled = np.where(cell.robot.is_revolute, 1.0, 1.0 / PRISMATIC_MM)
+    steps = int(np.clip(np.ceil(np.abs((other - one) * scaled).max() / _STEP), 1, _MOST_STEPS))
     share = (np.arange(steps) + 0.5) / steps
-    between = q[:-1, None] + share[None, :, None] * np.diff(q, axis=0)[:, None]
-    hits = collides(cell, between.reshape(-1, q.shape[1])).reshape(len(q) - 1, steps)
+    between = one[:, None] + share[None, :, None] * (other - one)[:, None]
+    hits = collides(cell, between.reshape(-1, one.shape[1])).reshape(len(one), steps)
     return np.asarray(~hits.any(axis=1))
+
+
+def way_around(cell: Workcell, one: Array, other: Array, rng: np.random.Generator) -> Array | None:
+    """Via points (k, n), k 1 or 2, by which straight paths lead from joints one (n,) to other past all obstacles.
+
+    The shortest way by one of some hundred random joint vectors; where there is none, by two of them.
+
+    Returns:
+        None where these find no way: there may be one all the same.
+    """
+    robot = cell.robot
+    room = np.where(robot.is_revolute, _ROOM_RAD, _ROOM_RAD * PRISMATIC_MM)
+    near = rng.uniform(np.minimum(one, other) - room, np.maximum(one, other) + room, (_NEAR_VIAS, len(one)))
+    drawn = np.concatenate([near, rng.uniform(cell.low, cell.high, (_FAR_VIAS, len(one)))])
+    drawn = np.clip(drawn, np.minimum(cell.low, one), np.maximum(cell.high, one))
+    drawn = drawn[~collides(cell, drawn)]
+    from_one = drawn[clear_between(cell, np.broadcast_to(one, drawn.shape), drawn)]
+    to_other = drawn[clear_between(cell, drawn, np.broadcast_to(other, drawn.shape))]
+    both = from_one[(from_one[:, None] == to_other[None]).all(axis=2).any(axis=1)] if len(to_other) else to_other
+    if len(both):
+        length = way_lengths(robot, both, one[None])[:, 0] + way_lengths(robot, both, other[None])[:, 0]
+        return np.asarray(both[[int(np.argmin(length))]])
+    if not len(from_one) or not len(to_other):
+        return None
+    length = way_lengths(robot, from_one, to_other)
+    length += way_lengths(robot, from_one, one[None]) + way_lengths(robot, to_other, other[None]).T
+    first, second = np.unravel_index(np.argsort(length, axis=None, kind="stable")[:_TRIED_PAIRS], length.shape)
+    for some in np.array_split(np.arange(len(first)), max(1, len(first) // _PAIRS_AT_ONCE)):
+        clear = clear_between(cell, from_one[first[some]], to_other[second[some]])
+        if clear.any():
+            k = some[int(np.argmax(clear))]
+            return np.stack([from_one[first[k]], to_other[second[k]]])
+    return None
 
 
 def _short_path(apart: Array, *, from_first: bool) -> IndexArray:

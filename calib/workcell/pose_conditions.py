@@ -61,10 +61,12 @@ def conditions_for(effects: Iterable[AsksForConditions], *, payload_kg: float = 
     )
 
 
-def come_from(q: Array, approach: Array, is_revolute: BoolArray, low: Array, high: Array) -> Array:
-    """(M, n) joint vectors just before q (M, n), 3 deg or 10 mm away, from which each joint arrives from a given side.
+def come_from(
+    q: Array, approach: Array, is_revolute: BoolArray, low: Array, high: Array, *, share: float = 1.0
+) -> Array:
+    """(M, n) joint vectors just before q (M, n), from which each joint arrives from a given side.
 
-    Joints that would leave their range (n,) go as far as it allows.
+    They are 3 deg or 10 mm away, times `share`; joints that would leave their range (n,) go as far as it allows.
     """
-    step = np.where(is_revolute, _COME_FROM_RAD, _COME_FROM_MM)
+    step = share * np.where(is_revolute, _COME_FROM_RAD, _COME_FROM_MM)
     return np.clip(q - approach * step, np.minimum(low, q), np.maximum(high, q))

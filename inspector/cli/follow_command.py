@@ -11,7 +11,14 @@ from calib.campaign.campaign import Campaign
 from calib.campaign.follower import CampaignFollower, News
 from calib.errors import DatasetError, visible
 from calib.present import to_dict
-from calib.present.over_time.campaign import campaign_head, judgement_document, judgement_line, shift_sentence
+from calib.present.over_time.campaign import (
+    campaign_head,
+    judgement_document,
+    judgement_line,
+    shift_sentence,
+    unknown_document,
+    unknown_sentences,
+)
 from calib.rendering.text import block_text
 from calib.strict_json import to_json
 from inspector.cli.options import FollowOptions
@@ -41,7 +48,9 @@ def run_follow(options: FollowOptions) -> int:
     if follower.fault:
         raise DatasetError(follower.fault)
     if campaign is None or not campaign.judged:
-        raise DatasetError(f"{options.path}: nothing was measured; points.csv, or the scans, are what is followed")
+        strange = [] if campaign is None else unknown_sentences(campaign.unknown)
+        why = "; ".join(strange) or "points.csv, or the scans, are what is followed"
+        raise DatasetError(f"{options.path}: nothing was measured; {why}")
     if not options.json:
         print(visible(block_text(*campaign_head(campaign, options.tolerance_mm))))
     return 0 if _is_enough(options, campaign) else 1
@@ -77,6 +86,13 @@ def _tell(options: FollowOptions, campaign: Campaign | None, news: News) -> None
         print(visible(f"inspector: warning: {news.fault}"), file=sys.stderr, flush=True)
     if campaign is None:
         return
+    if options.json:
+        for name in news.unknown:
+            line = to_json(to_dict(unknown_document(campaign, name, options.tolerance_mm)))
+            print(line, file=options.stdout, flush=True)
+    else:
+        for sentence in unknown_sentences(news.unknown):
+            print(visible(sentence), flush=True)
     for judged in news.judged:
         if options.json:
             line = to_json(to_dict(judgement_document(campaign, judged, options.tolerance_mm)))

@@ -308,6 +308,16 @@ class PlanOptions(_FittingOptions, RobotFileOptions):
     payload_kg: float | None
     seed: int
     out: Path | None
+    program: Path | None  # measuring program
+    template: Path | None
+    template_out: Path | None
+    speed: float | None  # in the unit of the program's language
+    settle_s: float | None
+    stand_s: float | None
+    trigger: tuple[str, ...] | None  # output and its signal, or socket, host and port
+    pulse_s: float | None
+    measured: tuple[str, ...] | None  # input and its signal, or reply
+    tool_name: str | None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Files of a plan for the robot, by the file's name: poses.csv, a controller's point list, a ROS trajectory."""
+"""Files of a plan, by the file's name: poses.csv, a controller's point list, a ROS trajectory; measuring programs."""
 
 from __future__ import annotations
 
@@ -7,6 +7,14 @@ from pathlib import Path
 from calib.dataset.files.poses_csv import poses_frame
 from calib.errors import CalibError
 from calib.planning.plan import Plan
+from calib.planning.ways import steps_of, targets_of
+from calib.robot_formats.measuring_program import (
+    MeasuringOptions,
+    ProgramTemplate,
+    check_program,
+    measuring_program,
+    template_of,
+)
 from calib.robot_formats.programs import (
     JointTarget,
     is_point_list,
@@ -15,7 +23,6 @@ from calib.robot_formats.programs import (
     trajectory_yaml,
 )
 from calib.text_files.csv_text import frame_csv
-from calib.workcell.pose_conditions import come_from
 
 CSV, ROS = ".csv", (".yaml", ".yml")
 
@@ -49,15 +56,37 @@ def planned_file(path: Path, plan: Plan) -> str:
     return point_list(path, _targets(plan), heading)
 
 
+def check_plan_program(path: Path, options: MeasuringOptions, template: Path | None) -> ProgramTemplate | None:
+    """User's template of a measuring program, read. Raises CalibError for what cannot be written."""
+    check_program(path, options, template is not None)
+    return None if template is None else template_of(template)
+
+
+def planned_program(
+    path: Path, plan: Plan, options: MeasuringOptions, template: ProgramTemplate | None = None
+) -> dict[Path, str]:
+    """Files of the program that measures a plan's poses, with their content.
+
+    Raises CalibError for an arm that its language cannot hold, and for a pose to which no free way was found.
+    """
+    robot, names = plan.start.dataset.robot, plan.poses.ids
+    closed = [k for k, way in enumerate(plan.ways) if not way.clear]
+    if closed:
+        from_there = f"from {names[closed[0] - 1]} " if closed[0] else ""
+        more = f", and {len(closed) - 1} more" if len(closed) > 1 else ""
+        raise CalibError(
+            f"{path}: no way {from_there}to {names[closed[0]]} past floor, boxes, instrument and the arm itself was "
+            f"found{more}; plan with another --seed, or write the poses without motions (--out)"
+        )
+    heading = (
+        f"Measures {len(plan.poses)} poses of {robot.name}, planned for {plan.criterion.name}, in this order.",
+        "Ways from pose to pose were checked against what is known of the cell: floor, boxes, instrument, the arm.",
+        "What is not known was not checked. Run it slowly first, a hand on the stop.",
+    )
+    steps = steps_of(robot, plan.poses, plan.ways)
+    return measuring_program(path, steps, robot.is_revolute, heading, options, template)
+
+
 def _targets(plan: Plan) -> list[JointTarget]:
-    """Commanded poses; before a pose to be approached from given sides comes its starting point."""
-    robot, poses, cell = plan.start.dataset.robot, plan.poses, plan.start.cell
-    start = None
-    if poses.approach is not None:
-        start = robot.commands_of(come_from(poses.q, poses.approach, robot.is_revolute, cell.low, cell.high))
-    out: list[JointTarget] = []
-    for k, (name, q) in enumerate(zip(poses.ids, robot.commands_of(poses.q), strict=True)):
-        if start is not None:
-            out.append(JointTarget(f"{name}_from", start[k]))
-        out.append(JointTarget(name, q))
-    return out
+    """Commanded joints in the order of the motion, with the points past obstacles and to sides of approach."""
+    return targets_of(plan.start.dataset.robot, plan.poses, plan.ways)

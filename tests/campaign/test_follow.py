@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import threading
 import time
@@ -298,3 +299,142 @@ def test_a_folder_where_nothing_was_measured_is_bad_input(folder: Path, capsys: 
     assert main(["follow", str(folder), "--once"]) == 2
     assert "nothing was measured" in capsys.readouterr().err
     assert main(["follow", str(folder / "none")]) == 2
+
+
+def test_a_name_that_the_plan_does_not_have_is_told_at_once_until_the_plan_has_it(folder: Path) -> None:
+    header, *lines = (folder.parent / "points.csv").read_text().splitlines(keepends=True)
+    ids = measured().poses.ids
+    other = lines[1].replace(ids[1], "P-17"), lines[2].replace(ids[2], ids[2].upper() + " ")
+    clock = Clock(folder)
+    (folder / "points.csv").write_text("".join([header, lines[0], *other]))
+    news = clock.look()  # the writer may still be at it, but the lines are whole
+    assert [name.name for name in news.unknown] == ["P-17", ids[2].upper()]
+    assert [name.near for name in news.unknown] == [next(i for i in ids if i.strip("p0") == "17"), ids[2]]
+    assert [j.pose for j in news.judged] == [ids[0]]
+    assert [clock.look().unknown for _ in range(3)] == [()] * 3
+    campaign = clock.follower.campaign
+    assert campaign is not None
+    assert "points.csv has P-17" in block_text(*campaign_head(campaign))
+    poses = (folder / "poses.csv").read_text()
+    (folder / "poses.csv").write_text(poses + poses.splitlines(keepends=True)[2].replace(ids[1], "P-17"))
+    assert [j.pose for j in clock.settle()] == ["P-17"]
+    assert clock.follower.campaign is not None
+    assert [name.name for name in clock.follower.campaign.unknown] == [ids[2].upper()]
+
+
+def test_a_scan_of_no_pose_is_told(tmp_path: Path) -> None:
+    shutil.copytree(Path("sample_data/rb5_jang"), tmp_path / "s", ignore=shutil.ignore_patterns("*.ply"))
+    clock = Clock(tmp_path / "s")
+    clock.look()
+    for name in ("P_1.ply", ".p01.ply.part", "notes.txt"):
+        (tmp_path / "s" / "scans" / name).write_bytes(b"ply")
+    told = [name for _ in range(3) for name in clock.look().unknown]
+    assert [(name.name, name.near) for name in told] == [("scans/P_1.ply", "p01")]
+
+
+def test_the_command_tells_names_that_the_plan_does_not_have(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    header, *lines = (folder.parent / "points.csv").read_text().splitlines(keepends=True)
+    ids = measured().poses.ids
+    (folder / "points.csv").write_text(header + lines[0] + lines[1].replace(ids[1], "shot 2"))
+    main(["follow", str(folder), "--json", "--once"])
+    told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert {line["pose"]: line["state"] for line in told} == {ids[0]: "good", "shot 2": "unknown"}
+    assert all(line["unknown"] == ["shot 2"] for line in told)
+    main(["follow", str(folder), "--once"])
+    assert "points.csv has shot 2, which poses.csv does not (yet)" in capsys.readouterr().out
+    (folder / "points.csv").write_text(header + lines[1].replace(ids[1], "shot 2"))
+    assert main(["follow", str(folder), "--once"]) == 2
+    assert "nothing was measured; points.csv has shot 2" in capsys.readouterr().err
+
+
+def test_a_table_that_is_written_anew_each_time_tells_nothing_twice(folder: Path) -> None:
+    whole = (folder.parent / "points.csv").read_text().splitlines(keepends=True)
+    clock, poses = Clock(folder), (folder / "poses.csv").read_text()
+    told: list[str] = []
+    for count in (12, 13, 14):
+        for part in ("", "".join(whole[:4]), "".join(whole[: count + 1])):  # emptied, half written, whole
+            (folder / "points.csv").write_text(part)
+            told += [j.pose for j in clock.look(0.2).judged]
+        told += [j.pose for j in clock.look().judged]
+        (folder / "points.csv").unlink()  # as one that is renamed into place
+        (folder / "poses.csv").write_text("".join(poses.splitlines(keepends=True)[:3]))
+        news = clock.look(0.2)
+        assert (news.judged, news.unknown, news.fault) == ((), (), "")
+        assert not clock.follower.is_at_rest
+        (folder / "poses.csv").write_text(poses)
+        (folder / "points.csv").write_text("".join(whole[: count + 1]))
+        told += [j.pose for j in clock.settle()]
+    assert sorted(told) == sorted(measured().poses.ids[:14])
+    campaign = clock.follower.campaign
+    assert campaign is not None
+    assert list(campaign.judged) == list(measured().poses.ids[:14])
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", range(3))
+def test_whatever_a_writer_does_to_the_tables_each_pose_is_told_once_and_all_ends_well(folder: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points, poses, top = (folder / name for name in ("points.csv", "poses.csv", "dataset.toml"))
+    whole = (folder.parent / "points.csv").read_bytes()
+    head, *rows = whole.splitlines(keepends=True)
+    planned, told_toml = poses.read_bytes(), top.read_bytes()
+    clock, have, count, told = Clock(folder), head, 0, []
+
+    def garbled() -> None:
+        part = int(rng.integers(0, len(planned)))
+        match rng.integers(10):
+            case 0:
+                points.write_bytes(b"")
+            case 1:
+                points.unlink(missing_ok=True)
+            case 2:
+                points.write_bytes(have + bytes(64))  # the end of a block that the writer has not reached
+            case 3:
+                points.write_bytes(b"\xef\xbb\xbf" + have.replace(b"\n", b"\r\n"))
+            case 4:
+                points.write_bytes(head + b"".join(rows[i] for i in rng.permutation(count)))
+            case 5 if points.exists():
+                os.utime(points, (1e9, 1e9))  # a clock that was set back
+            case 6:
+                poses.write_bytes(planned[:part])
+            case 7:
+                top.write_bytes(told_toml[: min(part, len(told_toml))])
+            case 8 if count:
+                points.write_bytes(have + rows[int(rng.integers(count))])  # twice
+            case _:
+                points.write_bytes(have + rows[min(count, POSES - 1)][: int(rng.integers(1, 30))])
+
+    for _ in range(60):
+        if rng.random() < 0.5:
+            garbled()
+        else:
+            count = min(count + 1, POSES)
+            have = head + b"".join(rows[:count])
+            for path, content in ((points, have), (poses, planned), (top, told_toml)):
+                path.write_bytes(content)
+        told += clock.look(float(rng.choice([0.1, 0.5, 1.0, 4.0]))).judged
+    for path, content in ((points, whole), (poses, planned), (top, told_toml)):
+        path.write_bytes(content)
+    told += [j for _ in range(4) for j in clock.look(2.0).judged]
+    fresh = Clock(folder)
+    fresh.settle()
+    one, two = clock.follower.campaign, fresh.follower.campaign
+    assert one is not None
+    assert two is not None
+    assert clock.follower.is_at_rest
+    assert {i: j.state for i, j in one.judged.items()} == {i: j.state for i, j in two.judged.items()}
+    assert len(told) <= POSES + 4  # once each, but where a state changed
+
+
+def test_rows_that_were_deleted_are_gone_once_that_lasts(folder: Path) -> None:
+    whole = (folder.parent / "points.csv").read_text().splitlines(keepends=True)
+    clock = Clock(folder)
+    (folder / "points.csv").write_text("".join(whole[:13]))
+    clock.settle()
+    (folder / "points.csv").write_text("".join(whole[:12]))
+    assert clock.look().judged == ()
+    assert clock.follower.campaign is not None
+    assert len(clock.follower.campaign.judged) == 12
+    clock.look(PATIENCE_S)
+    assert len(clock.follower.campaign.judged) == 11
+    assert clock.follower.is_at_rest

@@ -103,7 +103,7 @@ SAID = [
     ("noise", f"$t$ with {noise_search._TAILS[0]:g} to {noise_search._TAILS[-1]:g} degrees"),
     ("planning", f"the band of {percent(prediction.SHARE)} of arms"),
     ("planning", f"{discrimination._DRAWS} draws for each hypothesis"),
-    ("watching", f"$g - {change_tests._EACH:g} K + 2 \\log w$"),
+    ("watching", f"$g - {change_tests.PER_PARAMETER:g} K + 2 \\log w$"),
     ("watching", f"{change_tests.UNUSUAL_WEIGHT:g} for lengths, angles and compliances"),
     ("watching", f"{change_tests.DRAWS:,} draws of an unchanged cell"),
     ("watching", f"An alarm is below {change_tests.ALARM:g};"),

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from calib.array_types import IndexArray
 from calib.calibration.calibrate import calibrate
+from calib.calibration.result import Calibration
+from calib.dataset.dataset import Dataset
 from calib.fitting.observations import conditions_at
 from calib.kinematics.joint_range import random_poses
 from calib.monitoring.change_tests import DETECTABLE_Z
-from calib.monitoring.watch import watch
+from calib.monitoring.promised_sizes import promised_sizes
+from calib.monitoring.watch import ChangeReport, watch
 from calib.planning.unknowns import unknowns_of_fit
 from calib.planning.watch_criterion import CHECK_POSES, CheckedChange, check_poses, usual_changes
 from tests.support.checked_cell import Cell
@@ -54,17 +57,48 @@ def test_planned_poses_show_each_change_at_smaller_sizes_than_random_ones(planne
 
 
 @pytest.mark.slow
-def test_the_size_that_is_told_is_found_as_often_as_promised(planned: Planned) -> None:
+def test_the_sizes_that_are_promised_are_found_and_named_as_often_as_promised(planned: Planned) -> None:
     cell, q, changes, chosen = planned
     rng = np.random.default_rng(5)
     base = calibrate(cell.measured(rng, 64, "base"))
-    slip = next(k for k in changes if k.model.joint == 3)
-    slipped = cell.with_changes({"theta3": slip.size(chosen)})
-    seen = [watch(base, slipped.measured(rng, q=q[chosen])) for _ in range(30)]
-    told = Counter((c.what, c.joint) for w in seen for c in w.changes)
-    named = [[(c.what, c.joint) for c in w.changes] == [("joint_zero", 3)] for w in seen]
-    assert sum(bool(w.changes) for w in seen) >= 26
-    assert told.most_common(1)[0][0] == ("joint_zero", 3)  # its parallel neighbours are told for it at times
-    assert sum(named) >= 15
-    sigma = np.std([w.changes[0].size for w, ok in zip(seen, named, strict=True) if ok])
-    assert sigma < 1.4 * slip.size(chosen) / DETECTABLE_Z
+    promised = {
+        p.model.key: p for p in promised_sizes(base, predicted(base, q[chosen]), [c.model.key for c in changes])
+    }
+    slip = promised["joint_zero", 3, "theta3"]
+    assert slip.found is not None
+    assert slip.named is not None
+    assert slip.alone is not None
+    assert slip.found < slip.named < slip.alone
+    assert slip.rival == ("joint_zero", 2, "theta2")  # its parallel neighbour
+
+    def checked(size_rad: float) -> list[ChangeReport]:
+        slipped = cell.with_changes({"theta3": size_rad})
+        return [watch(base, slipped.measured(rng, q=q[chosen])) for _ in range(20)]
+
+    assert sum(seen.verdict != "unchanged" for seen in checked(slip.found)) >= 17
+    of_each = [seen.changes for seen in checked(slip.named)]
+    assert sum([(c.what, c.joint) for c in named] == [("joint_zero", 3)] for named in of_each) >= 17
+    alone = [seen.changes for seen in checked(slip.alone)]
+    assert sum([(c.what, c.joint, c.as_well) for c in named] == [("joint_zero", 3, ())] for named in alone) >= 17
+    sigma = np.std([named[0].size for named in of_each if named and named[0].joint == 3])
+    assert sigma < 1.6 * slip.found / DETECTABLE_Z
+
+
+def test_what_looks_the_same_at_any_size_is_promised_no_name(planned: Planned) -> None:
+    cell, q, changes, chosen = planned
+    base = calibrate(cell.measured(np.random.default_rng(5), 64, "base"))
+    promised = {
+        p.model.key: p for p in promised_sizes(base, predicted(base, q[chosen]), [c.model.key for c in changes])
+    }
+    turned, bent = promised["joint_zero", 1, "theta1"], promised["joint_zero", 5, "theta5"]
+    assert turned.found is not None  # where the scanner stands where it stood
+    assert turned.named is None
+    assert bent.named is not None
+    assert bent.alone is None
+    assert bent.rival == ("length", 5, "a5")  # the target is on the last axis, so that it moves by the same
+
+
+def predicted(base: Calibration, q: np.ndarray) -> Dataset:
+    """Check poses with points where the fit predicts them."""
+    poses, unknowns = conditions_at(base.dataset.poses, q), unknowns_of_fit(base)
+    return replace(base.dataset, poses=poses, points=unknowns.points(poses))

@@ -79,6 +79,7 @@ class ArrivingDataset:
     dataset: Dataset
     unseen: tuple[str, ...] = ()  # poses with a row in points.csv whose coordinates are empty
     unknown: tuple[str, ...] = ()  # names in points.csv that poses.csv does not have (yet)
+    points_file: str = "points.csv"  # as dataset.toml names it
 
 
 def load_arriving_dataset(folder: Path, growing: Collection[str] = ()) -> ArrivingDataset:
@@ -171,7 +172,8 @@ def _read(folder: Path, growing: Collection[str] | None) -> ArrivingDataset:
         signal_noise=signal_noise,
         read_files=table_hashes(folder, so_far=growing is not None),
     )
-    return ArrivingDataset(with_link_encoders(with_measured_loads(dataset)), unseen, unknown)
+    dataset = with_link_encoders(with_measured_loads(dataset))
+    return ArrivingDataset(dataset, unseen, unknown, points_name or "points.csv")
 
 
 def as_dataset(dataset: Dataset | str | Path) -> Dataset:

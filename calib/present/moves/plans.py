@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from calib.array_types import Array
 from calib.calibration.noise_level import check_sigma
 from calib.dataset.files.poses_csv import joint_columns, poses_frame
 from calib.intervention.pairs import PAYLOAD
+from calib.monitoring.change_models import change_label
 from calib.planning.criterion import WATCH, ForCalibration
 from calib.planning.outcome import (
     ChangeReason,
@@ -28,6 +30,7 @@ from calib.planning.plan import Plan
 from calib.planning.prediction import PAYS, STEP, Prediction
 from calib.planning.simulated_pairs import MOST_LOAD, MOST_PAIRS, Needed
 from calib.planning.start import FromFit, FromRobot
+from calib.planning.ways import passed, via_names
 from calib.present import names
 from calib.present.cause.interventions import condition_change
 from calib.present.results import document, presentation
@@ -76,6 +79,8 @@ def plan_head(plan: Plan) -> list[Block]:
     """Blocks with the purpose of the poses and their predicted gain."""
     unsure = plan.power is not None and plan.power < SURELY
     head: list[Block] = [Verdict(plan_headline(plan), DOUBT if unsure else GOOD)]
+    if isinstance(plan.outcome, CheckOutcome):
+        head += _promised(plan.outcome)
     achieved = outcome_sentences(plan)
     head += [Bullets(achieved)] if achieved else []
     if plan.criterion.name == WATCH:
@@ -174,24 +179,36 @@ def _coefficients(outcome: EffectOutcome) -> list[str]:
 
 
 def _detected(changes: Sequence[DetectableChange]) -> list[str]:
-    free = [_from(c) for c in changes if c.size is not None and c.scanner_free]
-    fixed = [_from(c) for c in changes if c.size is not None and not c.scanner_free]
+    fixed = [names.change(*c.key) for c in changes if c.size is not None and not c.scanner_free]
     never = [names.change(*c.key) for c in changes if c.size is None]
+    turning = "seen only where the scanner did not move, since turning it looks the same"
     return [
-        *([f"detected and named 19 times of 20: {', '.join(free)}"] if free else []),
-        *(
-            [f"only where the scanner did not move, since turning it looks the same: {', '.join(fixed)}"]
-            if fixed
-            else []
-        ),
-        *([f"not detected by any pose, as it hardly moves the target: {', '.join(never)}"] if never else []),
-        *(["each pose measured twice detects sizes smaller by nearly a third, four times by a half"] if free else []),
+        *([f"{turning}: {', '.join(fixed)}"] if fixed else []),
+        *([f"not found by any pose, as it hardly moves the target: {', '.join(never)}"] if never else []),
+        *(["each pose measured twice lowers the sizes by nearly a third, four times by a half"] if changes else []),
     ]
 
 
-def _from(change: DetectableChange) -> str:
-    assert change.size is not None
-    return f"{names.change(*change.key)} from {numbers.size(change.size, change.unit)}"
+def _promised(outcome: CheckOutcome) -> list[Block]:
+    """Blocks with the sizes of changes that check poses find and name."""
+    rows = [
+        (
+            names.change(*c.key),
+            numbers.size(c.size, c.unit),
+            "never" if c.named is None else numbers.size(c.named, c.unit),
+            "never" if c.alone is None else numbers.size(c.alone, c.unit),
+            "–" if c.rival is None else names.change(*c.rival),
+        )
+        for c in outcome.changes
+        if c.size is not None
+    ]
+    words = (
+        "19 times of 20 a change is found from the first size on (something changed), named from the second (it and "
+        "no other), and named alone from the third (nothing else is said to be as likely), beside all that watch "
+        "tests; a shift of the tool is found in its worst direction, and named in one drawn at random."
+    )
+    head = ("change", "found from", "named from", "named alone from", "looks most like")
+    return [Table(head, rows, left=(0, 4)), Paragraph(words, soft=True)] if rows else []
 
 
 def _discriminated(outcome: DiscriminationOutcome) -> list[str]:
@@ -327,16 +344,25 @@ def assumptions(plan: Plan) -> list[str]:
             f"takes {plan.fewest_for_fit} and better three times as many"
         )
     if plan.blocked:
-        ways = ", ".join(f"{one} to {other}" for one, other in plan.blocked)
-        lines.append(
-            f"moving all joints at once leads through floor, box, instrument or the arm itself: {ways}; go around"
-        )
+        lines.append(_blocked(plan))
     if isinstance(start, FromFit):
         lines += _of_fit(start)
     elif isinstance(start, FromRobot):
         noise = f"noise of {numbers.length(start.noise_mm)} per coordinate of a measured point"
         lines.append(f"{noise}, and errors within their tolerances")
     return [*lines, *start.cell.notes]
+
+
+def _blocked(plan: Plan) -> str:
+    """Sentence on straight ways that are blocked, and on the points that lead around where some were found."""
+    way_to = dict(zip(plan.poses.ids, plan.ways, strict=True))
+    ways = ", ".join(f"{one} to {other}" for one, other in plan.blocked)
+    words = f"moving all joints at once leads through floor, box, instrument or the arm itself: {ways}; go around"
+    around = [other for _, other in plan.blocked if way_to[other].clear]
+    if not around:
+        return words
+    by = f"as programs, point lists and ROS trajectories do, by {numbers.listing([f'{name}_via1' for name in around])}"
+    return f"{words}, {by}" + ("" if len(around) == len(plan.blocked) else "; no free way was found for the others")
 
 
 def _of_fit(start: FromFit) -> list[str]:
@@ -391,6 +417,7 @@ def _plan_document(plan: Plan) -> dict[str, Any]:
         "enough": plan.enough,
         "settles": plan.power,
         **_change_document(plan.outcome),
+        "ways": _ways_document(plan),
         "shots": 1,  # every pose is measured once
         "model": plan.model,
         "told": outcome_sentences(plan),
@@ -398,11 +425,41 @@ def _plan_document(plan: Plan) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _ways_document(plan: Plan) -> list[dict[str, Any]]:
+    """Points that the arm passes on its way to each pose, with values as those of the poses."""
+    robot = plan.start.dataset.robot
+
+    def values(q: Array) -> list[list[float]]:
+        commanded = robot.commands_of(q)
+        return np.round(np.where(robot.is_revolute, np.degrees(commanded), commanded), 6).tolist()
+
+    return [
+        {
+            "pose": name,
+            "clear": way.clear,
+            "through": [
+                {"name": via, "q": q} for via, q in zip(via_names(name, way), values(passed(way)), strict=True)
+            ],
+        }
+        for name, way in zip(plan.poses.ids, plan.ways, strict=True)
+    ]
+
+
 def _again_document(reason: PoseReason) -> dict[str, Any]:
     return {"again": reason.again} if isinstance(reason, PairReason) else {}
 
 
 def _change_document(outcome: Outcome | None) -> dict[str, Any]:
+    if isinstance(outcome, CheckOutcome):
+        return {
+            "check": [
+                {
+                    "what": c.key[0], "joint": c.key[1], "unit": c.unit, "found_from": c.size, "named_from": c.named,
+                    "alone_from": c.alone, "rival": None if c.rival is None else change_label(*c.rival),
+                }
+                for c in outcome.changes
+            ]
+        }  # fmt: skip
     if not isinstance(outcome, ProofOutcome):
         return {}
     change = {"condition": outcome.condition, "before": outcome.before, "after": outcome.after}

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from calib.calibration.noise_level import FIT, noise_level
-from calib.campaign.campaign import Campaign
+from calib.campaign.campaign import Campaign, UnknownName
 from calib.campaign.judgement import JointTurn, PoseJudgement
 from calib.campaign.outlook import NextPose
 from calib.campaign.shift import Shift
@@ -42,8 +43,27 @@ def campaign_head(campaign: Campaign, tolerance_mm: float | None = None) -> list
     told += f", to repeat: {numbers.listing(again)}" if again else ""
     blocks: list[Block] = [Verdict(f"{told}.", GOOD if not doubtful and not again else DOUBT)]
     blocks += [Paragraph(shift_sentence(shift)) for shift in campaign.shifts]
+    blocks += [Paragraph(f"{sentence}.") for sentence in unknown_sentences(campaign.unknown)]
     sentences = outlook_sentences(campaign, tolerance_mm)
     return [*blocks, *[Paragraph(sentence) for sentence in sentences]]
+
+
+_NAMES = 5  # that are told of many
+
+
+def unknown_sentences(unknown: Sequence[UnknownName]) -> list[str]:
+    """Sentences, without their full stops, on what was measured of poses that poses.csv does not have."""
+    sentences = []
+    for file in dict.fromkeys(name.file for name in unknown):
+        here = [name for name in unknown if name.file == file]
+        told = [f"{n.name} (much like {n.near})" if n.near else n.name for n in here[:_NAMES]]
+        told += [f"{len(here) - _NAMES} more"] if len(here) > _NAMES else []
+        names, one = numbers.listing(told), len(here) == 1
+        if file:
+            sentences.append(f"{file} has {names}, which poses.csv does not (yet)")
+        else:
+            sentences.append(f"{names} {'is' if one else 'are'} of no pose that poses.csv has (yet)")
+    return sentences
 
 
 def latest_first(campaign: Campaign) -> Table:
@@ -178,6 +198,19 @@ def judgement_document(campaign: Campaign, judged: PoseJudgement, tolerance_mm: 
     }
 
 
+def unknown_document(campaign: Campaign, unknown: UnknownName, tolerance_mm: float | None = None) -> dict[str, Any]:
+    """Document of a name that poses.csv does not have: one line of `inspector follow --json`."""
+    return {
+        "pose": unknown.name,
+        "state": "unknown",
+        "why": unknown_sentences([unknown])[0],
+        "reason": "not in poses.csv",
+        "file": unknown.file or unknown.name,
+        "near": unknown.near or None,
+        **_outlook_document(campaign, tolerance_mm),
+    }
+
+
 def _outlook_document(campaign: Campaign, tolerance_mm: float | None) -> dict[str, Any]:
     outlook, columns = campaign.outlook, joint_columns(campaign.dataset.robot)
     return {
@@ -197,6 +230,7 @@ def _outlook_document(campaign: Campaign, tolerance_mm: float | None) -> dict[st
         ],
         "enough": campaign.has_enough or campaign.is_within(tolerance_mm),
         "shifts": list(campaign.shifts),
+        "unknown": [name.name for name in campaign.unknown],
     }
 
 

@@ -160,7 +160,7 @@ def drift_phrases(drift: Drift) -> str:
 def _drifts(fleet: Fleet, name: Naming) -> list[Block]:
     if not fleet.drifts:
         return [Paragraph("No arm has two datasets with its serial number and different dates in [about].")]
-    rest = [drift for drift in fleet.drifts if drift not in fleet.drifted]
+    rest = [drift for drift in fleet.drifts if not drift.of_the_arm]
     other = [drift for drift in rest if drift.verdict in ("changed", "unclear")]
     same = sum(drift.verdict == "unchanged" for drift in rest)
     unknown = [

@@ -9,9 +9,10 @@ import viser
 
 from calib.errors import CalibError
 from calib.planning.discrimination_criterion import SPLIT
+from calib.robot_formats.measuring_program import MeasuringOptions
 from inspector.app.page.page_state import PageState
-from inspector.export.plan_files import planned_file
-from inspector.panels.learn.plan import FILES, NOT_YET, STALE, PlanPanel
+from inspector.export.plan_files import planned_file, planned_program
+from inspector.panels.learn.plan import FILES, NOT_YET, PROGRAMS, STALE, PlanPanel
 from inspector.scene.draw_plan import PlanDrawing
 from inspector.scene.scene_view import SceneView
 from inspector.server.background import Background
@@ -84,7 +85,13 @@ class PlanController:
 
     def take(self, what: str, client: viser.ClientHandle) -> None:
         """Send a file of the plan to the page. Raises CalibError where the file's format cannot describe the arm."""
-        planned, name = self._planned, FILES.get(what)
-        if planned is not None and name is not None:
-            content = planned_file(Path(name), planned.plan).encode()
-            client.send_file_download(name, content, save_immediately=True)
+        planned = self._planned
+        if planned is None:
+            return
+        if what in FILES:
+            path = Path(FILES[what])
+            made = {path: planned_file(path, planned.plan)}
+        else:
+            made = planned_program(Path(PROGRAMS[what]), planned.plan, MeasuringOptions())
+        for path, text in made.items():
+            client.send_file_download(path.name, text.encode(), save_immediately=True)

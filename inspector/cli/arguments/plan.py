@@ -88,6 +88,52 @@ def plan_arguments(sub: ArgumentParser) -> None:
         metavar="FILE",
         help="write the poses: .csv (poses.csv), .script (URScript), .dat (KRL), .mod (RAPID), .yaml (ROS trajectory)",
     )
+    _program_arguments(sub)
     links_arguments(sub)
     add_fit(sub)
     add_json(sub)
+
+
+def _program_arguments(sub: ArgumentParser) -> None:
+    """Add the arguments of the program that measures the poses: its file, template, speed, waits and signals."""
+    sub.add_argument(
+        "--program",
+        type=Path,
+        metavar="FILE",
+        help="write the program that moves to each pose, settles, triggers, waits and records the joints: .script "
+        "(URScript), .src (KRL, and its .dat), .mod (RAPID)",
+    )
+    sub.add_argument(
+        "--template", type=Path, metavar="FILE", help="of --program: your own template (Jinja2), for any language"
+    )
+    sub.add_argument(
+        "--template-out", type=Path, metavar="FILE", help="write the template of --program's language, to be edited"
+    )
+    sub.add_argument(
+        "--speed",
+        type=values.speed,
+        metavar="X",
+        help="of --program: URScript deg/s of the leading joint (default 15), KRL %% of each axis's top speed (10), "
+        "RAPID mm/s of the tool (100)",
+    )
+    sub.add_argument("--settle-s", type=values.wait_s, metavar="X", help="at rest before the trigger (default 1)")
+    sub.add_argument(
+        "--trigger",
+        type=values.trigger,
+        metavar="SIGNAL",
+        help="output:NUMBER (RAPID: output:NAME), a pulse, or socket:HOST:PORT, a line with the pose's name; "
+        "default none",
+    )
+    sub.add_argument("--pulse-s", type=values.seconds, metavar="X", help="length of the pulse (default 0.2)")
+    sub.add_argument(
+        "--measured",
+        type=values.measured_signal,
+        metavar="SIGNAL",
+        help="wait for input:NUMBER (RAPID: input:NAME), or reply (a line on the socket), however long it takes",
+    )
+    sub.add_argument(
+        "--stand-s", type=values.wait_s, metavar="X", help="without --measured: at rest after the trigger (default 3)"
+    )
+    sub.add_argument(
+        "--tool-name", metavar="NAME", help="tool whose load counts: number (KRL), name (RAPID, default tool0)"
+    )

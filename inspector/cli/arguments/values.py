@@ -10,6 +10,7 @@ from calib.dataset_import.typed_values import typed_length_mm, typed_point_mm
 from calib.options import PLAN_REGIONS
 
 _HEAVIEST_KG = 1e4
+_LONGEST_WAIT_S = 3600.0  # that an arm stands at a pose
 _LONGEST_S = 1e6  # what a lock of the system waits for is bounded
 
 
@@ -126,6 +127,43 @@ def seconds(text: str) -> float:
     if not 0.0 < value <= _LONGEST_S:
         raise argparse.ArgumentTypeError(f"{text} is not a time to wait; seconds above 0, {_LONGEST_S:g} at most")
     return value
+
+
+def wait_s(text: str) -> float:
+    """Duration of a wait, 0 or more, s."""
+    value = _number(text)
+    if not 0.0 <= value <= _LONGEST_WAIT_S:
+        raise argparse.ArgumentTypeError(f"{text} is not a time to stand; seconds, 0 to {_LONGEST_WAIT_S:g}")
+    return value
+
+
+def speed(text: str) -> float:
+    """Speed above 0, in the unit of a program's language."""
+    value = _number(text)
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} is not a speed; a number above 0, in the unit of the language")
+    return value
+
+
+def trigger(text: str) -> tuple[str, ...]:
+    """Trigger of a measurement: "output:1" as its kind and signal, "socket:10.0.0.5:5000" as kind, host and port."""
+    kind, _, rest = text.partition(":")
+    if kind == "output" and rest.strip():
+        return kind, rest.strip()
+    host, _, number = rest.rpartition(":")
+    if kind == "socket" and host and number.isdecimal() and 0 < int(number) < 65536:
+        return kind, host, number
+    raise argparse.ArgumentTypeError(f"{text!r} is no trigger; output:1, output:doMeasure or socket:10.0.0.5:5000")
+
+
+def measured_signal(text: str) -> tuple[str, ...]:
+    """Signal that a pose is measured: "input:2" as its kind and signal, or "reply"."""
+    kind, _, rest = text.partition(":")
+    if kind == "input" and rest.strip():
+        return kind, rest.strip()
+    if text == "reply":
+        return (text,)
+    raise argparse.ArgumentTypeError(f"{text!r} is no signal to wait for; input:2, input:diDone or reply")
 
 
 def _number(text: str) -> float:

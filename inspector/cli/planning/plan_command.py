@@ -25,6 +25,14 @@ from calib.planning.proof_criterion import PROVE, ForProof, for_proof, for_proof
 from calib.planning.start import FromFit, FromRobot, start_of_dataset
 from calib.planning.unknowns import DEFAULT_NOISE_MM
 from calib.planning.watch_criterion import CHECK_POSES
+from calib.robot_formats.measuring_program import (
+    Measured,
+    MeasuringOptions,
+    ProgramTemplate,
+    Trigger,
+    program_files,
+    shipped_template,
+)
 from calib.robot_formats.robot_file import named_robot
 from calib.workcell.known_cell import CUBE_CORNER, workcell_of_dataset, workcell_of_robot
 from calib.workcell.scan_field import JANG_FIELD
@@ -36,7 +44,7 @@ from inspector.cli.options import PlanOptions
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import stages
 from inspector.cli.robots.reading import reading_of
-from inspector.export.plan_files import check_plan_file, planned_file
+from inspector.export.plan_files import check_plan_file, check_plan_program, planned_file, planned_program
 
 BALL = "ball"
 _SAME = 1e-4  # rad or mm by which the joints of one pose may differ between two tables
@@ -46,6 +54,7 @@ def run_plan(options: PlanOptions) -> int:
     """Choose poses, and print the reasons and the expected result."""
     if options.out is not None:
         check_plan_file(options.out)
+    template = _checked_program(options)
     if options.purpose == PROVE and options.candidates is not None:
         told = f"--for {PROVE} repeats poses that were measured"
         raise CalibError(f"{options.candidates}: {told}; leave out --candidates")
@@ -82,10 +91,69 @@ def run_plan(options: PlanOptions) -> int:
         candidates=given or CANDIDATES,
         seed=options.seed,
     )
-    if options.out is not None:
-        write_text_atomically(options.out, planned_file(options.out, plan))
+    written = {} if options.out is None else {options.out: planned_file(options.out, plan)}
+    if options.program is not None:
+        written |= planned_program(options.program, plan, _measuring(options), template)
+    for path, text in written.items():
+        write_text_atomically(path, text)
     show(options, plan.to_dict(), plan.summary())
     return 0
+
+
+def _checked_program(options: PlanOptions) -> ProgramTemplate | None:
+    """User's template of the measuring program; the shipped one is written where it is asked for. Raises CalibError."""
+    if options.program is None:
+        chosen = {
+            "--template": options.template, "--template-out": options.template_out, "--speed": options.speed,
+            "--settle-s": options.settle_s, "--stand-s": options.stand_s, "--trigger": options.trigger,
+            "--pulse-s": options.pulse_s, "--measured": options.measured, "--tool-name": options.tool_name,
+        }  # fmt: skip
+        alone = next((name for name, value in chosen.items() if value is not None), None)
+        if alone is not None:
+            raise CalibError(f"{alone} is of a measuring program; give --program FILE with it")
+        return None
+    template = check_plan_program(options.program, _measuring(options), options.template)
+    places = [path.resolve() for path in _outputs(options) if path is not None]
+    again = [path for path in places if places.count(path) > 1]
+    if again:
+        raise CalibError(f"{again[0]}: is to be written twice; name a file for each")
+    if options.template is not None and options.template.resolve() in places:
+        raise CalibError(f"{options.template}: is what this command reads, which would be lost; name another file")
+    if options.template_out is not None:
+        write_text_atomically(options.template_out, shipped_template(options.program))
+    return template
+
+
+def _outputs(options: PlanOptions) -> list[Path | None]:
+    program = () if options.program is None else program_files(options.program)
+    return [options.out, *program, options.template_out]
+
+
+def _measuring(options: PlanOptions) -> MeasuringOptions:
+    usual = MeasuringOptions()
+    match options.trigger:
+        case ("output", signal):
+            trigger = Trigger("output", signal)
+        case ("socket", host, port):
+            trigger = Trigger("socket", host=host, port=int(port))
+        case _:
+            trigger = Trigger()
+    match options.measured:
+        case ("input", signal):
+            done = Measured("input", signal)
+        case ("reply",):
+            done = Measured("reply")
+        case _:
+            done = Measured()
+    return MeasuringOptions(
+        speed=options.speed,
+        settle_s=usual.settle_s if options.settle_s is None else options.settle_s,
+        stand_s=usual.stand_s if options.stand_s is None else options.stand_s,
+        trigger=trigger,
+        pulse_s=usual.pulse_s if options.pulse_s is None else options.pulse_s,
+        measured=done,
+        tool=options.tool_name or "",
+    )
 
 
 def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
@@ -95,7 +163,7 @@ def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
     if options.noise_mm is not None:
         raise CalibError(f"{options.path}: the noise is known from the fit; leave out --noise-mm")
     dataset = load(options.path, options.leave_out, options.finder)
-    check_outputs(dataset, [options.out], [options.effects_file])
+    check_outputs(dataset, _outputs(options), [options.effects_file, options.template])
     dataset = measured(dataset, orientation=options.residual == "pose")
     return dataset, loaded_effects(options.effects_file, dataset)
 
@@ -157,7 +225,7 @@ def _first_start(options: PlanOptions) -> FromRobot:
     if options.scanner is not None:
         raise CalibError(f"{options.path}: the scanner stands where it stood; leave out --scanner with --poses")
     dataset = load(options.path, options.leave_out, options.finder)
-    check_outputs(dataset, [options.out])
+    check_outputs(dataset, _outputs(options), [options.template])
     cell = workcell_of_dataset(measured(dataset))
     noise_mm = options.noise_mm or dataset.scanner.point_sigma_mm or DEFAULT_NOISE_MM
     return FromRobot(cell, noise_mm, options.fit_options())

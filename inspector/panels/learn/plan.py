@@ -34,6 +34,7 @@ WORDS = {  # of what is planned for
     WATCH: "check poses that show a change",
 }
 FILES = {"poses.csv": "planned_poses.csv", "URScript": "planned_poses.script", "ROS": "planned_poses.yaml"}
+PROGRAMS = {"UR": "measure.script", "KUKA": "measure.src", "ABB": "measure.mod"}
 MOST = 60
 
 
@@ -58,10 +59,17 @@ class PlanPanel:
         self._plot = hidden_plot(gui, 0.6, "predicted error")
         self._poses = gui.add_html("")
         self.files = gui.add_button_group("Download", tuple(FILES), visible=False)
+        self.programs = gui.add_button_group(
+            "Program",
+            tuple(PROGRAMS),
+            visible=False,
+            hint="moves to each pose and stands there for 3 s; triggers and speeds: inspector plan --program",
+        )
         self._notes = gui.add_html("")
         self._words: dict[str, str] = {}  # by what the dropdown shows, the word of --for
         self.make.on_click(lambda _: actions.plan())
         self.files.on_click(partial(_pressed, actions))
+        self.programs.on_click(partial(_pressed, actions))
 
     @property
     def asked(self) -> tuple[str, int, float | None]:
@@ -92,7 +100,7 @@ class PlanPanel:
         self.say("")
         self._promise.content = elements.note(words) if words else ""
         self._poses.content = self._notes.content = ""
-        self._plot.visible = self.files.visible = False
+        self._plot.visible = self.files.visible = self.programs.visible = False
 
     def update(self, planned: Planned) -> None:
         """Show a plan for the model on show."""
@@ -103,11 +111,13 @@ class PlanPanel:
             put(self.payload, float(carried_kg.max()))  # the box says what the rows say
         self._promise.content = html.panel(plan_head(plan))
         self._plot.figure = error_by_count(plan.curve_mm, len(plan.poses), plan.enough)
-        self._plot.visible = self.files.visible = True
+        self._plot.visible = self.files.visible = self.programs.visible = True
         self._poses.content = html.panel([poses_table(plan, compact=True, mark=planned.pose)])
         notes = assumptions(plan)
         if plan.start.dataset.robot.is_revolute.tolist() != [True] * JOINTS:
-            notes.append("URScript takes six turning joints; for this arm take poses.csv or the ROS trajectory")
+            notes.append(
+                "URScript and programs take six turning joints; for this arm take poses.csv or the ROS trajectory"
+            )
         self._notes.content = html.panel([Section("What was assumed", [Bullets(notes)])] if notes else [])
 
 

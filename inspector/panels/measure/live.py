@@ -5,7 +5,7 @@ from __future__ import annotations
 import viser
 
 from calib.campaign.campaign import Campaign
-from calib.present.over_time.campaign import campaign_head, latest_first
+from calib.present.over_time.campaign import campaign_head, latest_first, unknown_sentences
 from calib.rendering import html
 from inspector.figures.campaign_plots import predicted_error
 from inspector.markup.parts import elements
@@ -47,7 +47,8 @@ class LivePanel:
     def update(self, campaign: Campaign, *, is_newer: bool) -> None:
         """Show a campaign; `is_newer`: it has poses that the dataset on show does not have."""
         if not campaign.judged:
-            self.say(WAITING)
+            strange = unknown_sentences(campaign.unknown)
+            self.say(". ".join(strange) if strange else WAITING, bad=bool(strange))
             return
         self._state.content = html.panel(campaign_head(campaign))
         self._poses.content = html.panel([latest_first(campaign)])

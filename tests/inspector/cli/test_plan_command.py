@@ -124,8 +124,14 @@ def test_check_poses_for_a_calibration_and_for_nothing_else(folder: Path, capsys
     said = capsys.readouterr().out
     assert said.startswith("8 poses for ")
     assert "to watch the cell" in said
-    assert "19 times of 20: zero of joint 2" in said
+    assert "named alone from" in said
+    assert "19 times of 20" in said
     assert "predicted error" not in said
+    assert main([*told, "--json"]) == 0
+    promised = {(c["what"], c["joint"]): c for c in json.loads(capsys.readouterr().out)["check"]}
+    slip = promised["joint_zero", 3]
+    assert 0.0 < slip["found_from"] < slip["named_from"] <= slip["alone_from"]
+    assert promised["joint_zero", 1]["rival"] == "scanner"
 
 
 @pytest.mark.slow
@@ -163,3 +169,22 @@ def test_a_ball_among_boxes_is_right_in_a_box(tmp_path: Path, capsys: pytest.Cap
     assert measurable(cell, np.radians(q)).ok.all()
     assert main([*given, "--region", "5000,6000,0,1,0,1"]) == 2
     assert "have the tool point in the box x 5000 to 6000" in capsys.readouterr().err
+
+
+def test_a_program_and_its_template(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    own = tmp_path / "own.j2"
+    asked = ["plan", "rb5", "--poses", "3", "--json", "--program", str(tmp_path / "measure.script")]
+    assert main([*asked, "--template-out", str(own), "--trigger", "output:1", "--settle-s", "0"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert [way["pose"] for way in document["ways"]] == [pose["pose"] for pose in document["poses"]]
+    shipped = (tmp_path / "measure.script").read_text()
+    assert "set_standard_digital_out(1, True)" in shipped
+    own.write_text("# the workshop's own\n" + own.read_text())
+    assert main([*asked, "--template", str(own), "--trigger", "output:1", "--settle-s", "0"]) == 0
+    assert (tmp_path / "measure.script").read_text() == "# the workshop's own\n" + shipped
+    capsys.readouterr()
+    own.write_text(own.read_text().replace("{{ program }}", "{{ programm }}"))
+    assert main([*asked, "--template", str(own)]) == 2
+    assert "no placeholder 'programm'; did you mean program?" in capsys.readouterr().err
+    assert main(["plan", "rb5", "--poses", "3", "--settle-s", "2"]) == 2
+    assert "--settle-s is of a measuring program" in capsys.readouterr().err
