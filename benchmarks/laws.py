@@ -60,7 +60,10 @@ def run(case: Case) -> dict[str, object]:
     return row | {
         "verdict": found.verdict,
         "named": found.named,
-        "laws": tuple(f"J{joint} {kind} ({m.factor + ' x ' * bool(m.factor)}{m.input})" for (joint, kind), (_, m) in zip(told, laws, strict=True)),
+        "laws": tuple(
+            f"J{joint} {kind} ({m.factor + ' x ' * bool(m.factor)}{m.input})"
+            for (joint, kind), (_, m) in zip(told, laws, strict=True)
+        ),
         "curves": len(members) > len(laws),
         "right": any(kind == truth and joint in joints for joint, kind in told),
         "alone": bool(told) and all(kind == truth and joint in joints for joint, kind in told),
@@ -122,7 +125,8 @@ def tell(rows: pd.DataFrame) -> None:
         for name, group in of_laws.groupby("causes", sort=False):
             print(
                 f"{name[0]:20s}{FORMS[name[0]]:26s}{len(group):5d}{int(group['right'].sum()):7d}"
-                f"{int(group['alone'].sum()):7d}{int(group['curves'].sum()):8d}{100 * group['removed'].median():13.0f} %"
+                f"{int(group['alone'].sum()):7d}{int(group['curves'].sum()):8d}"
+                f"{100 * group['removed'].median():13.0f} %"
             )
         print(f"right form and joint: {interval(of_laws['right'].astype(bool))}")
         told = of_laws[of_laws["laws"].map(bool)]
@@ -130,10 +134,13 @@ def tell(rows: pd.DataFrame) -> None:
             print(f"of {len(told)} where a law is told: {interval(told['right'].astype(bool))}")
     others = rows[rows["kind"] == "no law"]
     if len(others):
-        print(f"causes that follow none of the laws: one told for {int(others['laws'].map(bool).sum())} of {len(others)}")
+        print(
+            f"causes that follow none of the laws: one told for {int(others['laws'].map(bool).sum())} of {len(others)}"
+        )
     clean = rows[~rows["kind"].isin(["law", "no law"])]
     if len(clean):
-        print(f"nothing hidden, or effects of the catalogue alone: a law told for {int(clean['laws'].map(bool).sum())} of {len(clean)}")
+        told = int(clean["laws"].map(bool).sum())
+        print(f"nothing hidden, or effects of the catalogue alone: a law told for {told} of {len(clean)}")
     seconds = rows["seconds"].dropna()
     print(f"processor time of a diagnosis: median {seconds.median():.2f} s, at most {seconds.max():.2f} s")
 

@@ -53,7 +53,12 @@ class LearnedModel:
         return inputs_of(self.members)
 
     def outweighs(self, fault: JointFault) -> bool:
-        """Whether the curves have clearly more evidence than an error motion of a single joint."""
+        """Whether what was learned has clearly more evidence than an error motion of a single joint.
+
+        A law of that joint tells more of the same; curves of that joint alone do not.
+        """
+        if self.laws is not None:
+            return self.laws.log_evidence > fault.log_evidence + MIN_LOG_BAYES_FACTOR
         return self.log_evidence is not None and curves_outweigh(self.members, self.log_evidence, fault)
 
 

@@ -118,9 +118,12 @@ def laws_or_curves(curves: LearnedCurves | None, laws: FoundLaws | None) -> Lear
 
 
 def says_as_much(laws: LearnedCurves, log_evidence: float, curves: LearnedCurves) -> bool:
-    """Whether laws, with so much log evidence, say as much as curves with a third of the parameters."""
-    few = SHARE_OF_PARAMETERS * laws.parameters <= curves.parameters
-    return few and log_evidence >= curves.log_evidence - _MAY_LOSE
+    """Whether laws, with so much log evidence, say as much as curves with a third of the parameters.
+
+    Or more, with no more parameters: laws that were found beside curves may have made all of these superfluous.
+    """
+    few = SHARE_OF_PARAMETERS * laws.parameters <= curves.parameters and log_evidence >= curves.log_evidence - _MAY_LOSE
+    return few or (laws.parameters <= curves.parameters and log_evidence >= curves.log_evidence)
 
 
 @dataclass(frozen=True)
@@ -207,9 +210,7 @@ def _with_laws_beside(projected: ProjectedResidual, found: _Found) -> _Found:
     if standard_errors_of_fall(projected, found.left_out_mm, left_out_mm) < MIN_STANDARD_ERRORS:
         return found
     curves = LearnedCurves(tuple(members), value, rms(left_out_mm))
-    return replace(
-        found, curves=curves, chosen=chosen, evidence=evidence, spectrum=spectrum, left_out_mm=left_out_mm
-    )
+    return replace(found, curves=curves, chosen=chosen, evidence=evidence, spectrum=spectrum, left_out_mm=left_out_mm)
 
 
 def _members(

@@ -116,10 +116,12 @@ def search_laws(projected: ProjectedResidual, most: int = MOST_LAWS) -> FoundLaw
     if spectrum is None:
         return None
     noise = float(np.sqrt(evidence.at(spectrum).quadratic / evidence.dof))
-    laws = _in_one_formula([
-        FoundLaw(law_member(tried.forms[k], float(np.exp(log_size)) * noise), gain, rivals)
-        for k, log_size, (gain, rivals) in zip(chosen, spectrum.logs[:-2].tolist(), picked, strict=True)
-    ])
+    laws = _in_one_formula(
+        [
+            FoundLaw(law_member(tried.forms[k], float(np.exp(log_size)) * noise), gain, rivals)
+            for k, log_size, (gain, rivals) in zip(chosen, spectrum.logs[:-2].tolist(), picked, strict=True)
+        ]
+    )
     left_out_mm = left_out_with(projected, [law.member for law in laws], noise)
     if standard_errors_of_fall(projected, left_out_errors_mm(projected), left_out_mm) < MIN_STANDARD_ERRORS:
         return None
@@ -154,7 +156,7 @@ def summed_laws(first: SmoothJointError, second: SmoothJointError) -> SmoothJoin
 
 
 def left_out_with(projected: ProjectedResidual, members: Sequence[SmoothJointError], noise: float) -> Array:
-    """Error (R,), mm, of each coordinate when its pose is predicted from all others with curves or laws in the model."""
+    """Error (R,), mm, of each coordinate when its pose is predicted from all others, with curves or laws."""
     directions = joint_directions(projected)
     columns = [projected.motion_columns(directions[m.joint], m.joint_motions(projected.state)) for m in members]
     spread = np.concatenate([np.array(m.prior_sigma_rad) for m in members]) / noise

@@ -33,7 +33,19 @@ MEMORY = "slow recovery"
 WEAR = "distance travelled"
 TIME = "time or temperature"
 LAW_KINDS = (
-    *(ANGLE, LOAD, LOAD_BY_ANGLE, LOAD_OF_ANOTHER, COUPLING, COUPLING_WAVE, TWO_JOINTS, PRODUCT, WAY, DIRECTION, DIRECTION_BY_ANGLE),
+    *(
+        ANGLE,
+        LOAD,
+        LOAD_BY_ANGLE,
+        LOAD_OF_ANOTHER,
+        COUPLING,
+        COUPLING_WAVE,
+        TWO_JOINTS,
+        PRODUCT,
+        WAY,
+        DIRECTION,
+        DIRECTION_BY_ANGLE,
+    ),
     *(DIRECTION_BY_LOAD, MEMORY, WEAR, TIME),
 )
 OF_ONE_INPUT = (ANGLE, LOAD, TIME)
@@ -218,5 +230,7 @@ def law_motions(state: RobotState, forms: list[LawForm]) -> list[Array]:
     out = []
     for form in forms:
         motions = form.modes.at(of(form.modes.input))
-        out.append(motions * (of(form.modes.factor) / form.modes.factor_size)[:, None] if form.modes.factor else motions)
+        out.append(
+            motions * (of(form.modes.factor) / form.modes.factor_size)[:, None] if form.modes.factor else motions
+        )
     return out

@@ -16,7 +16,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.input_names import quantity_of, summed_joints
 from calib.effects.effect import full_name
 from calib.screening.curves.fitted_curves import FittedCurve, fitted_curves, learned_members
-from calib.screening.curves.smooth_joint_error import CurveModes, SmoothJointError
+from calib.screening.curves.smooth_joint_error import CurveModes, SmoothJointError, inputs_named
 
 SLOPE, WAVE, WAVES, BUMP, LOAD, TWO_JOINTS, OTHER_INPUT, ROUGH = (
     *("slope", "wave", "waves", "bump", "load ripple", "two joints", "other input", "rough"),
@@ -71,11 +71,12 @@ def curve_readings(calibration: Calibration) -> tuple[CurveReading, ...]:
 
 
 def _reading(member: SmoothJointError, curve: FittedCurve, calibration: Calibration) -> CurveReading:
-    own = curve.input == f"q{curve.joint + 1}" and curve.input_unit == "deg"
+    own = curve.input == f"q{curve.joint + 1}" and curve.input_unit == "deg" and not curve.factor
     if not own:
-        kind = TWO_JOINTS if summed_joints(curve.input) is not None else OTHER_INPUT
-        kind = LOAD if quantity_of(curve.input) == "torque" else kind
-        return CurveReading(curve.joint + 1, curve.input, kind, 1.0, (), None, curve.rms, None, None)
+        two = summed_joints(curve.input) is not None or quantity_of(curve.input) == "q"
+        kind = TWO_JOINTS if two and not curve.factor else OTHER_INPUT
+        kind = LOAD if quantity_of(curve.factor or curve.input) == "torque" else kind
+        return CurveReading(curve.joint + 1, inputs_named(member.modes), kind, 1.0, (), None, curve.rms, None, None)
     values = dict(zip((p.name for p in calibration.fit.parameters), calibration.fit.x.tolist(), strict=True))
     u = np.linspace(curve.measured[0], curve.measured[-1], _PLACES)
     value = member.modes.at(u) @ np.array([values[full_name(member, p)] for p in member.parameters])
@@ -103,10 +104,15 @@ def _per_motor_turn(order: int, ratio: float | None) -> int | None:
 
 
 def _sweep(curve: FittedCurve, order: int) -> Sweep:
-    low, high = np.degrees(curve.measured[0]), np.degrees(curve.measured[-1])
+    return sweep_over(curve.joint, float(curve.measured[0]), float(curve.measured[-1]), order)
+
+
+def sweep_over(joint: int, low_rad: float, high_rad: float, order: int) -> Sweep:
+    """Sweep of a joint, from 0, between two angles, dense enough to see waves of so many a turn."""
+    low, high = np.degrees(low_rad), np.degrees(high_rad)
     finest = max(360.0 / (_POINTS_A_WAVE * order), (high - low) / _MOST_POSES)
     step = max((step for step in _STEPS_DEG if step <= finest), default=_STEPS_DEG[0])
-    return Sweep(curve.joint + 1, float(np.round(low, 1)), float(np.round(high, 1)), step)
+    return Sweep(joint + 1, float(np.round(low, 1)), float(np.round(high, 1)), step)
 
 
 def _highest(member: SmoothJointError) -> int:

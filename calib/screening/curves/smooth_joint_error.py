@@ -24,7 +24,7 @@ from calib.effects.state import RobotState
 from calib.errors import FitError
 
 LEARNED = "smooth_joint_error"
-LAW_BOUNDS = (NaturalBound(3e-2, "rad", "a joint that errs by more than 1.7 deg has another zero, sign or gear"),)
+LAW_BOUNDS = (NaturalBound(3e-2, "rad", "a joint that errs by over 1.7 deg has another zero, sign or gear", 1.0),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +61,9 @@ class CurveModes:
 class FormulaTerm:
     """One term of a short formula over an input u: a harmonic, bump, kink, hinge, step, signed square, line or root.
 
-    harmonic: a sin(n u) + b cos(n u); bump: h exp(-(u - u0)^2 / 2 w^2); kink: k abs(u - u0); hinge: k (u - u0)
-    / w from u0 on; step: s from u0 on; square: c u abs(u), which a spring that stiffens makes of a torque; line: k (u - u0) / w; root: k sqrt(abs(u - u0) /
-    w), of which w is a typical size of u, so that k is an angle.
+    harmonic: a sin(n u) + b cos(n u); bump: h exp(-(u - u0)^2 / 2 w^2); kink: k abs(u - u0); hinge: k (u - u0) / w from
+    u0 on; step: s from u0 on; square: c u abs(u), which a spring that stiffens makes of a torque; line: k (u - u0) / w;
+    root: k sqrt(abs(u - u0) / w), of which w is a usual size of u, so that k is an angle.
     """
 
     kind: str
@@ -274,7 +274,7 @@ def input_values(state: RobotState, name: str) -> Array:
 
 
 def _way_values(state: RobotState, history: HistoryInput) -> Array:
-    """Values (N,) of an input of a joint's way; 0 at poses after all measured ones, such as the targets of a correction.
+    """Values (N,) of an input of a joint's way; 0 at poses after all measured ones, such as targets of a correction.
 
     Every pose that was measured counts, in the order of measuring, used by the fit or not.
     """

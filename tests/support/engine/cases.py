@@ -174,7 +174,8 @@ def _poses(case: Case, cell: Cell, rng: np.random.Generator) -> Poses:
     needs = set(case.causes)
     time = rng.random() < 0.85 or bool(needs & {"scanner_drift", "warm_up", "rubber_hose"})
     warm = (rng.random() < 0.7 or "thermal_growth" in needs) and "warm_up" not in needs
-    sides = (rng.random() < 0.7 or needs & {"backlash", "side_by_place", "side_by_load"}) and "unwritten_backlash" not in needs
+    written = bool(needs & {"backlash", "side_by_place", "side_by_load"})
+    sides = (rng.random() < 0.7 or written) and "unwritten_backlash" not in needs
     return Poses(
         ids=tuple(f"p{k + 1:03d}" for k in range(n)),
         role=role,
