@@ -24,6 +24,7 @@ from calib.screening.curves.law_search import MIN_FIRST_GAIN, MIN_STANDARD_ERROR
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.left_out import left_out_gain
 
+MIN_FALL = 0.01  # of the RMS error of the test poses, by laws beside curves: less is the same
 MIN_SIGMAS = 3.0  # of its own, that the largest amount of each law is from zero
 
 
@@ -155,13 +156,28 @@ def _curves(diagnosis: Diagnosis, tell: Tell) -> LearnedCurves | None:
 
 
 def _with_curves(space: SearchSpace, diagnosis: Diagnosis, curves: LearnedCurves) -> AddCurves | None:
-    """Move that adds curves; None where they predict the test poses worse than the model without them."""
+    """Move that adds curves; None where they predict the test poses worse than the model without them.
+
+    Laws stand beside curves only where the test poses confirm them: they came in by what the training poses say, which
+    do not tell laws from what poses have in common that were measured at one place.
+    """
     last: FitStep = diagnosis.steps[-1]
-    before = last.calibration
     selected = (*last.selected, selected_curves(curves))
-    after = space.fit(selected, before)
+    after = space.fit(selected, last.calibration)
+    if curves.alone is not None:
+        plain = _with_curves(space, diagnosis, curves.alone)
+        without = last.calibration if plain is None else plain.diagnosis.calibration
+        if not _confirm(without, after):
+            return plain
     # A cause may be right and the test poses a little worse by chance; curves name none and have to earn their place.
+    before = last.calibration
     if predicts_worse(before, after, scatter=0.0) or before.after.train is None or after.after.train is None:
         return None
     step = step_after(last, LEARNED, selected, after, log_bayes_factor=curves.log_evidence)
     return AddCurves(with_learned(diagnosis, step, curves.members), curves)
+
+
+def _confirm(without: Calibration, after: Calibration) -> bool:
+    """Whether the error of the test poses falls by `MIN_FALL` with laws beside curves; true without test poses."""
+    before, now = without.after.test, after.after.test
+    return before is None or now is None or now.rmse_mm < (1.0 - MIN_FALL) * before.rmse_mm

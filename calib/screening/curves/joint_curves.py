@@ -64,6 +64,7 @@ class LearnedCurves:
     log_evidence: float  # over no curve, less the cost of choosing their inputs
     left_out_mm: float = float("nan")  # RMS per coordinate when each pose is predicted from the others
     laws: FoundLaws | None = None  # where laws of few parameters take the curves' place
+    alone: LearnedCurves | None = None  # the same curves without the laws beside them, where there are any
 
     @property
     def parameters(self) -> int:
@@ -209,7 +210,7 @@ def _with_laws_beside(projected: ProjectedResidual, found: _Found) -> _Found:
     left_out_mm = left_out_with(projected, members, noise)
     if standard_errors_of_fall(projected, found.left_out_mm, left_out_mm) < MIN_STANDARD_ERRORS:
         return found
-    curves = LearnedCurves(tuple(members), value, rms(left_out_mm))
+    curves = LearnedCurves(tuple(members), value, rms(left_out_mm), alone=found.curves)
     return replace(found, curves=curves, chosen=chosen, evidence=evidence, spectrum=spectrum, left_out_mm=left_out_mm)
 
 
