@@ -24,9 +24,10 @@ from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError, FitError
 from calib.options import FitOptions
 from calib.screening.candidates import Candidate, Screening
+from calib.screening.curves.couplings import learn_couplings
 from calib.screening.curves.joint_curves import LearnedCurves, laws_or_curves, learn_joint_curves
 from calib.screening.curves.law_search import FoundLaws, search_laws
-from calib.screening.curves.smooth_joint_error import LEARNED
+from calib.screening.curves.smooth_joint_error import ALL_JOINTS, LEARNED
 from calib.screening.projected_residual import project_residual
 
 GEOMETRY = "link errors"
@@ -134,6 +135,11 @@ def laws_given(calibration: Calibration) -> FoundLaws | None:
     return _learned_from(calibration, lambda fitted: search_laws(project_residual(fitted)))
 
 
+def couplings_given(calibration: Calibration) -> LearnedCurves | None:
+    """Couplings of all joints that explain the residual of a fit; None in the cases in which `curves_given` is."""
+    return _learned_from(calibration, lambda fitted: learn_couplings(project_residual(fitted)))
+
+
 def _learned_from(calibration: Calibration, learn: Callable[[Calibration], _Learned | None]) -> _Learned | None:
     known = LEARNED in calibration.model.family_names or not calibration.options.prior
     if known or implausibility_reason(calibration):
@@ -227,4 +233,11 @@ def _learned_anew(step: FitStep, names: Collection[str]) -> SelectedEffect:
         laws = selected_curves(LearnedCurves(step.laws.members, step.laws.log_evidence, laws=step.laws))
         if set(names) == set(laws.prior_sigmas):
             return laws
+    couplings = couplings_given(step.calibration) if any(_of_all_joints(name) for name in names) else None
+    if couplings is not None:
+        return selected_curves(couplings)
     return selected_curves(curves_to_add(step.calibration))
+
+
+def _of_all_joints(name: str) -> bool:
+    return f".{ALL_JOINTS.replace(' ', '_')}_" in name

@@ -12,7 +12,7 @@ from itertools import accumulate
 from calib.calibration.plausibility import beyond_nature, implausibility_reason
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import is_convincing, predicts_worse
-from calib.diagnosis.effect_selection import FitStep, selected_curves
+from calib.diagnosis.effect_selection import FitStep, couplings_given, selected_curves
 from calib.diagnosis.model_diagnosis import diagnosis_of_model, with_learned
 from calib.diagnosis.moves import AddCurves, Stop, Tell
 from calib.diagnosis.result import Diagnosis
@@ -20,8 +20,8 @@ from calib.diagnosis.search_space import SearchSpace, step_after
 from calib.effects.effect import full_name
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR
 from calib.screening.curves.joint_curves import LearnedCurves, says_as_much
-from calib.screening.curves.law_search import MIN_FIRST_GAIN, MIN_STANDARD_ERRORS, FoundLaws
-from calib.screening.curves.smooth_joint_error import LEARNED
+from calib.screening.curves.law_search import MIN_FIRST_GAIN, MIN_FURTHER_GAIN, MIN_STANDARD_ERRORS, FoundLaws
+from calib.screening.curves.smooth_joint_error import LEARNED, CouplingModes
 from calib.screening.left_out import left_out_gain
 
 MIN_FALL = 0.01  # of the RMS error of the test poses, by laws beside curves: less is the same
@@ -143,7 +143,7 @@ def _curves(diagnosis: Diagnosis, tell: Tell) -> LearnedCurves | None:
     if unnamed and any(map(is_convincing, diagnosis.screenings[-1].candidates)):
         return None  # as many effects as were asked for, and one more has a name
     tell("learning what the joints' curves explain")
-    curves = last.curves
+    curves = _or_couplings(last)
     if curves is None:
         return None
     least = 2.0 * max((c.log_evidence for c in diagnosis.screenings[-1].candidates), default=0.0)
@@ -155,17 +155,25 @@ def _curves(diagnosis: Diagnosis, tell: Tell) -> LearnedCurves | None:
     return curves
 
 
+def _or_couplings(step: FitStep) -> LearnedCurves | None:
+    """Learned curves of a fit, or couplings of all joints that have clearly more evidence and stand in their place."""
+    curves, couplings = step.curves, couplings_given(step.calibration)
+    if couplings is None or (curves is not None and couplings.log_evidence < curves.log_evidence + MIN_FURTHER_GAIN):
+        return curves
+    return replace(couplings, alone=curves)
+
+
 def _with_curves(space: SearchSpace, diagnosis: Diagnosis, curves: LearnedCurves) -> AddCurves | None:
     """Move that adds curves; None where they predict the test poses worse than the model without them.
 
-    Laws stand beside curves only where the test poses confirm them: they came in by what the training poses say, which
-    do not tell laws from what poses have in common that were measured at one place.
+    Laws stand beside curves, and couplings of all joints in their place, only where the test poses confirm them: they
+    came in by what the training poses say, which do not tell laws from what poses of one place have in common.
     """
     last: FitStep = diagnosis.steps[-1]
     selected = (*last.selected, selected_curves(curves))
     after = space.fit(selected, last.calibration)
-    if curves.alone is not None:
-        plain = _with_curves(space, diagnosis, curves.alone)
+    if curves.alone is not None or any(isinstance(one.modes, CouplingModes) for one in curves.members):
+        plain = None if curves.alone is None else _with_curves(space, diagnosis, curves.alone)
         without = last.calibration if plain is None else plain.diagnosis.calibration
         if not _confirm(without, after):
             return plain

@@ -98,7 +98,7 @@ SAID = [
     ("curves", f"is {joint_curves.MIN_LOG_EVIDENCE:g} or more over no curve"),
     ("curves", f"if it gains {joint_curves._MIN_GAIN:g} nats beyond"),
     ("curves", f"worth less than {joint_curves._MIN_MEMBER_GAIN:g} nats"),
-    ("curves", f"move the residual by {joint_curves._MIN_VISIBLE:g} sigma"),
+    ("curves", f"move the residual by {joint_curves.MIN_VISIBLE:g} sigma"),
     ("curves", f"waves, $n$ to {laws._OWN_WAVES[-1]};"),
     ("curves", f"waves, $n$ to {laws._LOAD_WAVES[-1]}, and a slope"),
     ("curves", f"waves of $q_i$ to $n$ = {laws._OTHER_WAVES[-1]}"),

@@ -43,7 +43,7 @@ from calib.present.fit.calibration import (
     tool_shift_sentence,
     worsening_sentence,
 )
-from calib.present.fit.curves import BAND_NOTE, curve_blocks, reading_phrase, readings_document
+from calib.present.fit.curves import BAND_NOTE, coupling_sentences, curve_blocks, reading_phrase, readings_document
 from calib.present.fit.dataset import NOT_SEARCHED, measured_blocks
 from calib.present.fit.error_headline import error_headline
 from calib.present.fit.laws import law_sentences, laws_document
@@ -71,9 +71,9 @@ from calib.rendering.blocks import (
 )
 from calib.rendering.colours import VERDICT_COLOURS
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate
-from calib.screening.curves.fitted_curves import learned_members
+from calib.screening.curves.fitted_curves import learned_members, members_of_one_input
 from calib.screening.curves.law_readings import law_readings
-from calib.screening.curves.readings import curve_readings
+from calib.screening.curves.readings import coupling_readings, curve_readings
 from calib.screening.curves.smooth_joint_error import LEARNED, is_law
 from calib.screening.nuisance import REPORTED_EVIDENCE
 from calib.screening.residual_tests import InputTest, ResidualTests
@@ -151,8 +151,9 @@ def learned_section(calibration: Calibration) -> list[Section]:
     """The learned curves in a model: their sizes, formulas and figure; [] where there are none."""
     if not learned_members(calibration):
         return []
-    curves = FigurePlace("learned_curves", (calibration,), BAND_NOTE, height_px=0)
-    return [Section("Learned curves of the joints", [*curve_blocks(calibration), curves])]
+    figure = FigurePlace("learned_curves", (calibration,), BAND_NOTE, height_px=0)
+    drawn = [figure] if members_of_one_input(calibration) else []
+    return [Section("Learned curves of the joints", [*curve_blocks(calibration), *drawn])]
 
 
 def diagnosis_head(diagnosis: Diagnosis) -> list[Block]:
@@ -487,13 +488,13 @@ def _learned(learned: LearnedModel) -> Words:
     spaced = _SIGN.sub(r" \1 ", learned.formula or "")
     formula = f"; in short {spaced}" if spaced else ""
     subject = "They were" if len(learned.joints) > 1 else "It was"
-    pairs = zip(curve_readings(learned.after), learned.members, strict=True)
+    pairs = zip(curve_readings(learned.after), members_of_one_input(learned.after), strict=True)
     shapes = "; ".join(reading_phrase(one) for one, member in pairs if not is_law(member))
     read = f" {numbers.capitalised(shapes)}." if shapes else ""
     return spans(
         curves(learned.joints, learned.inputs, learned.log_evidence),
         f" {subject} learned as {LEARNED}{formula}. {changed}No cause is named by it.{read}",
-        "".join(f" {one}" for one in told),
+        "".join(f" {one}" for one in [*told, *coupling_sentences(coupling_readings(learned.after))]),
     )
 
 
@@ -609,6 +610,7 @@ def _learned_document(learned: LearnedModel) -> dict[str, Any]:
         "test_rmse_mm": test.rmse_mm if test else None,
         "share": learned.share,
         "readings": readings_document(curve_readings(learned.after)),
+        "couplings": coupling_readings(learned.after),
         "laws": laws_document(law_readings(learned.after), learned.laws),
     }
 

@@ -13,7 +13,13 @@ from calib.present.fit.laws import law_sentences, wave_part
 from calib.present.fit.residuals import input_title
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Bullets, Facts, Paragraph, Table, joint
-from calib.screening.curves.fitted_curves import FittedCurve, fitted_curves, learned_members, shape_text
+from calib.screening.curves.fitted_curves import (
+    FittedCurve,
+    fitted_curves,
+    learned_members,
+    members_of_one_input,
+    shape_text,
+)
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.curves.law_readings import law_readings
 from calib.screening.curves.readings import (
@@ -25,10 +31,12 @@ from calib.screening.curves.readings import (
     TWO_JOINTS,
     WAVE,
     WAVES,
+    CouplingReading,
     CurveReading,
+    coupling_readings,
     curve_readings,
 )
-from calib.screening.curves.smooth_joint_error import LEARNED, CurveModes, inputs_named, is_law
+from calib.screening.curves.smooth_joint_error import LEARNED, inputs_named, is_law
 
 CURVES = ("joint", "over", "rms", "largest", "at", "known")
 BAND_NOTE = (
@@ -60,15 +68,17 @@ def curve_blocks(calibration: Calibration) -> list[Block]:
         return []
     laws = iter(law_sentences(law_readings(calibration)))
     readings = curve_readings(calibration)
-    of_curves = [one for one, member in zip(readings, members, strict=True) if not is_law(member)]
+    of_one_input = members_of_one_input(calibration)
+    of_curves = [one for one, member in zip(readings, of_one_input, strict=True) if not is_law(member)]
     shapes = [
         next(laws) if is_law(member) else f"{numbers.capitalised(reading_phrase(one))}{part_words(one)}."
-        for one, member in zip(readings, members, strict=True)
+        for one, member in zip(readings, of_one_input, strict=True)
     ]
+    shapes += coupling_sentences(coupling_readings(calibration))
     equation = Paragraph(f"{LEARNED}: {members[0].equation}. It names no cause.")
     return [
         equation,
-        curve_table(calibration),
+        *([curve_table(calibration)] if of_one_input else []),
         Paragraph(_KNOWN_NOTE, soft=True),
         *map(Paragraph, formulas(calibration)),
         Bullets(shapes),
@@ -124,6 +134,16 @@ def sweep_sentence(readings: Sequence[CurveReading]) -> str:
     return f"To see each by itself, move one joint alone, all others at rest: {'; '.join(moves)}."
 
 
+def coupling_sentences(readings: Sequence[CouplingReading]) -> list[str]:
+    """Sentences on joints that err as the whole arm stands."""
+    return [
+        f"Joint {one.joint} errs by {1e3 * one.size:.2g} mrad RMS as all joints together stand, most by "
+        f"{numbers.listing(one.strongest)} ({one.known} of {one.parameters} modes known), as cables that run through "
+        "the arm make it, or weights that robot.toml lacks."
+        for one in readings
+    ]
+
+
 def readings_document(readings: Sequence[CurveReading]) -> list[dict[str, Any]]:
     """JSON of the readings of learned curves, each with its sentence and the sweep that shows it by itself."""
     return [
@@ -177,9 +197,7 @@ def offered_curves(curves: LearnedCurves, calibration: Calibration) -> list[Bloc
         (
             str(member.joint + 1),
             inputs_named(member.modes),
-            f"a curve of {len(member.parameters)} modes"
-            if isinstance(member.modes, CurveModes)
-            else shape_text(member, calibration),
+            f"a curve of {len(member.parameters)} modes" if not is_law(member) else shape_text(member, calibration),
         )
         for member in curves.members
     ]

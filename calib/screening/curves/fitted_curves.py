@@ -7,12 +7,13 @@ from pprint import pformat
 
 import numpy as np
 
-from calib.array_types import Array, BoolArray
+from calib.array_types import Array, BoolArray, IndexArray
 from calib.calibration.result import Calibration
 from calib.dataset.input_names import history_input, joint_input, summed_joints
 from calib.effects.effect import full_name
 from calib.errors import CalibError
 from calib.screening.curves.smooth_joint_error import (
+    CouplingModes,
     CurveModes,
     FormulaModes,
     FormulaTerm,
@@ -81,9 +82,14 @@ def learned_members(calibration: Calibration) -> tuple[SmoothJointError, ...]:
     return tuple(e for e in calibration.model.added_effects if isinstance(e, SmoothJointError))
 
 
+def members_of_one_input(calibration: Calibration) -> tuple[SmoothJointError, ...]:
+    """Learned curves of a fit's model that can be drawn over one input: all but couplings of all joints."""
+    return tuple(one for one in learned_members(calibration) if not isinstance(one.modes, CouplingModes))
+
+
 def fitted_curves(calibration: Calibration) -> tuple[FittedCurve, ...]:
-    """Fitted curves of the learned curves in a fit's model; () where there are none."""
-    members = learned_members(calibration)
+    """Fitted curves of the learned curves in a fit's model, but couplings of all joints; () where there are none."""
+    members = members_of_one_input(calibration)
     if not members:
         return ()
     fit, model = calibration.fit, calibration.model
@@ -94,6 +100,7 @@ def fitted_curves(calibration: Calibration) -> tuple[FittedCurve, ...]:
     training = np.unique(after.pose[~after.is_test[after.pose]])
     out = []
     for member in members:
+        assert not isinstance(member.modes, CouplingModes)
         own = [at[full_name(member, p)] for p in member.parameters]
         measured = np.sort(input_values(state, member.modes.input)[training])
         beyond = _BEYOND * (measured[-1] - measured[0])
@@ -253,14 +260,24 @@ def effect_file_text(calibration: Calibration, file: str) -> str:
     curves: dict[int, list[dict[str, object]]] = {}
     for member in members:
         fitted = np.array([values[full_name(member, p)] for p in member.parameters])
-        curves.setdefault(member.joint + 1, []).append(_curve(member, fitted))
+        curves.setdefault(member.joint + 1, []).extend(_curves(member, fitted))
     one_line = " ".join(title.replace('"""', "'''").replace("\\", "/").split())
     text = _HEAD.format(title=one_line, file=file)
     return f"{text}CURVES = {pformat(curves, width=110, sort_dicts=False)}\n{_TAIL}"
 
 
-def _curve(member: SmoothJointError, fitted: np.ndarray) -> dict[str, object]:
+def _curves(member: SmoothJointError, fitted: np.ndarray) -> list[dict[str, object]]:
+    """Curves of a file that add up to one of a fit: one, or those over each input of couplings."""
     modes = member.modes
+    if not isinstance(modes, CouplingModes):
+        return [_curve(modes, fitted)]
+    one_wave: IndexArray = np.ones(1, dtype=np.int64)
+    pairs = (modes.weights @ fitted).reshape(-1, 2, 1)
+    own = zip(modes.inputs, pairs, strict=True)
+    return [_curve(CurveModes(name, one_wave, pair), np.ones(1)) for name, pair in own]
+
+
+def _curve(modes: CurveModes | FormulaModes, fitted: np.ndarray) -> dict[str, object]:
     out: dict[str, object] = {"input": modes.input, "low": -1e300, "high": 1e300, "start": 0.0, "rate": 1.0}
     out |= {"factor": factor_of(modes), "factor_size": 1.0}
     harmonics: list[tuple[float, float, float]] = []

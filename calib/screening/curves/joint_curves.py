@@ -40,7 +40,7 @@ from calib.screening.projected_residual import ProjectedResidual, joint_directio
 
 MIN_LOG_EVIDENCE = 8.0  # over no curve at all: noise alone reached 2.5 in 12 clean arms
 _BANDS = (48, 120, 240)  # waves a turn over a joint's angle, up to which curves are learned one after another
-_MOST_WORK = 1.5e9  # rows^2 times columns, up to which a wider band is tried
+MOST_WORK = 1.5e9  # rows^2 times columns, up to which a wider band is tried
 _MAY_GO_ON = 0.05  # of the prior sigma of the lowest order, that the highest has where a wider band is tried
 _OTHER_ORDERS: IndexArray = np.arange(1, 9)
 _MOST_OTHERS = 3  # curves over other inputs than a joint's own angle
@@ -53,7 +53,7 @@ _PLACES = 24
 _WIDTHS = (0.05, 0.1, 0.2, 0.35, 0.6)  # rad, of a bump
 _MAY_LOSE = 2.0  # log evidence that a formula may lack against the curve
 SHARE_OF_PARAMETERS = 3  # times as many as a law has, that curves need for it to take their place
-_MIN_VISIBLE = 0.3  # sigmas: a mode whose usual size moves the whole residual by less is left out
+MIN_VISIBLE = 0.3  # sigmas: a mode whose usual size moves the whole residual by less is left out
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def learn_joint_curves(calibration: Calibration) -> LearnedCurves | None:
     found = _learned(projected, _BANDS[0])
     rows, joints = len(projected.residual), projected.residuals.model.robot.n_joints
     for highest in _BANDS[1:]:
-        if rows**2 * joints * 2 * highest > _MOST_WORK or (found is not None and found.at_end < _MAY_GO_ON):
+        if rows**2 * joints * 2 * highest > MOST_WORK or (found is not None and found.at_end < _MAY_GO_ON):
             break
         wider = _learned(projected, highest)
         if wider is not None and found is not None and not _is_better(wider, found):
@@ -354,7 +354,7 @@ def _curve_member(
     _, size, turn = np.linalg.svd(at_poses, full_matrices=False)
     rms = size / np.sqrt(len(at_poses))
     weights = spread[:, None] * turn.T / np.maximum(rms, 1e-300)
-    shows = np.linalg.norm(candidate.columns.columns @ weights, axis=0) * rms > _MIN_VISIBLE * noise
+    shows = np.linalg.norm(candidate.columns.columns @ weights, axis=0) * rms > MIN_VISIBLE * noise
     if not np.any(shows):
         return None
     m = candidate.modes

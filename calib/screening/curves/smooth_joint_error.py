@@ -24,6 +24,7 @@ from calib.effects.state import RobotState
 from calib.errors import FitError
 
 LEARNED = "smooth_joint_error"
+ALL_JOINTS = "all joints"  # what couplings run over
 LAW_BOUNDS = (NaturalBound(3e-2, "rad", "a joint that errs by over 1.7 deg has another zero, sign or gear", 1.0),)
 
 
@@ -54,6 +55,33 @@ class CurveModes:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the K curves."""
+        return tuple(f"mode{k + 1}" for k in range(self.weights.shape[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class CouplingModes:
+    """K errors over the angles of the whole arm, each a sum of a sine and cosine of every input, of unit size.
+
+    f_k = sum over i of W[2 i, k] sin(u_i) + W[2 i + 1, k] cos(u_i), u_i an angle, or the sum or difference of two.
+    """
+
+    inputs: tuple[str, ...]  # (I,) as `input_values` names them: q5, q2+q3
+    weights: Array  # (2 I, K)
+
+    @property
+    def input(self) -> str:
+        """What stands for all inputs."""
+        return ALL_JOINTS
+
+    def at_state(self, state: RobotState) -> Array:
+        """Values (N, K) of the errors at the poses of a state."""
+        angles = np.column_stack([input_values(state, name) for name in self.inputs])
+        waves = np.stack([np.sin(angles), np.cos(angles)], axis=-1).reshape(len(angles), -1)
+        return np.asarray(waves @ self.weights)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the K errors."""
         return tuple(f"mode{k + 1}" for k in range(self.weights.shape[1]))
 
 
@@ -130,7 +158,7 @@ class SmoothJointError:
     """
 
     joint: int
-    modes: CurveModes | FormulaModes
+    modes: CurveModes | FormulaModes | CouplingModes
     prior_sigma_rad: tuple[float, ...]  # (K,)
     name = LEARNED
     equation = "theta_j += f_j(q_j), f_j a smooth curve learned from the data"
@@ -163,8 +191,13 @@ class SmoothJointError:
         return motions_of(self.modes, state)
 
 
-def motions_of(modes: CurveModes | FormulaModes, state: RobotState) -> Array:
+Modes = CurveModes | FormulaModes | CouplingModes
+
+
+def motions_of(modes: Modes, state: RobotState) -> Array:
     """Motions (N, K) of a joint at the poses of a state by unit amounts of K modes, times their factor's values."""
+    if isinstance(modes, CouplingModes):
+        return modes.at_state(state)
     motions = modes.at(input_values(state, modes.input))
     if isinstance(modes, FormulaModes) and modes.factor:
         motions = motions * (input_values(state, modes.factor) / modes.factor_size)[:, None]
@@ -181,12 +214,12 @@ def is_law(member: SmoothJointError) -> bool:
     return isinstance(member.modes, FormulaModes)
 
 
-def factor_of(modes: CurveModes | FormulaModes) -> str:
+def factor_of(modes: Modes) -> str:
     """Name of the input that multiplies some modes; "" for none."""
     return modes.factor if isinstance(modes, FormulaModes) else ""
 
 
-def inputs_named(modes: CurveModes | FormulaModes) -> str:
+def inputs_named(modes: Modes) -> str:
     """Name of what some modes run over: "q3", or "torque3 x q3" where a factor multiplies them."""
     factor = factor_of(modes)
     return f"{factor} x {modes.input}" if factor else modes.input
