@@ -479,14 +479,14 @@ def _axis(name: str) -> str:
 def _learned(learned: LearnedModel) -> Words:
     change = error_change(learned.before, learned.after)
     changed = f"{change}{' ' if change else ''}"
+    spaced = _SIGN.sub(r" \1 ", learned.formula or "")
+    formula = f"; in short {spaced}" if spaced else ""
     told = law_sentences(law_readings(learned.after), learned.laws)
     if learned.laws is not None:
         return spans(
-            laws(learned.joints, learned.inputs, learned.laws), f" {changed}In the model as {LEARNED}, it ",
-            "names the form of the cause, not the part. ", " ".join(told),
+            laws(learned.joints, learned.inputs, learned.laws), f" {changed}It is in the model as "
+            f"{LEARNED}{formula}. It names the form of the cause, not the part. ", " ".join(told),
         )  # fmt: skip
-    spaced = _SIGN.sub(r" \1 ", learned.formula or "")
-    formula = f"; in short {spaced}" if spaced else ""
     subject = "They were" if len(learned.joints) > 1 else "It was"
     pairs = zip(curve_readings(learned.after), members_of_one_input(learned.after), strict=True)
     shapes = "; ".join(reading_phrase(one) for one, member in pairs if not is_law(member))
