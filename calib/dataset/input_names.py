@@ -2,13 +2,16 @@
 
 q3 (a joint's position), torque3 (gravity's torque), approach3, q2+q3 and q2-q3, the conditions of poses.csv, x, y, z
 and order, and any further column of poses.csv by its own name. A further column whose name has one of these meanings
-(a column q1 beside q1_deg) is the input "column q1".
+(a column q1 beside q1_deg) is the input "column q1". Of the way that a joint came: travel3 (from the pose before),
+direction3 (its sign), previous3 (where it was), travelled3 (all of its way so far), crept3_200s and lagged3_200s (what
+gravity's torque and its position were in the last 200 s), crept3_5poses.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from calib.dataset.dataset import Poses
 
@@ -22,10 +25,24 @@ CONDITIONS: Mapping[str, tuple[float, float]] = {
 another unit, such as grams or milliseconds since 1970."""
 PLACES = ("x", "y", "z")  # in the scanner's frame
 ORDER = "order"
+OF_HISTORY = ("travel", "direction", "previous", "travelled")  # inputs of the way that a joint came
+OF_MEMORY = ("crept", "lagged")  # averages of the last time or poses: gravity's torque, the joint's position
 _NUMBER = "[1-9][0-9]{0,2}"  # neither 01 nor digits of another script
 _OF_JOINT = re.compile(rf"({'|'.join(OF_JOINTS)})({_NUMBER})")
 _SUM = re.compile(rf"q({_NUMBER})([+-])q({_NUMBER})")
+_HISTORY = re.compile(rf"({'|'.join(OF_HISTORY)})({_NUMBER})")
+_MEMORY = re.compile(rf"({'|'.join(OF_MEMORY)})({_NUMBER})_([1-9][0-9]{{0,5}})(s|poses)")
 _COLUMN = "column "
+
+
+@dataclass(frozen=True)
+class HistoryInput:
+    """Input that follows from the way a joint came: what of it, the joint, and how far back it reaches."""
+
+    quantity: str  # of OF_HISTORY or OF_MEMORY
+    joint: int  # from 0
+    reach: int = 0  # time constant of an average; 0 where there is none
+    unit: str = ""  # of that: "s" or "poses"
 
 
 def joint_input(name: str) -> tuple[str, int] | None:
@@ -40,6 +57,15 @@ def quantity_of(name: str) -> str:
     return "" if of_joint is None else of_joint[0]
 
 
+def history_input(name: str) -> HistoryInput | None:
+    """Parts of the name of an input of a joint's way, "travel3" or "crept2_200s"; None for any other name."""
+    if (plain := _HISTORY.fullmatch(name)) is not None:
+        return HistoryInput(plain[1], int(plain[2]) - 1)
+    if (memory := _MEMORY.fullmatch(name)) is not None:
+        return HistoryInput(memory[1], int(memory[2]) - 1, int(memory[3]), memory[4])
+    return None
+
+
 def summed_joints(name: str) -> tuple[int, float, int] | None:
     """Joints, from 0, and sign of a sum of two joints, (1, -1.0, 2) for "q2-q3"; None for any other name."""
     match = _SUM.fullmatch(name)
@@ -51,6 +77,7 @@ def column_input(column: str) -> str:
     has_meaning = (
         joint_input(column) is not None
         or summed_joints(column) is not None
+        or history_input(column) is not None
         or column in (*CONDITIONS, *PLACES, ORDER)
         or column.startswith(_COLUMN)
     )

@@ -24,9 +24,9 @@ from calib.calibration.result import Calibration
 from calib.consistency.data_problem import DataProblem, FitVariant, Suspicions, problem_given_effects, suspicions
 from calib.consistency.hypotheses import DataHypothesis
 from calib.dataset.dataset import Dataset
-from calib.diagnosis.decision_rules import is_convincing, predicts_worse
-from calib.diagnosis.effect_selection import FitStep, SelectedEffect, selected_curves
-from calib.diagnosis.model_diagnosis import diagnosis_of_model, with_learned
+from calib.diagnosis.effect_selection import FitStep, SelectedEffect
+from calib.diagnosis.learning import learned_to_add
+from calib.diagnosis.model_diagnosis import diagnosis_of_model
 from calib.diagnosis.moves import (
     AddCurves,
     AddEffect,
@@ -43,13 +43,12 @@ from calib.diagnosis.moves import (
     step_of,
 )
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.search_space import MAX_EFFECTS, SearchSpace, first_fit, step_after
+from calib.diagnosis.search_space import MAX_EFFECTS, SearchSpace, first_fit
 from calib.effects.catalogue import EffectChoice, effects_named
 from calib.effects.effect import Family
 from calib.measurement.measured_dataset import measured
 from calib.options import FitFields, FitOptions, fit_options
 from calib.progress import OnStep, staged
-from calib.screening.candidates import MIN_LOG_BAYES_FACTOR
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.noise_search import noise_of_repeats, noise_of_residual
 from calib.screening.projected_residual import project_residual
@@ -228,7 +227,7 @@ def _closing_move(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> Move 
         rest = _clean_after_search(space.without(outliers), tell, rival, diagnosis.named)
         if rest is not None:
             return LeaveOutPoses(_of_all_poses(rest, outliers), outliers)
-    return _curves_to_add(space.without(last.left_out), diagnosis, tell)
+    return learned_to_add(space.without(last.left_out), diagnosis, tell)
 
 
 def _searched(space: SearchSpace, tell: Tell, rival: str = "") -> Diagnosis:
@@ -317,39 +316,3 @@ def _of_all_poses(rest: Diagnosis, outliers: tuple[str, ...]) -> Diagnosis:
         all_tests=replace(rest.all_tests, outlier_poses=all_outliers),
         steps=tuple(replace(step, left_out=outliers) for step in rest.steps),
     )
-
-
-def _curves_to_add(space: SearchSpace, diagnosis: Diagnosis, tell: Tell) -> AddCurves | None:
-    """Move that adds learned curves, where no effect explains the residual and curves are justified; else None.
-
-    They are offered only if (1) the verdict is `unexplained`, or `ambiguous` and their log evidence exceeds twice that
-    of the best candidate by `MIN_LOG_BAYES_FACTOR` (once that of the first effect that leads no others, beside which
-    they explain the rest); (2) the only effect was not refused for a reason that leaves doubt,
-    and points and poses belong together; (3) no further candidate is convincing, except where one of one place or one
-    pose gives way to curves; (4) they predict the test poses no worse than the model without them.
-    """
-    last = diagnosis.steps[-1]
-    before, refused = last.calibration, diagnosis.refused
-    only_refused = refused is not None and refused.leaves_doubt and not diagnosis.named
-    if diagnosis.verdict not in ("unexplained", "ambiguous") or only_refused or implausibility_reason(before):
-        return None
-    unnamed = not diagnosis.left_to_curves and refused is None and not diagnosis.ambiguous_set
-    if unnamed and any(map(is_convincing, diagnosis.screenings[-1].candidates)):
-        return None  # as many effects as were asked for, and one more has a name
-    tell("learning what the joints' curves explain")
-    curves = last.curves
-    if curves is None:
-        return None
-    least = 2.0 * max((c.log_evidence for c in diagnosis.screenings[-1].candidates), default=0.0)
-    undecided = next((step.candidate for step in diagnosis.steps if step.on_behalf_of), None)
-    if undecided is not None:
-        least = undecided.log_evidence
-    if diagnosis.ambiguous_set and curves.log_evidence < MIN_LOG_BAYES_FACTOR + least:
-        return None
-    selected = (*last.selected, selected_curves(curves))
-    after = space.fit(selected, before)
-    # A cause may be right and the test poses a little worse by chance; curves name none and have to earn their place.
-    if predicts_worse(before, after, scatter=0.0) or before.after.train is None or after.after.train is None:
-        return None
-    step = step_after(last, LEARNED, selected, after, log_bayes_factor=curves.log_evidence)
-    return AddCurves(with_learned(diagnosis, step, curves.members), curves)

@@ -6,10 +6,11 @@ members that carry an effect in these data, each parameter with a prior sigma ch
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
+from typing import TypeVar
 
 import numpy as np
 
@@ -23,10 +24,14 @@ from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError, FitError
 from calib.options import FitOptions
 from calib.screening.candidates import Candidate, Screening
-from calib.screening.curves.joint_curves import LearnedCurves, learn_joint_curves
-from calib.screening.curves.smooth_joint_error import LEARNED
+from calib.screening.curves.couplings import learn_couplings
+from calib.screening.curves.joint_curves import LearnedCurves, laws_or_curves, learn_joint_curves
+from calib.screening.curves.law_search import FoundLaws, search_laws
+from calib.screening.curves.smooth_joint_error import ALL_JOINTS, LEARNED
+from calib.screening.projected_residual import project_residual
 
 GEOMETRY = "link errors"
+_Learned = TypeVar("_Learned")
 
 
 @dataclass(frozen=True)
@@ -85,6 +90,11 @@ class FitStep(Brief):
         """Error curves of joints that explain the fit's residual, learned on first access; None if there are none."""
         return curves_given(self.calibration)
 
+    @cached_property
+    def laws(self) -> FoundLaws | None:
+        """Laws of joints that explain the fit's residual, searched on first access; None if there are none."""
+        return laws_given(self.calibration)
+
 
 def first_step(calibration: Calibration) -> FitStep:
     """First fit step of a search: link errors, and the effects that a user declared present."""
@@ -102,11 +112,13 @@ def candidate_of(screening: Screening | None, name: str) -> Candidate:
 
 
 def learned_curves(calibration: Calibration) -> LearnedCurves | None:
-    """Error curves of joints, learned from the residual of a fit; None where they explain no more than noise would.
+    """Error curves of joints, learned from the residual of a fit, or laws that say as much; None for only noise.
 
     Raises FitError where no degree of freedom is left.
     """
-    return learn_joint_curves(calibration) if calibration.options.prior else None
+    if not calibration.options.prior:
+        return None
+    return laws_or_curves(learn_joint_curves(calibration), search_laws(project_residual(calibration)))
 
 
 def curves_given(calibration: Calibration) -> LearnedCurves | None:
@@ -115,10 +127,25 @@ def curves_given(calibration: Calibration) -> LearnedCurves | None:
     None where they explain no more than noise would, where the fit has curves already, where points and poses do not
     belong together, and where no degree of freedom is left.
     """
-    if LEARNED in calibration.model.family_names or implausibility_reason(calibration):
+    return _learned_from(calibration, learn_joint_curves)
+
+
+def laws_given(calibration: Calibration) -> FoundLaws | None:
+    """Laws of joints that explain the residual of a fit; None in the cases in which `curves_given` is."""
+    return _learned_from(calibration, lambda fitted: search_laws(project_residual(fitted)))
+
+
+def couplings_given(calibration: Calibration) -> LearnedCurves | None:
+    """Couplings of all joints that explain the residual of a fit; None in the cases in which `curves_given` is."""
+    return _learned_from(calibration, lambda fitted: learn_couplings(project_residual(fitted)))
+
+
+def _learned_from(calibration: Calibration, learn: Callable[[Calibration], _Learned | None]) -> _Learned | None:
+    known = LEARNED in calibration.model.family_names or not calibration.options.prior
+    if known or implausibility_reason(calibration):
         return None
     try:
-        return learned_curves(calibration)
+        return learn(calibration)
     except FitError:
         return None
 
@@ -195,5 +222,22 @@ def relearned(selected: Sequence[SelectedEffect], steps: Sequence[FitStep]) -> t
     if all(effect.name != LEARNED for effect in selected):
         return tuple(selected)
     before = {effect.name: effect for step in steps for effect in step.selected}
-    curves = before.get(LEARNED) or selected_curves(curves_to_add(steps[-1].calibration))
+    saved = next(effect for effect in selected if effect.name == LEARNED)
+    curves = before.get(LEARNED) or _learned_anew(steps[-1], saved.prior_sigmas.keys())
     return tuple(curves if effect.name == LEARNED else effect for effect in selected)
+
+
+def _learned_anew(step: FitStep, names: Collection[str]) -> SelectedEffect:
+    """Curves or laws learned from a step's fit: laws where the parameters that were saved are theirs."""
+    if step.laws is not None:
+        laws = selected_curves(LearnedCurves(step.laws.members, step.laws.log_evidence, laws=step.laws))
+        if set(names) == set(laws.prior_sigmas):
+            return laws
+    couplings = couplings_given(step.calibration) if any(_of_all_joints(name) for name in names) else None
+    if couplings is not None:
+        return selected_curves(couplings)
+    return selected_curves(curves_to_add(step.calibration))
+
+
+def _of_all_joints(name: str) -> bool:
+    return f".{ALL_JOINTS.replace(' ', '_')}_" in name

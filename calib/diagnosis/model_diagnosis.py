@@ -16,7 +16,8 @@ from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, step_after, without_one
 from calib.diagnosis.verdict import ConfoundedSet, LearnedModel
 from calib.screening.candidates import screen
-from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, formula_text
+from calib.screening.curves.law_search import FoundLaws
+from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, formula_text, is_law
 from calib.screening.left_out import far_test_poses
 from calib.screening.noise_likelihood import scatter_of_repeats
 from calib.screening.noise_search import AddedEffect, ShownNoise, first_unproven
@@ -154,8 +155,10 @@ def _equivalent_in_model(space: SearchSpace, last: FitStep, name: str, equivalen
 # ---- learned curves -------------------------------------------------------------------------------------------------
 
 
-def with_learned(diagnosis: Diagnosis, step: FitStep, members: Sequence[SmoothJointError]) -> Diagnosis:
-    """A diagnosis extended by a step that adds learned curves."""
+def with_learned(
+    diagnosis: Diagnosis, step: FitStep, members: Sequence[SmoothJointError], laws: FoundLaws | None = None
+) -> Diagnosis:
+    """A diagnosis extended by a step that adds learned curves, or laws, of which the search is given then."""
     before, after = diagnosis.calibration, step.calibration
     assert before.after.train is not None
     assert after.after.train is not None
@@ -167,6 +170,7 @@ def with_learned(diagnosis: Diagnosis, step: FitStep, members: Sequence[SmoothJo
         before=before,
         after=after,
         log_evidence=step.log_bayes_factor,
+        laws=laws,
     )
     # Effects that are not in the model are judged by the residual before the curves took it away.
     step = replace(step, screening=diagnosis.steps[-1].screening)
@@ -188,7 +192,10 @@ def _with_curves_inside(space: SearchSpace, steps: Sequence[FitStep]) -> Diagnos
     before = diagnosis.steps[-1]
     selected = (*before.selected, curves)
     step = step_after(before, LEARNED, selected, last.calibration, log_bayes_factor=last.log_bayes_factor)
-    return with_learned(diagnosis, step, [m for m in curves.members if isinstance(m, SmoothJointError)])
+    members = [m for m in curves.members if isinstance(m, SmoothJointError)]
+    found = before.laws if all(is_law(m) for m in members) else None
+    searched = found if found is not None and set(found.members) == set(members) else None
+    return with_learned(diagnosis, step, members, searched)
 
 
 def _same(step: FitStep, selected: Sequence[object], last: FitStep) -> bool:

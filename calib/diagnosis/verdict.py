@@ -13,7 +13,8 @@ from calib.calibration.result import Calibration
 from calib.consistency.data_problem import DataProblem
 from calib.diagnosis.effect_selection import FitStep
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate, Screening, Untestable
-from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, inputs_of, joints_of
+from calib.screening.curves.law_search import FoundLaws
+from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, inputs_of, is_law, joints_of
 from calib.screening.noise_search import AddedEffect, ShownNoise
 from calib.screening.residual_tests import ResidualTests, asked_of_joints
 from calib.screening.smooth_motions import JointFault
@@ -34,6 +35,12 @@ class LearnedModel:
     before: Calibration
     after: Calibration
     log_evidence: float | None  # over no curves; None where a saved session brought them
+    laws: FoundLaws | None = None  # the search that found them, where they are laws of few parameters
+
+    @property
+    def are_laws(self) -> bool:
+        """Whether all that was learned are laws of few parameters, and no curve."""
+        return all(is_law(member) for member in self.members)
 
     @property
     def joints(self) -> tuple[int, ...]:
@@ -46,7 +53,12 @@ class LearnedModel:
         return inputs_of(self.members)
 
     def outweighs(self, fault: JointFault) -> bool:
-        """Whether the curves have clearly more evidence than an error motion of a single joint."""
+        """Whether what was learned has clearly more evidence than an error motion of a single joint.
+
+        A law of that joint tells more of the same; curves of that joint alone do not.
+        """
+        if self.laws is not None:
+            return self.laws.log_evidence > fault.log_evidence + MIN_LOG_BAYES_FACTOR
         return self.log_evidence is not None and curves_outweigh(self.members, self.log_evidence, fault)
 
 

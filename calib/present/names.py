@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from calib.dataset.input_names import PLACES, joint_input
+from calib.dataset.input_names import PLACES, history_input, joint_input
 from calib.effects.effect import Effect, parameters_by_name
 from calib.kinematics.robot import PARAMETER_KINDS, Robot
-from calib.rendering.blocks import Span, joint
+from calib.rendering.blocks import Span, joint, plain
 from calib.rendering.numbers import parameter_label
 
 _CONDITIONS = {
@@ -65,9 +65,28 @@ def joints_by_parameter(robot: Robot, effects: Sequence[Effect] = ()) -> dict[st
     return of_table | of_effects
 
 
+def _bare(name: str) -> str:
+    return plain((input_name(name),))
+
+
 def input_name(name: str) -> Span:
     """Name of a residual test's input for a sentence; a user's own column keeps its name."""
+    factor, times, over = name.partition(" x ")
+    if times and (joint_input(factor) or history_input(factor)):
+        return f"{_bare(factor)} times {_bare(over)}"
     of_joint = joint_input(name)
+    way = history_input(name)
+    if way is not None:
+        number = way.joint + 1
+        what = {
+            "travel": f"the way of joint {number} from the pose before",
+            "previous": f"the place of joint {number} at the pose before",
+            "travelled": f"all the way that joint {number} has gone",
+            "direction": f"the direction in which joint {number} came",
+            "crept": f"the load on joint {number} of the last {way.reach} {way.unit}",
+            "lagged": f"the way of joint {number} from where it was in the last {way.reach} {way.unit}",
+        }[way.quantity]
+        return joint(number, what)
     if of_joint is not None:
         quantity, index = of_joint
         number = index + 1

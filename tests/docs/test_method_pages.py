@@ -10,7 +10,7 @@ import pytest
 
 from calib.corners.correlated_noise import likelihood, posterior
 from calib.dataset.repeats import SIGMA_DOUBT
-from calib.diagnosis import decision_rules, diagnose, search_space, verdict
+from calib.diagnosis import decision_rules, diagnose, learning, search_space, verdict
 from calib.effects.link_errors import TOLERANCE_MM, TOLERANCE_RAD
 from calib.fitting import robust, trust_region
 from calib.fleet import shared_causes
@@ -30,7 +30,8 @@ from calib.screening import (
     sparse_evidence,
 )
 from calib.screening.candidates import MIN_CONFOUNDED_OVERLAP, MIN_LOG_BAYES_FACTOR
-from calib.screening.curves import curve_evidence, joint_curves
+from calib.screening.curves import curve_evidence, joint_curves, law_search, laws
+from calib.screening.curves.smooth_joint_error import LAW_BOUNDS
 
 ROOT = Path(__file__).parents[2]
 METHOD = ROOT / "docs" / "method"
@@ -97,7 +98,17 @@ SAID = [
     ("curves", f"is {joint_curves.MIN_LOG_EVIDENCE:g} or more over no curve"),
     ("curves", f"if it gains {joint_curves._MIN_GAIN:g} nats beyond"),
     ("curves", f"worth less than {joint_curves._MIN_MEMBER_GAIN:g} nats"),
-    ("curves", f"move the residual by {joint_curves._MIN_VISIBLE:g} sigma"),
+    ("curves", f"move the residual by {joint_curves.MIN_VISIBLE:g} sigma"),
+    ("curves", f"waves, $n$ to {laws._OWN_WAVES[-1]};"),
+    ("curves", f"waves, $n$ to {laws._LOAD_WAVES[-1]}, and a slope"),
+    ("curves", f"waves of $q_i$ to $n$ = {laws._OTHER_WAVES[-1]}"),
+    ("curves", f"to $n$ = {laws._SUM_WAVES[-1]}, neighbours or not"),
+    ("curves", f"needs {law_search.MIN_FIRST_GAIN:g} nats, up to two more {law_search.MIN_FURTHER_GAIN:g} each"),
+    ("curves", f"within {joint_curves._MAY_LOSE:g} nats, with a third of their parameters"),
+    ("curves", f"falls by {law_search.MIN_STANDARD_ERRORS:g} standard errors"),
+    ("curves", f"every law is {learning.MIN_SIGMAS:g} sigma from zero, and below {LAW_BOUNDS[0].size:g} rad"),
+    ("curves", f"the error of the test poses falls by {percent(learning.MIN_FALL)}"),
+    ("curves", f"the laws that say as much within {law_search.AS_LIKELY:g} nats"),
     ("noise", f"A property gains {noise_search.MIN_GAIN:g} nats, after {noise_search._PARAMETER_COST:g} nats for each"),
     ("noise", f"tails have to lead gross errors by {noise_search.MIN_TAIL_GAIN:g}"),
     ("noise", f"$t$ with {noise_search._TAILS[0]:g} to {noise_search._TAILS[-1]:g} degrees"),

@@ -34,7 +34,7 @@ from calib.present.cause.interventions import (
 from calib.present.cause.noise import noise_document, noise_sentences
 from calib.present.cause.probabilities import probability_document, probability_sentence
 from calib.present.cause.signals import drive_sections, drive_sentences, signals_document
-from calib.present.cause.verdict import SMALL_CHANGE, curves, fault, verdict
+from calib.present.cause.verdict import SMALL_CHANGE, curves, fault, laws, verdict
 from calib.present.effects import meaning, with_key
 from calib.present.fit.calibration import (
     found_tool_document,
@@ -44,9 +44,10 @@ from calib.present.fit.calibration import (
     tool_shift_sentence,
     worsening_sentence,
 )
-from calib.present.fit.curves import BAND_NOTE, curve_blocks, reading_phrase, readings_document
+from calib.present.fit.curves import BAND_NOTE, coupling_sentences, curve_blocks, reading_phrase, readings_document
 from calib.present.fit.dataset import NOT_SEARCHED, measured_blocks
 from calib.present.fit.error_headline import error_headline
+from calib.present.fit.laws import law_sentences, laws_document
 from calib.present.fit.promise import coverage_sentence, promise_document
 from calib.present.fit.redundancy import redundancy_section
 from calib.present.fit.residuals import residual_blocks, residuals_of
@@ -71,9 +72,10 @@ from calib.rendering.blocks import (
 )
 from calib.rendering.colours import VERDICT_COLOURS
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR, Candidate
-from calib.screening.curves.fitted_curves import learned_members
-from calib.screening.curves.readings import curve_readings
-from calib.screening.curves.smooth_joint_error import LEARNED
+from calib.screening.curves.fitted_curves import learned_members, members_of_one_input
+from calib.screening.curves.law_readings import law_readings
+from calib.screening.curves.readings import coupling_readings, curve_readings
+from calib.screening.curves.smooth_joint_error import LEARNED, is_law
 from calib.screening.nuisance import REPORTED_EVIDENCE
 from calib.screening.residual_tests import InputTest, ResidualTests
 from calib.screening.scan_statistic import LENGTH as ALONG_LENGTH
@@ -150,8 +152,9 @@ def learned_section(calibration: Calibration) -> list[Section]:
     """The learned curves in a model: their sizes, formulas and figure; [] where there are none."""
     if not learned_members(calibration):
         return []
-    curves = FigurePlace("learned_curves", (calibration,), BAND_NOTE, height_px=0)
-    return [Section("Learned curves of the joints", [*curve_blocks(calibration), curves])]
+    figure = FigurePlace("learned_curves", (calibration,), BAND_NOTE, height_px=0)
+    drawn = [figure] if members_of_one_input(calibration) else []
+    return [Section("Learned curves of the joints", [*curve_blocks(calibration), *drawn])]
 
 
 def diagnosis_head(diagnosis: Diagnosis) -> list[Block]:
@@ -475,14 +478,24 @@ def _axis(name: str) -> str:
 
 
 def _learned(learned: LearnedModel) -> Words:
+    change = error_change(learned.before, learned.after)
+    changed = f"{change}{' ' if change else ''}"
     spaced = _SIGN.sub(r" \1 ", learned.formula or "")
     formula = f"; in short {spaced}" if spaced else ""
-    change = error_change(learned.before, learned.after)
+    told = law_sentences(law_readings(learned.after), learned.laws)
+    if learned.laws is not None:
+        return spans(
+            laws(learned.joints, learned.inputs, learned.laws), f" {changed}It is in the model as "
+            f"{LEARNED}{formula}. It names the form of the cause, not the part. ", " ".join(told),
+        )  # fmt: skip
     subject = "They were" if len(learned.joints) > 1 else "It was"
+    pairs = zip(curve_readings(learned.after), members_of_one_input(learned.after), strict=True)
+    shapes = "; ".join(reading_phrase(one) for one, member in pairs if not is_law(member))
+    read = f" {numbers.capitalised(shapes)}." if shapes else ""
     return spans(
         curves(learned.joints, learned.inputs, learned.log_evidence),
-        f" {subject} learned as {LEARNED}{formula}. {change}{' ' if change else ''}No cause is named by it. "
-        f"{numbers.capitalised('; '.join(map(reading_phrase, curve_readings(learned.after))))}.",
+        f" {subject} learned as {LEARNED}{formula}. {changed}No cause is named by it.{read}",
+        "".join(f" {one}" for one in [*told, *coupling_sentences(coupling_readings(learned.after))]),
     )
 
 
@@ -599,6 +612,8 @@ def _learned_document(learned: LearnedModel) -> dict[str, Any]:
         "test_rmse_mm": test.rmse_mm if test else None,
         "share": learned.share,
         "readings": readings_document(curve_readings(learned.after)),
+        "couplings": coupling_readings(learned.after),
+        "laws": laws_document(law_readings(learned.after), learned.laws),
     }
 
 

@@ -18,10 +18,13 @@ from calib.effects.effect import describe
 from calib.present.cause.noise import noise_sentences
 from calib.present.effects import meaning, title, with_key
 from calib.present.fit.calibration import leading_entry_sentence, table_doubts
+from calib.present.fit.laws import law_phrase
 from calib.present.names import input_name
 from calib.rendering import numbers
 from calib.rendering.blocks import Span, Words, capitalised, effect, joint, listed, pose, spans
 from calib.screening.candidates import MIN_LOG_BAYES_FACTOR
+from calib.screening.curves.law_readings import law_readings
+from calib.screening.curves.law_search import FoundLaws
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.residual_tests import ResidualTests
 from calib.screening.smooth_motions import JointFault
@@ -151,6 +154,9 @@ def _left_unexplained(diagnosis: Diagnosis) -> Words:
                 "the residual depends systematically on ", _inputs(tests.structured),
                 "; a loose part or a hose would show so.",
             )  # fmt: skip
+        case "curves" if diagnosis.learned is not None and diagnosis.learned.laws is not None:
+            told = numbers.listing([law_phrase(one, begin="joint") for one in law_readings(diagnosis.learned.after)])
+            return f"{told}, which no effect of the catalogue makes."
         case "curves" if diagnosis.learned is not None:
             return spans(
                 "the residual follows learned curves of ", _joints(diagnosis.learned.joints),
@@ -308,6 +314,17 @@ def curves(joints: Sequence[int], inputs: Sequence[str], log_evidence: float | N
     )  # fmt: skip
 
 
+def laws(joints: Sequence[int], inputs: Sequence[str], found: FoundLaws) -> Words:
+    """Sentence on laws of joints (counted from 1) over inputs, their log evidence, and how many were tried."""
+    many = "laws" if len(found.laws) > 1 else "a law"
+    return spans(
+        f"The residual follows {many} of ", _joints(joints), " over ",
+        listed([input_name(key) for key in inputs]),
+        f" that no effect of the catalogue makes (log evidence {found.log_evidence:.0f} over noise, less the cost of "
+        f"choosing among {found.tried}).",
+    )  # fmt: skip
+
+
 # ---- the residual in short, and the advice --------------------------------------------------------------------------
 
 
@@ -374,6 +391,11 @@ def move(made: Move) -> Words:
         case ShapeNoise():
             of_noise = noise_sentences(made.diagnosis)
             return spans("What is left is noise of a shape of its own", _besides(made), f". {of_noise}")
+        case AddCurves(curves=learned) if learned.laws is not None:
+            return spans(
+                laws(learned.joints, learned.inputs, learned.laws), f" {LEARNED} adds it. Watch whether the test ",
+                "poses follow.",
+            )  # fmt: skip
         case AddCurves(curves=learned):
             return spans(
                 curves(learned.joints, learned.inputs, learned.log_evidence), f" {LEARNED} adds what was learned; it ",

@@ -53,7 +53,7 @@ from calib.rendering.blocks import (
     spans,
 )
 from calib.rendering.colours import BAD, GOOD, NEUTRAL
-from calib.screening.curves.fitted_curves import learned_members
+from calib.screening.curves.fitted_curves import members_of_one_input
 from calib.screening.curves.smooth_joint_error import LEARNED
 
 FIGURES = (
@@ -551,7 +551,7 @@ def _tables(calibration: Calibration, height: str) -> Iterator[Block]:
             continue
         caption = f"{key}; not determined: {numbers.count(more, 'further parameter')}" if more else key
         yield Table(columns, of_key, caption=caption, left=(0, 5), rows_select=selects[key], height=height)
-    if learned_members(calibration):
+    if members_of_one_input(calibration):
         yield replace(curve_table(calibration), caption="learned curves of the joints")
         yield from map(Paragraph, formulas(calibration))
 

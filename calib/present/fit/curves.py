@@ -9,11 +9,19 @@ from typing import Any
 from calib.calibration.result import Calibration
 from calib.effects.effect import describe
 from calib.kinematics.robot import Robot
+from calib.present.fit.laws import law_sentences, wave_part
 from calib.present.fit.residuals import input_title
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Bullets, Facts, Paragraph, Table, joint
-from calib.screening.curves.fitted_curves import FittedCurve, fitted_curves, learned_members, shape_text
+from calib.screening.curves.fitted_curves import (
+    FittedCurve,
+    fitted_curves,
+    learned_members,
+    members_of_one_input,
+    shape_text,
+)
 from calib.screening.curves.joint_curves import LearnedCurves
+from calib.screening.curves.law_readings import law_readings
 from calib.screening.curves.readings import (
     BUMP,
     LOAD,
@@ -23,10 +31,12 @@ from calib.screening.curves.readings import (
     TWO_JOINTS,
     WAVE,
     WAVES,
+    CouplingReading,
     CurveReading,
+    coupling_readings,
     curve_readings,
 )
-from calib.screening.curves.smooth_joint_error import LEARNED, CurveModes
+from calib.screening.curves.smooth_joint_error import LEARNED, inputs_named, is_law
 
 CURVES = ("joint", "over", "rms", "largest", "at", "known")
 BAND_NOTE = (
@@ -34,13 +44,14 @@ BAND_NOTE = (
     "measured. What geometry can do too is shared between the two, so only the shape beyond that is sure."
 )
 _KNOWN_NOTE = "Known: how many of a curve's modes these data tell by themselves."
-_FEW_WAVES = 20  # a turn, from rollers of a bearing to teeth of a gear
 _READ_AS = {"deg": "°", "C": "°C"}
 
 
 def input_label(curve: FittedCurve, robot: Robot) -> str:
     """A curve's input with its unit: "joint 1 angle, °"."""
     title = input_title(curve.input, robot)
+    if curve.factor:
+        title = f"{title}; at {curve.factor} {curve.factor_size:.3g}"
     bare = title == curve.input and curve.input_unit  # a sum of two joints' angles
     return f"{title}, {read_unit(curve.input_unit)}" if bare else title
 
@@ -55,15 +66,23 @@ def curve_blocks(calibration: Calibration) -> list[Block]:
     members = learned_members(calibration)
     if not members:
         return []
+    laws = iter(law_sentences(law_readings(calibration)))
     readings = curve_readings(calibration)
+    of_one_input = members_of_one_input(calibration)
+    of_curves = [one for one, member in zip(readings, of_one_input, strict=True) if not is_law(member)]
+    shapes = [
+        next(laws) if is_law(member) else f"{numbers.capitalised(reading_phrase(one))}{part_words(one)}."
+        for one, member in zip(readings, of_one_input, strict=True)
+    ]
+    shapes += coupling_sentences(coupling_readings(calibration))
     equation = Paragraph(f"{LEARNED}: {members[0].equation}. It names no cause.")
     return [
         equation,
-        curve_table(calibration),
+        *([curve_table(calibration)] if of_one_input else []),
         Paragraph(_KNOWN_NOTE, soft=True),
         *map(Paragraph, formulas(calibration)),
-        Bullets([f"{numbers.capitalised(reading_phrase(one))}{part_words(one)}." for one in readings]),
-        *([Paragraph(sweep_sentence(readings))] if any(one.sweep for one in readings) else []),
+        Bullets(shapes),
+        *([Paragraph(sweep_sentence(of_curves))] if any(one.sweep for one in of_curves) else []),
     ]
 
 
@@ -94,7 +113,7 @@ def part_words(one: CurveReading) -> str:
             often = {1: "once", 2: "twice"}[one.per_motor_turn]
             part = "the motor's side, or the wave generator of a strain wave gear"
             return f", {often} a turn of the motor, as {part} makes it"
-        return f", as {_wave_part(one.waves_per_turn[0])}"
+        return f", as {wave_part(one.waves_per_turn[0])}"
     return {
         SLOPE: ", as a scale error of encoder or gear makes it, or a slow wave of which the range shows a part",
         BUMP: ", as a damaged tooth or a dent in a bearing's ring makes it",
@@ -102,14 +121,6 @@ def part_words(one: CurveReading) -> str:
         TWO_JOINTS: ", as a cable or hose makes it that both joints move, or a coupling of their gears",
         ROUGH: ", as teeth, bearing and encoder together make it",
     }.get(one.kind, "")
-
-
-def _wave_part(order: int) -> str:
-    if order <= 2:
-        return "an encoder's disc, an output gear or a bearing's ring that is eccentric (1) or oval (2) makes it"
-    if order <= _FEW_WAVES:
-        return "the rollers of the output bearing, or an encoder's interpolation, make it"
-    return "the teeth of a gear ring, the gear's ratio or twice that (the motor's side), or an encoder's lines make it"
 
 
 def sweep_sentence(readings: Sequence[CurveReading]) -> str:
@@ -121,6 +132,16 @@ def sweep_sentence(readings: Sequence[CurveReading]) -> str:
         if one.sweep is not None
     ]
     return f"To see each by itself, move one joint alone, all others at rest: {'; '.join(moves)}."
+
+
+def coupling_sentences(readings: Sequence[CouplingReading]) -> list[str]:
+    """Sentences on joints that err as the whole arm stands."""
+    return [
+        f"Joint {one.joint} errs by {1e3 * one.size:.2g} mrad RMS as all joints together stand, most by "
+        f"{numbers.listing(one.strongest)} ({one.known} of {one.parameters} modes known), as cables that run through "
+        "the arm make it, or weights that robot.toml lacks."
+        for one in readings
+    ]
 
 
 def readings_document(readings: Sequence[CurveReading]) -> list[dict[str, Any]]:
@@ -146,7 +167,7 @@ def _row(curve: FittedCurve) -> tuple[str, ...]:
     at = numbers.signed(curve.input_scale * place, ".3g")
     return (
         str(curve.joint + 1),
-        curve.input,
+        f"{curve.factor} x {curve.input}" if curve.factor else curve.input,
         f"{curve.scale * curve.rms:.2g} {curve.unit}",
         f"{numbers.signed(curve.scale * value, '+.2g')} {curve.unit}",
         f"{at} {read_unit(curve.input_unit)}".strip(),
@@ -175,10 +196,8 @@ def offered_curves(curves: LearnedCurves, calibration: Calibration) -> list[Bloc
     rows = [
         (
             str(member.joint + 1),
-            member.modes.input,
-            f"a curve of {len(member.parameters)} modes"
-            if isinstance(member.modes, CurveModes)
-            else shape_text(member, calibration),
+            inputs_named(member.modes),
+            f"a curve of {len(member.parameters)} modes" if not is_law(member) else shape_text(member, calibration),
         )
         for member in curves.members
     ]

@@ -11,7 +11,7 @@ from calib.array_types import Array
 from calib.calibration.noise_level import NoiseLevel
 from calib.calibration.pose_errors import PoseErrors, pose_errors_of
 from calib.calibration.result import Calibration
-from calib.dataset.input_names import PLACES, joint_input
+from calib.dataset.input_names import PLACES, history_input, joint_input
 from calib.diagnosis.result import Diagnosis
 from calib.kinematics.robot import Robot
 from calib.present import names
@@ -64,6 +64,18 @@ def input_title(name: str, robot: Robot) -> str:
         angle = "angle, °" if robot.joints[joint].is_revolute else "position, mm"
         what = {"q": angle, "torque": "gravity torque, Nm", "approach": "approach (−1 or 1)"}[quantity]
         return f"joint {joint + 1} {what}"
+    way = history_input(name)
+    if way is not None:
+        unit = "°" if robot.joints[way.joint].is_revolute else "mm"
+        last = f"the last {way.reach} {way.unit}"
+        return {
+            "travel": f"joint {way.joint + 1} way from the pose before, {unit}",
+            "previous": f"joint {way.joint + 1} at the pose before, {unit}",
+            "travelled": f"joint {way.joint + 1} way gone, {unit}",
+            "direction": f"joint {way.joint + 1} direction (−1 or 1)",
+            "crept": f"joint {way.joint + 1} load of {last}, Nm",
+            "lagged": f"joint {way.joint + 1} way from where it was in {last}, {unit}",
+        }[way.quantity]
     if name in PLACES:
         return f"place {name} in the instrument's frame, mm"
     return NAMES.get(name, name) + (f", {UNITS[name]}" if name in UNITS else "")

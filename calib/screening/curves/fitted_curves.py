@@ -7,16 +7,18 @@ from pprint import pformat
 
 import numpy as np
 
-from calib.array_types import Array, BoolArray
+from calib.array_types import Array, BoolArray, IndexArray
 from calib.calibration.result import Calibration
-from calib.dataset.input_names import joint_input, summed_joints
+from calib.dataset.input_names import history_input, joint_input, summed_joints
 from calib.effects.effect import full_name
 from calib.errors import CalibError
 from calib.screening.curves.smooth_joint_error import (
+    CouplingModes,
     CurveModes,
     FormulaModes,
     FormulaTerm,
     SmoothJointError,
+    factor_of,
     formula_text,
     input_values,
 )
@@ -43,6 +45,8 @@ class FittedCurve:
     formula: str | None  # with values, where the curve is a short formula
     shape: str = ""  # the formula's terms in words; "" without a formula
     peak: float | None = None  # place of the peak, where the formula is one bump
+    factor: str = ""  # input that multiplies the curve, which is given at that input's usual size; "" for none
+    factor_size: float = 1.0
 
     @property
     def unit(self) -> str:
@@ -78,9 +82,14 @@ def learned_members(calibration: Calibration) -> tuple[SmoothJointError, ...]:
     return tuple(e for e in calibration.model.added_effects if isinstance(e, SmoothJointError))
 
 
+def members_of_one_input(calibration: Calibration) -> tuple[SmoothJointError, ...]:
+    """Learned curves of a fit's model that can be drawn over one input: all but couplings of all joints."""
+    return tuple(one for one in learned_members(calibration) if not isinstance(one.modes, CouplingModes))
+
+
 def fitted_curves(calibration: Calibration) -> tuple[FittedCurve, ...]:
-    """Fitted curves of the learned curves in a fit's model; () where there are none."""
-    members = learned_members(calibration)
+    """Fitted curves of the learned curves in a fit's model, but couplings of all joints; () where there are none."""
+    members = members_of_one_input(calibration)
     if not members:
         return ()
     fit, model = calibration.fit, calibration.model
@@ -91,6 +100,7 @@ def fitted_curves(calibration: Calibration) -> tuple[FittedCurve, ...]:
     training = np.unique(after.pose[~after.is_test[after.pose]])
     out = []
     for member in members:
+        assert not isinstance(member.modes, CouplingModes)
         own = [at[full_name(member, p)] for p in member.parameters]
         measured = np.sort(input_values(state, member.modes.input)[training])
         beyond = _BEYOND * (measured[-1] - measured[0])
@@ -101,17 +111,19 @@ def fitted_curves(calibration: Calibration) -> tuple[FittedCurve, ...]:
             joint=member.joint,
             is_revolute=model.robot.joints[member.joint].is_revolute,
             input=member.modes.input,
-            input_unit=_input_unit(member.modes.input, calibration),
+            input_unit=input_unit(member.modes.input, calibration),
             u=u,
             value=modes @ fit.x[own],
             sigma=np.sqrt(np.maximum(variance, 0.0)),
             measured=measured,
-            rms=float(np.sqrt(np.mean((member.modes.at(measured) @ fit.x[own]) ** 2))),
+            rms=float(np.sqrt(np.mean((member.joint_motions(state)[training] @ fit.x[own]) ** 2))),
             known=int(np.count_nonzero(fit.sigma[own] < 0.5 * np.array(member.prior_sigma_rad))),
             parameters=len(own),
             formula=formula_text([member], values),
             shape=shape_text(member, calibration),
             peak=_peak(member),
+            factor=factor_of(member.modes),
+            factor_size=member.modes.factor_size if isinstance(member.modes, FormulaModes) else 1.0,
         )
         out.append(curve)
     return tuple(out)
@@ -125,7 +137,7 @@ def shape_text(member: SmoothJointError, calibration: Calibration) -> str:
     modes = member.modes
     if not isinstance(modes, FormulaModes):
         return ""
-    unit = _input_unit(modes.input, calibration)
+    unit = input_unit(modes.input, calibration)
     scale = 180.0 / np.pi if unit == "deg" else 1.0
 
     def in_words(term: FormulaTerm) -> str:
@@ -134,6 +146,9 @@ def shape_text(member: SmoothJointError, calibration: Calibration) -> str:
             "harmonic": f"a wave, {term.order} a turn",
             "bump": f"a bump at {place}, {scale * term.width:.2g} {unit}".rstrip() + " wide",
             "kink": f"a kink at {place}",
+            "hinge": f"a slope from {place} on",
+            "line": "a slope",
+            "root": f"a root from {place}",
             "step": f"a step at {place}",
             "square": "a part that grows with the square",
         }[term.kind]
@@ -146,14 +161,18 @@ def _peak(member: SmoothJointError) -> float | None:
     return terms[0].place if len(terms) == 1 and terms[0].kind == "bump" else None
 
 
-def _input_unit(name: str, calibration: Calibration) -> str:
+def input_unit(name: str, calibration: Calibration) -> str:
+    """Unit in which people read an input: deg, mm, Nm, C, s, kg; "" for a side and a column of the user's own."""
     of_joint = joint_input(name)
     if of_joint is None:  # sums are of angles only
         units = {"temperature_c": "C", "time_s": "s", "payload_kg": "kg"}
+        if (way := history_input(name)) is not None:
+            turns = calibration.model.robot.joints[way.joint].is_revolute
+            return {"direction": "", "crept": "Nm"}.get(way.quantity, "deg" if turns else "mm")
         return units.get(name, "" if summed_joints(name) is None else "deg")
     quantity, joint = of_joint
-    if quantity == "torque":
-        return "Nm"
+    if quantity != "q":
+        return "Nm" if quantity == "torque" else ""
     return "deg" if calibration.model.robot.joints[joint].is_revolute else "mm"
 
 
@@ -192,7 +211,8 @@ class LearnedJointError:
         error = 0.0
         for curve in CURVES.get(self.joint + 1, ()):
             u = np.clip(input_values(state, curve["input"]), curve["low"], curve["high"])
-            error = error + share * curve_at(curve, u)
+            factor = input_values(state, curve["factor"]) / curve["factor_size"] if curve["factor"] else 1.0
+            error = error + share * factor * curve_at(curve, u)
         return state.add_joint_error(self.joint, error)
 
 
@@ -210,6 +230,12 @@ def curve_at(curve, u):
             out += height * np.abs(off)
         elif kind == "step":
             out += height * (off > 0.0)
+        elif kind == "hinge":
+            out += height * np.maximum(off, 0.0) / width
+        elif kind == "line":
+            out += height * off / width
+        elif kind == "root":
+            out += height * np.sqrt(np.abs(off) / width)
         elif kind == "square":
             out += height * u * np.abs(u)
     return out
@@ -234,15 +260,26 @@ def effect_file_text(calibration: Calibration, file: str) -> str:
     curves: dict[int, list[dict[str, object]]] = {}
     for member in members:
         fitted = np.array([values[full_name(member, p)] for p in member.parameters])
-        curves.setdefault(member.joint + 1, []).append(_curve(member, fitted))
+        curves.setdefault(member.joint + 1, []).extend(_curves(member, fitted))
     one_line = " ".join(title.replace('"""', "'''").replace("\\", "/").split())
     text = _HEAD.format(title=one_line, file=file)
     return f"{text}CURVES = {pformat(curves, width=110, sort_dicts=False)}\n{_TAIL}"
 
 
-def _curve(member: SmoothJointError, fitted: np.ndarray) -> dict[str, object]:
+def _curves(member: SmoothJointError, fitted: np.ndarray) -> list[dict[str, object]]:
+    """Curves of a file that add up to one of a fit: one, or those over each input of couplings."""
     modes = member.modes
+    if not isinstance(modes, CouplingModes):
+        return [_curve(modes, fitted)]
+    one_wave: IndexArray = np.ones(1, dtype=np.int64)
+    pairs = (modes.weights @ fitted).reshape(-1, 2, 1)
+    own = zip(modes.inputs, pairs, strict=True)
+    return [_curve(CurveModes(name, one_wave, pair), np.ones(1)) for name, pair in own]
+
+
+def _curve(modes: CurveModes | FormulaModes, fitted: np.ndarray) -> dict[str, object]:
     out: dict[str, object] = {"input": modes.input, "low": -1e300, "high": 1e300, "start": 0.0, "rate": 1.0}
+    out |= {"factor": factor_of(modes), "factor_size": 1.0}
     harmonics: list[tuple[float, float, float]] = []
     terms: list[tuple[str, float, float, float]] = []
     if isinstance(modes, CurveModes):
@@ -255,6 +292,7 @@ def _curve(member: SmoothJointError, fitted: np.ndarray) -> dict[str, object]:
         pairs = (modes.weights @ fitted).reshape(-1, 2)
         harmonics = [(int(n), float(s), float(c)) for n, (s, c) in zip(modes.orders, pairs, strict=True)]
     else:
+        out["factor_size"] = modes.factor_size
         at = 0
         for term in modes.terms:
             own = fitted[at : at + len(term.names)]

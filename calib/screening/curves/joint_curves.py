@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,12 +14,24 @@ from calib.dataset.further_columns import is_number
 from calib.dataset.input_names import further_inputs, quantity_of
 from calib.effects.gravity import loaded_joints
 from calib.screening.curves.curve_evidence import CurveColumns, CurveEvidence, CurvePosterior, Spectrum
+from calib.screening.curves.law_search import (
+    MIN_STANDARD_ERRORS,
+    FoundLaws,
+    law_columns,
+    law_member,
+    left_out_with,
+    rms,
+    standard_errors_of_fall,
+    summed_laws,
+)
+from calib.screening.curves.laws import OF_ONE_INPUT, LawForm
 from calib.screening.curves.smooth_joint_error import (
     CurveModes,
     FormulaModes,
     FormulaTerm,
     SmoothJointError,
     input_values,
+    inputs_named,
     inputs_of,
     joints_of,
 )
@@ -28,7 +40,7 @@ from calib.screening.projected_residual import ProjectedResidual, joint_directio
 
 MIN_LOG_EVIDENCE = 8.0  # over no curve at all: noise alone reached 2.5 in 12 clean arms
 _BANDS = (48, 120, 240)  # waves a turn over a joint's angle, up to which curves are learned one after another
-_MOST_WORK = 1.5e9  # rows^2 times columns, up to which a wider band is tried
+MOST_WORK = 1.5e9  # rows^2 times columns, up to which a wider band is tried
 _MAY_GO_ON = 0.05  # of the prior sigma of the lowest order, that the highest has where a wider band is tried
 _OTHER_ORDERS: IndexArray = np.arange(1, 9)
 _MOST_OTHERS = 3  # curves over other inputs than a joint's own angle
@@ -40,7 +52,8 @@ _HIGHEST_ORDER = 45
 _PLACES = 24
 _WIDTHS = (0.05, 0.1, 0.2, 0.35, 0.6)  # rad, of a bump
 _MAY_LOSE = 2.0  # log evidence that a formula may lack against the curve
-_MIN_VISIBLE = 0.3  # sigmas: a mode whose usual size moves the whole residual by less is left out
+SHARE_OF_PARAMETERS = 3  # times as many as a law has, that curves need for it to take their place
+MIN_VISIBLE = 0.3  # sigmas: a mode whose usual size moves the whole residual by less is left out
 
 
 @dataclass(frozen=True)
@@ -49,6 +62,14 @@ class LearnedCurves:
 
     members: tuple[SmoothJointError, ...]
     log_evidence: float  # over no curve, less the cost of choosing their inputs
+    left_out_mm: float = float("nan")  # RMS per coordinate when each pose is predicted from the others
+    laws: FoundLaws | None = None  # where laws of few parameters take the curves' place
+    alone: LearnedCurves | None = None  # the same curves without the laws beside them, where there are any
+
+    @property
+    def parameters(self) -> int:
+        """Number of parameters."""
+        return sum(len(member.parameters) for member in self.members)
 
     @property
     def joints(self) -> tuple[int, ...]:
@@ -66,7 +87,7 @@ class _Candidate:
     """Possible curve of one joint over one input."""
 
     joint: int
-    modes: CurveModes  # one for each harmonic yet
+    modes: CurveModes | FormulaModes  # a curve's: one for each harmonic yet
     columns: CurveColumns
 
 
@@ -80,28 +101,48 @@ def learn_joint_curves(calibration: Calibration) -> LearnedCurves | None:
     found = _learned(projected, _BANDS[0])
     rows, joints = len(projected.residual), projected.residuals.model.robot.n_joints
     for highest in _BANDS[1:]:
-        if rows**2 * joints * 2 * highest > _MOST_WORK or (found is not None and found.at_end < _MAY_GO_ON):
+        if rows**2 * joints * 2 * highest > MOST_WORK or (found is not None and found.at_end < _MAY_GO_ON):
             break
         wider = _learned(projected, highest)
         if wider is not None and found is not None and not _is_better(wider, found):
             break
         found = wider or found
-    return None if found is None else found.curves
+    return None if found is None else _with_laws_beside(projected, found).curves
+
+
+def laws_or_curves(curves: LearnedCurves | None, laws: FoundLaws | None) -> LearnedCurves | None:
+    """Laws of a residual where they say as much as its curves with a third of their parameters; else the curves."""
+    if laws is None:
+        return curves
+    found = LearnedCurves(laws.members, laws.log_evidence, laws.left_out_mm, laws)
+    return found if curves is None or says_as_much(found, found.log_evidence, curves) else curves
+
+
+def says_as_much(laws: LearnedCurves, log_evidence: float, curves: LearnedCurves) -> bool:
+    """Whether laws, with so much log evidence, say as much as curves with a third of the parameters.
+
+    Or more, with no more parameters: laws that were found beside curves may have made all of these superfluous.
+    """
+    few = SHARE_OF_PARAMETERS * laws.parameters <= curves.parameters and log_evidence >= curves.log_evidence - _MAY_LOSE
+    return few or (laws.parameters <= curves.parameters and log_evidence >= curves.log_evidence)
 
 
 @dataclass(frozen=True)
 class _Found:
-    """Curves learned with harmonics up to some order."""
+    """Curves learned with harmonics up to some order, with the evidence that they came from."""
 
     curves: LearnedCurves
-    left_out_mm: float  # RMS per coordinate when each pose is predicted from the others
+    chosen: list[_Candidate]
+    evidence: CurveEvidence
+    spectrum: Spectrum
+    left_out_mm: Array  # (R,) error of each coordinate when its pose is predicted from the others
     at_end: float  # prior sigma of the highest order, over that of the lowest: large where higher ones may count
 
 
 def _is_better(wider: _Found, found: _Found) -> bool:
     """Whether evidence and left-out poses both speak for curves of a wider band."""
     gain = wider.curves.log_evidence - found.curves.log_evidence
-    return gain > _MIN_GAIN and wider.left_out_mm < found.left_out_mm
+    return gain > _MIN_GAIN and wider.curves.left_out_mm < found.curves.left_out_mm
 
 
 def _learned(projected: ProjectedResidual, highest: int) -> _Found | None:
@@ -129,23 +170,48 @@ def _learned(projected: ProjectedResidual, highest: int) -> _Found | None:
     noise = float(np.sqrt(evidence.at(spectrum).quadratic / evidence.dof))
     if not members:
         return None
-    left_out_mm = _left_out_mm(projected, members, noise)
-    if left_out_mm >= cross_validated_rmse_mm(projected):
+    left_out_mm = left_out_with(projected, members, noise)
+    if rms(left_out_mm) >= cross_validated_rmse_mm(projected):
         return None
     bandwidth, slope = np.exp(spectrum.logs[-2:])
     at_end = float(1.0 / np.sqrt(1.0 + (highest / bandwidth) ** (2.0 * slope)))
-    return _Found(LearnedCurves(tuple(members), value - paid), left_out_mm, at_end)
+    curves = LearnedCurves(tuple(members), value - paid, rms(left_out_mm))
+    return _Found(curves, chosen, evidence, spectrum, left_out_mm, at_end)
 
 
-def _left_out_mm(projected: ProjectedResidual, members: list[SmoothJointError], noise: float) -> float:
-    """RMS per coordinate, mm, when each pose is predicted from the others with the curves (leave one pose out)."""
-    directions = joint_directions(projected)
-    columns = [
-        projected.motion_columns(directions[m.joint], m.modes.at(input_values(projected.state, m.modes.input)))
-        for m in members
-    ]
-    spread = np.concatenate([np.array(m.prior_sigma_rad) for m in members]) / noise
-    return cross_validated_rmse_mm(projected, np.concatenate(columns, axis=1), spread)
+def _with_laws_beside(projected: ProjectedResidual, found: _Found) -> _Found:
+    """Curves with laws of two inputs or of the way that a joint came beside them, where these earn their place.
+
+    Each is charged for all that were tried; together they have to predict left-out poses better than without.
+    """
+    tried = law_columns(projected, besides=OF_ONE_INPUT)
+    if not tried.forms:
+        return found
+    blocks = tried.blocks
+    evidence, spectrum, chosen = found.evidence, found.spectrum, list(found.chosen)
+    price, value, further = float(np.log(len(blocks))), found.curves.log_evidence, evidence.further(blocks)
+    for _ in range(_MOST_OTHERS):
+        gains = evidence.gains_of(spectrum, further)
+        best = max(range(len(gains)), key=lambda k: gains[k][0])
+        if gains[best][0] < _MIN_GAIN + price:
+            break
+        value += gains[best][0] - price
+        chosen.append(_Candidate(tried.forms[best].joint, tried.forms[best].modes, blocks[best]))
+        evidence, further = evidence.joined(blocks[best]), further.beside(blocks[best])
+        logs = spectrum.logs
+        spectrum = Spectrum(np.concatenate([logs[:-2], [gains[best][1]], logs[-2:]]))
+    if len(chosen) == len(found.chosen):
+        return found
+    spectrum = evidence.best((spectrum,))[1]
+    members = _members(projected, chosen, evidence, spectrum)
+    noise = float(np.sqrt(evidence.at(spectrum).quadratic / evidence.dof))
+    if not members:
+        return found
+    left_out_mm = left_out_with(projected, members, noise)
+    if standard_errors_of_fall(projected, found.left_out_mm, left_out_mm) < MIN_STANDARD_ERRORS:
+        return found
+    curves = LearnedCurves(tuple(members), value, rms(left_out_mm), alone=found.curves)
+    return replace(found, curves=curves, chosen=chosen, evidence=evidence, spectrum=spectrum, left_out_mm=left_out_mm)
 
 
 def _members(
@@ -161,6 +227,14 @@ def _members(
         now = evidence.at(spectrum).log_evidence - _without(evidence, spectrum, k)
         if now <= _MIN_MEMBER_GAIN:  # a formula that came in explains what this curve did
             spectrum = _flat(spectrum, k)
+            continue
+        modes = chosen[k].modes
+        if isinstance(modes, FormulaModes):  # a law
+            noise = float(np.sqrt(evidence.at(spectrum).quadratic / evidence.dof))
+            law = law_member(LawForm(chosen[k].joint, modes), float(np.exp(spectrum.logs[k])) * noise)
+            same = [m for m in out if m.joint == law.joint and inputs_named(m.modes) == inputs_named(modes)]
+            out = [m for m in out if m not in same]
+            out.append(summed_laws(same[0], law) if same else law)
             continue
         found = _formula(projected, chosen[k], evidence, spectrum, k, now) if len(order) <= _MOST_FORMULAS else None
         if found is None:
@@ -272,6 +346,7 @@ def _curve_member(
     projected: ProjectedResidual, candidate: _Candidate, evidence: CurveEvidence, found: CurvePosterior, k: int
 ) -> SmoothJointError | None:
     """Effect of one learned curve, as a sum of its visible Karhunen-Loeve modes; None without visible modes."""
+    assert isinstance(candidate.modes, CurveModes)
     of_member = evidence.curve.member == k
     noise = float(np.sqrt(found.quadratic / evidence.dof))
     spread = found.prior_sigma[of_member] * noise
@@ -279,7 +354,7 @@ def _curve_member(
     _, size, turn = np.linalg.svd(at_poses, full_matrices=False)
     rms = size / np.sqrt(len(at_poses))
     weights = spread[:, None] * turn.T / np.maximum(rms, 1e-300)
-    shows = np.linalg.norm(candidate.columns.columns @ weights, axis=0) * rms > _MIN_VISIBLE * noise
+    shows = np.linalg.norm(candidate.columns.columns @ weights, axis=0) * rms > MIN_VISIBLE * noise
     if not np.any(shows):
         return None
     m = candidate.modes

@@ -15,8 +15,14 @@ from calib.array_types import Array
 from calib.calibration.result import Calibration
 from calib.dataset.input_names import quantity_of, summed_joints
 from calib.effects.effect import full_name
-from calib.screening.curves.fitted_curves import FittedCurve, fitted_curves, learned_members
-from calib.screening.curves.smooth_joint_error import CurveModes, SmoothJointError
+from calib.screening.curves.fitted_curves import FittedCurve, fitted_curves, learned_members, members_of_one_input
+from calib.screening.curves.smooth_joint_error import (
+    CouplingModes,
+    CurveModes,
+    FormulaModes,
+    SmoothJointError,
+    inputs_named,
+)
 
 SLOPE, WAVE, WAVES, BUMP, LOAD, TWO_JOINTS, OTHER_INPUT, ROUGH = (
     *("slope", "wave", "waves", "bump", "load ripple", "two joints", "other input", "rough"),
@@ -65,17 +71,19 @@ class CurveReading:
 
 @lru_cache(maxsize=4)
 def curve_readings(calibration: Calibration) -> tuple[CurveReading, ...]:
-    """Readings of all learned curves in a fit's model."""
-    pairs = zip(learned_members(calibration), fitted_curves(calibration), strict=True)
+    """Readings of all learned curves in a fit's model, but couplings of all joints, which have no one input."""
+    pairs = zip(members_of_one_input(calibration), fitted_curves(calibration), strict=True)
     return tuple(_reading(member, curve, calibration) for member, curve in pairs)
 
 
 def _reading(member: SmoothJointError, curve: FittedCurve, calibration: Calibration) -> CurveReading:
-    own = curve.input == f"q{curve.joint + 1}" and curve.input_unit == "deg"
+    own = curve.input == f"q{curve.joint + 1}" and curve.input_unit == "deg" and not curve.factor
     if not own:
-        kind = TWO_JOINTS if summed_joints(curve.input) is not None else OTHER_INPUT
-        kind = LOAD if quantity_of(curve.input) == "torque" else kind
-        return CurveReading(curve.joint + 1, curve.input, kind, 1.0, (), None, curve.rms, None, None)
+        two = summed_joints(curve.input) is not None or quantity_of(curve.input) == "q"
+        kind = TWO_JOINTS if two and not curve.factor else OTHER_INPUT
+        kind = LOAD if quantity_of(curve.factor or curve.input) == "torque" else kind
+        return CurveReading(curve.joint + 1, inputs_named(member.modes), kind, 1.0, (), None, curve.rms, None, None)
+    assert not isinstance(member.modes, CouplingModes)
     values = dict(zip((p.name for p in calibration.fit.parameters), calibration.fit.x.tolist(), strict=True))
     u = np.linspace(curve.measured[0], curve.measured[-1], _PLACES)
     value = member.modes.at(u) @ np.array([values[full_name(member, p)] for p in member.parameters])
@@ -103,16 +111,22 @@ def _per_motor_turn(order: int, ratio: float | None) -> int | None:
 
 
 def _sweep(curve: FittedCurve, order: int) -> Sweep:
-    low, high = np.degrees(curve.measured[0]), np.degrees(curve.measured[-1])
+    return sweep_over(curve.joint, float(curve.measured[0]), float(curve.measured[-1]), order)
+
+
+def sweep_over(joint: int, low_rad: float, high_rad: float, order: int) -> Sweep:
+    """Sweep of a joint, from 0, between two angles, dense enough to see waves of so many a turn."""
+    low, high = np.degrees(low_rad), np.degrees(high_rad)
     finest = max(360.0 / (_POINTS_A_WAVE * order), (high - low) / _MOST_POSES)
     step = max((step for step in _STEPS_DEG if step <= finest), default=_STEPS_DEG[0])
-    return Sweep(curve.joint + 1, float(np.round(low, 1)), float(np.round(high, 1)), step)
+    return Sweep(joint + 1, float(np.round(low, 1)), float(np.round(high, 1)), step)
 
 
 def _highest(member: SmoothJointError) -> int:
     """Highest number of waves a turn that a learned curve holds."""
     if isinstance(member.modes, CurveModes):
         return int(member.modes.orders.max())
+    assert isinstance(member.modes, FormulaModes)
     return max([48, *(term.order for term in member.modes.terms)])
 
 
@@ -164,3 +178,45 @@ def _share(columns: list[Array], value: Array) -> float:
     design = np.stack([column - column.mean() for column in columns], axis=1)
     found = np.linalg.lstsq(design, centred, rcond=1e-6)[0]
     return float(1.0 - np.sum((centred - design @ found) ** 2) / total)
+
+
+# ---- couplings of all joints ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class CouplingReading:
+    """Error of a joint that follows the angles of the whole arm."""
+
+    joint: int  # from 1
+    size: float  # rms over the training poses, rad
+    known: int  # number of parameters that the data determine to better than half their prior sigma
+    parameters: int
+    strongest: tuple[str, ...]  # inputs that make most of it, the first most
+
+
+@lru_cache(maxsize=4)
+def coupling_readings(calibration: Calibration) -> tuple[CouplingReading, ...]:
+    """Readings of the couplings of all joints in a fit's model; () where there are none."""
+    members = [(one, one.modes) for one in learned_members(calibration) if isinstance(one.modes, CouplingModes)]
+    if not members:
+        return ()
+    fit, after = calibration.fit, calibration.after
+    state = calibration.model.state(fit.x, calibration.dataset.poses)
+    at = {p.name: i for i, p in enumerate(fit.parameters)}
+    training = np.unique(after.pose[~after.is_test[after.pose]])
+    out = []
+    for member, modes in members:
+        own = [at[full_name(member, p)] for p in member.parameters]
+        moved = modes.at_state(state)[training] @ fit.x[own]
+        amplitudes = np.linalg.norm((modes.weights @ fit.x[own]).reshape(-1, 2), axis=1)
+        strongest = np.argsort(amplitudes)[::-1][:MOST_WAVES]
+        out.append(
+            CouplingReading(
+                joint=member.joint + 1,
+                size=float(np.sqrt(np.mean(moved**2))),
+                known=int(np.count_nonzero(fit.sigma[own] < 0.5 * np.array(member.prior_sigma_rad))),
+                parameters=len(own),
+                strongest=tuple(modes.inputs[k] for k in strongest),
+            )
+        )
+    return tuple(out)

@@ -8,7 +8,7 @@ from calib.present.cause.candidates import discriminating_section
 from calib.present.fit.curves import BAND_NOTE, curve_blocks
 from calib.rendering.blocks import Paragraph
 from calib.rendering.html import panel
-from calib.screening.curves.fitted_curves import fitted_curves
+from calib.screening.curves.fitted_curves import fitted_curves, learned_members
 from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.figures.curve_plots import height_px, joint_curves
 from inspector.figures.residual_plots import added_variable
@@ -172,7 +172,7 @@ class MissingEffectsPanel:
         calibration = view.session.calibration
         drawn = () if calibration is None else fitted_curves(calibration)
         self._curves.visible = bool(drawn)
-        if calibration is None or not drawn:
+        if calibration is None or not learned_members(calibration):
             self._learned.content = ""
             return
         self._learned.content = panel(
@@ -182,6 +182,8 @@ class MissingEffectsPanel:
                 Paragraph(BAND_NOTE, soft=True),
             ]
         )
+        if not drawn:  # couplings of all joints have no one input
+            return
         self._curves.aspect = height_px(len(drawn)) / PANEL_PX
         robot = calibration.model.robot
         self._curves.figure = joint_curves(drawn, robot, selected=view.joint)

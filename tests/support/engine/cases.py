@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.kinematics.robot import Joint, Robot, Target, Tool
-from tests.support.engine import joint_causes, load_causes, scanner_causes, unforeseen_causes
+from tests.support.engine import joint_causes, law_causes, load_causes, scanner_causes, unforeseen_causes
 from tests.support.engine.arms import ArmTable, draw_arm
 from tests.support.engine.cause import Cause
 from tests.support.engine.cell import TARGETS, Cell, draw_cell
@@ -50,7 +50,7 @@ UNFORESEEN = {
         *("unwritten_backlash", "cracked_floor"),
     ),
 }
-CAUSES = {**CATALOGUE, **NEW, **UNFORESEEN}
+CAUSES = {**CATALOGUE, **NEW, **UNFORESEEN, **law_causes.LAW_CAUSES}
 
 
 @dataclass(frozen=True)
@@ -172,9 +172,10 @@ def _poses(case: Case, cell: Cell, rng: np.random.Generator) -> Poses:
     role[0] = "reference"
     role[1 + rng.permutation(n - 1)[: round(0.2 * (n - 1))]] = "test"
     needs = set(case.causes)
-    time = rng.random() < 0.85 or bool(needs & {"scanner_drift", "warm_up"})
+    time = rng.random() < 0.85 or bool(needs & {"scanner_drift", "warm_up", "rubber_hose"})
     warm = (rng.random() < 0.7 or "thermal_growth" in needs) and "warm_up" not in needs
-    sides = (rng.random() < 0.7 or "backlash" in needs) and "unwritten_backlash" not in needs
+    written = bool(needs & {"backlash", "side_by_place", "side_by_load"})
+    sides = (rng.random() < 0.7 or written) and "unwritten_backlash" not in needs
     return Poses(
         ids=tuple(f"p{k + 1:03d}" for k in range(n)),
         role=role,
