@@ -11,7 +11,7 @@ import numpy as np
 from calib.dataset.dataset import Dataset
 from calib.dataset_import.bad_rows import NOTHING_LEFT_OUT, LeftOutRows, left_out_rows, too_many_bad_rows
 from calib.dataset_import.columns import Column, Meaning, Recognised, length_column
-from calib.dataset_import.convention import Sheet, settled
+from calib.dataset_import.convention import Sheet, has_known_unit, settled
 from calib.dataset_import.reading import (
     ImportReport,
     joint_values,
@@ -280,6 +280,8 @@ def _with_numbers(
         place = of_one_place(near, row_of, (other or table, of_points), setups)
         sheet = Sheet(tuple(ids), q, place * LENGTHS_MM[unit])
         seen = seen * LENGTHS_MM[unit]
+    if sources.joint_unit_is_unknown and not has_known_unit(report, sources.robots, sheet, meant, table.path):
+        return _plan(report, sources, columns, None, len(table))
     taken = settled(report, sources.robots, sheet, meant, table.path)
     q = taken.joints.of(q)
     columns[table.path] = (table, taken.applied(columns[table.path][1], units))

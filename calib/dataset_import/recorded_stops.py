@@ -50,7 +50,6 @@ class RecordedPoses:
 
     joints: UserTable
     points: UserTable | None  # None where the points come from another table
-    point_sigma: float | None  # of a mean, each axis, in the points' unit
     notes: tuple[str, ...]
     doubts: tuple[str, ...]
     mapping: Mapping[str, Meaning]  # of the tables' columns
@@ -97,7 +96,7 @@ def recorded_poses(robot: Robot, joints: Path, points: Path | None, mapping: Map
     if is_table:  # rows of a pose each, by name or in order
         everything = np.ones(len(rest.phases), dtype=bool)
         table = _joint_table(joints, series, columns, rest, _sides(series, columns, rest), everything, notes)
-        return RecordedPoses(table, None, None, tuple(notes), tuple(doubts), told, read.unit_is_unknown)
+        return RecordedPoses(table, None, tuple(notes), tuple(doubts), told, read.unit_is_unknown)
     is_same = other.resolve() == file.resolve()
     of_points = read if is_same else _read(other, robot, mapping)
     notes += [] if is_same else of_points.notes
@@ -115,9 +114,11 @@ def recorded_poses(robot: Robot, joints: Path, points: Path | None, mapping: Map
     kept = _with_known_sides(series, sides, kept, notes)
     table = _joint_table(joints, series, columns, rest, sides, kept, notes)
     ids = table.text("pose")
-    point_table, sigma = _point_table(other, seen, means, kept, ids, len(rest.phases), notes)
-    doubts += _computed(robot, q, rest, means[0].mean, kept, seen[0], _shown(other, seen[0]))
-    return RecordedPoses(table, point_table, sigma, tuple(notes), tuple(doubts), told, read.unit_is_unknown)
+    unit_mm = _unit_mm(robot, _mean_q(q, rest), means[0].mean, seen[0])
+    notes += _means_note(_shown(other, seen[0]), means[0], kept, unit_mm)
+    doubts += _computed(robot, q, rest, (means[0].mean, unit_mm), kept, _shown(other, seen[0]))
+    point_table = _point_table(other, seen, means, kept, ids)
+    return RecordedPoses(table, point_table, tuple(notes), tuple(doubts), told, read.unit_is_unknown)
 
 
 def _told(mapping: Mapping[str, Meaning], columns: Sequence[Column]) -> dict[str, Meaning]:
@@ -191,8 +192,8 @@ def _joints_of(
         )
         possible = [best[0]]
     chosen, columns = possible[0]
-    known = np.isfinite(chosen.values[:, [chosen.names.index(column.name) for column in columns]]).all(axis=1)
-    kept = chosen.kept(known)
+    rows = chosen.values[:, [chosen.names.index(column.name) for column in columns]]
+    kept = chosen.kept(np.logical_and.reduce(np.isfinite(rows), axis=1))
     values = kept.values[:, [kept.names.index(column.name) for column in columns]]
     if len(kept) < 10:
         raise RecordingError(f"{file}: {chosen.source} has {len(kept)} rows with all joints; record the whole run")
@@ -306,6 +307,16 @@ def _q(robot: Robot, series: JointSeries, columns: Sequence[Column]) -> Array:
     return out
 
 
+def _mean_q(q: Array, rest: Standstill) -> Array:
+    """Joint values (K, n) of each phase."""
+    return np.array([q[phase.first : phase.last + 1].mean(axis=0) for phase in rest.phases])
+
+
+def _unit_mm(robot: Robot, q: Array, points: Array, seen: PointSeries) -> float:
+    """Millimetres of the points' unit, by its name or by their spread."""
+    return LENGTHS_MM[seen.unit or length_unit(robot, q, points)[0]]
+
+
 def _clock(
     robot: Robot,
     joints: tuple[JointSeries, Array, Standstill],
@@ -320,7 +331,7 @@ def _clock(
     starts, ends = rest.starts_s(series.time_s), rest.ends_s(series.time_s)
     if len(seen) < _DENSE * len(rest.phases) or np.median(np.diff(seen.time_s)) > 1.0:
         clock = offset_of_single_points(names, starts, ends, seen.time_s)
-        how = "as recorded" if clock.offset_s == 0.0 else f"{clock.offset_s:.3f} s, sigma {clock.sigma_s:.3f} s"
+        how = "as recorded" if clock.offset_s == 0.0 else f"{clock.offset_s:.3f} s, sigma {1e3 * clock.sigma_s:.2g} ms"
         notes.append(
             f"{names[1]}: single points; offset of their clock to the joints': {how}, by which they fall into phases"
         )
@@ -336,9 +347,7 @@ def _clock(
 
     def misfit(offset_s: float) -> float:
         found = _point_means(seen, series.time_s, rest, ClockOffset(offset_s, 0.0, 1.0)).mean
-        mean_q = np.array([q[phase.first : phase.last + 1].mean(axis=0) for phase in rest.phases])
-        unit, _ = length_unit(robot, mean_q, found)
-        sample = sample_of(mean_q, found * LENGTHS_MM[seen.unit or unit])
+        sample = sample_of(_mean_q(q, rest), found * _unit_mm(robot, _mean_q(q, rest), found, seen))
         return misfit_mm(robot, sample) if sample.is_enough else np.inf
 
     rough = settled_offset(names, possible, misfit)
@@ -346,12 +355,14 @@ def _clock(
     clock = refined(path_s, path_mm, seen.time_s, seen.xyz, rough, spans[spans[:, 1] - spans[:, 0] < 60.0])
     if is_same and abs(clock.offset_s) <= max(3.0 * clock.sigma_s, 2e-3):
         notes.append(
-            f"{names[1]}: clocks of joints and points agree to {abs(clock.offset_s):.3f} s, sigma {clock.sigma_s:.3f} s"
+            f"{names[1]}: clocks of joints and points agree to {abs(clock.offset_s):.3f} s, sigma "
+            f"{1e3 * clock.sigma_s:.2g} ms"
         )
         return replace(clock, offset_s=0.0)
     ahead = "behind" if clock.offset_s < 0.0 else "ahead of"
     notes.append(
-        f"{names[1]}: its clock is {abs(clock.offset_s):.3f} s {ahead} the joints', sigma {clock.sigma_s:.3f} s, by "
+        f"{names[1]}: its clock is {abs(clock.offset_s):.3f} s {ahead} the joints', sigma {1e3 * clock.sigma_s:.2g} "
+        f"ms, by "
         f"{clock.travels} travels (correlation of the speeds {clock.correlation:.2f}); taken into account"
     )
     if clock.drift:
@@ -484,42 +495,53 @@ def _conditions(
 
 
 def _point_table(
-    path: Path, seen: Sequence[PointSeries], means: Sequence[Means], kept: BoolArray, ids: list[str], count: int,
-    notes: list[str],
-) -> tuple[UserTable, float | None]:  # fmt: skip
-    """Table of the points, with the sigma of a mean."""
+    path: Path, seen: Sequence[PointSeries], means: Sequence[Means], kept: BoolArray, ids: list[str]
+) -> UserTable:
+    """Table of the points, a row for each target of a phase that is kept."""
     with_targets = len(seen) > 1
     unit = f" [{seen[0].unit}]" if seen[0].unit else ""
     header = ("pose", *(("target",) if with_targets else ()), f"x{unit}", f"y{unit}", f"z{unit}")
     wanted, rows, lines = set(ids), [], []
     for series, found in zip(seen, means, strict=True):
-        for k in range(count):
-            if kept[k] and f"p{k + 1}" in wanted and np.isfinite(found.mean[k]).all():
+        for k in np.flatnonzero(kept):
+            if f"p{k + 1}" in wanted and np.isfinite(found.mean[k]).all():
                 xyz = (repr(float(v)) for v in found.mean[k])
                 rows.append((f"p{k + 1}", *((series.label,) if with_targets else ()), *xyz))
-                lines.append(k + 1)
-    first = means[0]
-    counts = first.counts[kept]
-    sigma = float(np.sqrt(np.mean(first.sigma[kept] ** 2))) if first.scatter.any() else None
-    if sigma is not None:
-        notes.append(
-            f"{_shown(path, seen[0])}: {counts.min():.0f} to {counts.max():.0f} points a stop; one scatters by "
-            f"{float(np.sqrt(np.mean(first.scatter**2))):.3g}, {first.tau:.1f} in a row tell as much as one, so that "
-            f"a mean has "
-            f"sigma {sigma:.2g} (in the points' unit) while the arm stands"
-            + (f"; {first.left_out} wild points are left out" if first.left_out else "")
-        )
-    return UserTable(path, header, tuple(rows), tuple(lines), True), sigma
+                lines.append(int(k) + 1)
+    return UserTable(path, header, tuple(rows), tuple(lines), True)
+
+
+def _means_note(name: str, means: Means, kept: BoolArray, unit_mm: float) -> list[str]:
+    """How many points were averaged at each stop, and how exact the means are while the arm stands.
+
+    This sigma is not declared as the dataset's noise: what changes from stop to stop is not in it, and with it as the
+    noise arms that are only less repeatable by 0.03 mm would be told to have an unknown cause.
+    """
+    counts = means.counts[kept]
+    of_each = f"{counts.min():.0f} to {counts.max():.0f} points a stop are averaged"
+    if not means.scatter.any():
+        return [f"{name}: {of_each}"]
+    scatter_mm = unit_mm * float(np.sqrt(np.mean(means.scatter**2)))
+    sigma_mm = unit_mm * float(np.sqrt(np.mean(means.sigma[kept] ** 2)))
+    wild = f"; {means.left_out} outlying points are left out" if means.left_out else ""
+    return [
+        f"{name}: {of_each}: one scatters by {scatter_mm:.3g} mm, {means.tau:.1f} in a row tell as much as one, so "
+        f"that "
+        f"a mean has sigma {sigma_mm:.2g} mm each axis; what changes from stop to stop is not in it, so the noise "
+        f"stays "
+        f"undeclared (--sigma){wild}"
+    ]
 
 
 def _computed(
-    robot: Robot, q: Array, rest: Standstill, mean: Array, kept: BoolArray, seen: PointSeries, name: str
+    robot: Robot, q: Array, rest: Standstill, points: tuple[Array, float], kept: BoolArray, name: str
 ) -> list[str]:
-    """Doubt where the points agree with the nominal arm as none that was measured does."""
-    mean_q = np.array([q[phase.first : phase.last + 1].mean(axis=0) for phase in rest.phases])[kept]
-    points = mean[kept]
-    unit, _ = length_unit(robot, mean_q, points)
-    sample = sample_of(mean_q, points * LENGTHS_MM[seen.unit or unit])
+    """Doubt where the points agree with the nominal arm as none that was measured does.
+
+    points  # (K, 3) of each phase, and the mm of their unit
+    """
+    mean, unit_mm = points
+    sample = sample_of(_mean_q(q, rest)[kept], mean[kept] * unit_mm)
     if sample.is_enough and misfit_mm(robot, sample) < _COMPUTED_MM:
         return [f"{name}: agrees with the nominal arm to {_COMPUTED_MM:g} mm: computed from the joints, not measured?"]
     return []

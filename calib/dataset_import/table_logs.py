@@ -257,7 +257,8 @@ def _parquet(path: Path) -> tuple[_Log, list[str]]:
             array = np.array([[np.nan] * width if row is None else row for row in rows], dtype=float)
             named = info.get(name, ())
             for k in range(width):
-                axis = "xyz"[k] if width == 3 and len(named) != width else str(k + 1)
+                is_joints = plain(name).endswith(("state", "joints", "positions", "position", "q", "qpos", "angles"))
+                axis = f"q{k + 1}" if is_joints else "xyz"[k] if width == 3 else str(k + 1)
                 label = str(named[k]) if len(named) == width else axis
                 made[f"{name}_{label}"] = array[:, k]
         else:
@@ -517,8 +518,9 @@ def describe(path: Path) -> tuple[bool, bool]:
         head = head_of(path)
         log = _named_by_cells(_Log(path, head.columns, _frame_of(head)))
     meant = recognise(_positions(log), None, {})
-    named = sum(name.endswith("/position") for name in log.columns)
-    return ("q1" in meant.columns or bool(meant.faults) or named > 1, bool(_triples(log, {}, set())))
+    named = [n for n in _positions(log) if n.startswith(_STATE) or n.endswith(("/position", "joint"))]
+    named += [n for n in _positions(log) if split_unit(n)[1] in ("deg", "rad")]
+    return ("q1" in meant.columns or bool(meant.faults) or len(named) > 1, bool(_triples(log, {}, set())))
 
 
 __all__ = ["DatasetError", "describe", "has_time", "is_log", "read_table_log"]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 import json
 import math
+import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -120,7 +121,7 @@ class _Mcap:
             try:
                 for schema, channel, _ in NonSeekingReader(self._stream).iter_messages(log_time_order=False):
                     channels[channel.id] = (schema, channel, channels.get(channel.id, (None, None, 0))[2] + 1)
-            except (McapError, EOFError):
+            except (McapError, EOFError, struct.error):
                 if not channels:
                     raise
                 self.is_cut = True
@@ -155,7 +156,7 @@ class _Mcap:
                 decode = decoders[channel.id]
                 if decode is not None:
                     yield channel.topic, message.log_time * 1e-9, decode(message.data)
-        except (McapError, EOFError):
+        except (McapError, EOFError, struct.error):
             if not self.is_cut:
                 raise
 

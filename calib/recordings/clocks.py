@@ -18,10 +18,10 @@ from calib.recordings.series import RecordingError
 
 STEP_S = 0.02
 _SMOOTH_S = 0.08
-_LEAST_CORRELATION = 0.5
+_LEAST_CORRELATION = 0.85
 _RIVAL = 0.8  # of the best correlation, from which another lag is possible, too
 _APART_S = 0.6  # of two lags that are not one
-_LEAST_OVERLAP = 0.3  # of the shorter recording
+_LEAST_OVERLAP = 0.5  # of the shorter recording
 _MOST_RIVALS = 6
 _TRAVELS = 4  # at least, for a sigma
 
