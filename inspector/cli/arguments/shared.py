@@ -141,8 +141,15 @@ def import_arguments(sub: ArgumentParser) -> None:
     )
     sub.add_argument("--robot", metavar="FILE|NAME", help=f"a robot's file, or {' or '.join(BUILTIN_ROBOTS)}")
     links_arguments(sub)
-    sub.add_argument("--joints", type=Path, metavar="FILE.csv", help="joint values, a row a pose")
-    sub.add_argument("--points", type=Path, metavar="FILE.csv", help="measured points (default: in --joints)")
+    sub.add_argument(
+        "--joints",
+        type=Path,
+        metavar="FILE",
+        help="joint values, a row a pose, or a recording (.bag, .mcap, log.csv ...)",
+    )
+    sub.add_argument(
+        "--points", type=Path, metavar="FILE", help="measured points (default: in --joints); FILE#TOPIC of a bag"
+    )
     sub.add_argument("--scans", type=Path, metavar="FOLDER", help="point clouds, a file a pose")
     sub.add_argument(
         "--map",
