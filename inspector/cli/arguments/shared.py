@@ -117,8 +117,10 @@ def add_residual(sub: ArgumentParser) -> None:
 
 def convert_arguments(sub: ArgumentParser) -> None:
     """Add the arguments of `convert`: IN, OUT, and options that select the arm in the files."""
-    sub.add_argument("source", type=Path, metavar="IN", help="a robot: .urdf .xacro .toml .yaml .conf .csv .xml")
-    sub.add_argument("out", type=Path, metavar="OUT", help="the form follows the suffix: .toml .urdf .yaml")
+    sub.add_argument("source", type=Path, metavar="IN", help="a robot: .urdf .xacro .sdf .toml .yaml .conf .csv .xml")
+    sub.add_argument(
+        "out", type=Path, metavar="OUT", help="the form follows the suffix: .toml .urdf .sdf .xml (MuJoCo) .yaml"
+    )
     links_arguments(sub)
     sub.add_argument(
         "--template",
