@@ -8,6 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.array_types import Array
+from calib.consistency.own_pose import own_pose_columns, table_disagreement_mm
+from calib.consistency.own_pose import told as own_pose_told
 from calib.dataset.dataset import Dataset
 from calib.dataset_import.bad_rows import NOTHING_LEFT_OUT, LeftOutRows, left_out_rows, too_many_bad_rows
 from calib.dataset_import.columns import Column, Meaning, Recognised, length_column
@@ -32,7 +35,7 @@ from calib.errors import DatasetError
 from calib.kinematics.robot import Vector
 from calib.robot_formats.conventions import RobotReading
 from calib.robot_formats.robot_file import RobotFile
-from calib.text_files.user_table import Fault, RowFault, UserTable, load_table
+from calib.text_files.user_table import Fault, RowFault, UserTable, load_table, split_unit
 
 _NO_ROBOT = "no robot is chosen: give a URDF, a robot.toml or another form, or choose a built-in one"
 _EXAMPLES = 3
@@ -294,6 +297,7 @@ def _with_numbers(
     measured = None if near is None else np.asarray(np.isfinite(near).all(axis=1))
     if length_column(of_points) is not None:
         measured = np.isin(np.arange(len(ids)), row_of)
+    _compare_with_controller(report, table, q)
     poses_csv = poses_text(report, table, columns[table.path][1], ids, q, sources.scans, measured)
     of_lengths = None
     if length_column(of_points) is not None:
@@ -315,6 +319,25 @@ def _with_numbers(
         report.fault(f"{table.path}: {error}")
         return _plan(report, sources, columns, None, len(table), robot_file)
     return replace(_plan(report, sources, columns, content, len(table), robot_file), preview=preview)
+
+
+def _compare_with_controller(report: ImportReport, table: UserTable, q: Array) -> None:
+    """Note, or doubt, on whether the poses that the controller wrote down are those of the robot's table."""
+    by_base = {split_unit(name)[0]: name for name in table.columns}
+    found = own_pose_columns(list(by_base))
+    if found is None or report.robot is None:
+        return
+    names = [by_base[base] for base in found]
+    places = np.column_stack([table.numbers(name, lambda _: None) for name in names])
+    known = np.isfinite(places).all(axis=1) & np.isfinite(q).all(axis=1)
+    if not known.any():
+        return
+    unit = split_unit(names[0])[1]
+    unit = unit if unit in LENGTHS_MM else length_unit(report.robot, q[known], places[known])[0]
+    off_mm = table_disagreement_mm(report.robot, q[known], places[known] * LENGTHS_MM[unit])
+    if off_mm is not None:
+        agrees, sentence = own_pose_told(f"{table.path}: {names[0]} ...", off_mm)
+        (report.notes if agrees else report.doubts).append(sentence)
 
 
 def _short(how: str) -> str:

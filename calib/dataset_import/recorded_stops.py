@@ -11,6 +11,8 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray
 from calib.consistency.agreement import misfit_mm, sample_of
+from calib.consistency.own_pose import table_disagreement_mm
+from calib.consistency.own_pose import told as told_of_table
 from calib.dataset_import.columns import AS_MAPPED, Column, Meaning, recognise
 from calib.dataset_import.table_logs import has_time, head_of, is_always_log, is_log, read_table_log
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, length_unit
@@ -117,6 +119,9 @@ def recorded_poses(robot: Robot, joints: Path, points: Path | None, mapping: Map
     unit_mm = _unit_mm(robot, _mean_q(q, rest), means[0].mean, seen[0])
     notes += _means_note(_shown(other, seen[0]), means[0], kept, unit_mm)
     doubts += _computed(robot, q, rest, (means[0].mean, unit_mm), kept, _shown(other, seen[0]))
+    for name, off_mm in _of_controller(robot, series, q, rest, read.points):
+        agrees, sentence = told_of_table(f"{file}: {visible(name)}", off_mm)
+        (notes if agrees else doubts).append(sentence)
     point_table = _point_table(other, seen, means, kept, ids)
     return RecordedPoses(table, point_table, tuple(notes), tuple(doubts), told, read.unit_is_unknown)
 
@@ -531,6 +536,21 @@ def _means_note(name: str, means: Means, kept: BoolArray, unit_mm: float) -> lis
         f"stays "
         f"undeclared (--sigma){wild}"
     ]
+
+
+def _of_controller(
+    robot: Robot, series: JointSeries, q: Array, rest: Standstill, points: Sequence[PointSeries]
+) -> list[tuple[str, float]]:
+    """Poses that the controller computed, by name, with how far they are from the robot's table, mm."""
+    out = []
+    for own in (each for each in points if each.is_controllers_own and _spread(each.xyz) > 0.0):
+        mean = _point_means(own, series.time_s, rest, ClockOffset(0.0, 0.0, 1.0)).mean
+        known = np.isfinite(mean).all(axis=1)
+        if known.any():
+            at = _mean_q(q, rest)[known]
+            off_mm = table_disagreement_mm(robot, at, mean[known] * _unit_mm(robot, at, mean[known], own))
+            out += [] if off_mm is None else [(own.name, off_mm)]
+    return out
 
 
 def _computed(

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from calib.array_types import Array
+from calib.consistency.own_pose import own_pose_columns
 from calib.dataset_import.columns import Meaning, recognise
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
@@ -430,6 +431,7 @@ def _columns_of_interest(log: _Log, robot: Robot, mapping: Mapping[str, Meaning]
     triples = [name for triple in _triples(log, mapping, set(joints)).values() for name in triple]
     conditions = [name for name in _condition_columns(log, joints).values() if name]
     label = _label_column(log)
+    conditions += own_pose_columns(log.columns) or ()
     return [*(() if time is None else time[1]), *joints, *triples, *conditions, *(() if label is None else (label,))]
 
 
@@ -487,7 +489,11 @@ def _label_column(log: _Log) -> str | None:
 def _points(log: _Log, time_s: Array, mapping: Mapping[str, Meaning], joints: set[str]) -> tuple[PointSeries, ...]:
     labels = _label_column(log)
     out = []
-    for key, triple in _triples(log, mapping, joints).items():
+    triples = _triples(log, mapping, joints)
+    own_columns = own_pose_columns([name for name in log.columns if name[-1:].isdigit()])
+    if own_columns is not None:
+        triples[f"tcp {own_columns[0]}"] = own_columns
+    for key, triple in triples.items():
         xyz = np.column_stack([log.numbers(name) for name in triple])
         known = np.isfinite(xyz).all(axis=1)
         units = {mapping[n].unit if n in mapping else split_unit(n)[1] for n in triple}

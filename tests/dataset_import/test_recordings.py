@@ -783,6 +783,24 @@ def test_a_recording_that_cannot_be_used_is_refused_in_one_sentence(
 
 
 @pytest.mark.thorough
+def test_a_damaged_bag_is_read_or_told_in_one_line(
+    run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(0)
+    for make, name in ((ros1_bag(stamped_point), "run.bag"), (mcap_of_ros2(), "run.mcap")):
+        make(run, tmp_path)
+        whole = bytearray((tmp_path / name).read_bytes())
+        for _ in range(6):
+            content = bytearray(whole)
+            for at in rng.integers(0, len(content), 40):
+                content[at] = rng.integers(256)
+            (tmp_path / name).write_bytes(content)
+            code, _, err = imported(tmp_path, ["--joints", str(tmp_path / name), "--dry-run"], capsys)
+            assert code in (0, 1)
+            assert "internal error" not in err
+
+
+@pytest.mark.thorough
 def test_what_was_named_is_taken(run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of two reflectors one is named, and a pose of the controller, where it is asked for, with a doubt."""
     log = two_sources(run, tmp_path)[1]

@@ -18,6 +18,7 @@ from calib.kinematics.robot import Robot, Target
 from calib.robot_formats.robots import load_robot, save_robot
 from inspector.cli.parser import main
 from tests.support.arms import random_arm
+from tests.support.robot_texts import SDF
 
 ARMS = {
     "rb5": builtin_robot("rb5"),
@@ -137,19 +138,6 @@ def test_the_measured_point_is_a_site_and_a_link(tmp_path: Path) -> None:
     assert "tool_point" in (tmp_path / "arm.sdf").read_text()
 
 
-OLD = """<?xml version="1.0"?>
-<sdf version="1.4"><model name="old">
-  <link name="base"><pose>0 0 0.1 0 0 0</pose></link>
-  <link name="upper"><pose>0.2 0.1 0.4 0.3 -0.2 1.1</pose>
-    <inertial><pose>0.01 0.02 0.03 0 0 0</pose><mass>2.5</mass></inertial></link>
-  <link name="hand"><pose>0.5 0.3 0.9 -0.4 0.5 0.2</pose></link>
-  <joint name="shoulder" type="revolute"><parent>base</parent><child>upper</child>
-    <axis><xyz>0 0.6 0.8</xyz><limit><lower>-1.5</lower><upper>2</upper></limit></axis></joint>
-  <joint name="wrist" type="revolute"><pose>0.05 0 -0.02 0 0.3 0</pose><parent>upper</parent><child>hand</child>
-    <axis><xyz>1 0 0</xyz><limit><lower>-1e16</lower><upper>1e16</upper></limit></axis></joint>
-</model></sdf>"""
-
-
 def old_tip(q: NDArray) -> NDArray:
     """Places of the hand's origin by turning points about lines in the model's frame, as version 1.4 gives them."""
 
@@ -166,7 +154,7 @@ def old_tip(q: NDArray) -> NDArray:
 
 
 def test_poses_of_the_model_and_axes_in_it_are_understood(tmp_path: Path) -> None:
-    (tmp_path / "old.sdf").write_text(OLD)
+    (tmp_path / "old.sdf").write_text(SDF)
     robot = load_robot(tmp_path / "old.sdf")
     q = np.random.default_rng(2).uniform(-1.5, 1.5, (30, 2))
     assert np.abs(target_points(robot, q) / 1e3 - old_tip(q)).max() < 1e-9
@@ -190,8 +178,8 @@ def test_poses_of_the_model_and_axes_in_it_are_understood(tmp_path: Path) -> Non
     ],
 )
 def test_a_mistake_in_an_sdf_is_one_line(old: str, new: str, says: str, tmp_path: Path) -> None:
-    assert old in OLD
-    (tmp_path / "bad.sdf").write_text(OLD.replace(old, new, 1))
+    assert old in SDF
+    (tmp_path / "bad.sdf").write_text(SDF.replace(old, new, 1))
     with pytest.raises(CalibError, match=r"line [0-9]+: ") as found:
         load_robot(tmp_path / "bad.sdf")
     assert says in str(found.value)
