@@ -58,8 +58,8 @@ class RecordedPoses:
     unit_is_unknown: bool = False  # of the joints
 
 
-def is_recording(path: Path | None) -> bool:
-    """Whether a path is a log by time, and no table of poses."""
+def is_recording(path: Path | None, mapping: Mapping[str, Meaning]) -> bool:
+    """Whether a path is a log by time, and no table of poses, as a mapping of its time to `ignore` says."""
     if path is None:
         return False
     file, _ = recording_file(path)
@@ -68,7 +68,7 @@ def is_recording(path: Path | None) -> bool:
     if not table_file(file)[0].is_file():
         return False
     try:
-        return is_log(file, head_of(file))
+        return is_log(file, head_of(file), mapping)
     except (DatasetError, OSError):
         return False
 
@@ -93,7 +93,14 @@ def recorded_poses(robot: Robot, joints: Path, points: Path | None, mapping: Map
     told = _told(mapping, columns)
     other, wanted = (file, "") if points is None else recording_file(points)
     is_table = not (is_bag(other) or is_always_log(other) or _has_time(other))
-    rest = standstill_of(str(file), series.time_s, series.values)
+    try:
+        rest = standstill_of(str(file), series.time_s, series.values)
+    except RecordingError as error:
+        if is_bag(file) or is_always_log(file):
+            raise
+        raise RecordingError(
+            f"{error}; where its rows are poses, say so by --map with its column of time =ignore"
+        ) from None
     notes.append(_rest_note(file, series, rest))
     if is_table:  # rows of a pose each, by name or in order
         everything = np.ones(len(rest.phases), dtype=bool)

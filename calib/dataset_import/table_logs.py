@@ -87,15 +87,20 @@ def is_lerobot(path: Path) -> bool:
     return (path / "meta" / "info.json").is_file()
 
 
-def is_log(path: Path, head: UserTable) -> bool:
-    """Whether a table, of which the beginning is given, is a log by time: its rows come faster than an arm's poses."""
+def is_log(path: Path, head: UserTable, mapping: Mapping[str, Meaning]) -> bool:
+    """Whether a table, of which the beginning is given, is a log by time: its rows come faster than an arm's poses.
+
+    One whose time is mapped to `ignore` is a table of poses.
+    """
     if not head.has_header or len(head) < _FEWEST_ROWS:
         return False
     try:
         time = _time(_Log(path, head.columns, _frame_of(head)))
     except RecordingError:
         return False
-    return time is not None and len(time[0]) > 1 and _step_s(time[0]) <= _SLOWEST_S
+    if time is None or any(name in mapping and mapping[name].name == "ignore" for name in time[1]):
+        return False
+    return len(time[0]) > 1 and _step_s(time[0]) <= _SLOWEST_S
 
 
 def has_time(path: Path) -> bool:

@@ -829,6 +829,15 @@ def test_a_table_of_poses_with_times_stays_a_table(tmp_path: Path, capsys: pytes
     assert code == 0
     assert "stands" not in out
     assert len(load_dataset(tmp_path / "made").poses) == 60
+    rows[:, 0] /= 100.0  # as a simulation numbers its poses
+    table = str(write_csv(tmp_path / "t.csv", names, rows.tolist()))
+    (tmp_path / "fast").mkdir()
+    code, _, err = imported(tmp_path / "fast", ["--joints", table], capsys)
+    assert code == 2
+    assert "where its rows are poses, say so by --map" in err
+    code, _, _ = imported(tmp_path / "fast", ["--joints", table, "--map", "time_s=ignore"], capsys)
+    assert code == 0
+    assert len(load_dataset(tmp_path / "fast" / "made").poses) == 60
 
 
 def test_recordings_are_known_in_a_folder(run: Run, tmp_path: Path) -> None:
