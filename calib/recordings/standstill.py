@@ -24,6 +24,7 @@ _MOVES = 20.0  # ranges in a window that a joint's whole range has at least, whe
 _APART = 5.0  # ratio of the ranges in motion and at rest
 _EDGE_SIGMAS = 4.0  # from a phase's median, within which its ends have to be
 _LEAST_RANGE = 1e-6  # of a joint's whole range, its noise at least
+_STEP_SIGMA = 0.29  # of a rounded number, standard deviation in units of its last digit
 _GAP = 20.0  # time steps without a sample that end a phase
 
 
@@ -87,6 +88,7 @@ def standstill_of(source: str, time_s: Array, values: Array) -> Standstill:
         raise RecordingError(found_none)
     spans = _spans(share <= threshold, time_s, _GAP * step_s)
     noise = np.maximum(_noise(values, spans), _LEAST_RANGE * np.maximum(whole, 1e-300))
+    noise = np.maximum(noise, _STEP_SIGMA * _least_step(values))
     found = [trimmed(values, phase, noise) for phase in _joined(values, spans, noise)]
     long = [each for each in found if each is not None and _is_long(each, time_s)]
     if not long:
@@ -122,6 +124,13 @@ def _noise(values: Array, spans: list[Phase]) -> Array:
     """Noise (n,) of the joints at rest: the median over the phases of their standard deviation by the median."""
     each = [_spread(values[span.first : span.last + 1]) for span in spans if span.last - span.first >= LEAST_SAMPLES]
     return np.median(each, axis=0) if each else np.zeros(values.shape[1])
+
+
+def _least_step(values: Array) -> Array:
+    """Least change (n,) of each joint between two samples: the last digit of a rounded log, else next to nothing."""
+    steps = np.abs(np.diff(values, axis=0))
+    least = np.min(np.where(steps > 0.0, steps, np.inf), axis=0)
+    return np.where(np.isfinite(least), least, 0.0)
 
 
 def _spread(values: Array) -> Array:
