@@ -77,6 +77,23 @@ class Settled:
         return replace(meant, columns=columns)
 
 
+def has_known_unit(
+    report: ImportReport, readings: Sequence[RobotReading], sheet: Sheet | None, meant: Recognised, table: Path
+) -> bool:
+    """Whether the points show the unit of joints that may be no angles at all; a fault is reported where not."""
+    sample = None if sheet is None else sheet.sample
+    if sample is not None and sample.is_enough:
+        least = min(misfit_mm(each.robot.robot, sample) for each in readings)
+        if least <= AGREES * sample.spread_mm:
+            return True
+    column = meant.columns["q1"].name
+    report.fault(
+        f"{table}: the unit of {column} ... is not told: degrees, radians or normalised, and the points do not show "
+        f"which; tell it by --map '{column}=q1_deg' (or q1_rad) ..., or record joint angles"
+    )
+    return False
+
+
 def settled(
     report: ImportReport, readings: Sequence[RobotReading], sheet: Sheet | None, meant: Recognised, table: Path
 ) -> Settled:

@@ -8,10 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.array_types import Array
+from calib.consistency.own_pose import own_pose_columns, table_disagreement_mm
+from calib.consistency.own_pose import told as own_pose_told
 from calib.dataset.dataset import Dataset
 from calib.dataset_import.bad_rows import NOTHING_LEFT_OUT, LeftOutRows, left_out_rows, too_many_bad_rows
 from calib.dataset_import.columns import Column, Meaning, Recognised, length_column
-from calib.dataset_import.convention import Sheet, settled
+from calib.dataset_import.convention import Sheet, has_known_unit, settled
 from calib.dataset_import.reading import (
     ImportReport,
     joint_values,
@@ -24,6 +27,7 @@ from calib.dataset_import.reading import (
     require_near_spread,
     rows_of_points,
 )
+from calib.dataset_import.recorded_stops import is_recording, recorded_poses
 from calib.dataset_import.tool_offset import with_tool_offset
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, joint_units, length_unit
 from calib.dataset_import.writing import Content, checked, lengths_text, points_text, poses_text
@@ -31,8 +35,9 @@ from calib.errors import DatasetError
 from calib.kinematics.robot import Vector
 from calib.robot_formats.conventions import RobotReading
 from calib.robot_formats.robot_file import RobotFile
-from calib.text_files.user_table import Fault, RowFault, UserTable, load_table
+from calib.text_files.user_table import Fault, RowFault, UserTable, load_table, split_unit
 
+_NO_ROBOT = "no robot is chosen: give a URDF, a robot.toml or another form, or choose a built-in one"
 _EXAMPLES = 3
 _MOST_SHOWN = 60  # columns of a table
 
@@ -50,6 +55,10 @@ class ImportSources:
     point_sigma_mm: float | None = None  # of one measured point, each axis; None where it is not known
     tool_mm: Vector | None = None  # the measured point from the end of the robot's file, see `with_tool_offset`
     skip_bad_rows: bool = False
+    tables: Mapping[Path, UserTable] = field(default_factory=dict)  # made of recordings, by the path that names them
+    notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    joint_unit_is_unknown: bool = False  # whatever their size: they may be no angles at all
 
 
 @dataclass(frozen=True)
@@ -102,6 +111,16 @@ def plan_import(sources: ImportSources) -> ImportPlan:
     if sources.tool_mm is not None:
         robots = [replace(each, robot=with_tool_offset(each.robot, sources.tool_mm)) for each in sources.robots]
         sources = replace(sources, robots=tuple(robots))
+    if is_recording(sources.joints, sources.mapping):
+        report = _new_report(sources)
+        if not sources.robots:
+            report.faults += [] if sources.faults else [_NO_ROBOT]
+            return _plan(report, sources, {}, None)
+        try:
+            sources = _with_recorded_poses(sources)
+        except DatasetError as error:
+            report.fault(str(error))
+            return _plan(report, sources, {}, None)
     report = _new_report(sources)
     report.notes += _tool_note(sources)
     plan = _plan_of_rows(report, sources, NOTHING_LEFT_OUT)
@@ -120,9 +139,25 @@ def plan_import(sources: ImportSources) -> ImportPlan:
     return replace(plan, bad_rows=tuple(bad), are_left_out=True)
 
 
+def _with_recorded_poses(sources: ImportSources) -> ImportSources:
+    """Sources with tables in place of recordings, a row a pose at which the arm stood. Raises DatasetError."""
+    assert sources.joints is not None
+    robot = sources.robots[0].robot.robot
+    found = recorded_poses(robot, sources.joints, sources.points, sources.mapping)
+    points = sources.points or sources.joints.with_name(f"{sources.joints.name} (points)")
+    tables = {sources.joints: found.joints} | (
+        {} if found.points is None else {points: replace(found.points, path=points)}
+    )
+    return replace(
+        sources, points=points, tables=tables, notes=found.notes, doubts=found.doubts, mapping=found.mapping,
+        joint_unit_is_unknown=found.unit_is_unknown,
+    )  # fmt: skip
+
+
 def _new_report(sources: ImportSources) -> ImportReport:
-    """Report for one pass over the sources, with the faults of the robot."""
-    return ImportReport(sources.robots[0].robot.robot if sources.robots else None, list(sources.faults))
+    """Report for one pass over the sources, with the faults of the robot and what was found in recordings."""
+    robot = sources.robots[0].robot.robot if sources.robots else None
+    return ImportReport(robot, list(sources.faults), list(sources.notes), list(sources.doubts))
 
 
 def _tool_note(sources: ImportSources) -> list[str]:
@@ -137,7 +172,8 @@ def _tool_note(sources: ImportSources) -> list[str]:
 
 def _tables_with_rows(sources: ImportSources) -> list[UserTable]:
     """Tables of joints and points, without their faults; () for one that cannot be read."""
-    tables = (_loaded(ImportReport(None), path) for path in (sources.joints, sources.points) if path is not None)
+    paths = (sources.joints, sources.points)
+    tables = (_loaded(ImportReport(None), sources, path) for path in paths if path is not None)
     return list({table.path.resolve(): table for table in tables if table is not None}.values())
 
 
@@ -153,11 +189,11 @@ def _pose_columns(sources: ImportSources, tables: Sequence[UserTable]) -> list[s
 
 def _plan_of_rows(report: ImportReport, sources: ImportSources, left_out: LeftOutRows) -> ImportPlan:
     """Plan of an import without the rows that are left out."""
-    table = _loaded(report, sources.joints, left_out)
+    table = _loaded(report, sources, sources.joints, left_out)
     same = sources.points is None or (
         sources.joints is not None and sources.points.resolve() == sources.joints.resolve()
     )
-    other = None if same else _loaded(report, sources.points, left_out)
+    other = None if same else _loaded(report, sources, sources.points, left_out)
     tables = [each for each in (table, other) if each is not None]
     for column in sources.mapping:
         if tables and "*" not in column and not any(column in each.columns for each in tables):
@@ -165,7 +201,7 @@ def _plan_of_rows(report: ImportReport, sources: ImportSources, left_out: LeftOu
                 f"--map {column}=...: no such column; there are {', '.join(c for t in tables for c in t.columns)}"
             )
     if not sources.robots and not sources.faults:
-        report.fault("no robot is chosen: give a URDF, a robot.toml or another form, or choose a built-in one")
+        report.fault(_NO_ROBOT)
     if sources.joints is None:
         report.fault(
             "no table of joint values was found: a CSV with a column a joint, q1, q2 ..., or the joints' names"
@@ -184,10 +220,14 @@ def _plan_of_rows(report: ImportReport, sources: ImportSources, left_out: LeftOu
     return _with_numbers(report, sources, columns, table, meant, other, of_points, left_out)
 
 
-def _loaded(report: ImportReport, path: Path | None, left_out: LeftOutRows = NOTHING_LEFT_OUT) -> UserTable | None:
+def _loaded(
+    report: ImportReport, sources: ImportSources, path: Path | None, left_out: LeftOutRows = NOTHING_LEFT_OUT
+) -> UserTable | None:
     """Table of a file without the rows that are left out, its faults reported; None where it cannot be read."""
     if path is None:
         return None
+    if path in sources.tables:
+        return sources.tables[path]
     lines = left_out.lines(path)
 
     def fault(found: Fault) -> None:
@@ -243,6 +283,8 @@ def _with_numbers(
         place = of_one_place(near, row_of, (other or table, of_points), setups)
         sheet = Sheet(tuple(ids), q, place * LENGTHS_MM[unit])
         seen = seen * LENGTHS_MM[unit]
+    if sources.joint_unit_is_unknown and not has_known_unit(report, sources.robots, sheet, meant, table.path):
+        return _plan(report, sources, columns, None, len(table))
     taken = settled(report, sources.robots, sheet, meant, table.path)
     q = taken.joints.of(q)
     columns[table.path] = (table, taken.applied(columns[table.path][1], units))
@@ -255,6 +297,7 @@ def _with_numbers(
     measured = None if near is None else np.asarray(np.isfinite(near).all(axis=1))
     if length_column(of_points) is not None:
         measured = np.isin(np.arange(len(ids)), row_of)
+    _compare_with_controller(report, table, q)
     poses_csv = poses_text(report, table, columns[table.path][1], ids, q, sources.scans, measured)
     of_lengths = None
     if length_column(of_points) is not None:
@@ -276,6 +319,25 @@ def _with_numbers(
         report.fault(f"{table.path}: {error}")
         return _plan(report, sources, columns, None, len(table), robot_file)
     return replace(_plan(report, sources, columns, content, len(table), robot_file), preview=preview)
+
+
+def _compare_with_controller(report: ImportReport, table: UserTable, q: Array) -> None:
+    """Note, or doubt, on whether the poses that the controller wrote down are those of the robot's table."""
+    by_base = {split_unit(name)[0]: name for name in table.columns}
+    found = own_pose_columns(list(by_base))
+    if found is None or report.robot is None:
+        return
+    names = [by_base[base] for base in found]
+    places = np.column_stack([table.numbers(name, lambda _: None) for name in names])
+    known = np.isfinite(places).all(axis=1) & np.isfinite(q).all(axis=1)
+    if not known.any():
+        return
+    unit = split_unit(names[0])[1]
+    unit = unit if unit in LENGTHS_MM else length_unit(report.robot, q[known], places[known])[0]
+    off_mm = table_disagreement_mm(report.robot, q[known], places[known] * LENGTHS_MM[unit])
+    if off_mm is not None:
+        agrees, sentence = own_pose_told(f"{table.path}: {names[0]} ...", off_mm)
+        (report.notes if agrees else report.doubts).append(sentence)
 
 
 def _short(how: str) -> str:

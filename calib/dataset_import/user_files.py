@@ -9,7 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from calib.dataset_import.columns import length_column, recognise
+from calib.dataset_import.table_logs import describe, is_lerobot
 from calib.errors import CalibError
+from calib.recordings.bags import bag_topics, is_bag, kinds_of_topics
+from calib.recordings.series import BAGS, JSON_LINES, PARQUET
 from calib.robot_formats.origin_yaml import read_origin_yaml
 from calib.text_files.records import RECORDS, sheets
 from calib.text_files.text_file import decoded
@@ -22,7 +25,7 @@ _CLOUDS = (".ply", ".pcd", ".e57", ".xyz", ".asc", ".pts", ".npy", ".npz", ".las
 _MESHES = (".stl", ".obj")  # scans where nothing else can be
 _MANY = 4  # texts of three numbers a line in one folder, which are scans then
 _ROBOT_COLUMNS = ({"theta", "d", "a", "alpha"}, {"wx", "wy", "wz"}, {"x", "y", "z", "roll", "pitch", "yaw"})
-_ORDER = (".toml", ".urdf", ".xacro", ".xml", ".conf", ".csv", ".yaml", ".yml")  # of robots, the surest first
+_ORDER = (".toml", ".urdf", ".xacro", ".sdf", ".xml", ".conf", ".csv", ".yaml", ".yml")  # of robots, the surest first
 DATASET, ROBOT, JOINTS, POINTS, BOTH, SCAN, UNUSED = (
     "dataset", "robot", "joints", "points", "joints and points", "scan", "not used",
 )  # fmt: skip
@@ -85,6 +88,10 @@ def look_through(folder: Path) -> UserFiles:
         raise CalibError(f"{folder}: holds no file; a robot and tables of joints and points are needed")
     if any(path.name == "dataset.toml" for path in paths):
         return UserFiles(folder, tuple(_of_datasets(paths)))
+    folders = {path.parent for path in paths if path.name == "metadata.yaml" and is_bag(path.parent)}
+    folders |= {path.parent.parent for path in paths if path.name == "info.json" and is_lerobot(path.parent.parent)}
+    within = {path for path in paths for top in folders if path.is_relative_to(top) and not _stands_alone(path)}
+    paths = sorted({*folders, *(path for path in paths if path not in within)})
     files = [file for path in paths for file in (_sheets(path) if path.suffix.lower() in RECORDS else [_judged(path)])]
     scans = _scans(files)
     kinds = dict.fromkeys(scans.values(), SCAN)
@@ -118,9 +125,33 @@ def _of_datasets(paths: list[Path]) -> Iterator[UserFile]:
             yield UserFile(path, UNUSED, "beside a ready dataset")
 
 
+def _stands_alone(path: Path) -> bool:
+    """Whether a file below a recording's folder is no part of it: a robot or a table beside the bag's own files."""
+    return path.suffix.lower() in (*_ORDER, *_TABLES) and path.name != "metadata.yaml"
+
+
+def _recording(path: Path) -> UserFile:
+    """A bag, or another recording, with what it holds."""
+    try:
+        if is_bag(path):
+            joints, points = kinds_of_topics(bag_topics(path))
+            what = "a bag"
+        else:
+            joints, points = describe(path)
+            what = "a recording"
+    except CalibError as error:
+        return UserFile(path, UNUSED, str(error).removeprefix(f"{path}: "))
+    if not joints and not points:
+        return UserFile(path, UNUSED, f"{what} without joints and points")
+    kind = BOTH if joints and points else JOINTS if joints else POINTS
+    return UserFile(path, kind, f"{what}, by its {'topics' if is_bag(path) else 'columns'}")
+
+
 def _judged(path: Path) -> UserFile:
     suffix = path.suffix.lower()
-    if suffix in (".urdf", ".xacro"):
+    if path.is_dir() or suffix in (*BAGS, PARQUET, *JSON_LINES):
+        return _recording(path)
+    if suffix in (".urdf", ".xacro", ".sdf"):
         return UserFile(path, ROBOT, f"by its suffix {suffix}")
     if suffix == ".conf":
         return UserFile(path, ROBOT, "a controller's calibration.conf")
@@ -128,6 +159,7 @@ def _judged(path: Path) -> UserFile:
         head = _head(path)
         for mark, words in (
             ("<robot", "a URDF"),
+            ("<sdf", "an SDF"),
             ("<mujoco", "a MuJoCo model"),
             ("[[joints]]", "a robot.toml"),
         ):

@@ -16,6 +16,7 @@ from calib.robot_formats.chain.five_parameters import robot_of
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain, chain_frames
 from calib.robot_formats.mjcf import chain_of_mjcf
 from calib.robot_formats.origin_yaml import chain_of_yaml, read_origin_yaml
+from calib.robot_formats.sdf import tree_of_sdf
 from calib.robot_formats.tables import chain_of_table
 from calib.robot_formats.ur_calibration import read_ur_calibration
 from calib.robot_formats.urdf.chain import ArmPath, chain_of_arm, find_arm, tip_links
@@ -24,7 +25,7 @@ from calib.robot_formats.urdf.tree import read_tree
 from calib.robot_formats.urdf.xacro import Xacro, expanded_xacro
 
 SOURCE = "source"  # the table of robot.toml that says which file and links it was made of
-SUFFIXES = (".toml", ".urdf", ".xml", ".yaml", ".yml", ".conf", ".csv", ".xacro")
+SUFFIXES = (".toml", ".urdf", ".xml", ".yaml", ".yml", ".conf", ".csv", ".xacro", ".sdf")
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,8 @@ def read_robot(path: str | Path, reading: ReadOptions = ReadOptions()) -> RobotF
         file = read_xml(path, reading.xacro)
         if file.root.tag == "mujoco":
             chain = chain_of_mjcf(file, reading.tip, reading.base)
+        elif file.root.tag == "sdf":
+            chain = chain_of_arm(find_arm(tree_of_sdf(file), reading.tip, reading.base))
         else:
             chain = chain_of_arm(find_arm(read_tree(file), reading.tip, reading.base))
     return _with_source(robot_of(chain), chain, path)
@@ -94,10 +97,12 @@ def read_robot(path: str | Path, reading: ReadOptions = ReadOptions()) -> RobotF
 
 def tips_of(path: Path) -> tuple[str, ...]:
     """Possible tip links of a URDF, the tip of the longest arm first; () for other formats. Raises CalibError."""
-    if path.suffix.lower() not in (".urdf", ".xml", ".xacro"):
+    if path.suffix.lower() not in (".urdf", ".xml", ".xacro", ".sdf"):
         return ()
     file = read_xml(path)
-    return () if file.root.tag == "mujoco" else tuple(tip_links(read_tree(file)))
+    if file.root.tag == "mujoco":
+        return ()
+    return tuple(tip_links(tree_of_sdf(file) if file.root.tag == "sdf" else read_tree(file)))
 
 
 def named_robot(name: str, reading: ReadOptions = ReadOptions()) -> RobotFile:
@@ -148,7 +153,7 @@ def _with_source(robot: Robot, chain: SerialChain, path: Path) -> RobotFile:
 
 def _refuse_unused(path: Path, suffix: str, reading: ReadOptions) -> None:
     """Raise RobotFileError for an option that the file's format does not use."""
-    has_links = suffix in (".urdf", ".xml", ".xacro")
+    has_links = suffix in (".urdf", ".xml", ".xacro", ".sdf")
     for option, value, used in (
         ("--tip", reading.tip, has_links),
         ("--base", reading.base, has_links),

@@ -11,11 +11,13 @@ from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
 from calib.robot_formats.calibrated_file import calibrated_urdf, calibrated_yaml
 from calib.robot_formats.chain.five_parameters import chain_of
+from calib.robot_formats.mjcf_text import plain_mjcf
 from calib.robot_formats.origin_yaml import plain_yaml
 from calib.robot_formats.robot_file import ReadOptions, named_robot
+from calib.robot_formats.sdf import plain_sdf
 from calib.robot_formats.urdf.text import plain_urdf
 
-WRITTEN_SUFFIXES = (".toml", ".urdf", ".yaml", ".yml")
+WRITTEN_SUFFIXES = (".toml", ".urdf", ".yaml", ".yml", ".sdf", ".xml")
 
 
 def load_robot(
@@ -26,7 +28,7 @@ def load_robot(
     convention: str | None = None,
     model: str | None = None,
 ) -> Robot:
-    """A robot from robot.toml, URDF, MJCF, a kinematics YAML or CSV, a dataset's folder, or built in by its name.
+    """A robot from robot.toml, URDF, SDF, MJCF, a kinematics YAML or CSV, a dataset's folder, or built in by its name.
 
     Args:
         source: the file, the folder, the name of a built-in robot ("rb5", "panda"), or a robot, which is returned.
@@ -61,7 +63,7 @@ def load_robot(
 
 
 def save_robot(robot: Robot | str | Path, path: str | Path, template: str | Path | None = None) -> tuple[str, ...]:
-    """Write a robot as .toml, .urdf or .yaml; returns notes on what that form of a file cannot hold.
+    """Write a robot as .toml, .urdf, .sdf, .xml (MuJoCo) or .yaml; returns notes on what the form cannot hold.
 
     Args:
         robot: a robot, or what `load_robot` takes: so one form is converted into another.
@@ -86,7 +88,7 @@ def robot_content(robot: Robot, path: Path, template: Path | None = None) -> tup
     suffix = path.suffix.lower()
     if suffix not in WRITTEN_SUFFIXES:
         raise CalibError(f"{path}: expected a name that ends in {' or '.join(WRITTEN_SUFFIXES)}")
-    if template is not None and (template.suffix.lower() != suffix or suffix == ".toml"):
+    if template is not None and (template.suffix.lower() != suffix or suffix not in (".urdf", ".yaml", ".yml")):
         raise CalibError(f"{template}: is of another form than {path}; only a .urdf or .yaml is made of a template")
     if suffix == ".toml":
         return robot_to_toml(robot).encode(), ()
@@ -95,6 +97,10 @@ def robot_content(robot: Robot, path: Path, template: Path | None = None) -> tup
         written = (calibrated_urdf if is_urdf else calibrated_yaml)(template, robot)
         return written.content, tuple(written.summary.split("\n"))
     chain = chain_of(robot)
+    if suffix == ".xml":
+        return plain_mjcf(chain).encode(), tuple(f"note: {note}" for note in _not_in_model(robot))
+    if suffix == ".sdf":
+        return plain_sdf(chain).encode(), tuple(f"note: {note}" for note in _not_in_model(robot))
     if not is_urdf:
         note = "note: a maker's description has other frames; give its own file as --template"
         return plain_yaml(chain).encode(), (note,)
@@ -103,10 +109,15 @@ def robot_content(robot: Robot, path: Path, template: Path | None = None) -> tup
 
 def _not_in_urdf(robot: Robot) -> list[str]:
     """Properties of a robot that a plain URDF does not hold."""
-    notes = []
     x, y, z = robot.gravity_m_s2
-    if x or y or z > 0.0:
-        notes.append("the base does not stand upright: it hangs on a link world, whose z axis points up")
+    leans = bool(x or y or z > 0.0)
+    said = ["the base does not stand upright: it hangs on a link world, whose z axis points up"] if leans else []
+    return [*said, *_not_in_model(robot)]
+
+
+def _not_in_model(robot: Robot) -> list[str]:
+    """Properties of a robot that no description of links and joints holds."""
+    notes = []
     if any(target is not robot.own_tool_point for target in robot.targets):
         notes.append("further targets are left out")
     if any(joint.mass_kg for joint in robot.joints):

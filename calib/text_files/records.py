@@ -134,18 +134,18 @@ def _json_rows(path: Path) -> Rows:
         content = max(lists, key=len, default=content)
     if not isinstance(content, list) or not content or not all(isinstance(each, Mapping) for each in content):
         raise DatasetError(f"{path}: holds no list of records; one object a pose in a list is needed")
-    records = [_flat(each) for each in content[:_MOST_ROWS]]
+    records = [flat_record(each) for each in content[:_MOST_ROWS]]
     names = list(dict.fromkeys(name for record in records for name in record))
     return [names, *[[record.get(name, "") for name in names] for record in records]]
 
 
-def _flat(record: Mapping[str, Any]) -> dict[str, str]:
+def flat_record(record: Mapping[str, Any]) -> dict[str, str]:
     """Cells of a record by column: a list of joints as q1 ..., of a point as x, y, z, an object by its keys."""
     out: dict[str, str] = {}
     for name, value in record.items():
         key = "".join(c for c in str(name).lower() if c.isalnum())
         if isinstance(value, Mapping):
-            for inner, cell in _flat(value).items():
+            for inner, cell in flat_record(value).items():
                 out[inner if inner in ("x", "y", "z") else f"{name}_{inner}"] = cell
         elif isinstance(value, list):
             out |= {column: _cell(v) for column, v in zip(_names(str(name), key, value), value, strict=True)}

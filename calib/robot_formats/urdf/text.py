@@ -18,7 +18,7 @@ from calib.robot_formats.urdf.tree import UrdfJoint
 
 TOOL_POINT_LINK = "tool_point"
 """The link that holds the measured point of the tool, where that is not the tip itself; its axes are the tip's."""
-_GYRATION_M = 0.05  # robot.toml has no inertias, readers of URDF ask for some; gravity and places do not depend on it
+GYRATION_M = 0.05  # robot.toml has no inertias, readers of URDF ask for some; gravity and places do not depend on it
 _SAME = 5e-13  # m or rad: what degrees in 15 digits and products of transforms may lose
 _TAG_END = re.compile(rb"""(?:[^"'>]|"[^"]*"|'[^']*')*?(/?)>""")
 
@@ -146,8 +146,8 @@ def plain_urdf(chain: SerialChain, comment: str = "") -> str:
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(chain.name)}>"]
     if comment:
         lines.append(f"  <!-- {escape(visible(comment).replace('--', '- -'))} -->")
-    standing = _standing(chain)
-    if standing is not None:  # a URDF's root is upright
+    stands = standing(chain)
+    if stands is not None:  # a URDF's root is upright
         if "world" in (base, tip, *links) or "world_fixed" in names:
             raise RobotFileError(f"robot {chain.name}: has a link world of its own, which its leaning base would need")
         lines.append('  <link name="world"/>')
@@ -155,8 +155,8 @@ def plain_urdf(chain: SerialChain, comment: str = "") -> str:
     for joint, link in zip(chain.joints, links, strict=True):
         lines += _link(link, joint.mass_kg, joint.com_mm)
     lines.append(f"  <link name={quoteattr(tip)}/>")
-    if standing is not None:
-        lines += [*_joint_lines("world_fixed", "fixed", "world", base, standing), "  </joint>"]
+    if stands is not None:
+        lines += [*_joint_lines("world_fixed", "fixed", "world", base, stands), "  </joint>"]
     before = base
     for joint, link in zip(chain.joints, links, strict=True):
         scale = 1.0 if joint.is_revolute else 1e-3
@@ -180,7 +180,7 @@ def plain_urdf(chain: SerialChain, comment: str = "") -> str:
     return "\n".join(lines)
 
 
-def _standing(chain: SerialChain) -> Array | None:
+def standing(chain: SerialChain) -> Array | None:
     """Pose world_T_base (4, 4) in a world with gravity along -z; None where the base is upright or has no gravity."""
     down = np.array(chain.gravity_m_s2)
     if not down.any() or (down[2] < 0.0 and not down[:2].any()):
@@ -197,7 +197,7 @@ def _unit(vector: Array) -> tuple[float, float, float]:
 def _link(name: str, mass_kg: float | None, com_mm: tuple[float, float, float] | None) -> list[str]:
     if not mass_kg or com_mm is None:
         return [f"  <link name={quoteattr(name)}/>"]
-    inertia = mass_kg * _GYRATION_M**2
+    inertia = mass_kg * GYRATION_M**2
     return [
         f"  <link name={quoteattr(name)}>",
         "    <inertial>",

@@ -117,8 +117,10 @@ def add_residual(sub: ArgumentParser) -> None:
 
 def convert_arguments(sub: ArgumentParser) -> None:
     """Add the arguments of `convert`: IN, OUT, and options that select the arm in the files."""
-    sub.add_argument("source", type=Path, metavar="IN", help="a robot: .urdf .xacro .toml .yaml .conf .csv .xml")
-    sub.add_argument("out", type=Path, metavar="OUT", help="the form follows the suffix: .toml .urdf .yaml")
+    sub.add_argument("source", type=Path, metavar="IN", help="a robot: .urdf .xacro .sdf .toml .yaml .conf .csv .xml")
+    sub.add_argument(
+        "out", type=Path, metavar="OUT", help="the form follows the suffix: .toml .urdf .sdf .xml (MuJoCo) .yaml"
+    )
     links_arguments(sub)
     sub.add_argument(
         "--template",
@@ -141,8 +143,15 @@ def import_arguments(sub: ArgumentParser) -> None:
     )
     sub.add_argument("--robot", metavar="FILE|NAME", help=f"a robot's file, or {' or '.join(BUILTIN_ROBOTS)}")
     links_arguments(sub)
-    sub.add_argument("--joints", type=Path, metavar="FILE.csv", help="joint values, a row a pose")
-    sub.add_argument("--points", type=Path, metavar="FILE.csv", help="measured points (default: in --joints)")
+    sub.add_argument(
+        "--joints",
+        type=Path,
+        metavar="FILE",
+        help="joint values, a row a pose, or a recording (.bag, .mcap, log.csv ...)",
+    )
+    sub.add_argument(
+        "--points", type=Path, metavar="FILE", help="measured points (default: in --joints); FILE#TOPIC of a bag"
+    )
     sub.add_argument("--scans", type=Path, metavar="FOLDER", help="point clouds, a file a pose")
     sub.add_argument(
         "--map",

@@ -1,0 +1,89 @@
+"""Joints and points by time, as they were recorded: the one form that every log is brought to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from calib.array_types import Array, BoolArray
+from calib.errors import DatasetError
+
+BAGS = (".bag", ".mcap", ".db3")
+PARQUET = ".parquet"
+JSON_LINES = (".jsonl", ".ndjson")
+_FILES = (*BAGS, PARQUET, *JSON_LINES, ".csv", ".tsv", ".txt", ".dat", ".json")
+
+
+@dataclass(frozen=True)
+class JointSeries:
+    """Joint values by time, with efforts and temperatures where they were recorded; columns have the log's names."""
+
+    source: str  # topic or file
+    time_s: Array  # (N,) ascending
+    names: tuple[str, ...]
+    values: Array  # (N, k) in the log's units; NaN where a joint was not recorded
+    unit: str = ""  # of joints that turn: "rad", "deg"; "" where names or points have to tell
+    conditions: Mapping[str, Array] = field(default_factory=dict)  # (N,) by column, such as "effort elbow_joint"
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def kept(self, rows: BoolArray) -> JointSeries:
+        """The series at some of its rows (N,)."""
+        conditions = {name: values[rows] for name, values in self.conditions.items()}
+        return JointSeries(self.source, self.time_s[rows], self.names, self.values[rows], self.unit, conditions)
+
+
+@dataclass(frozen=True)
+class PointSeries:
+    """Positions of one point by time."""
+
+    source: str  # topic, or what stands before x, y, z in a table's columns
+    label: str  # frame, marker or target; "" where the source has one point only
+    time_s: Array  # (N,) ascending
+    xyz: Array  # (N, 3) in the log's unit
+    unit: str = ""  # "" where the points' spread has to tell
+    is_controllers_own: bool = False  # a pose that the controller computes from its joints, which measures nothing
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    @property
+    def name(self) -> str:
+        """Source and label, as the user names them behind the file's `#`."""
+        return f"{self.source}:{self.label}" if self.label else self.source
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a log holds: joints, points, and a line for what was not read."""
+
+    joints: tuple[JointSeries, ...] = ()
+    points: tuple[PointSeries, ...] = ()
+    others: tuple[str, ...] = ()  # topics or columns that hold neither, with their types
+    notes: tuple[str, ...] = ()
+    unit_is_unknown: bool = False  # of the joints, whatever their size: LeRobot's states may be normalised
+
+
+def recording_file(path: Path) -> tuple[Path, str]:
+    """File or folder of a recording and the topic named behind it, such as `run.bag#/tracker/point`; "" for none."""
+    text = str(path)
+    if path.exists() or "#" not in text:
+        return path, ""
+    file, _, topic = text.partition("#")
+    return (Path(file), topic) if Path(file).suffix.lower() in _FILES or Path(file).is_dir() else (path, "")
+
+
+def in_order(time_s: Array, *values: Array) -> tuple[Array, ...]:
+    """Times and values in ascending order of time, a time that comes twice once, rows without a time left out."""
+    known = np.flatnonzero(np.isfinite(time_s))
+    _, first = np.unique(time_s[known], return_index=True)
+    rows = known[first]
+    return (time_s[rows], *(each[rows] for each in values))
+
+
+class RecordingError(DatasetError):
+    """Error: a recording cannot be read, or holds no joints, points or stops."""

@@ -1,0 +1,107 @@
+"""Standing phases, offsets of clocks and means over a simulated run, whose truth a kinematics of its own made."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.recordings.clocks import offset_of_single_points, possible_offsets, refined
+from calib.recordings.means import autocorrelation_time, means_of
+from calib.recordings.series import RecordingError, in_order
+from calib.recordings.standstill import Phase, approach_of, standstill_of
+from tests.support.recorded_run import recorded_run, tool_mm
+
+RUNS = {
+    "50 Hz": {},
+    "10 Hz": {"joint_hz": 10.0},
+    "500 Hz": {"joint_hz": 500.0, "point_hz": 250.0},
+    "noise of 1 mrad": {"joint_sigma_rad": 1e-3},
+    "points at 10 Hz": {"point_hz": 10.0},
+}
+
+
+@pytest.mark.parametrize("digits", [9, 3])  # rounded to 1 mrad, 50 times the noise
+@pytest.mark.parametrize("name", RUNS)
+def test_every_stop_is_found_and_the_clock_to_a_millisecond(name: str, digits: int) -> None:
+    run = recorded_run(np.random.default_rng(2), 24, **RUNS[name])
+    q = np.round(run.q, digits)
+    rest = standstill_of("run", run.joint_s, q)
+    assert len(rest.phases) == 24
+    means = np.array([q[phase.first : phase.last + 1].mean(axis=0) for phase in rest.phases])
+    assert np.abs(means - run.stops_q).max() < (1e-3 if digits == 3 or "mrad" in name else 5e-5)
+    path_mm = tool_mm(q, (0.0,) * 6)
+    possible = possible_offsets(run.joint_s, path_mm, run.point_s, run.xyz_mm)
+    assert len(possible) == 1
+    starts, ends = rest.starts_s(run.joint_s), rest.ends_s(run.joint_s)
+    spans = np.column_stack([ends[:-1] - 0.4, starts[1:] + 0.4])
+    clock = refined(run.joint_s, path_mm, run.point_s, run.xyz_mm, possible[0], spans)
+    assert abs(clock.offset_s - run.offset_s) < min(5.0 * clock.sigma_s, 1e-3)
+    assert clock.travels > 15
+    assert clock.drift == 0.0
+
+
+def test_a_drift_between_the_clocks_shows() -> None:
+    run = recorded_run(np.random.default_rng(2), 40, start_s=0.0)
+    point_s = run.point_s * (1.0 + 3e-4)
+    rest = standstill_of("run", run.joint_s, run.q)
+    path_mm = tool_mm(run.q)
+    (rough,) = possible_offsets(run.joint_s, path_mm, point_s, run.xyz_mm)
+    starts, ends = rest.starts_s(run.joint_s), rest.ends_s(run.joint_s)
+    spans = np.column_stack([ends[:-1] - 0.4, starts[1:] + 0.4])
+    clock = refined(run.joint_s, path_mm, point_s, run.xyz_mm, rough, spans)
+    assert clock.drift == pytest.approx(3e-4, rel=0.1)
+
+
+def test_single_points_are_laid_into_the_stops() -> None:
+    rng = np.random.default_rng(0)
+    starts = np.cumsum(rng.uniform(3.0, 9.0, 20))
+    ends = starts + rng.uniform(1.0, 2.0, 20)
+    taken = rng.uniform(starts + 0.1, ends - 0.1)
+    assert offset_of_single_points(("j", "p"), starts, ends, taken).offset_s == 0.0
+    clock = offset_of_single_points(("j", "p"), starts, ends, taken + 777.7)
+    assert abs(clock.offset_s - 777.7) < 4.0 * clock.sigma_s < 2.0
+    regular = np.arange(20) * 5.0
+    with pytest.raises(RecordingError, match="is ambiguous"):
+        offset_of_single_points(("j", "p"), regular, regular + 1.0, regular[:16] + 100.5)
+    with pytest.raises(RecordingError, match="at most"):
+        offset_of_single_points(("j", "p"), starts, ends, np.cumsum(rng.uniform(3.0, 9.0, 20)) * 1.7)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
+def test_the_sigma_of_a_mean_is_that_of_correlated_noise(rho: float) -> None:
+    """Against the scatter of the means themselves; (1 + rho) / (1 - rho) is the exact time of such noise."""
+    rng = np.random.default_rng(1)
+    noise = np.zeros((60, 200, 3))
+    fresh = rng.normal(0.0, np.sqrt(1.0 - rho**2), noise.shape)
+    noise[:, 0] = rng.normal(0.0, 1.0, (60, 3))
+    for i in range(1, 200):
+        noise[:, i] = rho * noise[:, i - 1] + fresh[:, i]
+    found = means_of(list(noise))
+    assert found.tau == pytest.approx((1.0 + rho) / (1.0 - rho), rel=0.2)
+    assert float(found.sigma.mean()) == pytest.approx(float(found.mean.std()), rel=0.2)
+    assert np.allclose(found.scatter, 1.0, rtol=0.1)
+
+
+def test_outlying_samples_and_empty_phases_do_no_harm() -> None:
+    rng = np.random.default_rng(0)
+    samples = [rng.normal(0.0, 0.01, (50, 3)) for _ in range(4)]
+    samples[1][7] = 5.0
+    found = means_of([*samples, np.zeros((0, 3))])
+    assert found.left_out >= 1
+    assert np.abs(found.mean[:4]).max() < 0.01
+    assert np.isnan(found.mean[4]).all()
+    assert np.isnan(found.sigma[4])
+    assert autocorrelation_time([]) == 1.0
+
+
+def test_the_side_is_that_of_the_last_motion() -> None:
+    path = np.concatenate([np.linspace(0.0, 1.0, 50), np.full(20, 1.0), np.linspace(1.0, 0.5, 50), np.full(20, 0.5)])
+    values = np.column_stack([path, np.where(np.arange(140) < 30, -1.0, 0.0), np.full(140, 0.2)])
+    side = approach_of(values, Phase(122, 139), values[130], np.full(3, 1e-3))
+    assert side.tolist() == [-1.0, 1.0, 0.0]
+
+
+def test_rows_come_in_order_of_time_once() -> None:
+    time_s, values = in_order(np.array([3.0, 1.0, np.nan, 3.0, 2.0]), np.arange(5.0))
+    assert time_s.tolist() == [1.0, 2.0, 3.0]
+    assert values.tolist() == [1.0, 4.0, 0.0]
