@@ -278,6 +278,9 @@ class Points(Brief):
     orientations: Orientations | None = None  # full poses, where the instrument tells more than points
     counts_as: Array | None = None  # (M,) how many measurements each counts as, where points are means of several
     lengths: Lengths | None = None  # where only lengths from anchors were measured: then `xyz_mm` starts there
+    # (M, 6, K) changes of point, mm, and orientation, rad, by one sigma of each of K errors that all points share,
+    # such as those of a camera's lens
+    shared: Array | None = None
 
     @property
     def coordinates(self) -> int:
@@ -294,7 +297,10 @@ class Points(Brief):
         turned = None if self.orientations is None else self.orientations.select(keep)
         counts_as = None if self.counts_as is None else self.counts_as[keep]
         lengths = None if self.lengths is None else self.lengths.select(keep)
-        return Points(self.pose[keep], self.xyz_mm[keep], self.target[keep], covariance, turned, counts_as, lengths)
+        shared = None if self.shared is None else self.shared[keep]
+        return Points(
+            self.pose[keep], self.xyz_mm[keep], self.target[keep], covariance, turned, counts_as, lengths, shared
+        )
 
     def _brief(self) -> str:
         targets = ", ".join(map(str, np.unique(self.target)))
