@@ -42,7 +42,6 @@ def _cv2() -> ModuleType:
         raise CalibError(
             "images need OpenCV, which is not installed: pip install 'robot-calibration-inspector[camera]'"
         ) from None
-    cv2.setLogLevel(0)  # type: ignore[attr-defined]  # its warnings go to stderr past everything
     return cv2
 
 

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.brief import Brief
+from calib.camera.observed import CameraViews
 from calib.dataset.further_columns import FurtherColumns
 from calib.errors import DatasetError
 from calib.jig import Jig
@@ -332,6 +333,7 @@ class Dataset(Presented):
     targets: tuple[DeclaredTarget, ...] = ()  # besides the three-faced jig, as dataset.toml describes them
     signal_noise: SignalNoise = field(default_factory=SignalNoise)
     finder_file: Path | None = None  # of a finder of the user's own, for what is to be found in the scans
+    camera: CameraViews | None = None  # where points are of a board that a camera sees, the corners in its images
     read_files: Mapping[str, str] = field(default_factory=dict, compare=False)
     """Hash of each file, scans apart, as it was read, by path below the folder: a file may change under a fit."""
 

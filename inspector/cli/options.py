@@ -315,6 +315,13 @@ class ImportOptions(RobotFileOptions):
     map: Sequence[str]
     sigma: float | None  # of a measured point, mm
     tool: tuple[float, float, float] | None  # mm
+    images: Path | None
+    board: str | None
+    dictionary: str | None
+    intrinsics: Path | None
+    marker_poses: Path | None
+    length_unit: str | None
+    mount: str | None
     skip_bad_rows: bool
     dry_run: bool
     diagnose: bool

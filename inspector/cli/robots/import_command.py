@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from calib.dataset.dataset import ROLES, Dataset
+from calib.dataset_import.camera_views import CameraChoice
 from calib.dataset_import.columns import parsed_mapping
 from calib.dataset_import.import_dataset import (
     ImportChoice,
@@ -64,9 +65,15 @@ def _named(options: ImportOptions) -> UserFiles:
 
 def _choice(options: ImportOptions) -> ImportChoice:
     reading = reading_of(options, named=options.robot is not None)
+    camera = CameraChoice(
+        options.images, options.board, options.dictionary, options.intrinsics, options.marker_poses,
+        options.length_unit, options.mount,
+    )  # fmt: skip
+    camera.require_consistent()
     return ImportChoice(
         options.robot, reading, options.joints, options.points, parsed_mapping(options.map),
         point_sigma_mm=options.sigma, tool_mm=options.tool, skip_bad_rows=options.skip_bad_rows,
+        camera=camera,
     )  # fmt: skip
 
 
