@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -31,6 +31,9 @@ _DICTIONARIES = {
     "aruco": ("4X4_1000", "5X5_1000", "6X6_1000", "7X7_1000", "ARUCO_ORIGINAL", "ARUCO_MIP_36h12"),
     "apriltag": ("APRILTAG_36h11", "APRILTAG_25h9", "APRILTAG_16h5", "APRILTAG_36h10"),
 }
+_ROUNDS = 3  # in which bad corners are left out
+_FAR_OFF = 5.5  # sigmas; 1 corner in 4 million is as far by chance
+_MEDIAN_OF_NORMAL = 0.6745  # median of |e| over the sigma of normal errors
 _TWO_WAYS = 16.0  # difference of squared sigmas, below which two attitudes of a board explain a view alike
 
 
@@ -257,6 +260,7 @@ class MeasuredViews:
     poses: tuple[ViewPose, ...]
     sigma_px: float
     left_out: Mapping[str, str]  # the reason by the name of the pose
+    bad_corners: int = 0  # that lie far from where all others put them, and are left out
 
 
 def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
@@ -268,14 +272,15 @@ def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
             f"--intrinsics: they are of images of {given.width_px} x {given.height_px} pixels, and the images have "
             f"{width} x {height}; calibrate the camera at this resolution, or leave them out"
         )
-    found: FoundLens | None = None
-    lens = given
-    if lens is None:
-        lens = _first_lens(cv2, detected)
-        found = found_lens(lens, [_best_pose(cv2, lens, view)[0] for view in detected.views])
-        lens = found.lens
-    both = [_best_pose(cv2, lens, view) for view in detected.views]
-    sigma_px = noise_px([best for best, _ in both]) if found is None else found.sigma_px
+    views, bad_corners = detected.views, 0
+    lens, sigma_px, both = _lens_and_poses(cv2, detected, given)
+    for _ in range(_ROUNDS):
+        kept = _without_bad_corners([best for best, _ in both])
+        gone = sum(len(view.corner) for view in views) - sum(len(view.corner) for view in kept)
+        if not gone:
+            break
+        views, bad_corners = tuple(kept), bad_corners + gone
+        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given)
     poses, left_out = [], {}
     for best, rival in both:
         if rival is not None and rival.squares - best.squares < _TWO_WAYS * sigma_px**2:
@@ -284,7 +289,32 @@ def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
             poses.append(best)
     if not poses:
         raise CalibError("no image tells the board's attitude: it is seen too small or too straight on; go nearer")
-    return MeasuredViews(lens, tuple(poses), sigma_px, left_out)
+    return MeasuredViews(lens, tuple(poses), sigma_px, left_out, bad_corners)
+
+
+def _lens_and_poses(
+    cv2: Any, detected: Detected, given: Lens | None
+) -> tuple[Lens, float, list[tuple[ViewPose, ViewPose | None]]]:
+    """Lens, pixel noise, and the best and second pose of each view."""
+    if given is not None:
+        both = [_best_pose(cv2, given, view) for view in detected.views]
+        return given, noise_px([best for best, _ in both]), both
+    start = _first_lens(cv2, detected)
+    found: FoundLens = found_lens(start, [_best_pose(cv2, start, view)[0] for view in detected.views])
+    return found.lens, found.sigma_px, [_best_pose(cv2, found.lens, view) for view in detected.views]
+
+
+def _without_bad_corners(poses: Sequence[ViewPose]) -> list[View]:
+    """Views without the corners that lie far from where the board's pose puts them, by the median of all errors."""
+    usual = float(np.median(np.abs(np.concatenate([one.error_px.ravel() for one in poses])))) / _MEDIAN_OF_NORMAL
+    kept = []
+    for one in poses:
+        good = np.linalg.norm(one.error_px, axis=1) <= _FAR_OFF * max(usual, 1e-6)
+        view = one.view
+        if not good.all() and good.sum() >= max(_FEWEST, len(good) // 2):
+            view = View(view.pose, view.corner[good], view.board_mm[good], view.pixels[good])
+        kept.append(view)
+    return kept
 
 
 def _first_lens(cv2: Any, detected: Detected) -> Lens:

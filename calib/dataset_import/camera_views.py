@@ -152,6 +152,7 @@ def _told(choice: CameraChoice, detected: Detected, measured: MeasuredViews) -> 
     notes.append(
         f"{choice.images}: {len(measured.poses)} images show {detected.board.text}, {corners} corners, "
         f"{measured.sigma_px:.3f} pixels of noise"
+        + (f"; {measured.bad_corners} corners far from where the others put them are left out" * (measured.bad_corners > 0))
     )
     lens, sigma = measured.lens, measured.lens.sigmas
     if choice.intrinsics is None:

@@ -71,6 +71,18 @@ class FramesAndHandEye:
 
 
 @dataclass(frozen=True)
+class Nuisance:
+    """Unknowns of predicted poses beyond the arm's parameters at a fit, and whitened derivatives of the residual."""
+
+    placed: FramesAndHandEye
+    centre_mm: Mapping[str, Array]  # (3,) by setup, about which its frame turns, scanner frame
+    by_parameters: Array  # (R, P), frames and hand-eye rotation at rest
+    by_frames: Array  # (R, 6 S + 3) by shift, mm, and turn, rad, of each setup's frame in turn, and the hand-eye turn
+    base_mm: Array  # (M, 3) predicted points, see `predict_poses`
+    attitude: Array  # (M, 3, 3)
+
+
+@dataclass(frozen=True)
 class PoseResiduals(Brief):
     """Residuals of jig poses, predicted minus measured, whitened; frames and hand-eye rotation are eliminated."""
 
@@ -159,6 +171,16 @@ class PoseResiduals(Brief):
         basis = self._basis(columns)
         residual = self._whitened(error[:, :, None])[:, 0]
         return Linearisation(residual, jacobian - basis @ (basis.T @ jacobian))
+
+    def nuisance(self, x: Array) -> Nuisance:
+        """Frames and hand-eye rotation at x (P,), with whitened derivatives by parameters and by all of these."""
+        base_mm, attitude, by_x = linearise_poses(self.model, x, self.observed)
+        placed, error, columns = self._solve_frames_and_hand_eye(base_mm, attitude)
+        turn = self._scanner_R_base(placed)
+        by_x = np.concatenate([turn @ by_x[:, :3], _by_left_turn(error[:, 3:]) @ turn @ by_x[:, 3:]], axis=1)
+        at_mm = error[:, :3] + self.observed.points.xyz_mm
+        centres = {str(self.observed.setup[rows[0]]): at_mm[rows].mean(axis=0) for rows in self._setups}
+        return Nuisance(placed, centres, self._whitened(by_x), self._whitened(columns), base_mm, attitude)
 
     def frame_directions(self, x: Array) -> Array:
         """Orthonormal basis (R, `degrees_spent`) of the residual's changes by frames and hand-eye rotation."""

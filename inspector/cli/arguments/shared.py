@@ -28,7 +28,7 @@ def add_fit(sub: ArgumentParser) -> None:
         help="tolerance of one parameter, mm or rad (default 1 mm, 0.0087 rad); may be given several times",
     )
     sub.add_argument(
-        "--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal: d5, theta1 or θ1"
+        "--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal: d5, theta1 or θ1; links: all of the arm"
     )
     add_leave_out(sub)
     add_finder(sub)
