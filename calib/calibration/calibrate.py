@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
+from calib.calibration.arm_as_noise import ROUNDS, arm_noise, counts_arm_as_noise, with_arm_noise
 from calib.calibration.evaluation import evaluate_all
 from calib.calibration.result import Calibration, FittedResult
 from calib.dataset.dataset import Dataset
@@ -85,7 +86,16 @@ def calibrate(
     options = with_links_held(options, dataset.robot)
     members = effects_named(dataset, effects)
     if dataset.points is None or dataset.points.lengths is None:
-        return _calibrated(dataset, options, members, prior_sigmas or {}, start)
+        calibration = _calibrated(dataset, options, members, prior_sigmas or {}, start)
+        if not counts_arm_as_noise(calibration, options):
+            return calibration
+        noise = arm_noise(calibration, dataset)
+        for _ in range(ROUNDS):
+            calibration = _calibrated(with_arm_noise(dataset, noise), options, members, prior_sigmas or {}, start)
+            before, noise = noise, arm_noise(calibration, dataset)
+            if noise.is_near(before):
+                break
+        return calibration
     if options.residual != "position" or options.robust:
         raise FitError(f"dataset {dataset.name}: measured lengths take residual position, and no robust fit")
     for _ in range(_LENGTH_ROUNDS):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import tomllib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -81,6 +81,8 @@ class Scene:
     true_table: Array
     camera_T_board: Array  # (N, 4, 4), of the board's middle
     names: tuple[str, ...]
+    distance: tuple[float, float] = (320.0, 480.0)
+    tilt_deg: float = 40.0
     matrix: Array = field(default_factory=lambda: MATRIX)
     distortion: Array = field(default_factory=lambda: DISTORTION)
 
@@ -101,17 +103,28 @@ class Scene:
             camera = transform(Rotation.from_euler("xz", [-100, -70], degrees=True) * small, [-150.0, -750.0, 500.0])
             camera = transform(Rotation.from_matrix(_facing(np.array([0.45, 0.9, -0.05]))), [150.0, -900.0, 450.0])
             board = transform(small * Rotation.from_euler("x", np.pi), rng.normal(size=3) * 5 + [10.0, 20.0, 45.0])
+        empty = np.zeros((0, len(nominal)))
+        scene = cls(on_flange, empty, camera, board, true_table, np.zeros((0, 4, 4)), (), distance, tilt_deg)
+        return scene.more_poses(rng, poses)
+
+    def more_poses(self, rng: np.random.Generator, poses: int) -> Scene:
+        """The same cell at new random poses."""
+        nominal, camera, board = nominal_table(), self.parent_T_camera, self.parent_T_board
         q, seen = [], []
         while len(q) < poses:
-            wanted = look(rng, distance if on_flange else (400.0, 560.0), tilt_deg)
-            pose = (board @ np.linalg.inv(wanted) @ np.linalg.inv(camera)) if on_flange else camera @ wanted @ np.linalg.inv(board)
+            wanted = np.linalg.inv(look(rng, self.distance if self.on_flange else (400.0, 560.0), self.tilt_deg))
+            pose = board @ wanted @ np.linalg.inv(camera)
+            if not self.on_flange:
+                pose = camera @ np.linalg.inv(wanted) @ np.linalg.inv(board)
             if (found := joints_to(nominal, pose, rng)) is None:
                 continue
-            true = flange(true_table, found)
+            true = flange(self.true_table, found)
             q.append(found)
-            seen.append(np.linalg.inv(true @ camera) @ board if on_flange else np.linalg.inv(camera) @ true @ board)
+            seen.append(
+                np.linalg.inv(true @ camera) @ board if self.on_flange else np.linalg.inv(camera) @ true @ board
+            )
         names = tuple(f"p{i + 1}" for i in range(poses))
-        return cls(on_flange, np.array(q), camera, board, true_table, np.array(seen), names)
+        return replace(self, q=np.array(q), camera_T_board=np.array(seen), names=names)
 
     def pixels(self, pose: int, board_mm: Array) -> Array:
         """Where corners (N, 3), about the board's middle, are seen, by OpenCV."""
