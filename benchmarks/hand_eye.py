@@ -2,10 +2,10 @@
 
     .venv/bin/python benchmarks/hand_eye.py [--sets 20] [--poses 25]
 
-A camera sees a ChArUco board (8 x 6 squares of 30 mm, 320 to 560 mm away, 0.1 px of noise, lens found from the images),
-by a simulation that shares no code with the product (tests/support/camera_scene.py). Every method gets the same poses of
-the board. Printed are the root mean square over the sets of the camera's error on flange or in the room, mm and deg, and
-of the prediction, mm, of where the board's middle is seen at 40 new poses, which is what a user of the result meets.
+A camera sees a ChArUco board (8 x 6 squares of 30 mm, 320 to 560 mm away, 0.1 px of noise, lens found from images), by a
+simulation that shares no code with the product (tests/support/camera_scene.py). Every method gets the same poses of the
+board. Printed are the root mean square over the sets of the camera's error on flange or in the room, mm and deg, and of
+the prediction, mm, of where the board's middle is seen at 40 new poses, which is what a user of the result meets.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ import numpy as np
 
 from calib import calibrate, frames
 from calib.array_types import Array
-from calib.calibration.result import Calibration
 from calib.calibration.mount import camera_places
+from calib.calibration.result import Calibration
 from calib.camera.board import board_of
 from calib.dataset.dataset import Dataset
 from calib.fitting.observations import conditions_at
@@ -110,6 +110,7 @@ def compare(on_flange: bool, link_mm: float, sets: int, poses: int) -> dict[str,
 
 
 def main() -> None:
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sets", type=int, default=20)
     parser.add_argument("--poses", type=int, default=25)
@@ -117,7 +118,9 @@ def main() -> None:
     for on_flange in (True, False):
         for link_mm in (0.0, 1.0):
             arm = "exact arm" if link_mm == 0.0 else "link errors of 1 mm and 0.1 deg (sigma)"
-            print(f"camera {'on the flange' if on_flange else 'in the room'}, {arm}, {asked.sets} sets of {asked.poses}")
+            print(
+                f"camera {'on the flange' if on_flange else 'in the room'}, {arm}, {asked.sets} sets of {asked.poses}"
+            )
             print(f"  {'':34s} camera mm      deg   board predicted mm")
             for name, (mm, deg, predicted) in compare(on_flange, link_mm, asked.sets, asked.poses).items():
                 print(f"  {name:34s} {mm:9.4f} {deg:8.4f} {predicted:12.4f}", flush=True)

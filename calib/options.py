@@ -65,7 +65,7 @@ class FitOptions:
     prior: bool = True
     """Whether parameters have a Gaussian prior, with their tolerance as its standard deviation."""
     fixed: tuple[str, ...] = ()
-    """Names of parameters that stay at their nominal value; "θ1", as tables show it, is "theta1"; "links": the arm's."""
+    """Names of parameters that stay at their nominal value; "θ1", as tables show it, is "theta1"; "links": all."""
     tolerances: Mapping[str, float] = field(default_factory=dict)
     """Tolerances of single link parameters by name, mm or rad, in place of the default of 1 mm and 0.5 deg."""
     robust: bool = False

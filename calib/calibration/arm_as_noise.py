@@ -1,7 +1,7 @@
 """Errors of an arm that is held as its table has it, counted as noise of the measured poses.
 
-A camera's poses are known to hundredths of a millimetre, an arm as delivered to tenths or whole ones. Held at the table,
-a fit with the camera's covariances alone would trust most what the camera sees best, and put the arm's errors where it
+A camera's poses are known to hundredths of a millimetre, an arm as delivered to tenths or whole ones. Held at its
+table, a fit with the camera's covariances alone would trust most what the camera sees best, and put the arm's errors where it
 sees least. So each pose's covariance C_i gets the arm's errors added, equal along and about all axes,
 
     C_i + diag(s^2, s^2, s^2, t^2, t^2, t^2)
@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from calib.array_types import Array
+from calib.array_types import Array, IndexArray
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.fitting.observations import Observations, with_nominal_scanner_frames
@@ -61,7 +61,7 @@ def counts_arm_as_noise(calibration: Calibration, options: FitOptions) -> bool:
 
 
 def arm_noise(calibration: Calibration, measured: Dataset) -> ArmNoise:
-    """Size of the arm's errors with the largest likelihood of a fit's residual; `measured` has the instrument's noise."""
+    """Size of the arm's errors with the largest likelihood of a fit's residual; `measured` has the plain noise."""
     errors, rows = _errors(calibration)
     covariance = _covariances(measured)[rows]
 
@@ -103,7 +103,7 @@ def with_arm_noise(measured: Dataset, noise: ArmNoise) -> Dataset:
     )
 
 
-def _errors(calibration: Calibration) -> tuple[Array, Array]:
+def _errors(calibration: Calibration) -> tuple[Array, IndexArray]:
     """Errors (M, 6), predicted minus measured, mm and rad, of the fitted points, and their rows in the dataset."""
     dataset = calibration.dataset
     assert dataset.points is not None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import JointKnowledge
 from calib.fitting.observations import Observations, with_nominal_scanner_frames
 from calib.fitting.pose_residuals import PoseResiduals
+from calib.kinematics import chain as kinematics
+from calib.kinematics.robot import Robot
 
 _UNKNOWN = 0.5  # of a parameter's prior variance: what keeps more is not known from the points
 
@@ -68,6 +70,19 @@ class CameraPlace(Brief):
     def turn_sigma_rad(self) -> Array:
         """Standard deviations (3,) of the attitude about the parent's axes, rad."""
         return np.sqrt(np.diag(self.covariance)[3:])
+
+    def from_tip(self, robot: Robot) -> CameraPlace:
+        """The same place in the frame behind the tool row of robot.toml, for a camera on the flange."""
+        chain = kinematics.forward(robot.table, np.zeros((1, robot.n_joints)), robot.is_revolute, robot.base_T_first)
+        tip_T_flange = frames.invert(chain.base_T_frame[0, -1]) @ chain.base_T_flange[0]
+        turn = np.kron(np.eye(2), tip_T_flange[:3, :3])  # a small turn of the camera moves no point of its own origin
+        return replace(
+            self,
+            parent="tip",
+            parent_T_camera=tip_T_flange @ self.parent_T_camera,
+            covariance=turn @ self.covariance @ turn.T,
+            covariance_with_table=turn @ self.covariance_with_table @ turn.T,
+        )
 
 
 def mounts(calibration: Calibration) -> tuple[Mount, ...]:

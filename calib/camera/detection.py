@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from calib import frames
-from calib.array_types import Array
+from calib.array_types import Array, IndexArray
 from calib.camera.board import Board
 from calib.camera.lens import LENS_NAMES, Lens, project
 from calib.camera.view import FoundLens, View, ViewPose, found_lens, noise_px, pose_of_view
@@ -123,7 +123,7 @@ def detect(images: Mapping[str, Path], board: Board, dictionary: str | None = No
     return Detected(board, size_px, tuple(views), left_out, notes)
 
 
-Finder = Callable[[Array], tuple[Array, Array]]
+Finder = Callable[[Array], tuple[IndexArray, Array]]
 
 
 def _nothing_seen(
@@ -177,7 +177,9 @@ def _finder(
                 best, most = finder, count
                 chosen = f"DICT_{name}" + (", in the pattern that OpenCV had before 4.6" if legacy else "")
     assert best is not None
-    note = f"{board.text}: its markers are of {chosen}, by the images" if dictionary is None or "before" in chosen else ""
+    note = (
+        f"{board.text}: its markers are of {chosen}, by the images" if dictionary is None or "before" in chosen else ""
+    )
     return best, (note,) if note and most > 0 else ()
 
 
@@ -195,7 +197,7 @@ def _marker_finder(cv2: ModuleType, board: Board, name: str, legacy: bool) -> Fi
         printed.setLegacyPattern(legacy)
         charuco = cv2.aruco.CharucoDetector(printed)
 
-        def of_charuco(picture: Array) -> tuple[Array, Array]:
+        def of_charuco(picture: Array) -> tuple[IndexArray, Array]:
             pixels, number, _, _ = charuco.detectBoard(picture)
             if number is None or not len(number):
                 return _none()
@@ -206,7 +208,7 @@ def _marker_finder(cv2: ModuleType, board: Board, name: str, legacy: bool) -> Fi
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     detector = cv2.aruco.ArucoDetector(markers, parameters)
 
-    def of_markers(picture: Array) -> tuple[Array, Array]:
+    def of_markers(picture: Array) -> tuple[IndexArray, Array]:
         corners, ids, _ = detector.detectMarkers(picture)
         if ids is None:
             return _none()
@@ -226,7 +228,7 @@ def _marker_finder(cv2: ModuleType, board: Board, name: str, legacy: bool) -> Fi
 def _checkerboard(cv2: ModuleType, board: Board) -> Finder:
     inner = (board.columns - 1, board.rows - 1)
 
-    def finder(picture: Array) -> tuple[Array, Array]:
+    def finder(picture: Array) -> tuple[IndexArray, Array]:
         seen, pixels = cv2.findChessboardCornersSB(picture, inner, flags=cv2.CALIB_CB_ACCURACY)
         if not seen:
             return _none()
@@ -248,7 +250,7 @@ def _first_is_dark(picture: Array, grid_px: Array) -> bool:
     return level(0, 0) < level(0, 1)
 
 
-def _none() -> tuple[Array, Array]:
+def _none() -> tuple[IndexArray, Array]:
     return np.zeros(0, dtype=np.int64), np.zeros((0, 2))
 
 

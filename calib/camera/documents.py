@@ -47,7 +47,7 @@ def _yaml(path: Path, text: str) -> list[Any]:
             f"{path}: YAML needs PyYAML, which is not installed: pip install 'robot-calibration-inspector[camera]'"
         ) from None
 
-    class Loader(yaml.SafeLoader):
+    class Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
         """Safe loader that takes OpenCV's matrices as maps, and refuses aliases, by which small files grow huge."""
 
         def compose_node(self, parent: Any, index: Any) -> Any:
@@ -60,7 +60,7 @@ def _yaml(path: Path, text: str) -> list[Any]:
     if lines and lines[0].startswith("%YAML:"):  # OpenCV's own way of writing the version
         lines = lines[1:]
     try:
-        return [one for one in yaml.load_all("\n".join(lines), Loader) if one is not None]  # noqa: S506  a safe loader
+        return [one for one in yaml.load_all("\n".join(lines), Loader) if one is not None]
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise CalibError(f"{path}: is no YAML that can be read: {' '.join(str(error).split())[:200]}") from None
 
@@ -87,7 +87,7 @@ def _plain(node: Any, depth: int) -> Any:
     if depth > _DEEPEST or node.isNone():
         return None
     if node.isMap():
-        return {key: _plain(node.getNode(key), depth + 1) for key in node.keys()}
+        return {key: _plain(node.getNode(key), depth + 1) for key in node.keys()}  # noqa: SIM118  no dict
     if node.isSeq():
         return [_plain(node.at(i), depth + 1) for i in range(node.size())]
     return node.string() if node.isString() else node.real()

@@ -14,7 +14,8 @@ from calib.errors import CalibError
 
 _MATRIX = ("camera_matrix", "cameramatrix", "k", "mtx", "intrinsic_matrix", "intrinsics", "camera_intrinsic")
 _DISTORTION = (
-    "distortion_coefficients", "dist_coeffs", "distcoeffs", "distortion_coeffs", "distortion", "dist_coeff", "dist", "d",
+    "distortion_coefficients", "dist_coeffs", "distcoeffs", "distortion_coeffs", "distortion", "dist_coeff", "dist",
+    "d",
 )  # fmt: skip
 _WIDTH, _HEIGHT = ("image_width", "width"), ("image_height", "height")
 _MODELS = ("plumb_bob", "rational_polynomial", "brown_conrady", "pinhole", "opencv", "radtan", "")

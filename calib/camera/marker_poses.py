@@ -65,7 +65,9 @@ def load_marker_poses(path: Path, unit: str | None = None) -> MarkerPoses:
     if not poses:
         raise CalibError(f"{path}: holds no pose of a marker")
     named = tuple(names) if all(names) else None
-    return MarkerPoses(np.stack(poses), named, f"{len(poses)} poses of a marker, lengths in {unit or 'm, as ROS has it'}")
+    return MarkerPoses(
+        np.stack(poses), named, f"{len(poses)} poses of a marker, lengths in {unit or 'm, as ROS has it'}"
+    )
 
 
 def _pose_part(one: Any) -> dict[str, Any] | None:
@@ -149,9 +151,7 @@ def _of_table(path: Path, unit: str | None) -> MarkerPoses:
     if all(quaternion):
         values = _numbers(table, [str(name) for name in quaternion], faults)
         if not faults:
-            poses = [
-                _transform(f"{path}: line {table.lines[i]}", values[i], shift_mm[i]) for i in range(len(shift_mm))
-            ]
+            poses = [_transform(f"{path}: line {table.lines[i]}", values[i], shift_mm[i]) for i in range(len(shift_mm))]
     elif vector is not None:
         rotation = frames.rotation_from_rotvec(_numbers(table, vector, faults))
         poses = list(frames.make_transform(rotation, shift_mm))

@@ -93,7 +93,7 @@ def pose_of_view(numbers: Array, view: View, start: Array) -> ViewPose:
             break
     flat, lens = columns.reshape(-1, 6), view_columns(numbers, at, view.board_mm)[2].reshape(-1, len(numbers))
     square = flat.T @ flat
-    return ViewPose(view, at, square, -np.linalg.solve(square, flat.T @ lens), error)
+    return ViewPose(view, at, square, np.asarray(-np.linalg.solve(square, flat.T @ lens), np.float64), error)
 
 
 def noise_px(poses: Sequence[ViewPose], found: int = 0) -> float:
@@ -124,9 +124,9 @@ def found_lens(start: Lens, poses: Sequence[ViewPose]) -> FoundLens:
     for _ in range(_ROUNDS):
         information, right = np.zeros((len(free), len(free))), np.zeros(len(free))
         for one in poses:
-            _, columns, lens = view_columns(numbers, one.camera_T_board, one.view.board_mm)
-            flat, lens = columns.reshape(-1, 6), lens.reshape(-1, len(numbers))[:, free]
-            apart = lens - flat @ np.linalg.lstsq(flat, lens, rcond=None)[0]
+            _, columns, by_numbers = view_columns(numbers, one.camera_T_board, one.view.board_mm)
+            flat, by_free = columns.reshape(-1, 6), by_numbers.reshape(-1, len(numbers))[:, free]
+            apart = by_free - flat @ np.linalg.lstsq(flat, by_free, rcond=None)[0]
             information += apart.T @ apart
             right += apart.T @ one.error_px.ravel()
         scale = np.sqrt(np.diag(information))

@@ -54,7 +54,11 @@ class CameraChoice:
         if self.images is not None and self.board is None:
             raise CalibError("--images: tell the board that they show, such as --board charuco:8x6:30:22")
         if self.images is None:
-            for name, value in (("board", self.board), ("dictionary", self.dictionary), ("intrinsics", self.intrinsics)):
+            for name, value in (
+                ("board", self.board),
+                ("dictionary", self.dictionary),
+                ("intrinsics", self.intrinsics),
+            ):
                 if value is not None:
                     raise CalibError(f"--{name}: goes with --images FOLDER")
         if self.marker_poses is None and self.length_unit is not None:
@@ -147,12 +151,17 @@ def _told(choice: CameraChoice, detected: Detected, measured: MeasuredViews) -> 
     for name, reason in list(left_out.items())[:_MOST_NAMED]:
         notes.append(f"image {name} is left out: {reason}")
     if len(left_out) > _MOST_NAMED:
-        notes.append(f"{len(left_out) - _MOST_NAMED} more images are left out: {', '.join(list(left_out)[_MOST_NAMED:])}")
+        notes.append(
+            f"{len(left_out) - _MOST_NAMED} more images are left out: {', '.join(list(left_out)[_MOST_NAMED:])}"
+        )
     corners = sum(len(one.view.corner) for one in measured.poses)
     notes.append(
         f"{choice.images}: {len(measured.poses)} images show {detected.board.text}, {corners} corners, "
         f"{measured.sigma_px:.3f} pixels of noise"
-        + (f"; {measured.bad_corners} corners far from where the others put them are left out" * (measured.bad_corners > 0))
+        + (
+            f"; {measured.bad_corners} corners far from where the others put them are left out"
+            * (measured.bad_corners > 0)
+        )
     )
     lens, sigma = measured.lens, measured.lens.sigmas
     if choice.intrinsics is None:
@@ -175,7 +184,9 @@ def _poses_of_images(
     where = ""
     for name in ("", *table.columns):
         cells = list(ids) if not name else table.text(name)
-        stems = [by_id.get(Path(cell).stem, by_id.get(comparable_id(Path(cell).stem))) if cell else None for cell in cells]
+        stems = [
+            by_id.get(Path(cell).stem, by_id.get(comparable_id(Path(cell).stem))) if cell else None for cell in cells
+        ]
         found = {stem: ids[row] for row, stem in enumerate(stems) if stem is not None}
         repeated = len([stem for stem in stems if stem is not None]) != len(found)
         if len(found) > len(best) and not repeated:
@@ -205,8 +216,8 @@ def _of_marker_poses(choice: CameraChoice, table: UserTable, ids: Sequence[str])
     if names is None:
         if len(given.camera_T_marker) != len(ids):
             raise CalibError(
-                f"{choice.marker_poses}: {len(given.camera_T_marker)} poses, and {table.path} has {len(ids)} rows; name "
-                "the pose of each, or give as many"
+                f"{choice.marker_poses}: {len(given.camera_T_marker)} poses, and {table.path} has {len(ids)} rows; "
+                "name the pose of each, or give as many"
             )
         names = tuple(ids)
         notes.append(f"{choice.marker_poses}: names no poses; they are taken in the order of {table.path.name}")
@@ -238,8 +249,8 @@ def settled_camera(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
         if both[other].rms_mm < _FAR_MISFIT * both[best].rms_mm:
             raise CalibError(
                 f"the poses do not tell where the camera is: on the flange the arm misses the board by "
-                f"{both['flange'].rms_mm:.3g} mm rms, in the room by {both['room'].rms_mm:.3g} mm; give --mount flange or "
-                "--mount room, and check that joints and images belong together"
+                f"{both['flange'].rms_mm:.3g} mm rms, in the room by {both['room'].rms_mm:.3g} mm; give "
+                "--mount flange or --mount room, and check that joints and images belong together"
             )
         mount = best
         place = "on the flange" if mount == "flange" else "in the room"
@@ -253,8 +264,8 @@ def settled_camera(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
         sigma_mm = max(float(np.sqrt(np.mean(chosen.error_mm**2))), 1e-3)
         sigma_deg = max(float(np.degrees(np.sqrt(np.mean(chosen.error_rad**2)))), 1e-3)
         notes.append(
-            f"the poses' noise is not given: {sigma_mm:.2g} mm and {sigma_deg:.2g}° per axis, as far as they are from the "
-            "arm as its table has it"
+            f"the poses' noise is not given: {sigma_mm:.2g} mm and {sigma_deg:.2g}° per axis, as far as they are from "
+            "the arm as its table has it"
         )
         given = replace(given, point_sigma_mm=sigma_mm, orientation_sigma_deg=sigma_deg)
     return replace(given, mount=mount, notes=tuple(notes))
@@ -267,8 +278,8 @@ def _require_scale(found: BoardHandEye, given: CameraPoints) -> None:
         return
     if given.views is None:
         raise CalibError(
-            f"the marker's poses fit the arm with lengths {found.scale:.4g} times as large; check --length-unit, and the "
-            "marker's size in the program that measured them"
+            f"the marker's poses fit the arm with lengths {found.scale:.4g} times as large; check --length-unit, and "
+            "the marker's size in the program that measured them"
         )
     raise CalibError(
         f"--board {given.views.board}: the images fit the arm with a board {found.scale:.4g} times as large "

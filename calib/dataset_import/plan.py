@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from calib.dataset.dataset import Dataset
-from calib.dataset_import.camera_views import CameraPoints, settled_camera
 from calib.dataset_import.bad_rows import NOTHING_LEFT_OUT, LeftOutRows, left_out_rows, too_many_bad_rows
+from calib.dataset_import.camera_views import CameraPoints, settled_camera
 from calib.dataset_import.columns import Column, Meaning, Recognised, length_column
 from calib.dataset_import.convention import Sheet, settled
 from calib.dataset_import.reading import (

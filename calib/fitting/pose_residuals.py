@@ -11,8 +11,8 @@ rotation are unknowns at every x: they are solved for by a few Gauss-Newton step
 columns are projected out of the Jacobian (variable projection, Golub and Pereyra 1973, in Kaufman's form), so that the
 solver never sees them.
 
-Errors that all points share, such as those of a camera's lens, are unknowns n with a standard normal prior that move the
-poses by S n (`Points.shared`). Eliminated, they make the covariance of the whitened rows 1 + A A^T with A = C^(-1/2) S,
+Errors that all points share, such as those of a camera's lens, are unknowns n with a standard normal prior that move
+the poses by S n (`Points.shared`). Eliminated, they make the covariance of the whitened rows 1 + A A^T with A = C^(-1/2) S,
 and rows are multiplied by its inverse root 1 + U ((1 + s^2)^(-1/2) - 1) U^T, with A = U s V^T.
 
 A constant turn behind the last joint is part of K: orientations alone do not determine alpha, theta, beta of the tool.
@@ -160,16 +160,16 @@ class PoseResiduals(Brief):
 
     def residual(self, x: Array) -> Array:
         _, error, _ = self._solve_frames_and_hand_eye(*predict_poses(self.model, x, self.observed))
-        return self._whitened(error[:, :, None])[:, 0]
+        return self.whitened(error[:, :, None])[:, 0]
 
     def linearise(self, x: Array) -> Linearisation:
         base_mm, attitude, by_x = linearise_poses(self.model, x, self.observed)
         placed, error, columns = self._solve_frames_and_hand_eye(base_mm, attitude)
         turn = self._scanner_R_base(placed)
         by_x = np.concatenate([turn @ by_x[:, :3], _by_left_turn(error[:, 3:]) @ turn @ by_x[:, 3:]], axis=1)
-        jacobian = self._whitened(by_x)
+        jacobian = self.whitened(by_x)
         basis = self._basis(columns)
-        residual = self._whitened(error[:, :, None])[:, 0]
+        residual = self.whitened(error[:, :, None])[:, 0]
         return Linearisation(residual, jacobian - basis @ (basis.T @ jacobian))
 
     def nuisance(self, x: Array) -> Nuisance:
@@ -180,7 +180,7 @@ class PoseResiduals(Brief):
         by_x = np.concatenate([turn @ by_x[:, :3], _by_left_turn(error[:, 3:]) @ turn @ by_x[:, 3:]], axis=1)
         at_mm = error[:, :3] + self.observed.points.xyz_mm
         centres = {str(self.observed.setup[rows[0]]): at_mm[rows].mean(axis=0) for rows in self._setups}
-        return Nuisance(placed, centres, self._whitened(by_x), self._whitened(columns), base_mm, attitude)
+        return Nuisance(placed, centres, self.whitened(by_x), self.whitened(columns), base_mm, attitude)
 
     def frame_directions(self, x: Array) -> Array:
         """Orthonormal basis (R, `degrees_spent`) of the residual's changes by frames and hand-eye rotation."""
@@ -205,9 +205,9 @@ class PoseResiduals(Brief):
 
     def _basis(self, columns: Array) -> Array:
         """Orthonormal basis (R, rank) of the residual's changes by frames and hand-eye rotation, from their columns."""
-        return orthonormal(self._whitened(columns))
+        return orthonormal(self.whitened(columns))
 
-    def _whitened(self, columns: Array) -> Array:
+    def whitened(self, columns: Array) -> Array:
         """Whitened rows (R, K) of changes (M, 6, K), mm and rad, of predicted poses."""
         rows = (self._whiten @ columns).reshape(6 * len(columns), -1)[self._rows]
         if self._shared is None:
@@ -233,9 +233,9 @@ class PoseResiduals(Brief):
         for _ in range(_STEPS):
             error = self.errors(placed, base_mm, attitude)
             columns = self._nuisance_columns(placed, error, attitude)
-            whitened = self._whitened(columns)
+            whitened = self.whitened(columns)
             scale = np.maximum(np.linalg.norm(whitened, axis=0), 1e-300)
-            right = self._whitened(error[:, :, None])[:, 0]
+            right = self.whitened(error[:, :, None])[:, 0]
             motion = -np.linalg.lstsq(whitened / scale, right, rcond=1e-9)[0] / scale
             if np.max(np.abs(motion * scale)) < 1e-9 * (1.0 + float(np.linalg.norm(right))):
                 break

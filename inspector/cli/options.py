@@ -90,6 +90,10 @@ class CalibrateOptions(_FittingOptions):
     urdf_out: Path | None
     kinematics_out: Path | None
     template: Sequence[Path]
+    hand_eye_out: Path | None
+    parent_frame: str | None
+    parent_at: str
+    camera_frame: str
     force: bool
     residuals: Path | None
     scene: Path | None

@@ -23,7 +23,13 @@ def true_lens() -> Lens:
 
 
 def simulated_views(
-    scene: Scene, board: Board, rng: np.random.Generator, *, sigma_px: float, lens: Lens | None = None, swell: float = 1.0
+    scene: Scene,
+    board: Board,
+    rng: np.random.Generator,
+    *,
+    sigma_px: float,
+    lens: Lens | None = None,
+    swell: float = 1.0,
 ) -> MeasuredViews:
     """Board poses of a scene; `swell` is the size of the printed board over what is told of it."""
     views = []
@@ -37,7 +43,13 @@ def simulated_views(
 
 
 def simulated_dataset(
-    scene: Scene, board: Board, rng: np.random.Generator, *, sigma_px: float, lens: Lens | None = None, swell: float = 1.0
+    scene: Scene,
+    board: Board,
+    rng: np.random.Generator,
+    *,
+    sigma_px: float,
+    lens: Lens | None = None,
+    swell: float = 1.0,
 ) -> Dataset:
     """Dataset of a scene, all poses for training; the lens is found from the views where None is given."""
     found = simulated_views(scene, board, rng, sigma_px=sigma_px, lens=lens, swell=swell)

@@ -66,7 +66,9 @@ def look(rng: np.random.Generator, distance: tuple[float, float], tilt_deg: floa
     z = rng.uniform(*distance)
     x, y = z * rng.uniform([-0.22, -0.16], [0.22, 0.16])
     about = rng.uniform(0, 2 * np.pi)
-    tilt = Rotation.from_rotvec(np.radians(tilt_deg) * np.sqrt(rng.uniform(0.15, 1)) * np.array([np.cos(about), np.sin(about), 0]))
+    tilt = Rotation.from_rotvec(
+        np.radians(tilt_deg) * np.sqrt(rng.uniform(0.15, 1)) * np.array([np.cos(about), np.sin(about), 0])
+    )
     return transform(tilt * Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)), [x, y, z])
 
 
@@ -145,7 +147,9 @@ class Scene:
                 writer.writerow([name, *map(repr, np.degrees(q).tolist())])
         return path
 
-    def render(self, pose: int, drawing: Array, size_mm: tuple[float, float], rng: np.random.Generator, *, mirrored=False) -> Array:
+    def render(
+        self, pose: int, drawing: Array, size_mm: tuple[float, float], rng: np.random.Generator, *, mirrored=False
+    ) -> Array:
         """Image of a drawing of the whole board: rays through a lens with distortion, twice as fine, blurred, noisy."""
         fine = 2
         columns, rows = np.meshgrid(np.arange(SIZE_PX[0] * fine), np.arange(SIZE_PX[1] * fine))
@@ -164,7 +168,7 @@ class Scene:
         at_drawing[found[:, 2] <= 0] = -1e4
         shape = (SIZE_PX[1] * fine, SIZE_PX[0] * fine)
         image = cv2.remap(
-            drawing, at_drawing[:, 0].reshape(shape).astype(np.float32), at_drawing[:, 1].reshape(shape).astype(np.float32),
+            drawing, *(at_drawing[:, k].reshape(shape).astype(np.float32) for k in (0, 1)),
             cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=215,
         )  # fmt: skip
         image = cv2.resize(image, SIZE_PX, interpolation=cv2.INTER_AREA).astype(np.float32)

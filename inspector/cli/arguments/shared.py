@@ -28,7 +28,11 @@ def add_fit(sub: ArgumentParser) -> None:
         help="tolerance of one parameter, mm or rad (default 1 mm, 0.0087 rad); may be given several times",
     )
     sub.add_argument(
-        "--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal: d5, theta1 or θ1; links: all of the arm"
+        "--hold",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="keep a parameter at its nominal: d5, theta1 or θ1; links: all of the arm",
     )
     add_leave_out(sub)
     add_finder(sub)
@@ -184,7 +188,9 @@ def camera_arguments(sub: ArgumentParser) -> None:
         help="what they show: charuco:8x6:30:22 (squares, mm of a square, mm of a marker), checkerboard:9x6:25, "
         "apriltag:6x6:40:12 (tags, mm of a tag, mm of a gap), apriltag:50 (a single one), aruco:...",
     )
-    sub.add_argument("--dictionary", metavar="NAME", help="of the markers, such as DICT_4X4_50 (default: by the images)")
+    sub.add_argument(
+        "--dictionary", metavar="NAME", help="of the markers, such as DICT_4X4_50 (default: by the images)"
+    )
     sub.add_argument(
         "--intrinsics",
         type=Path,

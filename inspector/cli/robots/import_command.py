@@ -110,6 +110,12 @@ def _ready(options: ImportOptions, files: UserFiles) -> int:
     return _finished(options, copy_dataset(folder, options.path), document, [said])
 
 
+def _next_step(options: ImportOptions) -> str:
+    """Command that a user would give next."""
+    by_camera = options.images is not None or options.marker_poses is not None
+    return f"inspector calibrate {options.path} --residual pose" if by_camera else f"inspector diagnose {options.path}"
+
+
 def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any], lines: list[str]) -> int:
     """Report the written dataset, and with --diagnose its verdict."""
     warnings = [*dataset.warnings, *dataset.notes]
@@ -127,7 +133,7 @@ def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any]
     }
     document = document | made | {"warnings": warnings}
     if not options.diagnose:
-        show(options, document, "\n".join([*lines, f"next: inspector diagnose {options.path}"]))
+        show(options, document, "\n".join([*lines, f"next: {_next_step(options)}"]))
         return 0
     from calib.diagnosis.diagnose import diagnose
     from calib.planning.discrimination import next_poses
