@@ -2,10 +2,11 @@
 
     .venv/bin/python benchmarks/hand_eye.py [--sets 20] [--poses 25]
 
-A camera sees a ChArUco board (8 x 6 squares of 30 mm, 320 to 560 mm away, 0.1 px of noise, lens found from images), by a
-simulation that shares no code with the product (tests/support/camera_scene.py). Every method gets the same poses of the
-board. Printed are the root mean square over the sets of the camera's error on flange or in the room, mm and deg, and of
-the prediction, mm, of where the board's middle is seen at 40 new poses, which is what a user of the result meets.
+A camera sees a ChArUco board (8 x 6 squares of 30 mm, 320 to 560 mm away, 0.1 px of noise, lens found from images),
+by a simulation that shares no code with the product (tests/support/camera_scene.py). Every method gets the same poses
+of the board. Printed are the root mean square over the sets of the camera's error on flange or in the room, mm and
+deg, and of the prediction, mm, of where the board's middle is seen at 40 new poses, which is what a user of the
+result meets.
 """
 
 from __future__ import annotations

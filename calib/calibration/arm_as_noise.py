@@ -1,8 +1,8 @@
 """Errors of an arm that is held as its table has it, counted as noise of the measured poses.
 
 A camera's poses are known to hundredths of a millimetre, an arm as delivered to tenths or whole ones. Held at its
-table, a fit with the camera's covariances alone would trust most what the camera sees best, and put the arm's errors where it
-sees least. So each pose's covariance C_i gets the arm's errors added, equal along and about all axes,
+table, a fit with the camera's covariances alone would trust most what the camera sees best, and put the arm's errors
+where it sees least. So each pose's covariance C_i gets the arm's errors added, equal along and about all axes,
 
     C_i + diag(s^2, s^2, s^2, t^2, t^2, t^2)
 
@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize
 
 from calib.array_types import Array, IndexArray
 from calib.calibration.result import Calibration
@@ -26,6 +25,7 @@ from calib.options import FitOptions
 ROUNDS = 8
 SETTLED = 0.02  # relative change of both sizes
 _NEEDED = 1.3  # residual over noise, from which the arm's errors are counted
+_EM_ROUNDS = 100
 _LEAST_MM, _LEAST_RAD = 1e-5, 1e-8
 
 
@@ -65,18 +65,14 @@ def arm_noise(calibration: Calibration, measured: Dataset) -> ArmNoise:
     errors, rows = _errors(calibration)
     covariance = _covariances(measured)[rows]
 
-    def cost(log_sizes: Array) -> float:
-        added = np.exp(2.0 * np.repeat(log_sizes, 3))
-        whole = covariance + np.diag(added)
-        root = np.linalg.cholesky(whole)
-        white = np.linalg.solve(root, errors[:, :, None])
-        return float(0.5 * np.sum(white**2) + np.sum(np.log(np.diagonal(root, axis1=1, axis2=2))))
-
-    size = np.sqrt([np.mean(errors[:, :3] ** 2), np.mean(errors[:, 3:] ** 2)])
-    start = np.log(np.maximum(size, [10 * _LEAST_MM, 10 * _LEAST_RAD]))
-    bounds = [(np.log(_LEAST_MM), np.inf), (np.log(_LEAST_RAD), np.inf)]
-    found = minimize(cost, start, method="Nelder-Mead", bounds=bounds, options={"xatol": 1e-3, "fatol": 1e-6})
-    sigma_mm, sigma_rad = np.exp(found.x)
+    variance = np.array([np.mean(errors[:, :3] ** 2), np.mean(errors[:, 3:] ** 2)])
+    for _ in range(_EM_ROUNDS):  # expectation and maximisation (Dempster, Laird and Rubin 1977)
+        added = np.diag(np.repeat(np.maximum(variance, [_LEAST_MM**2, _LEAST_RAD**2]), 3))
+        gain = added @ np.linalg.inv(covariance + added)
+        part = np.einsum("mij,mj->mi", gain, errors)
+        spread = part**2 + np.diagonal(added - gain @ added, axis1=1, axis2=2)
+        variance = np.array([np.mean(spread[:, :3]), np.mean(spread[:, 3:])])
+    sigma_mm, sigma_rad = np.sqrt(np.maximum(variance, [_LEAST_MM**2, _LEAST_RAD**2]))
     return ArmNoise(float(sigma_mm), float(sigma_rad))
 
 

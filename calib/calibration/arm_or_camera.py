@@ -4,11 +4,12 @@ About a fit of full poses, whitened errors y of the board's poses are linear in 
 
     y = A x - G n - g s + F f + noise
 
-with link errors x, the lens's error n (`ViewPose.by_lens`), the error s of the board's size (places grow by s), and the
-unknown frames, board and tool f. The corners themselves tell of the lens too: with the poses of all views eliminated
-they give n with information S, whatever the arm does. Each hypothesis leaves some of x, n and s at zero and gives the others
-normal priors of a size that is averaged over; the likelihoods of all data, noise up to twice the pixels' included, are
-compared at equal prior odds (MacKay 1992). A lens found from the same images is unknown under every hypothesis.
+with link errors x, the lens's error n (`ViewPose.by_lens`), the error s of the board's size (places grow by s), and
+the unknown frames, board and tool f. The corners themselves tell of the lens too: with the poses of all views
+eliminated they give n with information S, whatever the arm does. Each hypothesis leaves some of x, n and s at zero
+and gives the others normal priors of a size that is averaged over; the likelihoods of all data, noise up to twice the
+pixels' included, are compared at equal prior odds (MacKay 1992). A lens found from the same images is unknown under
+every hypothesis.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp
 
 from calib import frames
 from calib.array_types import Array, BoolArray
@@ -130,8 +130,8 @@ def _compared(
             for c in cameras
             for one in _log_evidences(data, _columns(padded, a, c, found_from_images), dof)
         ]
-        logs[name] = float(logsumexp(each) - np.log(len(each)))
-    whole = logsumexp(list(logs.values()))
+        logs[name] = float(np.logaddexp.reduce(each) - np.log(len(each)))
+    whole = np.logaddexp.reduce(list(logs.values()))
     probabilities = {name: float(np.exp(value - whole)) for name, value in logs.items()}
     size_value, size_sigma = _board_size(data, _columns(padded, 1.0, 1.0, found_from_images), dof)
     return ArmOrCamera(probabilities, 1.0 + _BOARD_SHARE * size_value, _BOARD_SHARE * size_sigma)

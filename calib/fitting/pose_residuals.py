@@ -12,8 +12,8 @@ columns are projected out of the Jacobian (variable projection, Golub and Pereyr
 solver never sees them.
 
 Errors that all points share, such as those of a camera's lens, are unknowns n with a standard normal prior that move
-the poses by S n (`Points.shared`). Eliminated, they make the covariance of the whitened rows 1 + A A^T with A = C^(-1/2) S,
-and rows are multiplied by its inverse root 1 + U ((1 + s^2)^(-1/2) - 1) U^T, with A = U s V^T.
+the poses by S n (`Points.shared`). Eliminated, they make the covariance of the whitened rows 1 + A A^T with A =
+C^(-1/2) S, and rows are multiplied by its inverse root 1 + U ((1 + s^2)^(-1/2) - 1) U^T, with A = U s V^T.
 
 A constant turn behind the last joint is part of K: orientations alone do not determine alpha, theta, beta of the tool.
 """

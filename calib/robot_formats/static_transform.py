@@ -92,17 +92,17 @@ def _document(one: StaticTransform) -> dict[str, object]:
 
 def _yaml(one: StaticTransform) -> str:
     """A geometry_msgs/TransformStamped as `ros2 topic pub` takes it, and what is known of its error."""
-    sigma = np.sqrt(np.diag(one.covariance))
+    sigma = np.sqrt(np.diag(one.covariance))  # with a point in each number: YAML 1.1 takes 1e-10 for a word
     x, y, z = one.xyz_m
     qx, qy, qz, qw = one.xyzw
-    covariance = ", ".join(f"{value:.6g}" for value in one.covariance_m.ravel())
+    covariance = ", ".join(f"{value:.6e}" for value in one.covariance_m.ravel())
     return (
         f"# {one.command}\n"
         f"header:\n  frame_id: {one.parent}\nchild_frame_id: {one.child}\n"
-        f"transform:\n  translation: {{x: {x!r}, y: {y!r}, z: {z!r}}}\n"
-        f"  rotation: {{x: {qx!r}, y: {qy!r}, z: {qz!r}, w: {qw!r}}}\n"
-        f"sigma_mm: [{', '.join(f'{value:.4g}' for value in sigma[:3])}]\n"
-        f"turn_sigma_deg: [{', '.join(f'{value:.4g}' for value in np.degrees(sigma[3:]))}]\n"
+        f"transform:\n  translation: {{x: {x:.9f}, y: {y:.9f}, z: {z:.9f}}}\n"
+        f"  rotation: {{x: {qx:.12f}, y: {qy:.12f}, z: {qz:.12f}, w: {qw:.12f}}}\n"
+        f"sigma_mm: [{', '.join(f'{value:.3e}' for value in sigma[:3])}]\n"
+        f"turn_sigma_deg: [{', '.join(f'{value:.3e}' for value in np.degrees(sigma[3:]))}]\n"
         f"covariance: [{covariance}]  # 6 x 6, m and rad\n"
     )
 

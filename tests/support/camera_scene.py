@@ -148,17 +148,23 @@ class Scene:
         return path
 
     def render(
-        self, pose: int, drawing: Array, size_mm: tuple[float, float], rng: np.random.Generator, *, mirrored=False
+        self,
+        pose: int,
+        drawing: Array,
+        size_mm: tuple[float, float],
+        rng: np.random.Generator,
+        *,
+        mirrored=False,
+        fine: int = 2,
     ) -> Array:
-        """Image of a drawing of the whole board: rays through a lens with distortion, twice as fine, blurred, noisy."""
-        fine = 2
+        """Image of a drawing of the whole board: rays through a lens, some to a pixel, blurred, noisy."""
         columns, rows = np.meshgrid(np.arange(SIZE_PX[0] * fine), np.arange(SIZE_PX[1] * fine))
         pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2).astype(np.float64)
         pixels = (pixels + 0.5) / fine - 0.5
-        rays = _RAYS.get((self.matrix.tobytes(), self.distortion.tobytes()))
+        rays = _RAYS.get((self.matrix.tobytes(), self.distortion.tobytes(), fine))
         if rays is None:
             rays = cv2.undistortPoints(pixels, self.matrix, self.distortion).reshape(-1, 2)
-            _RAYS[(self.matrix.tobytes(), self.distortion.tobytes())] = rays
+            _RAYS[(self.matrix.tobytes(), self.distortion.tobytes(), fine)] = rays
         at = self.camera_T_board[pose]
         plane = np.column_stack([at[:3, 0], at[:3, 1], at[:3, 3]])  # ray s = plane (x, y, 1)
         found = np.column_stack([rays, np.ones(len(rays))]) @ np.linalg.inv(plane).T

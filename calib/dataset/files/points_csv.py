@@ -1,12 +1,12 @@
 """points.csv, read, checked and written: measured points in the scanner's frame, with orientations where known.
 
-Optional columns of a full pose: `qw, qx, qy, qz`, the unit quaternion of scanner_R_jig (all four empty where it is not
-known); the covariance of its error as a small turn about the scanner's axes, `rxx_rad2, rxy_rad2, rxz_rad2, ryy_rad2,
-ryz_rad2, rzz_rad2`; and that of the point's error with the turn's, `x_rx_mm_rad, x_ry_mm_rad ... z_rz_mm_rad`. Columns
-in metres have `m` in place of `mm` in their names, all of them. `shared1_x_mm ... shared1_rz_rad`, `shared2_x_mm ...` are
-the changes of point and turn by one sigma of each error that all points share, such as a lens's. A row whose three
-coordinates are empty says that the point was not seen. In place of x, y and z there may be `length_mm`, from an `anchor`
-whose place is not known.
+Optional columns of a full pose: `qw, qx, qy, qz`, the unit quaternion of scanner_R_jig (all four empty where it is
+not known); the covariance of its error as a small turn about the scanner's axes, `rxx_rad2, rxy_rad2, rxz_rad2,
+ryy_rad2, ryz_rad2, rzz_rad2`; and that of the point's error with the turn's, `x_rx_mm_rad, x_ry_mm_rad ...
+z_rz_mm_rad`. Columns in metres have `m` in place of `mm` in their names, all of them. `shared1_x_mm ...
+shared1_rz_rad`, `shared2_x_mm ...` are the changes of point and turn by one sigma of each error that all points
+share, such as a lens's. A row whose three coordinates are empty says that the point was not seen. In place of x, y
+and z there may be `length_mm`, from an `anchor` whose place is not known.
 """
 
 from __future__ import annotations
