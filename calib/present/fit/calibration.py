@@ -16,6 +16,7 @@ from calib.calibration.model_versions import Version
 from calib.calibration.mount import CameraPlace, Mount, camera_places, mounts
 from calib.calibration.noise_level import SigmaCheck, noise_level
 from calib.calibration.promise import promise
+from calib.calibration.reprojection import ReprojectedView, reprojected_views, rms_px
 from calib.calibration.result import Calibration, is_declared
 from calib.calibration.table_doubts import DoubtfulEntry, doubtful_entries
 from calib.calibration.uncertainty import Combination, correlated_pairs, identifiable_combinations
@@ -129,6 +130,9 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
     facts += [_mount_fact(mount) for mount in mounts(calibration)]
     if not calibration.model.robot.carries_scanner:
         facts += [_place_fact(place) for place in camera_places(calibration)]
+    reprojected = reprojected_views(calibration)
+    if reprojected:
+        facts.append(("reprojection", _reprojection_words(calibration, reprojected)))
     asked = arm_or_camera(calibration)
     if asked is not None:
         facts.append(("arm or camera", arm_or_camera_words(asked)))
@@ -159,6 +163,32 @@ def _place_fact(place: CameraPlace) -> tuple[str, str]:
         f"{where} mm, roll, pitch, yaw {turns}° ± {np.degrees(place.turn_sigma_rad.max()):.2g}°; with the fitted table "
         f"± {numbers.length(table[:3].max())} and {np.degrees(table[3:].max()):.2g}°",
     )
+
+
+def _reprojection_words(calibration: Calibration, views: tuple[ReprojectedView, ...]) -> str:
+    """Clause on the pixels between the corners and where the fit puts them."""
+    assert calibration.dataset.camera is not None
+    fitted = rms_px(tuple(one for one in views if one.role != "test"))
+    test = rms_px(tuple(one for one in views if one.role == "test"))
+    worst = max(views, key=lambda one: one.rms_px)
+    each = [f"{value:.3f} pixels at the {what} poses" for value, what in ((fitted, "fitted"), (test, "test")) if value]
+    return (
+        f"{' and '.join(each)} (RMS per coordinate; the corners' own noise is "
+        f"{calibration.dataset.camera.sigma_px:.3f}), most at {worst.view.pose}, {worst.rms_px:.3f}"
+    )
+
+
+def _reprojection_document(views: tuple[ReprojectedView, ...]) -> dict[str, Any] | None:
+    if not views:
+        return None
+    poses = [
+        {"pose": one.view.pose, "role": one.role, "corners": len(one.predicted), "rms_px": one.rms_px} for one in views
+    ]
+    return {
+        "train_rms_px": rms_px(tuple(one for one in views if one.role != "test")),
+        "test_rms_px": rms_px(tuple(one for one in views if one.role == "test")),
+        "poses": poses,
+    }
 
 
 _WRONG = {
@@ -667,6 +697,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         **found_tool_document(calibration),
         "mounts": [_mount_document(mount) for mount in mounts(calibration)],
         "hand_eye": [_place_document(place) for place in camera_places(calibration)],
+        "reprojection": _reprojection_document(reprojected_views(calibration)),
         "arm_or_camera": _asked_document(arm_or_camera(calibration)),
         "attitudes": attitudes and dict(zip(("before", "after"), attitudes, strict=True)),
         "faces_named": None if labelling is None else face_labelling(labelling),
