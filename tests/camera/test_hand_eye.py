@@ -15,6 +15,7 @@ from calib.calibration.mount import camera_places
 from calib.calibration.reprojection import reprojected_views, rms_px
 from calib.camera.board import board_of
 from calib.camera.view import covariance_of
+from inspector.figures import reprojection, to_svg
 from tests.support.camera_dataset import simulated_dataset, simulated_views, true_lens
 from tests.support.camera_scene import Scene, flange, nominal_table
 
@@ -59,6 +60,12 @@ def test_a_camera_is_found_within_its_sigmas_and_better_than_opencv_finds_it(on_
     first = views[3]
     true = scene.pixels(scene.names.index(first.view.pose), first.view.board_mm)
     assert np.abs(first.predicted - true).max() < 0.3
+    drawn = reprojection(calibration)
+    worst = max(views, key=lambda one: one.rms_px)
+    assert worst.view.pose in drawn.layout.title.text
+    assert np.allclose(np.column_stack([drawn.data[1].x, drawn.data[1].y]), worst.view.pixels)
+    assert to_svg(drawn).count("<circle") + to_svg(drawn).count("<use") + to_svg(drawn).count("<path") > 2
+    assert "Reprojection" in calibration._repr_html_()
     board = place.board_parent_T_board[:3, 3] - scene.parent_T_board[:3, 3]
     assert np.linalg.norm(board) < 0.2
     robot = np.array([flange(nominal_table(), q) for q in scene.q])

@@ -85,6 +85,9 @@ def _calibration(calibration: Calibration) -> Presentation:
         redundancy_section(analysis),
         Section("Convergence", [falls]),
     ]
+    if reprojected_views(calibration):
+        caption = "Corners of the image that the fit meets worst, with arrows from where it puts them."
+        sections.append(Section("Reprojection", [FigurePlace("reprojection", (calibration,), caption, height_px=420)]))
     return Presentation(
         f"Calibration of {calibration.dataset.name}",
         [*calibration_head(calibration), pose_errors(calibration)],
