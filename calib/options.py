@@ -32,6 +32,8 @@ BUILTIN_ROBOTS = ("rb5", "panda")
 MAX_TOLERANCE = 1e6  # mm or rad; `prior=False` is the way to have none
 GREEK_LETTERS = {"alpha": "α", "beta": "β", "theta": "θ"}
 """Letters by which tables and figures show the parameters whose names begin with these words."""
+LINKS = "links"
+"""Word among `FitOptions.fixed` for all link parameters of robot.toml but the tool's: the arm is held as it is."""
 _SHOWN_NAME = re.compile(rf"([{''.join(GREEK_LETTERS.values())}])(\d+|TCP)")
 
 
@@ -63,7 +65,7 @@ class FitOptions:
     prior: bool = True
     """Whether parameters have a Gaussian prior, with their tolerance as its standard deviation."""
     fixed: tuple[str, ...] = ()
-    """Names of parameters that stay at their nominal value; "θ1", as tables show it, is "theta1"."""
+    """Names of parameters that stay at their nominal value; "θ1", as tables show it, is "theta1"; "links": all."""
     tolerances: Mapping[str, float] = field(default_factory=dict)
     """Tolerances of single link parameters by name, mm or rad, in place of the default of 1 mm and 0.5 deg."""
     robust: bool = False
@@ -105,7 +107,7 @@ class FitOptions:
 
     def for_parameters(self, names: Collection[str]) -> FitOptions:
         """The options with only those fixed parameters that are among `names`, for a model with fewer parameters."""
-        return replace(self, fixed=tuple(name for name in self.fixed if name in names))
+        return replace(self, fixed=tuple(name for name in self.fixed if name in names or name == LINKS))
 
 
 class FitFields(TypedDict, total=False):

@@ -104,6 +104,7 @@ print(json.dumps([code, [name for name in {slow!r} if name in sys.modules]]))
 
 IMPORTED_AS = {
     "open3d-cpu": "open3d",
+    "opencv-python-headless": "cv2",
     "pillow": "PIL",
     "pyyaml": "yaml",
 }  # where a package's name is not its module's

@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
+from calib.calibration.arm_as_noise import ROUNDS, arm_noise, counts_arm_as_noise, with_arm_noise
 from calib.calibration.evaluation import evaluate_all
 from calib.calibration.result import Calibration, FittedResult
 from calib.dataset.dataset import Dataset
@@ -35,12 +36,12 @@ from calib.fitting.pose_residuals import PoseResiduals, require_orientations
 from calib.fitting.position_residuals import PositionResiduals
 from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.robust import BACK_LEVEL, LEVEL, fit_inliers, inlying_points, resistant_core
-from calib.fitting.table_evidence import sigmas_near_table
+from calib.fitting.table_evidence import TIP, sigmas_near_table
 from calib.fitting.tool_point import fixed_behind_tool_point
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.measurement.measured_dataset import measured
-from calib.options import FitFields, FitOptions, fit_options
+from calib.options import LINKS, FitFields, FitOptions, fit_options
 
 _LENGTH_ROUNDS = 6  # in which the lines of measured lengths are made anew
 _SAME_LINE_MM = 0.05  # by which the end of a line may still move: of a metre it changes the length by a nanometre
@@ -82,9 +83,19 @@ def calibrate(
     """
     options = fit_options(options, keywords)
     dataset = measured(dataset, orientation=options.residual == "pose")
+    options = with_links_held(options, dataset.robot)
     members = effects_named(dataset, effects)
     if dataset.points is None or dataset.points.lengths is None:
-        return _calibrated(dataset, options, members, prior_sigmas or {}, start)
+        calibration = _calibrated(dataset, options, members, prior_sigmas or {}, start)
+        if not counts_arm_as_noise(calibration, options):
+            return calibration
+        noise = arm_noise(calibration, dataset)
+        for _ in range(ROUNDS):
+            calibration = _calibrated(with_arm_noise(dataset, noise), options, members, prior_sigmas or {}, start)
+            before, noise = noise, arm_noise(calibration, dataset)
+            if noise.is_near(before):
+                break
+        return calibration
     if options.residual != "position" or options.robust:
         raise FitError(f"dataset {dataset.name}: measured lengths take residual position, and no robust fit")
     for _ in range(_LENGTH_ROUNDS):
@@ -158,6 +169,17 @@ def _calibrated(
         outliers=outliers,
         averaged=None if dataset is given else dataset,
     )
+
+
+def with_links_held(options: FitOptions, robot: Robot) -> FitOptions:
+    """The options with the word "links" among the fixed parameters replaced by the names of the arm's own parameters.
+
+    The tool's row is not among them: no table knows where target or instrument are mounted.
+    """
+    if LINKS not in options.fixed:
+        return options
+    of_arm = [name for name in robot.parameter_names if not name.endswith(TIP)]
+    return replace(options, fixed=tuple(dict.fromkeys([name for name in options.fixed if name != LINKS] + of_arm)))
 
 
 def _with_prior(model: Model, options: FitOptions) -> Model:

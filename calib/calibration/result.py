@@ -244,8 +244,11 @@ class Calibration(FittedResult, Presented):
     def worsening(self) -> Worsening | None:
         """Rise of the test poses' error by the fit (training poses' without test poses); None without a rise.
 
-        The training error can rise in a fit of distances, or without a prior.
+        The training error can rise in a fit of distances, or without a prior. With the links held as in robot.toml
+        nothing of the arm changes, and a rise is that of the instrument's frame.
         """
+        if self.holds_table:
+            return None
         for role, before, after in (
             ("test", self.before.test, self.after.test),
             ("train", self.before.train, self.after.train),

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.brief import Brief
+from calib.camera.observed import CameraViews
 from calib.dataset.further_columns import FurtherColumns
 from calib.errors import DatasetError
 from calib.jig import Jig
@@ -278,6 +279,9 @@ class Points(Brief):
     orientations: Orientations | None = None  # full poses, where the instrument tells more than points
     counts_as: Array | None = None  # (M,) how many measurements each counts as, where points are means of several
     lengths: Lengths | None = None  # where only lengths from anchors were measured: then `xyz_mm` starts there
+    # (M, 6, K) changes of point, mm, and orientation, rad, by one sigma of each of K errors that all points share,
+    # such as those of a camera's lens
+    shared: Array | None = None
 
     @property
     def coordinates(self) -> int:
@@ -294,7 +298,10 @@ class Points(Brief):
         turned = None if self.orientations is None else self.orientations.select(keep)
         counts_as = None if self.counts_as is None else self.counts_as[keep]
         lengths = None if self.lengths is None else self.lengths.select(keep)
-        return Points(self.pose[keep], self.xyz_mm[keep], self.target[keep], covariance, turned, counts_as, lengths)
+        shared = None if self.shared is None else self.shared[keep]
+        return Points(
+            self.pose[keep], self.xyz_mm[keep], self.target[keep], covariance, turned, counts_as, lengths, shared
+        )
 
     def _brief(self) -> str:
         targets = ", ".join(map(str, np.unique(self.target)))
@@ -326,6 +333,7 @@ class Dataset(Presented):
     targets: tuple[DeclaredTarget, ...] = ()  # besides the three-faced jig, as dataset.toml describes them
     signal_noise: SignalNoise = field(default_factory=SignalNoise)
     finder_file: Path | None = None  # of a finder of the user's own, for what is to be found in the scans
+    camera: CameraViews | None = None  # where points are of a board that a camera sees, the corners in its images
     read_files: Mapping[str, str] = field(default_factory=dict, compare=False)
     """Hash of each file, scans apart, as it was read, by path below the folder: a file may change under a fit."""
 

@@ -184,6 +184,7 @@ def _mean_points(points: Points, group: IndexArray, first: IndexArray) -> Points
         covariance_mm2=None if covariance is None else _group_means(covariance, group, len(first)),
         orientations=_mean_orientations(points.orientations, group, counts_as),
         counts_as=counts_as,
+        shared=None if points.shared is None else _group_means(points.shared, group, len(first)),
     )
 
 

@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.dataset_import.archive import is_archive, unpack
+from calib.dataset_import.camera_views import CameraChoice, camera_points
 from calib.dataset_import.columns import Meaning
 from calib.dataset_import.plan import ImportPlan, ImportSources, plan_import
 from calib.dataset_import.user_files import UserFiles, look_through
@@ -34,6 +35,7 @@ class ImportChoice:
     point_sigma_mm: float | None = None  # of one measured point, each axis
     tool_mm: Vector | None = None  # the measured point from the end of the robot's file, see `with_tool_offset`
     skip_bad_rows: bool = False
+    camera: CameraChoice = field(default_factory=CameraChoice)
 
 
 def plan_of_files(files: UserFiles, choice: ImportChoice) -> ImportPlan:
@@ -43,10 +45,16 @@ def plan_of_files(files: UserFiles, choice: ImportChoice) -> ImportPlan:
     if points is None and (choice.joints is None or choice.joints == files.joints):
         points = files.points
     robots, faults = _robots(files, choice)
+    camera = None
+    if choice.camera.images is not None or choice.camera.marker_poses is not None:
+        if joints is None:
+            raise CalibError("--images and --marker-poses need --joints FILE.csv, the joint values of each")
+        camera, points = camera_points(choice.camera, joints, choice.mapping), None
     return plan_import(
         ImportSources(
             robots, joints, points, files.scans, choice.mapping, faults,
             point_sigma_mm=choice.point_sigma_mm, tool_mm=choice.tool_mm, skip_bad_rows=choice.skip_bad_rows,
+            camera=camera,
         )
     )  # fmt: skip
 

@@ -13,6 +13,7 @@ from calib.consistency.own_pose import own_pose_columns, table_disagreement_mm
 from calib.consistency.own_pose import told as own_pose_told
 from calib.dataset.dataset import Dataset
 from calib.dataset_import.bad_rows import NOTHING_LEFT_OUT, LeftOutRows, left_out_rows, too_many_bad_rows
+from calib.dataset_import.camera_views import CameraPoints, settled_camera
 from calib.dataset_import.columns import Column, Meaning, Recognised, length_column
 from calib.dataset_import.convention import Sheet, has_known_unit, settled
 from calib.dataset_import.reading import (
@@ -31,7 +32,7 @@ from calib.dataset_import.recorded_stops import is_recording, recorded_poses
 from calib.dataset_import.tool_offset import with_tool_offset
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, joint_units, length_unit
 from calib.dataset_import.writing import Content, checked, lengths_text, points_text, poses_text
-from calib.errors import DatasetError
+from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Vector
 from calib.robot_formats.conventions import RobotReading
 from calib.robot_formats.robot_file import RobotFile
@@ -59,6 +60,7 @@ class ImportSources:
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     joint_unit_is_unknown: bool = False  # whatever their size: they may be no angles at all
+    camera: CameraPoints | None = None  # poses of a board, in place of points and scans
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,7 @@ def plan_import(sources: ImportSources) -> ImportPlan:
             report.fault(str(error))
             return _plan(report, sources, {}, None)
     report = _new_report(sources)
-    report.notes += _tool_note(sources)
+    report.notes += [*_tool_note(sources), *_camera_notes(sources)]
     plan = _plan_of_rows(report, sources, NOTHING_LEFT_OUT)
     bad = report.row_faults
     if not bad:
@@ -134,7 +136,7 @@ def plan_import(sources: ImportSources) -> ImportPlan:
         return replace(plan, faults=faults, bad_rows=tuple(bad), has_too_many_bad_rows=bool(too_many))
     left_out = left_out_rows(tables, bad, _pose_columns(sources, tables))
     report = _new_report(sources)
-    report.notes += [*left_out.notes, *_tool_note(sources)]
+    report.notes += [*left_out.notes, *_tool_note(sources), *_camera_notes(sources)]
     plan = _plan_of_rows(report, sources, left_out)
     return replace(plan, bad_rows=tuple(bad), are_left_out=True)
 
@@ -168,6 +170,11 @@ def _tool_note(sources: ImportSources) -> list[str]:
     end = "the last joint's frame" if chain is None or not chain.tip else chain.tip
     x, y, z = sources.tool_mm
     return [f"{sources.robots[0].robot.robot.name}: the measured point is at {x:g}, {y:g}, {z:g} mm in {end}, as given"]
+
+
+def _camera_notes(sources: ImportSources) -> tuple[str, ...]:
+    """Notes on what images or marker poses show."""
+    return () if sources.camera is None else sources.camera.notes
 
 
 def _tables_with_rows(sources: ImportSources) -> list[UserTable]:
@@ -208,7 +215,7 @@ def _plan_of_rows(report: ImportReport, sources: ImportSources, left_out: LeftOu
         )
     if table is None:
         return _plan(report, sources, {}, None)
-    wants_points = same and not sources.scans
+    wants_points = same and not sources.scans and sources.camera is None
     meant = recognised(report, table, sources.mapping, positions=wants_points)
     columns = {table.path: (table, meant)}
     of_points = meant
@@ -254,7 +261,8 @@ def _with_numbers(
 ) -> ImportPlan:
     """Plan of an import from tables with recognised columns: their numbers, units, and the pose of each point."""
     q_file = joint_values(report, table, meant)
-    seen = point_values(report, other or table, of_points, needed=not sources.scans)
+    by_camera = sources.camera is not None
+    seen = None if by_camera else point_values(report, other or table, of_points, needed=not sources.scans)
     ids = pose_ids(report, table, meant)
     row_of = rows_of_points(report, table, ids, other, of_points)
     if q_file is None or report.robot is None or not np.isfinite(q_file).any():
@@ -298,20 +306,30 @@ def _with_numbers(
     if length_column(of_points) is not None:
         measured = np.isin(np.arange(len(ids)), row_of)
     _compare_with_controller(report, table, q)
+    if sources.camera is not None:
+        measured = np.isin(ids, sources.camera.names)
     poses_csv = poses_text(report, table, columns[table.path][1], ids, q, sources.scans, measured)
     of_lengths = None
     if length_column(of_points) is not None:
         of_lengths = lengths_text(report, other or table, of_points, [(i, ids[row]) for i, row in enumerate(row_of)])
     if report.faults:
         return _plan(report, sources, columns, None, len(table), robot_file)
-    points_csv = of_lengths
+    camera, points_csv = sources.camera, of_lengths
+    if camera is not None:
+        try:
+            camera = settled_camera(camera, report.robot, ids, q)
+            report.notes += camera.notes[len(_camera_notes(sources)) :]
+            points_csv = camera.points_text(ids)
+        except CalibError as error:
+            report.fault(str(error))
+            return _plan(report, sources, columns, None, len(table), robot_file)
     if seen is not None:
         points_csv = points_text(other or table, of_points, [ids[i] for i in row_of], seen)
     if points_csv is None and sources.point_sigma_mm is not None:
         report.doubts.append("the sigma of a measured point is not used: these data have scans and no measured points")
     content = Content(
         report.robot, poses_csv, points_csv, sources.scans, f"imported from {table.path.name}", sources.robots[0].path,
-        point_sigma_mm=None if points_csv is None else sources.point_sigma_mm, notes=left_out.notes,
+        point_sigma_mm=None if points_csv is None else sources.point_sigma_mm, notes=left_out.notes, camera=camera,
     )  # fmt: skip
     try:
         preview = checked(content)

@@ -14,9 +14,11 @@ import tomli_w
 
 from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import ROLES, Dataset
+from calib.dataset.files.camera_views import VIEWS_FILE, camera_document, views_text
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.dataset.input_names import CONDITIONS, joint_input, quantity_of
+from calib.dataset_import.camera_views import CameraPoints
 from calib.dataset_import.columns import Recognised, length_column
 from calib.dataset_import.reading import ImportReport
 from calib.dataset_import.units import LENGTHS_MM
@@ -145,6 +147,7 @@ class Content:
     template: Path | None = None  # the user's own robot file, kept for a calibrated one of the same form
     point_sigma_mm: float | None = None
     notes: tuple[str, ...] = ()
+    camera: CameraPoints | None = None
 
 
 def checked(content: Content) -> Dataset:
@@ -188,6 +191,11 @@ def _draft(folder: Path, content: Content, *, with_scans: bool) -> None:
         document["notes"] = list(content.notes)
     if content.point_sigma_mm is not None:
         document["scanner"] = {"point_sigma_mm": content.point_sigma_mm}
+    if content.camera is not None:
+        document["scanner"] = _instrument(content.camera, document.get("scanner", {}))
+        if content.camera.views is not None:
+            document["camera"] = camera_document(content.camera.views)
+            (folder / VIEWS_FILE).write_text(views_text(content.camera.views), encoding="utf-8")
     if content.scans:
         document |= {"scans": "scans", "jig": {}}
         (folder / "scans").mkdir()
@@ -201,3 +209,12 @@ def _draft(folder: Path, content: Content, *, with_scans: bool) -> None:
     if content.points_csv is not None:
         (folder / "points.csv").write_text(content.points_csv, encoding="utf-8")
     (folder / "dataset.toml").write_text(tomli_w.dumps(document), encoding="utf-8")
+
+
+def _instrument(camera: CameraPoints, declared: dict[str, Any]) -> dict[str, Any]:
+    """[scanner] of a camera: its mount, and the noise of its poses where they have no covariances of their own."""
+    sigmas = {
+        "point_sigma_mm": declared.get("point_sigma_mm", camera.point_sigma_mm),
+        "orientation_sigma_deg": camera.orientation_sigma_deg,
+    }
+    return {"mount": camera.mount or "room"} | {key: value for key, value in sigmas.items() if value is not None}

@@ -11,6 +11,10 @@ rotation are unknowns at every x: they are solved for by a few Gauss-Newton step
 columns are projected out of the Jacobian (variable projection, Golub and Pereyra 1973, in Kaufman's form), so that the
 solver never sees them.
 
+Errors that all points share, such as those of a camera's lens, are unknowns n with a standard normal prior that move
+the poses by S n (`Points.shared`). Eliminated, they make the covariance of the whitened rows 1 + A A^T with A =
+C^(-1/2) S, and rows are multiplied by its inverse root 1 + U ((1 + s^2)^(-1/2) - 1) U^T, with A = U s V^T.
+
 A constant turn behind the last joint is part of K: orientations alone do not determine alpha, theta, beta of the tool.
 """
 
@@ -64,6 +68,18 @@ class FramesAndHandEye:
 
     scanner_T_base: Mapping[str, Array]  # by setup, (4, 4)
     tool_R_jig: Array  # (3, 3)
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """Unknowns of predicted poses beyond the arm's parameters at a fit, and whitened derivatives of the residual."""
+
+    placed: FramesAndHandEye
+    centre_mm: Mapping[str, Array]  # (3,) by setup, about which its frame turns, scanner frame
+    by_parameters: Array  # (R, P), frames and hand-eye rotation at rest
+    by_frames: Array  # (R, 6 S + 3) by shift, mm, and turn, rad, of each setup's frame in turn, and the hand-eye turn
+    base_mm: Array  # (M, 3) predicted points, see `predict_poses`
+    attitude: Array  # (M, 3, 3)
 
 
 @dataclass(frozen=True)
@@ -136,7 +152,7 @@ class PoseResiduals(Brief):
     def degrees_spent(self) -> int:
         """Number of eliminated unknowns: the rank of the columns of frames and hand-eye rotation."""
         base_mm, attitude = predict_poses(self.model, np.zeros(len(self.parameters)), self.observed)
-        return self._basis(*self._solve_frames_and_hand_eye(base_mm, attitude)[1:]).shape[1]
+        return self._basis(self._solve_frames_and_hand_eye(base_mm, attitude)[2]).shape[1]
 
     def frames_and_hand_eye(self, x: Array) -> FramesAndHandEye:
         """Best scanner frames and hand-eye rotation at x (P,)."""
@@ -144,22 +160,31 @@ class PoseResiduals(Brief):
 
     def residual(self, x: Array) -> Array:
         _, error, _ = self._solve_frames_and_hand_eye(*predict_poses(self.model, x, self.observed))
-        return np.einsum("mij,mj->mi", self._whiten, error).ravel()[self._rows]
+        return self.whitened(error[:, :, None])[:, 0]
 
     def linearise(self, x: Array) -> Linearisation:
         base_mm, attitude, by_x = linearise_poses(self.model, x, self.observed)
         placed, error, columns = self._solve_frames_and_hand_eye(base_mm, attitude)
         turn = self._scanner_R_base(placed)
         by_x = np.concatenate([turn @ by_x[:, :3], _by_left_turn(error[:, 3:]) @ turn @ by_x[:, 3:]], axis=1)
-        jacobian = (self._whiten @ by_x).reshape(6 * len(error), -1)[self._rows]
-        basis = self._basis(error, columns)
-        residual = np.einsum("mij,mj->mi", self._whiten, error).ravel()[self._rows]
+        jacobian = self.whitened(by_x)
+        basis = self._basis(columns)
+        residual = self.whitened(error[:, :, None])[:, 0]
         return Linearisation(residual, jacobian - basis @ (basis.T @ jacobian))
+
+    def nuisance(self, x: Array) -> Nuisance:
+        """Frames and hand-eye rotation at x (P,), with whitened derivatives by parameters and by all of these."""
+        base_mm, attitude, by_x = linearise_poses(self.model, x, self.observed)
+        placed, error, columns = self._solve_frames_and_hand_eye(base_mm, attitude)
+        turn = self._scanner_R_base(placed)
+        by_x = np.concatenate([turn @ by_x[:, :3], _by_left_turn(error[:, 3:]) @ turn @ by_x[:, 3:]], axis=1)
+        at_mm = error[:, :3] + self.observed.points.xyz_mm
+        centres = {str(self.observed.setup[rows[0]]): at_mm[rows].mean(axis=0) for rows in self._setups}
+        return Nuisance(placed, centres, self.whitened(by_x), self.whitened(columns), base_mm, attitude)
 
     def frame_directions(self, x: Array) -> Array:
         """Orthonormal basis (R, `degrees_spent`) of the residual's changes by frames and hand-eye rotation."""
-        _, error, columns = self._solve_frames_and_hand_eye(*predict_poses(self.model, x, self.observed))
-        return self._basis(error, columns)
+        return self._basis(self._solve_frames_and_hand_eye(*predict_poses(self.model, x, self.observed))[2])
 
     def errors(self, placed: FramesAndHandEye, base_mm: Array, attitude: Array) -> Array:
         """Errors (M, 6), predicted minus measured: mm, and rotation vector in rad (meaningless without orientation)."""
@@ -178,9 +203,26 @@ class PoseResiduals(Brief):
             out[rows] = placed.scanner_T_base[str(self.observed.setup[rows[0]])][:3, :3]
         return out
 
-    def _basis(self, error: Array, columns: Array) -> Array:
+    def _basis(self, columns: Array) -> Array:
         """Orthonormal basis (R, rank) of the residual's changes by frames and hand-eye rotation, from their columns."""
-        return orthonormal((self._whiten @ columns).reshape(6 * len(error), -1)[self._rows])
+        return orthonormal(self.whitened(columns))
+
+    def whitened(self, columns: Array) -> Array:
+        """Whitened rows (R, K) of changes (M, 6, K), mm and rad, of predicted poses."""
+        rows = (self._whiten @ columns).reshape(6 * len(columns), -1)[self._rows]
+        if self._shared is None:
+            return rows
+        ways, size = self._shared
+        return np.asarray(rows + ways @ ((1.0 / np.sqrt(1.0 + size**2) - 1.0)[:, None] * (ways.T @ rows)))
+
+    @cached_property
+    def _shared(self) -> tuple[Array, Array] | None:
+        """Orthonormal directions (R, K) of the shared errors among the whitened rows, and their sizes (K,)."""
+        shared = self.observed.points.shared
+        if shared is None or not shared.shape[2]:
+            return None
+        ways, size, _ = np.linalg.svd((self._whiten @ shared).reshape(6 * len(shared), -1)[self._rows], False)
+        return ways, size
 
     def _solve_frames_and_hand_eye(self, base_mm: Array, attitude: Array) -> tuple[FramesAndHandEye, Array, Array]:
         """Best frames and hand-eye rotation for predicted poses, errors (M, 6), and derivatives.
@@ -191,9 +233,9 @@ class PoseResiduals(Brief):
         for _ in range(_STEPS):
             error = self.errors(placed, base_mm, attitude)
             columns = self._nuisance_columns(placed, error, attitude)
-            whitened = (self._whiten @ columns).reshape(6 * len(error), -1)[self._rows]
+            whitened = self.whitened(columns)
             scale = np.maximum(np.linalg.norm(whitened, axis=0), 1e-300)
-            right = np.einsum("mij,mj->mi", self._whiten, error).ravel()[self._rows]
+            right = self.whitened(error[:, :, None])[:, 0]
             motion = -np.linalg.lstsq(whitened / scale, right, rcond=1e-9)[0] / scale
             if np.max(np.abs(motion * scale)) < 1e-9 * (1.0 + float(np.linalg.norm(right))):
                 break

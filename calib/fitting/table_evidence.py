@@ -23,7 +23,7 @@ from calib.fitting.residual import Residuals
 _SHARES = np.geomspace(1.0, 0.003, 11)  # of the tolerances
 _HELD = 1e-4  # of the tolerances, of links that are held: 1 micrometre at an arm's length
 _SURE = 5.0  # nats by which the least share has to be likelier than the whole tolerance
-_TIP = "TCP"  # whose frame is that of the target or of the tool, not of the arm
+TIP = "TCP"  # whose frame is that of the target or of the tool, not of the arm
 
 
 def sigmas_near_table(model: Model, links: LinkErrors, residuals: Residuals, fit: Fit) -> dict[str, float]:
@@ -31,7 +31,7 @@ def sigmas_near_table(model: Model, links: LinkErrors, residuals: Residuals, fit
 
     The tool's frame is not among them: where a target or the scanner is mounted no table knows.
     """
-    least = {full_name(links, p): _HELD * p.scale for p in links.parameters if not p.name.endswith(_TIP)}
+    least = {full_name(links, p): _HELD * p.scale for p in links.parameters if not p.name.endswith(TIP)}
     of_links = np.array([p.name in least for p in model.parameters], dtype=bool)
     if not of_links.any() or not np.isfinite(fit.reduced_chi):
         return {}

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from calib.calibration.mount import camera_places
 from calib.calibration.plausibility import fit_without_outliers, implausibility_reason
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
@@ -35,6 +36,7 @@ from calib.present.fit.calibration import (
 from calib.present.over_time.arm_types import pooled_block, pooled_document
 from calib.rendering.text import block_text
 from calib.robot_formats.calibrated_file import TEMPLATE_SUFFIXES, URDF_SUFFIXES, YAML_SUFFIXES, kept_template
+from calib.robot_formats.static_transform import StaticTransform, transform_text
 from calib.screening.curves.fitted_curves import effect_file_text
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options import CalibrateOptions, CompareOptions, CorrectOptions, WatchOptions
@@ -72,7 +74,7 @@ def run_calibrate(options: CalibrateOptions) -> int:
     dataset = load(options.path, options.leave_out, options.finder)
     outputs = [
         options.out, options.model_out, options.residuals, options.scene, options.session, options.learned_out,
-        options.urdf_out, options.kinematics_out,
+        options.urdf_out, options.kinematics_out, options.hand_eye_out,
     ]  # fmt: skip
     check_outputs(dataset, outputs, [options.effects_file, *options.template])
     templates = _templates(options, dataset)
@@ -107,6 +109,8 @@ def run_calibrate(options: CalibrateOptions) -> int:
         contents[options.out] = table.to_toml()
     if options.model_out is not None:
         contents[options.model_out] = result.fitted_model.to_json()
+    if options.hand_eye_out is not None:
+        contents[options.hand_eye_out] = _hand_eye_text(options, options.hand_eye_out, result)
     if options.residuals is not None:
         contents[options.residuals] = residuals_csv(result)
     if options.scene is not None:
@@ -125,6 +129,33 @@ def run_calibrate(options: CalibrateOptions) -> int:
             write_text_atomically(path, content)
     show(options, document, text)
     return 0
+
+
+def _hand_eye_text(options: CalibrateOptions, path: Path, result: Calibration) -> str:
+    """Text of the file with the camera's place for ROS. Raises CalibError for a fit that does not tell it."""
+    places = camera_places(result)
+    if not places:
+        raise CalibError(f"--hand-eye-out {path}: the place and attitude of a camera need --residual pose")
+    on_flange = places[0].parent == "flange"
+    if on_flange and options.parent_frame is None:
+        raise CalibError(
+            f"--hand-eye-out {path}: name the frame that carries the camera by --parent-frame NAME: the one behind the "
+            "last joint, or with --parent-at tip the tip link, such as tool0"
+        )
+    at_tip = on_flange and options.parent_at == "tip"
+    places = tuple(place.from_tip(result.dataset.robot) for place in places) if at_tip else places
+    parent = options.parent_frame or "base_link"
+    several = len(places) > 1
+    transforms = [
+        StaticTransform(
+            parent,
+            f"{options.camera_frame}_{place.setup}" if several else options.camera_frame,
+            place.parent_T_camera,
+            place.covariance,
+        )
+        for place in places
+    ]
+    return transform_text(path, transforms)
 
 
 def _steps(options: CalibrateOptions, dataset: Dataset) -> tuple[FitStep, ...]:

@@ -90,6 +90,10 @@ class CalibrateOptions(_FittingOptions):
     urdf_out: Path | None
     kinematics_out: Path | None
     template: Sequence[Path]
+    hand_eye_out: Path | None
+    parent_frame: str | None
+    parent_at: str
+    camera_frame: str
     force: bool
     residuals: Path | None
     scene: Path | None
@@ -343,6 +347,13 @@ class ImportOptions(RobotFileOptions):
     map: Sequence[str]
     sigma: float | None  # of a measured point, mm
     tool: tuple[float, float, float] | None  # mm
+    images: Path | None
+    board: str | None
+    dictionary: str | None
+    intrinsics: Path | None
+    marker_poses: Path | None
+    length_unit: str | None
+    mount: str | None
     skip_bad_rows: bool
     dry_run: bool
     diagnose: bool

@@ -12,6 +12,7 @@ from inspector.figures.results.of_results import moved_by_change as moved_by_cha
 from inspector.figures.results.of_results import plan_curve as plan_curve
 from inspector.figures.results.of_results import ranking as ranking
 from inspector.figures.results.of_results import redundancy_heatmap as redundancy_heatmap
+from inspector.figures.results.of_results import reprojection as reprojection
 from inspector.figures.results.of_results import residuals_over as residuals_over
 from inspector.figures.results.of_results import series_chart as series_chart
 from inspector.figures.results.of_results import where_measured as where_measured
@@ -31,6 +32,7 @@ __all__ = [
     "plan_curve",
     "ranking",
     "redundancy_heatmap",
+    "reprojection",
     "residuals_over",
     "series_chart",
     "to_svg",

@@ -13,6 +13,7 @@ import tomli_w
 
 from calib.dataset.dataset import About, Dataset, Points, Poses
 from calib.dataset.files.atomic_write import write_text_atomically
+from calib.dataset.files.camera_views import VIEWS_FILE, camera_document, load_camera, views_text
 from calib.dataset.files.cell_tables import (
     jig_document,
     load_jig,
@@ -146,6 +147,7 @@ def _read(folder: Path, growing: Collection[str] | None) -> ArrivingDataset:
     surroundings = load_surroundings(top.table("cell"))
     scanner = load_scanner(scanner_table)
     signal_noise = load_signal_noise(top.table("signals"))
+    camera = load_camera(top.table("camera"), folder / VIEWS_FILE, poses)
     if scanner.scan_sigma_mm is not None and scanner.scan_sigma_mm > jig.shortest_mm / 10.0:
         raise scanner_table.error(
             "scan_sigma_mm",
@@ -170,6 +172,7 @@ def _read(folder: Path, growing: Collection[str] | None) -> ArrivingDataset:
         surroundings=surroundings,
         targets=targets,
         signal_noise=signal_noise,
+        camera=camera,
         read_files=table_hashes(folder, so_far=growing is not None),
     )
     dataset = with_link_encoders(with_measured_loads(dataset))
@@ -195,6 +198,7 @@ def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
     return (
         dataset.folder / "dataset.toml",
         *(dataset.folder / name for name in names if name),
+        *([dataset.folder / VIEWS_FILE] if dataset.camera is not None else []),
         *dict.fromkeys(scan_file(path) for path in scans if path is not None),
     )
 
@@ -290,6 +294,8 @@ def write_dataset(dataset: Dataset, folder: str | Path) -> None:
     if dataset.points is not None:
         text = frame_csv(points_frame(dataset.poses, dataset.points))
         write_text_atomically(folder / "points.csv", text)
+    if dataset.camera is not None:
+        write_text_atomically(folder / VIEWS_FILE, views_text(dataset.camera))
     # dataset.toml last: a folder without it is not taken for a dataset.
     write_text_atomically(folder / "dataset.toml", tomli_w.dumps(_dataset_document(dataset)))
 
@@ -308,6 +314,8 @@ def _dataset_document(dataset: Dataset) -> dict[str, Any]:
     document |= extra
     mount = {"mount": "flange"} if dataset.robot.carries_scanner else {}
     document["scanner"] = mount | scanner_document(dataset.scanner)
+    if dataset.camera is not None:
+        document["camera"] = camera_document(dataset.camera)
     if signals := signal_noise_document(dataset.signal_noise):
         document["signals"] = signals
     if cell := surroundings_document(dataset.surroundings):

@@ -1,10 +1,12 @@
 """points.csv, read, checked and written: measured points in the scanner's frame, with orientations where known.
 
-Optional columns of a full pose: `qw, qx, qy, qz`, the unit quaternion of scanner_R_jig (all four empty where it is not
-known); the covariance of its error as a small turn about the scanner's axes, `rxx_rad2, rxy_rad2, rxz_rad2, ryy_rad2,
-ryz_rad2, rzz_rad2`; and that of the point's error with the turn's, `x_rx_mm_rad, x_ry_mm_rad ... z_rz_mm_rad`. Columns
-in metres have `m` in place of `mm` in their names, all of them. A row whose three coordinates are empty says that the
-point was not seen. In place of x, y and z there may be `length_mm`, from an `anchor` whose place is not known.
+Optional columns of a full pose: `qw, qx, qy, qz`, the unit quaternion of scanner_R_jig (all four empty where it is
+not known); the covariance of its error as a small turn about the scanner's axes, `rxx_rad2, rxy_rad2, rxz_rad2,
+ryy_rad2, ryz_rad2, rzz_rad2`; and that of the point's error with the turn's, `x_rx_mm_rad, x_ry_mm_rad ...
+z_rz_mm_rad`. Columns in metres have `m` in place of `mm` in their names, all of them. `shared1_x_mm ...
+shared1_rz_rad`, `shared2_x_mm ...` are the changes of point and turn by one sigma of each error that all points
+share, such as a lens's. A row whose three coordinates are empty says that the point was not seen. In place of x, y
+and z there may be `length_mm`, from an `anchor` whose place is not known.
 """
 
 from __future__ import annotations
@@ -39,6 +41,7 @@ from calib.text_files.csv_text import as_number
 COVARIANCE_COLUMNS = ("sxx_mm2", "sxy_mm2", "sxz_mm2", "syy_mm2", "syz_mm2", "szz_mm2")
 TURN_COLUMNS = ("rxx_rad2", "rxy_rad2", "rxz_rad2", "ryy_rad2", "ryz_rad2", "rzz_rad2")
 CROSS_COLUMNS = tuple(f"{point}_r{turn}_mm_rad" for point in "xyz" for turn in "xyz")
+SHARED_PARTS = ("x_mm", "y_mm", "z_mm", "rx_rad", "ry_rad", "rz_rad")
 _XYZ_COLUMNS = ("x_mm", "y_mm", "z_mm")
 LENGTH_COLUMN = "length_mm"
 _IN_MM = {"mm": 1.0, "m": 1000.0}
@@ -125,7 +128,8 @@ def _points_of(file: TableFile, robot: Robot, poses: Poses, units: DeclaredUnits
     if _any(file, (*QUATERNION_COLUMNS, *TURN_COLUMNS, *_in_length(CROSS_COLUMNS, unit))):
         orientations = _load_orientations(file, target, covariance, unit, units.quaternion)
     pose = np.array([index[pose_id] for pose_id in ids], dtype=np.int64)
-    points = Points(pose, xyz_mm, target, covariance, orientations)
+    shared = _load_shared(file, orientations)
+    points = Points(pose, xyz_mm, target, covariance, orientations, shared=shared)
     return points, _warnings(file, robot, poses, points, unit)
 
 
@@ -307,6 +311,27 @@ def _load_orientations(
     return Orientations(scanner_R_jig, turn, cross)
 
 
+def shared_columns(number: int) -> tuple[str, ...]:
+    """Names of the six columns of the k-th shared error, counted from 1."""
+    return tuple(f"shared{number}_{part}" for part in SHARED_PARTS)
+
+
+def _load_shared(file: TableFile, orientations: Orientations | None) -> Array | None:
+    """Changes (M, 6, K), mm and rad, by one sigma of each error that all points share; None without such columns.
+
+    Raises DatasetError where one of its columns is missing, or there are no orientations to which they belong.
+    """
+    count = 0
+    while _any(file, shared_columns(count + 1)):
+        count += 1
+    if not count:
+        return None
+    file.require([name for k in range(count) for name in shared_columns(k + 1)])
+    if orientations is None or not orientations.known.all():
+        raise DatasetError(f"{file.path}: line 1: shared errors are of full poses; give qw, qx, qy, qz in every row")
+    return np.stack([file.numbers(list(shared_columns(k + 1))) for k in range(count)], axis=-1)
+
+
 def _by_order(file: TableFile) -> dict[str, Array]:
     """Orientations (M, 3, 3) from the four columns, by quaternion order "wxyz" and "xyzw"; NaN where not known."""
     columns = [name for name in file.cells if name in QUATERNION_COLUMNS]
@@ -334,6 +359,9 @@ def points_frame(poses: Poses, points: Points) -> pd.DataFrame:
         columns |= {name: upper[:, k] for k, name in enumerate(COVARIANCE_COLUMNS)}
     if points.orientations is not None:
         columns |= _orientation_columns(points.orientations)
+    if points.shared is not None:
+        for k in range(points.shared.shape[2]):
+            columns |= {name: points.shared[:, part, k] for part, name in enumerate(shared_columns(k + 1))}
     return pd.DataFrame(columns)
 
 

@@ -10,11 +10,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from calib.calibration.arm_or_camera import ArmOrCamera, arm_or_camera
 from calib.calibration.evaluation import Evaluation, Figures
 from calib.calibration.model_versions import Version
-from calib.calibration.mount import Mount, mounts
+from calib.calibration.mount import CameraPlace, Mount, camera_places, mounts
 from calib.calibration.noise_level import SigmaCheck, noise_level
 from calib.calibration.promise import promise
+from calib.calibration.reprojection import ReprojectedView, reprojected_views, rms_px
 from calib.calibration.result import Calibration, is_declared
 from calib.calibration.table_doubts import DoubtfulEntry, doubtful_entries
 from calib.calibration.uncertainty import Combination, correlated_pairs, identifiable_combinations
@@ -84,6 +86,9 @@ def _calibration(calibration: Calibration) -> Presentation:
         redundancy_section(analysis),
         Section("Convergence", [falls]),
     ]
+    if reprojected_views(calibration):
+        caption = "Corners of the image that the fit meets worst, with arrows from where it puts them."
+        sections.append(Section("Reprojection", [FigurePlace("reprojection", (calibration,), caption, height_px=420)]))
     return Presentation(
         f"Calibration of {calibration.dataset.name}",
         [*calibration_head(calibration), pose_errors(calibration)],
@@ -127,6 +132,14 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
     if covered:
         facts.append((COVERAGE, covered))
     facts += [_mount_fact(mount) for mount in mounts(calibration)]
+    if not calibration.model.robot.carries_scanner:
+        facts += [_place_fact(place) for place in camera_places(calibration)]
+    reprojected = reprojected_views(calibration)
+    if reprojected:
+        facts.append(("reprojection", _reprojection_words(calibration, reprojected)))
+    asked = arm_or_camera(calibration)
+    if asked is not None:
+        facts.append(("arm or camera", arm_or_camera_words(asked)))
     if calibration.face_labelling is not None:
         facts.append(("faces of the jig", face_labelling(calibration.face_labelling)))
     return facts
@@ -142,6 +155,85 @@ def _mount_fact(mount: Mount) -> tuple[str, str]:
         f"{place} mm, roll, pitch, yaw {turns}° ± {np.degrees(sigmas[3:].max()):.2g}°; with the fitted table "
         f"± {numbers.length(with_table[:3].max())} and {np.degrees(with_table[3:].max()):.2g}°",
     )
+
+
+def _place_fact(place: CameraPlace) -> tuple[str, str]:
+    """Fact on where an instrument that sees full poses stands in the room, with sigmas."""
+    where = ", ".join(numbers.with_sigma(x, sigma) for x, sigma in zip(place.xyz_mm, place.sigma_mm, strict=True))
+    turns = ", ".join(numbers.signed(np.degrees(angle), ".3f") for angle in place.rpy_rad)
+    table = np.sqrt(np.diag(place.covariance_with_table))
+    return (
+        f"instrument in the base's frame{place.setup and f', setup {place.setup}'}",
+        f"{where} mm, roll, pitch, yaw {turns}° ± {np.degrees(place.turn_sigma_rad.max()):.2g}°; with the fitted table "
+        f"± {numbers.length(table[:3].max())} and {np.degrees(table[3:].max()):.2g}°",
+    )
+
+
+def _reprojection_words(calibration: Calibration, views: tuple[ReprojectedView, ...]) -> str:
+    """Clause on the pixels between the corners and where the fit puts them."""
+    assert calibration.dataset.camera is not None
+    fitted = rms_px(tuple(one for one in views if one.role != "test"))
+    test = rms_px(tuple(one for one in views if one.role == "test"))
+    worst = max(views, key=lambda one: one.rms_px)
+    each = [f"{value:.3f} pixels at the {what} poses" for value, what in ((fitted, "fitted"), (test, "test")) if value]
+    return (
+        f"{' and '.join(each)} (RMS per coordinate; the corners' own noise is "
+        f"{calibration.dataset.camera.sigma_px:.3f}), most at {worst.view.pose}, {worst.rms_px:.3f}"
+    )
+
+
+def _reprojection_document(views: tuple[ReprojectedView, ...]) -> dict[str, Any] | None:
+    if not views:
+        return None
+    poses = [
+        {"pose": one.view.pose, "role": one.role, "corners": len(one.predicted), "rms_px": one.rms_px} for one in views
+    ]
+    return {
+        "train_rms_px": rms_px(tuple(one for one in views if one.role != "test")),
+        "test_rms_px": rms_px(tuple(one for one in views if one.role == "test")),
+        "poses": poses,
+    }
+
+
+_WRONG = {
+    "neither": "neither errs beyond the noise",
+    "arm": "the arm errs",
+    "camera": "the camera's side errs (lens, or the size of the board)",
+    "both": "both err",
+}
+
+
+def arm_or_camera_words(asked: ArmOrCamera) -> str:
+    """Clause on how likely it is that the arm errs, the camera, both or neither."""
+    ordered = sorted(asked.probabilities.items(), key=lambda one: -one[1])
+    said = [f"{_WRONG[name]}: {numbers.probability(p)}" for name, p in ordered if p >= _HARDLY or name == ordered[0][0]]
+    off, sigma = 100.0 * (asked.board_size - 1.0), 100.0 * asked.board_size_sigma
+    size = f"; the board is {numbers.signed(off, '.2f')} ± {sigma:.2f} % of the size that was told larger"
+    return "; ".join(said) + (size if asked.likeliest in ("camera", "both") and abs(off) > 2.0 * sigma else "")
+
+
+_HARDLY = 0.005  # probability below which a hypothesis is not told
+
+
+def _place_document(place: CameraPlace) -> dict[str, Any]:
+    table = np.sqrt(np.diag(place.covariance_with_table))
+    return {
+        "setup": place.setup,
+        "parent": place.parent,
+        "parent_T_camera": place.parent_T_camera,
+        "sigma_mm": place.sigma_mm,
+        "turn_sigma_deg": np.degrees(place.turn_sigma_rad),
+        "covariance": place.covariance,
+        "with_table": {"sigma_mm": table[:3], "turn_sigma_deg": np.degrees(table[3:])},
+        "board_parent": place.board_parent,
+        "board_parent_T_board": place.board_parent_T_board,
+    }
+
+
+def _asked_document(asked: ArmOrCamera | None) -> dict[str, Any] | None:
+    if asked is None:
+        return None
+    return {**asked.probabilities, "board_size": asked.board_size, "board_size_sigma": asked.board_size_sigma}
 
 
 def _mount_document(mount: Mount) -> dict[str, Any]:
@@ -627,6 +719,9 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "before": calibration.before,
         **found_tool_document(calibration),
         "mounts": [_mount_document(mount) for mount in mounts(calibration)],
+        "hand_eye": [_place_document(place) for place in camera_places(calibration)],
+        "reprojection": _reprojection_document(reprojected_views(calibration)),
+        "arm_or_camera": _asked_document(arm_or_camera(calibration)),
         "attitudes": attitudes and dict(zip(("before", "after"), attitudes, strict=True)),
         "faces_named": None if labelling is None else face_labelling(labelling),
         "sigma_mm": calibration.sigma_mm,

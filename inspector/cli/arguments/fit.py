@@ -37,6 +37,30 @@ def calibrate_arguments(sub: ArgumentParser) -> None:
         metavar="FILE",
         help="your own .urdf or .yaml of this arm; default: the file that `import` took the robot from",
     )
+    sub.add_argument(
+        "--hand-eye-out",
+        type=Path,
+        metavar="FILE",
+        help="write where the camera is, for ROS: .yaml .launch.py .launch .json .txt (the tf command); with "
+        "--residual pose",
+    )
+    sub.add_argument(
+        "--parent-frame",
+        metavar="NAME",
+        help="your robot's name of the frame that carries the camera, such as tool0; of the base: base_link by default",
+    )
+    sub.add_argument(
+        "--parent-at",
+        choices=("flange", "tip"),
+        default="flange",
+        help="which frame that is: behind robot.toml's last joint (default), or behind its tool row, a URDF's tip link",
+    )
+    sub.add_argument(
+        "--camera-frame",
+        metavar="NAME",
+        default="camera_optical_frame",
+        help="its name of the camera's optical frame (default camera_optical_frame)",
+    )
     sub.add_argument("--force", action="store_true", help="write although the fit is no improvement")
     sub.add_argument(
         "--residuals",

@@ -28,7 +28,11 @@ def add_fit(sub: ArgumentParser) -> None:
         help="tolerance of one parameter, mm or rad (default 1 mm, 0.0087 rad); may be given several times",
     )
     sub.add_argument(
-        "--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal: d5, theta1 or θ1"
+        "--hold",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="keep a parameter at its nominal: d5, theta1 or θ1; links: all of the arm",
     )
     add_leave_out(sub)
     add_finder(sub)
@@ -173,6 +177,7 @@ def import_arguments(sub: ArgumentParser) -> None:
         help="the measured point from the flange (a URDF's last link, else the last joint), in mm, such as "
         "--tool=0,0,88.5 (default: as the robot's file has it)",
     )
+    camera_arguments(sub)
     sub.add_argument(
         "--skip-bad-rows",
         action="store_true",
@@ -181,6 +186,37 @@ def import_arguments(sub: ArgumentParser) -> None:
     sub.add_argument("--dry-run", action="store_true", help="say what would be made, and write nothing")
     sub.add_argument("--diagnose", action="store_true", help="go on to the first diagnosis at once")
     add_json(sub)
+
+
+def camera_arguments(sub: ArgumentParser) -> None:
+    """Add the options of an import of what a camera sees."""
+    sub.add_argument("--images", type=Path, metavar="FOLDER", help="images of a board, one a pose (extra `camera`)")
+    sub.add_argument(
+        "--board",
+        metavar="KIND:SIZES",
+        help="what they show: charuco:8x6:30:22 (squares, mm of a square, mm of a marker), checkerboard:9x6:25, "
+        "apriltag:6x6:40:12 (tags, mm of a tag, mm of a gap), apriltag:50 (a single one), aruco:...",
+    )
+    sub.add_argument(
+        "--dictionary", metavar="NAME", help="of the markers, such as DICT_4X4_50 (default: by the images)"
+    )
+    sub.add_argument(
+        "--intrinsics",
+        type=Path,
+        metavar="FILE",
+        help="the lens: ROS camera_info.yaml, OpenCV's YAML, XML or JSON (default: found from the images)",
+    )
+    sub.add_argument(
+        "--marker-poses",
+        type=Path,
+        metavar="FILE",
+        help="poses of a marker in the camera's frame that another program measured: CSV, YAML of ROS or easy_handeye, "
+        "OpenCV's files",
+    )
+    sub.add_argument("--length-unit", choices=("mm", "cm", "m"), help="of --marker-poses, where the file does not tell")
+    sub.add_argument(
+        "--mount", choices=("flange", "room"), help="where the camera is (default: what the poses clearly show)"
+    )
 
 
 def links_arguments(sub: ArgumentParser) -> None:

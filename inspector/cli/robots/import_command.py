@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from calib.dataset.dataset import ROLES, Dataset
+from calib.dataset_import.camera_views import CameraChoice
 from calib.dataset_import.columns import parsed_mapping
 from calib.dataset_import.import_dataset import (
     ImportChoice,
@@ -64,9 +65,15 @@ def _named(options: ImportOptions) -> UserFiles:
 
 def _choice(options: ImportOptions) -> ImportChoice:
     reading = reading_of(options, named=options.robot is not None)
+    camera = CameraChoice(
+        options.images, options.board, options.dictionary, options.intrinsics, options.marker_poses,
+        options.length_unit, options.mount,
+    )  # fmt: skip
+    camera.require_consistent()
     return ImportChoice(
         options.robot, reading, options.joints, options.points, parsed_mapping(options.map),
         point_sigma_mm=options.sigma, tool_mm=options.tool, skip_bad_rows=options.skip_bad_rows,
+        camera=camera,
     )  # fmt: skip
 
 
@@ -103,6 +110,12 @@ def _ready(options: ImportOptions, files: UserFiles) -> int:
     return _finished(options, copy_dataset(folder, options.path), document, [said])
 
 
+def _next_step(options: ImportOptions) -> str:
+    """Command that a user would give next."""
+    by_camera = options.images is not None or options.marker_poses is not None
+    return f"inspector calibrate {options.path} --residual pose" if by_camera else f"inspector diagnose {options.path}"
+
+
 def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any], lines: list[str]) -> int:
     """Report the written dataset, and with --diagnose its verdict."""
     warnings = [*dataset.warnings, *dataset.notes]
@@ -120,7 +133,7 @@ def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any]
     }
     document = document | made | {"warnings": warnings}
     if not options.diagnose:
-        show(options, document, "\n".join([*lines, f"next: inspector diagnose {options.path}"]))
+        show(options, document, "\n".join([*lines, f"next: {_next_step(options)}"]))
         return 0
     from calib.diagnosis.diagnose import diagnose
     from calib.planning.discrimination import next_poses

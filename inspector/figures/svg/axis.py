@@ -92,9 +92,10 @@ def _ticks(axis: Axis, given: Mapping[str, Any], length_px: float) -> tuple[tupl
     if axis.kind == "category":
         return tuple((float(k), name) for k, name in enumerate(axis.categories))
     most = min(int(given.get("nticks") or 99), max(3, int(length_px / 55)))
-    step = _nice((axis.high - axis.low) / most)
-    first = math.ceil(axis.low / step - 1e-9)
-    count = math.floor(axis.high / step + 1e-9) - first + 1
+    low, high = sorted((axis.low, axis.high))  # an axis that runs down, as an image's rows do
+    step = _nice((high - low) / most)
+    first = math.ceil(low / step - 1e-9)
+    count = math.floor(high / step + 1e-9) - first + 1
     return tuple(((first + k) * step, f"{(first + k) * step:.6g}") for k in range(count))
 
 

@@ -1,0 +1,362 @@
+"""Corners of a board in images, and a first guess of lens and poses, by OpenCV: the extra `camera`.
+
+OpenCV finds markers and corners to a few hundredths of a pixel, which is its business; what follows from the corners is
+computed in `calib.camera.view`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from calib import frames
+from calib.array_types import Array, IndexArray
+from calib.camera.board import Board
+from calib.camera.lens import LENS_NAMES, Lens, project
+from calib.camera.view import FoundLens, View, ViewPose, found_lens, noise_px, pose_of_view
+from calib.errors import CalibError
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp")
+_FEWEST = 6  # corners of a view; a single marker has four
+_FEWEST_VIEWS = 8  # for a lens that is found
+_TRIED = 6  # images in which dictionaries are compared
+_DICTIONARIES = {
+    "charuco": ("4X4_1000", "5X5_1000", "6X6_1000", "7X7_1000", "ARUCO_ORIGINAL", "APRILTAG_36h11", "ARUCO_MIP_36h12"),
+    "aruco": ("4X4_1000", "5X5_1000", "6X6_1000", "7X7_1000", "ARUCO_ORIGINAL", "ARUCO_MIP_36h12"),
+    "apriltag": ("APRILTAG_36h11", "APRILTAG_25h9", "APRILTAG_16h5", "APRILTAG_36h10"),
+}
+_ROUNDS = 3  # in which bad corners are left out
+_FAR_OFF = 5.5  # sigmas; 1 corner in 4 million is as far by chance
+_MEDIAN_OF_NORMAL = 0.6745  # median of |e| over the sigma of normal errors
+_TWO_WAYS = 16.0  # difference of squared sigmas, below which two attitudes of a board explain a view alike
+
+
+def _cv2() -> ModuleType:
+    """OpenCV. Raises CalibError where the extra is not installed."""
+    try:
+        import cv2
+    except ImportError:
+        raise CalibError(
+            "images need OpenCV, which is not installed: pip install 'robot-calibration-inspector[camera]'"
+        ) from None
+    return cv2
+
+
+@dataclass(frozen=True)
+class Detected:
+    """Views of a board in images, in the order of the images, and what was left out."""
+
+    board: Board
+    size_px: tuple[int, int]  # width, height
+    views: tuple[View, ...]
+    left_out: Mapping[str, str]  # the reason by the name of the image's file
+    notes: tuple[str, ...]
+
+
+def image_files(folder: Path) -> dict[str, Path]:
+    """Images of a folder by stem, in natural order (2 before 10). Raises CalibError where there is none."""
+    if not folder.is_dir():
+        raise CalibError(f"--images {folder}: no such folder of images")
+    found = [path for path in folder.iterdir() if path.is_file() and path.suffix.lower() in IMAGE_SUFFIXES]
+    if not found:
+        raise CalibError(f"--images {folder}: holds no image ({', '.join(IMAGE_SUFFIXES)})")
+    twice = [stem for stem, count in Counter(path.stem for path in found).items() if count > 1]
+    if twice:
+        raise CalibError(f"--images {folder}: two images are named {twice[0]!r}; an image a pose is needed")
+    return {path.stem: path for path in sorted(found, key=lambda path: natural(path.stem))}
+
+
+def natural(name: str) -> tuple[tuple[int, int, str], ...]:
+    """Key that sorts names with their numbers as numbers."""
+    parts: list[tuple[int, int, str]] = []
+    digits = word = ""
+    for letter in f"{name}\0":
+        if letter.isdecimal() and letter.isascii():
+            parts += [(1, 0, word)] if word else []
+            digits, word = digits + letter, ""
+        else:
+            parts += [(0, int(digits), "")] if digits else []
+            digits, word = "", word + letter
+    return (*parts, (1, 0, word))
+
+
+def detect(images: Mapping[str, Path], board: Board, dictionary: str | None = None) -> Detected:
+    """Corners of a board in images, each named by its pose.
+
+    Raises CalibError where an image cannot be read, sizes differ, or no image shows the board.
+    """
+    cv2 = _cv2()
+    pictures: dict[str, Array] = {}
+    size_px, first = (0, 0), ""
+    for name, path in images.items():
+        picture = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_GRAYSCALE) if path.stat().st_size else None
+        if picture is None:
+            raise CalibError(f"{path}: cannot be read as an image; save it again, or take it out of the folder")
+        height, width = picture.shape
+        if first and (width, height) != size_px:
+            raise CalibError(
+                f"{path}: {width} x {height} pixels, and {images[first]} has {size_px[0]} x {size_px[1]}; all images "
+                "of a dataset come from one camera at one resolution"
+            )
+        size_px, first = (width, height), first or name
+        pictures[name] = picture
+    finder, notes = _finder(cv2, board, dictionary, pictures)
+    fewest = 4 if board.is_single else min(_FEWEST, len(board.corners_mm))
+    views, left_out = [], {}
+    most = 0
+    for name, picture in pictures.items():
+        number, pixels = finder(picture)
+        most = max(most, len(number))
+        if len(number) < fewest or _on_one_line(board.corners_mm[number]):
+            what = "shows no board" if not len(number) else f"shows {len(number)} corners, of which no pose follows"
+            left_out[images[name].name] = what
+            continue
+        views.append(View(name, number, board.corners_mm[number], pixels))
+    if not views:
+        raise CalibError(_nothing_seen(cv2, board, finder, pictures, images, most))
+    return Detected(board, size_px, tuple(views), left_out, notes)
+
+
+Finder = Callable[[Array], tuple[IndexArray, Array]]
+
+
+def _nothing_seen(
+    cv2: ModuleType, board: Board, finder: Finder, pictures: Mapping[str, Array], images: Mapping[str, Path], most: int
+) -> str:
+    """What to say where no image shows enough of the board."""
+    folder = next(iter(images.values())).parent
+    if any(len(finder(np.ascontiguousarray(picture[:, ::-1]))[0]) > max(most, 3) for picture in pictures.values()):
+        return (
+            f"--images {folder}: the images are mirrored: the board {board.text} is seen in their mirror images; "
+            "switch the camera's flip off, or flip them back"
+        )
+    found = f"at most {most} corners of it are seen" if most else "none shows it"
+    return (
+        f"--images {folder}: no image shows the board {board.text} ({found} in {len(images)} images); check the number "
+        "of squares (not of inner corners), --dictionary, and that it is sharp and fills a fair part of the image"
+    )
+
+
+def _on_one_line(board_mm: Array) -> bool:
+    """Whether corners (N, 3) lie on one line, or nearly."""
+    size = np.linalg.svd(board_mm - board_mm.mean(axis=0), compute_uv=False)
+    return bool(size[1] < 1e-3 * max(size[0], 1e-9))
+
+
+def _finder(
+    cv2: ModuleType, board: Board, dictionary: str | None, pictures: Mapping[str, Array]
+) -> tuple[Finder, tuple[str, ...]]:
+    """Function that finds the board's corners in an image, and notes on what was chosen."""
+    if board.kind == "checkerboard":
+        if dictionary is not None:
+            raise CalibError(f"--dictionary {dictionary}: a checkerboard has no markers; leave it out")
+        if board.turns_alike:
+            raise CalibError(
+                f"--board {board.text}: turned by half a turn it looks the same, so that its attitude cannot be told; "
+                "take a board with an odd number of squares along one side and an even one along the other"
+            )
+        return _checkerboard(cv2, board), ()
+    names = _DICTIONARIES[board.kind] if dictionary is None else (_plain_name(dictionary),)
+    for name in names:
+        if not hasattr(cv2.aruco, f"DICT_{name}"):
+            known = sorted(word for word in dir(cv2.aruco) if word.startswith("DICT_"))
+            raise CalibError(f"--dictionary {dictionary}: no such dictionary; there are {', '.join(known)}")
+    tried = list(pictures.values())[:: max(1, len(pictures) // _TRIED)][:_TRIED]
+    best, most, chosen = None, -1, ""
+    for name in names:
+        for legacy in (False, True) if board.kind == "charuco" and board.rows % 2 == 0 else (False,):
+            finder = _marker_finder(cv2, board, name, legacy)
+            count = sum(len(finder(picture)[0]) for picture in tried)
+            if count > most:
+                best, most = finder, count
+                chosen = f"DICT_{name}" + (", in the pattern that OpenCV had before 4.6" if legacy else "")
+    assert best is not None
+    note = (
+        f"{board.text}: its markers are of {chosen}, by the images" if dictionary is None or "before" in chosen else ""
+    )
+    return best, (note,) if note and most > 0 else ()
+
+
+def _plain_name(dictionary: str) -> str:
+    return dictionary.removeprefix("DICT_")
+
+
+def _marker_finder(cv2: ModuleType, board: Board, name: str, legacy: bool) -> Finder:
+    """Finder of a board with markers of a dictionary."""
+    markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
+    if board.kind == "charuco":
+        if board.columns * board.rows // 2 > len(markers.bytesList):
+            raise CalibError(f"--dictionary {name}: has {len(markers.bytesList)} markers, too few for {board.text}")
+        printed = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square_mm, board.inner_mm, markers)
+        printed.setLegacyPattern(legacy)
+        charuco = cv2.aruco.CharucoDetector(printed)
+
+        def of_charuco(picture: Array) -> tuple[IndexArray, Array]:
+            pixels, number, _, _ = charuco.detectBoard(picture)
+            if number is None or not len(number):
+                return _none()
+            return number.ravel().astype(np.int64), np.asarray(pixels, dtype=float).reshape(-1, 2)
+
+        return of_charuco
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    detector = cv2.aruco.ArucoDetector(markers, parameters)
+
+    def of_markers(picture: Array) -> tuple[IndexArray, Array]:
+        corners, ids, _ = detector.detectMarkers(picture)
+        if ids is None:
+            return _none()
+        number, pixels = [], []
+        for four, one in zip(corners, ids.ravel().tolist(), strict=True):
+            place = 0 if board.is_single else one
+            if place < board.columns * board.rows:
+                number += [4 * place + k for k in range(4)]
+                pixels.append(np.asarray(four, dtype=float).reshape(4, 2))
+        if not number or (len(number) != len(set(number))):  # several markers alike: which is meant is not known
+            return _none()
+        return np.array(number, dtype=np.int64), np.concatenate(pixels)
+
+    return of_markers
+
+
+def _checkerboard(cv2: ModuleType, board: Board) -> Finder:
+    inner = (board.columns - 1, board.rows - 1)
+
+    def finder(picture: Array) -> tuple[IndexArray, Array]:
+        seen, pixels = cv2.findChessboardCornersSB(picture, inner, flags=cv2.CALIB_CB_ACCURACY)
+        if not seen:
+            return _none()
+        pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
+        if not _first_is_dark(picture, pixels.reshape(board.rows - 1, board.columns - 1, 2)):
+            pixels = pixels[::-1]
+        return np.arange(len(pixels)), pixels
+
+    return finder
+
+
+def _first_is_dark(picture: Array, grid_px: Array) -> bool:
+    """Whether the square between the first four corners is darker than its right neighbour."""
+
+    def level(row: int, column: int) -> float:
+        x, y = grid_px[row : row + 2, column : column + 2].reshape(4, 2).mean(axis=0)
+        return float(picture[round(y), round(x)])
+
+    return level(0, 0) < level(0, 1)
+
+
+def _none() -> tuple[IndexArray, Array]:
+    return np.zeros(0, dtype=np.int64), np.zeros((0, 2))
+
+
+@dataclass(frozen=True)
+class MeasuredViews:
+    """Lens, and the board's pose in each view that tells one."""
+
+    lens: Lens
+    poses: tuple[ViewPose, ...]
+    sigma_px: float
+    left_out: Mapping[str, str]  # the reason by the name of the pose
+    bad_corners: int = 0  # that lie far from where all others put them, and are left out
+
+
+def measure(detected: Detected, given: Lens | None) -> MeasuredViews:
+    """Board poses of the views, with the lens given, or else found from the views. Raises CalibError."""
+    cv2 = _cv2()
+    width, height = detected.size_px
+    if given is not None and (given.width_px, given.height_px) != (width, height):
+        raise CalibError(
+            f"--intrinsics: they are of images of {given.width_px} x {given.height_px} pixels, and the images have "
+            f"{width} x {height}; calibrate the camera at this resolution, or leave them out"
+        )
+    views, bad_corners = detected.views, 0
+    lens, sigma_px, both = _lens_and_poses(cv2, detected, given)
+    for _ in range(_ROUNDS):
+        kept = _without_bad_corners([best for best, _ in both])
+        gone = sum(len(view.corner) for view in views) - sum(len(view.corner) for view in kept)
+        if not gone:
+            break
+        views, bad_corners = tuple(kept), bad_corners + gone
+        lens, sigma_px, both = _lens_and_poses(cv2, replace(detected, views=views), given)
+    poses, left_out = [], {}
+    for best, rival in both:
+        if rival is not None and rival.squares - best.squares < _TWO_WAYS * sigma_px**2:
+            left_out[best.view.pose] = "the board may be tilted either way: it is seen too small or too straight on"
+        else:
+            poses.append(best)
+    if not poses:
+        raise CalibError("no image tells the board's attitude: it is seen too small or too straight on; go nearer")
+    return MeasuredViews(lens, tuple(poses), sigma_px, left_out, bad_corners)
+
+
+def _lens_and_poses(
+    cv2: Any, detected: Detected, given: Lens | None
+) -> tuple[Lens, float, list[tuple[ViewPose, ViewPose | None]]]:
+    """Lens, pixel noise, and the best and second pose of each view."""
+    if given is not None:
+        both = [_best_pose(cv2, given, view) for view in detected.views]
+        return given, noise_px([best for best, _ in both]), both
+    start = _first_lens(cv2, detected)
+    found: FoundLens = found_lens(start, [_best_pose(cv2, start, view)[0] for view in detected.views])
+    return found.lens, found.sigma_px, [_best_pose(cv2, found.lens, view) for view in detected.views]
+
+
+def _without_bad_corners(poses: Sequence[ViewPose]) -> list[View]:
+    """Views without the corners that lie far from where the board's pose puts them, by the median of all errors."""
+    usual = float(np.median(np.abs(np.concatenate([one.error_px.ravel() for one in poses])))) / _MEDIAN_OF_NORMAL
+    kept = []
+    for one in poses:
+        good = np.linalg.norm(one.error_px, axis=1) <= _FAR_OFF * max(usual, 1e-6)
+        view = one.view
+        if not good.all() and good.sum() >= max(_FEWEST, len(good) // 2):
+            view = View(view.pose, view.corner[good], view.board_mm[good], view.pixels[good])
+        kept.append(view)
+    return kept
+
+
+def _first_lens(cv2: Any, detected: Detected) -> Lens:
+    """First guess of the lens by OpenCV's calibrateCamera. Raises CalibError."""
+    views = detected.views
+    if len(views) < _FEWEST_VIEWS or detected.board.is_single:
+        why = "of a single marker" if detected.board.is_single else f"{len(views)} images show the board"
+        raise CalibError(
+            f"the lens cannot be found from the images ({why}; {_FEWEST_VIEWS} images of a board are needed); give it "
+            "by --intrinsics FILE, such as ROS's camera_info.yaml"
+        )
+    board = [view.board_mm.astype(np.float32) for view in views]
+    seen = [view.pixels.astype(np.float32) for view in views]
+    try:
+        _, matrix, distortion, _, _ = cv2.calibrateCamera(board, seen, detected.size_px, None, None)
+    except cv2.error as error:
+        raise CalibError(f"OpenCV finds no lens from the images: {str(error).splitlines()[-1].strip()}") from None
+    numbers = np.zeros(len(LENS_NAMES))
+    numbers[:4] = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+    numbers[4:9] = np.ravel(distortion)[:5]
+    return Lens(*detected.size_px, tuple(map(float, numbers)))
+
+
+def _best_pose(cv2: Any, lens: Lens, view: View) -> tuple[ViewPose, ViewPose | None]:
+    """Best pose of the board in a view, and the other of the two that a flat board has, None where it is the same."""
+    numbers = np.array(lens.numbers)
+    _, turns, shifts, _ = cv2.solvePnPGeneric(
+        view.board_mm, view.pixels, lens.matrix, lens.distortion, flags=cv2.SOLVEPNP_IPPE
+    )
+    found = []
+    for turn, shift in zip(turns, shifts, strict=True):
+        start = frames.make_transform(frames.rotation_from_rotvec(np.ravel(turn)), np.ravel(shift))
+        if start[2, 3] > 0.0 and np.isfinite(project(numbers, view.board_mm @ start[:3, :3].T + start[:3, 3])).all():
+            found.append(pose_of_view(numbers, view, start))
+    if not found:
+        raise CalibError(f"image {view.pose}: its corners fit no pose of the board before the camera; check --board")
+    found.sort(key=lambda one: one.squares)
+    best = found[0]
+    for other in found[1:]:
+        turn = best.camera_T_board[:3, :3].T @ other.camera_T_board[:3, :3]
+        if np.linalg.norm(frames.rotvec_from_rotation(turn[None])[0]) > 1e-3:
+            return best, other
+    return best, None

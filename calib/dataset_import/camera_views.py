@@ -1,0 +1,293 @@
+"""Measured board poses from a folder of images, or from marker poses that another program wrote."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from calib import frames
+from calib.array_types import Array
+from calib.camera.board import board_of
+from calib.camera.detection import Detected, MeasuredViews, detect, image_files, measure, natural
+from calib.camera.intrinsics import load_lens
+from calib.camera.marker_poses import load_marker_poses
+from calib.camera.observed import CameraViews
+from calib.camera.view import covariance_of, shared_errors
+from calib.dataset.dataset import Orientations, Points, Poses
+from calib.dataset.files.points_csv import points_frame
+from calib.dataset_import.columns import Meaning
+from calib.dataset_import.reading import ImportReport, comparable_id, pose_ids, recognised
+from calib.errors import CalibError
+from calib.kinematics.board_hand_eye import BoardHandEye, board_hand_eye
+from calib.kinematics.chain import forward
+from calib.kinematics.robot import Robot
+from calib.text_files.csv_text import frame_csv
+from calib.text_files.user_table import UserTable, load_table
+
+MOUNTS = ("flange", "room")
+_FAR_MISFIT = 5.0  # ratio of misfits from which it is clear where the camera is
+_WRONG_SCALE = 0.02  # by which a board's size differs from the arm's lengths where it was mistyped
+_SURE = 6.0  # sigmas
+_MOST_NAMED = 5
+_FEWEST = 5  # poses of a hand-eye calibration that is judged
+
+
+@dataclass(frozen=True)
+class CameraChoice:
+    """What a user gives of a camera; images with a board, or poses of a marker."""
+
+    images: Path | None = None
+    board: str | None = None
+    dictionary: str | None = None
+    intrinsics: Path | None = None
+    marker_poses: Path | None = None
+    length_unit: str | None = None
+    mount: str | None = None  # "flange" or "room"; None: by the data
+
+    def require_consistent(self) -> None:
+        """Raise CalibError where options do not go together."""
+        if self.images is not None and self.marker_poses is not None:
+            raise CalibError("give --images or --marker-poses, not both")
+        if self.images is not None and self.board is None:
+            raise CalibError("--images: tell the board that they show, such as --board charuco:8x6:30:22")
+        if self.images is None:
+            for name, value in (
+                ("board", self.board),
+                ("dictionary", self.dictionary),
+                ("intrinsics", self.intrinsics),
+            ):
+                if value is not None:
+                    raise CalibError(f"--{name}: goes with --images FOLDER")
+        if self.marker_poses is None and self.length_unit is not None:
+            raise CalibError("--length-unit: goes with --marker-poses FILE")
+        if self.mount is not None and self.images is None and self.marker_poses is None:
+            raise CalibError("--mount: goes with --images or --marker-poses")
+
+
+@dataclass(frozen=True)
+class CameraPoints:
+    """Poses of a board in the camera's frame, by pose id, ready to be written."""
+
+    names: tuple[str, ...]  # (M,) ids of poses
+    camera_T_board: Array  # (M, 4, 4)
+    covariance: Array | None  # (M, 6, 6) mm and rad; None where it is not known
+    shared: Array | None  # (M, 6, K)
+    views: CameraViews | None
+    mount: str | None
+    notes: tuple[str, ...] = field(default_factory=tuple)
+    point_sigma_mm: float | None = None
+    orientation_sigma_deg: float | None = None
+
+    def points(self, ids: Sequence[str]) -> Points:
+        """Measured points for poses with given ids."""
+        index = {pose_id: i for i, pose_id in enumerate(ids)}
+        row = np.array([index[name] for name in self.names])
+        covariance = self.covariance
+        orientations = Orientations(
+            self.camera_T_board[:, :3, :3],
+            None if covariance is None else covariance[:, 3:, 3:],
+            None if covariance is None else covariance[:, :3, 3:],
+        )
+        return Points(
+            row, self.camera_T_board[:, :3, 3], np.full(len(row), "jig"),
+            None if covariance is None else covariance[:, :3, :3], orientations,
+            shared=None if self.shared is None or not self.shared.shape[2] else self.shared,
+        )  # fmt: skip
+
+    def points_text(self, ids: Sequence[str]) -> str:
+        """Text of points.csv."""
+        count = len(ids)
+        poses = Poses(tuple(ids), np.full(count, "train"), np.zeros((count, 1)), np.full(count, ""), tuple(ids))
+        return frame_csv(points_frame(poses, self.points(ids)))
+
+
+def camera_points(choice: CameraChoice, joints: Path, mapping: Mapping[str, Meaning]) -> CameraPoints:
+    """Board poses by pose id, from images or marker poses and the table of joint values. Raises CalibError."""
+    faults: list[str] = []
+    table = load_table(joints, lambda fault: faults.append(str(fault)), any_encoding=True)
+    meant = recognised(ImportReport(None), table, mapping, positions=False, joints=False)
+    ids = pose_ids(ImportReport(None), table, meant)
+    if choice.marker_poses is not None:
+        return _of_marker_poses(choice, table, ids)
+    assert choice.images is not None
+    assert choice.board is not None
+    board = board_of(choice.board)
+    lens = None if choice.intrinsics is None else load_lens(choice.intrinsics)
+    images = image_files(choice.images)
+    pose_of, notes = _poses_of_images(choice.images, images, table, ids)
+    kept = {stem: path for stem, path in images.items() if stem in pose_of}
+    detected = detect(kept, board, choice.dictionary)
+    measured = measure(detected, lens)
+    told = _told(choice, detected, measured)
+    names = tuple(pose_of[one.view.pose] for one in measured.poses)
+    views = CameraViews(
+        lens=replace(measured.lens, covariance=None),
+        board=board.text,
+        sigma_px=measured.sigma_px,
+        pose=tuple(name for name, one in zip(names, measured.poses, strict=True) for _ in one.view.corner),
+        corner=np.concatenate([one.view.corner for one in measured.poses]),
+        board_mm=np.concatenate([one.view.board_mm for one in measured.poses]),
+        pixels=np.concatenate([one.view.pixels for one in measured.poses]),
+        lens_from="images" if choice.intrinsics is None else choice.intrinsics.name,
+    )
+    return CameraPoints(
+        names,
+        np.stack([one.camera_T_board for one in measured.poses]),
+        np.stack([covariance_of(one, measured.sigma_px) for one in measured.poses]),
+        shared_errors(measured.lens, measured.poses),
+        views,
+        choice.mount,
+        (*notes, *told),
+    )
+
+
+def _told(choice: CameraChoice, detected: Detected, measured: MeasuredViews) -> list[str]:
+    """Notes on what was seen, what was left out, and the lens."""
+    notes = list(detected.notes)
+    left_out = dict(detected.left_out) | dict(measured.left_out)
+    for name, reason in list(left_out.items())[:_MOST_NAMED]:
+        notes.append(f"image {name} is left out: {reason}")
+    if len(left_out) > _MOST_NAMED:
+        notes.append(
+            f"{len(left_out) - _MOST_NAMED} more images are left out: {', '.join(list(left_out)[_MOST_NAMED:])}"
+        )
+    corners = sum(len(one.view.corner) for one in measured.poses)
+    notes.append(
+        f"{choice.images}: {len(measured.poses)} images show {detected.board.text}, {corners} corners, "
+        f"{measured.sigma_px:.3f} pixels of noise"
+        + (
+            f"; {measured.bad_corners} corners far from where the others put them are left out"
+            * (measured.bad_corners > 0)
+        )
+    )
+    lens, sigma = measured.lens, measured.lens.sigmas
+    if choice.intrinsics is None:
+        four = ", ".join(
+            f"{name} {value:.2f} ± {error:.2f}"
+            for name, value, error in zip(("fx", "fy", "cx", "cy"), lens.numbers, sigma, strict=False)
+        )
+        notes.append(f"the lens is found from the images: {four} pixels; its errors are unknowns of every fit")
+    else:
+        notes.append(f"the lens is that of {choice.intrinsics.name}, taken as exact")
+    return notes
+
+
+def _poses_of_images(
+    folder: Path, images: Mapping[str, Path], table: UserTable, ids: Sequence[str]
+) -> tuple[dict[str, str], list[str]]:
+    """Id of the pose of each image, by the image's stem, and notes. Raises CalibError."""
+    by_id = {comparable_id(stem): stem for stem in images} | {stem: stem for stem in images}
+    best: dict[str, str] = {}
+    where = ""
+    for name in ("", *table.columns):
+        cells = list(ids) if not name else table.text(name)
+        stems = [
+            by_id.get(Path(cell).stem, by_id.get(comparable_id(Path(cell).stem))) if cell else None for cell in cells
+        ]
+        found = {stem: ids[row] for row, stem in enumerate(stems) if stem is not None}
+        repeated = len([stem for stem in stems if stem is not None]) != len(found)
+        if len(found) > len(best) and not repeated:
+            best, where = found, name
+    if best and 2 * len(best) >= min(len(images), len(ids)):
+        gone = [path.name for stem, path in images.items() if stem not in best]
+        notes = [f"{table.path}: column {where} names the images"] if where else []
+        if gone:
+            shown = ", ".join(gone[:_MOST_NAMED]) + (" ..." if len(gone) > _MOST_NAMED else "")
+            notes.append(f"{folder}: {len(gone)} images have no row in {table.path.name} and are left out: {shown}")
+        return best, notes
+    if len(images) == len(ids):
+        order = sorted(images, key=natural)
+        note = f"{folder}: no column names the images; they are taken in the order of their names, {order[0]} first"
+        return dict(zip(order, ids, strict=True)), [note]
+    raise CalibError(
+        f"{table.path}: {len(ids)} rows, and {folder} holds {len(images)} images, of which {len(best)} are named as a "
+        "pose is; add a column `image` with the file's name to each row"
+    )
+
+
+def _of_marker_poses(choice: CameraChoice, table: UserTable, ids: Sequence[str]) -> CameraPoints:
+    """Board poses that another program measured. Raises CalibError."""
+    assert choice.marker_poses is not None
+    given = load_marker_poses(choice.marker_poses, choice.length_unit)
+    names, notes = given.names, [f"{choice.marker_poses}: {given.note}"]
+    if names is None:
+        if len(given.camera_T_marker) != len(ids):
+            raise CalibError(
+                f"{choice.marker_poses}: {len(given.camera_T_marker)} poses, and {table.path} has {len(ids)} rows; "
+                "name the pose of each, or give as many"
+            )
+        names = tuple(ids)
+        notes.append(f"{choice.marker_poses}: names no poses; they are taken in the order of {table.path.name}")
+    known = {comparable_id(name): name for name in ids} | {name: name for name in ids}
+    found = []
+    for name in names:
+        pose = known.get(Path(name).stem, known.get(name, known.get(comparable_id(name))))
+        if pose is None:
+            raise CalibError(f"{choice.marker_poses}: pose {name[:40]!r} is not in {table.path}")
+        found.append(pose)
+    return CameraPoints(tuple(found), given.camera_T_marker, None, None, None, choice.mount, tuple(notes))
+
+
+def settled_camera(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array) -> CameraPoints:
+    """Board poses with the camera's mount, and their noise where it is not known, found by the arm as its table has it.
+
+    ids: of the arm's N poses; q  # (N, n) rad, mm. Raises CalibError where the board's size contradicts the arm, or the
+    mount is not clear.
+    """
+    row = [ids.index(name) for name in given.names]
+    flange = forward(robot.table, q[row], robot.is_revolute, robot.base_T_first).base_T_flange
+    notes, mount = list(given.notes), given.mount
+    if len(row) < _FEWEST:
+        raise CalibError(f"the board is seen at {len(row)} poses; {_FEWEST} and more are needed, better 20")
+    both = {name: board_hand_eye(flange, given.camera_T_board, on_flange=name == "flange") for name in MOUNTS}
+    if mount is None:
+        best = min(MOUNTS, key=lambda name: both[name].rms_mm)
+        other = next(name for name in MOUNTS if name != best)
+        if both[other].rms_mm < _FAR_MISFIT * both[best].rms_mm:
+            raise CalibError(
+                f"the poses do not tell where the camera is: on the flange the arm misses the board by "
+                f"{both['flange'].rms_mm:.3g} mm rms, in the room by {both['room'].rms_mm:.3g} mm; give "
+                "--mount flange or --mount room, and check that joints and images belong together"
+            )
+        mount = best
+        place = "on the flange" if mount == "flange" else "in the room"
+        notes.append(
+            f"the camera is {place}: the arm misses the board by {both[mount].rms_mm:.3g} mm rms, and by "
+            f"{both[other].rms_mm:.3g} mm if it were {'in the room' if mount == 'flange' else 'on the flange'}"
+        )
+    chosen = both[mount]
+    _require_scale(chosen, given)
+    if given.covariance is None:
+        sigma_mm = max(float(np.sqrt(np.mean(chosen.error_mm**2))), 1e-3)
+        sigma_deg = max(float(np.degrees(np.sqrt(np.mean(chosen.error_rad**2)))), 1e-3)
+        notes.append(
+            f"the poses' noise is not given: {sigma_mm:.2g} mm and {sigma_deg:.2g}° per axis, as far as they are from "
+            "the arm as its table has it"
+        )
+        given = replace(given, point_sigma_mm=sigma_mm, orientation_sigma_deg=sigma_deg)
+    return replace(given, mount=mount, notes=tuple(notes))
+
+
+def _require_scale(found: BoardHandEye, given: CameraPoints) -> None:
+    """Raise CalibError where the board's declared size contradicts the lengths of the arm."""
+    off = abs(1.0 / found.scale - 1.0) if found.scale > 0.0 else float("inf")
+    if not found.is_determined or off < _WRONG_SCALE or abs(found.scale - 1.0) < _SURE * found.scale_sigma:
+        return
+    if given.views is None:
+        raise CalibError(
+            f"the marker's poses fit the arm with lengths {found.scale:.4g} times as large; check --length-unit, and "
+            "the marker's size in the program that measured them"
+        )
+    raise CalibError(
+        f"--board {given.views.board}: the images fit the arm with a board {found.scale:.4g} times as large "
+        f"(± {found.scale_sigma:.2g}); measure its squares, or check the robot's units"
+    )
+
+
+def board_frames(points: Points) -> Array:
+    """Poses (M, 4, 4) of the board in the camera's frame, from points with orientations."""
+    assert points.orientations is not None
+    return frames.make_transform(points.orientations.scanner_R_jig, points.xyz_mm)

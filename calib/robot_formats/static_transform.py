@@ -1,0 +1,134 @@
+"""A fixed transform, such as that of a camera, as ROS takes it: YAML, launch files and the command line of tf.
+
+Lengths are metres and quaternions x, y, z, w, as everywhere in ROS. The camera's frame is the optical one (z along the
+sight, x right, y down).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.errors import CalibError, is_one_line
+from calib.frames import quaternion_from_rotation
+
+SUFFIXES = (".yaml", ".launch.py", ".launch", ".json", ".txt")
+_FORBIDDEN = set("\"'<>&{}[]:#, \t\\")
+
+
+@dataclass(frozen=True)
+class StaticTransform:
+    """Transform from a child's frame to its parent's, with its covariance."""
+
+    parent: str
+    child: str
+    parent_T_child: Array  # (4, 4) mm
+    covariance: Array  # (6, 6) of place (mm) and small turn (rad), along and about the parent's axes
+
+    def __post_init__(self) -> None:
+        for name in (self.parent, self.child):
+            if not name or not is_one_line(name) or set(name) & _FORBIDDEN:
+                raise CalibError(f"{name!r} is no name of a frame; letters, digits, _ and / are needed")
+
+    @property
+    def xyz_m(self) -> tuple[float, ...]:
+        """Place (3,) of the child's origin, metres."""
+        return tuple(float(value) + 0.0 for value in np.round(self.parent_T_child[:3, 3] / 1000.0, 9))
+
+    @property
+    def xyzw(self) -> tuple[float, ...]:
+        """Unit quaternion x, y, z, w (4,)."""
+        w, x, y, z = quaternion_from_rotation(self.parent_T_child[:3, :3][None])[0]
+        return tuple(float(value) + 0.0 for value in np.round([x, y, z, w], 12))
+
+    @property
+    def command(self) -> str:
+        """Command that publishes it in ROS 2."""
+        numbers = zip(("x", "y", "z", "qx", "qy", "qz", "qw"), (*self.xyz_m, *self.xyzw), strict=True)
+        words = " ".join(f"--{name} {value!r}" for name, value in numbers)
+        names = f"--frame-id {self.parent} --child-frame-id {self.child}"
+        return f"ros2 run tf2_ros static_transform_publisher {words} {names}"
+
+    @property
+    def covariance_m(self) -> Array:
+        """Covariance (6, 6) in m and rad, in the order x, y, z and turns about x, y, z."""
+        scale = np.repeat([1e-3, 1.0], 3)
+        return self.covariance * np.outer(scale, scale)
+
+
+def transform_text(path: Path, transforms: Sequence[StaticTransform]) -> str:
+    """Text of a file with transforms, in the form that its suffix names. Raises CalibError for another suffix."""
+    name = path.name.lower()
+    if name.endswith(".launch.py"):
+        return _launch_py(transforms)
+    if name.endswith((".launch", ".launch.xml")):
+        return _launch_xml(transforms)
+    if name.endswith((".yaml", ".yml")):
+        return "---\n".join(_yaml(one) for one in transforms)
+    if name.endswith(".json"):
+        return json.dumps([_document(one) for one in transforms], indent=2) + "\n"
+    if name.endswith(".txt"):
+        return "".join(f"{one.command}\n" for one in transforms)
+    raise CalibError(f"{path}: the form follows the suffix: {', '.join(SUFFIXES)}")
+
+
+def _document(one: StaticTransform) -> dict[str, object]:
+    sigma = np.sqrt(np.diag(one.covariance))
+    return {
+        "parent": one.parent,
+        "child": one.child,
+        "translation_m": one.xyz_m,
+        "rotation_xyzw": one.xyzw,
+        "sigma_mm": sigma[:3].tolist(),
+        "turn_sigma_deg": np.degrees(sigma[3:]).tolist(),
+        "covariance_m_rad": one.covariance_m.tolist(),
+    }
+
+
+def _yaml(one: StaticTransform) -> str:
+    """A geometry_msgs/TransformStamped as `ros2 topic pub` takes it, and what is known of its error."""
+    sigma = np.sqrt(np.diag(one.covariance))  # with a point in each number: YAML 1.1 takes 1e-10 for a word
+    x, y, z = one.xyz_m
+    qx, qy, qz, qw = one.xyzw
+    covariance = ", ".join(f"{value:.6e}" for value in one.covariance_m.ravel())
+    return (
+        f"# {one.command}\n"
+        f"header:\n  frame_id: {one.parent}\nchild_frame_id: {one.child}\n"
+        f"transform:\n  translation: {{x: {x:.9f}, y: {y:.9f}, z: {z:.9f}}}\n"
+        f"  rotation: {{x: {qx:.12f}, y: {qy:.12f}, z: {qz:.12f}, w: {qw:.12f}}}\n"
+        f"sigma_mm: [{', '.join(f'{value:.3e}' for value in sigma[:3])}]\n"
+        f"turn_sigma_deg: [{', '.join(f'{value:.3e}' for value in np.degrees(sigma[3:]))}]\n"
+        f"covariance: [{covariance}]  # 6 x 6, m and rad\n"
+    )
+
+
+def _launch_py(transforms: Sequence[StaticTransform]) -> str:
+    nodes = []
+    for one in transforms:
+        words = one.command.split()[4:]
+        arguments = ", ".join(f'"{word}"' for word in words)
+        nodes.append(
+            '            Node(\n                package="tf2_ros",\n'
+            '                executable="static_transform_publisher",\n'
+            f"                arguments=[{arguments}],\n            ),\n"
+        )
+    return (
+        "from launch import LaunchDescription\nfrom launch_ros.actions import Node\n\n\n"
+        "def generate_launch_description():\n    return LaunchDescription(\n        [\n"
+        + "".join(nodes)
+        + "        ]\n    )\n"
+    )
+
+
+def _launch_xml(transforms: Sequence[StaticTransform]) -> str:
+    nodes = "".join(
+        f'  <node pkg="tf2_ros" type="static_transform_publisher" name="{one.child.replace("/", "_")}_publisher" '
+        f'args="{" ".join(map(repr, (*one.xyz_m, *one.xyzw)))} {one.parent} {one.child}" />\n'
+        for one in transforms
+    )
+    return f"<launch>\n{nodes}</launch>\n"
