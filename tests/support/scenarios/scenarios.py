@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from tests.support.scenarios.shop import Arm, Array, Shop, Visit, session
+from tests.support.scenarios.shop import CAMERA_MM, Arm, Array, Shop, Visit, in_sockets, marker_session, session
 
 
 @dataclass(frozen=True)
@@ -131,6 +132,41 @@ def _metres_as_mm(shop: Shop) -> dict[str, Array]:
     return {"points_mm": shop.points_mm / 25.4}  # inches under a heading of millimetres
 
 
+def _of_another_controller(folder: Path) -> Path:
+    """A sheet with the controller's own poses, which reckons with a third link that is 10 mm longer."""
+    shop = session(23)
+    origins = list(shop.told.origins)
+    (x, y, z), rpy = origins[4]
+    origins[4] = ((x, y, z + 0.010), rpy)
+    own = replace(shop.told, origins=tuple(origins))
+    poses = np.array([own.frames(q)[-1] for q in shop.visit.q_rad])
+    turns = Rotation.from_matrix(poses[:, :3, :3]).as_rotvec()
+    values = np.hstack([poses[:, :3, 3], turns])
+    more = {f"actual_TCP_pose_{k}": [f"{v:.6f}" for v in values[:, k]] for k in range(6)}
+    return replace(shop, more=more).write(folder)
+
+
+def _before_a_camera(folder: Path) -> Path:
+    """Joint values and the poses of a marker on the flange, as a program of the camera wrote them."""
+    shop, seen = marker_session(22)
+    shop.write(folder)
+    lines = (folder / "measured.csv").read_text(encoding="utf-8").splitlines()
+    (folder / "joints.csv").write_text("\n".join(",".join(line.split(",")[:7]) for line in lines) + "\n")
+    (folder / "measured.csv").unlink()
+    (folder / "marker.csv").write_text(seen, encoding="utf-8")
+    return folder
+
+
+def _camera_is_found(found: Found) -> bool:
+    """Whether the camera stands within its sigmas, and a millimetre, of where it is, and the arm is not blamed."""
+    place = found.calibrated.get("hand_eye")
+    if not place or found.claimed:
+        return False
+    off_mm = np.array(place[0]["parent_T_camera"])[:3, 3] - CAMERA_MM
+    sigma_mm = np.sqrt(np.diag(np.array(place[0]["covariance"]))[:3])
+    return bool(np.all(np.abs(off_mm) < 3.5 * sigma_mm) and np.all(np.abs(off_mm) < 1.0))
+
+
 def _sister() -> Arm:
     nominal = Arm()
     origins = list(nominal.origins)
@@ -205,5 +241,19 @@ SCENARIOS = (
     ),
     Scenario(
         "coarse_instrument", "I used a ruler", _plain(seed=20, sigma_mm=1.0), lambda found: not found.claimed,
+    ),
+    Scenario(
+        "printed_sockets", "I have a printed plate and a ball",
+        lambda folder: in_sockets(21).write(folder),
+        lambda found: not found.claimed and "leave the arm closed" in found.told,
+    ),
+    Scenario(
+        "other_table", "the pendant shows another place", _of_another_controller,
+        _says("disagree by", "different tables"),
+    ),
+    Scenario(
+        "camera_mount", "the camera's picks are off", _before_a_camera, _camera_is_found,
+        options=(("robot", "camera_mount/arm.urdf"), ("joints", "camera_mount/joints.csv"),
+                 ("marker_poses", "camera_mount/marker.csv"), ("length_unit", "m")),
     ),
 )  # fmt: skip

@@ -19,7 +19,7 @@ async def work(client: Client, folder: str, options: dict[str, Any] | None = Non
     """Import what is in a folder, diagnose it, and calibrate; an answer that refuses ends the work, and is told."""
     told: list[str] = []
     cell = f"{folder}_cell"
-    made = await client.call_tool("import", {"path": cell, "from": folder} | (options or {}))
+    made = await client.call_tool("import", {"path": cell} | (options or {"from": folder}))
     told.append(text_of(made))
     if made.is_error:
         return Found("\n".join(told), {}, {})
@@ -40,4 +40,8 @@ async def work(client: Client, folder: str, options: dict[str, Any] | None = Non
     parts = await client.call_tool("diagnose", {"path": cell, "json_keys": keys})
     checked = await client.call_tool("check", {"path": cell})
     told.append(text_of(checked))
-    return Found("\n".join(told), json.loads(text_of(parts)), {})
+    calibrated: dict[str, Any] = {}
+    if "the camera is" in told[0]:
+        asked = {"path": cell, "residual": "pose", "json_keys": ["hand_eye", "arm_or_camera"]}
+        calibrated = json.loads(text_of(await client.call_tool("calibrate", asked)))
+    return Found("\n".join(told), json.loads(text_of(parts)), calibrated)

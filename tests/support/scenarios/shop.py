@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
@@ -108,6 +110,8 @@ class Visit:
     approach: Array  # (N, 6) the side from which each joint came, -1 or 1
 
 
+CAMERA_MM = np.array([1600.0, 200.0, 700.0])  # of `marker_session`, in the base's frame
+
 Change = Callable[[Visit, Arm], Array]  # (N, 6) what each joint stands off, rad
 
 
@@ -122,6 +126,7 @@ class Shop:
     columns: tuple[str, ...] = ()  # of conditions that the sheet has, too
     sigma_mm: float = 0.03
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    more: Mapping[str, Sequence[str]] = field(default_factory=dict)  # further columns of the sheet, a text each pose
 
     def write(self, folder: Path, *, q_rad: Array | None = None, points_mm: Array | None = None) -> Path:
         """URDF and one sheet; joint values and points may be written as an owner got them wrong."""
@@ -143,8 +148,20 @@ class Shop:
         if "approach" in self.columns:
             head += [f"approach{j}" for j in range(1, 7)]
             rows = [[*row, *(f"{int(v)}" for v in side)] for row, side in zip(rows, self.visit.approach, strict=True)]
+        for name, texts in self.more.items():
+            head.append(name)
+            rows = [[*row, text] for row, text in zip(rows, texts, strict=True)]
         (folder / "measured.csv").write_text("\n".join(",".join(row) for row in [head, *rows]) + "\n", encoding="utf-8")
         return folder
+
+
+def real_arm(nominal: Arm, links: float, rng: np.random.Generator) -> Arm:
+    """The arm whose links are off by 0.3 mm and 0.02 deg, times `links`."""
+    origins = tuple(
+        (tuple(np.add(xyz, links * 3e-4 * rng.normal(size=3))), tuple(np.add(rpy, links * 3.5e-4 * rng.normal(size=3))))
+        for xyz, rpy in nominal.origins
+    )
+    return replace(nominal, origins=origins)
 
 
 def session(
@@ -162,11 +179,7 @@ def session(
     """
     rng = np.random.default_rng(seed)
     nominal = Arm()
-    origins = tuple(
-        (tuple(np.add(xyz, links * 3e-4 * rng.normal(size=3))), tuple(np.add(rpy, links * 3.5e-4 * rng.normal(size=3))))
-        for xyz, rpy in nominal.origins
-    )
-    arm = replace(nominal, origins=origins)
+    arm = real_arm(nominal, links, rng)
     limits = np.radians(np.minimum(_LIMITS_DEG, reach_deg))
     q_rad = np.array([_above_table(arm, limits, rng) for _ in range(poses)])
     visit = Visit(
@@ -182,6 +195,53 @@ def session(
     if moved_mm is not None:
         points_mm = points_mm + moved_mm(visit)
     return Shop(arm, nominal if told is None else told, visit, points_mm, columns, sigma_mm, rng)
+
+
+def in_sockets(seed: int, *, sigma_mm: float = 0.1, postures: int = 6) -> Shop:
+    """A session without an instrument: the ball in four sockets of a printed plate, which lay at four places."""
+    rng = np.random.default_rng(seed)
+    nominal = Arm()
+    arm = real_arm(nominal, 1.0, rng)
+    plate_mm = np.array([[0.0, 0.0, 0.0], [120.0, 0.0, 0.0], [0.0, 80.0, 0.0], [120.0, 80.0, 0.0]])
+    printed_mm = plate_mm + sigma_mm * rng.normal(size=plate_mm.shape)
+    limits = np.radians(_LIMITS_DEG)
+    q_rad, points_mm, setups = [], [], []
+    for name, middle_m in (("front", (0.55, 0.0)), ("left", (0.1, 0.55)), ("right", (0.2, -0.5)), ("far", (0.7, 0.25))):
+        turned = placed((*middle_m, rng.uniform(0.02, 0.2)), (0.0, 0.0, rng.uniform(-3.0, 3.0)))
+        for nominal_mm, socket_mm in zip(plate_mm, printed_mm, strict=True):
+            at_m = (turned @ np.array([*(socket_mm / 1e3), 1.0]))[:3]
+            for _ in range(postures):
+                q_rad.append(_reaching(arm, at_m, limits, rng))
+                points_mm.append(nominal_mm)
+                setups.append(name)
+    visits = len(q_rad)
+    visit = Visit(np.array(q_rad), np.zeros(visits), np.full(visits, 21.0), np.ones((visits, 6)))
+    return Shop(arm, nominal, visit, np.array(points_mm), (), sigma_mm, rng, {"setup": setups})
+
+
+def _reaching(arm: Arm, at_m: Array, limits: Array, rng: np.random.Generator) -> Array:
+    """Joint values, rad, some of many with which the tool point is at a place."""
+    while True:
+        start = rng.uniform(-limits, limits)
+        bounds = (-limits, limits)
+        found = least_squares(lambda q: 1e3 * (arm.tool(q) - at_m), start, bounds=bounds, max_nfev=60)
+        if np.abs(found.fun).max() < 1e-6:
+            return np.asarray(found.x)
+
+
+def marker_session(seed: int, *, sigma_mm: float = 0.2, sigma_rad: float = 5e-4) -> tuple[Shop, str]:
+    """A marker on the flange before a camera in the room, and the poses that the camera's program wrote as CSV."""
+    shop = session(seed, poses=40, links=0.0)
+    rng = shop.rng
+    flange_marker = placed((0.02, 0.03, 0.05), tuple(rng.uniform(-0.5, 0.5, 3)))
+    camera_base = np.linalg.inv(placed(tuple(CAMERA_MM / 1e3), (-2.0, 0.1, 1.7)))
+    rows = ["pose,x,y,z,qx,qy,qz,qw"]
+    for k, q in enumerate(shop.visit.q_rad):
+        seen = camera_base @ shop.arm.frames(q)[-1] @ flange_marker
+        turn = Rotation.from_matrix(seen[:3, :3]) * Rotation.from_rotvec(sigma_rad * rng.normal(size=3))
+        place_m = seen[:3, 3] + 1e-3 * sigma_mm * rng.normal(size=3)
+        rows.append(",".join([f"P{k + 1:03d}", *(f"{v:.7f}" for v in (*place_m, *turn.as_quat()))]))
+    return shop, "\n".join(rows) + "\n"
 
 
 def _above_table(arm: Arm, limits: Array, rng: np.random.Generator) -> Array:
