@@ -146,9 +146,8 @@ def _of_another_controller(folder: Path) -> Path:
     return replace(shop, more=more).write(folder)
 
 
-def _before_a_camera(folder: Path) -> Path:
-    """Joint values and the poses of a marker on the flange, as a program of the camera wrote them."""
-    shop, seen = marker_session(22)
+def camera_files(shop: Shop, seen: str, folder: Path) -> Path:
+    """Folder with the joint values, and the poses of a marker on the flange as a program of the camera wrote them."""
     shop.write(folder)
     lines = (folder / "measured.csv").read_text(encoding="utf-8").splitlines()
     (folder / "joints.csv").write_text("\n".join(",".join(line.split(",")[:7]) for line in lines) + "\n")
@@ -252,7 +251,8 @@ SCENARIOS = (
         _says("disagree by", "different tables"),
     ),
     Scenario(
-        "camera_mount", "the camera's picks are off", _before_a_camera, _camera_is_found,
+        "camera_mount", "the camera's picks are off",
+        lambda folder: camera_files(*marker_session(22), folder), _camera_is_found,
         options=(("robot", "camera_mount/arm.urdf"), ("joints", "camera_mount/joints.csv"),
                  ("marker_poses", "camera_mount/marker.csv"), ("length_unit", "m")),
     ),

@@ -23,7 +23,7 @@ _ORIGINS = (
     ((0.0, 0.0, 0.0), (-np.pi / 2, 0.0, 0.0)),
     ((0.0, 0.0, 0.085), (0.0, 0.0, 0.0)),
 )
-_LIMITS_DEG = (170.0, 110.0, 140.0, 175.0, 115.0, 180.0)
+LIMITS_DEG = (170.0, 110.0, 140.0, 175.0, 115.0, 180.0)
 _MASS_KG = (14.0, 12.0, 6.0, 5.0, 2.5, 0.8)
 _COM_M = ((0, 0, 0.05), (0, -0.22, 0.03), (0.02, 0, 0), (0, 0, 0.2), (0, 0, 0.01), (0, 0, 0.03))
 _G = np.array([0.0, 0.0, -9.81])
@@ -75,7 +75,7 @@ class Arm:
         joints = [*self.origins, (self.tool_m, (0.0, 0.0, 0.0))]
         for j, (xyz, rpy) in enumerate(joints):
             kind = "revolute" if j < 6 else "fixed"
-            limit = np.radians(_LIMITS_DEG[j]) if j < 6 else 0.0
+            limit = np.radians(LIMITS_DEG[j]) if j < 6 else 0.0
             more = f'<axis xyz="0 0 1"/><limit lower="{-limit:.6g}" upper="{limit:.6g}" effort="99" velocity="2"/>'
             out.append(
                 f'  <joint name="joint_{j + 1}" type="{kind}"><parent link="{links[j]}"/><child link="{links[j + 1]}"/>'
@@ -110,6 +110,7 @@ class Visit:
     approach: Array  # (N, 6) the side from which each joint came, -1 or 1
 
 
+MARKER_M = (0.02, 0.03, 0.05)  # of `marker_session`, on the flange
 CAMERA_MM = np.array([1600.0, 200.0, 700.0])  # of `marker_session`, in the base's frame
 
 Change = Callable[[Visit, Arm], Array]  # (N, 6) what each joint stands off, rad
@@ -180,8 +181,8 @@ def session(
     rng = np.random.default_rng(seed)
     nominal = Arm()
     arm = real_arm(nominal, links, rng)
-    limits = np.radians(np.minimum(_LIMITS_DEG, reach_deg))
-    q_rad = np.array([_above_table(arm, limits, rng) for _ in range(poses)])
+    limits = np.radians(np.minimum(LIMITS_DEG, reach_deg))
+    q_rad = np.array([above_table(arm, limits, rng) for _ in range(poses)])
     visit = Visit(
         q_rad,
         rng.choice([0.0, 4.0], poses) if "payload_kg" in columns else np.zeros(poses),
@@ -197,16 +198,17 @@ def session(
     return Shop(arm, nominal if told is None else told, visit, points_mm, columns, sigma_mm, rng)
 
 
-def in_sockets(seed: int, *, sigma_mm: float = 0.1, postures: int = 6) -> Shop:
-    """A session without an instrument: the ball in four sockets of a printed plate, which lay at four places."""
+def in_sockets(seed: int, *, sigma_mm: float = 0.1, postures: int = 6, places: int = 4) -> Shop:
+    """A session without an instrument: the ball in four sockets of a printed plate, which lay at up to four places."""
     rng = np.random.default_rng(seed)
     nominal = Arm()
     arm = real_arm(nominal, 1.0, rng)
     plate_mm = np.array([[0.0, 0.0, 0.0], [120.0, 0.0, 0.0], [0.0, 80.0, 0.0], [120.0, 80.0, 0.0]])
     printed_mm = plate_mm + sigma_mm * rng.normal(size=plate_mm.shape)
-    limits = np.radians(_LIMITS_DEG)
+    limits = np.radians(LIMITS_DEG)
     q_rad, points_mm, setups = [], [], []
-    for name, middle_m in (("front", (0.55, 0.0)), ("left", (0.1, 0.55)), ("right", (0.2, -0.5)), ("far", (0.7, 0.25))):
+    stands = (("front", (0.55, 0.0)), ("left", (0.1, 0.55)), ("right", (0.2, -0.5)), ("far", (0.7, 0.25)))
+    for name, middle_m in stands[:places]:
         turned = placed((*middle_m, rng.uniform(0.02, 0.2)), (0.0, 0.0, rng.uniform(-3.0, 3.0)))
         for nominal_mm, socket_mm in zip(plate_mm, printed_mm, strict=True):
             at_m = (turned @ np.array([*(socket_mm / 1e3), 1.0]))[:3]
@@ -222,18 +224,20 @@ def in_sockets(seed: int, *, sigma_mm: float = 0.1, postures: int = 6) -> Shop:
 def _reaching(arm: Arm, at_m: Array, limits: Array, rng: np.random.Generator) -> Array:
     """Joint values, rad, some of many with which the tool point is at a place."""
     while True:
-        start = rng.uniform(-limits, limits)
-        bounds = (-limits, limits)
+        start = 0.9 * rng.uniform(-limits, limits)
+        bounds = (-0.98 * limits, 0.98 * limits)
         found = least_squares(lambda q: 1e3 * (arm.tool(q) - at_m), start, bounds=bounds, max_nfev=60)
         if np.abs(found.fun).max() < 1e-6:
             return np.asarray(found.x)
 
 
-def marker_session(seed: int, *, sigma_mm: float = 0.2, sigma_rad: float = 5e-4) -> tuple[Shop, str]:
+def marker_session(
+    seed: int, *, links: float = 0.0, sigma_mm: float = 0.2, sigma_rad: float = 5e-4
+) -> tuple[Shop, str]:
     """A marker on the flange before a camera in the room, and the poses that the camera's program wrote as CSV."""
-    shop = session(seed, poses=40, links=0.0)
+    shop = session(seed, poses=40, links=links)
     rng = shop.rng
-    flange_marker = placed((0.02, 0.03, 0.05), tuple(rng.uniform(-0.5, 0.5, 3)))
+    flange_marker = placed(MARKER_M, tuple(rng.uniform(-0.5, 0.5, 3)))
     camera_base = np.linalg.inv(placed(tuple(CAMERA_MM / 1e3), (-2.0, 0.1, 1.7)))
     rows = ["pose,x,y,z,qx,qy,qz,qw"]
     for k, q in enumerate(shop.visit.q_rad):
@@ -244,7 +248,8 @@ def marker_session(seed: int, *, sigma_mm: float = 0.2, sigma_rad: float = 5e-4)
     return shop, "\n".join(rows) + "\n"
 
 
-def _above_table(arm: Arm, limits: Array, rng: np.random.Generator) -> Array:
+def above_table(arm: Arm, limits: Array, rng: np.random.Generator) -> Array:
+    """Joint values, rad, within limits, with the tool point above the floor."""
     while True:
         q_rad = rng.uniform(-limits, limits)
         if arm.tool(q_rad)[2] > 0.05:
