@@ -75,6 +75,7 @@ def test_a_camera_is_found_within_its_sigmas_and_better_than_opencv_finds_it(on_
     assert np.linalg.norm(error[:3]) < np.linalg.norm(theirs.ravel() - scene.parent_T_camera[:3, 3])
 
 
+@pytest.mark.thorough
 def test_held_links_give_a_camera_as_good_as_opencvs_where_the_arm_errs():
     ours, theirs = [], []
     for seed in range(3):

@@ -80,7 +80,7 @@ def test_images_become_a_dataset_with_honest_poses(cell, tmp_path, capsys):
     assert "frame_id: link6" in (tmp_path / "tf.yaml").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_lens_is_found_from_the_images_and_its_errors_are_shared(cell, tmp_path, capsys):
     folder, _ = cell
     assert importing(folder, tmp_path / "cell") == 0
@@ -94,7 +94,7 @@ def test_a_lens_is_found_from_the_images_and_its_errors_are_shared(cell, tmp_pat
     assert np.allclose(load_dataset(tmp_path / "copy").points.shared, dataset.points.shared)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_board_of_another_size_or_square_count_is_refused(cell, tmp_path, capsys):
     folder, _ = cell
     lens = ["--intrinsics", str(folder / "lens.json")]

@@ -347,6 +347,7 @@ def test_the_command_tells_names_that_the_plan_does_not_have(folder: Path, capsy
     assert "nothing was measured; points.csv has shot 2" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_a_table_that_is_written_anew_each_time_tells_nothing_twice(folder: Path) -> None:
     whole = (folder.parent / "points.csv").read_text().splitlines(keepends=True)
     clock, poses = Clock(folder), (folder / "poses.csv").read_text()
@@ -426,6 +427,7 @@ def test_whatever_a_writer_does_to_the_tables_each_pose_is_told_once_and_all_end
     assert len(told) <= POSES + 4  # once each, but where a state changed
 
 
+@pytest.mark.thorough
 def test_rows_that_were_deleted_are_gone_once_that_lasts(folder: Path) -> None:
     whole = (folder.parent / "points.csv").read_text().splitlines(keepends=True)
     clock = Clock(folder)

@@ -235,7 +235,7 @@ def test_an_arm_with_a_wobbling_last_axis_keeps_its_wobble(seed: int) -> None:
     assert diagnose(simulated("rb5", seed, poses=64, effect=("axis_wobble", 6.0))).data_problem is None
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_no_effect_is_taken_for_wrong_data() -> None:
     """Simulated effects of every kind, of 0.5 to 15 sigma, are not taken for mistakes; the thorough run has more."""
     rng = np.random.default_rng(7)

@@ -103,7 +103,7 @@ def test_springs_in_the_joints_are_named(arm: str, masses: bool) -> None:
     assert result.calibration.sigma_mm < 1.3 * NOISE_MM
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_springs_and_an_uneven_gear_are_both_named() -> None:
     result = diagnose(measured("rb5", 2, compliance_rad_per_nm=1e-4, gear_rad=8e-4))
     assert set(result.missing) == {"joint_compliance", "transmission_error"}, result.summary()

@@ -392,7 +392,7 @@ def test_the_explanation_says_what_an_engineer_asks() -> None:
     assert {u.name for u in result.untestable} >= {"scanner_scale"}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_an_ambiguous_set_comes_with_poses_that_split_it() -> None:
     """Bending and joint compliance at half a sigma: measured where advised, the right one is told from the other."""
     result = next(

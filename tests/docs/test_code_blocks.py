@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from _pytest.mark import ParameterSet
 
 from tests.support.code_blocks import Block, BlockError, Reader, blocks_of, difference
 
@@ -23,6 +24,9 @@ def is_written_by_hand(page: Path) -> bool:
 PAGES = [ROOT / "README.md", *sorted(filter(is_written_by_hand, (ROOT / "docs").rglob("*.md")))]
 
 
+LONG_PAGES = ("docs/tutorials/sample_arm.md", "docs/tutorials/plan_poses.md", "docs/api/index.md")
+
+
 def state_of_samples() -> dict[str, tuple[int, int]]:
     files = (path for path in (ROOT / "sample_data").rglob("*") if path.is_file())
     return {str(path): (path.stat().st_size, path.stat().st_mtime_ns) for path in files}
@@ -36,10 +40,17 @@ def has_code(page: Path) -> bool:
     return any(block.language in ("python", "sh") and not block.takes_long for block in blocks_of(page))
 
 
+def each_with_code() -> list[ParameterSet]:
+    """Pages with code, the longest for the thorough run."""
+    return [
+        pytest.param(page, id=name, marks=pytest.mark.thorough if name in LONG_PAGES else ())
+        for page in PAGES
+        if has_code(page) and (name := str(page.relative_to(ROOT)))
+    ]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "page", [pytest.param(page, id=str(page.relative_to(ROOT))) for page in PAGES if has_code(page)]
-)
+@pytest.mark.parametrize("page", each_with_code())
 def test_the_blocks_of_a_page_run_and_print_what_it_says(page: Path, tmp_path: Path):
     before = state_of_samples()
     run_page(page, tmp_path)

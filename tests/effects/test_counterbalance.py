@@ -18,7 +18,7 @@ from calib.simulation.truth.joint_effects import TransmissionError
 from tests.support.fit_cases import rich_dataset
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_spring_is_never_called_a_gear_alone_and_a_wave_is_left_open() -> None:
     """Seeds at which the torque is so near a wave that nothing decides."""
     spring = simulate_dataset(

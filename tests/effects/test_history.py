@@ -144,7 +144,7 @@ def test_heat_is_a_running_average_of_speed() -> None:
     assert even[-1] == pytest.approx(0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_heat_of_one_motor_is_told_from_drift_and_steps() -> None:
     dataset = simulate_dataset(
         builtin_robot("panda"),

@@ -51,7 +51,7 @@ def test_a_payload_that_changed_unsaid_is_found_beside_compliance() -> None:
     assert (found.verdict, found.missing) == ("named", ("payload_step", "joint_compliance"))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_payload_that_was_taken_off_again_is_two_steps_of_one_cause() -> None:
     for seed in range(20):
         simulation = simulated(seed, ("payload_step", 4.0))

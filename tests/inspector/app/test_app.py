@@ -126,6 +126,7 @@ def test_what_is_ready_is_shown_while_the_rest_is_searched(folder: Path) -> None
         page.wait(lambda p: f"of {POSES} corners found" in plain(p), 30)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("slow_searches")
 def test_the_search_can_be_stopped_and_goes_on_where_it_was(folder: Path) -> None:
     with serving(folder, port=0) as app, WireClient(app.server.get_port()) as page:

@@ -78,6 +78,7 @@ def test_an_agent_on_stdin_and_stdout_gets_from_the_folder_to_the_cause(root: Pa
     assert asyncio.run(work()) == {"missing": ["transmission_error"], "verdict": "named"}
 
 
+@pytest.mark.thorough
 def test_a_figure_is_a_picture_with_its_caption(toolbox: Toolbox, root: Path) -> None:
     name = dataset_in(root)
     listed, shown, wrong = answers(
