@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mcp  # noqa: F401  keeps the error stream of its import, so that it is no page's
 import pytest
 from _pytest.mark import ParameterSet
 
