@@ -246,6 +246,7 @@ def test_no_effect_is_taken_for_wrong_data() -> None:
         assert suspicions(calibrate(data), calibrate).problem is None, (effect, size)
 
 
+@pytest.mark.timeout(1800)
 @pytest.mark.thorough
 def test_hundreds_of_effects_are_never_taken_for_wrong_data() -> None:
     for seed in range(300):

@@ -37,6 +37,7 @@ def test_the_cause_is_found_from_the_folder_alone(name: str, tmp_path: Path) -> 
     assert not_right(tmp_path, [one for one in SCENARIOS if one.name == name]) == (set(), set())
 
 
+@pytest.mark.timeout(1800)
 @pytest.mark.thorough
 def test_an_agent_comes_to_the_right_cause_or_measurement_and_claims_nothing_false(tmp_path: Path) -> None:
     missed, wrong = not_right(tmp_path, SCENARIOS)
