@@ -247,6 +247,20 @@ class SampleOptions(Output):
 
 
 @dataclass(frozen=True, kw_only=True)
+class JigOptions(Output):
+    """Options of `jig`."""
+
+    part: str  # "plate", "corner" or "stem"
+    out: Path | None  # None: a file of the part's name
+    sockets: tuple[int, int]  # columns and rows
+    pitch_mm: float
+    ball_mm: float
+    edge_mm: float
+    length_mm: float
+    bolts: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class SimulateOptions(Output):
     """Options of `simulate`."""
 

@@ -130,6 +130,26 @@ def _sample(sub: ArgumentParser) -> None:
     add_json(sub)
 
 
+def _jig(sub: ArgumentParser) -> None:
+    sub.add_argument("part", choices=("plate", "corner", "stem"), help="sockets for a ball, three faces, a ball's stem")
+    sub.add_argument("--out", type=Path, metavar="FILE.stl", help="default: a file of the part's name")
+    sub.add_argument(
+        "--sockets", type=values.grid, default=(2, 2), metavar="NxM", help="columns and rows of a plate (default: 2x2)"
+    )
+    sub.add_argument(
+        "--pitch-mm", type=values.size_mm, default=100.0, metavar="MM", help="between sockets (default: 100)"
+    )
+    sub.add_argument("--ball-mm", type=values.size_mm, default=20.0, metavar="MM", help="ball's diameter (default: 20)")
+    sub.add_argument(
+        "--edge-mm", type=values.size_mm, default=60.0, metavar="MM", help="edges of the corner (default: 60)"
+    )
+    sub.add_argument(
+        "--length-mm", type=values.size_mm, default=80.0, metavar="MM", help="flange to the ball's centre (default: 80)"
+    )
+    sub.add_argument("--bolts", default="50-4-M6", metavar="D-N-M", help="bolt circle by ISO 9409-1 (default: 50-4-M6)")
+    add_json(sub)
+
+
 def _simulate(sub: ArgumentParser) -> None:
     sub.add_argument("--robot", required=True, help=f"{', '.join(BUILTIN_ROBOTS)}, or a robot.toml")
     sub.add_argument("--poses", type=int, default=64, help="default 64")
@@ -309,6 +329,14 @@ SUBCOMMANDS = (
         options.SampleOptions,
         _sample,
         "a sample dataset to try things on",
+        path=None,
+    ),
+    Subcommand(
+        "jig",
+        "robots.jig_command.run_jig",
+        options.JigOptions,
+        _jig,
+        "parts to print for measuring: sockets for a ball, a three-faced corner",
         path=None,
     ),
     Subcommand(

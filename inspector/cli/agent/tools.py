@@ -18,7 +18,7 @@ RUN_CODE = ("effects_file", "finder")  # options that run a Python file of the u
 JSON_KEYS = "json_keys"
 FIGURE = "figure"  # the tool that answers with a picture
 _ALWAYS = {"follow": ["--once"]}
-_NUMBERS = (float, values.rmse_mm, values.sigma_mm, values.mass_kg, values.seconds)
+_NUMBERS = (float, values.rmse_mm, values.sigma_mm, values.size_mm, values.mass_kg, values.seconds)
 _WHOLE = (int, values.port, values.process_count, values.pose_count)
 
 

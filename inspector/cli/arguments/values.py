@@ -113,6 +113,22 @@ def rmse_mm(text: str) -> float:
     return value
 
 
+def size_mm(text: str) -> float:
+    """Size of a part above 0, mm."""
+    value = _number(text)
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} is not a size; a number of mm above 0")
+    return value
+
+
+def grid(text: str) -> tuple[int, int]:
+    """Columns and rows from "2x3"."""
+    columns, separator, rows = text.lower().partition("x")
+    if not separator:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of columns and rows; write 2x3")
+    return _whole(columns, 1, 26, "columns"), _whole(rows, 1, 26, "rows")
+
+
 def mass_kg(text: str) -> float:
     """Mass above 0, kg."""
     value = _number(text)

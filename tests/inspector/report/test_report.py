@@ -293,7 +293,7 @@ def test_in_a_browser_it_follows_the_system_and_shows_values(chromium: Any, writ
     problems: list[str] = []
     asked: list[str] = []
     page.on("pageerror", lambda error: problems.append(str(error)))
-    page.on("console", lambda message: problems.append(message.text))
+    page.on("console", lambda said: said.type in ("error", "warning") and problems.append(said.text))
     page.on("request", lambda request: asked.append(request.url))
     page.goto(written.as_uri())
     assert asked == [written.as_uri()]

@@ -1,0 +1,1 @@
+"""Parts to print for measuring without an instrument: sockets, corners, stems."""
