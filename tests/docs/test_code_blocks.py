@@ -25,7 +25,16 @@ def is_written_by_hand(page: Path) -> bool:
 PAGES = [ROOT / "README.md", *sorted(filter(is_written_by_hand, (ROOT / "docs").rglob("*.md")))]
 
 
-LONG_PAGES = ("docs/tutorials/sample_arm.md", "docs/tutorials/plan_poses.md", "docs/api/index.md")
+LONG_PAGES = tuple(
+    f"docs/{name}.md"
+    for name in (
+        "tutorials/sample_arm",
+        "tutorials/plan_poses",
+        "tutorials/read_a_verdict",
+        "tutorials/write_an_effect",
+        "api/index",
+    )
+)
 
 
 def state_of_samples() -> dict[str, tuple[int, int]]:

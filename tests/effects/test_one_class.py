@@ -220,7 +220,7 @@ print(json.dumps(said))
 """
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_class_and_its_law_are_all_that_an_effect_takes(tmp_path: Path) -> None:
     """Two new files in a copy of the package: listed, simulated, found, named, and kept in a model file."""
     shutil.copytree(ROOT / "calib", tmp_path / "calib", ignore=shutil.ignore_patterns("__pycache__"))

@@ -45,7 +45,7 @@ def test_a_changed_payload_turns_each_joint_by_its_own_torque() -> None:
     np.testing.assert_allclose(np.delete(turned, joints, axis=1), 0.0)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_payload_that_changed_unsaid_is_found_beside_compliance() -> None:
     found = diagnose(simulated(3, ("payload_step", 4.0), ("joint_compliance", 4.0)).dataset)
     assert (found.verdict, found.missing) == ("named", ("payload_step", "joint_compliance"))
@@ -72,7 +72,7 @@ def test_a_payload_that_was_taken_off_again_is_two_steps_of_one_cause() -> None:
     assert off == pytest.approx(-put_on, rel=0.3)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [0, 1, 4])
 def test_a_bent_link_is_told_as_none_of_the_steps_that_are_parts_of_it(seed: int) -> None:
     """With the size that it has: the frame at the link's end, as the exact law turns and shifts it."""

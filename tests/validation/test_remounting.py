@@ -79,7 +79,7 @@ def test_check_names_remounting_and_an_outlying_error_is_none() -> None:
     assert remounting(calibrate(with_points_mm(dataset, xyz_mm))) is None
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("poses", [64, 130])
 def test_check_fails_where_many_times_the_noise_is_left_however_many_poses(poses: int) -> None:
     dataset = simulated(1, poses)

@@ -108,7 +108,7 @@ def test_a_zip_becomes_a_dataset_that_is_open_listed_and_found_again(
         for part in ("achsen.csv", "joint 3, deg, other way round", "x, m", "the error falls from"):
             assert part in said
         assert not other.has(OPEN)  # the window is the page's own
-        assert page.value("Name") == "my_cell"
+        page.wait(lambda p: p.value("Name") == "my_cell")  # the fields follow the button one by one
         assert not (tmp_path / "data" / "my_cell").exists()
         page.set("Name", "cell 7")
         page.click(OPEN)
@@ -148,7 +148,7 @@ def test_a_column_is_corrected(app: App, given: dict[str, bytes], tmp_path: Path
     with WireClient(app.server.get_port()) as page:
         send(page, "log.zip", packed(given))
         page.wait(open_button)
-        assert page.value("A3") == "joint 3, deg, other way round"
+        page.wait(lambda p: p.value("A3") == "joint 3, deg, other way round")
         page.set("A3", "joint 3, deg")
         shows(page, "turns the other way")
         page.set("A3", "joint 3, deg, other way round")
@@ -167,7 +167,7 @@ def test_a_ready_dataset_opens_as_it_is_and_no_name_is_taken_twice(app: App, ser
         for name in ("cell", "cell_2"):
             send(page, "cell.zip", content)
             page.wait(open_button)
-            assert page.value("Name") == name
+            page.wait(lambda p, name=name: p.value("Name") == name)  # type: ignore[misc]
             page.click(OPEN)
             page.wait(lambda p, name=name: p.value("Dataset") == name)  # type: ignore[misc]
         send(page, "cell.zip", content)

@@ -96,6 +96,7 @@ def test_a_figure_is_a_picture_with_its_caption(toolbox: Toolbox, root: Path) ->
     assert "no such figure; there are error_history" in text_of(wrong)
 
 
+@pytest.mark.thorough
 def test_what_is_bad_is_an_answer_and_the_server_lives(toolbox: Toolbox, root: Path) -> None:
     name = dataset_in(root)
     *bad, good = answers(
