@@ -185,8 +185,8 @@ def _fitted(dataset: Dataset, options: FitOptions) -> tuple[Calibration | None, 
 
 
 def _cell(calibration: Calibration | None) -> Workcell | None:
-    """Cell as a fit knows it; None without a fit, or where the arm carries the scanner."""
-    if calibration is None or calibration.dataset.robot.carries_scanner:
+    """Cell as a fit knows it; None without a fit."""
+    if calibration is None:
         return None
     try:
         return FromFit(calibration).cell

@@ -28,7 +28,7 @@ def offered_poses(calibration: Calibration, *, count: int = OFFERED) -> Poses:
     measured = dataset.poses
     setup, scanner_T_base = next(iter(calibration.after.scanner_T_base.items()))
     try:
-        cell = workcell_of_dataset(dataset, base_T_scanner=frames.invert(scanner_T_base), setup=setup)
+        cell = workcell_of_dataset(dataset, parent_T_scanner=frames.invert(scanner_T_base), setup=setup)
         q = candidate_poses(cell, count, rng=rng)
     except CalibError:
         q = rng.uniform(measured.q.min(axis=0), measured.q.max(axis=0), (count, measured.q.shape[1]))

@@ -26,7 +26,8 @@ from calib.options import FitOptions
 from calib.planning.unknowns import (
     DEFAULT_NOISE_MM,
     Unknowns,
-    require_scanner_in_world,
+    require_points,
+    require_scanner_in_room,
     unknowns_of_fit,
     unknowns_of_robot,
 )
@@ -122,8 +123,8 @@ class FromFit(Brief):
         """Cell with the fitted robot, and the scanner placed by the fit or at the new station."""
         last = self._last_setup
         fitted = replace(self.dataset, robot=self.calibration.robot)
-        seen_from = frames.invert(self.calibration.after.scanner_T_base[last])
-        cell = workcell_of_dataset(fitted, base_T_scanner=seen_from, setup=last)
+        placed = frames.invert(self.calibration.after.scanner_T_base[last])
+        cell = workcell_of_dataset(fitted, parent_T_scanner=placed, setup=last)
         return cell if self.base_T_scanner is None else replace(cell, base_T_scanner=self.base_T_scanner)
 
     def unknowns(self, effects: Sequence[Effect] = ()) -> Unknowns:
@@ -219,9 +220,11 @@ def start_of_dataset(
         base_T_scanner: (4, 4) pose of the scanner for the new poses, where it is set up anew.
         on_step: called with a line of text before each stage of a diagnosis.
 
-    Raises FitError where the arm carries the scanner.
+    Raises FitError where lengths were measured, or a scanner on the flange is to be set up in the room.
     """
-    require_scanner_in_world(dataset)
+    require_points(dataset)
+    if base_T_scanner is not None:
+        require_scanner_in_room(dataset)
     members = effects_named(dataset, effects, user_effects)
     calibration = calibrate(dataset, options, effects=members)
     check = check_sigma(calibration)

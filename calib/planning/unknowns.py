@@ -101,7 +101,8 @@ class Unknowns:
         covariance = np.broadcast_to(self.point_covariance_mm2, (len(points), 3, 3))
         if self.noise_shape is not None and self.noise_shape.reshapes_points:
             covariance = shaped_covariance(noise_factors(self.noise_shape, points.xyz_mm), covariance)
-        return Observations(poses, points, covariance, self.scanner_T_base)
+        arm = self.model.robot if self.model.robot.carries_scanner else None
+        return Observations(poses, points, covariance, self.scanner_T_base, carried_by=arm)
 
 
 def unknowns_of_fit(
@@ -124,7 +125,7 @@ def unknowns_of_fit(
     x = _fitted_values(calibration, model)
     noise = calibration.fit.reduced_chi if np.isfinite(calibration.fit.reduced_chi) else 1.0
     noise = max(noise, _FINEST_MM / declared_sigma_mm(dataset))
-    require_scanner_in_world(dataset)
+    require_points(dataset)
     observed = replace(Observations.of(dataset), scanner_T_base=calibration.after.scanner_T_base)
     measured_stations = {name: calibration.after.scanner_T_base[name] for name in sorted(set(map(str, observed.setup)))}
     points = dataset.points
@@ -240,10 +241,7 @@ def require_points(dataset: Dataset) -> None:
         raise FitError(f"dataset {dataset.name}: its points are lengths; poses are planned for measured points alone")
 
 
-def require_scanner_in_world(dataset: Dataset) -> None:
-    """Raise FitError where the arm carries the scanner, or lengths were measured."""
-    require_points(dataset)
+def require_scanner_in_room(dataset: Dataset) -> None:
+    """Raise FitError where the arm carries the scanner, so that it cannot be set up anew beside the arm."""
     if dataset.robot.carries_scanner:
-        raise FitError(
-            f"dataset {dataset.name}: the scanner is on the flange; poses are planned for a scanner in the room alone"
-        )
+        raise FitError(f"dataset {dataset.name}: the scanner is on the flange; plan without another place for it")

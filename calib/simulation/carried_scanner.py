@@ -6,75 +6,29 @@ jig is on a table before the arm, its axis up to 35 deg from the vertical.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from calib.array_types import Array, BoolArray, IndexArray
+from calib.array_types import Array, BoolArray
 from calib.errors import CalibError
 from calib.frames import apply, invert, make_transform, rotation_from_rotvec
 from calib.jig import Jig, jig_geometry
-from calib.kinematics.chain import Chain, forward, joint_jacobian
+from calib.kinematics.chain import Chain, forward
 from calib.kinematics.inverse import FROM_ANYWHERE, solve_inverse
 from calib.kinematics.joint_range import joint_range, random_poses, wrapped
 from calib.kinematics.robot import Robot
 from calib.simulation.scene import CUBE_CORNER
 from calib.workcell.measurable import incidence_cosines
 from calib.workcell.scan_field import JANG_FIELD, tilted
+from calib.workcell.view_of_target import ViewGoals
 
-_LEVER_MM = 300.0  # weighs one radian of the line of sight against millimetres
 _JIG_TRIES = 14  # positions of the jig that are tried
 _BATCH = 256  # starts of the search for poses
 _GOOD_SHARE = 0.1  # of them that succeed at a position that is taken at once
 _MAX_TILT_DEG = 22.0  # of the jig's axis from the line of sight
 _CLEARANCE_MM = 120.0  # of the arm's frames from the line of sight
 _LOWEST_MM = 60.0  # height of the arm's frames over its base
-
-
-@dataclass(frozen=True)
-class ViewGoals:
-    """N goals of an arm with a flange scanner: a point and a direction of the flange at given ones of the base frame.
-
-    They are the jig's apex and axis, as desired in the scanner's view and as they are in the world; the scanner's turn
-    about the jig's axis is free.
-    """
-
-    robot: Robot
-    point_mm: Array  # (N, 3) flange frame
-    direction: Array  # (N, 3) unit, flange frame
-    apex_mm: Array  # (3,) base frame
-    axis: Array  # (3,) unit, base frame
-
-    @property
-    def joint_units(self) -> Array:
-        """Unit of each scaled joint (n,): 1 rad, or 1 mm."""
-        return np.ones(self.robot.n_joints)
-
-    def _point_and_direction(self, chain: Chain, rows: IndexArray | slice) -> tuple[Array, Array]:
-        """Point (K, 3) mm and direction (K, 3) at each pose, base frame."""
-        flange = chain.base_T_flange
-        point_mm = np.einsum("kij,kj->ki", flange[:, :3, :3], self.point_mm[rows]) + flange[:, :3, 3]
-        return point_mm, np.einsum("kij,kj->ki", flange[:, :3, :3], self.direction[rows])
-
-    def linearise(self, q: Array, rows: IndexArray) -> tuple[Array, Array]:
-        """Error of the point, and the sine of the direction's error times `_LEVER_MM`, with their Jacobian."""
-        chain = forward(self.robot.table, q, self.robot.is_revolute, self.robot.base_T_first)
-        moved, axes = joint_jacobian(chain, self.robot.is_revolute)
-        point_mm, direction = self._point_and_direction(chain, rows)
-        moved = moved + np.swapaxes(np.cross(np.swapaxes(axes, 1, 2), (point_mm - chain.target_mm)[:, None]), 1, 2)
-        turn = np.cross(direction, self.axis)
-        turn += np.where(direction @ self.axis < -0.99, 0.1, 0.0)[:, None]  # the wrong way round: any turn leads on
-        axes = axes - direction[:, :, None] * np.einsum("ki,kin->kn", direction, axes)[:, None]
-        return (
-            np.concatenate([self.apex_mm - point_mm, _LEVER_MM * turn], axis=1),
-            np.concatenate([moved, _LEVER_MM * axes], axis=1),
-        )
-
-    def reached(self, chain: Chain) -> BoolArray:
-        """Mask (N,) of the poses whose point and direction meet the goal, to 1 mm and 0.02 rad."""
-        point_mm, direction = self._point_and_direction(chain, slice(None))
-        near = np.linalg.norm(point_mm - self.apex_mm, axis=1) < 1.0
-        return np.asarray(near & (np.arccos(np.clip(direction @ self.axis, -1.0, 1.0)) < 0.02))
 
 
 def draw_jig_in_view(

@@ -13,6 +13,7 @@ from calib.kinematics.joint_range import wrapped
 from calib.workcell.jig_on_tool import JigGoals
 from calib.workcell.measurable import counted, measurable
 from calib.workcell.scan_field import tilted
+from calib.workcell.view_of_target import RoomTarget, ViewGoals
 from calib.workcell.workcell import Workcell
 
 _BATCH = 1024
@@ -55,7 +56,7 @@ def candidate_poses(cell: Workcell, count: int, *, rng: np.random.Generator) -> 
 def likely_poses(cell: Workcell, rng: np.random.Generator) -> Array:
     """(1024, n) joint vectors that are likely to bring the jig into the field."""
     low, high = cell.low, cell.high
-    if cell.field is None or cell.base_T_scanner is None:
+    if cell.field is None or (cell.base_T_scanner is None and cell.room_target is None):
         return rng.uniform(low, high, (_BATCH, len(low)))
     goals = _goals(cell, rng)
     starts = rng.uniform(low, high, (_STARTS, _BATCH, len(low)))
@@ -69,14 +70,25 @@ def likely_poses(cell: Workcell, rng: np.random.Generator) -> Array:
     return np.where(turns, wrapped(q, low), q)
 
 
-def _goals(cell: Workcell, rng: np.random.Generator) -> JigGoals:
+def _goals(cell: Workcell, rng: np.random.Generator) -> JigGoals | ViewGoals:
     """Goals for the jig: apexes in the field and axes within a tilt that keeps the jig's faces visible."""
     assert cell.field is not None
-    assert cell.base_T_scanner is not None
     apex_mm = cell.field.draw(_BATCH, rng)
+    if cell.room_target is not None:
+        return _view_goals(cell, cell.room_target, apex_mm, rng)
+    assert cell.base_T_scanner is not None
     outward = None
     if cell.jig is not None:
         sight = apex_mm / np.linalg.norm(apex_mm, axis=1, keepdims=True)
         outward = -tilted(sight, _TILT_DEG, rng) @ cell.base_T_scanner[:3, :3].T
     open_side = -cell.tool_T_jig[:3, 2]
     return JigGoals(cell.robot, open_side, apply(cell.base_T_scanner, apex_mm), outward, _PRISMATIC_UNIT_MM)
+
+
+def _view_goals(cell: Workcell, target: RoomTarget, seen_mm: Array, rng: np.random.Generator) -> ViewGoals:
+    """Goals for a scanner on the flange: a target of the room at points of its field, seen from within its cone."""
+    assert cell.flange_T_scanner is not None
+    sight = seen_mm / np.linalg.norm(seen_mm, axis=1, keepdims=True)
+    axis = tilted(sight, target.within_deg, rng) @ cell.flange_T_scanner[:3, :3].T
+    point_mm = apply(cell.flange_T_scanner, seen_mm)
+    return ViewGoals(cell.robot, point_mm, axis, target.place_mm, -target.outward, _PRISMATIC_UNIT_MM)

@@ -13,6 +13,7 @@ from calib.dataset.dataset import Dataset, Surroundings
 from calib.errors import CalibError
 from calib.jig import Jig, jig_geometry
 from calib.kinematics.chain import Chain, forward
+from calib.kinematics.hand_eye import solve_hand_eye, with_world_targets
 from calib.kinematics.joint_range import joint_range
 from calib.kinematics.robot import Robot
 from calib.kinematics.tool_point import ending_at_tool_point
@@ -24,6 +25,7 @@ from calib.workcell.measurable import (
     BOX_HIDES,
     FLOOR,
     HIDDEN,
+    ROOM_TARGET,
     SCANNER,
     SELF,
     incidence_cosines,
@@ -31,10 +33,12 @@ from calib.workcell.measurable import (
 )
 from calib.workcell.scan_field import JANG_FIELD, MAX_INCIDENCE_DEG, BoxField, ScanField, evident_field
 from calib.workcell.scanner_place import fitted_scanner_place, likely_scanner_place
+from calib.workcell.view_of_target import seen_target
 from calib.workcell.workcell import Workcell
 
 CUBE_CORNER = Jig()
 NOTHING_KNOWN = Surroundings()
+_FEWEST_CARRIED = 6  # points that place a scanner on the flange and its target in the room
 _MOST_REFUSED = 0.1  # of the measured poses: a rule that refuses more is left out
 _THINNER = (1.0, 0.8, 0.6)  # shares of the guessed radii
 _FEW = 0.03  # of the measured poses may be refused by bodies of the right thickness
@@ -102,7 +106,7 @@ def workcell_of_robot(
 def workcell_of_dataset(
     dataset: Dataset,
     *,
-    base_T_scanner: ArrayLike | None = None,
+    parent_T_scanner: ArrayLike | None = None,
     setup: str | None = None,
 ) -> Workcell:
     """Cell in which a dataset was measured; `notes` list what its points imply and what is assumed.
@@ -111,21 +115,20 @@ def workcell_of_dataset(
     jig's faces) is left out, and guessed bodies are made thinner until they hide none.
 
     Args:
-        base_T_scanner: (4, 4) where a fit has the scanner; None: where the robot's own table has it by the points.
+        parent_T_scanner: (4, 4) where a fit has the scanner, in the base frame, or in the flange's if the arm carries
+            it; None: where the robot's own table has it by the points.
         setup: which placement of the scanner; None: the first.
 
     Raises:
         CalibError: an unknown setup, a joint without range, or a mesh that cannot be read.
     """
-    if dataset.robot.carries_scanner:
-        raise CalibError(
-            f"dataset {dataset.name}: the scanner is on the flange; which poses can be measured is known only for "
-            "a scanner that is fixed in the cell"
-        )
     dataset = replace(dataset, robot=ending_at_tool_point(dataset.robot))
     names = list(dict.fromkeys(str(name) for name in dataset.poses.setup))
     if setup is not None and setup not in names:
         raise CalibError(f"dataset {dataset.name}: no setup {setup!r}; its setups are {', '.join(names)}")
+    if dataset.robot.carries_scanner:
+        return _cell_of_carried_scanner(dataset, parent_T_scanner, names[0] if setup is None else setup)
+    base_T_scanner = parent_T_scanner
     measured = _Measured.of(dataset, names[0] if setup is None else setup)
     jig = dataset.jig if dataset.shows_faces else None
     surroundings = dataset.surroundings
@@ -159,9 +162,70 @@ def workcell_of_dataset(
         least_manipulability=surroundings.least_manipulability,
         notes=tuple(notes),
     )
-    cell = _as_thick_as_measured(cell, measured.q)
+    return _among_surroundings(cell, surroundings, measured.q)
+
+
+def _among_surroundings(cell: Workcell, surroundings: Surroundings, measured_q: Array) -> Workcell:
+    """Cell with bodies as thick as measured poses (N, n) allow, and with the declared or a likely floor and boxes."""
+    cell = _as_thick_as_measured(cell, measured_q)
     cell = replace(cell, floor_z_mm=surroundings.floor_z_mm, boxes=surroundings.boxes)
-    return _with_likely_floor(_with_doubt_of_declared(cell, measured.q), measured.q)
+    return _with_likely_floor(_with_doubt_of_declared(cell, measured_q), measured_q)
+
+
+def _cell_of_carried_scanner(dataset: Dataset, flange_T_scanner: ArrayLike | None, setup: str) -> Workcell:
+    """Cell of an arm that carries the scanner past a target in the room, as its measured poses show it.
+
+    The target can be seen from the cone of directions from which it was seen. Raises CalibError with too few points.
+    """
+    if dataset.points is None or len(dataset.points) < _FEWEST_CARRIED:
+        raise CalibError(
+            f"dataset {dataset.name}: the scanner is on the flange, and where it sits there and where its target "
+            f"stands are known from measured points alone; measure {_FEWEST_CARRIED} poses first"
+        )
+    notes: list[str] = []
+    robot, points = dataset.robot, dataset.points
+    at_setup = dataset.poses.setup[points.pose]
+    if flange_T_scanner is None or not any(target.in_world for target in robot.targets):
+        chain = forward(robot.table, dataset.poses.q[points.pose], robot.is_revolute, robot.base_T_first)
+        turns = None if points.orientations is None else points.orientations.scanner_R_jig
+        found = solve_hand_eye(chain.base_T_flange, points.xyz_mm, at_setup, points.target, turns)
+        robot, flange_T_scanner = with_world_targets(robot, found.position_mm), found.flange_T_scanner[setup]
+        notes.append(f"scanner: on the flange where the robot's own table has it by {len(points)} points")
+    flange_T_scanner = np.asarray(flange_T_scanner, dtype=float)
+    here = points.select(at_setup == setup)
+    names, counts = np.unique(here.target, return_counts=True)
+    name = str(names[np.argmax(counts)])
+    place_mm = np.array(robot.target(name).xyz_mm)
+    here = here.select(here.target == name)
+    q = dataset.poses.q[np.unique(here.pose)]
+    chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+    eye_mm = (chain.base_T_flange @ flange_T_scanner)[:, :3, 3]
+    target = seen_target(place_mm, eye_mm)
+    x, y, z = target.outward
+    notes.append(
+        f"{name}: in the room, seen from within {target.within_deg:.0f} deg of ({x:.2f}, {y:.2f}, {z:.2f}), "
+        "as it was measured and a little more"
+    )
+    field, field_note = evident_field(dataset.scanner, here.xyz_mm)
+    low, high = joint_range(robot)
+    meshes = {i: mesh for i in range(robot.n_joints) if (mesh := load_link_mesh(dataset, i)) is not None}
+    tool_T_jig = target_T_jig(robot)
+    surroundings = dataset.surroundings
+    cell = Workcell(
+        robot=robot,
+        low=np.minimum(low, q.min(axis=0)),
+        high=np.maximum(high, q.max(axis=0)),
+        jig=None,
+        tool_T_jig=tool_T_jig,
+        base_T_scanner=None,
+        field=field,
+        bodies=arm_bodies(robot, None, tool_T_jig, meshes, flange_T_scanner),
+        least_manipulability=surroundings.least_manipulability,
+        notes=(*notes, field_note, *_limits_note(robot)),
+        flange_T_scanner=flange_T_scanner,
+        room_target=target,
+    )
+    return _among_surroundings(cell, surroundings, q)
 
 
 @dataclass(frozen=True)
@@ -246,18 +310,32 @@ def _as_thick_as_measured(cell: Workcell, q: Array) -> Workcell:
     """Cell with the thickest arm bodies that neither collide nor hide the jig at the measured poses."""
     for share in _THINNER:
         thinner = replace(cell, bodies=cell.bodies.thinner(share))
-        hidden, inside = _refused(thinner, q, (HIDDEN, SCANNER)), _refused(thinner, q, (SELF,))
+        hidden, inside = _refused(thinner, q, (HIDDEN, SCANNER, ROOM_TARGET)), _refused(thinner, q, (SELF,))
         if max(hidden, inside) <= _FEW:
             return replace(thinner, notes=(*cell.notes, _bodies_note(thinner.bodies)))
     bodies, notes = cell.bodies, [*cell.notes, _bodies_note(cell.bodies)]
     if inside > _MOST_REFUSED:
         bodies = replace(bodies, pairs=bodies.pairs[:0])
         notes.append("collisions between them are not checked: the measured poses would have been refused")
-    hidden = _refused(replace(cell, bodies=bodies), q, (HIDDEN, SCANNER))
+    hidden = _refused(replace(cell, bodies=bodies), q, (HIDDEN, SCANNER, ROOM_TARGET))
     if hidden > _MOST_REFUSED:
-        bodies = replace(bodies, hides=np.zeros_like(bodies.hides))
-        notes.append("whether they hide the target is not checked: they would hide it at measured poses")
+        bodies, links = _without_doubtful_hiding(cell, bodies, q)
+        by = f"links {', '.join(map(str, links))}" if bodies.hides.any() else "they"
+        notes.append(f"whether {by} hide the target is not checked: they would hide it at measured poses")
     return replace(cell, bodies=bodies, notes=tuple(notes))
+
+
+def _without_doubtful_hiding(cell: Workcell, bodies: ArmBodies, q: Array) -> tuple[ArmBodies, list[int]]:
+    """Bodies of which those that hide the target at measured poses (N, n) hide nothing, and the links of these."""
+    every = bodies.hides
+    doubtful = np.zeros_like(every)
+    for k in np.flatnonzero(every):
+        alone = replace(bodies, hides=np.arange(len(every)) == k)
+        doubtful[k] = _refused(replace(cell, bodies=alone), q, (HIDDEN,)) > _FEW
+    kept = replace(bodies, hides=every & ~doubtful)
+    if _refused(replace(cell, bodies=kept), q, (HIDDEN,)) > _MOST_REFUSED:
+        return replace(bodies, hides=np.zeros_like(every)), []
+    return kept, sorted({int(link) + 1 for link in bodies.link[doubtful]})
 
 
 def _refused(cell: Workcell, q: Array, reasons: tuple[str, ...]) -> float:

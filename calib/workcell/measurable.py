@@ -16,6 +16,7 @@ from calib.kinematics.chain import Chain, joint_jacobian
 from calib.workcell.bodies.arm_bodies import reach_mm, touching
 from calib.workcell.bodies.distances import between_segments, pass_box, to_box
 from calib.workcell.bodies.sight import hidden_by_arm, on_faces
+from calib.workcell.view_of_target import in_view_mm
 from calib.workcell.workcell import Workcell
 
 LIMIT = "beyond a joint's limit"
@@ -25,14 +26,16 @@ SINGULAR = "near a singularity"
 FLOOR = "the arm in the floor"
 BOX = "the arm in a box"
 SCANNER = "the arm at the scanner"
+ROOM_TARGET = "the arm at the target"
 SELF = "the arm in itself"
 HIDDEN = "a face hidden by the arm"
 BOX_HIDES = "a face hidden by a box"
-REASONS = (LIMIT, FIELD, STEEP, SINGULAR, FLOOR, BOX, SCANNER, SELF, HIDDEN, BOX_HIDES)
+REASONS = (LIMIT, FIELD, STEEP, SINGULAR, FLOOR, BOX, SCANNER, ROOM_TARGET, SELF, HIDDEN, BOX_HIDES)
 """Reasons in the order of the checks: a pose gets the first that holds."""
 
 _ROUNDING = 1e-9  # rad or mm: a joint commanded to its limit is within it
 _SCANNER_RADIUS_MM = 100.0
+_ROOM_TARGET_MM = 30.0  # about a target in the room that no body of the arm enters
 
 
 @dataclass(frozen=True)
@@ -84,8 +87,9 @@ class _ArmPoses:
 
     @property
     def eye_mm(self) -> Array | None:
-        """Position (3,) of the scanner, base frame; None where it is not known."""
-        return None if self.cell.base_T_scanner is None else self.cell.base_T_scanner[:3, 3]
+        """Positions (N, 3) of the scanner, base frame; None where it is not known."""
+        placed = self.cell.scanner_at(self.chain)
+        return None if placed is None else placed[:, :3, 3]
 
     @property
     def base_T_jig(self) -> Array:
@@ -94,6 +98,8 @@ class _ArmPoses:
 
     def jig_points_mm(self) -> Array:
         """Points (N, P, 3) that the scanner has to see, base frame: points on the faces, or the target itself."""
+        if self.cell.room_target is not None:
+            return np.broadcast_to(self.cell.room_target.place_mm, (len(self.q), 1, 3))
         if self.cell.jig is None:
             return self.chain.target_mm[:, None]
         return on_faces(self.base_T_jig, jig_geometry(self.cell.jig)[0])
@@ -107,13 +113,21 @@ def _beyond_limit(at: _ArmPoses) -> BoolArray:
 
 def _outside_field(at: _ArmPoses) -> BoolArray | None:
     """(N,) whether the apex is outside the scanner's field; None where the field is not known."""
-    if at.cell.base_T_scanner is None or at.cell.field is None:
+    if at.cell.field is None:
+        return None
+    if at.cell.room_target is not None:
+        placed = at.cell.scanner_at(at.chain)
+        assert placed is not None
+        return ~at.cell.field.contains(in_view_mm(placed, at.cell.room_target.place_mm))
+    if at.cell.base_T_scanner is None:
         return None
     return ~at.cell.field.contains(apply(invert(at.cell.base_T_scanner), at.chain.target_mm))
 
 
 def _too_steep(at: _ArmPoses) -> BoolArray | None:
     """(N,) whether a face is seen at too large an incidence; None where the scanner's place or the jig is not known."""
+    if at.cell.room_target is not None and at.eye_mm is not None:
+        return ~at.cell.room_target.sees(at.eye_mm)
     if at.eye_mm is None or at.cell.jig is None or at.cell.field is None:
         return None
     cosine = incidence_cosines(at.base_T_jig, jig_geometry(at.cell.jig)[1], at.eye_mm)
@@ -121,7 +135,7 @@ def _too_steep(at: _ArmPoses) -> BoolArray | None:
 
 
 def incidence_cosines(base_T_jig: Array, normals: Array, eye_mm: Array) -> Array:
-    """(N, 3) cosines of the angles at the apex between face normals and the line to the scanner at eye_mm (3,)."""
+    """(N, 3) cosines of the angles at the apex between face normals and the line to the scanner, (3,) or (N, 3)."""
     to_eye = eye_mm - base_T_jig[:, :3, 3]
     to_eye = to_eye / np.linalg.norm(to_eye, axis=1, keepdims=True)
     return np.einsum("nij,kj,ni->nk", base_T_jig[:, :3, :3], normals, to_eye, optimize=True)
@@ -168,11 +182,23 @@ def _in_box(at: _ArmPoses) -> BoolArray | None:
 
 
 def _at_scanner(at: _ArmPoses) -> BoolArray | None:
-    """(N,) whether a moving body is within 100 mm of the scanner; None where the scanner's place is not known."""
-    if at.eye_mm is None or at.cell.jig is None or not len(at.cell.bodies):
+    """(N,) whether a moving body is within 100 mm of a scanner in the room; None where its place is not known."""
+    if at.cell.base_T_scanner is None or at.cell.jig is None or not len(at.cell.bodies):
         return None
+    return _is_near(at, at.cell.base_T_scanner[:3, 3], _SCANNER_RADIUS_MM)
+
+
+def _at_room_target(at: _ArmPoses) -> BoolArray | None:
+    """(N,) whether a moving body is within 30 mm of a target in the room; None where there is none."""
+    if at.cell.room_target is None or not len(at.cell.bodies):
+        return None
+    return _is_near(at, at.cell.room_target.place_mm, _ROOM_TARGET_MM)
+
+
+def _is_near(at: _ArmPoses, place_mm: Array, clearance_mm: float) -> BoolArray:
+    """(N,) whether a moving body is nearer to a place (3,), base frame, than a clearance."""
     start, end, radius = _moving(at)
-    return np.asarray(np.any(between_segments(start, end, at.eye_mm, at.eye_mm) < radius + _SCANNER_RADIUS_MM, axis=1))
+    return np.asarray(np.any(between_segments(start, end, place_mm, place_mm) < radius + clearance_mm, axis=1))
 
 
 def _moving(at: _ArmPoses) -> tuple[Array, Array, Array]:
@@ -204,7 +230,7 @@ def _box_hides(at: _ArmPoses) -> BoolArray | None:
     points_mm = at.jig_points_mm()
     refused = np.zeros(len(at.q), dtype=bool)
     for box in at.cell.boxes:
-        refused |= np.any(pass_box(at.eye_mm, points_mm, np.array(box.min_mm), np.array(box.max_mm)), axis=1)
+        refused |= np.any(pass_box(at.eye_mm[:, None], points_mm, np.array(box.min_mm), np.array(box.max_mm)), axis=1)
     return refused
 
 
@@ -225,6 +251,7 @@ _COLLISIONS: tuple[_Check, ...] = (
     (FLOOR, _in_floor),
     (BOX, _in_box),
     (SCANNER, _at_scanner),
+    (ROOM_TARGET, _at_room_target),
     (SELF, _in_itself),
 )
 _CHECKS: tuple[_Check, ...] = (

@@ -1,8 +1,13 @@
-"""Cell of an arm as a value: the arm, the jig, the scanner's pose and field, and obstacles."""
+"""Cell of an arm as a value: the arm, the jig, the scanner's pose and field, and obstacles.
+
+Either the scanner stands in the room and the arm carries the jig, or the arm carries the scanner and the jig stands.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+import numpy as np
 
 from calib.array_types import Array
 from calib.dataset.dataset import Box
@@ -11,6 +16,7 @@ from calib.kinematics.chain import Chain, forward
 from calib.kinematics.robot import Robot
 from calib.workcell.bodies.arm_bodies import ArmBodies
 from calib.workcell.scan_field import BoxField, ScanField
+from calib.workcell.view_of_target import RoomTarget
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,13 +28,23 @@ class Workcell:
     high: Array
     jig: Jig | None  # None: a mirror or a ball, which is seen from everywhere
     tool_T_jig: Array  # (4, 4) apex and axis, z into the material
-    base_T_scanner: Array | None  # (4, 4)
+    base_T_scanner: Array | None  # (4, 4); None: not known, or on the flange
     field: ScanField | BoxField | None
     bodies: ArmBodies
     floor_z_mm: float | None = None  # base frame
     boxes: tuple[Box, ...] = ()
     least_manipulability: float = 0.0  # least over largest singular value of the Jacobian
     notes: tuple[str, ...] = ()  # what was assumed or measured, a sentence each
+    flange_T_scanner: Array | None = None  # (4, 4) where the arm carries the scanner
+    room_target: RoomTarget | None = None  # what a carried scanner looks at
+
+    def scanner_at(self, chain: Chain) -> Array | None:
+        """base_T_scanner (N, 4, 4) at N poses of the arm; None where it is not known."""
+        if self.flange_T_scanner is not None:
+            return np.asarray(chain.base_T_flange @ self.flange_T_scanner)
+        if self.base_T_scanner is None:
+            return None
+        return np.broadcast_to(self.base_T_scanner, (len(chain.base_T_frame), 4, 4))
 
     def chain(self, q: Array) -> Chain:
         """Frames of the arm at joints (N, n)."""

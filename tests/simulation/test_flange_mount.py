@@ -11,7 +11,7 @@ import pytest
 from calib import frames
 from calib.calibration.calibrate import calibrate
 from calib.compensation.target_correction import corrected_joints
-from calib.dataset.dataset import Dataset
+from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import effects_named
 from calib.errors import CalibError
@@ -19,10 +19,13 @@ from calib.models.fitted_model import FittedModel
 from calib.models.model_file import load_model, save_model
 from calib.monitoring.watch import watch
 from calib.options import FitOptions
-from calib.planning.start import start_of_dataset
-from calib.simulation.measured_dataset import measure
+from calib.planning.plan import plan_poses
+from calib.planning.start import FromFit, start_of_dataset
+from calib.simulation.carried_scanner import poses_with_jig_in_view
+from calib.simulation.measured_dataset import Simulation, measure
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.equilibrium import Truth, base_T_target
+from calib.workcell.known_cell import workcell_of_dataset
 from tests.support.mujoco_arm import in_mujoco, mujoco_model
 
 RB5 = replace(builtin_robot("rb5"), carries_scanner=True)
@@ -108,6 +111,55 @@ def test_an_effect_of_the_jigs_attitude_is_refused() -> None:
         simulate_dataset(RB5, rng=np.random.default_rng(0), effects=["incidence_bias"])
 
 
-def test_no_poses_are_planned() -> None:
-    with pytest.raises(CalibError, match="poses are planned for a scanner in the room alone"):
-        start_of_dataset(MADE.dataset, FitOptions())
+def _measured(truth: Truth, q: np.ndarray, test: int, seed: int) -> Simulation:
+    """A carried scanner's points at joints (N, n), the last of which are test poses."""
+    role = np.full(len(q), "train", dtype="<U9")
+    role[0], role[len(q) - test :] = "reference", "test"
+    ids = tuple(f"p{i + 1:02d}" for i in range(len(q)))
+    poses = Poses(ids, role, q, np.full(len(q), ""), ids)
+    return measure(RB5, truth, poses, rng=np.random.default_rng(seed), name="arm", noise_mm=0.05)
+
+
+def _squared_error_mm2(made: Simulation) -> float:
+    """Mean square error, mm^2, of a fit's predictions at the test poses, without the points' noise."""
+    errors = calibrate(made.dataset).after
+    assert made.dataset.points is not None
+    true_mm = errors.error_mm + made.dataset.points.xyz_mm - made.apex_mm
+    return float(np.mean(np.sum(true_mm[errors.is_test[errors.pose]] ** 2, axis=1)))
+
+
+@pytest.mark.slow
+def test_planned_poses_have_the_jig_in_view_and_the_predicted_error() -> None:
+    """Five arms: 20 poses and 6 planned ones, beside 6 others of the same field."""
+    predicted, planned, others = [], [], []
+    for seed in range(5):
+        made = simulate_dataset(RB5, rng=seed, poses=20, scans=True)
+        truth, q = made.truth, made.dataset.poses.q
+        assert truth.base_T_jig is not None
+        more = poses_with_jig_in_view(
+            RB5, truth.base_T_scanner, truth.base_T_jig, 46, rng=np.random.default_rng(seed + 100)
+        )
+        test, other = more[:40], more[40:]
+        fit = calibrate(_measured(truth, np.concatenate([q, test]), 40, seed).dataset)
+        plan = plan_poses(FromFit(fit), 6, candidates=200)
+        taken = _measured(truth, np.concatenate([q, plan.poses.q, test]), 40, seed + 50)
+        predicted.append(plan.then.geometry_mm**2)
+        planned.append(_squared_error_mm2(taken))
+        others.append(_squared_error_mm2(_measured(truth, np.concatenate([q, other, test]), 40, seed + 50)))
+        seen_mm = taken.apex_mm[20:26]
+        assert np.all(np.abs(seen_mm[:, 2] - 700.0) < 200.0)
+        assert np.all(np.abs(seen_mm[:, :2]) < 250.0)
+        cosine = -taken.scanner_T_jig[20:26, 2, 2]
+        assert np.all(np.abs(cosine) > np.cos(np.radians(60.0)))
+    assert np.sqrt(np.mean(planned)) == pytest.approx(np.sqrt(np.mean(predicted)), rel=0.25)
+    assert np.mean(planned) < np.mean(others)
+
+
+def test_a_carried_scanner_has_no_other_place_in_the_room() -> None:
+    with pytest.raises(CalibError, match="the scanner is on the flange; plan without another place for it"):
+        start_of_dataset(MADE.dataset, FitOptions(), base_T_scanner=np.eye(4))
+
+
+def test_a_cell_needs_points_to_place_a_carried_scanner() -> None:
+    with pytest.raises(CalibError, match="measure 6 poses first"):
+        workcell_of_dataset(replace(MADE.dataset, points=None))

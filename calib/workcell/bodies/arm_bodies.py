@@ -24,6 +24,7 @@ from calib.workcell.bodies.link_mesh import LinkMesh
 FIRST_THICKNESS, LAST_THICKNESS = 0.045, 0.033  # radius over the links' lengths: RB5, Panda, UR10e
 LEAST_MM = 30.0  # radius of a guessed body
 TOOL_MM = 20.0  # radius of the jig's holder
+SCANNER_MM = 60.0  # radius of a scanner on the flange, about its eye
 USUAL_REACH_MM = 500.0  # of an arm whose table is all zero
 ALONG_D, ALONG_A, FIXED = 0, 1, 2  # piece of the chain that a body follows, or fixed in its link's frame
 _SHORTEST = 1e-3  # of the reach: a shorter piece is no body
@@ -98,7 +99,11 @@ class _Body:
 
 
 def arm_bodies(
-    robot: Robot, jig: Jig | None, tool_T_jig: Array, meshes: Mapping[int, LinkMesh] | None = None
+    robot: Robot,
+    jig: Jig | None,
+    tool_T_jig: Array,
+    meshes: Mapping[int, LinkMesh] | None = None,
+    flange_T_scanner: Array | None = None,
 ) -> ArmBodies:
     """Bodies of the arm, with estimated radii where no mesh is known.
 
@@ -106,6 +111,7 @@ def arm_bodies(
         jig: None: a mirror or a ball, without a body.
         tool_T_jig: (4, 4) pose of the jig on the tool.
         meshes: by row of the table, counted from 0, each in its link's own frame.
+        flange_T_scanner: (4, 4) where the arm carries the scanner, which then is a body and sees past the wrist.
     """
     meshes = meshes or {}
     reach = reach_mm(robot)
@@ -134,6 +140,10 @@ def arm_bodies(
         middle = tuple(tool_T_jig[:3, :3] @ [0.0, 0.0, 0.5 * back_mm] + tool_T_jig[:3, 3])
         radius = float(np.hypot(0.5 * back_mm, jig_radius_mm))
         bodies.append(_Body(n, radius, FIXED, start_mm=middle, end_mm=middle, hides=False))
+    if flange_T_scanner is not None:
+        bodies = [replace(body, hides=body.hides and body.link < n - 2) for body in bodies]
+        eye = tuple(flange_T_scanner[:3, 3])
+        bodies.append(_Body(n - 1, SCANNER_MM, FIXED, start_mm=eye, end_mm=eye, hides=False))
     arm = ArmBodies(
         link=np.array([b.link for b in bodies], dtype=np.intp),
         radius_mm=np.array([b.radius_mm for b in bodies], dtype=float),

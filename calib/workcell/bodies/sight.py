@@ -15,11 +15,11 @@ from calib.workcell.bodies.link_mesh import LinkMesh
 
 
 def hidden_by_arm(bodies: ArmBodies, chain: Chain, eye_mm: Array, points_mm: Array) -> BoolArray:
-    """(N, P) whether a body of the arm is between the scanner at eye_mm (3,) and points (N, P, 3), base frame."""
+    """(N, P) whether a body of the arm is between the scanner at eye_mm (N, 3) and points (N, P, 3), base frame."""
     start, end = bodies.at(chain)
     hidden = np.zeros(points_mm.shape[:2], dtype=bool)
     for k in np.flatnonzero(bodies.hides):
-        apart = between_segments(eye_mm, points_mm, start[:, k, None], end[:, k, None])
+        apart = between_segments(eye_mm[:, None], points_mm, start[:, k, None], end[:, k, None])
         near = apart < bodies.radius_mm[k]
         mesh = bodies.meshes.get(int(bodies.link[k]))
         if mesh is not None and near.any():
@@ -41,8 +41,8 @@ def _hidden_by_mesh(mesh: LinkMesh, base_T_link: Array, eye_mm: Array, points_mm
     pose, point = np.nonzero(asked)
     link_T_base = np.array([invert(frame) for frame in base_T_link])[pose]
     turn = link_T_base[:, :3, :3]
-    eye = turn @ eye_mm + link_T_base[:, :3, 3]
-    along = np.einsum("rij,rj->ri", turn, points_mm[pose, point] - eye_mm)
+    eye = np.einsum("rij,rj->ri", turn, eye_mm[pose]) + link_T_base[:, :3, 3]
+    along = np.einsum("rij,rj->ri", turn, points_mm[pose, point] - eye_mm[pose])
     rays = np.concatenate([eye, along], axis=1).astype(np.float32)  # a hit at 1 is the point itself
     hit = scene.cast_rays(tensor(rays))["t_hit"].numpy()
     hidden = np.zeros_like(asked)
