@@ -24,7 +24,8 @@ EMPTY = "Nothing is on show: choose a view above, or tick a layer below."
 
 ON_FLANGE = (
     "The arm carries the scanner, and all is drawn as that sees it: each point is a jig in the room, seen at one "
-    "pose, and the base moves from pose to pose."
+    "pose, and the base moves from pose to pose. Other scans are placed in the room by the model on show: where it is "
+    "right, their jigs lie on one another."
 )
 
 

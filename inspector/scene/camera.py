@@ -17,6 +17,7 @@ from inspector.session.view import FRONT, RESET, SIDE, VIEW_LAYERS, VIEWS, WIDE_
 VIEW_DISTANCE_MM = {"Scan": 330.0, "Planes": 240.0, "Corner": 170.0, "Distance": 200.0}
 CLOSE_BESIDE = np.array([0.10, -0.08, 0.0])  # of the scanner, near enough to see all that it saw
 WHOLE_SCAN_MM = 600.0  # where no corner tells what to look at
+ARM_SHARE = 0.55  # of the reach: radius that holds an arm which carries the scanner
 ARM_DISTANCE = 2.0  # of the radius that holds arm and points
 ARM_BESIDE, ARM_ABOVE = 1.1, 0.45  # where the arm is looked at from: to the scanner's right, and above
 STRAIGHT_DOWN = 0.02  # how far from it a look from the top is, so that it is known what is up
@@ -78,6 +79,9 @@ class Camera:
 
     def at(self, view: View, medians: Mapping[int, Array], side: str = RESET) -> None:
         """Move the camera to a position suited to a view. `medians`: centre (3,) of each loaded scan, by pose, mm."""
+        if self.name == VIEWS[0] and view.session.dataset.robot.carries_scanner and "corners" in self.visible:
+            self.layer("corners", visible=False)  # in the scanner's field, while the scans lie in the room
+            self._show_layers(self.visible)
         field = self._field(view, medians)
         self._scene.focus(self._middle(view, medians, field))
         self._scene.aim_camera(field.distance_mm, field.towards(side), up=field.up)
@@ -97,6 +101,9 @@ class Camera:
             distance, beside = ARM_DISTANCE * radius, arm_beside(middle, up)
         else:
             middle, radius = middle_of(view, medians)
+            corner = corner_of(view, view.pose)
+            if self.name == VIEWS[0] and view.session.dataset.robot.carries_scanner and corner is not None:
+                middle, radius = corner[0], 0.0  # in the room all scans are of the one jig
             up = -np.array(DOWN) if placed is None else placed[:3, 2]
             distance = VIEW_DISTANCE_MM.get(self.name, max(450.0, 2.2 * radius + 250.0))
             if self.name not in WIDE_VIEWS and corner_of(view, view.pose) is None:
@@ -170,6 +177,12 @@ def arm_frame(view: View) -> Array | None:
 def arm_middle(view: View, scanner_T_base: Array, medians: Mapping[int, Array]) -> tuple[Array, float]:
     """Centre (3,) and radius, mm, of the smallest ball around the robot's base and the measured points."""
     points, radius = middle_of(view, medians)
+    robot = view.session.dataset.robot
+    if robot.carries_scanner:  # at the frame's origin, above the points; the arm is between it and the base
+        ends = np.array([scanner_T_base[:3, 3], points, np.zeros(3)])
+        middle = 0.5 * (ends.min(axis=0) + ends.max(axis=0))
+        reach = ARM_SHARE * reach_mm(robot)
+        return middle, max(float(np.linalg.norm(ends - middle, axis=1).max()), reach)
     away = scanner_T_base[:3, 3] - points
     distance = max(float(np.linalg.norm(away)), 1e-9)
     outside = max(distance - radius, 0.0)  # how far the base stands out of the points' ball

@@ -9,10 +9,13 @@ import viser
 
 from calib import frames
 from calib.array_types import Array, ByteArray
+from calib.calibration.evaluation import scanner_T_base_of_poses
+from calib.calibration.model_versions import Version
+from calib.dataset.dataset import Poses
 from calib.workcell.scan_field import BoxField, ScanField
 from inspector.markup.parts.palette import GOOD, HIGHLIGHT, MEASURE, rgb
 from inspector.scene import model_nodes
-from inspector.scene.arm_shape import arm_shape
+from inspector.scene.arm_shape import ArmShape, arm_shape
 from inspector.scene.scene_view import SceneView, cloud, to_scene
 from inspector.session.planned import Planned
 from inspector.session.view import View
@@ -39,7 +42,7 @@ class PlanDrawing:
         plan, placed = planned.plan, planned.scanner_T_base
         at_mm = frames.apply(placed, version.model.predict(version.x, plan.poses))
         k = planned.pose
-        shape = None if k is None else arm_shape(version.model, version.x, plan.poses, k).moved(placed)
+        shape = None if k is None else _planned_arm(version, plan.poses, k)
         edges_mm = field_edges(plan.start.cell.field)
 
         def make(api: viser.SceneApi, name: str) -> list[viser.SceneNodeHandle]:
@@ -76,6 +79,14 @@ class PlanDrawing:
         self._scene.draw(PLAN, make)
         if shape is None:
             self._solids = model_nodes.Solids(lambda joint: None)
+
+
+def _planned_arm(version: Version, poses: Poses, pose: int) -> ArmShape:
+    """Solids of the arm at a planned pose, in the frame of the scanner that measures it there."""
+    placed = scanner_T_base_of_poses(version.evaluation, version.model, version.x, poses)[pose]
+    scanner_T_flange = version.evaluation.scanner_T_base[str(poses.setup[pose])]
+    carried = frames.invert(scanner_T_flange) if version.model.robot.carries_scanner else None
+    return arm_shape(version.model, version.x, poses, pose, carried).moved(placed)
 
 
 def _colours(count: int, selected: int | None) -> ByteArray:

@@ -74,10 +74,22 @@ def draw_overview(scene: SceneView, view: View, pose: int, scan: Scan) -> None:
     colour, scans = pose_colour(view, pose), view.session.scans
     if search is None or search.corner is None:
         scene.draw_overview(pose, scan.points_mm, colour, scans)
+        scene.place_in_overview(pose, view.here_T_scanner(pose))
         return
     away = np.linalg.norm(search.voxel_points_mm - search.corner.xyz_mm, axis=1)
     kept = away < AROUND_JIG * view.session.dataset.jig.longest_mm
     scene.draw_overview(pose, search.voxel_points_mm[kept], colour, scans, search.voxel_normals[kept])
+    scene.place_in_overview(pose, view.here_T_scanner(pose))
+
+
+def place_overview(scene: SceneView, view: View) -> None:
+    """Place the scans of a scanner that the arm carries in the room, by the version on show.
+
+    The jig stands still there, so that its scans lie on one another where the model is right.
+    """
+    if view.session.dataset.robot.carries_scanner:
+        for pose in scene.in_overview:
+            scene.place_in_overview(pose, view.here_T_scanner(pose))
 
 
 def draw_planes(scene: SceneView, view: View, visible: set[str]) -> None:

@@ -208,6 +208,19 @@ class SceneView:
         node.visible = index != self._hidden_overview
         self._overview[index] = node
 
+    def place_in_overview(self, index: int, here_T_there: Array) -> None:
+        """Move one of many scans by a transform (4, 4) from its frame to the frame of the view."""
+        node = self._overview[index]
+        wxyz = viser.transforms.SO3.from_matrix(here_T_there[:3, :3]).wxyz
+        position = to_scene(here_T_there[:3, 3]).astype(float)
+        if not (np.allclose(node.wxyz, wxyz) and np.allclose(node.position, position)):
+            node.wxyz, node.position = wxyz, tuple(position)
+
+    @property
+    def in_overview(self) -> tuple[int, ...]:
+        """Indices of the scans that are drawn in the overview."""
+        return tuple(self._overview)
+
     def hide_in_overview(self, index: int | None, apart: Callable[[int], bool] = lambda _: False) -> None:
         """Hide in the overview the scan that is drawn in full, and all scans for which `apart` is true."""
         self._hidden_overview = index

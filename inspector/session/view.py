@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from calib import frames
 from calib.array_types import Array
 from calib.calibration.model_versions import EFFECTS, LINKS, NOMINAL, Version, fitted_version
 from calib.calibration.result import Calibration
@@ -101,6 +102,19 @@ class View:
     def version(self) -> Version | None:
         """Version of the model whose arm and errors are shown."""
         return next((v for v in self.versions if v.name == self.chosen), self.versions[-1] if self.versions else None)
+
+    def here_T_scanner(self, pose: int) -> Array:
+        """Transform (4, 4) from the scanner's frame at a pose to that at the selected pose, by the version on show.
+
+        The identity where the scanner stands still, where there is no model yet, and for a setup without a frame.
+        """
+        version = self.version
+        if not self.session.dataset.robot.carries_scanner or version is None:
+            return np.eye(4)
+        here, there = version.scanner_T_base[self.pose], version.scanner_T_base[pose]
+        if not (np.isfinite(here).all() and np.isfinite(there).all()):
+            return np.eye(4)
+        return np.asarray(here @ frames.invert(there))
 
     @property
     def version_before(self) -> Version | None:

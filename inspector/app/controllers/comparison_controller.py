@@ -10,7 +10,7 @@ from calib.scans.scan import Scan
 from inspector.app.page.page_state import PageState
 from inspector.panels.model.compare import ComparePanel
 from inspector.scene.draw_model import ArmDrawing, draw_distance, draw_jig, jig_distances
-from inspector.scene.draw_scan import draw_corners
+from inspector.scene.draw_scan import draw_corners, place_overview
 from inspector.scene.residual_arrows import ResidualArrows, fitting_arrows
 from inspector.scene.scene_view import SceneView
 from inspector.session.view import ALL_POSES, COLOURINGS
@@ -46,6 +46,7 @@ class ComparisonController:
             view = self._state.now
         with self._scene.atomic():
             draw_corners(self._scene, view, self._on_click)
+            place_overview(self._scene, view)
             self.residuals.draw(view)
             self._arm.draw(view)
         self._panel.update(view, self._arm.problems)

@@ -8,13 +8,14 @@ import numpy as np
 
 from calib import frames
 from calib.calibration.calibrate import calibrate
-from calib.calibration.model_versions import versions
+from calib.calibration.model_versions import LINKS, NOMINAL, versions
 from calib.calibration.pose_errors import pose_errors_of
 from inspector.export.glb_scene import scene_glb
 from inspector.markup.legend import legend_html
 from inspector.report.arm_drawing import arm_drawing
 from inspector.scene.arm_shape import arm_of
 from inspector.session.session import Session
+from inspector.session.transitions import with_calibration, with_versions
 from inspector.session.view import View
 from tests.support.arms import flange_dataset_of, perturbed, random_arm
 
@@ -54,3 +55,21 @@ def test_the_legend_says_from_where_it_is_drawn() -> None:
     assert "carries the scanner" in legend_html(View(session), {"corners"}, None)
     in_world = replace(CALIBRATION.dataset, robot=ARM)
     assert "carries" not in legend_html(View(Session(in_world)), {"corners"}, None)
+
+
+def test_other_scans_are_brought_to_the_room_by_the_model_on_show() -> None:
+    """The jig of every scan comes to lie on that of the selected one, as far as the model is right."""
+    points = CALIBRATION.dataset.points
+    assert points is not None
+    session = with_calibration(Session(CALIBRATION.dataset))
+    session = with_versions(session, session)
+    spread_mm = {}
+    for version in versions(CALIBRATION):
+        shown = View(session, pose=3, chosen=version.name)
+        placed = [
+            frames.apply(shown.here_T_scanner(int(p)), xyz) for p, xyz in zip(points.pose, points.xyz_mm, strict=True)
+        ]
+        spread_mm[version.name] = float(np.linalg.norm(np.std(placed, axis=0)))
+    assert spread_mm[NOMINAL] > 0.5
+    assert spread_mm[LINKS] < 0.1
+    np.testing.assert_array_equal(View(Session(CALIBRATION.dataset)).here_T_scanner(5), np.eye(4))
