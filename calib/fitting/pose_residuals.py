@@ -37,6 +37,8 @@ from calib.fitting.observations import Observations, linearise_poses, predict_po
 from calib.fitting.residual import Linearisation
 from calib.fitting.scanner_frame import fit_scanner_frame, orthonormal
 
+_OPEN = 1e-9  # share of the largest singular value, below which the poses leave a motion open
+_LEAST_BEND = 1e-3  # of the curvature by Gauss-Newton: bounds the steps, more where one leads uphill
 _STEPS = 50
 _NO_ORIENTATION = (
     "found no orientation at a training pose; give qw, qx, qy, qz in points.csv, or find the corners with their "
@@ -229,18 +231,56 @@ class PoseResiduals(Brief):
 
         base_mm  # (M, 3); attitude  # (M, 3, 3)
         """
-        placed = self._first_guess(base_mm, attitude)
+        placed, least = self._first_guess(base_mm, attitude), _LEAST_BEND
+        error = self.errors(placed, base_mm, attitude)
+        right = self.whitened(error[:, :, None])[:, 0]
         for _ in range(_STEPS):
-            error = self.errors(placed, base_mm, attitude)
             columns = self._nuisance_columns(placed, error, attitude)
             whitened = self.whitened(columns)
             scale = np.maximum(np.linalg.norm(whitened, axis=0), 1e-300)
-            right = self.whitened(error[:, :, None])[:, 0]
-            motion = -np.linalg.lstsq(whitened / scale, right, rcond=1e-9)[0] / scale
-            if np.max(np.abs(motion * scale)) < 1e-9 * (1.0 + float(np.linalg.norm(right))):
-                break
-            placed = self._moved(placed, motion, error)
+            curvature = self._curvature(placed, error, attitude, right) / np.outer(scale, scale)
+            ways, bend, along = _bends(whitened / scale, right, curvature)
+            while True:
+                motion = -ways @ (along / np.maximum(np.abs(bend), least))
+                if np.max(np.abs(motion), initial=0.0) < 1e-9 * (1.0 + float(np.linalg.norm(right))):
+                    return placed, error, columns
+                there = self._moved(placed, motion / scale, error)
+                error_there = self.errors(there, base_mm, attitude)
+                right_there = self.whitened(error_there[:, :, None])[:, 0]
+                if least >= 1.0 or np.linalg.norm(right_there) <= np.linalg.norm(right):
+                    break
+                least = min(10.0 * least, 1.0)
+            placed, error, right = there, error_there, right_there
+            least = max(0.1 * least, _LEAST_BEND)
         return placed, error, columns
+
+    def _curvature(self, placed: FramesAndHandEye, error: Array, attitude: Array, residual: Array) -> Array:
+        """Second derivatives (6 S + 3, 6 S + 3) of half the squared residual by all turns, beyond J^T J.
+
+        A turn w moves a point p about its centre by w x p + w x (w x p) / 2, so that a gradient g of the point adds
+        sym(g p^T) - (g . p) 1. The frame's and the hand-eye's turns of an orientation, one after the other, add half of
+        their cross product.
+        """
+        out = np.zeros((6 * len(self._setups) + 3, 6 * len(self._setups) + 3))
+        if self._shared is not None:
+            ways, size = self._shared
+            residual = residual + ways @ ((1.0 / np.sqrt(1.0 + size**2) - 1.0) * (ways.T @ residual))
+        every = np.zeros(len(self._rows))
+        every[self._rows] = residual
+        gradient = (every.reshape(-1, 1, 6) @ self._whiten)[:, 0]
+        bend, slope = _turn_curvature(error[:, 3:], gradient[:, 3:])
+        crossed = bend - 0.5 * frames.skew(slope)
+        by_hand_eye = self._scanner_R_base(placed) @ attitude
+        out[-3:, -3:] = np.sum(np.swapaxes(by_hand_eye, 1, 2) @ bend @ by_hand_eye, axis=0)
+        crossed = crossed @ by_hand_eye
+        at_mm = error[:, :3] + self.observed.points.xyz_mm
+        for k, rows in enumerate(self._setups):
+            both = gradient[rows, :3].T @ (at_mm[rows] - at_mm[rows].mean(axis=0))
+            turns = slice(6 * k + 3, 6 * k + 6)
+            out[turns, turns] = 0.5 * (both + both.T) - np.trace(both) * np.eye(3) + bend[rows].sum(axis=0)
+            out[turns, -3:] = crossed[rows].sum(axis=0)
+            out[-3:, turns] = out[turns, -3:].T
+        return out
 
     def _first_guess(self, base_mm: Array, attitude: Array) -> FramesAndHandEye:
         """Start values: frames from the positions alone, then the mean hand-eye rotation over the orientations."""
@@ -281,13 +321,52 @@ class PoseResiduals(Brief):
         return FramesAndHandEye(moved, frames.rotation_from_rotvec(motion[-3:]) @ placed.tool_R_jig)
 
 
+def _turn_curvature(error: Array, gradient: Array) -> tuple[Array, Array]:
+    """Second derivatives (M, 3, 3), by a left turn, of costs with gradients (M, 3) by rotation vectors (M, 3); slopes.
+
+    With e the vector, g the gradient and J = `_by_left_turn`, the slope is J^T g = g + e x g / 2 + c e x (e x g), and
+    its derivative by e, times J, made symmetric, stands beside J^T J.
+    """
+    by_turn, (c, rise) = _by_left_turn(error), _turn_factors(error)
+    along = np.sum(error * gradient, axis=1)
+    twice = error * along[:, None] - gradient * np.sum(error**2, axis=1)[:, None]  # e x (e x g)
+    outer = error[:, :, None] * gradient[:, None, :]
+    by_error = along[:, None, None] * np.eye(3) + outer - 2.0 * np.swapaxes(outer, 1, 2)
+    by_error = c[:, None, None] * by_error + rise[:, None, None] * twice[:, :, None] * error[:, None, :]
+    second = (by_error - 0.5 * frames.skew(gradient)) @ by_turn
+    slope = gradient + 0.5 * np.cross(error, gradient) + c[:, None] * twice
+    return 0.5 * (second + np.swapaxes(second, 1, 2)), slope
+
+
+def _turn_factors(error: Array) -> tuple[Array, Array]:
+    """Factors c and (dc/dt) / t, (M,) each, of `_by_left_turn` for rotation vectors (M, 3) of angle t."""
+    angle = np.linalg.norm(error, axis=1)
+    safe = np.where(angle > 1e-3, angle, 1.0)
+    half = 0.5 * safe
+    c = np.where(angle > 1e-3, (1.0 - half / np.tan(half)) / safe**2, 1.0 / 12.0)
+    rise = 0.5 * (half / np.sin(half) ** 2 - 1.0 / np.tan(half)) / safe**3 - 2.0 * c / safe**2
+    return c, np.where(angle > 0.02, rise, 1.0 / 360.0)
+
+
+def _bends(columns: Array, right: Array, curvature: Array) -> tuple[Array, Array, Array]:
+    """Directions (K, L) of least squares in which the cost bends alone, its bends (L,), and its slopes (L,) in these.
+
+    The residual is (R,), its columns (R, K), and (K, K) the second derivatives beside J^T J: with large residuals steps
+    by J^T J alone converge slowly. A bend is 1 where nothing stands beside it. Directions that the columns leave open
+    are left out.
+    """
+    u, size, v = np.linalg.svd(columns, full_matrices=False)
+    known = size > _OPEN * size[0]
+    ways = v[known].T / size[known]
+    bend, turned = np.linalg.eigh(np.eye(int(known.sum())) + ways.T @ curvature @ ways)
+    return ways @ turned, bend, turned.T @ (u[:, known].T @ right)
+
+
 def _by_left_turn(error: Array) -> Array:
     """Derivative (M, 3, 3) of a rotation vector (M, 3) by a small turn from the left (inverse left Jacobian of SO(3)).
 
     1 - [e] / 2 + c [e]^2 with c = (1 - (t / 2) cot(t / 2)) / t^2, t = |e|; c is 1/12 at 0.
     """
-    angle = np.linalg.norm(error, axis=1)
-    safe = np.where(angle > 1e-4, angle, 1.0)
-    c = np.where(angle > 1e-4, (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2, 1.0 / 12.0)
+    c, _ = _turn_factors(error)
     cross = frames.skew(error)
     return np.asarray(np.eye(3) - 0.5 * cross + c[:, None, None] * (cross @ cross))

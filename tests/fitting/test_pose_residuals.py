@@ -22,7 +22,7 @@ from calib.fitting.observations import (
     predict_poses,
     with_nominal_scanner_frames,
 )
-from calib.fitting.pose_residuals import PoseResiduals
+from calib.fitting.pose_residuals import PoseResiduals, _turn_curvature
 from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.trust_region import solve
 from calib.identifiability.structural import redundancy, structural_rank
@@ -231,3 +231,35 @@ def test_a_joint_six_that_points_cannot_see_is_seen_by_poses() -> None:
     assert row["change"] == pytest.approx(2e-3, abs=max(5 * row["sigma"], 1e-4))
     blind = calibrate(spoiled, FitOptions("position"), effects=members).to_frame().set_index("name")
     assert abs(blind.loc["transmission_error.J6.sin1_rad", "change"]) < 2e-4
+
+
+@pytest.mark.parametrize("angle", [1e-3, 0.05, 1.0, 2.5])
+def test_second_derivatives_by_a_turn_are_those_of_differences(angle: float) -> None:
+    rng = np.random.default_rng(0)
+    error, gradient = rng.normal(size=(2, 1, 3))
+    error *= angle / np.linalg.norm(error)
+    rotation = Rotation.from_rotvec(error[0])
+
+    def cost(turn: np.ndarray) -> float:
+        return float(gradient[0] @ (Rotation.from_rotvec(turn) * rotation).as_rotvec())
+
+    step = 1e-4 * np.eye(3)
+    differences = [[cost(a + b) - cost(a - b) - cost(b - a) + cost(-a - b) for b in step] for a in step] / np.array(
+        4e-8
+    )
+    np.testing.assert_allclose(_turn_curvature(error, gradient)[0][0], differences, atol=1e-6)
+
+
+@pytest.mark.parametrize("joint", [1, 4])
+def test_frames_and_hand_eye_settle_where_a_joint_turns_the_wrong_way(joint: int) -> None:
+    """With residuals as large as the arm the cost's slope by frames and hand-eye vanishes too."""
+    made = simulate_dataset("rb5", rng=0, poses=30, orientation_sigma_rad=2e-4, setups=2)
+    q = made.dataset.poses.q.copy()
+    q[:, joint] *= -1.0
+    wrong = replace(made.dataset, poses=replace(made.dataset.poses, q=q))
+    observed = with_nominal_scanner_frames(Observations.of(wrong), wrong.robot)
+    residuals = PoseResiduals(geometric_model(wrong.robot), observed)
+    x = np.zeros(len(residuals.parameters))
+    residual, columns = residuals.residual(x), residuals.nuisance(x).by_frames
+    slope = columns.T @ residual / np.linalg.norm(columns, axis=0)
+    assert np.abs(slope).max() < 1e-6 * np.linalg.norm(residual)
