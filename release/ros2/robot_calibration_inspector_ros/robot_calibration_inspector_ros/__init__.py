@@ -1,0 +1,1 @@
+"""The robot calibration inspector for `ros2 run`."""

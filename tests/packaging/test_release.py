@@ -1,0 +1,67 @@
+"""The conda recipe, the ROS 2 package and the paper say the same as pyproject.toml and the documentation."""
+
+from __future__ import annotations
+
+import ast
+import re
+import runpy
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from packaging.requirements import Requirement
+
+from tests.packaging.test_papers import EXTRAS, PROJECT, ROOT, loaded
+
+ROS = ROOT / "release" / "ros2" / "robot_calibration_inspector_ros"
+
+
+def test_the_conda_recipe_asks_for_what_the_wheel_asks_for() -> None:
+    recipe = loaded(ROOT / "release" / "conda" / "recipe.yaml")
+    assert recipe["context"]["version"] == PROJECT["version"]
+    wanted = {Requirement(one) for one in [*PROJECT["dependencies"], *EXTRAS["page"]]}
+    python, *others = (Requirement(one) for one in recipe["requirements"]["run"])
+    assert str(python.specifier) == PROJECT["requires-python"]
+    assert {(one.name, one.specifier) for one in others} == {(one.name, one.specifier) for one in wanted}
+    (entry,) = recipe["build"]["python"]["entry_points"]
+    assert entry == f"inspector = {PROJECT['scripts']['inspector']}"
+
+
+def test_the_ros_package_is_of_this_version_and_its_files_exist() -> None:
+    package = ElementTree.parse(ROS / "package.xml").getroot()
+    assert package.findtext("name") == ROS.name
+    assert package.findtext("version") == PROJECT["version"]
+    setup = (ROS / "setup.py").read_text()
+    assert f"{PROJECT['name']}[page,logs,xacro]=={PROJECT['version']}" in setup
+    assert (ROS / "resource" / ROS.name).is_file()
+    for file in (ROS / "launch" / "page.launch.py", ROS / "setup.py"):
+        ast.parse(file.read_text())
+
+
+@pytest.mark.parametrize(
+    ("given", "kept"),
+    [
+        (["check", "folder"], ["check", "folder"]),
+        (["check", "--ros-args", "-r", "__node:=x"], ["check"]),
+        (["--ros-args", "--log-level", "info", "--", "check"], ["check"]),
+    ],
+)
+def test_arguments_of_ros_do_not_reach_the_command(given: list[str], kept: list[str]) -> None:
+    run = runpy.run_path(str(ROS / ROS.name / "run.py"))
+    assert run["without_ros_args"](given) == kept
+
+
+def test_figures_of_the_paper_are_those_of_the_documentation() -> None:
+    paper = (ROOT / "paper" / "paper.md").read_text()
+    pages = [ROOT / "docs" / "measured.md", ROOT / "docs" / "guide" / "camera.md"]
+    told = " ".join(page.read_text() for page in pages)
+    table = [line for line in paper.splitlines() if line.startswith("| ") and "reference" not in line]
+    figures = {figure for line in table for figure in re.findall(r"\d+\.\d+", line)}
+    assert len(figures) > 10
+    assert {figure for figure in figures if figure not in told} == set()
+
+
+def test_the_paper_cites_what_its_bibliography_has() -> None:
+    folder = Path(ROOT / "paper")
+    cited = set(re.findall(r"\[@(\w+)\]", (folder / "paper.md").read_text()))
+    assert cited == set(re.findall(r"@article\{(\w+),", (folder / "paper.bib").read_text()))
