@@ -5,21 +5,24 @@ from __future__ import annotations
 import ast
 import re
 import runpy
+import tomllib
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 from packaging.requirements import Requirement
 
-from tests.packaging.test_papers import EXTRAS, PROJECT, ROOT, loaded
+yaml = pytest.importorskip("yaml")
 
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 ROS = ROOT / "release" / "ros2" / "robot_calibration_inspector_ros"
 
 
 def test_the_conda_recipe_asks_for_what_the_wheel_asks_for() -> None:
-    recipe = loaded(ROOT / "release" / "conda" / "recipe.yaml")
+    recipe = yaml.safe_load((ROOT / "release" / "conda" / "recipe.yaml").read_text())
     assert recipe["context"]["version"] == PROJECT["version"]
-    wanted = {Requirement(one) for one in [*PROJECT["dependencies"], *EXTRAS["page"]]}
+    wanted = {Requirement(one) for one in [*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["page"]]}
     python, *others = (Requirement(one) for one in recipe["requirements"]["run"])
     assert str(python.specifier) == PROJECT["requires-python"]
     assert {(one.name, one.specifier) for one in others} == {(one.name, one.specifier) for one in wanted}
@@ -62,6 +65,6 @@ def test_figures_of_the_paper_are_those_of_the_documentation() -> None:
 
 
 def test_the_paper_cites_what_its_bibliography_has() -> None:
-    folder = Path(ROOT / "paper")
+    folder = ROOT / "paper"
     cited = set(re.findall(r"\[@(\w+)\]", (folder / "paper.md").read_text()))
     assert cited == set(re.findall(r"@article\{(\w+),", (folder / "paper.bib").read_text()))
