@@ -40,8 +40,8 @@ from calib.fitting.table_evidence import TIP, sigmas_near_table
 from calib.fitting.tool_point import fixed_behind_tool_point
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import TOOL_POINT, Robot
-from calib.measurement.measured_dataset import measured
-from calib.options import LINKS, FitFields, FitOptions, fit_options
+from calib.measurement.measured_dataset import asked_of, measured
+from calib.options import LINKS, FitFields, FitOptions
 
 _LENGTH_ROUNDS = 6  # in which the lines of measured lengths are made anew
 _SAME_LINE_MM = 0.05  # by which the end of a line may still move: of a metre it changes the length by a nanometre
@@ -81,7 +81,7 @@ def calibrate(
     >>> fit.model.family_names
     ('transmission_error',)
     """
-    options = fit_options(options, keywords)
+    dataset, options = asked_of(dataset, options, keywords)
     dataset = measured(dataset, orientation=options.residual == "pose")
     options = with_links_held(options, dataset.robot)
     members = effects_named(dataset, effects)

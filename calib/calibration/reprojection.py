@@ -7,6 +7,7 @@ of the fitted images' corners, the board being where arm, camera's and board's p
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -41,6 +42,7 @@ class ReprojectedView(Brief):
         return float(np.sqrt(np.mean(self.error_px**2)))
 
 
+@lru_cache(maxsize=4)  # text, document and figures of one fit ask for it in turn
 def reprojected_views(calibration: Calibration) -> tuple[ReprojectedView, ...]:
     """Views of all measured poses, test poses too; empty where no images of a board were fitted as full poses.
 

@@ -19,10 +19,10 @@ from calib import frames
 from calib.array_types import Array, IndexArray
 from calib.camera.board import Board
 from calib.camera.lens import LENS_NAMES, Lens, project
+from calib.camera.observed import IMAGE_SUFFIXES
 from calib.camera.view import FoundLens, View, ViewPose, found_lens, noise_px, pose_of_view
 from calib.errors import CalibError
 
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp")
 _FEWEST = 6  # corners of a view; a single marker has four
 _FEWEST_VIEWS = 8  # for a lens that is found
 _TRIED = 6  # images in which dictionaries are compared

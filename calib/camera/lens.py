@@ -34,6 +34,11 @@ class Lens(Brief):
     covariance: Array | None = None  # (12, 12) of the numbers' errors; zero for those that were not found
 
     @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of the image, pixels."""
+        return self.width_px, self.height_px
+
+    @property
     def matrix(self) -> Array:
         """Camera matrix (3, 3), pixels."""
         fx, fy, cx, cy = self.numbers[:4]

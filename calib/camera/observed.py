@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -10,6 +11,9 @@ from calib.array_types import Array, IndexArray
 from calib.brief import Brief
 from calib.camera.lens import Lens
 from calib.camera.view import View
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp")
+"""Suffixes, in lower case, of the images that are read."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,13 @@ class CameraViews(Brief):
         if not len(rows):
             return None
         return View(pose_id, self.corner[rows], self.board_mm[rows], self.pixels[rows])
+
+    def image_of(self, pose_id: str, folder: Path) -> Path | None:
+        """File of the image at a pose, in the dataset's folder; None where it is not kept there."""
+        if self.images is None:
+            return None
+        named = (folder / self.images / f"{pose_id}{suffix}" for suffix in IMAGE_SUFFIXES)
+        return next((path for path in named if path.is_file()), None)
 
     def renamed(self, names: dict[str, str]) -> CameraViews:
         """The views with other names of their poses."""

@@ -53,6 +53,7 @@ _OFF_SCALE = 2.0  # by which the points' spread and the nominal arm's differ onl
 _MOST_TURNED = 2  # joints whose sign may look like an effect
 _MOST_FITS = 14
 _NEAR_ENOUGH = 1.5  # times the residual of the data as they are, up to which another sign of a joint stays open
+_HOPELESS = 2.0  # of places alone over `_NEAR_ENOUGH`: errors that all points share are no unknowns of theirs
 _LEAST_DOF = 4.0  # degrees of freedom at least
 MIN_LEAD = 4.0  # log evidence over the effects that were found, where it makes one of them superfluous
 CHOICE = 4.4  # log of what an effect may be chosen from, some thirty families of a scale that is fitted to the data
@@ -127,12 +128,14 @@ def is_quiet(now: Calibration) -> bool:
     return is_declared(now.dataset) and now.fit.reduced_chi < QUIET and not _is_bent(now)
 
 
-def suspicions(now: Calibration, refit: Refit, names: Sequence[str] = ()) -> Suspicions:
+def suspicions(now: Calibration, refit: Refit, names: Sequence[str] = (), by_places: Refit | None = None) -> Suspicions:
     """Suspected mistakes in the data, judged by refits of the geometry to corrected data.
 
     now: the fit of the links and of the effects taken as present.
     refit: makes the same fit of another dataset.
     names: (n,) the user's names of the joints' columns; those of poses.csv where empty.
+    by_places: makes a quicker fit of the places alone, where `refit` fits full poses: what leaves much more than the
+        data as they are there does so with attitudes too, and is not fitted.
     """
     dataset = now.dataset
     if dataset.points is None or dataset.points.lengths is not None:  # lengths alone tell too little of it
@@ -145,7 +148,7 @@ def suspicions(now: Calibration, refit: Refit, names: Sequence[str] = ()) -> Sus
     of_one_place = sample is not None and not sample.spread_mm > 0.0
     if is_quiet(now) or not _is_judged(now) or of_one_place:
         return Suspicions(None)
-    tried = _FittedHypotheses(now, refit)
+    tried = _FittedHypotheses(now, refit, by_places)
     names = names or column_names(dataset.robot)
     simple = tuple(of_reading(r, names) for r in simple_readings(dataset.robot.is_revolute))
     if sample is None:
@@ -332,8 +335,8 @@ def _by_matching(dataset: Dataset) -> list[DataHypothesis]:
 class _FittedHypotheses:
     """Fits of hypotheses on mistakes, compared with the fit of the unchanged data."""
 
-    def __init__(self, now: Calibration, refit: Refit) -> None:
-        self.now, self.refit = now, refit
+    def __init__(self, now: Calibration, refit: Refit, by_places: Refit | None = None) -> None:
+        self.now, self.refit, self.by_places = now, refit, by_places
         self.evidence = log_evidence(now)
         train = now.after.train
         self.beyond_effects = train is not None and is_beyond_effects(train.rmse_mm, now.dataset.robot)
@@ -342,11 +345,24 @@ class _FittedHypotheses:
     def fit_all(self, hypotheses: Iterable[DataHypothesis]) -> None:
         for hypothesis in hypotheses:
             try:
-                fitted = self.refit(hypothesis.of_dataset(self.now.dataset))
+                mended = hypothesis.of_dataset(self.now.dataset)
+                if self._is_hopeless(mended):
+                    continue
+                fitted = self.refit(mended)
             except (CalibError, np.linalg.LinAlgError):  # such data cannot be fitted at all
                 continue
             if _is_judged(fitted):
                 self.fits[hypothesis] = fitted
+
+    def _is_hopeless(self, mended: Dataset) -> bool:
+        """Whether the places alone leave so much that full poses cannot come near what the data as they are leave.
+
+        The squared residual of places is part of that of full poses, so that it bounds it from below.
+        """
+        if self.by_places is None:
+            return False
+        least = self.by_places(mended).fit.iterations[-1].cost / self.now.fit.degrees_of_freedom
+        return bool(np.sqrt(least) > _HOPELESS * _NEAR_ENOUGH * self.now.fit.reduced_chi)
 
     def judged(self) -> Suspicions:
         """Accepted mistake with equally good alternatives, else the hypotheses that remain open."""

@@ -351,6 +351,17 @@ class Dataset(Presented):
             return None
         return self.folder / self.scan_folder / self.poses.scan_names[pose]
 
+    def image_path(self, pose: int) -> Path | None:
+        """Path of the image of a board that a camera took at a pose; None where the dataset keeps none."""
+        if self.folder is None or self.camera is None:
+            return None
+        return self.camera.image_of(self.poses.ids[pose], self.folder)
+
+    @property
+    def usual_residual(self) -> str:
+        """Kind of residual that is fitted unless another is asked for: full poses of the board that a camera saw."""
+        return "position" if self.camera is None else "pose"
+
     @property
     def shows_faces(self) -> bool:
         """Whether the measured target is a jig with plane faces, rather than mirrors or balls."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -80,6 +81,7 @@ class CameraPoints:
     notes: tuple[str, ...] = field(default_factory=tuple)
     point_sigma_mm: float | None = None
     orientation_sigma_deg: float | None = None
+    images: Mapping[str, Path] = field(default_factory=dict)  # the image of each pose that can be kept by its name
 
     def points(self, ids: Sequence[str]) -> Points:
         """Measured points for poses with given ids."""
@@ -141,7 +143,13 @@ def camera_points(choice: CameraChoice, joints: Path, mapping: Mapping[str, Mean
         views,
         choice.mount,
         (*notes, *told),
+        images={pose_of[stem]: path for stem, path in kept.items() if _is_file_name(pose_of[stem])},
     )
+
+
+def _is_file_name(pose_id: str) -> bool:
+    """Whether a file can have the name of a pose everywhere."""
+    return re.fullmatch(r"[A-Za-z0-9][\w.+-]{0,99}", pose_id, re.ASCII) is not None
 
 
 def _told(choice: CameraChoice, detected: Detected, measured: MeasuredViews) -> list[str]:

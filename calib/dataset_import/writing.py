@@ -194,7 +194,13 @@ def _draft(folder: Path, content: Content, *, with_scans: bool) -> None:
     if content.camera is not None:
         document["scanner"] = _instrument(content.camera, document.get("scanner", {}))
         if content.camera.views is not None:
-            document["camera"] = camera_document(content.camera.views)
+            views = content.camera.views
+            if content.camera.images and with_scans:
+                views = replace(views, images="images")
+                (folder / "images").mkdir()
+                for pose_id, path in content.camera.images.items():
+                    shutil.copyfile(path, folder / "images" / f"{pose_id}{path.suffix.lower()}")
+            document["camera"] = camera_document(views)
             (folder / VIEWS_FILE).write_text(views_text(content.camera.views), encoding="utf-8")
     if content.scans:
         document |= {"scans": "scans", "jig": {}}

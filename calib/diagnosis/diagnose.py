@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Unpack
 
@@ -46,8 +47,8 @@ from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import MAX_EFFECTS, SearchSpace, first_fit
 from calib.effects.catalogue import EffectChoice, effects_named
 from calib.effects.effect import Family
-from calib.measurement.measured_dataset import measured
-from calib.options import FitFields, FitOptions, fit_options
+from calib.measurement.measured_dataset import asked_of, measured
+from calib.options import FitFields, FitOptions
 from calib.progress import OnStep, staged
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.noise_search import noise_of_repeats, noise_of_residual
@@ -95,7 +96,7 @@ def diagnose(
     >>> found.predict(found.calibration.dataset.poses.q[:2]).shape
     (2, 3)
     """
-    options = fit_options(options, keywords)
+    dataset, options = asked_of(dataset, options, keywords)
     dataset = measured(dataset, orientation=options.residual == "pose")
     space = SearchSpace.of(
         dataset,
@@ -175,7 +176,12 @@ def next_move(space: SearchSpace, model: Model, tell: Tell = lambda line: None) 
 
 def data_suspicions(space: SearchSpace, first: FitStep) -> Suspicions:
     """Suspected mistakes in signs, order, units, rows or robot table, by a fit without selected effects."""
-    return suspicions(first.calibration, lambda dataset: replace(space, dataset=dataset).fit((), None))
+
+    def refit(dataset: Dataset, residual: str = space.options.residual) -> Calibration:
+        return replace(space, dataset=dataset, options=space.options.with_residual(residual)).fit((), None)
+
+    by_places = partial(refit, residual="position") if space.options.residual == "pose" else None
+    return suspicions(first.calibration, refit, by_places=by_places)
 
 
 def _diagnosis_of_problem(space: SearchSpace, first: FitStep, problem: DataProblem) -> Diagnosis:

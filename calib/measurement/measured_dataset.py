@@ -7,6 +7,21 @@ from pathlib import Path
 
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import as_dataset
+from calib.options import FitFields, FitOptions, fit_options
+
+
+def asked_of(
+    dataset: Dataset | str | Path, options: FitOptions | None, keywords: FitFields
+) -> tuple[Dataset, FitOptions]:
+    """The dataset, read where a path is given, and a fit's options; the dataset's usual residual unless one is named.
+
+    Raises FitError on an option that is not possible, before anything is read; DatasetError.
+    """
+    asked = fit_options(options, keywords)
+    dataset = as_dataset(dataset)
+    if options is None and "residual" not in keywords:
+        asked = asked.with_residual(dataset.usual_residual)
+    return dataset, asked
 
 
 def measured(dataset: Dataset | str | Path, *, orientation: bool = False) -> Dataset:

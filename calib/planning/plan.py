@@ -23,7 +23,7 @@ from calib.errors import CalibError
 from calib.identifiability.structural import fewest_poses
 from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Robot
-from calib.measurement.measured_dataset import measured
+from calib.measurement.measured_dataset import asked_of, measured
 from calib.options import PLAN_CRITERIA, PLAN_REGIONS, FitFields, FitOptions, fit_options
 from calib.planning.criterion import CALIBRATION, WATCH, DesignCriterion, DesignProblem, ForCalibration
 from calib.planning.discrimination_criterion import SPLIT, for_confounded
@@ -383,11 +383,14 @@ def plan(
     >>> calib.plan(fit, 3)
     Plan(hidden_effect_a: 3 poses for calibration, predicted RMSE 0.06... -> 0.05... mm)
     """
-    options = fit_options(options, keywords)
+    if isinstance(known, Dataset) or (isinstance(known, str | Path) and Path(known).is_dir()):
+        known, options = asked_of(known, options, keywords)
+    else:
+        options = fit_options(options, keywords)
     scanner = None if base_T_scanner is None else np.asarray(base_T_scanner, dtype=float)
     start: FromFit | FromRobot
     design = None if purpose in (SPLIT, PROVE) else criterion_of(purpose, criterion, payload_kg=payload_kg)
-    if isinstance(known, str | Path) and Path(known).is_dir():
+    if isinstance(known, Dataset):
         known = measured(known, orientation=options.residual == "pose")
     if purpose == PROVE:
         if isinstance(known, Diagnosis | Dataset):

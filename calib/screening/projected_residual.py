@@ -22,6 +22,7 @@ from calib.fitting.position_residuals import PositionResiduals
 from calib.screening.nuisance import Nuisance, load_columns
 
 _KNOWN = 0.1  # a direction counts as fitted where the data determine it a tenth as well as the prior, or better
+_SHARED_SHOWS = 0.1  # change of the whitened residual by one sigma of an error of all points, from which it counts
 _MOST_POSES_KEPT = 5000
 _MANY_ROWS = 600
 _KNOWN_OF_CURVES = 1.0  # with learned curves, which may have more parameters than there are equations
@@ -40,7 +41,7 @@ class ProjectedResidual(Brief):
     by_state: Mapping[str, Array]  # by target (N, 3, S): derivative of the point by the state
     base_to_residual: Array  # (M, 3, 3); (M, 1, 3) of lengths
     residual: Array  # (R,) projected, white given the nuisance
-    basis: Array  # (R, rank) orthonormal: fitted parameters and frames
+    basis: Array  # (R, rank) orthonormal: fitted parameters, frames and errors that all points share
     dof: int  # degrees of freedom
     nuisance: Nuisance | None = None  # uncertainty of the effects in the model
     whitening: Whitening | None = None  # beyond the points' own covariances; residual and basis have it
@@ -131,14 +132,14 @@ def _projected(calibration: Calibration) -> ProjectedResidual:
     observed = with_scanner_frames(Observations.of(dataset), model, x)
     residuals = PositionResiduals(model, observed)
     at = residuals.linearise(x)
-    frames = residuals.frame_directions(x)
+    frames = _with_shared_errors(residuals.frame_directions(x), observed)
     scaled = at.jacobian * model.scales
     residual = at.residual
     whitening = None if dataset.noise is None else Whitening.of(dataset.noise, *observed.used_poses, residual)
     if whitening is not None:
         residual, scaled = whitening.apply(residual[:, None])[:, 0], whitening.apply(scaled)
         frames = np.linalg.qr(whitening.apply(frames))[0]
-        scaled = scaled - frames @ (frames.T @ scaled)
+    scaled = scaled - frames @ (frames.T @ scaled)
     q, triangle = np.linalg.qr(scaled)
     turn, s, _ = np.linalg.svd(triangle)  # of a few rows, however many poses there are
     noise = calibration.fit.reduced_chi if np.isfinite(calibration.fit.reduced_chi) else 1.0
@@ -174,6 +175,21 @@ def _projected(calibration: Calibration) -> ProjectedResidual:
         nuisance=nuisance,
         whitening=whitening,
     )
+
+
+def _with_shared_errors(frames: Array, observed: Observations) -> Array:
+    """Orthonormal directions (R, F) of the scanner frames, and (R, F + K) with errors that all points share added.
+
+    Errors of a lens that was found from the images are unknowns of the fit of full poses. The places alone tell little
+    of their size, so that their directions are no evidence of a cause.
+    """
+    points = observed.points
+    if points.shared is None or not points.shared.shape[2]:
+        return frames
+    changes = (observed.whiten @ points.shared[:, :3]).reshape(len(frames), -1)
+    changes = changes - frames @ (frames.T @ changes)
+    ways, size, _ = np.linalg.svd(changes, full_matrices=False)
+    return np.concatenate([frames, ways[:, size > _SHARED_SHOWS]], axis=1)
 
 
 def joint_directions(projected: ProjectedResidual) -> list[Array]:

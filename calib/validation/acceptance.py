@@ -21,7 +21,6 @@ from calib.calibration.table_doubts import DoubtfulEntry, doubtful_entries
 from calib.consistency.data_problem import DataProblem
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.folder import as_dataset
 from calib.dataset.repeats import Repeats, find_repeats, pooled_sigma_mm, scatter_against_covariances
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
@@ -30,8 +29,9 @@ from calib.effects.effect import Family
 from calib.errors import FitError
 from calib.fitting.tool_point import ToolShift
 from calib.identifiability.structural import fewest_poses
+from calib.measurement.measured_dataset import asked_of
 from calib.measurement.measured_points import failed_searches, with_corners
-from calib.options import FitFields, FitOptions, fit_options
+from calib.options import FitFields, FitOptions
 from calib.presented import Presented
 from calib.scans.scan import PointCount
 from calib.targets.batch import find_targets
@@ -244,7 +244,7 @@ def check(
     >>> calib.check("sample_data/hidden_effect_a")
     Check(hidden_effect_a: passed, 1 warnings)
     """
-    options, dataset = fit_options(options, keywords), as_dataset(dataset)
+    dataset, options = asked_of(dataset, options, keywords)
     if searches is None and dataset.points is None and dataset.scan_folder is not None:
         searches = find_targets(dataset, intermediate=False)
     items = [CheckItem("dataset", None, warning, warning=True) for warning in dataset.warnings]

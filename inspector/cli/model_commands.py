@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from calib.dataset.files.folder import usual_residual_of
 from calib.errors import CalibError
 from calib.models.model_file import load_model
 from calib.options import DEFAULT_FOLDS
@@ -33,7 +34,7 @@ def validate_model(options: ValidateOptions, path: Path) -> int:
 def refuse_fit_options(options: ValidateOptions | CorrectOptions) -> None:
     """Raise CalibError for options of a fit, which do not apply to a saved model."""
     given: dict[str, object] = {
-        "--residual": options.residual != "position",
+        "--residual": options.residual != usual_residual_of(options.path),
         "--effect": options.effect,
         "--hold": options.hold,
         "--tolerance": options.tolerance,

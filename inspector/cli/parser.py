@@ -35,6 +35,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit code."""
     given = vars(_parser().parse_args(arguments))
     subcommand: Subcommand = given.pop("subcommand")
+    if given.get("residual", "") is None:
+        from calib.dataset.files.folder import usual_residual_of  # where a fit needs it; --help is quick
+
+        given["residual"] = usual_residual_of(given["path"])
     if "json" in given:
         given["stdout"] = sys.stdout
     # What else prints, such as an effect of the user's, must not mix with the one JSON object.

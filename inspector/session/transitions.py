@@ -44,8 +44,9 @@ def seen_since(session: Session, now: Session) -> Session:
     return replace(seen, redundancy=now.redundancy if session.left_out == now.left_out else None)
 
 
-def with_calibration(session: Session, residual: str = "position") -> Session:
-    """Session with the links and the added effects fitted to the points measured so far."""
+def with_calibration(session: Session, residual: str | None = None) -> Session:
+    """Session with the links and the added effects fitted to the points measured so far; by default as usual."""
+    residual = residual or session.dataset.usual_residual
     session = with_face_labels(session) if residual == "pose" else session
     asked = FitOptions() if session.calibration is None else session.calibration.options
     asked = asked if session.effects else replace(asked, noise=None)  # what is left in the end tells it

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import tomllib
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -147,7 +148,10 @@ def _read(folder: Path, growing: Collection[str] | None) -> ArrivingDataset:
     surroundings = load_surroundings(top.table("cell"))
     scanner = load_scanner(scanner_table)
     signal_noise = load_signal_noise(top.table("signals"))
-    camera = load_camera(top.table("camera"), folder / VIEWS_FILE, poses)
+    camera_table = top.table("camera")
+    camera = load_camera(camera_table, folder / VIEWS_FILE, poses)
+    if camera is not None and camera.images is not None:
+        _inside(folder, camera.images, camera_table, "images")
     if scanner.scan_sigma_mm is not None and scanner.scan_sigma_mm > jig.shortest_mm / 10.0:
         raise scanner_table.error(
             "scan_sigma_mm",
@@ -188,6 +192,18 @@ def as_dataset(dataset: Dataset | str | Path) -> Dataset:
     return dataset
 
 
+def usual_residual_of(folder: Path) -> str:
+    """Kind of residual that is fitted for a dataset's folder unless another is asked for, from dataset.toml alone.
+
+    "position" where the file cannot be read: what opens the dataset says why.
+    """
+    try:
+        top = tomllib.loads((folder / "dataset.toml").read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError):
+        return "position"
+    return "pose" if "camera" in top else "position"
+
+
 def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
     """Every file that belongs to a dataset, scans included, whether or not a fit reads it."""
     if dataset.folder is None:
@@ -199,8 +215,14 @@ def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
         dataset.folder / "dataset.toml",
         *(dataset.folder / name for name in names if name),
         *([dataset.folder / VIEWS_FILE] if dataset.camera is not None else []),
+        *_images(dataset),
         *dict.fromkeys(scan_file(path) for path in scans if path is not None),
     )
+
+
+def _images(dataset: Dataset) -> list[Path]:
+    """Images of a board that the dataset's folder keeps."""
+    return [path for path in map(dataset.image_path, range(len(dataset.poses))) if path is not None]
 
 
 def _inside(folder: Path, name: str, top: TomlTable, key: str) -> Path:
@@ -286,6 +308,11 @@ def write_dataset(dataset: Dataset, folder: str | Path) -> None:
                 source, copy = dataset.scan_path(i), scan_file(folder / dataset.scan_folder / name)
                 if source is not None and scan_file(source).is_file():
                     shutil.copyfile(scan_file(source), copy)
+    if dataset.folder is not None and dataset.folder.resolve() != folder.resolve():
+        for source in _images(dataset):
+            copy = folder / source.relative_to(dataset.folder)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source, copy)
     write_text_atomically(folder / "robot.toml", robot_to_toml(dataset.robot))
     write_text_atomically(
         folder / "poses.csv",

@@ -101,7 +101,9 @@ def first_rows(dataset: Dataset, count: int = 5) -> Table:
 
 
 def instrument(dataset: Dataset) -> str:
-    """Noun for the measuring device: "scanner", or "instrument" where no jig with faces was measured."""
+    """Noun for the measuring device: "scanner", "camera", or "instrument" where neither faces nor a board were seen."""
+    if dataset.camera is not None:
+        return "camera"
     return "scanner" if dataset.shows_faces else "instrument"
 
 

@@ -113,9 +113,9 @@ def add_residual(sub: ArgumentParser) -> None:
     sub.add_argument(
         "--residual",
         choices=RESIDUAL_KINDS,
-        default="position",
+        default=None,
         help="what is fitted: places with the scanner's place unknown (position, the default), distances to the "
-        "reference pose, distances of pairs of poses, or full poses",
+        "reference pose, distances of pairs of poses, or full poses (the default where a camera saw a board)",
     )
 
 

@@ -112,8 +112,11 @@ def _ready(options: ImportOptions, files: UserFiles) -> int:
 
 def _next_step(options: ImportOptions) -> str:
     """Command that a user would give next."""
-    by_camera = options.images is not None or options.marker_poses is not None
-    return f"inspector calibrate {options.path} --residual pose" if by_camera else f"inspector diagnose {options.path}"
+    if options.images is not None:
+        return f"inspector calibrate {options.path}"
+    if options.marker_poses is not None:
+        return f"inspector calibrate {options.path} --residual pose"
+    return f"inspector diagnose {options.path}"
 
 
 def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any], lines: list[str]) -> int:

@@ -168,7 +168,8 @@ def reprojection(calibration: Calibration, pose: str | None = None, *, dark: boo
             f"no image of a board {'is fitted' if pose is None else f'at pose {pose!r}'}; see residual pose"
         )
     one = max(chosen, key=lambda view: view.rms_px)
-    drawn = reprojection_plot.reprojected_corners(one, (camera.lens.width_px, camera.lens.height_px))
+    image = calibration.dataset.image_path(calibration.dataset.poses.index(one.view.pose))
+    drawn = reprojection_plot.reprojected_corners(one.view, camera.lens.size_px, one.predicted, image)
     return titled(drawn, f"Reprojection at {one.view.pose}: {calibration.dataset.name}", dark=dark, height_px=_TALL_PX)
 
 

@@ -41,7 +41,8 @@ def svg_of(figure: go.Figure, width: int, height: int, *, name: str, title: str)
     for k, (key, panel) in enumerate(panels.items()):
         inside = f'clip-path="url(#{name}-{k})"'
         own = [trace for trace in traces if _axes_of(trace) == key]
-        out.append(f"<g {inside}>{_rectangles(layout, key, panel)}</g>{_grid(panel, heat=_is_heat(own))}")
+        below = _images(layout, key, panel) + _rectangles(layout, key, panel)
+        out.append(f"<g {inside}>{below}</g>{_grid(panel, heat=_is_heat(own))}")
         for i, trace in enumerate(own):
             free = trace.get("cliponaxis") is False or trace.get("type") == "heatmap"
             out.append(f"<g{'' if free else ' ' + inside}>{drawn(trace, own[i - 1] if i else None, panel)}</g>")
@@ -169,6 +170,21 @@ def _grid(panel: Panel, *, heat: bool) -> str:
             size_px=USUAL_PX,
         )
     )
+    return "".join(out)
+
+
+def _images(layout: Mapping[str, Any], key: tuple[str, str], panel: Panel) -> str:
+    """SVG of a layout's pictures that lie in a panel, by their upper left corner."""
+    out = []
+    for image in layout.get("images") or ():
+        if (image["xref"], image["yref"]) == key:
+            left, top = panel.at(image["x"], image["y"])
+            right, bottom = panel.at(image["x"] + image["sizex"], image["y"] + image["sizey"])
+            out.append(
+                f'<image x="{number(left)}" y="{number(top)}" width="{number(right - left)}" '
+                f'height="{number(bottom - top)}" preserveAspectRatio="none" opacity="{image["opacity"]:g}" '
+                f'href="{escaped(image["source"])}"/>'
+            )
     return "".join(out)
 
 

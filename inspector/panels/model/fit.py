@@ -66,7 +66,7 @@ class FitPanel(FollowsModel):
         result = view.session.calibration
         self._unlabelled = None
         offer(self.residual, measured_kinds(view.session))
-        put(self.residual, RESIDUALS[0] if result is None else result.residual)
+        put(self.residual, view.session.dataset.usual_residual if result is None else result.residual)
 
     def offer(self, view: View) -> None:
         """Update the residuals that the data allow, and enable the button where a press would change something."""
