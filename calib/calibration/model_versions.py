@@ -13,7 +13,7 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Evaluation, scanner_T_base_of_points, scanner_T_base_of_poses
 from calib.calibration.result import Calibration
 from calib.fitting.model import Model, geometric_model
-from calib.fitting.observations import mean_by_pose
+from calib.fitting.observations import Observations, mean_by_pose, with_observed_targets
 from calib.fitting.tool_point import tool_point_in_nominal
 from calib.kinematics.robot import Robot
 from calib.kinematics.tool_point import with_own_tool_point
@@ -81,8 +81,11 @@ def versions(calibration: Calibration, links: Calibration | None = None) -> tupl
 
 
 def as_delivered(calibration: Calibration) -> Robot:
-    """Nominal robot of robot.toml, with the found tool point where robot.toml's is far off."""
-    robot = calibration.dataset.robot
+    """Nominal robot of robot.toml, with the found tool point where robot.toml's is far off.
+
+    Targets in the room that robot.toml does not place, which an instrument on the flange saw, are where the fit began.
+    """
+    robot = with_observed_targets(calibration.dataset.robot, Observations.of(calibration.fitted_dataset))
     if calibration.model.tool_found is None:
         return robot
     return with_own_tool_point(robot, tool_point_in_nominal(robot, calibration.robot))

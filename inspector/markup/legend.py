@@ -6,6 +6,8 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.calibration.model_versions import EFFECTS
+from calib.dataset.dataset import Dataset
+from calib.present.fit.dataset import instrument
 from inspector.markup.model.comparison import distance_bar, points_legend, roles_legend
 from inspector.markup.parts import elements
 from inspector.markup.parts.palette import (
@@ -22,10 +24,8 @@ from inspector.session.view import View, corner_of
 
 EMPTY = "Nothing is on show: choose a view above, or tick a layer below."
 
-ON_FLANGE = (
-    "The arm carries the scanner, and all is drawn as that sees it: each point is a jig in the room, seen at one "
-    "pose, and the base moves from pose to pose. Other scans are placed in the room by the model on show: where it is "
-    "right, their jigs lie on one another."
+SCANS_IN_ROOM = (
+    " Other scans are placed in the room by the model on show: where it is right, their jigs lie on one another."
 )
 
 
@@ -68,8 +68,18 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> st
     if view.version is not None and visible & {"arm", "floor"}:
         parts.append(_of_the_base(visible))
     if view.session.dataset.robot.carries_scanner and visible & {"corners", "arm", "overview"}:
-        parts.append(elements.note(ON_FLANGE))
+        parts.append(elements.note(on_flange(view.session.dataset)))
     return "".join(parts)
+
+
+def on_flange(dataset: Dataset) -> str:
+    """Sentences on what is drawn where the arm carries the instrument."""
+    what = "the board" if dataset.camera is not None else "a jig" if dataset.shows_faces else "a target"
+    scans = SCANS_IN_ROOM if dataset.scan_folder is not None else ""
+    return (
+        f"The arm carries the {instrument(dataset)}, and all is drawn as that sees it: each point is {what} in the "
+        f"room, seen at one pose, and the base moves from pose to pose.{scans}"
+    )
 
 
 def _of_the_base(visible: set[str]) -> str:

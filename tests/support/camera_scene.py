@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -87,11 +88,13 @@ class Scene:
     tilt_deg: float = 40.0
     matrix: Array = field(default_factory=lambda: MATRIX)
     distortion: Array = field(default_factory=lambda: DISTORTION)
+    driven: Callable[[Array], Array] = lambda q: q  # joints as they truly stand, from those that the arm reports
 
     @classmethod
     def draw(
         cls, rng: np.random.Generator, *, on_flange: bool, poses: int = 20, link_mm: float = 0.0, link_deg: float = 0.0,
         distance: tuple[float, float] = (320.0, 480.0), tilt_deg: float = 40.0,
+        driven: Callable[[Array], Array] = lambda q: q,
     ) -> Scene:  # fmt: skip
         """Random scene; link errors are normal with these sigmas."""
         nominal = nominal_table()
@@ -106,7 +109,8 @@ class Scene:
             camera = transform(Rotation.from_matrix(_facing(np.array([0.45, 0.9, -0.05]))), [150.0, -900.0, 450.0])
             board = transform(small * Rotation.from_euler("x", np.pi), rng.normal(size=3) * 5 + [10.0, 20.0, 45.0])
         empty = np.zeros((0, len(nominal)))
-        scene = cls(on_flange, empty, camera, board, true_table, np.zeros((0, 4, 4)), (), distance, tilt_deg)
+        none = np.zeros((0, 4, 4))
+        scene = cls(on_flange, empty, camera, board, true_table, none, (), distance, tilt_deg, driven=driven)
         return scene.more_poses(rng, poses)
 
     def more_poses(self, rng: np.random.Generator, poses: int) -> Scene:
@@ -120,7 +124,7 @@ class Scene:
                 pose = camera @ np.linalg.inv(wanted) @ np.linalg.inv(board)
             if (found := joints_to(nominal, pose, rng)) is None:
                 continue
-            true = flange(self.true_table, found)
+            true = flange(self.true_table, self.driven(found))
             q.append(found)
             seen.append(
                 np.linalg.inv(true @ camera) @ board if self.on_flange else np.linalg.inv(camera) @ true @ board

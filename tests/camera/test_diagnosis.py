@@ -1,0 +1,53 @@
+"""Diagnoses of what a camera measured: the lens that it found itself is no cause, a joint that errs is one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib import FitOptions, calibrate, diagnose
+from calib.camera.board import board_of
+from calib.dataset.dataset import Dataset
+from tests.support.camera_dataset import simulated_dataset
+from tests.support.camera_scene import Scene
+
+BOARD = board_of("charuco:8x6:30:22")
+TWICE_A_TURN_RAD = 6e-4  # of joint 3's true angle about what it reports
+
+
+def dataset_of(seed: int, *, on_flange: bool, poses: int = 40, **scene) -> Dataset:
+    rng = np.random.default_rng(seed)
+    drawn = Scene.draw(rng, on_flange=on_flange, poses=poses, link_mm=1.0, link_deg=0.1, **scene)
+    return simulated_dataset(drawn, BOARD, rng, sigma_px=0.1)
+
+
+def test_images_are_fitted_as_full_poses_unless_something_else_is_asked_for():
+    dataset = dataset_of(0, on_flange=True, poses=20)
+    assert dataset.usual_residual == "pose"
+    assert calibrate(dataset).residual == "pose"
+    assert calibrate(dataset, prior=False).residual == "pose"
+    assert calibrate(dataset, residual="position").residual == "position"
+    assert calibrate(dataset, FitOptions()).residual == "position"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("on_flange", "seeds"), [(True, (3, 4)), (False, (2, 15))], ids=["on the flange", "in the room"]
+)
+def test_errors_of_a_lens_found_from_the_images_are_no_missing_effect(on_flange, seeds):
+    """Draws in which the error of the lens was named, or the residual said to depend on the place in its field."""
+    found = [diagnose(dataset_of(seed, on_flange=on_flange)) for seed in seeds]
+    assert [one.verdict for one in found] == ["adequate"] * len(seeds)
+
+
+@pytest.mark.slow
+def test_a_joint_that_errs_twice_a_turn_is_named():
+    def driven(q):
+        return q + TWICE_A_TURN_RAD * np.sin(2.0 * q) * (np.arange(len(q)) == 2)
+
+    found = diagnose(dataset_of(1, on_flange=True, driven=driven))
+    assert found.verdict == "named"
+    assert found.missing == ("transmission_error",)
+    fit = found.calibration.fit
+    of_joint = [x for p, x in zip(fit.parameters, fit.x, strict=True) if p.name.startswith("transmission_error.J3.")]
+    assert np.linalg.norm(of_joint) == pytest.approx(TWICE_A_TURN_RAD, rel=0.3)
