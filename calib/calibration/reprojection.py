@@ -52,8 +52,8 @@ def reprojected_views(calibration: Calibration) -> tuple[ReprojectedView, ...]:
     if dataset.camera is None or calibration.residual != "pose":
         return ()
     model, x = calibration.model, calibration.fit.x
-    training = with_nominal_scanner_frames(Observations.of(calibration.fitted_dataset), model.placed_robot)
-    placed = PoseResiduals(model, training).frames_and_hand_eye(x)
+    training, residuals = _fitted_residuals(calibration)
+    placed = residuals.frames_and_hand_eye(x)
     everything = Observations.of(dataset, np.isin(dataset.poses.setup, list(placed.scanner_T_base)))
     everything = replace(everything, scanner_T_base=training.scanner_T_base)
     residuals = PoseResiduals(model, everything)
@@ -71,6 +71,19 @@ def reprojected_views(calibration: Calibration) -> tuple[ReprojectedView, ...]:
     if dataset.camera.lens_from == "images" and fitted:
         numbers = _refitted(numbers, *map(np.concatenate, zip(*fitted, strict=True)))
     return tuple(ReprojectedView(view, role, project(numbers, camera_mm)) for view, role, camera_mm in seen)
+
+
+def _fitted_residuals(calibration: Calibration) -> tuple[Observations, PoseResiduals]:
+    model = calibration.model
+    training = with_nominal_scanner_frames(Observations.of(calibration.fitted_dataset), model.placed_robot)
+    return training, PoseResiduals(model, training)
+
+
+def pose_errors(calibration: Calibration) -> Array:
+    """Errors (M, 6) at the poses of a fit of full poses, predicted minus measured: mm, and rotation vectors in rad."""
+    training, residuals = _fitted_residuals(calibration)
+    x = calibration.fit.x
+    return residuals.errors(residuals.frames_and_hand_eye(x), *predict_poses(calibration.model, x, training))
 
 
 def _refitted(numbers: Array, pixels: Array, camera_mm: Array) -> Array:

@@ -312,8 +312,9 @@ class Calibration(FittedResult, Presented):
 
 def is_declared(dataset: Dataset) -> bool:
     """Whether a dataset declares the noise of its points."""
-    points = dataset.points
-    return dataset.scanner.point_sigma_mm is not None or (points is not None and points.covariance_mm2 is not None)
+    points, scanner = dataset.points, dataset.scanner
+    declared = scanner.point_sigma_mm is not None and not scanner.sigmas_estimated
+    return declared or (points is not None and points.covariance_mm2 is not None)
 
 
 def times_declared_noise(calibration: Calibration) -> float | None:

@@ -69,6 +69,7 @@ class Scanner:
     correlated_sigma_mm: float | None = None  # of a scan point's error that its neighbours share, along the ray
     correlation_length_mm: float | None = None  # l of its correlation exp(-r^2 / 2 l^2); known where its size is
     registration_sigma_mm: float | None = None  # by which surfaces joined of several views are off, each axis
+    sigmas_estimated: bool = False  # from what a fit of the links leaves: they weigh, and prove nothing by their size
 
 
 @dataclass(frozen=True)
@@ -359,8 +360,8 @@ class Dataset(Presented):
 
     @property
     def usual_residual(self) -> str:
-        """Kind of residual that is fitted unless another is asked for: full poses of the board that a camera saw."""
-        return "position" if self.camera is None else "pose"
+        """Kind of residual that is fitted unless another is asked for: full poses of a board or marker of a camera."""
+        return "pose" if self.camera is not None or self.scanner.sigmas_estimated else "position"
 
     @property
     def shows_faces(self) -> bool:

@@ -11,13 +11,15 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array
+from calib.calibration.calibrate import calibrate
+from calib.calibration.reprojection import pose_errors
 from calib.camera.board import board_of
 from calib.camera.detection import Detected, MeasuredViews, detect, image_files, measure, natural
 from calib.camera.intrinsics import load_lens
 from calib.camera.marker_poses import load_marker_poses
 from calib.camera.observed import CameraViews
 from calib.camera.view import covariance_of, shared_errors
-from calib.dataset.dataset import Orientations, Points, Poses
+from calib.dataset.dataset import Dataset, Orientations, Points, Poses, Scanner
 from calib.dataset.files.points_csv import points_frame
 from calib.dataset_import.columns import Meaning
 from calib.dataset_import.reading import ImportReport, comparable_id, pose_ids, recognised
@@ -33,6 +35,8 @@ _FAR_MISFIT = 5.0  # ratio of misfits from which it is clear where the camera is
 _WRONG_SCALE = 0.02  # by which a board's size differs from the arm's lengths where it was mistyped
 _SURE = 6.0  # sigmas
 _MOST_NAMED = 5
+_LEAST_SIGMA = 1e-3  # mm, degrees
+_SIGMA_ROUNDS = 4
 _FEWEST = 5  # poses of a hand-eye calibration that is judged
 
 
@@ -80,7 +84,7 @@ class CameraPoints:
     mount: str | None
     notes: tuple[str, ...] = field(default_factory=tuple)
     point_sigma_mm: float | None = None
-    orientation_sigma_deg: float | None = None
+    orientation_sigma_deg: float | None = None  # with `point_sigma_mm`, estimated from what a fit leaves
     images: Mapping[str, Path] = field(default_factory=dict)  # the image of each pose that can be kept by its name
 
     def points(self, ids: Sequence[str]) -> Points:
@@ -269,14 +273,42 @@ def settled_camera(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
     chosen = both[mount]
     _require_scale(chosen, given)
     if given.covariance is None:
-        sigma_mm = max(float(np.sqrt(np.mean(chosen.error_mm**2))), 1e-3)
-        sigma_deg = max(float(np.degrees(np.sqrt(np.mean(chosen.error_rad**2)))), 1e-3)
+        sigma_mm = max(float(np.sqrt(np.mean(chosen.error_mm**2))), _LEAST_SIGMA)
+        sigma_deg = max(float(np.degrees(np.sqrt(np.mean(chosen.error_rad**2)))), _LEAST_SIGMA)
+        given = replace(given, point_sigma_mm=sigma_mm, orientation_sigma_deg=sigma_deg, mount=mount)
+        fitted = _sigmas_of_fit(given, robot, ids, q)
+        if fitted is not None:
+            given = replace(given, point_sigma_mm=fitted[0], orientation_sigma_deg=fitted[1])
+        left = "a fit of the links leaves" if fitted is not None else "the arm as its table has it leaves"
         notes.append(
-            f"the poses' noise is not given: {sigma_mm:.2g} mm and {sigma_deg:.2g}° per axis, as far as they are from "
-            "the arm as its table has it"
+            f"the poses' noise is not given: {given.point_sigma_mm:.2g} mm and {given.orientation_sigma_deg:.2g}° per "
+            f"axis weigh them, which {left}; give --sigma if you know it"
         )
-        given = replace(given, point_sigma_mm=sigma_mm, orientation_sigma_deg=sigma_deg)
     return replace(given, mount=mount, notes=tuple(notes))
+
+
+def _sigmas_of_fit(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Array) -> tuple[float, float] | None:
+    """Sigmas per axis, mm and degrees, of what a fit of links, camera and board leaves; None where there is no fit.
+
+    Places and attitudes weigh by the sigmas of the round before, and share the degrees of freedom by their numbers.
+    """
+    robot = replace(robot, carries_scanner=given.mount == "flange")
+    count = len(ids)
+    role = np.array(["reference", *["train"] * (count - 1)])
+    poses = Poses(tuple(ids), role, q, np.full(count, ""), tuple(ids))
+    sigmas = (given.point_sigma_mm or 1.0, given.orientation_sigma_deg or 1.0)
+    for _ in range(_SIGMA_ROUNDS):
+        scanner = Scanner(point_sigma_mm=sigmas[0], orientation_sigma_rad=float(np.radians(sigmas[1])))
+        dataset = Dataset("import", robot, poses, given.points(ids), scanner=scanner)
+        try:
+            fitted = calibrate(dataset, residual="pose")
+        except CalibError:
+            return None
+        errors = pose_errors(fitted)
+        share = errors.size / max(fitted.fit.degrees_of_freedom, 1)
+        found_mm, found_rad = (float(np.sqrt(share * np.mean(part**2))) for part in (errors[:, :3], errors[:, 3:]))
+        sigmas = max(found_mm, _LEAST_SIGMA), max(float(np.degrees(found_rad)), _LEAST_SIGMA)
+    return sigmas
 
 
 def _require_scale(found: BoardHandEye, given: CameraPoints) -> None:

@@ -223,4 +223,9 @@ def _instrument(camera: CameraPoints, declared: dict[str, Any]) -> dict[str, Any
         "point_sigma_mm": declared.get("point_sigma_mm", camera.point_sigma_mm),
         "orientation_sigma_deg": camera.orientation_sigma_deg,
     }
-    return {"mount": camera.mount or "room"} | {key: value for key, value in sigmas.items() if value is not None}
+    estimated = {"sigmas": "estimated"} if sigmas["point_sigma_mm"] and "point_sigma_mm" not in declared else {}
+    return (
+        {"mount": camera.mount or "room"}
+        | estimated
+        | {key: value for key, value in sigmas.items() if value is not None}
+    )

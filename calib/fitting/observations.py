@@ -90,7 +90,9 @@ class Observations(Brief):
         if covariance is None:
             sigma_mm = dataset.scanner.point_sigma_mm
             if sigma_mm is None:
-                sigma_mm, floor = UNDECLARED_SIGMA_MM, BEST_SIGMA_MM / UNDECLARED_SIGMA_MM
+                sigma_mm = UNDECLARED_SIGMA_MM
+            if dataset.scanner.point_sigma_mm is None or dataset.scanner.sigmas_estimated:
+                floor = min(BEST_SIGMA_MM / sigma_mm, 1.0)
             covariance = np.broadcast_to(sigma_mm**2 * np.eye(3), (len(points), 3, 3))
         turns = None if points.orientations is None else points.orientations.covariance_rad2
         if turns is None and dataset.scanner.orientation_sigma_rad is not None:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib import FitOptions, calibrate, diagnose
+from calib import FitOptions, calibrate, diagnose, load_dataset
+from calib.calibration.result import is_declared
 from calib.camera.board import board_of
 from calib.dataset.dataset import Dataset
+from inspector.cli.parser import main
 from tests.support.camera_dataset import simulated_dataset
 from tests.support.camera_scene import Scene
+from tests.support.marker_poses import write_marker_poses
 
 BOARD = board_of("charuco:8x6:30:22")
 TWICE_A_TURN_RAD = 6e-4  # of joint 3's true angle about what it reports
@@ -51,3 +54,25 @@ def test_a_joint_that_errs_twice_a_turn_is_named():
     fit = found.calibration.fit
     of_joint = [x for p, x in zip(fit.parameters, fit.x, strict=True) if p.name.startswith("transmission_error.J3.")]
     assert np.linalg.norm(of_joint) == pytest.approx(TWICE_A_TURN_RAD, rel=0.3)
+
+
+@pytest.mark.slow
+def test_marker_poses_of_an_arm_with_link_errors_hide_no_effect(tmp_path, capsys):
+    """Their noise is not told: what the arm as delivered leaves, 2 mm, is no measure of it."""
+
+    def driven(q):
+        return q + 2.0 * TWICE_A_TURN_RAD * np.sin(2.0 * q) * (np.arange(len(q)) == 2)
+
+    rng = np.random.default_rng(2)
+    scene = Scene.draw(rng, on_flange=True, poses=40, link_mm=1.0, link_deg=0.1, driven=driven)
+    joints, markers = scene.write_joints(tmp_path / "joints.csv"), tmp_path / "markers.csv"
+    write_marker_poses(scene, markers, rng, sigma_mm=0.1, sigma_deg=0.03)
+    told = ("import", str(tmp_path / "cell"), "--robot", "rb5", "--joints", str(joints), "--marker-poses", str(markers))
+    assert main(told) == 0
+    assert "which a fit of the links leaves" in capsys.readouterr().out
+    dataset = load_dataset(tmp_path / "cell")
+    assert not is_declared(dataset)
+    assert dataset.scanner.point_sigma_mm < 0.25  # the effect is part of what is left
+    assert dataset.usual_residual == "pose"
+    found = diagnose(dataset)
+    assert found.missing == ("transmission_error",)

@@ -20,6 +20,9 @@ _MOST_UNLIKE_EDGES = 10.0
 MOUNTS = ("room", "flange")
 
 
+_SIGMAS = ("declared", "estimated")  # how the sigmas of [scanner] are known
+
+
 def load_scanner(table: TomlTable) -> Scanner:
     """The instrument that [scanner] declares. Raises DatasetError."""
     sigma_deg = _sigma(table, "orientation_sigma_deg", LEAST_SIGMA_DEG, MOST_SIGMA_DEG, "deg")
@@ -57,6 +60,7 @@ def load_scanner(table: TomlTable) -> Scanner:
         correlated_sigma_mm=correlated_mm,
         correlation_length_mm=length_mm,
         registration_sigma_mm=_sigma(table, "registration_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
+        sigmas_estimated=table.text("sigmas", _SIGMAS[0], choices=_SIGMAS) == _SIGMAS[1],
         extra=table.unread(),
     )
 
@@ -81,7 +85,7 @@ def _sigma(table: TomlTable, key: str, least: float, most: float, unit: str) -> 
 def scanner_document(scanner: Scanner) -> dict[str, Any]:
     """[scanner] as a dict for writing; `load_scanner` reads it back."""
     sigma_rad = scanner.orientation_sigma_rad
-    declared = {
+    declared: dict[str, Any] = {
         "point_sigma_mm": scanner.point_sigma_mm,
         "scan_sigma_mm": scanner.scan_sigma_mm,
         "correlated_sigma_mm": scanner.correlated_sigma_mm,
@@ -92,6 +96,8 @@ def scanner_document(scanner: Scanner) -> dict[str, Any]:
         "distance_mm": scanner.distance_mm,
         "max_incidence_deg": scanner.max_incidence_deg,
     }
+    if scanner.sigmas_estimated:
+        declared["sigmas"] = _SIGMAS[1]
     return {key: value for key, value in declared.items() if value is not None} | dict(scanner.extra)
 
 

@@ -201,7 +201,9 @@ def usual_residual_of(folder: Path) -> str:
         top = tomllib.loads((folder / "dataset.toml").read_text(encoding="utf-8-sig"))
     except (OSError, ValueError):
         return "position"
-    return "pose" if "camera" in top else "position"
+    scanner = top.get("scanner")
+    estimated = isinstance(scanner, dict) and scanner.get("sigmas") == "estimated"
+    return "pose" if "camera" in top or estimated else "position"
 
 
 def dataset_files(dataset: Dataset) -> tuple[Path, ...]:

@@ -112,11 +112,8 @@ def _ready(options: ImportOptions, files: UserFiles) -> int:
 
 def _next_step(options: ImportOptions) -> str:
     """Command that a user would give next."""
-    if options.images is not None:
-        return f"inspector calibrate {options.path}"
-    if options.marker_poses is not None:
-        return f"inspector calibrate {options.path} --residual pose"
-    return f"inspector diagnose {options.path}"
+    by_camera = options.images is not None or options.marker_poses is not None
+    return f"inspector {'calibrate' if by_camera else 'diagnose'} {options.path}"
 
 
 def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any], lines: list[str]) -> int:
