@@ -95,11 +95,17 @@ def has_known_unit(
 
 
 def settled(
-    report: ImportReport, readings: Sequence[RobotReading], sheet: Sheet | None, meant: Recognised, table: Path
+    report: ImportReport,
+    readings: Sequence[RobotReading],
+    sheet: Sheet | None,
+    meant: Recognised,
+    table: Path,
+    placements: Sequence[str] = (),
 ) -> Settled:
     """Robot convention, and order, signs and zeros of the joints, that fit the points best; as given unless far worse.
 
     sheet  # None where no point belongs to a pose
+    placements  # columns that may name where the instrument or a plate of known places stood
     """
     sample = None if sheet is None else sheet.sample
     asked = readings[0]
@@ -114,7 +120,7 @@ def settled(
     misfits = [misfit_mm(each.robot.robot, sample) for each in readings]
     least = min(misfits)
     best = readings[misfits.index(least)]
-    near = least <= AGREES * sample.spread_mm
+    near = least <= AGREES * _scale_mm(best.robot.robot, sample)
     if not any(each.asked for each in readings) and len(readings) > 1:
         worse = min(m for m, each in zip(misfits, readings, strict=True) if each is not best)
         if not near or worse < GAIN * least:
@@ -136,16 +142,28 @@ def settled(
     names = [meant.columns[f"q{k + 1}"].name for k in range(asked.robot.robot.n_joints)]
     found = _suspicions(sheet, asked.robot.robot, names)
     problem = found.problem
+    if (
+        problem is not None
+        and problem.hypothesis.angle_scale != 1.0
+        and all(meant.columns[n].unit for n in _axes(meant))
+    ):
+        problem = None  # the columns' names tell the unit
     if problem is None:
         if found.likeliest is not None:
             report.doubts.append(
                 f"{table}: {found.likeliest.warning}, or an effect of the arm looks so: inspector diagnose weighs them"
             )
-        if misfits[0] > AGREES * sample.spread_mm:
+        if misfits[0] > AGREES * _scale_mm(asked.robot.robot, sample):
+            stood = (
+                f"; if column {placements[0]} names where the instrument, or a plate, stood, say so by --map "
+                f"'{placements[0]}=setup'"
+                if placements
+                else ""
+            )
             report.doubts.append(
                 f"{table}: the nominal arm misses the points by {misfits[0]:.3g} mm rms, and they spread by "
                 f"{sample.spread_mm:.3g} mm: they may be of another robot, or in another order; no sign, order or zero "
-                "of the joints explains it"
+                f"of the joints explains it{stood}"
             )
         return as_it_is
     told = any(column.why == AS_MAPPED for name, column in meant.columns.items() if name[1:].isdigit())
@@ -159,6 +177,20 @@ def settled(
         f"{table}: {problem.mistake}, and is read so: {problem.hypothesis.change} {fall}; --map says it otherwise"
     )
     return Settled(asked.robot, reading, f"so read, {fall}")
+
+
+def _axes(meant: Recognised) -> list[str]:
+    return [name for name in meant.columns if name[:1] == "q" and name[1:].isdigit()]
+
+
+def _scale_mm(robot: Robot, sample: Sample) -> float:
+    """Length to which the arm's misfit is compared: the points' spread, or what wrong joints would leave if more.
+
+    Points of a few known places hardly spread, however the arm turns there.
+    """
+    if not robot.is_revolute.all():
+        return sample.spread_mm
+    return max(sample.spread_mm, misfit_mm(robot, replace(sample, q=np.roll(sample.q, 1, axis=1))))
 
 
 def _suspicions(sheet: Sheet, robot: Robot, names: Sequence[str]) -> Suspicions:

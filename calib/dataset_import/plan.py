@@ -19,7 +19,9 @@ from calib.dataset_import.convention import Sheet, has_known_unit, settled
 from calib.dataset_import.reading import (
     ImportReport,
     joint_values,
+    named_places,
     of_one_place,
+    placement_columns,
     point_of_each_pose,
     point_values,
     points_unit,
@@ -221,6 +223,10 @@ def _plan_of_rows(report: ImportReport, sources: ImportSources, left_out: LeftOu
     of_points = meant
     if other is not None:
         of_points = recognised(report, other, sources.mapping, positions=True, joints=False)
+        by_name = None if "pose" in of_points.columns else named_places(report, table, meant, other)
+        if by_name is not None:
+            other = by_name
+            of_points = recognised(report, other, sources.mapping, positions=True, joints=False)
         columns[other.path] = (other, of_points)
     elif not same:
         return _plan(report, sources, columns, None)
@@ -293,7 +299,7 @@ def _with_numbers(
         seen = seen * LENGTHS_MM[unit]
     if sources.joint_unit_is_unknown and not has_known_unit(report, sources.robots, sheet, meant, table.path):
         return _plan(report, sources, columns, None, len(table))
-    taken = settled(report, sources.robots, sheet, meant, table.path)
+    taken = settled(report, sources.robots, sheet, meant, table.path, placement_columns(table, meant, other))
     q = taken.joints.of(q)
     columns[table.path] = (table, taken.applied(columns[table.path][1], units))
     robot_file = taken.robot

@@ -15,9 +15,11 @@ from calib.dataset_import.columns import Meaning, Recognised, length_column, rec
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, length_unit
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
-from calib.text_files.user_table import Fault, RowFault, UserTable
+from calib.text_files.csv_text import as_number
+from calib.text_files.user_table import Fault, RowFault, UserTable, plain, split_unit
 
 _MOST_FAULTS = 20
+_MOST_PLACES = 8  # that a fault lists
 _MOST = 1e9  # degrees, micrometres
 _FAR_SPREAD = 2.0  # points spread by another factor than the arm's have a unit that cannot be told
 
@@ -162,6 +164,56 @@ def pose_ids(report: ImportReport, table: UserTable, meant: Recognised) -> list[
                 break
             report.fault(f"{where}; each needs its own")
     return ids
+
+
+def named_places(report: ImportReport, table: UserTable, meant: Recognised, places: UserTable) -> UserTable | None:
+    """Table with a point a pose, where the joints' table names in each row which of some known places was visited.
+
+    A place is a row of `places`, such as a socket of a plate; both tables have a column of one name for it. None where
+    they have none; a place that is not listed is a fault.
+    """
+    free = {plain(split_unit(name)[0]): name for name in meant.rest}
+    for name in places.columns:
+        of_visit, listed = free.get(plain(split_unit(name)[0])), places.text(name)
+        if of_visit is None or len(set(listed)) != len(listed) or "" in listed:
+            continue
+        row_of = {place: i for i, place in enumerate(listed)}
+        visited = table.text(of_visit)
+        if not set(visited) & set(row_of):
+            continue
+        rows, lines = [], []
+        for k, (pose, place) in enumerate(zip(pose_ids(ImportReport(None), table, meant), visited, strict=True)):
+            if place in row_of:
+                rows.append((pose, *places.rows[row_of[place]]))
+                lines.append(places.lines[row_of[place]])
+            elif place:
+                known = ", ".join(listed[:_MOST_PLACES]) + (" ..." if len(listed) > _MOST_PLACES else "")
+                found = f"{place[:40]!r} is not in {places.path} ({known})"
+                report.fault(RowFault(table.path, table.lines[k], found, of_visit))
+        report.notes.append(
+            f"{places.path}: column {name} names the places that {table.path.name} visits: {len(rows)} visits of "
+            f"{len(set(visited) & set(row_of))} places"
+        )
+        return UserTable(places.path, ("pose", *places.columns), tuple(rows), tuple(lines), has_header=True)
+    return None
+
+
+def placement_columns(table: UserTable, meant: Recognised, other: UserTable | None) -> list[str]:
+    """Unrecognised columns of words, each several times: they may name where the instrument or a plate stood.
+
+    other  # the table of points, whose columns are something else
+    """
+    if "setup" in meant.columns:
+        return []
+    found = []
+    for name in meant.rest:
+        if other is not None and plain(name) in map(plain, other.columns):
+            continue
+        cells = table.text(name)
+        words = Counter(cell for cell in cells if as_number(cell) is None)
+        if len(words) > 1 and sum(words.values()) == len(cells) and min(words.values()) > 1:
+            found.append(name)
+    return found
 
 
 def rows_of_points(

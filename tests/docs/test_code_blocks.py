@@ -29,6 +29,7 @@ LONG_PAGES = tuple(
     f"docs/{name}.md"
     for name in (
         "tutorials/sample_arm",
+        "tutorials/sockets",
         "tutorials/plan_poses",
         "tutorials/read_a_verdict",
         "tutorials/write_an_effect",
