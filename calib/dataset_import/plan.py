@@ -38,6 +38,7 @@ from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Vector
 from calib.robot_formats.conventions import RobotReading
 from calib.robot_formats.robot_file import RobotFile
+from calib.robot_formats.urdf.meshes import stl_of_links
 from calib.text_files.user_table import Fault, RowFault, UserTable, load_table, split_unit
 
 _NO_ROBOT = "no robot is chosen: give a URDF, a robot.toml or another form, or choose a built-in one"
@@ -333,9 +334,12 @@ def _with_numbers(
         points_csv = points_text(other or table, of_points, [ids[i] for i in row_of], seen)
     if points_csv is None and sources.point_sigma_mm is not None:
         report.doubts.append("the sigma of a measured point is not used: these data have scans and no measured points")
+    meshes, of_meshes = stl_of_links(robot_file.meshes)
+    report.notes += of_meshes
     content = Content(
         report.robot, poses_csv, points_csv, sources.scans, f"imported from {table.path.name}", sources.robots[0].path,
         point_sigma_mm=None if points_csv is None else sources.point_sigma_mm, notes=left_out.notes, camera=camera,
+        meshes=meshes,
     )  # fmt: skip
     try:
         preview = checked(content)

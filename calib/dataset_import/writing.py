@@ -32,6 +32,7 @@ _WORDS = {
     "reference": "reference", "ref": "reference", "train": "train", "training": "train", "calibration": "train",
     "fit": "train", "test": "test", "testing": "test", "validation": "test", "verification": "test", "check": "test",
 }  # fmt: skip
+MESH_FOLDER = "meshes"
 _ENOUGH = 25  # poses, so that some can be kept apart
 _EVERY = 4
 
@@ -148,6 +149,7 @@ class Content:
     point_sigma_mm: float | None = None
     notes: tuple[str, ...] = ()
     camera: CameraPoints | None = None
+    meshes: tuple[bytes | None, ...] = ()  # (n,) STL of what each joint moves, mm, in its frame
 
 
 def checked(content: Content) -> Dataset:
@@ -210,11 +212,23 @@ def _draft(folder: Path, content: Content, *, with_scans: bool) -> None:
                 shutil.copyfile(path, folder / "scans" / path.name)
             else:
                 (folder / "scans" / path.name).touch()
-    (folder / "robot.toml").write_text(robot_to_toml(content.robot), encoding="utf-8")
+    robot = _with_meshes(folder, content.robot, content.meshes) if with_scans else content.robot
+    (folder / "robot.toml").write_text(robot_to_toml(robot), encoding="utf-8")
     (folder / "poses.csv").write_text(content.poses_csv, encoding="utf-8")
     if content.points_csv is not None:
         (folder / "points.csv").write_text(content.points_csv, encoding="utf-8")
     (folder / "dataset.toml").write_text(tomli_w.dumps(document), encoding="utf-8")
+
+
+def _with_meshes(folder: Path, robot: Robot, meshes: Sequence[bytes | None]) -> Robot:
+    """Robot with its links' meshes written to the folder, an STL a joint."""
+    joints = list(robot.joints)
+    for k, content in enumerate(meshes):
+        if content is not None:
+            (folder / MESH_FOLDER).mkdir(exist_ok=True)
+            joints[k] = replace(joints[k], mesh=f"{MESH_FOLDER}/joint{k + 1}.stl")
+            (folder / MESH_FOLDER / f"joint{k + 1}.stl").write_bytes(content)
+    return replace(robot, joints=tuple(joints))
 
 
 def _instrument(camera: CameraPoints, declared: dict[str, Any]) -> dict[str, Any]:

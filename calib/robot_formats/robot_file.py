@@ -9,10 +9,11 @@ import numpy as np
 
 from calib.dataset.files.robot_toml import builtin_robot, load_robot_toml, refuse_beyond
 from calib.errors import is_one_line
+from calib.frames import invert
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
-from calib.robot_formats.chain.five_parameters import robot_of
+from calib.robot_formats.chain.five_parameters import frames_at_zero, robot_of
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain, chain_frames
 from calib.robot_formats.mjcf import chain_of_mjcf
 from calib.robot_formats.origin_yaml import chain_of_yaml, read_origin_yaml
@@ -20,6 +21,7 @@ from calib.robot_formats.sdf import tree_of_sdf
 from calib.robot_formats.tables import chain_of_table
 from calib.robot_formats.ur_calibration import read_ur_calibration
 from calib.robot_formats.urdf.chain import ArmPath, chain_of_arm, find_arm, tip_links
+from calib.robot_formats.urdf.meshes import MeshFile, Packages, link_meshes
 from calib.robot_formats.urdf.safe_xml import XmlFile, parse_xml, read_bytes
 from calib.robot_formats.urdf.tree import read_tree
 from calib.robot_formats.urdf.xacro import Xacro, expanded_xacro
@@ -35,6 +37,7 @@ class RobotFile:
     robot: Robot
     chain: SerialChain | None
     notes: tuple[str, ...] = ()
+    meshes: tuple[tuple[MeshFile, ...], ...] = ()  # (n,) of each joint's link, in its frame of robot.toml
 
     @property
     def summary(self) -> str:
@@ -60,6 +63,7 @@ class ReadOptions:
     convention: str | None = None  # of a table of theta, d, a, alpha: "standard" or "modified"
     model: str | None = None  # of a UR controller's calibration.conf
     xacro: Xacro | None = None  # None: a xacro is refused, as it computes and reads other files
+    packages: Packages | None = None  # folders of ROS packages with meshes; None: none is looked for
 
 
 def read_robot(path: str | Path, reading: ReadOptions = ReadOptions()) -> RobotFile:
@@ -88,11 +92,23 @@ def read_robot(path: str | Path, reading: ReadOptions = ReadOptions()) -> RobotF
         file = read_xml(path, reading.xacro)
         if file.root.tag == "mujoco":
             chain = chain_of_mjcf(file, reading.tip, reading.base)
-        elif file.root.tag == "sdf":
-            chain = chain_of_arm(find_arm(tree_of_sdf(file), reading.tip, reading.base))
         else:
-            chain = chain_of_arm(find_arm(read_tree(file), reading.tip, reading.base))
+            tree = tree_of_sdf(file) if file.root.tag == "sdf" else read_tree(file)
+            return _of_arm(find_arm(tree, reading.tip, reading.base), path, reading.packages)
     return _with_source(robot_of(chain), chain, path)
+
+
+def _of_arm(arm: ArmPath, path: Path, packages: Packages | None) -> RobotFile:
+    """Robot of a tree of links, with its meshes in the frames of robot.toml."""
+    chain = chain_of_arm(arm)
+    read = _with_source(robot_of(chain), chain, path)
+    found = link_meshes(arm, packages)
+    in_table = invert(frames_at_zero(read.robot)[1:-1]) @ chain.at_zero[:-1]
+    meshes = tuple(
+        tuple(replace(one, link_T_mesh=place @ one.link_T_mesh) for one in files)
+        for place, files in zip(in_table, found.of_joint, strict=True)
+    )
+    return replace(read, notes=(*read.notes, *found.notes), meshes=meshes if any(meshes) else ())
 
 
 def tips_of(path: Path) -> tuple[str, ...]:

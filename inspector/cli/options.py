@@ -306,7 +306,7 @@ class RobotFileOptions(Output):
     convention: str | None
     model: str | None
     xacro_arg: Sequence[tuple[str, str]]
-    xacro_package: Sequence[tuple[str, Path]]
+    package: Sequence[tuple[str, Path]]
 
 
 @dataclass(frozen=True, kw_only=True)

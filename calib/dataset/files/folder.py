@@ -218,6 +218,7 @@ def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
         *(dataset.folder / name for name in names if name),
         *([dataset.folder / VIEWS_FILE] if dataset.camera is not None else []),
         *_images(dataset),
+        *_meshes(dataset),
         *dict.fromkeys(scan_file(path) for path in scans if path is not None),
     )
 
@@ -225,6 +226,14 @@ def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
 def _images(dataset: Dataset) -> list[Path]:
     """Images of a board that the dataset's folder keeps."""
     return [path for path in map(dataset.image_path, range(len(dataset.poses))) if path is not None]
+
+
+def _meshes(dataset: Dataset) -> list[Path]:
+    """Meshes of links that lie in the dataset's folder."""
+    if dataset.folder is None:
+        return []
+    named = [dataset.folder / joint.mesh for joint in dataset.robot.joints if joint.mesh]
+    return [path for path in named if path.is_file() and _is_below(dataset.folder, path)]
 
 
 def _inside(folder: Path, name: str, top: TomlTable, key: str) -> Path:
@@ -311,7 +320,7 @@ def write_dataset(dataset: Dataset, folder: str | Path) -> None:
                 if source is not None and scan_file(source).is_file():
                     shutil.copyfile(scan_file(source), copy)
     if dataset.folder is not None and dataset.folder.resolve() != folder.resolve():
-        for source in _images(dataset):
+        for source in (*_images(dataset), *_meshes(dataset)):
             copy = folder / source.relative_to(dataset.folder)
             copy.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, copy)

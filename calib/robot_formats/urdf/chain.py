@@ -184,12 +184,6 @@ def chain_of_arm(arm: ArmPath) -> SerialChain:
     beside = sorted({joint.name for joint in _beside(arm)})
     if beside:
         notes.append(f"joints beside the arm are taken at zero for their masses: {', '.join(beside)}")
-    drawn = _links_with_meshes(arm)
-    if drawn:
-        notes.append(
-            f"meshes of {len(drawn)} links are left out ({', '.join(drawn[:5])}{' ...' if len(drawn) > 5 else ''}): "
-            "`mesh` of robot.toml is a file in the link's own frame"
-        )
     gravity, moving = _gravity_at(arm)
     if moving:
         notes.append(f"gravity at {arm.base} is that with {', '.join(moving)} at zero")
@@ -238,7 +232,7 @@ def _refuse_unserial(arm: ArmPath) -> None:
     followings(file, arm.moving)
 
 
-def _carried(arm: ArmPath, link: str) -> Iterator[tuple[str, Array, UrdfJoint | None]]:
+def carried_links(arm: ArmPath, link: str) -> Iterator[tuple[str, Array, UrdfJoint | None]]:
     """Links carried by a link up to the arm's next joints: name, transform in the first link's frame, joint."""
     of_arm = {joint.name for joint in arm.moving}
     waiting: list[tuple[str, Array, UrdfJoint | None]] = [(link, np.eye(4), None)]
@@ -255,7 +249,7 @@ def _carried(arm: ArmPath, link: str) -> Iterator[tuple[str, Array, UrdfJoint | 
 def _lump(arm: ArmPath, link: str) -> tuple[float, Vector]:
     """Mass and centre of mass, in the link's frame, of a link and all parts carried up to the arm's next joint."""
     mass_kg, moment = 0.0, np.zeros(3)
-    for name, place, _ in _carried(arm, link):
+    for name, place, _ in carried_links(arm, link):
         inertial = arm.tree.links[name]
         if inertial is not None:
             mass_kg += inertial.mass_kg
@@ -267,19 +261,7 @@ def _lump(arm: ArmPath, link: str) -> tuple[float, Vector]:
 def _beside(arm: ArmPath) -> Iterator[UrdfJoint]:
     """Moving joints carried by the arm that are not part of the arm, such as a gripper's."""
     for joint in arm.moving:
-        yield from (by for _, _, by in _carried(arm, joint.child) if by is not None and by.moves)
-
-
-def _links_with_meshes(arm: ArmPath) -> list[str]:
-    """Names of the links that the arm moves and that have meshes."""
-    mine = {name for joint in arm.moving for name, _, _ in _carried(arm, joint.child)}
-    names = []
-    for link in arm.tree.file.root.all("link"):
-        shapes = [shape for visual in link.all("visual") for shape in visual.all("geometry")]
-        name = " ".join(link.attributes.get("name", "").split())
-        if name in mine and any(shape.first("mesh") for shape in shapes):
-            names.append(name)
-    return names
+        yield from (by for _, _, by in carried_links(arm, joint.child) if by is not None and by.moves)
 
 
 def _gravity_at(arm: ArmPath) -> tuple[Vector, list[str]]:

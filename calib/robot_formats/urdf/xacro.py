@@ -42,7 +42,7 @@ def expanded_xacro(path: Path, given: Xacro) -> XmlFile:
         )
     for name, folder in given.packages.items():
         if not folder.is_dir():
-            raise RobotFileError(f"--xacro-package {name}={folder}: is no folder; name that of the package")
+            raise RobotFileError(f"--package {name}={folder}: is no folder; name that of the package")
     whole, packages = path.resolve(), {name: str(folder.resolve()) for name, folder in given.packages.items()}
     request = {
         "file": str(whole),

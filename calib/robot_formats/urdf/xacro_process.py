@@ -282,7 +282,7 @@ def finder(packages: dict[str, str]) -> Callable[[str], str]:
 
     def find(name: str) -> str:
         if name not in packages:
-            raise Refused(f"$(find {name}) is not known: give --xacro-package {name}=FOLDER")
+            raise Refused(f"$(find {name}) is not known: give --package {name}=FOLDER")
         return packages[name]
 
     return find
@@ -380,7 +380,7 @@ def fence_in(folders: list[Path]) -> None:
                 return
             raise Refused(
                 f"names {os.fsdecode(given[0])!r}, which is not below its folder: put it there, or name the folder of "
-                "its package, --xacro-package NAME=FOLDER"
+                "its package, --package NAME=FOLDER"
             )
         raise Refused(f"does what a robot's description may not ({event})")
 

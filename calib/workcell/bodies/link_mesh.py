@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.errors import DatasetError
+from calib.kinematics.robot import MOST_TRIANGLES
 
-MOST_TRIANGLES = 200_000  # of one link: more slow every page down and show nothing more
 KINDS = (".stl", ".ply", ".obj", ".off", ".glb")
 
 

@@ -238,10 +238,13 @@ def links_arguments(sub: ArgumentParser) -> None:
         help="an argument of a .xacro; may be given several times",
     )
     sub.add_argument(
+        "--package",
         "--xacro-package",
+        dest="package",
         action="append",
         default=[],
         type=values.named_folder,
         metavar="NAME=FOLDER",
-        help="what $(find NAME) is in a .xacro, and may be read beside its own folder; several times",
+        help="folder of a ROS package: what $(find NAME) is in a .xacro, and where package://NAME/... of meshes lies; "
+        "several times",
     )

@@ -84,7 +84,7 @@ def test_a_package_is_a_folder_that_was_named(arm: Path, tmp_path: Path) -> None
     package.mkdir()
     (arm.parent / "parts" / "stage.xacro").rename(package / "stage.xacro")
     arm.write_text(ARM.replace("parts/", "$(find stages)/"))
-    with pytest.raises(RobotFileError, match=r"arm\.xacro: line 2: .*give --xacro-package stages=FOLDER"):
+    with pytest.raises(RobotFileError, match=r"arm\.xacro: line 2: .*give --package stages=FOLDER"):
         read_robot(arm, ReadOptions(xacro=Xacro()))
     assert read_robot(arm, ReadOptions(xacro=Xacro(packages={"stages": package}))).robot.n_joints == 2
     with pytest.raises(RobotFileError, match="is no folder"):
