@@ -19,7 +19,13 @@ from calib.dataset.files.atomic_write import write_bytes_atomically
 from calib.dataset.files.origin import PROGRAM, program_version
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.kinematics.robot import Robot
-from calib.robot_formats.calibrated_file import CalibratedFile, calibrated_urdf, calibrated_yaml
+from calib.robot_formats.calibrated_file import (
+    CONF_SUFFIXES,
+    CalibratedFile,
+    calibrated_conf,
+    calibrated_urdf,
+    calibrated_yaml,
+)
 from calib.robot_formats.robots import robot_content
 
 
@@ -127,4 +133,6 @@ def require_template_of(template: Path, robot: Robot) -> None:
 def _in_template(template: Path, calibrated: Robot, nominal: Robot, comment: str) -> CalibratedFile:
     if template.suffix.lower() in (".yaml", ".yml"):
         return calibrated_yaml(template, calibrated, nominal)
+    if template.suffix.lower() in CONF_SUFFIXES:
+        return calibrated_conf(template, calibrated, nominal)
     return calibrated_urdf(template, calibrated, nominal, comment=comment)

@@ -11,14 +11,15 @@ import numpy as np
 from calib.frames import invert, rotvec_from_rotation
 from calib.kinematics.robot import Robot
 from calib.robot_formats.chain.calibrated_origins import CalibratedChain, with_calibration
-from calib.robot_formats.chain.serial_chain import SerialChain
+from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain
 from calib.robot_formats.origin_yaml import OriginYaml, chain_of_yaml, read_origin_yaml, with_yaml_origins
 from calib.robot_formats.robot_file import read_arm, source_links
+from calib.robot_formats.ur_calibration import MODELS, nominal_rows, read_ur_calibration, table_of_chain, with_deltas
 from calib.robot_formats.urdf.chain import chain_of_arm
 from calib.robot_formats.urdf.text import TOOL_POINT_LINK, with_origins
 
-URDF_SUFFIXES, YAML_SUFFIXES = (".urdf",), (".yaml", ".yml")
-TEMPLATE_SUFFIXES = (*URDF_SUFFIXES, *YAML_SUFFIXES)
+URDF_SUFFIXES, YAML_SUFFIXES, CONF_SUFFIXES = (".urdf",), (".yaml", ".yml"), (".conf",)
+TEMPLATE_SUFFIXES = (*URDF_SUFFIXES, *YAML_SUFFIXES, *CONF_SUFFIXES)
 _KEPT = "robot_source"  # stem of the user's own robot file in an imported dataset
 _LOST_MM, _LOST_RAD = 1e-6, 1e-9
 
@@ -93,6 +94,39 @@ def calibrated_yaml(template: Path, calibrated: Robot, nominal: Robot | None = N
     found = with_calibration(chain, nominal, calibrated, holds_tip=holds_tip)
     text, changed = with_yaml_origins(origins, found.chain)
     return CalibratedFile(text.encode(), changed, _not_in_yaml(origins, chain, found))
+
+
+def calibrated_conf(template: Path, calibrated: Robot, nominal: Robot | None = None) -> CalibratedFile:
+    """A UR controller's calibration.conf with calibrated corrections, all else unchanged.
+
+    The arm's model is the one with which the file has the axes of the nominal robot. Arguments as of `calibrated_urdf`.
+    Raises RobotFileError where there is none.
+    """
+    failed: RobotFileError | None = None
+    for model in MODELS:
+        try:
+            _, chain = read_ur_calibration(template, model)
+            found = with_calibration(chain, nominal, calibrated)
+        except RobotFileError as error:
+            failed = failed or error
+            continue
+        table = table_of_chain(found.chain, nominal_rows(model))
+        text, changed = with_deltas(template.read_bytes().decode("utf-8-sig"), table, model)
+        notes = ["a controller takes the file back only as its maker says; keep the one that it had"]
+        if not found.tip_known:
+            notes.append("the tool is no part of a calibration.conf")
+        if table.lost_mm >= _LOST_MM or table.lost_rad >= _LOST_RAD:
+            notes.append(
+                f"the calibrated flange is {table.lost_mm:.3g} mm off the last axis and tilted by "
+                f"{np.degrees(table.lost_rad):.3g} deg, for which the controller has no number: it is lost"
+            )
+        if found.chain.tool_point_mm is not None:
+            notes.append("the measured point is no part of a calibration.conf")
+        return CalibratedFile(text.encode(), changed, tuple(notes))
+    raise RobotFileError(
+        f"{template}: read as of none of {', '.join(MODELS)} has it the axes of robot.toml; give the calibration.conf "
+        f"from which that was imported ({failed})"
+    )
 
 
 def _not_in_yaml(origins: OriginYaml, chain: SerialChain, found: CalibratedChain) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from calib.array_types import Array
 from calib.frames import rotation_from_rpy
 from calib.kinematics.robot import Robot
 from calib.robot_formats.chain.five_parameters import frames_at_zero, robot_of
-from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
+from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, axis_frame
 from calib.robot_formats.urdf.safe_xml import read_bytes
 
 # a2, a3, d1, d4, d5, d6 in metres: universal-robots.com, "DH parameters for calculations of kinematics and dynamics"
@@ -47,6 +48,7 @@ _LINE = re.compile(r"\s*(?P<key>\w+)\s*=\s*\[(?P<values>[^\]]*)\]\s*$")
 _FAR_MM = 50.0  # real arms are off by a few
 _MOST_BYTES = 1024 * 1024
 _MOST = 1e5  # m or rad
+_PARALLEL = 1e-9  # sine of the angle of two axes below which any of their normals will do
 
 
 def read_ur_calibration(path: Path, model: str | None) -> tuple[Robot, SerialChain]:
@@ -128,6 +130,82 @@ def _deltas(path: Path) -> dict[str, list[float]]:
             "has all four"
         )
     return found
+
+
+@dataclass(frozen=True)
+class UrTable:
+    """Standard Denavit-Hartenberg table of a UR arm, and what of its flange such a table cannot hold."""
+
+    rows: Array  # (6, 4) theta, a, d, alpha, rad and mm
+    lost_mm: float  # of the flange, across the last axis
+    lost_rad: float  # of the flange's axis against the last one
+
+
+def table_of_chain(chain: SerialChain, near: Array) -> UrTable:
+    """Standard Denavit-Hartenberg table of a chain of six joints, each angle as near as can be to `near` (6, 4).
+
+    Row i leads from axis i to axis i + 1 along their common normal, however far off that is for axes that are nearly
+    parallel: there the controller's numbers are as large. The last row has neither a nor alpha, as on the controller.
+    """
+    at_zero = chain.at_zero
+    axes = [frame @ axis_frame(joint) for frame, joint in zip(at_zero[:-1], chain.joints, strict=True)]
+    x_before, place = np.eye(3)[0], np.zeros(3)
+    rows = []
+    for axis, after, nominal in zip(axes, axes[1:], near, strict=False):
+        along, next_along = axis[:3, 2], after[:3, 2]
+        between = after[:3, 3] - axis[:3, 3]
+        across = np.cross(along, next_along)
+        sine = float(np.linalg.norm(across))
+        if sine > _PARALLEL:
+            x = across / sine
+            ends = axis[:3, 3] + along * float(np.linalg.det([between, next_along, across])) / sine**2
+            begins = after[:3, 3] + next_along * float(np.linalg.det([between, along, across])) / sine**2
+        else:
+            flat = between - along * (along @ between)
+            x = flat / np.linalg.norm(flat)
+            ends = place + along * nominal[2]
+            begins = after[:3, 3] + next_along * (next_along @ (ends - after[:3, 3]))
+        theta = _angle(x_before, x, along)
+        if abs(_wrapped(theta - nominal[0])) > 0.5 * math.pi:  # of the two directions of a normal
+            x, theta = -x, _wrapped(theta + math.pi)
+        rows.append([theta, float(x @ (begins - ends)), float(along @ (ends - place)), _angle(along, next_along, x)])
+        x_before, place = x, begins
+    along, tip = axes[-1][:3, 2], at_zero[-1]
+    off_mm = tip[:3, 3] - place
+    rows.append([_angle(x_before, tip[:3, 0], along), 0.0, float(along @ off_mm), 0.0])
+    lost_mm = float(np.linalg.norm(off_mm - along * (along @ off_mm)))
+    return UrTable(np.array(rows), lost_mm, float(np.arccos(np.clip(along @ tip[:3, 2], -1.0, 1.0))))
+
+
+def _angle(one: Array, other: Array, about: Array) -> float:
+    """Angle, rad, by which one vector (3,) turns into another about an axis (3,)."""
+    return math.atan2(float(np.cross(one, other) @ about), float(one @ other - (one @ about) * (other @ about)))
+
+
+def _wrapped(angle: float) -> float:
+    return math.remainder(angle, math.tau)
+
+
+def with_deltas(text: str, table: UrTable, model: str) -> tuple[str, tuple[str, ...]]:
+    """Text of a calibration.conf with the corrections of a table, all else unchanged; and the keys that changed."""
+    off = table.rows - nominal_rows(model)
+    values = {
+        "delta_theta": [_wrapped(angle) for angle in off[:, 0]],
+        "delta_a": (1e-3 * off[:, 1]).tolist(),
+        "delta_d": (1e-3 * off[:, 2]).tolist(),
+        "delta_alpha": [_wrapped(angle) for angle in off[:, 3]],
+    }
+    section, lines, changed = "", [], []
+    for line in text.splitlines(keepends=True):
+        if line.strip().startswith("["):
+            section = re.sub(r"\s[#;].*$", "", line.strip()).strip("[] \t")
+        key = line.partition("=")[0].strip()
+        if section == "mounting" and key in values:
+            new = re.sub(r"\[[^\]]*\]", f"[{', '.join(map(repr, values[key]))}]", line, count=1)
+            changed += [key] if new != line else []
+            line = new
+        lines.append(line)
+    return "".join(lines), tuple(changed)
 
 
 def _number(word: str) -> float | None:

@@ -35,7 +35,13 @@ from calib.present.fit.calibration import (
 )
 from calib.present.over_time.arm_types import pooled_block, pooled_document
 from calib.rendering.text import block_text
-from calib.robot_formats.calibrated_file import TEMPLATE_SUFFIXES, URDF_SUFFIXES, YAML_SUFFIXES, kept_template
+from calib.robot_formats.calibrated_file import (
+    CONF_SUFFIXES,
+    TEMPLATE_SUFFIXES,
+    URDF_SUFFIXES,
+    YAML_SUFFIXES,
+    kept_template,
+)
 from calib.robot_formats.static_transform import StaticTransform, transform_text
 from calib.screening.curves.fitted_curves import effect_file_text
 from inspector.cli.dataset_commands import load, measured, show
@@ -206,13 +212,13 @@ def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
     """
     wanted = (
         (options.urdf_out, "--urdf-out", URDF_SUFFIXES),
-        (options.kinematics_out, "--kinematics-out", YAML_SUFFIXES),
+        (options.kinematics_out, "--kinematics-out", _kinematics_suffixes(options.kinematics_out)),
     )
     for path in options.template:
         if path.suffix.lower() not in TEMPLATE_SUFFIXES:
             raise CalibError(
-                f"--template {path}: a template is a .urdf or .yaml; the origins of a .xacro are computed: give "
-                "--kinematics-out with the YAML of joint origins that it reads, or expand it first"
+                f"--template {path}: a template is a .urdf, .yaml or a UR's .conf; the origins of a .xacro are computed: "
+                "give --kinematics-out with the YAML of joint origins that it reads, or expand it first"
             )
     found: dict[Path, Path] = {}
     for out, option, suffixes in wanted:
@@ -227,6 +233,11 @@ def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
     for template in found.values():
         require_template_of(template, dataset.robot)
     return found
+
+
+def _kinematics_suffixes(out: Path | None) -> tuple[str, ...]:
+    """Suffixes of the template of a kinematics file: of a UR controller's, or of a YAML of joint origins."""
+    return CONF_SUFFIXES if out is not None and out.suffix.lower() in CONF_SUFFIXES else YAML_SUFFIXES
 
 
 def _calibration_text(steps: Sequence[FitStep], table: ExportedTable) -> str:

@@ -27,7 +27,10 @@ def calibrate_arguments(sub: ArgumentParser) -> None:
         "--urdf-out", type=Path, metavar="FILE", help="write the template with calibrated origins, as --out"
     )
     sub.add_argument(
-        "--kinematics-out", type=Path, metavar="FILE.yaml", help="the same for joint origins as makers' YAML"
+        "--kinematics-out",
+        type=Path,
+        metavar="FILE.yaml",
+        help="the same for joint origins as makers' YAML, or for a UR controller's calibration.conf (.conf)",
     )
     sub.add_argument(
         "--template",
