@@ -217,7 +217,7 @@ def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
     for path in options.template:
         if path.suffix.lower() not in TEMPLATE_SUFFIXES:
             raise CalibError(
-                f"--template {path}: a template is a .urdf, .yaml or a UR's .conf; the origins of a .xacro are computed: "
+                f"--template {path}: a template is a .urdf, .yaml or a UR's .conf; a .xacro computes its origins: "
                 "give --kinematics-out with the YAML of joint origins that it reads, or expand it first"
             )
     found: dict[Path, Path] = {}
