@@ -21,6 +21,7 @@ from calib.robot_formats.ur_calibration import MODELS, nominal_rows
 from tests.support.chains import joint, link, urdf_of
 from tests.support.mujoco_arm import mujoco
 from tests.support.robot_texts import DELTAS, FAR_DELTAS, FRANKA, MJCF, UR10_CONF, UR_YAML, conf_of
+from tests.support.standard_dh import exactly
 
 
 def tips(robot: Robot, q: np.ndarray) -> np.ndarray:
@@ -52,16 +53,6 @@ def standard(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 # ---- UR's controllers -----------------------------------------------------------------------------------------------
-
-
-def exactly(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Tip transform of a standard table in extended precision, as d of hundreds of metres costs three digits."""
-    out = np.eye(4, dtype=np.longdouble)
-    for (theta, a, d, alpha), value in zip(rows.astype(np.longdouble), q, strict=True):
-        c, s, ca, sa = np.cos(theta + value), np.sin(theta + value), np.cos(alpha), np.sin(alpha)
-        row = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
-        out = out @ np.array(row, dtype=np.longdouble)
-    return out.astype(float)
 
 
 @pytest.mark.parametrize("number", [0, 1, 2])

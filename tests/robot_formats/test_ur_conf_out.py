@@ -11,8 +11,8 @@ import pytest
 from calib.robot_formats.robot_file import ReadOptions, read_robot
 from calib.robot_formats.ur_calibration import chain_of_standard, nominal_rows, table_of_chain
 from inspector.cli.parser import main
-from tests.robot_formats.test_other_forms import exactly
 from tests.support.robot_texts import conf_of
+from tests.support.standard_dh import exactly
 
 MODEL = "ur10e"
 TOOL_MM = np.array([12.0, -9.0, 110.0, 1.0])
