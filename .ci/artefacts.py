@@ -124,7 +124,8 @@ def check_sdist(sdist: Path) -> None:
 
 def install(wheel: Path, folder: Path) -> tuple[Path, str]:
     """The wheel without extras in a fresh environment: its folder of programs, and by what it was installed."""
-    python, by = folder / "bin" / "python", "uv"
+    programs = folder / ("Scripts" if os.name == "nt" else "bin")
+    python, by = programs / "python", "uv"
     if UV:
         quiet = [UV, "--quiet"]
         subprocess.run([*quiet, "venv", "--python", sys.executable, folder], check=True)
@@ -141,7 +142,7 @@ def install(wheel: Path, folder: Path) -> tuple[Path, str]:
         text=True,
     ).stdout.split()
     expect(present == [], f"the core brings {present}")
-    return folder / "bin", by
+    return programs, by
 
 
 def megabytes(folder: Path) -> float:
@@ -166,7 +167,7 @@ def try_core(wheel: Path) -> None:
                 cwd=empty,
                 env=environment,
                 capture_output=True,
-                text=True,
+                encoding="utf-8",
             )
 
         def answer(*arguments: str) -> str:

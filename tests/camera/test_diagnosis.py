@@ -34,9 +34,7 @@ def test_images_are_fitted_as_full_poses_unless_something_else_is_asked_for():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("on_flange", "seeds"), [(True, (3,)), (False, (15,))], ids=["on the flange", "in the room"]
-)
+@pytest.mark.parametrize(("on_flange", "seeds"), [(True, (3,)), (False, (15,))], ids=["on the flange", "in the room"])
 def test_errors_of_a_lens_found_from_the_images_are_no_missing_effect(on_flange, seeds):
     """Draws in which the error of the lens was named, or the residual said to depend on the place in its field."""
     found = [diagnose(dataset_of(seed, on_flange=on_flange)) for seed in seeds]

@@ -489,6 +489,17 @@ def test_a_reversed_joint_does_not_crash(capsys: pytest.CaptureFixture[str], own
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_a_terminal_that_lacks_a_character_gets_the_rest(points_folder: Path, encoding: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "inspector", "calibrate", str(points_folder)],
+        env=os.environ | {"PYTHONIOENCODING": encoding}, capture_output=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert b"as delivered ?" in done.stdout
+
+
+@pytest.mark.slow
 def test_as_a_program_and_as_a_module(points_folder: Path, tmp_path: Path) -> None:
     """From a folder that is not the project's, as a user calls it."""
     for program in ([sys.executable, "-m", "inspector"], [str(Path(sys.executable).parent / "inspector")]):
