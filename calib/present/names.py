@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from calib.dataset.dataset import Dataset
 from calib.dataset.input_names import PLACES, history_input, joint_input
 from calib.effects.effect import Effect, parameters_by_name
 from calib.kinematics.robot import PARAMETER_KINDS, Robot
@@ -98,3 +99,10 @@ def input_name(name: str) -> Span:
     if name in PLACES:
         return f"{name} of the instrument's frame"
     return _CONDITIONS.get(name, name)
+
+
+def instrument(dataset: Dataset) -> str:
+    """Noun for the measuring device: "scanner", "camera", or "instrument" where neither faces nor a board were seen."""
+    if dataset.camera is not None:
+        return "camera"
+    return "scanner" if dataset.shows_faces else "instrument"

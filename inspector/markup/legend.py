@@ -7,7 +7,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.calibration.model_versions import EFFECTS
 from calib.dataset.dataset import Dataset
-from calib.present.fit.dataset import instrument
+from calib.present.names import instrument
 from inspector.markup.model.comparison import distance_bar, points_legend, roles_legend
 from inspector.markup.parts import elements
 from inspector.markup.parts.palette import (

@@ -9,9 +9,8 @@ import viser
 from calib.compensation.tool_place import ToolPlace
 from calib.present import names
 from calib.present.cause.candidates import explained_at
-from calib.present.fit.dataset import instrument
 from calib.present.fit.tool_place import tool_place_blocks
-from calib.present.names import ROLES
+from calib.present.names import ROLES, instrument
 from calib.present.references import Names
 from calib.rendering import numbers
 from calib.rendering.blocks import Paragraph, listed, pose, spans

@@ -28,6 +28,7 @@ from calib.present.cause.diagnosis import (
 )
 from calib.present.cause.interventions import intervention_sections
 from calib.present.fit.calibration import (
+    camera_sections,
     error_tables,
     history_caption,
     last_change,
@@ -101,6 +102,7 @@ def report_html(report: Report, *, now: datetime, scene: Embedded | None = None)
         *([] if report.diagnosis is None else intervention_sections(report.diagnosis)),
         Section(HISTORY, _history(report)),
         *([Section("The arm in 3D", [Drawing(scene.frame, SCENE_CAPTION)])] if scene else []),
+        *camera_sections(report.calibration),
         Section(DATASET, measured_blocks(report.calibration, report.session.searches)),
         Section(MISSING, _ranking(report)),
         Section(RESIDUAL, residual_blocks(report.residuals)),

@@ -37,6 +37,7 @@ from calib.present.cause.signals import drive_sections, drive_sentences, signals
 from calib.present.cause.verdict import SMALL_CHANGE, curves, fault, laws, verdict
 from calib.present.effects import meaning, with_key
 from calib.present.fit.calibration import (
+    camera_sections,
     found_tool_document,
     parameters,
     pose_errors,
@@ -132,6 +133,7 @@ def diagnosis_presentation(diagnosis: Diagnosis, poses: NextPoses | None) -> Pre
             *intervention_sections(diagnosis),
             *drive_sections(last.dataset.robot),
             Section(HISTORY, [steps(diagnosis), *_coverage(last)], brief=True),
+            *camera_sections(last),
             Section(DATASET, measured_blocks(last, NOT_SEARCHED)),
             Section(MISSING, ranked_effects(diagnosis), brief=True),
             Section(RESIDUAL, residual_blocks(residuals_of(diagnosis))),

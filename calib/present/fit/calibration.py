@@ -87,8 +87,7 @@ def _calibration(calibration: Calibration) -> Presentation:
         Section("Convergence", [falls]),
     ]
     if reprojected_views(calibration):
-        caption = "Corners of the image that the fit meets worst, with arrows from where it puts them."
-        sections.append(Section("Reprojection", [FigurePlace("reprojection", (calibration,), caption, height_px=420)]))
+        sections.append(Section("Reprojection", [_worst_image(calibration)]))
     return Presentation(
         f"Calibration of {calibration.dataset.name}",
         [*calibration_head(calibration), pose_errors(calibration)],
@@ -131,39 +130,59 @@ def fit_facts(calibration: Calibration) -> list[tuple[str, object]]:
     covered = coverage_words(promise(calibration))
     if covered:
         facts.append((COVERAGE, covered))
-    facts += [_mount_fact(mount) for mount in mounts(calibration)]
+    facts += instrument_facts(calibration)
+    if calibration.face_labelling is not None:
+        facts.append(("faces of the jig", face_labelling(calibration.face_labelling)))
+    return facts
+
+
+def instrument_facts(calibration: Calibration) -> list[tuple[str, object]]:
+    """Facts on where the instrument is, how well a camera's images are met, and whether arm or camera errs."""
+    noun = names.instrument(calibration.dataset)
+    facts: list[tuple[str, object]] = [_mount_fact(mount, noun) for mount in mounts(calibration)]
     if not calibration.model.robot.carries_scanner:
-        facts += [_place_fact(place) for place in camera_places(calibration)]
+        facts += [_place_fact(place, noun) for place in camera_places(calibration)]
     reprojected = reprojected_views(calibration)
     if reprojected:
         facts.append(("reprojection", _reprojection_words(calibration, reprojected)))
     asked = arm_or_camera(calibration)
     if asked is not None:
         facts.append(("arm or camera", arm_or_camera_words(asked)))
-    if calibration.face_labelling is not None:
-        facts.append(("faces of the jig", face_labelling(calibration.face_labelling)))
     return facts
 
 
-def _mount_fact(mount: Mount) -> tuple[str, str]:
-    """Fact on where the scanner sits on the flange, with sigmas."""
+def camera_sections(calibration: Calibration) -> list[Section]:
+    """Section on where a camera is and how its images are met; [] for other instruments and other residuals."""
+    if calibration.residual != "pose" or calibration.dataset.usual_residual != "pose":
+        return []
+    figure = [_worst_image(calibration)] if reprojected_views(calibration) else []
+    return [Section("Camera", [Facts(instrument_facts(calibration)), *figure], brief=True)]
+
+
+def _worst_image(calibration: Calibration) -> FigurePlace:
+    caption = "Corners of the image that the fit meets worst, with arrows from where it puts them."
+    return FigurePlace("reprojection", (calibration,), caption, height_px=420)
+
+
+def _mount_fact(mount: Mount, noun: str) -> tuple[str, str]:
+    """Fact on where an instrument sits on the flange, with sigmas."""
     sigmas, with_table = (np.sqrt(np.diag(c)) for c in (mount.covariance, mount.covariance_with_table))
     place = ", ".join(numbers.with_sigma(x, sigma) for x, sigma in zip(mount.xyz_mm, sigmas, strict=False))
     turns = ", ".join(numbers.signed(np.degrees(angle), ".3f") for angle in mount.rpy_rad)
     return (
-        f"scanner on the flange{mount.setup and f', setup {mount.setup}'}",
+        f"{noun} on the flange{mount.setup and f', setup {mount.setup}'}",
         f"{place} mm, roll, pitch, yaw {turns}° ± {np.degrees(sigmas[3:].max()):.2g}°; with the fitted table "
         f"± {numbers.length(with_table[:3].max())} and {np.degrees(with_table[3:].max()):.2g}°",
     )
 
 
-def _place_fact(place: CameraPlace) -> tuple[str, str]:
+def _place_fact(place: CameraPlace, noun: str) -> tuple[str, str]:
     """Fact on where an instrument that sees full poses stands in the room, with sigmas."""
     where = ", ".join(numbers.with_sigma(x, sigma) for x, sigma in zip(place.xyz_mm, place.sigma_mm, strict=True))
     turns = ", ".join(numbers.signed(np.degrees(angle), ".3f") for angle in place.rpy_rad)
     table = np.sqrt(np.diag(place.covariance_with_table))
     return (
-        f"instrument in the base's frame{place.setup and f', setup {place.setup}'}",
+        f"{noun} in the base's frame{place.setup and f', setup {place.setup}'}",
         f"{where} mm, roll, pitch, yaw {turns}° ± {np.degrees(place.turn_sigma_rad.max()):.2g}°; with the fitted table "
         f"± {numbers.length(table[:3].max())} and {np.degrees(table[3:].max()):.2g}°",
     )

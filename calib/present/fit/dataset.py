@@ -16,6 +16,7 @@ from calib.measurement.measured_points import failed_searches
 from calib.present import names
 from calib.present.fit.calibration import calibration_warnings
 from calib.present.fit.corners import scan_sentences
+from calib.present.names import instrument
 from calib.present.results import document, presentation
 from calib.rendering import numbers
 from calib.rendering.blocks import Block, Bullets, Facts, KeyFigures, Presentation, Section, Table
@@ -98,13 +99,6 @@ def first_rows(dataset: Dataset, count: int = 5) -> Table:
             row += [f"{v:.3f}" for v in points.xyz_mm[at_pose[0]]] if len(at_pose) else ["", "", ""]
         rows.append(row)
     return Table(headers, rows, left=(0, 1))
-
-
-def instrument(dataset: Dataset) -> str:
-    """Noun for the measuring device: "scanner", "camera", or "instrument" where neither faces nor a board were seen."""
-    if dataset.camera is not None:
-        return "camera"
-    return "scanner" if dataset.shows_faces else "instrument"
 
 
 def _measured(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from calib.errors import CalibError
 from calib.measurement.measured_points import counted_reasons
-from calib.present.fit.dataset import instrument
+from calib.present.names import instrument
 from inspector.app.controllers.model_controller import ModelController
 from inspector.app.controllers.stage import Stage
 from inspector.app.page.page_state import PageState

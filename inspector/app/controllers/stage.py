@@ -8,7 +8,7 @@ import viser
 
 from calib.corners.search import CornerSearch
 from calib.errors import ScanError
-from calib.present.fit.dataset import instrument
+from calib.present.names import instrument
 from calib.scans.scan import Scan
 from inspector.app.controllers.comparison_controller import ComparisonController
 from inspector.app.page.page_state import PageState

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from calib import load_dataset, write_dataset
+from calib import calibrate, load_dataset, write_dataset
 from calib.calibration.model_versions import LINKS, NOMINAL
 from calib.calibration.reprojection import reprojected_views
 from calib.camera.board import board_of
+from calib.present.fit.calibration import camera_sections
 from inspector.figures import reprojection, to_svg
 from tests.support.app import IDLE_S
 from tests.support.camera_dataset import simulated_dataset
@@ -89,3 +90,14 @@ def test_a_saved_figure_has_the_photograph_too(app):
     calibration = app.state.session.calibration
     assert to_svg(reprojection(calibration, "p3")).count("<image ") == 1
     assert to_svg(reprojection(calibration, "p2")).count("<image ") == 0
+
+
+def test_a_diagnosis_tells_where_the_camera_is(app):
+    calibration = app.state.session.calibration
+    (section,) = camera_sections(calibration)
+    facts, figure = section.blocks
+    told = dict(facts.pairs)
+    assert "camera on the flange" in told
+    assert "pixels at the fitted poses" in told["reprojection"]
+    assert figure.figure == "reprojection"
+    assert camera_sections(calibrate(calibration.dataset, residual="position")) == []
