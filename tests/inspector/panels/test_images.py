@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -101,3 +102,10 @@ def test_a_diagnosis_tells_where_the_camera_is(app):
     assert "pixels at the fitted poses" in told["reprojection"]
     assert figure.figure == "reprojection"
     assert camera_sections(calibrate(calibration.dataset, residual="position")) == []
+
+
+def test_a_saved_photograph_has_its_own_proportions(app):
+    (place,) = re.findall(
+        r'<image [^>]*width="([\d.]+)" height="([\d.]+)"', to_svg(reprojection(app.state.session.calibration, "p3"))
+    )
+    assert float(place[0]) / float(place[1]) == pytest.approx(SIZE_PX[0] / SIZE_PX[1], rel=0.01)
