@@ -6,6 +6,8 @@ they multiply: `base_T_target = base_T_flange @ flange_T_target`. Lengths are mi
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -116,6 +118,11 @@ def rpy_from_rotation(rotation: ArrayLike) -> Array:
     pitch = np.arctan2(-R[2, 0], cy * R[0, 0] + sy * R[1, 0])
     roll = np.arctan2(sy * R[0, 2] - cy * R[1, 2], cy * R[1, 1] - sy * R[0, 1])
     return np.array([roll, pitch, yaw])
+
+
+def wrapped_angle(angle_rad: float) -> float:
+    """The angle from -pi to pi, rad, of the same turn."""
+    return math.remainder(angle_rad, math.tau)
 
 
 def skew(vectors: ArrayLike) -> Array:

@@ -40,7 +40,7 @@ from calib.fitting.table_evidence import TIP, sigmas_near_table
 from calib.fitting.tool_point import fixed_behind_tool_point
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import TOOL_POINT, Robot
-from calib.measurement.measured_dataset import asked_of, measured
+from calib.measurement.measured_dataset import measured_as_asked
 from calib.options import LINKS, FitFields, FitOptions
 
 _LENGTH_ROUNDS = 6  # in which the lines of measured lengths are made anew
@@ -81,8 +81,7 @@ def calibrate(
     >>> fit.model.family_names
     ('transmission_error',)
     """
-    dataset, options = asked_of(dataset, options, keywords)
-    dataset = measured(dataset, orientation=options.residual == "pose")
+    dataset, options = measured_as_asked(dataset, options, keywords)
     options = with_links_held(options, dataset.robot)
     members = effects_named(dataset, effects)
     if dataset.points is None or dataset.points.lengths is None:

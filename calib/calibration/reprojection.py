@@ -79,7 +79,7 @@ def _fitted_residuals(calibration: Calibration) -> tuple[Observations, PoseResid
     return training, PoseResiduals(model, training)
 
 
-def pose_errors(calibration: Calibration) -> Array:
+def full_pose_errors(calibration: Calibration) -> Array:
     """Errors (M, 6) at the poses of a fit of full poses, predicted minus measured: mm, and rotation vectors in rad."""
     training, residuals = _fitted_residuals(calibration)
     x = calibration.fit.x

@@ -55,6 +55,11 @@ PoseCondition = Literal["approach", "payload_kg", "temperature_c"]
 """Conditions of a pose, besides its joints, that whoever measures may choose: columns of poses.csv."""
 
 
+def usual_residual(*, by_camera: bool, sigmas_estimated: bool) -> str:
+    """Kind of residual that is fitted unless another is asked for: full poses of a board or marker of a camera."""
+    return "pose" if by_camera or sigmas_estimated else "position"
+
+
 @dataclass(frozen=True)
 class Scanner:
     """Declared noise and field of the measuring instrument; None for what is not declared."""
@@ -360,8 +365,8 @@ class Dataset(Presented):
 
     @property
     def usual_residual(self) -> str:
-        """Kind of residual that is fitted unless another is asked for: full poses of a board or marker of a camera."""
-        return "pose" if self.camera is not None or self.scanner.sigmas_estimated else "position"
+        """Kind of residual that is fitted unless another is asked for."""
+        return usual_residual(by_camera=self.camera is not None, sigmas_estimated=self.scanner.sigmas_estimated)
 
     @property
     def shows_faces(self) -> bool:

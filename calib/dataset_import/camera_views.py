@@ -12,7 +12,7 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
-from calib.calibration.reprojection import pose_errors
+from calib.calibration.reprojection import full_pose_errors
 from calib.camera.board import board_of
 from calib.camera.detection import Detected, MeasuredViews, detect, image_files, measure, natural
 from calib.camera.intrinsics import load_lens
@@ -304,7 +304,7 @@ def _sigmas_of_fit(given: CameraPoints, robot: Robot, ids: Sequence[str], q: Arr
             fitted = calibrate(dataset, residual="pose")
         except CalibError:
             return None
-        errors = pose_errors(fitted)
+        errors = full_pose_errors(fitted)
         share = errors.size / max(fitted.fit.degrees_of_freedom, 1)
         found_mm, found_rad = (float(np.sqrt(share * np.mean(part**2))) for part in (errors[:, :3], errors[:, 3:]))
         sigmas = max(found_mm, _LEAST_SIGMA), max(float(np.degrees(found_rad)), _LEAST_SIGMA)

@@ -142,12 +142,8 @@ def settled(
     names = [meant.columns[f"q{k + 1}"].name for k in range(asked.robot.robot.n_joints)]
     found = _suspicions(sheet, asked.robot.robot, names)
     problem = found.problem
-    if (
-        problem is not None
-        and problem.hypothesis.angle_scale != 1.0
-        and all(meant.columns[n].unit for n in _axes(meant))
-    ):
-        problem = None  # the columns' names tell the unit
+    if problem is not None and problem.hypothesis.angle_scale != 1.0 and _names_tell_units(meant):
+        problem = None
     if problem is None:
         if found.likeliest is not None:
             report.doubts.append(
@@ -166,7 +162,7 @@ def settled(
                 f"of the joints explains it{stood}"
             )
         return as_it_is
-    told = any(column.why == AS_MAPPED for name, column in meant.columns.items() if name[1:].isdigit())
+    told = any(column.why == AS_MAPPED for name, column in meant.columns.items() if _is_joint(name))
     reading = problem.hypothesis.reading
     if reading is None or problem.rivals or told:
         by_map = "; tell with --map" if reading is not None else ""
@@ -179,8 +175,13 @@ def settled(
     return Settled(asked.robot, reading, f"so read, {fall}")
 
 
-def _axes(meant: Recognised) -> list[str]:
-    return [name for name in meant.columns if name[:1] == "q" and name[1:].isdigit()]
+def _names_tell_units(meant: Recognised) -> bool:
+    """Whether the name of each joint's column has the unit."""
+    return all(column.unit for name, column in meant.columns.items() if _is_joint(name))
+
+
+def _is_joint(meaning: str) -> bool:
+    return meaning[:1] == "q" and meaning[1:].isdigit()
 
 
 def _scale_mm(robot: Robot, sample: Sample) -> float:

@@ -47,7 +47,7 @@ from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import MAX_EFFECTS, SearchSpace, first_fit
 from calib.effects.catalogue import EffectChoice, effects_named
 from calib.effects.effect import Family
-from calib.measurement.measured_dataset import asked_of, measured
+from calib.measurement.measured_dataset import measured_as_asked
 from calib.options import FitFields, FitOptions
 from calib.progress import OnStep, staged
 from calib.screening.curves.smooth_joint_error import LEARNED
@@ -96,8 +96,7 @@ def diagnose(
     >>> found.predict(found.calibration.dataset.poses.q[:2]).shape
     (2, 3)
     """
-    dataset, options = asked_of(dataset, options, keywords)
-    dataset = measured(dataset, orientation=options.residual == "pose")
+    dataset, options = measured_as_asked(dataset, options, keywords)
     space = SearchSpace.of(
         dataset,
         options,

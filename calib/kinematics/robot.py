@@ -27,9 +27,6 @@ LENGTH_KINDS = frozenset({"a", "d"})
 Vector = tuple[float, float, float]
 
 
-MOST_TRIANGLES = 200_000  # of one link's mesh: more slow every page down and show nothing more
-
-
 @dataclass(frozen=True)
 class Link(Brief):
     """One row of the robot's table: the transform to the next frame (Jang eq 3) at joint position 0."""

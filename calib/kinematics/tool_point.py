@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from calib import frames
 from calib.array_types import Array
+from calib.frames import wrapped_angle
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import PARAMETER_KINDS, TOOL_POINT, Robot, Target
 
@@ -61,14 +62,9 @@ def with_tool_point(robot: Robot, point_mm: Array) -> Robot:
     table = robot.table.copy()
     x, y, d = point_mm
     theta = table[-1, _THETA]
-    turn = _wrapped(np.arctan2(y, x) - theta)
+    turn = wrapped_angle(np.arctan2(y, x) - theta)
     turn -= np.copysign(np.pi, turn) if abs(turn) > 0.5 * np.pi else 0.0
     if np.hypot(x, y) > _ON_AXIS_MM:
         theta += turn
     table[-1, [_A, _D, _THETA]] = x * np.cos(theta) + y * np.sin(theta), d, theta
     return robot.with_table(table)
-
-
-def _wrapped(angle_rad: float) -> float:
-    """Angle within -pi to pi."""
-    return float((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)

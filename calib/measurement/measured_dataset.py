@@ -24,6 +24,14 @@ def asked_of(
     return dataset, asked
 
 
+def measured_as_asked(
+    dataset: Dataset | str | Path, options: FitOptions | None, keywords: FitFields
+) -> tuple[Dataset, FitOptions]:
+    """The same with measured points, as of `measured`."""
+    dataset, asked = asked_of(dataset, options, keywords)
+    return measured(dataset, orientation=asked.residual == "pose"), asked
+
+
 def measured(dataset: Dataset | str | Path, *, orientation: bool = False) -> Dataset:
     """A dataset with measured points: read where a path is given, the targets searched for where it holds scans only.
 

@@ -21,6 +21,7 @@ from calib.dataset.files.robot_toml import robot_to_toml
 from calib.kinematics.robot import Robot
 from calib.robot_formats.calibrated_file import (
     CONF_SUFFIXES,
+    YAML_SUFFIXES,
     CalibratedFile,
     calibrated_conf,
     calibrated_urdf,
@@ -131,7 +132,7 @@ def require_template_of(template: Path, robot: Robot) -> None:
 
 
 def _in_template(template: Path, calibrated: Robot, nominal: Robot, comment: str) -> CalibratedFile:
-    if template.suffix.lower() in (".yaml", ".yml"):
+    if template.suffix.lower() in YAML_SUFFIXES:
         return calibrated_yaml(template, calibrated, nominal)
     if template.suffix.lower() in CONF_SUFFIXES:
         return calibrated_conf(template, calibrated, nominal)

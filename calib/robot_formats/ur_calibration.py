@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.array_types import Array
-from calib.frames import rotation_from_rpy
+from calib.frames import rotation_from_rpy, wrapped_angle
 from calib.kinematics.robot import Robot
 from calib.robot_formats.chain.five_parameters import frames_at_zero, robot_of
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, axis_frame
@@ -166,8 +166,8 @@ def table_of_chain(chain: SerialChain, near: Array) -> UrTable:
             ends = place + along * nominal[2]
             begins = after[:3, 3] + next_along * (next_along @ (ends - after[:3, 3]))
         theta = _angle(x_before, x, along)
-        if abs(_wrapped(theta - nominal[0])) > 0.5 * math.pi:  # of the two directions of a normal
-            x, theta = -x, _wrapped(theta + math.pi)
+        if abs(wrapped_angle(theta - nominal[0])) > 0.5 * math.pi:  # of the two directions of a normal
+            x, theta = -x, wrapped_angle(theta + math.pi)
         rows.append([theta, float(x @ (begins - ends)), float(along @ (ends - place)), _angle(along, next_along, x)])
         x_before, place = x, begins
     along, tip = axes[-1][:3, 2], at_zero[-1]
@@ -182,18 +182,14 @@ def _angle(one: Array, other: Array, about: Array) -> float:
     return math.atan2(float(np.cross(one, other) @ about), float(one @ other - (one @ about) * (other @ about)))
 
 
-def _wrapped(angle: float) -> float:
-    return math.remainder(angle, math.tau)
-
-
 def with_deltas(text: str, table: UrTable, model: str) -> tuple[str, tuple[str, ...]]:
     """Text of a calibration.conf with the corrections of a table, all else unchanged; and the keys that changed."""
     off = table.rows - nominal_rows(model)
     values = {
-        "delta_theta": [_wrapped(angle) for angle in off[:, 0]],
+        "delta_theta": [wrapped_angle(angle) for angle in off[:, 0]],
         "delta_a": (1e-3 * off[:, 1]).tolist(),
         "delta_d": (1e-3 * off[:, 2]).tolist(),
-        "delta_alpha": [_wrapped(angle) for angle in off[:, 3]],
+        "delta_alpha": [wrapped_angle(angle) for angle in off[:, 3]],
     }
     section, lines, changed = "", [], []
     for line in text.splitlines(keepends=True):

@@ -25,7 +25,7 @@ from calib.effects.catalogue import EffectChoice, effects_named
 from calib.errors import FitError
 from calib.fitting.fit import Fit
 from calib.lazy_modules import pd
-from calib.measurement.measured_dataset import asked_of, measured
+from calib.measurement.measured_dataset import measured_as_asked
 from calib.options import DEFAULT_FOLDS, FitFields, FitOptions
 from calib.presented import Presented
 from calib.progress import OnProgress, counted
@@ -147,8 +147,7 @@ def cross_validate(
     >>> calib.cross_validate("sample_data/hidden_effect_a", effects="transmission_error")
     CrossValidation(hidden_effect_a: 5 folds, held-out RMSE 0.1... mm)
     """
-    dataset, options = asked_of(dataset, options, keywords)
-    dataset = measured(dataset, orientation=options.residual == "pose")
+    dataset, options = measured_as_asked(dataset, options, keywords)
     members = effects_named(dataset, effects)
     groups = training_groups(dataset)
     if folds < 2:

@@ -23,7 +23,7 @@ from calib.effects.catalogue import EffectChoice, effects_named
 from calib.errors import FitError
 from calib.identifiability.structural import structural_rank
 from calib.lazy_modules import pd
-from calib.measurement.measured_dataset import asked_of, measured
+from calib.measurement.measured_dataset import measured_as_asked
 from calib.options import FitFields, FitOptions
 from calib.presented import Presented
 from calib.progress import OnProgress, counted
@@ -149,8 +149,7 @@ def learning_curve(
     >>> calib.learning_curve("sample_data/hidden_effect_a", repeats=2)
     LearningCurve(hidden_effect_a: 11 to 51 poses, held-out RMSE ... -> 0.415 mm)
     """
-    dataset, options = asked_of(dataset, options, keywords)
-    dataset = measured(dataset, orientation=options.residual == "pose")
+    dataset, options = measured_as_asked(dataset, options, keywords)
     members = effects_named(dataset, effects)
     rng = rng or np.random.default_rng(0)
     groups = training_groups(dataset)

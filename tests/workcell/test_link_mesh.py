@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from calib.dataset.dataset import Dataset
+from calib.dataset.files import triangles
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import DatasetError
 from calib.simulation.simulate import simulate_dataset
-from calib.workcell.bodies import link_mesh
 from calib.workcell.bodies.link_mesh import load_link_mesh
 from tests.support.tiny_dataset import box_stl
 
@@ -67,6 +67,6 @@ def test_what_cannot_be_drawn_is_refused_in_one_line(tmp_path: Path, name: str, 
 
 def test_a_mesh_that_is_too_large_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "link.stl").write_text(box_stl((0, 0, 0)))
-    monkeypatch.setattr(link_mesh, "MOST_TRIANGLES", 0)
+    monkeypatch.setattr(triangles, "MOST_TRIANGLES", 0)
     with pytest.raises(DatasetError, match="1 triangles; 0 or fewer"):
         load_link_mesh(dataset_with(tmp_path, "link.stl"), 1)

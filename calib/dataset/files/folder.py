@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from calib.dataset.dataset import About, Dataset, Points, Poses
+from calib.dataset.dataset import About, Dataset, Points, Poses, usual_residual
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.camera_views import VIEWS_FILE, camera_document, load_camera, views_text
 from calib.dataset.files.cell_tables import (
@@ -203,7 +203,7 @@ def usual_residual_of(folder: Path) -> str:
         return "position"
     scanner = top.get("scanner")
     estimated = isinstance(scanner, dict) and scanner.get("sigmas") == "estimated"
-    return "pose" if "camera" in top or estimated else "position"
+    return usual_residual(by_camera="camera" in top, sigmas_estimated=estimated)
 
 
 def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
@@ -212,15 +212,20 @@ def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
         return ()
     top = TomlTable.load(dataset.folder / "dataset.toml")
     names = [top.text("robot", "robot.toml"), top.text("poses", "poses.csv"), top.text("points")]
-    scans = [dataset.scan_path(i) for i in range(len(dataset.poses))]  # several may lie in one file
     return (
         dataset.folder / "dataset.toml",
         *(dataset.folder / name for name in names if name),
         *([dataset.folder / VIEWS_FILE] if dataset.camera is not None else []),
         *_images(dataset),
         *_meshes(dataset),
-        *dict.fromkeys(scan_file(path) for path in scans if path is not None),
+        *_scans(dataset),
     )
+
+
+def _scans(dataset: Dataset) -> list[Path]:
+    """Files of the scans, each once, whether or not they are there; several scans may lie in one file."""
+    paths = map(dataset.scan_path, range(len(dataset.poses)))
+    return list(dict.fromkeys(scan_file(path) for path in paths if path is not None))
 
 
 def _images(dataset: Dataset) -> list[Path]:
@@ -314,13 +319,10 @@ def write_dataset(dataset: Dataset, folder: str | Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     if dataset.scan_folder is not None:
         (folder / dataset.scan_folder).mkdir(exist_ok=True)
-        if dataset.folder is not None and dataset.folder.resolve() != folder.resolve():
-            for i, name in enumerate(dataset.poses.scan_names):
-                source, copy = dataset.scan_path(i), scan_file(folder / dataset.scan_folder / name)
-                if source is not None and scan_file(source).is_file():
-                    shutil.copyfile(scan_file(source), copy)
     if dataset.folder is not None and dataset.folder.resolve() != folder.resolve():
-        for source in (*_images(dataset), *_meshes(dataset)):
+        for source in (*_scans(dataset), *_images(dataset), *_meshes(dataset)):
+            if not source.is_file():
+                continue
             copy = folder / source.relative_to(dataset.folder)
             copy.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, copy)

@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.array_types import Array, BoolArray
-from calib.frames import apply, best_fit_rotation, invert, make_transform, rotation_from_rpy, skew
+from calib.frames import apply, best_fit_rotation, invert, make_transform, rotation_from_rpy, skew, wrapped_angle
 from calib.kinematics.robot import PARAMETER_KINDS, Robot
 from calib.robot_formats.chain.five_parameters import frames_at_zero, robot_of, vector
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain, axis_frame
@@ -151,7 +151,7 @@ def _azimuth(axis_T_line: Array, nominal: Array, *, both_turn: bool) -> float:
         direction, expected = axis_T_line[:2, 3] + rise_mm * direction, nominal[:2, 3]
         if np.hypot(*expected) < _TELLS_MM or np.hypot(*direction) < _TELLS_MM:
             return 0.0
-    return _wrapped(float(np.arctan2(direction[1], direction[0]) - np.arctan2(expected[1], expected[0])))
+    return wrapped_angle(float(np.arctan2(direction[1], direction[0]) - np.arctan2(expected[1], expected[0])))
 
 
 def _last_motion(axis_T_tip: Array, nominal: Array) -> tuple[float, float]:
@@ -159,10 +159,6 @@ def _last_motion(axis_T_tip: Array, nominal: Array) -> tuple[float, float]:
     turned = axis_T_tip[:3, :3] @ nominal[:3, :3].T
     turn_rad = float(np.arctan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]))
     return turn_rad, float(axis_T_tip[2, 3] - nominal[2, 3])
-
-
-def _wrapped(angle_rad: float) -> float:
-    return float((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def _require_same_joints(chain: SerialChain, robot: Robot) -> None:

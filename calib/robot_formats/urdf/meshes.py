@@ -19,8 +19,9 @@ from pathlib import Path
 import numpy as np
 
 from calib.array_types import Array
+from calib.dataset.files.triangles import read_triangles, require_few
+from calib.errors import DatasetError
 from calib.frames import apply, make_transform, rotation_from_rpy
-from calib.kinematics.robot import MOST_TRIANGLES
 from calib.robot_formats.urdf.chain import ArmPath, carried_links
 from calib.robot_formats.urdf.safe_xml import Element
 
@@ -184,15 +185,13 @@ def _stl_of(files: Sequence[MeshFile]) -> tuple[bytes | None, str]:
     parts = []
     for file in files:
         try:
-            mesh = trimesh.load_mesh(file.path, process=False)
-            mesh = mesh.to_mesh() if isinstance(mesh, trimesh.Scene) else mesh
-            corners = np.asarray(mesh.vertices, dtype=float) * file.scale
-            parts.append(trimesh.Trimesh(apply(file.link_T_mesh, corners), np.asarray(mesh.faces), process=False))
-        except Exception as error:  # whatever a foreign file makes the reader raise
-            return None, f"{file.path.name} cannot be read ({type(error).__name__})"
+            corners, triangles = read_triangles(file.path)
+        except DatasetError as error:
+            return None, f"{file.path.name}: {error}"
+        parts.append(trimesh.Trimesh(apply(file.link_T_mesh, corners * file.scale), triangles, process=False))
     joined = trimesh.util.concatenate(parts)
-    if not len(joined.faces) or not np.isfinite(joined.vertices).all():
-        return None, f"{files[0].path.name} has no triangles with finite corners"
-    if len(joined.faces) > MOST_TRIANGLES:
-        return None, f"it has {len(joined.faces):,} triangles, more than {MOST_TRIANGLES:,}"
+    try:
+        require_few(joined.faces)
+    except DatasetError as error:
+        return None, str(error)
     return bytes(joined.export(file_type="stl")), ""

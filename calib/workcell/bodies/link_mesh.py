@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset
+from calib.dataset.files.triangles import read_triangles
 from calib.errors import DatasetError
-from calib.kinematics.robot import MOST_TRIANGLES
 
 KINDS = (".stl", ".ply", ".obj", ".off", ".glb")
 
@@ -57,24 +56,7 @@ def load_link_mesh(dataset: Dataset, joint: int) -> LinkMesh | None:
         raise DatasetError(f"{place}: found a {path.suffix or 'nameless'} file; {', '.join(KINDS)} would do")
     if not path.is_file():
         raise DatasetError(f"{place}: there is no such file; add it, or take the key out of robot.toml")
-    return _read(path, place)
-
-
-def _read(path: Path, place: str) -> LinkMesh:
-    """Mesh from a file. Raises DatasetError where it cannot be read, has no triangles or too many."""
-    import trimesh
-
     try:
-        mesh = trimesh.load_mesh(path, process=False)
-        if isinstance(mesh, trimesh.Scene):
-            mesh = mesh.to_mesh()
-        vertices, triangles = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
-    except Exception as error:  # whatever a foreign file makes the reader raise
-        raise DatasetError(f"{place}: it cannot be read ({type(error).__name__}: {error})") from error
-    if triangles.ndim != 2 or not len(triangles) or not np.isfinite(vertices).all():
-        raise DatasetError(f"{place}: found no triangles with finite corners; export the mesh again")
-    if len(triangles) > MOST_TRIANGLES:
-        raise DatasetError(
-            f"{place}: found {len(triangles):,} triangles; {MOST_TRIANGLES:,} or fewer would do, simplify the mesh"
-        )
-    return LinkMesh(vertices, triangles)
+        return LinkMesh(*read_triangles(path))
+    except DatasetError as error:
+        raise DatasetError(f"{place}: {error}") from error

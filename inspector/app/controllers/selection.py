@@ -69,4 +69,3 @@ class Selection:
     def _show_version(self) -> None:
         """Redraw plots and tables for the version on show."""
         self._panels.show_model(self._state.now)
-        self._stage.show_image()

@@ -83,7 +83,7 @@ class Stage:
             self.comparison.draw_scan(scan, self._camera.visible)
             self.comparison.draw()
         self._panels.review.update(view)
-        self._panels.scans.update(view, scan, drawn)
+        self._panels.scans.update_scan(view, scan, drawn)
         self._panels.planes.update(view)
         self._panels.corner.update(view)
 
@@ -94,7 +94,6 @@ class Stage:
     def draw_model(self, first: bool) -> None:
         """Draw what the model predicts, in 3D and in the tab Compare; `first` where the dataset had no model before."""
         self.comparison.draw()
-        self.show_image()
         if first:
             view = self._state.now
             self.scene.draw_instrument(instrument(view.session.dataset), field_of_scanner(view))
@@ -103,12 +102,6 @@ class Stage:
         if first and not (self._camera.settled or self._camera.kept):
             self.show_view(ARM)
         self._camera.measure(self._state.now, self._scans.medians)
-
-    def show_image(self) -> None:
-        """Draw what the model on show makes of the selected pose's image, where a camera took one."""
-        view = self._state.now
-        if view.session.dataset.camera is not None:
-            self._panels.scans.update(view, None, 0)
 
     def draw_left_out(self, changed: Collection[str]) -> None:
         """Redraw the marks of left-out poses in lists, legend and the overview of scans, where these changed."""

@@ -13,7 +13,7 @@ from inspector.figures.reprojection_plot import reprojected_corners
 from inspector.markup.model.comparison import roles_legend
 from inspector.markup.parts import elements
 from inspector.markup.parts.palette import DOUBT, FAILED, LEFT_OUT, role_colour
-from inspector.panels.base import Actions, hidden_plot
+from inspector.panels.base import Actions, FollowsModel, hidden_plot
 from inspector.session.view import View, corner_of
 
 NOTE = (
@@ -30,7 +30,7 @@ NO_SCANS = "The points were measured (points.csv). The list gives the uncertaint
 PLOT_PX = 330  # width of an image beside the axis of a figure of the panel
 
 
-class ScansPanel:
+class ScansPanel(FollowsModel):
     """Facts about the selected scan or image, and a table of all poses."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
@@ -41,8 +41,13 @@ class ScansPanel:
         self._scan = gui.add_html("")
         self._all = gui.add_html("")
 
-    def update(self, view: View, scan: Scan | None, drawn: int) -> None:
-        """Show the selected scan's facts; `drawn` is the number of its points in the scene."""
+    def update(self, view: View) -> None:
+        """Show what the model on show makes of the images, where a camera took them."""
+        if view.session.dataset.camera is not None:
+            self.update_scan(view, None, 0)
+
+    def update_scan(self, view: View, scan: Scan | None, drawn: int) -> None:
+        """Show the selected scan's or image's facts; `drawn` is the number of its points in the scene."""
         self._show.visible = view.session.dataset.scan_folder is not None
         with_images = view.session.dataset.camera is not None
         self._note.content = elements.note(NOTE if self._show.visible else IMAGE_NOTE if with_images else NO_SCANS)
